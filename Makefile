@@ -76,7 +76,8 @@ capi: ## C library in target/capi/ARCH: shared, static, headers, pkg-config file
 capi-header: ## writes the C library's header anew, after a change of runtime/capi
 	PLUMBLINE_WRITE_HEADER=1 $(CARGO) nextest run $(FLAGS) -p plumbline-capi -E 'test(=tests::the_header_is_current)'
 
-messages: ## writes the messages of protobuf in Rust anew, after a change of a schema (*.proto)
+messages: ## writes anew what is made of declarations: schemas and their messages in Rust, tables of the documents, names in Python
+	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-record made
 	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-test-support --test generated
 
 deb: ## Debian packages in target/package, with that of the C library (ARCH=arm64 for 64-bit ARM)

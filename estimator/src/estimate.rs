@@ -4,6 +4,8 @@ use crate::origin::OriginUncertainty;
 use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use plumbline_config::Timestamp;
 
+pub use crate::health::HealthBits;
+
 /// How far the estimator is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum TrackingState {
@@ -16,120 +18,6 @@ pub enum TrackingState {
     Blind,
     /// The estimate was given up; a new start is under way, and its velocity is not known yet.
     Failed,
-}
-
-/// Error and warning bits of an estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct HealthBits(pub u32);
-
-impl HealthBits {
-    /// The covariance or the normal equations were not positive definite.
-    pub const NOT_POSITIVE_DEFINITE: Self = Self(1);
-    /// The IMU was at the end of its range.
-    pub const IMU_SATURATED: Self = Self(1 << 1);
-    /// No point feature at all in this frame.
-    pub const NO_FEATURES: Self = Self(1 << 2);
-    /// Fewer point features than a sound estimate needs.
-    pub const LOW_FEATURES: Self = Self(1 << 3);
-    /// The velocity in the body is more uncertain than the configuration allows.
-    pub const VELOCITY_UNCERTAIN: Self = Self(1 << 4);
-    /// Inertial samples are missing since the last frame.
-    pub const IMU_GAP: Self = Self(1 << 5);
-    /// Frames are missing since the last frame.
-    pub const FRAME_GAP: Self = Self(1 << 6);
-    /// The left image is missing, or shows nothing while the right one does: its lens is covered.
-    pub const LEFT_MISSING: Self = Self(1 << 7);
-    /// The right image of a stereo rig is missing, or shows nothing while the left one does.
-    pub const RIGHT_MISSING: Self = Self(1 << 8);
-    /// The stamp of the frame does not follow those before: the frame was refused, and the state is that of the one before.
-    pub const BAD_STAMP: Self = Self(1 << 9);
-    /// An image has not the size that the configuration says.
-    pub const BAD_IMAGE_SIZE: Self = Self(1 << 10);
-    /// The vehicle stands still (not an error).
-    pub const STATIONARY: Self = Self(1 << 11);
-    /// The frame got less than the configured work.
-    pub const DEGRADED: Self = Self(1 << 12);
-    /// Both cameras deliver, and hardly a point is found in both: the calibration of the pair is wrong, or a lens is
-    /// covered.
-    pub const CAMERAS_DISAGREE: Self = Self(1 << 13);
-    /// The images contradict the inertial sensor as a whole, and were believed.
-    pub const IMU_CONTRADICTED: Self = Self(1 << 14);
-    /// Forces are noisier than the configuration states: twice the standard deviation or more is assumed.
-    pub const ACCEL_NOISY: Self = Self(1 << 15);
-    /// The gyroscope, or one of its axes, repeats its readings: it does not measure, and was not believed.
-    pub const GYRO_STUCK: Self = Self(1 << 16);
-    /// The accelerometer, or one of its axes, repeats its readings: it does not measure, and was not believed.
-    pub const ACCEL_STUCK: Self = Self(1 << 17);
-    /// The left image is bit for bit the one before: it counts as missing.
-    pub const LEFT_FROZEN: Self = Self(1 << 18);
-    /// The right image is bit for bit the one before: it counts as missing.
-    pub const RIGHT_FROZEN: Self = Self(1 << 19);
-    /// The inertial samples show the rotation that the images showed earlier: their stamps are late. They are not believed.
-    pub const IMU_LATE: Self = Self(1 << 20);
-    /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
-    pub const IMAGES_LATE: Self = Self(1 << 21);
-    /// Gyroscope and images have contradicted each other for a while, and neither can be named: the covariance covers it.
-    pub const ROTATION_DISPUTED: Self = Self(1 << 22);
-    /// The images have been nearly black for a while.
-    pub const DARK: Self = Self(1 << 23);
-    /// The camera turns so fast that its exposure blurs the image: several pixels by the gyroscope, where the configuration has the
-    /// exposure.
-    pub const BLURRED: Self = Self(1 << 24);
-    /// One camera has not seen what the other one sees in a large part of the image for a while: something is before its lens.
-    pub const VIEW_BLOCKED: Self = Self(1 << 25);
-    /// There has been hardly any texture in the images for a while.
-    pub const LITTLE_TEXTURE: Self = Self(1 << 26);
-    /// The images have contradicted the accelerometer for several frames: it is not believed, and the quality is at most 10.
-    pub const ACCEL_CONTRADICTED: Self = Self(1 << 27);
-    /// The images have contradicted the gyroscope and agree with the accelerometer: it is not believed, and the quality is at most 10.
-    pub const GYRO_CONTRADICTED: Self = Self(1 << 28);
-    /// Left and right image are not of the same moment.
-    pub const CAMERAS_OUT_OF_STEP: Self = Self(1 << 29);
-
-    /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 30] = [
-        (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
-        (Self::IMU_SATURATED, "IMU saturated"),
-        (Self::NO_FEATURES, "no features"),
-        (Self::LOW_FEATURES, "few features"),
-        (Self::VELOCITY_UNCERTAIN, "velocity uncertain"),
-        (Self::IMU_GAP, "IMU gap"),
-        (Self::FRAME_GAP, "frame gap"),
-        (Self::LEFT_MISSING, "left image missing"),
-        (Self::RIGHT_MISSING, "right image missing"),
-        (Self::BAD_STAMP, "bad stamp"),
-        (Self::BAD_IMAGE_SIZE, "bad image size"),
-        (Self::STATIONARY, "stationary"),
-        (Self::DEGRADED, "degraded"),
-        (Self::CAMERAS_DISAGREE, "cameras disagree"),
-        (Self::IMU_CONTRADICTED, "IMU contradicted"),
-        (Self::ACCEL_NOISY, "accelerometer noisy"),
-        (Self::GYRO_STUCK, "gyroscope stuck"),
-        (Self::ACCEL_STUCK, "accelerometer stuck"),
-        (Self::LEFT_FROZEN, "left image frozen"),
-        (Self::RIGHT_FROZEN, "right image frozen"),
-        (Self::IMU_LATE, "IMU late"),
-        (Self::IMAGES_LATE, "images late"),
-        (Self::ROTATION_DISPUTED, "rotation disputed"),
-        (Self::DARK, "dark"),
-        (Self::BLURRED, "blurred"),
-        (Self::VIEW_BLOCKED, "view blocked"),
-        (Self::LITTLE_TEXTURE, "little texture"),
-        (Self::ACCEL_CONTRADICTED, "accelerometer contradicted"),
-        (Self::GYRO_CONTRADICTED, "gyroscope contradicted"),
-        (Self::CAMERAS_OUT_OF_STEP, "cameras out of step"),
-    ];
-
-    /// Sets the bits of `other`.
-    pub fn insert(&mut self, other: Self) {
-        self.0 |= other.0;
-    }
-
-    /// Whether all bits of `other` are set.
-    #[must_use]
-    pub fn contains(self, other: Self) -> bool {
-        self.0 & other.0 == other.0
-    }
 }
 
 /// Covariance of position (0..3), attitude (3..6, right perturbation `R Exp(dtheta)`, rad) and

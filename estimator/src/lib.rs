@@ -59,6 +59,7 @@ pub mod exchange;
 pub mod facade;
 pub mod front_end;
 pub mod geometry;
+pub mod health;
 pub mod image;
 pub mod inertial;
 pub mod initial;

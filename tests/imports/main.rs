@@ -18,6 +18,7 @@ const ESTIMATOR: &[&str] = &[
     "origin",
     "work_budget",
     "image",
+    "health",
     "estimate",
     "points",
     "lines",

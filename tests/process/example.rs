@@ -38,7 +38,7 @@ mod realtime {
         let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
         vehicle.args(FLIGHT).args(["--duration=12", "--listen", &endpoint, "--json"]);
         let vehicle = vehicle.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let arguments = ["--connect", &endpoint, "--seconds", "10"];
+        let arguments = [endpoint.as_str(), "10"];
         let example = Program::start(&python, "examples/read_pose.py", &arguments);
         let text = example.rest();
         let flown = vehicle.wait_with_output().unwrap();

@@ -5,7 +5,6 @@ mod clips;
 mod clocks;
 mod determinism;
 mod faults;
-mod health;
 mod loops;
 mod places;
 mod soak;

@@ -71,7 +71,7 @@ fn read(local: &mut plumbline_client::Local, timeout: Duration, to: Out<Record>)
     let end = Instant::now() + timeout;
     while let Some(header) = local.next_header(Some(end.saturating_duration_since(Instant::now())))? {
         let content = local.content();
-        let record = match Kind::of_number(header.kind) {
+        let record = match Kind::of_kind(header.kind) {
             Some(Kind::Odometry) => pointers::from_record(content)
                 .map(|odometry| (RecordKind::Odometry, RecordContent { odometry })),
             Some(Kind::Estimate) => pointers::from_record(content)

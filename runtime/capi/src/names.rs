@@ -30,7 +30,5 @@ pub extern "C" fn plumbline_health_name(bit: u32) -> *const c_char {
 /// length of the whole text: it was cut where that is not less than `size`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plumbline_health_text(health: u32, text: *mut c_char, size: usize) -> usize {
-    let is_set = |bits: &HealthBits| health & bits.0 != 0;
-    let names: Vec<_> = HealthBits::NAMES.iter().filter(|(b, _)| is_set(b)).map(|(_, name)| *name).collect();
-    write_text(text, size, &names.join(", "))
+    write_text(text, size, &HealthBits(health).names().collect::<Vec<_>>().join(", "))
 }

@@ -2,6 +2,7 @@
 
 use crate::finding::Finding;
 use plumbline_estimator::HealthBits;
+use plumbline_estimator::health::HealthBit;
 
 /// Share of the frames from which a bit is in the line at the end of a flight.
 const NAMED: f64 = 0.02;
@@ -33,23 +34,21 @@ pub struct HealthTally {
     /// Frames that were taken.
     pub frames: u64,
     /// Frames with each health bit, in the order of [`HealthBits::NAMES`].
-    pub bits: [u64; HealthBits::NAMES.len()],
+    pub bits: [u64; HealthBits::COUNT],
     qualities: [u64; QUALITIES],
 }
 
 impl Default for HealthTally {
     fn default() -> Self {
-        Self { frames: 0, bits: [0; HealthBits::NAMES.len()], qualities: [0; QUALITIES] }
+        Self { frames: 0, bits: [0; HealthBits::COUNT], qualities: [0; QUALITIES] }
     }
 }
 
 /// A health bit that held for a part of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldBit {
-    /// The bit.
-    pub bit: HealthBits,
-    /// Its name.
-    pub name: &'static str,
+    /// The bit, as people are told of it.
+    pub about: &'static HealthBit,
     /// Frames with it.
     pub frames: u64,
     /// Frames with it over all frames.
@@ -86,11 +85,10 @@ impl HealthTally {
     /// Bits that held for more than `share` of the frames, the most frequent first.
     fn held(&self, share: f64) -> Vec<HeldBit> {
         let all = self.frames.max(1) as f64;
-        let bits = HealthBits::NAMES.iter().zip(self.bits);
-        let held =
-            bits.map(|((bit, name), frames)| HeldBit { bit: *bit, name, frames, share: frames as f64 / all });
+        let bits = HealthBits::ABOUT.iter().zip(self.bits);
+        let held = bits.map(|(about, frames)| HeldBit { about, frames, share: frames as f64 / all });
         let mut held: Vec<HeldBit> = held.filter(|held| held.share > share).collect();
-        held.sort_by(|a, b| b.frames.cmp(&a.frames).then(a.bit.0.cmp(&b.bit.0)));
+        held.sort_by(|a, b| b.frames.cmp(&a.frames).then(a.about.bit.0.cmp(&b.about.bit.0)));
         held
     }
 
@@ -103,11 +101,12 @@ impl HealthTally {
             Some(quality) => format!("quality {quality} % in the median"),
         };
         let held = self.held(NAMED);
-        let words =
-            held.iter().map(|held| format!("{} in {} of {} frames", held.name, held.frames, self.frames));
+        let words = held
+            .iter()
+            .map(|held| format!("{} in {} of {} frames", held.about.name, held.frames, self.frames));
         let words: Vec<String> = words.collect();
-        let faults = held.iter().filter(|held| is_fault(held.bit)).count();
-        let cure = held.iter().find(|held| is_fault(held.bit)).map(|held| advice(held.bit).cure);
+        let faults = held.iter().filter(|held| held.about.is_fault()).count();
+        let cure = held.iter().find(|held| held.about.is_fault()).map(|held| held.about.cure);
         match (words.is_empty(), cure) {
             (true, _) => format!("{quality}, no faults"),
             (false, None) => format!("{quality}; {}, no faults", words.join(", ")),
@@ -124,13 +123,16 @@ impl HealthTally {
     pub fn findings(&self, is_over: bool, known: HealthBits) -> Vec<Finding> {
         let least = if is_over { MIN_FRAMES } else { LASTING };
         let is_warned = |held: &&HeldBit| {
-            let share = match held.bit {
+            let share = match held.about.bit {
                 HealthBits::ACCEL_NOISY => WARNED_OF_NOISE,
                 HealthBits::CAMERAS_DISAGREE => WARNED_OF_PAIRS,
                 bit if REPEATS.contains(&bit) => WARNED_OF_REPEATS,
                 _ => WARNED,
             };
-            is_fault(held.bit) && known.0 & held.bit.0 == 0 && held.frames >= least && held.share >= share
+            held.about.is_fault()
+                && known.0 & held.about.bit.0 == 0
+                && held.frames >= least
+                && held.share >= share
         };
         let held = self.held(0.0);
         held.iter()
@@ -150,14 +152,14 @@ impl HealthTally {
             return format!("{} frames are too few for a start: give two seconds and more", self.frames);
         }
         let held = self.held(HINDERED);
-        let faults =
-            held.iter().filter(|held| is_fault(held.bit) && held.bit != HealthBits::VELOCITY_UNCERTAIN);
+        let faults = held
+            .iter()
+            .filter(|held| held.about.is_fault() && held.about.bit != HealthBits::VELOCITY_UNCERTAIN);
         let reasons: Vec<String> = faults
             .take(MAX_REASONS)
             .map(|held| {
-                let Advice { what, cure, .. } = advice(held.bit);
-                let what = if what.is_empty() { held.name } else { what };
-                format!("{what} (`{}` in {} of {} frames): {cure}", held.name, held.frames, self.frames)
+                let HealthBit { name, finding, cure, .. } = held.about;
+                format!("{finding} (`{name}` in {} of {} frames): {cure}", held.frames, self.frames)
             })
             .collect();
         let reason = reasons.join("; ");
@@ -188,194 +190,24 @@ impl HealthTally {
         };
         let cause = of_images.iter().map(frames).max().unwrap_or(0);
         let follows = [HealthBits::NO_FEATURES, HealthBits::LOW_FEATURES];
-        follows.contains(&held.bit) && cause as f64 >= CAUSED * held.frames as f64
+        follows.contains(&held.about.bit) && cause as f64 >= CAUSED * held.frames as f64
     }
 
     fn finding(&self, held: &HeldBit) -> Finding {
-        let Advice { what, cause, cure } = advice(held.bit);
-        let what = if what.is_empty() { held.name } else { what };
+        let HealthBit { name, finding, causes, cure, .. } = *held.about;
         let evidence = format!(
-            "health bit `{}` in {} of {} frames, {:.0} %",
-            held.name,
+            "health bit `{name}` in {} of {} frames, {:.0} %",
             held.frames,
             self.frames,
             100.0 * held.share
         );
-        Finding::new(what, evidence, cause, cure).mild()
+        Finding::new(finding, evidence, causes, cure).mild()
     }
 }
 
 /// Bits of sensors that repeat their data bit for bit.
 const REPEATS: [HealthBits; 4] =
     [HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK, HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
-
-/// Whether a bit is a fault. A vehicle may stand still.
-fn is_fault(bit: HealthBits) -> bool {
-    bit != HealthBits::STATIONARY
-}
-
-/// What a bit means for people, its probable causes, and what to do.
-struct Advice {
-    what: &'static str,
-    cause: &'static str,
-    cure: &'static str,
-}
-
-/// Advice for a bit. A bit without an own one is explained by docs/health.md.
-fn advice(bit: HealthBits) -> Advice {
-    let (what, cause, cure) = match bit {
-        HealthBits::NOT_POSITIVE_DEFINITE => (
-            "the covariance of the estimate broke down",
-            "units or a calibration that are far off",
-            "run `plumbline doctor` on the data; if they are sound, report it with the log",
-        ),
-        HealthBits::IMU_SATURATED => (
-            "the IMU was at the end of its range",
-            "shocks, or a range that is too small",
-            "choose a larger range in the sensor and the same in `imu.accel_range_m_s2` and `imu.gyro_range_rad_s`; damp the \
-             mounting",
-        ),
-        HealthBits::NO_FEATURES => (
-            "no point was found in the images",
-            "darkness, a covered lens, no focus, or plain surfaces",
-            "look at light, exposure and focus",
-        ),
-        HealthBits::LOW_FEATURES => (
-            "few points were found in the images",
-            "little light or texture, a lens out of focus, or blur",
-            "look at light, exposure and focus; fly more slowly where there is little texture",
-        ),
-        HealthBits::VELOCITY_UNCERTAIN => (
-            "the velocity is less certain than `estimator.health` requires",
-            "a scene that is far for the distance between the cameras, one camera that hardly moves, or few points",
-            "fly nearer to texture, or use a longer distance between the cameras",
-        ),
-        HealthBits::IMU_GAP => (
-            "inertial samples are missing",
-            "a cable, the baud rate, or a program that does not keep up",
-            "look at cable, baud rate and load",
-        ),
-        HealthBits::FRAME_GAP => (
-            "frames are missing",
-            "bandwidth, load, or a recorder that did not keep up",
-            "look at bandwidth and load",
-        ),
-        HealthBits::LEFT_MISSING => (
-            "the left image is missing or black",
-            "a cable, or a covered lens",
-            "look at the cable of the left camera and at its lens",
-        ),
-        HealthBits::RIGHT_MISSING => (
-            "the right image is missing or black",
-            "a cable, or a covered lens",
-            "look at the cable of the right camera and at its lens",
-        ),
-        HealthBits::BAD_STAMP => (
-            "frames were refused for their stamps",
-            "a clock that was set, or stamps that repeat",
-            "stamp by one clock that is never set, such as CLOCK_MONOTONIC",
-        ),
-        HealthBits::BAD_IMAGE_SIZE => (
-            "images have another size than the configuration says",
-            "another mode of the camera, or the calibration of another size",
-            "correct `width_px` and `height_px` of `[[camera]]` with the calibration of that size, or the camera's mode",
-        ),
-        HealthBits::DEGRADED => (
-            "frames got less than the configured work",
-            "a computer that does not keep up",
-            "use fewer points, smaller images or a faster computer",
-        ),
-        HealthBits::CAMERAS_DISAGREE => (
-            "left and right images do not agree",
-            "images that are not of the same moment (one camera late by a frame), cameras that are exchanged, or a \
-             calibration of the pair that is wrong",
-            "run `plumbline doctor` on the data: it tells these apart",
-        ),
-        HealthBits::IMU_CONTRADICTED => (
-            "the images contradict the IMU",
-            "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, or stamps \
-             that are off",
-            "nothing after a shock; else run `plumbline doctor` on the data",
-        ),
-        HealthBits::ACCEL_NOISY => (
-            "the accelerometer is noisier than configured, or contradicts the scale of the images",
-            "vibration, a configured noise that is that of a data sheet, or a distance between the cameras (baseline) that is \
-             wrong",
-            "set `imu.accel_noise_density` to the noise in flight and damp the mounting; `plumbline doctor` measures noise and \
-             scale",
-        ),
-        HealthBits::GYRO_STUCK => ("the gyroscope repeats its readings", STUCK.0, STUCK.1),
-        HealthBits::ACCEL_STUCK => ("the accelerometer repeats its readings", STUCK.0, STUCK.1),
-        HealthBits::LEFT_FROZEN => ("the left camera repeats its images", FROZEN.0, FROZEN.1),
-        HealthBits::RIGHT_FROZEN => ("the right camera repeats its images", FROZEN.0, FROZEN.1),
-        HealthBits::IMU_LATE => (
-            "the inertial samples are stamped late",
-            "stamps of the arrival, or a clock of its own",
-            "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`",
-        ),
-        HealthBits::IMAGES_LATE => (
-            "the images are stamped late",
-            "stamps of the arrival, or of another clock than that of the IMU",
-            "stamp images in the middle of their exposure; `plumbline doctor` measures a constant delay for \
-             `rig.time_offset_s`",
-        ),
-        HealthBits::ROTATION_DISPUTED => (
-            "gyroscope and images disagree on how the vehicle turns",
-            "columns or signs of the gyroscope, the pose of the camera on the IMU, a wrong lens model or focal length, stamps \
-             that are off, or things that move and fill the view",
-            "run `plumbline doctor` on the data",
-        ),
-        HealthBits::DARK => (
-            "the images are nearly black",
-            "too little light for the exposure, or grey levels that use a part of their range",
-            "more light, a longer exposure or more gain",
-        ),
-        HealthBits::BLURRED => (
-            "turning blurs the images",
-            "an exposure that is too long for these turns",
-            "turn more slowly, or expose for a shorter time with more light",
-        ),
-        HealthBits::VIEW_BLOCKED => (
-            "something is before one lens",
-            "dirt, or a part of the vehicle",
-            "clean the lens, move what hangs before it, or mask it (`plumbline calibrate masks`)",
-        ),
-        HealthBits::LITTLE_TEXTURE => (
-            "there is hardly any texture in the images",
-            "plain surfaces, or a lens out of focus",
-            "fly where there is something to see; look at the focus",
-        ),
-        HealthBits::ACCEL_CONTRADICTED => (
-            "the images contradict the accelerometer",
-            "a shock, forces beyond the range, columns or signs of the accelerometer, a loose mounting, or a broken sensor",
-            "nothing after a shock; else run `plumbline doctor` on the data, and look at mounting and range",
-        ),
-        HealthBits::GYRO_CONTRADICTED => (
-            "the images contradict the gyroscope",
-            "columns, signs or units of the gyroscope, the pose of the camera on the IMU, or a broken sensor",
-            "run `plumbline doctor` on the data",
-        ),
-        HealthBits::CAMERAS_OUT_OF_STEP => (
-            "left and right image are not of the same moment",
-            "one camera that is late by a frame, or cameras that are triggered apart",
-            "trigger both cameras together; look at which frames the driver pairs",
-        ),
-        _ => ("", "", "see docs/health.md"),
-    };
-    Advice { what, cause, cure }
-}
-
-/// Cause and cure of readings that repeat.
-const STUCK: (&str, &str) = (
-    "a sensor or driver that hands out old readings, or a simulator without noise",
-    "restart the sensor; for data without noise set `imu.stuck_after_s = 0`",
-);
-/// Cause and cure of images that repeat.
-const FROZEN: (&str, &str) = (
-    "a driver that hands out an image again (twice the frame rate, or a frame that was dropped), or a simulator without noise",
-    "hand out each image once, with its own stamp; for images without noise set \
-     `estimator.health.refuse_repeated_images = false`",
-);
 
 #[cfg(test)]
 mod tests {
@@ -441,14 +273,6 @@ mod tests {
         assert_eq!(words.len(), 2, "{words:?}");
         assert!(words.iter().any(|words| words.contains("imu.stuck_after_s")), "{words:?}");
         assert!(words.iter().any(|words| words.contains("refuse_repeated_images")), "{words:?}");
-    }
-
-    #[test]
-    fn every_fault_has_causes_and_a_cure() {
-        for (bit, name) in HealthBits::NAMES.iter().filter(|(bit, _)| is_fault(*bit)) {
-            let Advice { what, cause, cure } = advice(*bit);
-            assert!(!what.is_empty() && !cause.is_empty() && !cure.is_empty(), "{name}");
-        }
     }
 
     #[test]

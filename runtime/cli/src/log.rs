@@ -122,7 +122,7 @@ fn print(inventory: &Inventory) {
         if inventory.inputs_changed { "CHANGED after they were recorded" } else { "as recorded" }.into(),
     );
     say(format_args!("{:<22}{:>12}{:>16}", "channel", "messages", "bytes"));
-    for (channel, content) in Channel::ALL.into_iter().zip(inventory.contents) {
-        say(format_args!("{:<22}{:>12}{:>16}", channel.topic(), content.messages, content.bytes));
+    for (channel, content) in Channel::LOGGED.into_iter().zip(inventory.contents) {
+        say(format_args!("{:<22}{:>12}{:>16}", channel.channel(), content.messages, content.bytes));
     }
 }

@@ -35,7 +35,7 @@ impl Local {
         let incoming = Incoming::default();
         let mut local = Self { path, stream, incoming, may_command: false, requests: 0 };
         match local.next_header(Some(GREETING_LIMIT))? {
-            Some(Header { kind, .. }) if kind == Kind::Hello as u16 => {}
+            Some(Header { kind, .. }) if kind == Kind::Hello.kind() => {}
             Some(_) => return Err(ClientError::Foreign("no greeting came")),
             None => return Err(ClientError::Silent(GREETING_LIMIT.as_secs_f64())),
         }
@@ -96,7 +96,7 @@ impl Local {
         other.subscribe(Kinds::default())?;
         let number = other.request(command)?;
         while let Some(header) = other.next_header(deadline.left())? {
-            if header.kind == Kind::Result as u16 && header.sequence == number {
+            if header.kind == Kind::Result.kind() && header.sequence == number {
                 return Answer::decode(number, other.content()).map_err(ClientError::Foreign);
             }
         }

@@ -93,12 +93,12 @@ fn the_serial_driver_of_a_flight_reads_the_line() {
 /// The flight's end of a connection: greets with these rights, and sends odometry of this many sequence numbers.
 fn greet(stream: &mut UnixStream, rights: u8, count: u64) {
     let greeting =
-        encoded(Kind::Hello as u16, 0, |to| to.extend([&MAGIC[..], &[rights, 0, 0, 0, 0, 0, 0, 0]].concat()));
+        encoded(Kind::Hello.kind(), 0, |to| to.extend([&MAGIC[..], &[rights, 0, 0, 0, 0, 0, 0, 0]].concat()));
     stream.write_all(&greeting).unwrap();
     for sequence in 0..count {
         let odometry = Odometry { sequence, ..Odometry::default() };
         stream
-            .write_all(&encoded(Kind::Odometry as u16, sequence, |to| {
+            .write_all(&encoded(Kind::Odometry.kind(), sequence, |to| {
                 layout::put_odometry(&odometry, 9, 3, to)
             }))
             .unwrap();
@@ -143,7 +143,7 @@ fn odometry_is_read_and_a_command_is_answered_beside_it() {
     assert_eq!((answer.status, answer.words.as_str()), (Status::Done, "reset"));
     for sequence in 0..2 {
         let header = local.next_header(Some(PATIENCE)).unwrap().unwrap();
-        assert_eq!((header.kind, header.sequence), (Kind::Odometry as u16, sequence));
+        assert_eq!((header.kind, header.sequence), (Kind::Odometry.kind(), sequence));
         assert_eq!(layout::odometry(local.content()).unwrap().0.sequence, sequence);
     }
     assert_eq!(local.next_header(Some(Duration::from_millis(20))).unwrap(), None);
@@ -158,8 +158,8 @@ fn a_socket_of_another_program_is_named() {
     let listener = UnixListener::bind(&path).unwrap();
     for bytes in [
         vec![255; 64],
-        encoded(Kind::Odometry as u16, 0, |_| {}),
-        encoded(Kind::Hello as u16, 0, |to| to.push(1)),
+        encoded(Kind::Odometry.kind(), 0, |_| {}),
+        encoded(Kind::Hello.kind(), 0, |to| to.push(1)),
     ] {
         let connection = path.clone();
         let client = thread::spawn(move || connected(&connection));

@@ -13,13 +13,10 @@ use crate::places::codec;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
 use plumbline_config::options::ImageRecording;
-use plumbline_drivers::{ImuReading, ImuSource as _, StereoFrame, StereoSource as _};
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
-use plumbline_record::fields::Record;
-use plumbline_record::parts::{FrameAbout, ImageAbout, Recording};
-use plumbline_record::protobuf::{decode, encode};
-use plumbline_record::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use plumbline_drivers::{ImuSource as _, StereoFrame, StereoSource as _};
+use plumbline_record::fields::Parts;
+use plumbline_record::parts::ImageAbout;
+use plumbline_record::topics::Decode;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -74,42 +71,32 @@ fn scratch_file() -> &'static Path {
 /// When it does not come back as it was once it is written again.
 pub fn log_messages(data: &[u8]) {
     let Some((channel, payload)) = data.split_first() else { return };
-    log_message(Channel::ALL[usize::from(*channel) % Channel::ALL.len()], payload);
+    log_message(Channel::LOGGED[usize::from(*channel) % Channel::LOGGED.len()], payload);
 }
 
 fn log_message(channel: Channel, payload: &[u8]) {
-    match channel {
-        Channel::Imu => again::<ImuReading>(payload),
-        Channel::Frame => again::<FrameAbout>(payload),
-        Channel::FrameOrder => again::<FrameOrder>(payload),
-        Channel::CorrectionOrder => again::<CorrectionOrder>(payload),
-        Channel::ResetOrder => again::<ResetOrder>(payload),
-        Channel::MapOrder => again::<MapOrder>(payload),
-        Channel::MapEstimate => again::<MapEstimate>(payload),
-        Channel::Estimate => again::<Estimate>(payload),
-        Channel::Odometry => again::<Odometry>(payload),
-        Channel::Recording => again::<Recording>(payload),
-        Channel::Left | Channel::Right => {
-            let description = ImageAbout { width_px: 8, height_px: 6, sha256: Vec::new() };
-            for images in [ImageRecording::Raw, ImageRecording::Png] {
-                let _ = image::decode(payload, images, &description, &mut GrayImage::new(8, 6));
-            }
+    if channel.is_image() {
+        let description = ImageAbout { width_px: 8, height_px: 6, sha256: Vec::new() };
+        for images in [ImageRecording::Raw, ImageRecording::Png] {
+            let _ = image::decode(payload, images, &description, &mut GrayImage::new(8, 6));
         }
-        Channel::Transform
-        | Channel::Pose
-        | Channel::Event
-        | Channel::LeftCalibration
-        | Channel::RightCalibration
-        | Channel::Mounting => {}
+    }
+    if let Some(decode) = channel.row().decode {
+        again(decode, payload);
     }
 }
 
 /// What is read of a message is written, read and written once more: both writings are the same.
-fn again<T: Record>(payload: &[u8]) {
-    let Ok(value) = decode::<T>(payload) else { return };
-    let written = encode(&value);
-    let Ok(back) = decode::<T>(&written) else { panic!("what was written is refused: {written:?}") };
-    assert_eq!(encode(&back), written);
+fn again(decode: Decode, payload: &[u8]) {
+    let written = |record: &dyn Parts| {
+        let mut bytes = Vec::new();
+        record.append(&mut bytes);
+        bytes
+    };
+    let Ok(value) = decode(payload) else { return };
+    let first = written(&*value);
+    let Ok(back) = decode(&first) else { panic!("what was written is refused: {first:?}") };
+    assert_eq!(written(&*back), first);
 }
 
 /// Bytes from an autopilot: the first says how long the pieces are that the others come in. Messages are the same

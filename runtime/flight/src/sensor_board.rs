@@ -1,6 +1,5 @@
 //! State of live sensors on its way to readers: posted by the thread that watches them, sent by the socket's thread.
 
-use plumbline_drivers::clock::StampFigures;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -10,32 +9,24 @@ const MAX_NOTICES: usize = 8;
 const MAX_NOTICE_BYTES: usize = 400;
 
 /// State of live sensors.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SensorNews {
-    /// What is wrong, and what to do: one line each.
-    pub notices: Vec<String>,
-    /// Stamps of the frames.
-    pub frames: StampFigures,
-    /// Stamps of the inertial samples.
-    pub samples: StampFigures,
+pub use plumbline_record::messages::SensorNews;
+
+/// Whether a reader has to be told of a state after another one: notices differ, or stamps went wrong. Frames that are sound are
+/// no news.
+fn is_news(news: &SensorNews, before: &SensorNews) -> bool {
+    news.notices != before.notices
+        || news.frames.bad() != before.frames.bad()
+        || news.samples.bad() != before.samples.bad()
 }
 
-impl SensorNews {
-    /// Whether a reader has to be told: notices are other ones, or stamps went wrong. Frames that are sound are no news.
-    fn is_news_after(&self, before: &Self) -> bool {
-        self.notices != before.notices
-            || self.frames.bad() != before.frames.bad()
-            || self.samples.bad() != before.samples.bad()
+/// A state with as many notices, and as long ones, as are sent.
+fn bounded(mut news: SensorNews) -> SensorNews {
+    news.notices.truncate(MAX_NOTICES);
+    for notice in &mut news.notices {
+        let end = (0..=MAX_NOTICE_BYTES.min(notice.len())).rev().find(|at| notice.is_char_boundary(*at));
+        notice.truncate(end.unwrap_or(0));
     }
-
-    fn bounded(mut self) -> Self {
-        self.notices.truncate(MAX_NOTICES);
-        for notice in &mut self.notices {
-            let end = (0..=MAX_NOTICE_BYTES.min(notice.len())).rev().find(|at| notice.is_char_boundary(*at));
-            notice.truncate(end.unwrap_or(0));
-        }
-        self
-    }
+    news
 }
 
 /// The newest state, with a count of its changes.
@@ -56,7 +47,7 @@ impl Posted {
     fn news(&self) -> SensorNews {
         let mut news = self.sensors.clone();
         news.notices.extend_from_slice(&self.findings);
-        news.bounded()
+        bounded(news)
     }
 }
 
@@ -98,9 +89,9 @@ impl SensorBoard {
 
     /// Posts a state of the sensors; readers receive it if it is news.
     pub fn post(&self, news: SensorNews) {
-        let news = news.bounded();
+        let news = bounded(news);
         self.change(|held| {
-            let is_news = news.is_news_after(&held.sensors);
+            let is_news = is_news(&news, &held.sensors);
             if is_news {
                 held.sensors = news;
             }
@@ -133,14 +124,15 @@ impl SensorBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_drivers::clock::StampFigures;
 
     #[test]
     fn sound_frames_are_no_news_and_bad_stamps_are() {
         let stamps = |used, restamped| StampFigures { used, restamped, ..StampFigures::default() };
         let of = |frames| SensorNews { frames, ..SensorNews::default() };
-        assert!(!of(stamps(5, 0)).is_news_after(&of(stamps(1, 0))));
-        assert!(of(stamps(5, 1)).is_news_after(&of(stamps(5, 0))));
-        let long = SensorNews { notices: vec!["\u{e9}".repeat(999); 20], ..SensorNews::default() }.bounded();
+        assert!(!is_news(&of(stamps(5, 0)), &of(stamps(1, 0))));
+        assert!(is_news(&of(stamps(5, 1)), &of(stamps(5, 0))));
+        let long = bounded(SensorNews { notices: vec!["\u{e9}".repeat(999); 20], ..SensorNews::default() });
         assert!(long.notices.len() == MAX_NOTICES && long.notices[0].len() <= MAX_NOTICE_BYTES);
     }
 

@@ -3,8 +3,9 @@
 //! Whoever says that it answers is asked, and only a reply under the vehicle's own key is believed: somebody who claims to
 //! answer everything neither takes the command away nor reports it done.
 
-use plumbline_link::net::{ROOT, plain, proto, read};
-use prost::Message;
+use plumbline_link::net::{ROOT, plain, read};
+use plumbline_record::fields::Record;
+use plumbline_record::messages::{MapSaved, ResetDone};
 use serde::Deserialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -65,7 +66,7 @@ pub async fn find(session: &Session, vehicle: &str) -> bool {
 /// The reason as text, when it refused or did not reply.
 pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result<String, String> {
     let key = format!("{ROOT}/{vehicle}/command/reset");
-    let done: proto::ResetDone = command(session, &key, &format!("?kind={kind}"), PATIENCE).await?;
+    let done: ResetDone = command(session, &key, &format!("?kind={kind}"), PATIENCE).await?;
     Ok(format!("{}: the counter is now {}", plain(&done.words), done.reset_counter))
 }
 
@@ -75,12 +76,12 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
 /// The reason as text, when it refused or did not reply.
 pub async fn save_map(session: &Session, vehicle: &str) -> Result<String, String> {
     let key = format!("{ROOT}/{vehicle}/command/map_save");
-    let saved: proto::MapSaved = command(session, &key, "", SAVE_PATIENCE).await?;
+    let saved: MapSaved = command(session, &key, "", SAVE_PATIENCE).await?;
     Ok(plain(&saved.words))
 }
 
 /// Asks for something to be done, and returns what the vehicle replies.
-async fn command<T: Message + Default + read::Checked>(
+async fn command<T: Record>(
     session: &Session,
     key: &str,
     parameters: &str,
@@ -106,7 +107,7 @@ async fn command<T: Message + Default + read::Checked>(
 }
 
 /// What a reply says; `None` when it is not the vehicle's, or none at all.
-fn read_reply<T: Message + Default + read::Checked>(reply: &Reply, key: &str) -> Option<Result<T, String>> {
+fn read_reply<T: Record>(reply: &Reply, key: &str) -> Option<Result<T, String>> {
     match reply.result() {
         Ok(sample) if sample.key_expr().as_str() != key => None,
         Ok(sample) => Some(

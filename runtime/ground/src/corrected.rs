@@ -1,21 +1,9 @@
 //! What a vehicle says of its map: where its odometry lies in it, and the corrected path with its loops.
 
 use nalgebra::{Isometry3, Vector3};
-use plumbline_link::net::{proto, read};
-
-/// Where the odometry lies in the map.
-#[derive(Clone, Copy, Debug)]
-struct Correction {
-    /// Takes coordinates from the odometry to the map frame; `None` where the place in the map is not known.
-    pose_m_o: Option<Isometry3<f64>>,
-    /// The odometry frame that it is about.
-    reset_counter: u32,
-    published_ns: i64,
-    loops: u32,
-    keyframes: u32,
-    seen_again: u32,
-    paths: u64,
-}
+use plumbline_estimator::places::mapper::path::PathPose;
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_link::net::read::Heard;
 
 /// The corrected path, as it was received.
 #[derive(Clone, Debug, Default)]
@@ -32,76 +20,64 @@ struct Path {
 /// The map of a vehicle, bounded by what a message may hold.
 #[derive(Clone, Debug, Default)]
 pub struct Corrected {
-    correction: Option<Correction>,
+    correction: Option<Heard<MapEstimate>>,
     path: Option<Path>,
+    /// Paths that the vehicle has sent, as it reports.
+    announced: u64,
     /// Counts changes of the path.
     pub version: u64,
 }
 
 impl Corrected {
     /// Applies a correction; one that was overtaken is ignored.
-    pub fn apply_correction(&mut self, message: &proto::MapCorrection) {
-        let Some(header) = &message.header else { return };
-        if self.correction.is_some_and(|newest| header.published_ns < newest.published_ns) {
-            return;
+    pub fn apply_correction(&mut self, correction: Heard<MapEstimate>) {
+        let published_ns = correction.envelope.published_ns;
+        if self.correction.as_ref().is_none_or(|newest| published_ns >= newest.envelope.published_ns) {
+            self.correction = Some(correction);
         }
-        self.correction = Some(Correction {
-            pose_m_o: message.pose_m_o.as_ref().and_then(read::isometry),
-            reset_counter: header.reset_counter,
-            published_ns: header.published_ns,
-            loops: message.loops,
-            keyframes: message.keyframes,
-            seen_again: message.seen_again,
-            paths: message.paths,
-        });
-        // A vehicle that has started anew counts from the beginning.
-        if self.path.as_ref().is_some_and(|path| path.sequence >= message.paths) {
+    }
+
+    /// Applies the count of paths that the vehicle reports. One that has started anew counts from the beginning.
+    pub fn announce(&mut self, paths: u64) {
+        self.announced = paths;
+        if self.path.as_ref().is_some_and(|path| path.sequence >= paths) {
             self.path = None;
             self.version += 1;
         }
     }
 
     /// Applies a corrected path, published or queried; one that was overtaken is ignored.
-    pub fn apply_path(&mut self, message: &proto::MapPath) {
-        let Some(header) = &message.header else { return };
-        if self.path.as_ref().is_some_and(|newest| header.published_ns <= newest.published_ns) {
+    pub fn apply_path(&mut self, Heard { envelope, message }: &Heard<MapPath>) {
+        if self.path.as_ref().is_some_and(|newest| envelope.published_ns <= newest.published_ns) {
             return;
         }
-        let place = |numbers: &[f32]| [numbers[0], numbers[1], numbers[2]];
-        let places = message.poses_m_b.chunks_exact(7).map(place);
-        let mut pieces: Vec<Vec<[f32; 3]>> = Vec::new();
-        let mut before = None;
-        for (at, reset_counter) in places.zip(&message.reset_counters) {
-            if before != Some(reset_counter) {
-                pieces.push(Vec::new());
-            }
-            before = Some(reset_counter);
-            if let Some(piece) = pieces.last_mut() {
-                piece.push(at);
-            }
-        }
-        let ends = message.loops_m.chunks_exact(6).map(|both| [place(&both[..3]), place(&both[3..])]);
+        let place = |p: &Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
+        let unbroken = message.poses.chunk_by(|a, b| a.reset_counter == b.reset_counter);
+        let piece =
+            |poses: &[PathPose]| poses.iter().map(|at| place(&at.pose_m_b.translation.vector)).collect();
         self.path = Some(Path {
-            sequence: header.sequence,
-            published_ns: header.published_ns,
-            pieces,
-            loops: ends.collect(),
+            sequence: envelope.sequence,
+            published_ns: envelope.published_ns,
+            pieces: unbroken.map(piece).collect(),
+            loops: message.loops.iter().map(|ends| [place(&ends[0].p_m_b), place(&ends[1].p_m_b)]).collect(),
             drift_m: message.drift_m,
         });
+        self.announced = self.announced.max(envelope.sequence.saturating_add(1));
         self.version += 1;
     }
 
     /// The number of the newest path, where the one that is here is older.
     #[must_use]
     pub fn missing(&self) -> Option<u64> {
-        let newest = self.correction?.paths.checked_sub(1)?;
+        let newest = self.announced.checked_sub(1)?;
         self.path.as_ref().is_none_or(|path| path.sequence < newest).then_some(newest)
     }
 
     /// Takes coordinates from the odometry frame after so many resets to the map frame; `None` while that is not known.
     #[must_use]
     pub fn pose_m_o(&self, resets: u32) -> Option<Isometry3<f64>> {
-        self.correction.filter(|correction| correction.reset_counter == resets)?.pose_m_o
+        let correction = &self.correction.as_ref()?.message;
+        correction.pose_m_o.filter(|_| correction.reset_counter == resets)
     }
 
     /// Pieces of the corrected path: positions of the body in the map, m.
@@ -119,15 +95,15 @@ impl Corrected {
     /// The map in words, such as "44 keyframes, 21 loops, drift taken out 0.02 m"; `None` where no word of a map has come.
     #[must_use]
     pub fn words(&self, resets: u32) -> Option<String> {
-        let Correction { keyframes, loops, seen_again, .. } = self.correction?;
+        let MapEstimate { keyframes, sightings, loops_used, .. } = self.correction.as_ref()?.message;
         let count = |n: u32, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
         let keyframes = count(keyframes, "keyframe", "keyframes");
         if self.pose_m_o(resets).is_none() {
             return Some(format!("{keyframes}, place in the map not known yet"));
         }
-        let loops = count(loops, "loop", "loops");
+        let loops = count(loops_used, "loop", "loops");
         let drift = self.path.as_ref().and_then(|path| path.drift_m).unwrap_or(0.0);
-        Some(match seen_again {
+        Some(match sightings {
             0 => format!("{keyframes}, no place seen again yet"),
             _ => format!("{keyframes}, {loops}, drift taken out {drift:.2} m"),
         })
@@ -143,38 +119,45 @@ pub fn in_odometry(pose_m_o: &Isometry3<f64>, [x, y, z]: [f32; 3]) -> Vector3<f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plumbline_link::net::wire;
+    use plumbline_config::Timestamp;
+    use plumbline_estimator::places::mapper::path::LoopEnd;
+    use plumbline_record::messages::Envelope;
 
-    fn correction(published_ns: i64, pose_m_o: Option<Isometry3<f64>>, paths: u64) -> proto::MapCorrection {
-        proto::MapCorrection {
-            header: Some(proto::Header { published_ns, reset_counter: 1, ..Default::default() }),
-            pose_m_o: pose_m_o.as_ref().and_then(wire::pose),
-            loops: 1,
-            keyframes: 7,
-            seen_again: 3,
-            paths,
-        }
+    fn correction(published_ns: i64, pose_m_o: Option<Isometry3<f64>>) -> Heard<MapEstimate> {
+        let (reset_counter, keyframes, sightings, loops_used) = (1, 7, 3, 1);
+        let map = MapEstimate {
+            pose_m_o,
+            reset_counter,
+            keyframes,
+            sightings,
+            loops_used,
+            ..MapEstimate::default()
+        };
+        Heard { envelope: Envelope { published_ns, ..Envelope::default() }, message: map }
     }
 
-    fn path(published_ns: i64, sequence: u64) -> proto::MapPath {
-        proto::MapPath {
-            header: Some(proto::Header { published_ns, sequence, ..Default::default() }),
-            stamps_ns: vec![1, 2, 3],
-            poses_m_b: (0u8..21).map(f32::from).collect(),
-            reset_counters: vec![0, 0, 1],
-            loops_ns: vec![1, 3],
-            loops_m: vec![0.0, 1.0, 2.0, 14.0, 15.0, 16.0],
-            drift_m: Some(0.256),
-        }
+    fn path(published_ns: i64, sequence: u64) -> Heard<MapPath> {
+        let stamp = Timestamp::default();
+        let at = |x: f64, reset_counter| PathPose {
+            stamp,
+            reset_counter,
+            pose_m_b: Isometry3::translation(x, x + 1.0, x + 2.0),
+        };
+        let end = |x: f64| LoopEnd { stamp, p_m_b: Vector3::new(x, x + 1.0, x + 2.0) };
+        let mut message = MapPath::new(0);
+        message.poses = vec![at(0.0, 0), at(7.0, 0), at(14.0, 1)];
+        message.loops = vec![[end(0.0), end(14.0)]];
+        message.drift_m = Some(0.256);
+        Heard { envelope: Envelope { published_ns, sequence, ..Envelope::default() }, message }
     }
 
     #[test]
     fn the_map_is_told_in_words_and_not_before_the_place_is_known() {
         let mut map = Corrected::default();
         assert_eq!(map.words(1), None);
-        map.apply_correction(&correction(1, None, 0));
+        map.apply_correction(correction(1, None));
         assert_eq!(map.words(1).unwrap(), "7 keyframes, place in the map not known yet");
-        map.apply_correction(&correction(2, Some(Isometry3::identity()), 1));
+        map.apply_correction(correction(2, Some(Isometry3::identity())));
         map.apply_path(&path(2, 0));
         assert_eq!(map.words(1).unwrap(), "7 keyframes, 1 loop, drift taken out 0.26 m");
         // The odometry frame after the next reset is another one.
@@ -193,15 +176,17 @@ mod tests {
     fn a_path_that_was_missed_is_noticed_and_an_overtaken_one_ignored() {
         let mut map = Corrected::default();
         assert_eq!(map.missing(), None);
-        map.apply_correction(&correction(5, None, 3));
+        map.apply_correction(correction(5, None));
+        map.announce(3);
         assert_eq!(map.missing(), Some(2));
         map.apply_path(&path(4, 2));
         assert_eq!((map.missing(), map.version), (None, 1));
         map.apply_path(&path(3, 1));
-        map.apply_correction(&correction(4, None, 9));
+        map.apply_correction(correction(4, Some(Isometry3::identity())));
+        assert_eq!(map.pose_m_o(1), None);
         assert_eq!((map.missing(), map.version), (None, 1));
         // A vehicle that has started anew has another map.
-        map.apply_correction(&correction(9, None, 0));
+        map.announce(0);
         assert!(map.pieces().is_empty() && map.version == 2);
     }
 

@@ -176,12 +176,12 @@ fn scene_news(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
 fn image(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
     let picture = vehicle.picture.as_ref().filter(|picture| picture.version != sent.version)?;
     sent.version = picture.version;
-    let stamp_ns = picture.message.header.as_ref().map_or(vehicle.stamp_ns, |header| header.stamp_ns);
+    let stamp_ns = picture.message.envelope.stamp_ns;
     let stamp = Timestamp::from_nanos(stamp_ns);
     let message = foxglove::CompressedImage {
         timestamp: timestamp(stamp),
         frame_id: format!("{name}/camera"),
-        data: picture.message.jpeg.clone(),
+        data: picture.message.message.jpeg.clone(),
         format: "jpeg".into(),
     };
     Some((log_time(stamp), message.encode_to_vec()))
@@ -190,12 +190,8 @@ fn image(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
 #[cfg(test)]
 mod tests {
     use super::super::fleet::Fleet;
+    use super::super::test_messages::{heard, window};
     use super::*;
-    use plumbline_link::net::{proto, wire};
-
-    fn header(stamp_ns: i64) -> Option<proto::Header> {
-        Some(proto::Header { stamp_ns, ..proto::Header::default() })
-    }
 
     fn decoded(news: &[Drawn]) -> Vec<foxglove::SceneUpdate> {
         news.iter().map(|(_, bytes)| foxglove::SceneUpdate::decode(&bytes[..]).unwrap()).collect()
@@ -206,12 +202,8 @@ mod tests {
         let mut fleet = Fleet::default();
         fleet.alive("drone", true);
         let vehicle = fleet.vehicles.get_mut("drone").unwrap();
-        let pose = wire::pose(&Isometry3::translation(1.0, 0.0, 0.0));
-        let points_o = vec![1.0, 2.0, 3.0];
-        let keyframe =
-            proto::Keyframe { header: header(7), pose, points_o: points_o.clone(), lines_o: Vec::new() };
-        vehicle.map.insert(&keyframe);
-        vehicle.map.set_scene(&proto::Scene { header: header(9), points_o, ..proto::Scene::default() });
+        vehicle.map.insert(&heard(0, window(7, 0, 1)));
+        vehicle.map.set_scene(&window(9, 0, 1));
         let mut sent = Sent::default();
         let first = decoded(&Topic::Scene.news("drone", vehicle, &mut sent));
         assert_eq!((first[0].deletions.len(), first.len()), (1, 2));

@@ -5,9 +5,12 @@ use super::map::{MAX_KEYFRAMES, Map};
 use super::track::PoseSample;
 use mcap::McapError;
 use plumbline_config::Timestamp;
+use plumbline_estimator::{Odometry, TrackingState};
 use plumbline_flight::log::channel::FOXGLOVE;
 use plumbline_flight::log::scene;
-use plumbline_link::net::{DESCRIPTORS, proto, wire};
+use plumbline_link::net::outlet::key_of;
+use plumbline_record::protobuf::encode;
+use plumbline_record::{schema, topics};
 use prost::Message;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -20,7 +23,7 @@ pub enum Format {
     Tum,
     /// With velocity, quality and resets.
     Csv,
-    /// `plumbline.v1.Odom` messages, and poses, transforms, path and scene in Foxglove's schemas.
+    /// `plumbline.v1.log.Odometry` messages, and poses, transforms, path and scene in Foxglove's schemas.
     Mcap,
 }
 
@@ -113,7 +116,11 @@ fn csv(samples: &[PoseSample]) -> String {
 fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, McapError> {
     let mut file = Cursor::new(Vec::new());
     let mut log = Log::new(mcap::WriteOptions::new().profile("plumbline").create(&mut file)?);
-    let odometry = log.channel(&format!("plumbline/{vehicle}/odom"), "plumbline.v1.Odom", DESCRIPTORS)?;
+    let odometry = log.channel(
+        &key_of(vehicle, topics::Topic::Odometry),
+        topics::Topic::Odometry.row().message,
+        &schema::descriptors(),
+    )?;
     let named = |topic: Topic| (topic.of(vehicle), topic.schema());
     let [pose, transform, path, scene] =
         [Topic::Pose, Topic::Transform, Topic::Path, Topic::Scene].map(named);
@@ -134,7 +141,7 @@ fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, Mca
     }
     for (sequence, sample) in (0..).zip(samples) {
         let stamp = Timestamp::from_nanos(sample.stamp_ns);
-        log.put(odometry, sample.stamp_ns, &odom(sequence, sample).encode_to_vec())?;
+        log.put(odometry, sample.stamp_ns, &encode(&odom(sequence, sample)))?;
         log.put(pose, sample.stamp_ns, &Topic::Pose.pose_message(vehicle, stamp, &sample.pose_o_b))?;
         log.put(
             transform,
@@ -147,19 +154,16 @@ fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, Mca
     Ok(file.into_inner())
 }
 
-fn odom(sequence: u64, sample: &PoseSample) -> proto::Odom {
-    let v = sample.v_o_b;
-    proto::Odom {
-        header: Some(proto::Header {
-            stamp_ns: sample.stamp_ns,
-            sequence,
-            reset_counter: sample.reset_counter,
-            quality: sample.quality,
-            ..proto::Header::default()
-        }),
-        pose: wire::pose(&sample.pose_o_b),
-        velocity_o_b: Some(proto::Vector3 { x: v.x, y: v.y, z: v.z }),
-        ..proto::Odom::default()
+fn odom(sequence: u64, sample: &PoseSample) -> Odometry {
+    Odometry {
+        sequence,
+        stamp: Timestamp::from_nanos(sample.stamp_ns),
+        pose_o_b: sample.pose_o_b,
+        v_o_b: sample.v_o_b,
+        state: TrackingState::Tracking,
+        quality: i8::try_from(sample.quality).unwrap_or_default(),
+        reset_counter: sample.reset_counter,
+        ..Odometry::default()
     }
 }
 
@@ -190,9 +194,11 @@ impl<'a> Log<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_messages::{heard, window};
     use super::*;
     use nalgebra::{Isometry3, Vector3};
     use plumbline_flight::log::foxglove;
+    use plumbline_record::protobuf;
 
     fn samples() -> Vec<PoseSample> {
         let sample = |k: i64| PoseSample {
@@ -219,12 +225,7 @@ mod tests {
     #[test]
     fn a_log_is_read_back() {
         let mut map = Map::default();
-        map.insert(&proto::Keyframe {
-            header: Some(proto::Header { stamp_ns: samples()[1].stamp_ns, ..proto::Header::default() }),
-            pose: wire::pose(&Isometry3::identity()),
-            points_o: vec![1.0, 2.0, 3.0],
-            lines_o: vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
-        });
+        map.insert(&heard(0, window(samples()[1].stamp_ns, 0, 1)));
         let bytes = export("drone", &samples(), &map, Format::Mcap).unwrap();
         let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
         let of = |topic: &str| {
@@ -232,8 +233,8 @@ mod tests {
         };
         assert_eq!((of("/drone/pose").len(), of("/drone/tf").len(), of("/drone/path").len()), (3, 3, 1));
         let odometry = of("plumbline/drone/odom");
-        let odom = proto::Odom::decode(&odometry[1].data[..]).unwrap();
-        assert_eq!((odometry.len(), odom.header.unwrap().stamp_ns), (3, samples()[1].stamp_ns));
+        let odom: Odometry = protobuf::decode(&odometry[1].data).unwrap();
+        assert_eq!((odometry.len(), odom.stamp.as_nanos()), (3, samples()[1].stamp_ns));
         let scenes = of("/drone/scene");
         let keyframe = foxglove::SceneUpdate::decode(&scenes[1].data[..]).unwrap().entities.remove(0);
         assert_eq!((scenes.len(), keyframe.id.as_str(), keyframe.spheres.len()), (2, "keyframe 0", 1));

@@ -1,7 +1,10 @@
 //! Everything received from all vehicles, in bounded memory.
 
 use super::vehicle::Vehicle;
-use plumbline_link::net::proto;
+use plumbline_estimator::Odometry;
+use plumbline_link::net::read::Heard;
+use plumbline_record::messages::Health;
+use plumbline_record::said::FullEstimate;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -119,17 +122,17 @@ impl Fleet {
     }
 
     /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
-    pub fn odom(&mut self, name: &str, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+    pub fn odom(&mut self, name: &str, message: &Heard<Odometry>, bytes: usize, now: Instant, now_ns: i64) {
         self.update(name, now, |vehicle| vehicle.apply_odom(message, bytes, now, now_ns));
     }
 
     /// Applies an estimate of `bytes`.
-    pub fn state(&mut self, name: &str, message: &proto::State, bytes: usize, now: Instant) {
+    pub fn state(&mut self, name: &str, message: &Heard<FullEstimate>, bytes: usize, now: Instant) {
         self.update(name, now, |vehicle| vehicle.apply_state(message, bytes, now));
     }
 
     /// Applies a health message of `bytes`.
-    pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
+    pub fn health(&mut self, name: &str, message: &Heard<Health>, bytes: usize, now: Instant) {
         self.update(name, now, |vehicle| vehicle.apply_health(message, bytes, now));
     }
 
@@ -211,27 +214,13 @@ pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
 #[cfg(test)]
 mod tests {
     use super::super::channel::STALE_AFTER;
-    use super::super::vehicle::{LOST_AFTER, PastPoint};
+    use super::super::test_messages::{heard, odometry as odom, window};
+    use super::super::vehicle::LOST_AFTER;
     use super::*;
     use nalgebra::{Isometry3, Vector3};
-    use plumbline_link::net::wire;
+    use plumbline_config::Timestamp;
+    use plumbline_record::messages::PastPose;
     use std::time::Duration;
-
-    fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
-        proto::Odom {
-            header: Some(proto::Header {
-                sequence,
-                quality: 80,
-                reset_counter,
-                stamp_ns: sequence as i64 * 5_000_000,
-                ..proto::Header::default()
-            }),
-            state: proto::TrackingState::Tracking.into(),
-            pose: wire::pose(&Isometry3::translation(x, 0.0, 0.0)),
-            velocity_o_b: Some(proto::Vector3::default()),
-            ..proto::Odom::default()
-        }
-    }
 
     fn texts(fleet: &Fleet) -> Vec<&str> {
         fleet.events_since(0).map(|event| event.text.as_str()).collect()
@@ -277,12 +266,9 @@ mod tests {
 
     /// A keyframe and a window of before, as the vehicle sends them.
     fn mapped(fleet: &mut Fleet, sequence: u64, reset_counter: u32) {
-        let header = Some(proto::Header { sequence, reset_counter, ..proto::Header::default() });
-        let pose = wire::pose(&Isometry3::identity());
-        let points_o = vec![1.0; 3];
         let map = &mut fleet.vehicle("a").unwrap().map;
-        map.insert(&proto::Keyframe { header, pose, points_o: points_o.clone(), lines_o: Vec::new() });
-        map.set_scene(&proto::Scene { header, points_o, ..proto::Scene::default() });
+        map.insert(&heard(sequence, window(0, reset_counter, 1)));
+        map.set_scene(&window(0, reset_counter, 1));
     }
 
     /// What is left of path, map and window after a reset at `x`, 5 ms after a pose at `before`.
@@ -292,7 +278,9 @@ mod tests {
             fleet.odom("a", &odom(k, before * k as f64 / 99.0, 0), 100, now, 0);
         }
         mapped(&mut fleet, 0, 0);
-        fleet.odom("a", &proto::Odom { pose: wire::pose(after), ..odom(100, 0.0, 1) }, 100, now, 0);
+        let mut message = odom(100, 0.0, 1);
+        message.message.pose_o_b = *after;
+        fleet.odom("a", &message, 100, now, 0);
         let vehicle = &fleet.vehicles["a"];
         [vehicle.track.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
     }
@@ -336,9 +324,9 @@ mod tests {
         fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 2);
         assert_eq!(fleet.vehicles["a"].odom.lost, 0);
-        let past = |k: i64, reset_counter| PastPoint {
-            stamp_ns: k * 1_000_000_000,
-            p_o: Vector3::new(k as f64, 0.0, 0.0),
+        let past = |k: i64, reset_counter| PastPose {
+            stamp: Timestamp::from_nanos(k * 1_000_000_000),
+            pose_o_b: Isometry3::translation(k as f64, 0.0, 0.0),
             reset_counter,
         };
         let answer: Vec<_> = (0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect();
@@ -351,7 +339,7 @@ mod tests {
         let (mut fleet, now) = (Fleet::default(), Instant::now());
         fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
         let mut message = odom(0, 0.0, 0);
-        message.header.as_mut().unwrap().stamp_ns = 60_000_000_000;
+        message.envelope.stamp_ns = 60_000_000_000;
         fleet.odom("a", &message, 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 1);
     }
@@ -422,7 +410,7 @@ mod tests {
             came_ns: 200,
         });
         let mut message = odom(0, 0.0, 0);
-        message.header.as_mut().unwrap().published_ns = ahead_ns + 1_000_000;
+        message.envelope.published_ns = ahead_ns + 1_000_000;
         fleet.odom("a", &message, 100, now, 3_000_000);
         assert!((fleet.vehicles["a"].latency_ms.unwrap() - 2.0).abs() < 1e-9);
     }

@@ -6,11 +6,10 @@ use super::fleet::Fleet;
 use super::fleet::lock;
 use super::foxglove;
 use super::listen::apply_numbered;
-use super::recover::points;
-use super::vehicle::PastPoint;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
-use plumbline_link::net::{proto, read, security};
+use plumbline_link::net::{read, security};
+use plumbline_record::messages::{MapSaved, ResetDone, Trajectory};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -40,22 +39,21 @@ fn heard(data: &[u8]) -> Mutex<Fleet> {
 fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
     match topic {
         b'c' => {
-            let Some(clock) = read::decode::<proto::Clock>(payload) else { return };
+            let Some(clock) = read::clock(payload) else { return };
             let mut fleet = lock(fleet);
             let Some(vehicle) = fleet.vehicles.get_mut("drone") else { return };
             let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
             vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
         }
         b't' => {
-            let Some(trajectory) = read::decode::<proto::Trajectory>(payload) else { return };
-            let mut past: Vec<PastPoint> = points(&trajectory).collect();
-            past.sort_by_key(|point| point.stamp_ns);
+            let Some(Trajectory { poses: mut past }) = read::decode(payload) else { return };
+            past.sort_by_key(|pose| pose.stamp);
             if let Some(vehicle) = lock(fleet).vehicle("drone") {
                 vehicle.fill(&past);
             }
         }
-        b'r' => drop(read::decode::<proto::ResetDone>(payload)),
-        b's' => drop(read::decode::<proto::MapSaved>(payload)),
+        b'r' => drop(read::decode::<ResetDone>(payload)),
+        b's' => drop(read::decode::<MapSaved>(payload)),
         topic => {
             let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
             apply_numbered(fleet, topic, payload);

@@ -11,6 +11,7 @@ pub mod connection;
 pub mod corrected;
 pub mod drawn;
 pub mod export;
+mod fields;
 pub mod fleet;
 pub mod foxglove;
 #[cfg(any(test, feature = "fuzzing"))]
@@ -22,6 +23,8 @@ pub mod news;
 mod recover;
 pub mod report;
 mod terminal;
+#[cfg(test)]
+mod test_messages;
 pub mod track;
 pub mod vehicle;
 #[cfg(feature = "terminal")]

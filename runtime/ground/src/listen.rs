@@ -1,9 +1,18 @@
 //! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
+use super::fields::fields;
 use super::fleet::{Fleet, is_name, lock};
-use super::vehicle::Vehicle;
+use super::vehicle::{Vehicle, state_words};
 use super::{READER_HAS_LEFT, recover};
-use plumbline_link::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::{MapSnapshot, Odometry};
+use plumbline_link::net::outlet::key_of;
+use plumbline_link::net::read::{self, Heard};
+use plumbline_link::net::{Endpoints, NetError, ROOT, now_ns};
+use plumbline_record::messages::{Envelope, Health};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::topics::Topic;
+use serde_json::Value;
 use std::io::Write;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -23,8 +32,8 @@ pub async fn listen(
 ) -> Result<Session, NetError> {
     let session = endpoints.open().await?;
     let vehicle = &endpoints.vehicle;
-    for topic in Topic::ALWAYS {
-        let key = format!("{ROOT}/{vehicle}/{}", topic.key());
+    for (topic, _) in Topic::published().filter(|(topic, _)| *topic != Topic::Picture) {
+        let key = key_of(vehicle, topic);
         let fleet = Arc::clone(fleet);
         session
             .declare_subscriber(&key)
@@ -60,45 +69,13 @@ pub async fn watch_camera(
     vehicle: &str,
     fleet: &Arc<Mutex<Fleet>>,
 ) -> Result<zenoh::pubsub::Subscriber<()>, NetError> {
-    let key = format!("{ROOT}/{vehicle}/{}", Topic::Camera.key());
+    let key = key_of(vehicle, Topic::Picture);
     let fleet = Arc::clone(fleet);
     session
         .declare_subscriber(&key)
-        .callback(move |sample| receive(&fleet, Topic::Camera, &sample, false))
+        .callback(move |sample| receive(&fleet, Topic::Picture, &sample, false))
         .await
         .map_err(|error| NetError::Declare { key: key.clone(), message: error.to_string() })
-}
-
-/// Keys that vehicles publish.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Topic {
-    Odom,
-    State,
-    Health,
-    Keyframe,
-    Correction,
-    Scene,
-    Camera,
-    Path,
-}
-
-impl Topic {
-    /// Those that every station hears.
-    const ALWAYS: [Self; 7] =
-        [Self::Odom, Self::State, Self::Health, Self::Keyframe, Self::Correction, Self::Path, Self::Scene];
-
-    fn key(self) -> &'static str {
-        match self {
-            Self::Odom => "odom",
-            Self::State => "state",
-            Self::Health => "health",
-            Self::Keyframe => "map/keyframe",
-            Self::Correction => "map/correction",
-            Self::Path => "map/path",
-            Self::Scene => "scene",
-            Self::Camera => "camera",
-        }
-    }
 }
 
 /// The vehicle's name in `plumbline/<vehicle>/...`.
@@ -128,57 +105,73 @@ fn apply(
 ) {
     let (now, size) = (Instant::now(), bytes.len());
     let is_decoded = match topic {
-        Topic::Odom => read::decode::<proto::Odom>(bytes)
+        Topic::Odometry => read::heard::<Odometry>(bytes)
             .map(|message| lock(fleet).odom(vehicle, &message, size, now, received_ns)),
-        Topic::State => read::decode::<proto::State>(bytes).map(|message| {
+        Topic::FullEstimate => read::heard::<FullEstimate>(bytes).map(|message| {
             lock(fleet).state(vehicle, &message, size, now);
             if print_states && is_name(vehicle) {
                 print_state(vehicle, &message);
             }
         }),
-        Topic::Health => read::decode::<proto::Health>(bytes)
-            .map(|message| lock(fleet).health(vehicle, &message, size, now)),
-        Topic::Keyframe => taken(fleet, vehicle, bytes, |v, m: proto::Keyframe| v.map.insert(&m)),
-        Topic::Correction => {
-            taken(fleet, vehicle, bytes, |v, m: proto::MapCorrection| v.corrected.apply_correction(&m))
+        Topic::Health => {
+            read::heard::<Health>(bytes).map(|message| lock(fleet).health(vehicle, &message, size, now))
         }
-        Topic::Path => taken(fleet, vehicle, bytes, |v, m: proto::MapPath| v.corrected.apply_path(&m)),
-        Topic::Scene => taken(fleet, vehicle, bytes, |v, m: proto::Scene| v.map.set_scene(&m)),
-        Topic::Camera => taken(fleet, vehicle, bytes, |v, m: proto::Picture| v.show(m)),
+        Topic::Keyframe => {
+            taken(fleet, vehicle, read::heard::<MapSnapshot>(bytes), |v, heard| v.map.insert(&heard))
+        }
+        Topic::MapEstimate => {
+            let heard = read::heard::<MapEstimate>(bytes);
+            taken(fleet, vehicle, heard, |v, heard| v.corrected.apply_correction(heard))
+        }
+        Topic::Path => {
+            let heard = read::heard::<MapPath>(bytes);
+            taken(fleet, vehicle, heard, |v, heard| v.corrected.apply_path(&heard))
+        }
+        Topic::Window => {
+            let heard = read::heard::<MapSnapshot>(bytes);
+            taken(fleet, vehicle, heard, |v, heard| v.map.set_scene(&heard.message))
+        }
+        Topic::Picture => taken(fleet, vehicle, read::picture(bytes), Vehicle::show),
+        topic => taken(fleet, vehicle, other(topic, bytes), |v, text| _ = v.others.insert(topic, text)),
     };
     if is_decoded.is_none() {
         lock(fleet).malformed();
     }
 }
 
-/// Has a vehicle take a message that can be decoded.
-fn taken<M: prost::Message + Default + read::Checked>(
+/// Has a vehicle take a message, where it could be read.
+fn taken<M>(
     fleet: &Mutex<Fleet>,
     vehicle: &str,
-    bytes: &[u8],
+    message: Option<M>,
     take: impl FnOnce(&mut Vehicle, M),
 ) -> Option<()> {
-    let message = read::decode(bytes)?;
+    let message = message?;
     if let Some(vehicle) = lock(fleet).vehicle(vehicle) {
         take(vehicle, message);
     }
     Some(())
 }
 
-fn print_state(vehicle: &str, message: &proto::State) {
-    let (Some(header), Some(pose)) = (&message.header, message.pose.as_ref().and_then(read::isometry)) else {
-        return;
-    };
+/// Message of a topic that has no place of its own on the page, as its fields.
+fn other(topic: Topic, bytes: &[u8]) -> Option<Value> {
+    let envelope = read::decode::<Envelope>(bytes).filter(|envelope| envelope.published_ns > 0)?;
+    let record = topic.row().decode?(&envelope.message).ok().filter(|record| read::is_sound(&**record))?;
+    Some(fields(&*record))
+}
+
+fn print_state(vehicle: &str, Heard { envelope, message }: &Heard<FullEstimate>) {
+    let pose = &message.estimate.pose_o_b;
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     let line = serde_json::json!({
         "vehicle": vehicle,
-        "stamp_ns": header.stamp_ns,
-        "sequence": header.sequence,
-        "state": wire::state_words(message.state),
+        "stamp_ns": envelope.stamp_ns,
+        "sequence": envelope.sequence,
+        "state": state_words(message.estimate.state),
         "position_m": [p.x, p.y, p.z],
         "rotation_xyzw": [q.x, q.y, q.z, q.w],
-        "reset_counter": header.reset_counter,
-        "quality": header.quality,
+        "reset_counter": envelope.reset_counter,
+        "quality": envelope.quality,
     });
     // A reader of the pipe that has closed it is not an error: the command ends.
     if writeln!(std::io::stdout().lock(), "{line}").is_err() {
@@ -186,22 +179,11 @@ fn print_state(vehicle: &str, message: &proto::State) {
     }
 }
 
-#[cfg(any(test, feature = "fuzzing"))]
-const TOPICS: [Topic; 8] = [
-    Topic::Odom,
-    Topic::State,
-    Topic::Health,
-    Topic::Keyframe,
-    Topic::Correction,
-    Topic::Scene,
-    Topic::Camera,
-    Topic::Path,
-];
-
 /// Takes `bytes` as a message of a vehicle on the topic of this number, counted round.
 #[cfg(any(test, feature = "fuzzing"))]
 pub fn apply_numbered(fleet: &Mutex<Fleet>, topic: u8, bytes: &[u8]) {
-    apply(fleet, TOPICS[usize::from(topic) % TOPICS.len()], "drone", bytes, 0, false);
+    let topics: Vec<Topic> = Topic::published().map(|(topic, _)| topic).collect();
+    apply(fleet, topics[usize::from(topic) % topics.len()], "drone", bytes, 0, false);
 }
 
 #[cfg(test)]
@@ -219,10 +201,10 @@ mod tests {
     proptest! {
         #[test]
         fn whatever_comes_on_a_key_is_taken_or_counted(
-            bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..8
+            bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0u8..8
         ) {
             let fleet = Mutex::new(Fleet::default());
-            apply(&fleet, TOPICS[topic], "drone", &bytes, 0, false);
+            apply_numbered(&fleet, topic, &bytes);
             let fleet = lock(&fleet);
             prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
         }

@@ -1,7 +1,8 @@
 //! The map received from a vehicle: keyframes with their landmarks, in bounded memory.
 
 use nalgebra::Isometry3;
-use plumbline_link::net::{proto, read};
+use plumbline_estimator::MapSnapshot;
+use plumbline_link::net::read::Heard;
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 
@@ -38,6 +39,13 @@ pub struct Scene {
     pub version: u64,
 }
 
+/// Coordinates of points, and of both ends of lines, one after the other.
+fn landmarks(message: &MapSnapshot) -> (Vec<f32>, Vec<f32>) {
+    let points = message.points.iter().flat_map(|point| point.p_o.iter());
+    let lines = message.lines.iter().flat_map(|line| line.ends_o.iter().flatten());
+    (points.map(|x| *x as f32).collect(), lines.map(|x| *x as f32).collect())
+}
+
 /// Keyframes by sequence number, and in the order of arrival.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
@@ -60,10 +68,10 @@ pub struct Map {
 
 impl Map {
     /// Adds a keyframe; one that is known already is ignored.
-    pub fn insert(&mut self, message: &proto::Keyframe) {
-        let Some(header) = &message.header else { return };
-        let (sequence, stamp_ns, reset_counter) = (header.sequence, header.stamp_ns, header.reset_counter);
-        let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry) else { return };
+    pub fn insert(&mut self, Heard { envelope, message }: &Heard<MapSnapshot>) {
+        let (sequence, stamp_ns, reset_counter) =
+            (envelope.sequence, envelope.stamp_ns, envelope.reset_counter);
+        let Some(pose_o_b) = message.keyframes.first().map(|keyframe| keyframe.pose_o_b) else { return };
         self.announced = self.announced.max(sequence.saturating_add(1));
         if reset_counter < self.since_reset {
             self.first = self.first.max(sequence.saturating_add(1));
@@ -72,7 +80,7 @@ impl Map {
         if self.keyframes.contains_key(&sequence) {
             return;
         }
-        let (points_o, lines_o) = (message.points_o.clone(), message.lines_o.clone());
+        let (points_o, lines_o) = landmarks(message);
         self.numbers += points_o.len() + lines_o.len();
         self.keyframes.insert(sequence, MapKeyframe { stamp_ns, reset_counter, pose_o_b, points_o, lines_o });
         self.arrivals.push_back(sequence);
@@ -86,16 +94,13 @@ impl Map {
     }
 
     /// Replaces the window, unless it lies in a frame that is gone.
-    pub fn set_scene(&mut self, message: &proto::Scene) {
-        if message.header.as_ref().is_some_and(|header| header.reset_counter < self.since_reset) {
+    pub fn set_scene(&mut self, message: &MapSnapshot) {
+        if message.reset_counter < self.since_reset {
             return;
         }
-        self.scene = Scene {
-            keyframes: message.keyframes.iter().filter_map(read::isometry).collect(),
-            points_o: message.points_o.clone(),
-            lines_o: message.lines_o.clone(),
-            version: self.scene.version + 1,
-        };
+        let (points_o, lines_o) = landmarks(message);
+        let keyframes = message.keyframes.iter().map(|keyframe| keyframe.pose_o_b).collect();
+        self.scene = Scene { keyframes, points_o, lines_o, version: self.scene.version + 1 };
     }
 
     /// Discards all keyframes: they are counted anew.
@@ -174,41 +179,29 @@ impl Map {
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_messages::{heard, window};
     use super::*;
-    use plumbline_link::net::wire;
 
-    fn keyframe(sequence: u64, points: usize) -> proto::Keyframe {
-        proto::Keyframe {
-            header: Some(proto::Header { sequence, ..proto::Header::default() }),
-            pose: wire::pose(&Isometry3::translation(sequence as f64, 0.0, 0.0)),
-            points_o: vec![1.0; 3 * points],
-            lines_o: Vec::new(),
-        }
+    fn keyframe(sequence: u64, points: usize) -> Heard<MapSnapshot> {
+        heard(sequence, window(0, 0, points))
     }
 
-    /// After so many resets.
-    fn later(sequence: u64, reset_counter: u32) -> proto::Keyframe {
-        let mut message = keyframe(sequence, 1);
-        message.header.as_mut().unwrap().reset_counter = reset_counter;
-        message
+    fn later(sequence: u64, reset_counter: u32) -> Heard<MapSnapshot> {
+        heard(sequence, window(0, reset_counter, 1))
     }
 
     #[test]
     fn keyframes_of_an_older_odometry_frame_are_discarded_and_not_queried() {
         let mut map = Map::default();
         (0..4).for_each(|sequence| map.insert(&keyframe(sequence, 1)));
-        map.set_scene(&proto::Scene { points_o: vec![1.0; 3], ..proto::Scene::default() });
+        map.set_scene(&window(0, 0, 1));
         let (epoch, version) = (map.epoch, map.scene.version);
         map.start_frame(1);
         assert!(map.is_empty() && map.scene.points_o.is_empty());
         assert!(map.epoch > epoch && map.scene.version > version, "pages are told");
         // What was in the window at the reset is announced after it.
         [later(4, 0), later(6, 1)].iter().for_each(|message| map.insert(message));
-        map.set_scene(&proto::Scene {
-            header: keyframe(0, 0).header,
-            points_o: vec![1.0; 3],
-            ..Default::default()
-        });
+        map.set_scene(&window(0, 0, 1));
         assert!(map.scene.points_o.is_empty(), "a window of before comes late");
         assert_eq!(map.missing(64), Some(5..6));
         map.insert(&later(5, 1));

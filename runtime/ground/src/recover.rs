@@ -3,10 +3,12 @@
 
 use super::clock::Exchange;
 use super::fleet::{Fleet, lock};
-use super::vehicle::PastPoint;
-use nalgebra::Vector3;
+use plumbline_estimator::MapSnapshot;
+use plumbline_estimator::places::MapPath;
 use plumbline_link::net::answers::MAX_KEYFRAMES_PER_QUESTION;
-use plumbline_link::net::{ROOT, now_ns, proto, read};
+use plumbline_link::net::read::{self, Heard};
+use plumbline_link::net::{ROOT, now_ns};
+use plumbline_record::messages::{Clock, PastPose, Trajectory};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -80,7 +82,7 @@ async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
 async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let asked_ns = now_ns();
     let selector = format!("{ROOT}/{name}/clock");
-    let answers = get::<proto::Clock>(session, fleet, &selector, Priority::RealTime).await;
+    let answers = get::<Clock>(session, fleet, &selector, Priority::RealTime, read::clock).await;
     let came_ns = now_ns();
     if let (Some(clock), Some(vehicle)) = (answers.first(), lock(fleet).vehicles.get_mut(name)) {
         let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
@@ -90,7 +92,8 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
 
 async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, missing: Range<u64>) {
     let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
-    for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
+    let read = read::heard::<MapSnapshot>;
+    for keyframe in get::<Heard<MapSnapshot>>(session, fleet, &selector, Priority::DataLow, read).await {
         if let Some(vehicle) = lock(fleet).vehicle(name) {
             vehicle.map.insert(&keyframe);
         }
@@ -99,7 +102,8 @@ async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, miss
 
 async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let selector = format!("{ROOT}/{name}/map/path");
-    for path in get::<proto::MapPath>(session, fleet, &selector, Priority::DataLow).await {
+    let read = read::heard::<MapPath>;
+    for path in get::<Heard<MapPath>>(session, fleet, &selector, Priority::DataLow, read).await {
         if let Some(vehicle) = lock(fleet).vehicle(name) {
             vehicle.corrected.apply_path(&path);
         }
@@ -109,30 +113,22 @@ async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
 /// Queries the path so far; returns whether a reply arrived.
 async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     let selector = format!("{ROOT}/{name}/trajectory/**?step_ms={PAST_STEP_MS}");
-    let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
-    let mut past: Vec<PastPoint> = answers.iter().flat_map(points).collect();
-    past.sort_by_key(|point| point.stamp_ns);
+    let answers = get(session, fleet, &selector, Priority::DataLow, read::decode::<Trajectory>).await;
+    let mut past: Vec<PastPose> = answers.iter().flat_map(|answer| answer.poses.iter().copied()).collect();
+    past.sort_by_key(|pose| pose.stamp);
     if let Some(vehicle) = lock(fleet).vehicle(name) {
         vehicle.fill(&past);
     }
     !answers.is_empty()
 }
 
-pub(super) fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoint> {
-    let poses = answer.poses_o_b.chunks_exact(7).zip(&answer.reset_counters);
-    answer.stamps_ns.iter().zip(poses).map(|(stamp_ns, (pose, reset_counter))| PastPoint {
-        stamp_ns: *stamp_ns,
-        p_o: Vector3::new(pose[0], pose[1], pose[2]),
-        reset_counter: *reset_counter,
-    })
-}
-
 /// Replies to a query; those that cannot be decoded are counted.
-async fn get<M: prost::Message + Default + read::Checked>(
+async fn get<M>(
     session: &Session,
     fleet: &Mutex<Fleet>,
     selector: &str,
     priority: Priority,
+    read: impl Fn(&[u8]) -> Option<M>,
 ) -> Vec<M> {
     let (sender, mut replies) = tokio::sync::mpsc::channel(MAX_ANSWERS);
     let question = session
@@ -152,7 +148,7 @@ async fn get<M: prost::Message + Default + read::Checked>(
         let Some(reply) = replies.recv().await else { break };
         let Ok(sample) = reply.result() else { continue };
         let is_short = sample.payload().len() <= read::MAX_MESSAGE_BYTES;
-        let message = is_short.then(|| read::decode::<M>(&sample.payload().to_bytes())).flatten();
+        let message = is_short.then(|| read(&sample.payload().to_bytes())).flatten();
         match message {
             Some(message) => answers.push(message),
             None => lock(fleet).malformed(),
@@ -165,7 +161,7 @@ async fn get<M: prost::Message + Default + read::Checked>(
 mod tests {
     use super::*;
     use plumbline_link::net::Endpoints;
-    use prost::Message as _;
+    use plumbline_record::protobuf::encode;
     use std::net::TcpListener;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use tracing::{Event, Level, Subscriber};
@@ -194,7 +190,7 @@ mod tests {
         runtime.block_on(async {
             let vehicle =
                 Endpoints { listen: endpoint.clone(), ..Endpoints::default() }.open().await.unwrap();
-            let answer = proto::Clock { received_ns: 1, answered_ns: 2 }.encode_to_vec();
+            let answer = encode(&Clock { received_ns: 1, answered_ns: 2 });
             let endless = move |query: zenoh::query::Query| {
                 for _ in 0..8 * MAX_ANSWERS {
                     drop(zenoh::Wait::wait(query.reply("plumbline/drone/clock", answer.clone())));
@@ -206,7 +202,7 @@ mod tests {
             let mut answers = Vec::new();
             for _ in 0..50 {
                 answers =
-                    get::<proto::Clock>(&station, &fleet, "plumbline/drone/clock", Priority::RealTime).await;
+                    get(&station, &fleet, "plumbline/drone/clock", Priority::RealTime, read::clock).await;
                 if !answers.is_empty() {
                     break;
                 }

@@ -8,7 +8,14 @@ use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use plumbline_link::net::{plain, proto, read, wire};
+use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
+use plumbline_link::net::plain;
+use plumbline_link::net::read::Heard;
+use plumbline_record::messages::{Envelope, Health, PastPose, Picture as Shown};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::topics::Topic;
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -21,7 +28,7 @@ const MAX_RECORDED: usize = 1_080_000;
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// The message.
-    pub message: Arc<proto::Picture>,
+    pub message: Arc<Heard<Shown>>,
     /// Counts images.
     pub version: u64,
 }
@@ -39,6 +46,31 @@ pub struct Details {
     pub bias_gyro: Option<[f64; 3]>,
     /// Accelerometer bias, m/s^2.
     pub bias_accel: Option<[f64; 3]>,
+}
+
+impl Details {
+    fn of(e: &Estimate) -> Self {
+        let c: &NavCovariance = &e.covariance;
+        let figures = &e.figures;
+        Self {
+            position_covariance: Some([c[(0, 0)], c[(0, 1)], c[(0, 2)], c[(1, 1)], c[(1, 2)], c[(2, 2)]]),
+            points: (figures.points_tracked, figures.points_in_window),
+            lines: (figures.lines_matched, figures.lines_in_window),
+            bias_gyro: Some(e.bias_gyro.into()),
+            bias_accel: Some(e.bias_accel.into()),
+        }
+    }
+}
+
+/// Name of a tracking state.
+#[must_use]
+pub const fn state_words(state: TrackingState) -> &'static str {
+    match state {
+        TrackingState::Initialising => "initialising",
+        TrackingState::Tracking => "tracking",
+        TrackingState::Blind => "blind",
+        TrackingState::Failed => "failed",
+    }
 }
 
 /// One vehicle.
@@ -117,23 +149,14 @@ pub struct Vehicle {
     pub poses: Samples,
     /// Its map.
     pub map: Map,
+    /// Newest message of each topic that has no place of its own.
+    pub others: BTreeMap<Topic, Value>,
     /// Newest picture.
     pub picture: Option<Picture>,
     /// The newest recording.
     pub recording: Option<Samples>,
     /// Whether it is going on.
     pub is_recording: bool,
-}
-
-/// A position from the trajectory that a vehicle keeps.
-#[derive(Clone, Copy, Debug)]
-pub struct PastPoint {
-    /// Measurement time, ns.
-    pub stamp_ns: i64,
-    /// Position of the body in the odometry frame of this count of resets.
-    pub p_o: Vector3<f64>,
-    /// Resets so far.
-    pub reset_counter: u32,
 }
 
 /// Distance from the origin at which a vehicle that was just reset hard may be, m, and the time that it has moved since, s.
@@ -211,6 +234,7 @@ impl Default for Vehicle {
             has_frame: false,
             poses: Samples::new(MAX_POSES),
             map: Map::default(),
+            others: BTreeMap::new(),
             picture: None,
             recording: None,
             is_recording: false,
@@ -227,110 +251,98 @@ impl Vehicle {
     }
 
     /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
-    pub fn apply_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
-        let Some(header) = &message.header else { return };
-        let place = self.odom.receive(header.sequence, header.published_ns, bytes, now);
+    pub fn apply_odom(&mut self, heard: &Heard<Odometry>, bytes: usize, now: Instant, now_ns: i64) {
+        let Heard { envelope, message } = heard;
+        let place = self.odom.receive(envelope.sequence, envelope.published_ns, bytes, now);
         if place == Place::Late {
             return;
         }
         self.is_after_reset |= place == Place::Restarted;
-        self.apply_header(header, message.state);
+        self.apply_envelope(envelope, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
-        let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
+        let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(envelope.published_ns);
         self.delays.record(delay_ns);
         let latency_ms = delay_ns as f64 * 1e-6;
         self.latency_ms = Some(self.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old)));
-        self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
-        if let Some(rate) = &message.angular_rate_b {
-            self.rate_b = Vector3::new(rate.x, rate.y, rate.z);
-        }
-        for (sigma, sent) in self.sigmas.iter_mut().zip(&message.sigmas) {
-            *sigma = *sent;
-        }
+        self.apply_motion(&message.pose_o_b, &message.v_o_b);
+        self.rate_b = message.angular_rate_b;
+        self.sigmas = std::array::from_fn(|k| message.covariance[(k, k)].max(0.0).sqrt());
         if self.is_recording {
             self.record();
         }
     }
 
     /// Applies an estimate of `bytes`.
-    pub fn apply_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
-        let Some(header) = &message.header else { return };
-        let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
+    pub fn apply_state(&mut self, heard: &Heard<FullEstimate>, bytes: usize, now: Instant) {
+        let Heard { envelope, message: FullEstimate { estimate, .. } } = heard;
+        let is_newest = envelope.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
         self.is_after_reset |=
-            self.state.receive(header.sequence, header.published_ns, bytes, now) == Place::Restarted;
+            self.state.receive(envelope.sequence, envelope.published_ns, bytes, now) == Place::Restarted;
         if is_newest {
-            self.apply_header(header, message.state);
-            self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+            self.apply_envelope(envelope, estimate.state);
+            self.apply_motion(&estimate.pose_o_b, &estimate.v_o_b);
         }
-        self.bits = message.health_bits;
-        self.health_words = wire::health_words(message.health_bits);
-        let three = |v: &Option<proto::Vector3>| v.as_ref().map(|v| [v.x, v.y, v.z]);
-        let c = &message.covariance;
-        self.details = Details {
-            position_covariance: (c.len() == 45).then(|| [c[0], c[1], c[2], c[9], c[10], c[17]]),
-            points: (message.points_tracked, message.points_in_window),
-            lines: (message.lines_tracked, message.lines_in_window),
-            bias_gyro: three(&message.bias_gyro),
-            bias_accel: three(&message.bias_accel),
-        };
-        if let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry).filter(|_| header.quality >= 0)
-        {
-            let velocity = message.velocity_o_b.unwrap_or_default();
+        self.apply_bits(estimate.health);
+        self.details = Details::of(estimate);
+        if envelope.quality >= 0 {
             self.poses.push(PoseSample {
-                stamp_ns: header.stamp_ns,
-                pose_o_b,
-                v_o_b: Vector3::new(velocity.x, velocity.y, velocity.z),
-                quality: header.quality,
-                reset_counter: header.reset_counter,
+                stamp_ns: envelope.stamp_ns,
+                pose_o_b: estimate.pose_o_b,
+                v_o_b: estimate.v_o_b,
+                quality: envelope.quality.into(),
+                reset_counter: envelope.reset_counter,
             });
         }
     }
 
     /// Applies a health message of `bytes`.
-    pub fn apply_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
-        let Some(header) = &message.header else { return };
-        self.health.receive(header.sequence, header.published_ns, bytes, now);
+    pub fn apply_health(&mut self, heard: &Heard<Health>, bytes: usize, now: Instant) {
+        let Heard { envelope, message } = heard;
+        self.health.receive(envelope.sequence, envelope.published_ns, bytes, now);
         // Odometry is newer than the frame of this message: taking both, the state would alternate.
         if self.odom.is_stale(now) {
-            self.state_words = wire::state_words(message.state);
+            self.state_words = state_words(message.state);
         }
-        self.bits = message.bits;
-        self.health_words = wire::health_words(message.bits);
-        self.notices = message.notices.iter().map(|notice| plain(notice)).collect();
-        self.bad_stamps = [message.frames_restamped, message.frames_refused, message.samples_refused];
-        self.rung = (!message.rung_words.is_empty()).then(|| plain(&message.rung_words));
+        self.apply_bits(message.bits);
+        let sensors = &message.sensors;
+        self.notices = sensors.notices.iter().map(|notice| plain(notice)).collect();
+        self.bad_stamps = [sensors.frames.restamped, sensors.frames.refused, sensors.samples.refused];
+        self.rung = (!message.ladder.name.is_empty()).then(|| plain(&message.ladder.name));
         self.frame_ms = message.frame_ms;
         self.frame_rate_hz = message.frame_rate_hz;
         self.dropped = message.dropped;
         self.offers_camera = message.offers_camera;
-        self.rot_v_b = message.rotation_v_b.as_ref().and_then(read::rotation);
+        self.rot_v_b = message.rot_v_b;
         if message.keyframes < self.map.announced {
             self.map.clear();
         }
         self.map.announced = self.map.announced.max(message.keyframes);
+        self.corrected.announce(message.paths);
     }
 
-    fn apply_header(&mut self, header: &proto::Header, state: i32) {
-        self.stamp_ns = header.stamp_ns;
-        self.quality = header.quality.clamp(-1, 100);
-        self.is_after_reset |= header.reset_counter != self.resets;
-        self.resets = header.reset_counter;
+    fn apply_bits(&mut self, bits: HealthBits) {
+        self.bits = bits.0;
+        self.health_words = bits.names().map(str::to_owned).collect();
+    }
+
+    fn apply_envelope(&mut self, envelope: &Envelope, state: TrackingState) {
+        self.stamp_ns = envelope.stamp_ns;
+        self.quality = i32::from(envelope.quality).clamp(-1, 100);
+        self.is_after_reset |= envelope.reset_counter != self.resets;
+        self.resets = envelope.reset_counter;
         if !std::mem::replace(&mut self.has_frame, true) {
             self.map.start_frame(self.resets);
         }
-        self.state_words = wire::state_words(state);
+        self.state_words = state_words(state);
     }
 
-    fn apply_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
-        if let Some(v) = velocity {
-            self.v_o_b = Vector3::new(v.x, v.y, v.z);
-        }
-        let Some(pose) = pose.and_then(read::isometry) else { return };
-        self.pose_o_b = (self.quality >= 0).then_some(pose);
+    fn apply_motion(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>) {
+        self.v_o_b = *velocity;
+        self.pose_o_b = (self.quality >= 0).then_some(*pose);
         if self.quality < 0 {
             return;
         }
-        let now = Motion { stamp_ns: self.stamp_ns, pose_o_b: pose, speed_m_s: self.v_o_b.norm() };
+        let now = Motion { stamp_ns: self.stamp_ns, pose_o_b: *pose, speed_m_s: self.v_o_b.norm() };
         let last = self.last_motion.replace(now);
         // A jump without a reset is the distance flown during an interruption of the link.
         let is_after_reset = std::mem::take(&mut self.is_after_reset);
@@ -342,14 +354,15 @@ impl Vehicle {
     }
 
     /// Applies the trajectory that it keeps, in order of time; only points since its last reset are used.
-    pub fn fill(&mut self, past: &[PastPoint]) {
-        let same = past.iter().filter(|point| point.reset_counter == self.resets);
-        let path: Vec<_> = same.map(|point| (point.stamp_ns, point.p_o)).collect();
+    pub fn fill(&mut self, past: &[PastPose]) {
+        let same = past.iter().filter(|past| past.reset_counter == self.resets);
+        let place = |past: &PastPose| (past.stamp.as_nanos(), past.pose_o_b.translation.vector);
+        let path: Vec<_> = same.map(place).collect();
         self.track.fill(&path);
     }
 
     /// Applies a camera image.
-    pub fn show(&mut self, message: proto::Picture) {
+    pub fn show(&mut self, message: Heard<Shown>) {
         let version = self.picture.as_ref().map_or(0, |picture| picture.version) + 1;
         self.picture = Some(Picture { message: Arc::new(message), version });
     }

@@ -201,8 +201,11 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_messages::{health, heard, odometry};
     use super::*;
-    use plumbline_link::net::proto;
+    use plumbline_estimator::places::MapEstimate;
+    use plumbline_estimator::{HealthBits, TrackingState};
+    use plumbline_record::messages::Health;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -228,15 +231,9 @@ mod tests {
     fn a_pose_without_a_valid_estimate_is_none() {
         let (mut fleet, now) = (Fleet::default(), Instant::now());
         fleet.alive("drone", true);
-        let message = proto::Odom {
-            header: Some(proto::Header { sequence: 1, quality: -1, ..proto::Header::default() }),
-            state: proto::TrackingState::Failed.into(),
-            pose: Some(proto::Pose {
-                position_o_b: Some(proto::Vector3::default()),
-                rotation_o_b: Some(proto::Quaternion { w: 1.0, ..proto::Quaternion::default() }),
-            }),
-            ..proto::Odom::default()
-        };
+        let mut message = odometry(1, 0.0, 0).message;
+        (message.quality, message.state) = (-1, TrackingState::Failed);
+        let message = heard(1, message);
         fleet.odom("drone", &message, 100, now, 0);
         let shown = text(&fleet, now);
         for part in ["position  no pose", "attitude  unknown", "velocity  unknown", "no valid estimate"] {
@@ -249,28 +246,16 @@ mod tests {
         let mut fleet = Fleet::default();
         let now = Instant::now();
         fleet.alive("drone", true);
-        let message = proto::Odom {
-            header: Some(proto::Header { sequence: 1, quality: 87, ..proto::Header::default() }),
-            state: proto::TrackingState::Tracking.into(),
-            pose: Some(proto::Pose {
-                position_o_b: Some(proto::Vector3 { x: 1.25, y: -2.5, z: 0.75 }),
-                rotation_o_b: Some(proto::Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
-            }),
-            velocity_o_b: Some(proto::Vector3 { x: 0.5, y: 0.0, z: 0.0 }),
-            ..proto::Odom::default()
-        };
-        fleet.odom("drone", &message, 100, now, 0);
-        let health = proto::Health {
-            header: message.header,
-            state: message.state,
-            bits: 1 << 3,
-            rotation_v_b: Some(proto::Quaternion { w: 1.0, ..proto::Quaternion::default() }),
-            ..proto::Health::default()
-        };
+        let mut message = odometry(1, 0.0, 0).message;
+        (message.quality, message.v_o_b.x) = (87, 0.5);
+        message.pose_o_b = nalgebra::Isometry3::translation(1.25, -2.5, 0.75);
+        fleet.odom("drone", &heard(1, message), 100, now, 0);
+        let mounted = Some(nalgebra::UnitQuaternion::identity());
+        let mut health =
+            health(1, Health { bits: HealthBits(1 << 3), rot_v_b: mounted, ..Health::default() });
         fleet.health("drone", &health, 100, now);
-        let header = Some(proto::Header::default());
-        let correction = proto::MapCorrection { header, keyframes: 2, ..Default::default() };
-        fleet.vehicle("drone").unwrap().corrected.apply_correction(&correction);
+        let correction = MapEstimate { keyframes: 2, ..MapEstimate::default() };
+        fleet.vehicle("drone").unwrap().corrected.apply_correction(heard(0, correction));
         let shown = text(&fleet, now);
         let attitude = "roll   +0.0°  pitch  +0.0°  heading 000°";
         for part in [
@@ -293,9 +278,9 @@ mod tests {
         }
         // Without a mounting there is no attitude, and the operator learns why, once.
         let notices = vec!["mounting unknown: set it".to_owned()];
-        let unmounted = proto::Health { rotation_v_b: None, notices, frames_restamped: 3, ..health };
-        fleet.health("drone", &unmounted, 100, now);
-        fleet.health("drone", &unmounted, 100, now);
+        (health.message.rot_v_b, health.message.sensors.notices) = (None, notices);
+        fleet.health("drone", &health, 100, now);
+        fleet.health("drone", &health, 100, now);
         let shown = text(&fleet, now);
         assert!(
             shown.contains("attitude  unknown") && shown.contains("few features, mounting unknown"),

@@ -4,11 +4,11 @@ use crate::net::{Commands, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
 use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
-use plumbline_flight::local::messages::proto::Configuration;
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
 use plumbline_flight::local::{Client, ClientError, Failure, Record};
 use plumbline_flight::pipeline::Stamps;
+use plumbline_record::messages::Configuration;
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
@@ -20,17 +20,9 @@ use thiserror::Error;
 const GREETING_PATIENCE: Duration = Duration::from_secs(5);
 /// The stop flag is looked at this often.
 const GLANCE: Duration = Duration::from_millis(50);
-/// Records that the network needs. Pictures are asked for while somebody looks.
-const WANTED: Kinds = Kinds::of(&[
-    Kind::Odometry,
-    Kind::Configuration,
-    Kind::FullEstimate,
-    Kind::MapEstimate,
-    Kind::Window,
-    Kind::Path,
-    Kind::Ladder,
-    Kind::Sensors,
-]);
+/// Records that the network needs: all but the main part of estimates, which are complete in others. Pictures are asked for while
+/// somebody looks.
+const WANTED: Kinds = Kinds::SUBSCRIBABLE.without(Kind::Estimate);
 
 /// What the command line adds to the configuration of the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -154,7 +146,7 @@ fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands,
         let ended = loop {
             match client.next_record() {
                 Ok(Record::End) => break Ended::FlightOver,
-                Ok(record) => outputs.take(record, commands),
+                Ok(record) => outputs.take(record, client.content(), commands),
                 Err(error) => {
                     if !matches!(error, ClientError::Closed) && !stop.load(Ordering::Relaxed) {
                         tracing::warn!("{error}");
@@ -212,29 +204,15 @@ impl Outputs {
         start(config, &endpoints, Arc::clone(commands)).map(Some)
     }
 
-    fn take(&mut self, record: Record, commands: &Commands) {
+    fn take(&mut self, record: Record, message: &[u8], commands: &Commands) {
         if let Some((_, ros)) = &mut self.ros {
             ros.take(&record);
         }
         if let Record::Answer(answer) = record {
             return commands.take(answer);
         }
-        let Some((_, feed)) = &mut self.net else { return };
-        match record {
-            Record::Odometry(odometry, handed_over_ns) => feed.odometry(*odometry, handed_over_ns),
-            Record::Estimate(estimate, frame_ms) => feed.estimate(*estimate, frame_ms),
-            Record::MapEstimate(estimate) => feed.map_estimate(estimate),
-            Record::Window(snapshot) => feed.window(snapshot),
-            Record::Path(path) => feed.path(path),
-            Record::Picture(shot) => feed.picture(shot),
-            Record::Ladder(level) => feed.rung(level),
-            Record::Sensors(news) => feed.sensors(news),
-            Record::Lost(count) => feed.lost(count),
-            Record::Hello(_)
-            | Record::Answer(_)
-            | Record::Configuration(_)
-            | Record::End
-            | Record::Other(_) => {}
+        if let Some((_, feed)) = &mut self.net {
+            feed.take(record, message);
         }
     }
 

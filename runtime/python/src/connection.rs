@@ -49,7 +49,7 @@ enum Known {
 }
 
 fn known(header: &Header, content: &[u8]) -> Result<Known, &'static str> {
-    Ok(match Kind::of_number(header.kind) {
+    Ok(match Kind::of_kind(header.kind) {
         Some(Kind::Odometry) => Known::Odometry(PyOdometry { odometry: layout::odometry(content)?.0 }),
         Some(Kind::FullEstimate) => {
             let FullEstimate { estimate, .. } = decode(content)?;

@@ -3,7 +3,7 @@
 use crate::arrays::view;
 use nalgebra::{Isometry3, SMatrix, Vector3};
 use plumbline_estimator::estimate::{FrameFigures, NavCovariance, TrackingState};
-use plumbline_estimator::{Estimate, HealthBits, Odometry};
+use plumbline_estimator::{Estimate, Odometry};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -156,8 +156,7 @@ impl PyEstimate {
     /// Names of the bits of `health`.
     #[getter]
     fn health_names(&self) -> Vec<&'static str> {
-        let names = HealthBits::NAMES.iter().filter(|(bit, _)| self.estimate.health.contains(*bit));
-        names.map(|(_, name)| *name).collect()
+        self.estimate.health.names().collect()
     }
 
     /// Number of resets so far: the pose may jump where it changes.

@@ -75,7 +75,7 @@ fn read(path: &Path) -> Result<(LogReader, Content, Option<String>), LogError> {
             Err(error) => return Err(error),
         };
         if let Err(what) = content.add(channel, payload) {
-            let reason = format!("{} holds {what}; it was not written by a recorder", channel.topic());
+            let reason = format!("{} holds {what}; it was not written by a recorder", channel.channel());
             return Err(LogError::Unusable { path: path.to_owned(), reason });
         }
     };

@@ -25,7 +25,12 @@ impl Digest {
             match value {
                 Value::Whole(number) => self.integer(number),
                 Value::Floats(runs) => runs.into_iter().flatten().for_each(|number| self.number(*number)),
-                Value::Missing | Value::Bytes(_) | Value::Part(_) => {}
+                Value::Missing
+                | Value::Bytes(_)
+                | Value::Part(_)
+                | Value::Singles(_)
+                | Value::Text(_)
+                | Value::Items(_) => {}
             }
         }
     }

@@ -21,8 +21,14 @@ pub enum Value<'a> {
     Floats([&'a [f64]; 2]),
     /// Bytes; a part that is still encoded.
     Bytes(&'a [u8]),
+    /// Real numbers of single precision.
+    Singles(&'a [f32]),
+    /// Text.
+    Text(&'a str),
     /// Record inside the record.
     Part(&'a dyn Parts),
+    /// List of records, or of texts.
+    Items(&'a dyn Items),
     /// No value: the field is absent.
     Missing,
 }
@@ -80,10 +86,18 @@ pub enum Shape {
     FloatsIfKnown,
     /// 9x9 `repeated double` by columns; the upper triangle by rows in fixed layouts.
     Covariance,
+    /// `repeated float`: real numbers that single precision is enough for.
+    Singles,
     /// `bytes`.
     Bytes,
+    /// `string`.
+    Text,
     /// Message of this name.
     Message(&'static str),
+    /// List of messages of this name.
+    Messages(&'static str),
+    /// `repeated string`.
+    Texts,
 }
 
 /// Enumeration of the log's schema.
@@ -118,6 +132,8 @@ pub struct About {
     pub at: Option<usize>,
     /// Place among the columns of a table, from 1, and their names; none where it is left out.
     pub columns: (u8, &'static [&'static str]),
+    /// Items of a list, bytes of a text, or numbers at most, where it comes from the network; 0 for the bound of all.
+    pub most: usize,
 }
 
 /// A field of `T`.
@@ -143,7 +159,7 @@ impl<T> Field<T> {
         get: fn(&T) -> Value<'_>,
         set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
     ) -> Self {
-        let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]) };
+        let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]), most: 0 };
         Self { about, get, get_for_digest: get, set, open: |_| None }
     }
 
@@ -151,6 +167,27 @@ impl<T> Field<T> {
     #[must_use]
     pub const fn opened(mut self, open: fn(&mut T) -> Option<&mut dyn Parts>) -> Self {
         self.open = open;
+        self
+    }
+
+    /// Returns the field with its bound where it comes from the network: items of a list, bytes of a text, or numbers.
+    #[must_use]
+    pub const fn at_most(mut self, most: usize) -> Self {
+        self.about.most = most;
+        self
+    }
+
+    /// Returns the field as one number, which is 0 where it is absent.
+    #[must_use]
+    pub const fn one(mut self) -> Self {
+        self.about.shape = Shape::Double;
+        self
+    }
+
+    /// Returns the field as numbers of single precision.
+    #[must_use]
+    pub const fn single(mut self) -> Self {
+        self.about.shape = Shape::Singles;
         self
     }
 
@@ -209,6 +246,34 @@ pub trait Parts {
     fn append(&self, to: &mut Vec<u8>);
 }
 
+/// List inside a record.
+pub trait Items {
+    /// Number of items.
+    fn count(&self) -> usize;
+    /// Item `at`, a part or a text.
+    fn item(&self, at: usize) -> Value<'_>;
+}
+
+impl<T: Record> Items for Vec<T> {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn item(&self, at: usize) -> Value<'_> {
+        self.as_slice().get(at).map_or(Value::Missing, |item| Value::Part(item))
+    }
+}
+
+impl Items for Vec<String> {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn item(&self, at: usize) -> Value<'_> {
+        self.as_slice().get(at).map_or(Value::Missing, |text| Value::Text(text))
+    }
+}
+
 /// Type of a field.
 pub trait Part {
     /// Its form.
@@ -255,6 +320,7 @@ macro_rules! whole {
 whole! {
     u64, Uint64, |v| *v as i64, |v| Ok(v as u64);
     u32, Uint32, |v| i64::from(*v), |v| Ok(v as u32);
+    i64, Int64, |v| *v, Ok;
     i8, Sint32, |v| i64::from(*v), |v| i8::try_from(v).map_err(|_| "a quality out of range");
     bool, Flag, |v| i64::from(*v), |v| Ok(v != 0);
     Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
@@ -378,6 +444,56 @@ impl Part for Option<Isometry3<f64>> {
     }
 }
 
+impl Part for Option<UnitQuaternion<f64>> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, |rotation| Value::Floats([&[], rotation.coords.as_slice()]))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => {
+                let [x, y, z, w] = value.numbers("a rotation has not four numbers")?;
+                Some(UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
+            }
+        };
+        Ok(())
+    }
+}
+
+impl Part for Option<f64> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, |number| Value::floats(from_ref(number)))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => Some(value.numbers::<1>("not one number")?[0]),
+        };
+        Ok(())
+    }
+}
+
+/// Both ends of a line.
+impl Part for [Vector3<f64>; 2] {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::Floats([self[0].as_slice(), self[1].as_slice()])
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let [a, b, c, d, e, f] = value.numbers("a line has not six numbers")?;
+        *self = [Vector3::new(a, b, c), Vector3::new(d, e, f)];
+        Ok(())
+    }
+}
+
 impl Part for NavCovariance {
     const SHAPE: Shape = Shape::Covariance;
 
@@ -385,8 +501,12 @@ impl Part for NavCovariance {
         Value::floats(self.as_slice())
     }
 
+    /// Nine numbers are its diagonal: what a brief message has of it.
     fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?);
+        *self = match value.numbers::<9>("") {
+            Ok(diagonal) => Self::from_diagonal(&SVector::from(diagonal)),
+            Err(_) => Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?),
+        };
         Ok(())
     }
 }
@@ -419,6 +539,71 @@ impl Part for Vec<u8> {
         self.clear();
         if let Value::Bytes(bytes) = value {
             self.extend(bytes);
+        }
+        Ok(())
+    }
+}
+
+impl Part for String {
+    const SHAPE: Shape = Shape::Text;
+
+    fn get(&self) -> Value<'_> {
+        Value::Text(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = text_of(value)?;
+        Ok(())
+    }
+}
+
+/// Text of bytes; none where the field is absent.
+fn text_of(value: Value<'_>) -> Result<String, &'static str> {
+    match value {
+        Value::Bytes(bytes) => Ok(str::from_utf8(bytes).map_err(|_| "a text is not UTF-8")?.to_owned()),
+        _ => Ok(String::new()),
+    }
+}
+
+/// Texts of a list, at most.
+const MAX_TEXTS: usize = 256;
+
+/// A list of texts, which come one by one.
+impl Part for Vec<String> {
+    const SHAPE: Shape = Shape::Texts;
+
+    fn get(&self) -> Value<'_> {
+        Value::Items(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        if matches!(value, Value::Missing) {
+            return Ok(());
+        }
+        if self.len() >= MAX_TEXTS {
+            return Err("a list is too long");
+        }
+        self.push(text_of(value)?);
+        Ok(())
+    }
+}
+
+/// A list of groups of numbers, one after the other.
+impl<const N: usize> Part for Vec<[f32; N]> {
+    const SHAPE: Shape = Shape::Singles;
+
+    fn get(&self) -> Value<'_> {
+        Value::Singles(self.as_flattened())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        self.clear();
+        if let Value::Bytes(bytes) = value {
+            let (numbers, []) = bytes.as_chunks::<4>() else { return Err("a number is cut short") };
+            let (groups, []) = numbers.as_chunks::<N>() else {
+                return Err("a group of numbers is cut short");
+            };
+            self.extend(groups.iter().map(|group| group.map(f32::from_le_bytes)));
         }
         Ok(())
     }

@@ -11,6 +11,9 @@
 
 #![deny(clippy::disallowed_methods)]
 
+#[macro_use]
+mod declare;
+
 pub mod columns;
 pub mod compare;
 pub mod digest;
@@ -18,15 +21,21 @@ pub mod event;
 pub mod fields;
 pub mod layout;
 pub mod local;
+#[cfg(test)]
+mod made_tests;
+pub mod messages;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;
+mod row;
 pub mod said;
 pub mod schema;
 pub mod tables;
 #[cfg(test)]
 mod tests;
+pub mod topics;
 
 pub use event::{Event, Severity};
 pub use orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
-pub use said::{Dropped, Kind, Said};
+pub use said::{Dropped, Kind};
+pub use topics::Said;

@@ -8,6 +8,8 @@ use prost::encoding::{
 
 /// Numbers of a field at most: a covariance.
 const MAX_NUMBERS: usize = 81;
+/// Rows and columns of a covariance.
+const ROWS: usize = 9;
 const NO_MESSAGE: &str = "not a message of its schema";
 
 /// Message of `record`.
@@ -25,6 +27,23 @@ pub fn append<T: Record>(record: &T, to: &mut Vec<u8>) {
             append_value(tag, field.about.shape, (field.get)(record), to);
         }
     }
+}
+
+/// Message of `record` with no more of a covariance than its diagonal.
+#[must_use]
+pub fn encode_brief<T: Record>(record: &T) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for tag in 1..=T::FIELDS.len() as u32 {
+        let Some(field) = field_of::<T>(tag) else { continue };
+        match (field.about.shape, (field.get)(record)) {
+            (Shape::Covariance, Value::Floats([numbers, _])) => {
+                let diagonal: heapless::Vec<f64, ROWS> = numbers.iter().step_by(ROWS + 1).copied().collect();
+                append_value(tag, Shape::Floats, Value::floats(&diagonal), &mut bytes);
+            }
+            (shape, value) => append_value(tag, shape, value, &mut bytes),
+        }
+    }
+    bytes
 }
 
 fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
@@ -50,7 +69,23 @@ fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
                 to.extend(number.to_le_bytes());
             }
         }
-        Value::Floats([[], []]) | Value::Bytes([]) | Value::Missing => {}
+        Value::Floats([[], []])
+        | Value::Bytes([])
+        | Value::Singles([])
+        | Value::Text("")
+        | Value::Missing => {}
+        Value::Floats([first, second]) if shape == Shape::Singles => {
+            encode_key(tag, WireType::LengthDelimited, to);
+            encode_varint(4 * (first.len() + second.len()) as u64, to);
+            first.iter().chain(second).for_each(|number| to.extend((*number as f32).to_le_bytes()));
+        }
+        Value::Singles(numbers) => {
+            encode_key(tag, WireType::LengthDelimited, to);
+            encode_varint(4 * numbers.len() as u64, to);
+            numbers.iter().for_each(|number| to.extend(number.to_le_bytes()));
+        }
+        Value::Text(text) => append_bytes(tag, text.as_bytes(), to),
+        Value::Items(items) => (0..items.count()).for_each(|at| append_item(tag, items.item(at), to)),
         Value::Floats([first, second]) => {
             encode_key(tag, WireType::LengthDelimited, to);
             encode_varint(8 * (first.len() + second.len()) as u64, to);
@@ -62,6 +97,19 @@ fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
             part.append(&mut bytes);
             append_bytes(tag, &bytes, to);
         }
+    }
+}
+
+/// Appends an item of a list, which is there also where it is empty.
+fn append_item(tag: u32, item: Value<'_>, to: &mut Vec<u8>) {
+    match item {
+        Value::Text(text) => append_bytes(tag, text.as_bytes(), to),
+        Value::Part(part) => {
+            let mut bytes = Vec::new();
+            part.append(&mut bytes);
+            append_bytes(tag, &bytes, to);
+        }
+        _ => {}
     }
 }
 
@@ -91,7 +139,8 @@ pub fn decode<T: Record>(mut bytes: &[u8]) -> Result<T, &'static str> {
         }
     }
     for field in T::FIELDS.iter().filter(|field| field.about.tag > 0 && seen & (1 << field.about.tag) == 0) {
-        (field.set)(&mut record, Value::Missing)?;
+        let absent = if field.about.shape == Shape::Double { Value::floats(&[0.0]) } else { Value::Missing };
+        (field.set)(&mut record, absent)?;
     }
     Ok(record)
 }
@@ -105,9 +154,11 @@ fn set<T: Record>(
 ) -> Result<(), &'static str> {
     let shape = field.about.shape;
     match (shape, wire) {
-        (Shape::Bytes | Shape::Message(_), WireType::LengthDelimited) => {
-            (field.set)(record, Value::Bytes(delimited(bytes)?))
-        }
+        (
+            Shape::Bytes | Shape::Text | Shape::Texts | Shape::Message(_) | Shape::Messages(_),
+            WireType::LengthDelimited,
+        ) => (field.set)(record, Value::Bytes(delimited(bytes)?)),
+        (Shape::Singles, WireType::LengthDelimited) => set_singles(field, record, delimited(bytes)?),
         (Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance, WireType::LengthDelimited) => {
             let (numbers, []) = delimited(bytes)?.as_chunks::<8>() else { return Err(NO_MESSAGE) };
             let mut all = heapless::Vec::<f64, MAX_NUMBERS>::new();
@@ -121,7 +172,16 @@ fn set<T: Record>(
             *bytes = rest;
             (field.set)(record, Value::floats(&[f64::from_le_bytes(*number)]))
         }
-        (Shape::Bytes | Shape::Double | Shape::Message(_), _)
+        (
+            Shape::Bytes
+            | Shape::Text
+            | Shape::Texts
+            | Shape::Double
+            | Shape::Singles
+            | Shape::Message(_)
+            | Shape::Messages(_),
+            _,
+        )
         | (Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance, _) => Err(NO_MESSAGE),
         (shape, WireType::Varint) => {
             let number = decode_varint(bytes).map_err(|_| NO_MESSAGE)?;
@@ -136,6 +196,19 @@ fn set<T: Record>(
         }
         _ => Err(NO_MESSAGE),
     }
+}
+
+/// Reads numbers of single precision: few that the record has in double precision, or a list as it is.
+fn set_singles<T: Record>(field: &Field<T>, record: &mut T, bytes: &[u8]) -> Result<(), &'static str> {
+    if matches!((field.get)(record), Value::Singles(_)) {
+        return (field.set)(record, Value::Bytes(bytes));
+    }
+    let (numbers, []) = bytes.as_chunks::<4>() else { return Err(NO_MESSAGE) };
+    let mut all = heapless::Vec::<f64, MAX_NUMBERS>::new();
+    for number in numbers {
+        all.push(f32::from_le_bytes(*number).into()).map_err(|_| "a field has too many numbers")?;
+    }
+    (field.set)(record, Value::floats(&all))
 }
 
 /// Takes bytes behind their length.
@@ -180,5 +253,27 @@ impl<T: Record> Part for T {
 
     fn open(&mut self) -> Option<&mut dyn Parts> {
         Some(self)
+    }
+}
+
+/// Items of a list, at most.
+const MAX_ITEMS: usize = 65_536;
+
+/// A list of records, which come one by one.
+impl<T: Record> Part for Vec<T> {
+    const SHAPE: Shape = Shape::Messages(T::NAME);
+
+    fn get(&self) -> Value<'_> {
+        Value::Items(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        if let Value::Bytes(bytes) = value {
+            if self.len() >= MAX_ITEMS {
+                return Err("a list is too long");
+            }
+            self.push(decode(bytes)?);
+        }
+        Ok(())
     }
 }

@@ -1,51 +1,25 @@
-//! One thing that a flight says, and what is counted of those that were not recorded.
+//! What a flight says besides records of the estimator, and what is counted of entries that were not recorded.
 
 use crate::event::Event;
-use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
-use plumbline_drivers::ImuReading;
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
+use crate::fields::{Parts, Record};
+use plumbline_estimator::Estimate;
 use std::fmt;
 
-/// Input, order, output or event of a flight: a value of fixed size, copied without allocation. Images are handed over
-/// apart.
-// The estimate is the largest by far, and boxing it would allocate.
-#[allow(clippy::large_enum_variant)]
-#[derive(Clone, Debug)]
-pub enum Said {
-    /// Inertial sample, as the odometry is given it.
-    Imu(ImuReading),
-    /// What became of a frame.
-    Order(FrameOrder),
-    /// When an estimate took effect on the odometry.
-    Correction(CorrectionOrder),
-    /// Reset on request, or after a fault.
-    Reset(ResetOrder),
-    /// What became of a frame that was to be given to the map: by the front-end one that was passed over, by the window one
-    /// that takes effect.
-    MapOrder(MapOrder),
-    /// Estimate, once for each frame.
-    Estimate(FullEstimate),
-    /// Where the odometry lies in the map, once for each estimate, just before it.
-    MapEstimate(MapEstimate),
-    /// Odometry, once for each inertial sample after the first pose.
-    Odometry(Odometry),
-    /// Something that people want to know.
-    Event(Event),
+/// Record of a flight, if it is one: an event is drawn instead.
+pub trait Told {
+    /// The record.
+    fn record(&self) -> Option<&dyn Parts>;
 }
 
-impl Said {
-    /// Its kind.
-    #[must_use]
-    pub fn kind(&self) -> Kind {
-        match self {
-            Self::Imu(_) => Kind::Imu,
-            Self::Order(_) | Self::Correction(_) | Self::Reset(_) | Self::MapOrder(_) => Kind::Order,
-            Self::Estimate(_) => Kind::Estimate,
-            Self::Odometry(_) => Kind::Odometry,
-            Self::Event(_) => Kind::Event,
-            Self::MapEstimate(_) => Kind::MapEstimate,
-        }
+impl<T: Record> Told for T {
+    fn record(&self) -> Option<&dyn Parts> {
+        Some(self)
+    }
+}
+
+impl Told for Event {
+    fn record(&self) -> Option<&dyn Parts> {
+        None
     }
 }
 

@@ -1,9 +1,11 @@
-//! The schema of the log's messages, made of the tables: as descriptors, which stand in every log, and as the text of
+//! The schema of the log's messages, made of the tables: descriptors, which stand in every log. A test writes the text of
 //! `proto/plumbline/v1/log.proto`, for programs that read the log or the local socket.
 
-use crate::fields::{About, Enumeration, Record, Shape};
+use crate::fields::{About, Enumeration, Shape};
 use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::parts::{FrameAbout, ImageAbout, Recording};
+use crate::row::Message;
+use crate::topics::Topic;
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry};
@@ -13,40 +15,15 @@ use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
     FileDescriptorProto, FileDescriptorSet,
 };
-use std::collections::BTreeSet;
-use std::fmt::Write as _;
 
 /// Package of the messages.
 pub const PACKAGE: &str = "plumbline.v1.log";
 /// File of the text.
 const FILE: &str = "plumbline/v1/log.proto";
 
-/// A message of the schema.
-struct Message {
-    name: &'static str,
-    about: &'static str,
-    fields: Vec<&'static About>,
-}
-
-impl Message {
-    fn of<T: Record>() -> Self {
-        let fields = T::FIELDS.iter().map(|field| &field.about).filter(|about| about.tag > 0).collect();
-        Self { name: T::NAME, about: T::ABOUT, fields }
-    }
-
-    /// Enumerations that its fields have, those inside the message or those outside it.
-    fn enumerations(&self, is_inside: bool) -> impl Iterator<Item = &'static Enumeration> {
-        let of = |about: &&About| match about.shape {
-            Shape::Enumerator(of) => Some(of),
-            _ => None,
-        };
-        self.fields.iter().filter_map(of).filter(move |of| of.name.contains('.') == is_inside)
-    }
-}
-
-/// All messages, in the order of the schema.
-fn messages() -> [Message; 12] {
-    [
+/// All messages of the log, in the order of the schema; those of topics that came later at the end.
+pub(crate) fn messages() -> Vec<Message> {
+    let first = [
         Message::of::<ImuReading>(),
         Message::of::<ImageAbout>(),
         Message::of::<FrameAbout>(),
@@ -59,7 +36,21 @@ fn messages() -> [Message; 12] {
         Message::of::<Odometry>(),
         Message::of::<MapEstimate>(),
         Message::of::<Recording>(),
-    ]
+    ];
+    with_topics(first.into(), |package| package == PACKAGE)
+}
+
+/// Messages, and those of the topics of a package that are not among them.
+pub(crate) fn with_topics(mut all: Vec<Message>, is_package: impl Fn(&str) -> bool) -> Vec<Message> {
+    let rows = Topic::ALL.into_iter().map(Topic::row);
+    let of_package =
+        rows.filter(|row| row.message.rsplit_once('.').is_some_and(|(package, _)| is_package(package)));
+    for message in of_package.filter_map(|row| row.schema).map(|schema| schema()) {
+        if all.iter().all(|known| known.name != message.name) {
+            all.push(message);
+        }
+    }
+    all
 }
 
 /// The `FileDescriptorSet` of the messages.
@@ -100,12 +91,20 @@ fn field_descriptor(about: &About) -> FieldDescriptorProto {
     }
 }
 
-const fn is_repeated(shape: Shape) -> bool {
-    matches!(shape, Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance)
+pub(crate) const fn is_repeated(shape: Shape) -> bool {
+    matches!(
+        shape,
+        Shape::Floats
+            | Shape::FloatsIfKnown
+            | Shape::Covariance
+            | Shape::Singles
+            | Shape::Texts
+            | Shape::Messages(_)
+    )
 }
 
 /// Type of a field, and the name of the message or enumeration it has.
-const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
+pub(crate) const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
     match shape {
         Shape::Uint64 => (Type::Uint64, None),
         Shape::Int64 => (Type::Int64, None),
@@ -114,8 +113,10 @@ const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
         Shape::Flag => (Type::Bool, None),
         Shape::Enumerator(of) => (Type::Enum, Some(of.name)),
         Shape::Double | Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance => (Type::Double, None),
+        Shape::Singles => (Type::Float, None),
         Shape::Bytes => (Type::Bytes, None),
-        Shape::Message(name) => (Type::Message, Some(name)),
+        Shape::Text | Shape::Texts => (Type::String, None),
+        Shape::Message(name) | Shape::Messages(name) => (Type::Message, Some(name)),
     }
 }
 
@@ -142,71 +143,4 @@ fn json_name(wire: &str) -> String {
         name.extend(letters);
     }
     name
-}
-
-/// The text of the schema.
-#[must_use]
-pub fn text() -> String {
-    let mut out = String::from(
-        "// What a flight log holds beside images, version 1: every input, every order, every output, bit for bit.\n//\n\
-         // Made of the tables of the crate plumbline-record, by its test `log_proto_is_what_the_tables_say`.\n//\n\
-         // Numbers that must come back bit for bit are repeated fields, which keep a negative zero; a single field of\n\
-         // proto3 does not. Frames and units are those of plumbline.proto; a pose is x y z (m) and the quaternion x y z w.\n\
-         syntax = \"proto3\";\n\n",
-    );
-    // Writing to a string cannot fail.
-    let _ = writeln!(out, "package {PACKAGE};");
-    let mut written = BTreeSet::new();
-    for message in messages() {
-        for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
-            out.push('\n');
-            write_enumeration(&mut out, of, "");
-        }
-        out.push('\n');
-        comment(&mut out, message.about, "");
-        let _ = writeln!(out, "message {} {{", message.name);
-        message.enumerations(true).for_each(|of| write_enumeration(&mut out, of, "  "));
-        for about in &message.fields {
-            comment(&mut out, about.about, "  ");
-            let (repeated, kind) =
-                (if is_repeated(about.shape) { "repeated " } else { "" }, type_name(about.shape));
-            let _ = writeln!(out, "  {repeated}{kind} {} = {};", about.wire, about.tag);
-        }
-        out.push_str("}\n");
-    }
-    out
-}
-
-/// Type of a field in the text, as it is called inside its message.
-fn type_name(shape: Shape) -> String {
-    match kind(shape) {
-        (_, Some(name)) => name.rsplit('.').next().unwrap_or(name).to_owned(),
-        (kind, None) => kind.as_str_name().trim_start_matches("TYPE_").to_lowercase(),
-    }
-}
-
-fn write_enumeration(out: &mut String, of: &Enumeration, indent: &str) {
-    let name = of.name.rsplit('.').next().unwrap_or(of.name);
-    let _ = writeln!(out, "{indent}enum {name} {{");
-    for (number, (name, about)) in of.names.iter().zip(of.about).enumerate() {
-        comment(out, about, &format!("{indent}  "));
-        let _ = writeln!(out, "{indent}  {name} = {number};");
-    }
-    let _ = writeln!(out, "{indent}}}");
-}
-
-/// Writes a comment in lines of at most 120 characters.
-fn comment(out: &mut String, about: &str, indent: &str) {
-    let mut line = String::new();
-    for word in about.split_whitespace() {
-        if !line.is_empty() && indent.len() + 3 + line.len() + 1 + word.len() > 120 {
-            let _ = writeln!(out, "{indent}//{line}");
-            line.clear();
-        }
-        line.push(' ');
-        line.push_str(word);
-    }
-    if !line.is_empty() {
-        let _ = writeln!(out, "{indent}//{line}");
-    }
 }

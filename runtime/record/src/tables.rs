@@ -1,4 +1,4 @@
-//! The tables: each field of what a flight says, once.
+//! The tables of the log: each field of what a flight says, once. Those of other messages are in [`messages`](crate::messages).
 //!
 //! A row is the number in the messages of the log, the field in Rust, its name in the schema, and what else reads it:
 //! `digest` (place in the digest, from 1), `at` (first byte in the fixed layout of the local socket), `columns` (place in
@@ -9,7 +9,7 @@
 //! goes to the end.
 
 use crate::columns::VARIANCES;
-use crate::fields::{Field, Part, Record, Shape, Value, set_pair, shape_of};
+use crate::fields::{Field, Part, Shape, Value};
 use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use crate::parts::{End, FrameAbout, ImageAbout, Recording};
 use crate::said::{Dropped, FullEstimate, Kind};
@@ -18,59 +18,6 @@ use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry, ResetKind};
-use std::slice::from_ref;
-
-/// A field by its path from the record; two numbers that are one field by both names.
-macro_rules! field {
-    (($tag:literal, $name:expr, $wire:expr, $about:expr), $first:ident & $second:ident) => {
-        Field::<Self>::new(
-            ($tag, $name, $wire, $about),
-            Shape::Floats,
-            |o| Value::Floats([from_ref(&o.$first), from_ref(&o.$second)]),
-            |o, value| set_pair(&mut o.$first, &mut o.$second, value),
-        )
-    };
-    (($tag:literal, $name:expr, $wire:expr, $about:expr), $($path:ident).+) => {
-        Field::<Self>::new(
-            ($tag, $name, $wire, $about),
-            shape_of(|o: &Self| &o.$($path).+),
-            |o| Part::get(&o.$($path).+),
-            |o, value| Part::set(&mut o.$($path).+, value),
-        )
-        .opened(|o| Part::open(&mut o.$($path).+))
-    };
-}
-
-/// The table of a type.
-macro_rules! record {
-    (
-        #[doc = $said:literal]
-        $type:ident as $message:literal, blank $blank:expr;
-        $(
-            $(#[doc = $about:literal])*
-            $tag:literal $first:ident $(& $second:ident)? as $wire:literal $([$($reader:tt)*])?;
-        )*
-        $(besides $($besides:ident),+;)?
-        $(more $more:expr;)*
-    ) => {
-        impl Record for $type {
-            const NAME: &'static str = $message;
-            const ABOUT: &'static str = $said.trim_ascii();
-            const FIELDS: &'static [Field<Self>] = &[
-                $(field!(
-                    ($tag, stringify!($first), $wire, concat!($($about),*).trim_ascii()), $first $(& $second)?
-                ) $($($reader)*)?,)*
-                $($more,)*
-            ];
-
-            fn blank() -> Self {
-                // Every field is in the table, or left out on purpose.
-                let _ = |Self { $($first: _, $($second: _,)?)* $($($besides: _,)+)? }: &Self| ();
-                $blank
-            }
-        }
-    };
-}
 
 record! {
     /// /input/imu: an inertial sample, in the order in which the odometry was given them.
@@ -81,7 +28,7 @@ record! {
     };
     /// Counts samples of the sensor.
     1 sequence as "sequence";
-    besides sample;
+    besides { sample: _ };
     more field!((2, "stamp", "stamp_ns", ""), sample.stamp);
     more field!((3, "gyro", "gyro", "Angular rate x y z in B, rad/s."), sample.gyro);
     more field!((4, "accel", "accel", "Specific force x y z in B, m/s^2."), sample.accel);
@@ -116,7 +63,7 @@ record! {
     1 frame as "frame";
     /// Inertial samples that the estimator had been given before, since the start.
     2 readings_before as "readings_before";
-    besides verdict;
+    besides { verdict: _ };
     more Field::<Self>::new(
         (3, "refused", "refused", "The estimator never saw it."),
         Shape::Flag,
@@ -184,7 +131,7 @@ record! {
     MapOrder as "MapOrder", blank MapOrder { frame: 0, verdict: MapVerdict::Applied { at_frame: 0 } };
     /// Sequence number of the frame.
     1 frame as "frame";
-    besides verdict;
+    besides { verdict: _ };
     more Field::<Self>::new(
         (2, "passed_over", "passed_over", "The map never saw it: it was not done with the one before."),
         Shape::Flag,
@@ -212,107 +159,102 @@ record! {
 record! {
     /// Work and outcome of one frame.
     FrameFigures as "Figures", blank FrameFigures::default();
-    1 points_tracked as "points_tracked" [.columns(14, &["points_tracked"])];
-    2 points_stereo as "points_stereo" [.columns(15, &["points_stereo"])];
-    3 points_in_window as "points_in_window" [.columns(16, &["points_in_window"])];
-    4 lines_raw as "lines_raw" [.columns(17, &["lines_raw"])];
-    5 lines_kept as "lines_kept" [.columns(18, &["lines_kept"])];
-    6 lines_merged as "lines_merged" [.columns(19, &["lines_merged"])];
-    7 lines_matched as "lines_matched" [.columns(20, &["lines_matched"])];
-    8 lines_cut_short as "lines_cut_short" [.columns(21, &["lines_cut_short"])];
-    9 lines_in_window as "lines_in_window" [.columns(22, &["lines_in_window"])];
+    1 points_tracked as "points_tracked", [.columns(14, &["points_tracked"])];
+    2 points_stereo as "points_stereo", [.columns(15, &["points_stereo"])];
+    3 points_in_window as "points_in_window", [.columns(16, &["points_in_window"])];
+    4 lines_raw as "lines_raw", [.columns(17, &["lines_raw"])];
+    5 lines_kept as "lines_kept", [.columns(18, &["lines_kept"])];
+    6 lines_merged as "lines_merged", [.columns(19, &["lines_merged"])];
+    7 lines_matched as "lines_matched", [.columns(20, &["lines_matched"])];
+    8 lines_cut_short as "lines_cut_short", [.columns(21, &["lines_cut_short"])];
+    9 lines_in_window as "lines_in_window", [.columns(22, &["lines_in_window"])];
     /// Lines in the window along a direction of the structure.
-    13 lines_in_structure as "lines_in_structure" [.columns(23, &["lines_in_structure"])];
-    10 keyframes as "keyframes" [.columns(24, &["keyframes"])];
-    11 iterations as "iterations" [.columns(25, &["iterations"])];
-    12 is_keyframe as "is_keyframe" [.at(530).columns(26, &["is_keyframe"])];
+    13 lines_in_structure as "lines_in_structure", [.columns(23, &["lines_in_structure"])];
+    10 keyframes as "keyframes", [.columns(24, &["keyframes"])];
+    11 iterations as "iterations", [.columns(25, &["iterations"])];
+    12 is_keyframe as "is_keyframe", [.at(530).columns(26, &["is_keyframe"])];
 }
 
 record! {
     /// /output/estimate: the estimate after a frame.
     Estimate as "Estimate", blank Estimate::default();
-    1 frame_sequence as "frame_sequence" [.digest(2).at(16).columns(2, &["frame"])];
-    2 stamp as "stamp_ns" [.digest(1).at(0).columns(1, &["stamp_ns"])];
-    3 state as "state" [.digest(10).at(528).columns(3, &["tracking"])];
-    4 pose_o_b as "pose_o_b" [.digest(3).at(24).columns(7, &[
+    1 frame_sequence as "frame_sequence", [.digest(2).at(16).columns(2, &["frame"])];
+    2 stamp as "stamp_ns", [.digest(1).at(0).columns(1, &["stamp_ns"])];
+    3 state as "state", [.digest(10).at(528).columns(3, &["tracking"])];
+    4 pose_o_b as "pose_o_b", [.digest(3).at(24).columns(7, &[
         "p_o_b_x_m", "p_o_b_y_m", "p_o_b_z_m", "q_o_b_x", "q_o_b_y", "q_o_b_z", "q_o_b_w",
     ])];
     /// m/s, in O.
-    5 v_o_b as "velocity_o_b" [.digest(4).at(80).columns(8, &["v_o_b_x_m_s", "v_o_b_y_m_s", "v_o_b_z_m_s"])];
+    5 v_o_b as "velocity_o_b", [.digest(4).at(80).columns(8, &["v_o_b_x_m_s", "v_o_b_y_m_s", "v_o_b_z_m_s"])];
     /// rad/s.
-    6 bias_gyro as "bias_gyro" [.digest(5).at(104).columns(9, &[
+    6 bias_gyro as "bias_gyro", [.digest(5).at(104).columns(9, &[
         "bias_gyro_x_rad_s", "bias_gyro_y_rad_s", "bias_gyro_z_rad_s",
     ])];
     /// m/s^2.
-    7 bias_accel as "bias_accel" [.digest(6).at(128).columns(10, &[
+    7 bias_accel as "bias_accel", [.digest(6).at(128).columns(10, &[
         "bias_accel_x_m_s2", "bias_accel_y_m_s2", "bias_accel_z_m_s2",
     ])];
     /// 9x9 by columns: position (m), attitude (rad), velocity (m/s).
-    8 covariance as "covariance" [.digest(7).at(152).columns(11, VARIANCES)];
+    8 covariance as "covariance", [.digest(7).at(152).columns(11, VARIANCES)];
     /// t_imu - t_camera and its standard deviation, s.
-    9 time_offset_s & time_offset_sigma_s as "time_offset_s" [
+    9 time_offset_s & time_offset_sigma_s as "time_offset_s", [
         .digest_as(8, |o| Part::get(&o.time_offset_s)).at(512).columns(12, &["time_offset_s", "time_offset_sigma_s"])
     ];
     /// The left camera in the body.
-    10 pose_b_c0 as "pose_b_c0" [.digest(9).columns(13, &[
+    10 pose_b_c0 as "pose_b_c0", [.digest(9).columns(13, &[
         "p_b_c0_x_m", "p_b_c0_y_m", "p_b_c0_z_m", "q_b_c0_x", "q_b_c0_y", "q_b_c0_z", "q_b_c0_w",
     ])];
-    11 quality as "quality" [.digest(11).at(529).columns(4, &["quality"])];
-    12 health as "health_bits" [.digest(12).at(520).columns(5, &["health_bits"])];
-    13 reset_counter as "reset_counter" [.digest(13).at(524).columns(6, &["reset_counter"])];
+    11 quality as "quality", [.digest(11).at(529).columns(4, &["quality"])];
+    12 health as "health_bits", [.digest(12).at(520).columns(5, &["health_bits"])];
+    13 reset_counter as "reset_counter", [.digest(13).at(524).columns(6, &["reset_counter"])];
     14 figures as "figures";
     /// Variances of the biases: gyroscope (rad^2/s^2), accelerometer (m^2/s^4).
-    15 bias_variances as "bias_variances" [.columns(27, &[
+    15 bias_variances as "bias_variances", [.columns(27, &[
         "var_bias_gyro_x_rad2_s2", "var_bias_gyro_y_rad2_s2", "var_bias_gyro_z_rad2_s2",
         "var_bias_accel_x_m2_s4", "var_bias_accel_y_m2_s4", "var_bias_accel_z_m2_s4",
     ])];
     // Its share is in the covariance.
-    besides origin;
+    besides { origin: _ };
 }
 
 record! {
-    /// Estimate of a frame, all of it (in local.proto).
+    /// Estimate of a frame, all of it.
     FullEstimate as "FullEstimate", blank FullEstimate::default();
     1 estimate as "estimate";
-    besides frame_ms;
-    more Field::<Self>::new(
-        (2, "frame_ms", "frame_ms", "Computation of the frame, ms."),
-        Shape::Double,
-        |o| Part::get(&o.frame_ms),
-        |o, value| if matches!(value, Value::Missing) { Ok(()) } else { o.frame_ms.set(value) },
-    );
+    /// Computation of the frame, ms.
+    2 frame_ms as "frame_ms", [.one()];
 }
 
 record! {
     /// /output/odometry: the newest state at an inertial sample.
     Odometry as "Odometry", blank Odometry::default();
-    1 sequence as "sequence" [.at(16)];
-    2 stamp as "stamp_ns" [.digest(1).at(0)];
-    3 pose_o_b as "pose_o_b" [.digest(2).at(24)];
-    4 v_o_b as "velocity_o_b" [.digest(3).at(80)];
+    1 sequence as "sequence", [.at(16)];
+    2 stamp as "stamp_ns", [.digest(1).at(0)];
+    3 pose_o_b as "pose_o_b", [.digest(2).at(24)];
+    4 v_o_b as "velocity_o_b", [.digest(3).at(80)];
     /// rad/s, bias removed, in B.
-    5 angular_rate_b as "angular_rate_b" [.digest(4).at(104)];
-    6 covariance as "covariance" [.digest(5).at(128)];
-    7 state as "state" [.at(500)];
-    8 quality as "quality" [.at(501)];
-    9 reset_counter as "reset_counter" [.at(492)];
+    5 angular_rate_b as "angular_rate_b", [.digest(4).at(104)];
+    6 covariance as "covariance", [.digest(5).at(128)];
+    7 state as "state", [.at(500)];
+    8 quality as "quality", [.at(501)];
+    9 reset_counter as "reset_counter", [.at(492)];
     /// Steps within the same odometry frame so far: corrections taken at once, and resumed odometry.
-    10 jumps as "jumps" [.digest_as(6, |o| Value::Whole(o.steps().into())).at(496)];
+    10 jumps as "jumps", [.digest_as(6, |o| Value::Whole(o.steps().into())).at(496)];
     // Its share is in the covariance.
-    besides origin;
+    besides { origin: _ };
 }
 
 record! {
     /// /output/map: where the odometry frame lies in the map, for each frame.
     MapEstimate as "MapEstimate", blank MapEstimate::default();
-    1 frame_sequence as "frame_sequence" [.digest(2)];
-    2 stamp as "stamp_ns" [.digest(1)];
+    1 frame_sequence as "frame_sequence", [.digest(2)];
+    2 stamp as "stamp_ns", [.digest(1)];
     /// Takes coordinates from O to M: x y z qx qy qz qw; empty while it is not known.
-    3 pose_m_o as "pose_m_o" [.digest(3)];
-    4 reset_counter as "reset_counter" [.digest(4)];
-    5 keyframes as "keyframes" [.digest(5)];
-    6 sightings as "sightings" [.digest(6)];
-    7 loops_used as "loops_used" [.digest(7)];
+    3 pose_m_o as "pose_m_o", [.digest(3)];
+    4 reset_counter as "reset_counter", [.digest(4)];
+    5 keyframes as "keyframes", [.digest(5)];
+    6 sightings as "sightings", [.digest(6)];
+    7 loops_used as "loops_used", [.digest(7)];
 }
 
 /// The count of dropped entries of a kind.
@@ -336,7 +278,7 @@ record! {
     1 end as "end";
     /// Running SHA-256 over the inputs and orders of this file up to here.
     2 seal as "seal";
-    besides dropped;
+    besides { dropped: _ };
     more dropped!(3, Imu, "imu_dropped", "Entries that found the recorder's queue full since the start of the flight. What a re-execution needs:");
     more dropped!(4, Frame, "frames_dropped", "");
     more dropped!(5, Order, "orders_dropped", "");

@@ -1,7 +1,6 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-flight --run-ignored only fuzz_seeds`.
 
 use super::fixture::{STAMP, estimate, odometry, put};
-use crate::local::messages::{self, proto as local};
 use crate::local::record::{Kind, Kinds, MAGIC, encoded};
 use crate::local::request::{Answer, Request, Status};
 use crate::local::{Failure, SensorNews, Shot};
@@ -18,6 +17,7 @@ use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{MapSnapshot, ResetKind};
 use plumbline_record::layout;
+use plumbline_record::messages::{Configuration, Ladder, Picture};
 use plumbline_record::parts::Recording;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
@@ -95,7 +95,7 @@ fn log(with_chunks: bool) -> Vec<u8> {
     metadata.insert("flight".into(), "0123456789abcdef".into());
     writer.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata }).unwrap();
     for (sequence, (channel, payload)) in (0u32..).zip(log_messages()) {
-        let id = writer.add_channel(0, channel.topic(), "protobuf", &BTreeMap::new()).unwrap();
+        let id = writer.add_channel(0, channel.channel(), "protobuf", &BTreeMap::new()).unwrap();
         let time_ns = STAMP.as_nanos() as u64;
         let header = MessageHeader { channel_id: id, sequence, log_time: time_ns, publish_time: time_ns };
         writer.write_to_known_channel(&header, &payload).unwrap();
@@ -151,7 +151,7 @@ fn local_records() -> Vec<Vec<u8>> {
     };
     let mut path = MapPath::new(0);
     path.poses.push(PathPose { stamp: STAMP, reset_counter: 1, pose_m_b: Isometry3::identity() });
-    let configuration = local::Configuration { toml: "a = 1".into(), ..local::Configuration::default() };
+    let configuration = Configuration { toml: "a = 1".into(), ..Configuration::default() };
     let map = MapEstimate {
         frame_sequence: 3,
         stamp: STAMP,
@@ -162,7 +162,7 @@ fn local_records() -> Vec<Vec<u8>> {
         loops_used: 2,
     };
     let answer = Answer { number: 4, status: Status::Refused, value: 0, words: "no".into() };
-    let record = |kind: Kind, content: Vec<u8>| encoded(kind as u16, 1, |to| to.extend(content));
+    let record = |kind: Kind, content: Vec<u8>| encoded(kind.kind(), 1, |to| to.extend(content));
     let laid_out = |put: &dyn Fn(&mut Vec<u8>)| {
         let mut bytes = Vec::new();
         put(&mut bytes);
@@ -174,14 +174,14 @@ fn local_records() -> Vec<Vec<u8>> {
         answer.encode(),
         record(Kind::Odometry, laid_out(&|to| layout::put_odometry(&odometry(), 5, 1, to))),
         record(Kind::Estimate, laid_out(&|to| layout::put_estimate(&estimate(), 5, to))),
-        record(Kind::Configuration, configuration.encode_to_vec()),
+        record(Kind::Configuration, encode(&configuration)),
         record(Kind::FullEstimate, encode(&FullEstimate { estimate: estimate(), frame_ms: 3.5 })),
         record(Kind::MapEstimate, encode(&map)),
-        record(Kind::Window, messages::window(&snapshot).encode_to_vec()),
-        record(Kind::Path, messages::path(&path).encode_to_vec()),
-        record(Kind::Ladder, messages::ladder(2).encode_to_vec()),
-        record(Kind::Sensors, messages::sensors(&SensorNews::default()).encode_to_vec()),
-        record(Kind::Picture, messages::picture(&shot).encode_to_vec()),
+        record(Kind::Window, encode(&snapshot)),
+        record(Kind::Path, encode(&path)),
+        record(Kind::Ladder, encode(&Ladder { level: 2, name: "no lines".into() })),
+        record(Kind::Sensors, encode(&SensorNews::default())),
+        record(Kind::Picture, encode(&Picture::from(&shot))),
         record(Kind::End, vec![0; 8]),
     ]
 }

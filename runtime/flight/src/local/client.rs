@@ -1,6 +1,5 @@
 //! The other end of the socket: records as values, and requests.
 
-use super::messages::{self, proto};
 use super::picture::Shot;
 use super::record::{Header, Kind, MAGIC};
 use super::request::{Answer, Request};
@@ -9,9 +8,9 @@ use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use plumbline_record::layout;
 use plumbline_record::local::incoming::{Incoming, TooLong};
+use plumbline_record::messages::{Configuration, Ladder, Picture};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
-use prost::Message as _;
 use std::io::{self, ErrorKind, Read, Write as _};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
@@ -29,7 +28,7 @@ pub enum Record {
     /// Odometry, and the time it was handed over, ns since 1970.
     Odometry(Box<Odometry>, i64),
     /// Configuration in force.
-    Configuration(proto::Configuration),
+    Configuration(Configuration),
     /// Estimate, and the computation of its frame, ms.
     Estimate(Box<Estimate>, f64),
     /// Pose of the odometry frame in the map.
@@ -39,7 +38,7 @@ pub enum Record {
     /// Corrected path.
     Path(MapPath),
     /// Rung of the degradation ladder.
-    Ladder(u8),
+    Ladder(Ladder),
     /// State of live sensors.
     Sensors(SensorNews),
     /// Camera picture.
@@ -110,8 +109,7 @@ impl<R: Read> Records<R> {
 
 /// Record in the content behind a header.
 fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
-    const SCHEMA: &str = "not a message of its schema";
-    let Some(kind) = Kind::of_number(header.kind) else { return Ok(Record::Other(header.kind)) };
+    let Some(kind) = Kind::of_kind(header.kind) else { return Ok(Record::Other(header.kind)) };
     Ok(match kind {
         Kind::Hello => match content.split_first_chunk::<8>() {
             Some((magic, [rights, ..])) if *magic == MAGIC => Record::Hello(rights & 1 != 0),
@@ -126,35 +124,19 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
             let (odometry, handed_over_ns) = layout::odometry(content)?;
             Record::Odometry(Box::new(odometry), handed_over_ns)
         }
-        Kind::Configuration => {
-            Record::Configuration(proto::Configuration::decode(content).map_err(|_| SCHEMA)?)
-        }
+        Kind::Configuration => Record::Configuration(decode(content)?),
         Kind::FullEstimate => {
             let FullEstimate { estimate, frame_ms } = decode(content)?;
             Record::Estimate(Box::new(estimate), frame_ms)
         }
         Kind::MapEstimate => Record::MapEstimate(decode(content)?),
-        Kind::Window => {
-            let message = proto::Window::decode(content).map_err(|_| SCHEMA)?;
-            Record::Window(messages::window_of(&message)?)
-        }
-        Kind::Path => {
-            let message = proto::Path::decode(content).map_err(|_| SCHEMA)?;
-            Record::Path(messages::path_of(&message)?)
-        }
-        Kind::Ladder => {
-            let message = proto::Ladder::decode(content).map_err(|_| SCHEMA)?;
-            Record::Ladder(u8::try_from(message.level).map_err(|_| "a level out of range")?)
-        }
-        Kind::Sensors => {
-            Record::Sensors(messages::sensors_of(proto::Sensors::decode(content).map_err(|_| SCHEMA)?))
-        }
-        Kind::Picture => {
-            let message = proto::Picture::decode(content).map_err(|_| SCHEMA)?;
-            Record::Picture(messages::picture_of(message)?)
-        }
+        Kind::Window => Record::Window(decode(content)?),
+        Kind::Path => Record::Path(decode(content)?),
+        Kind::Ladder => Record::Ladder(decode(content)?),
+        Kind::Sensors => Record::Sensors(decode(content)?),
+        Kind::Picture => Record::Picture(decode::<Picture>(content)?.try_into()?),
         Kind::End => Record::End,
-        Kind::Estimate => Record::Other(header.kind),
+        _ => Record::Other(header.kind),
     })
 }
 
@@ -177,6 +159,12 @@ impl Client {
     /// When the flight has gone, or sends what is no record.
     pub fn next_record(&mut self) -> Result<Record, ClientError> {
         self.records.next_record()
+    }
+
+    /// Content of the record that came last.
+    #[must_use]
+    pub fn content(&self) -> &[u8] {
+        self.records.incoming.content()
     }
 
     /// Writing end, for another thread.

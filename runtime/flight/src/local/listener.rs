@@ -12,7 +12,7 @@ use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorState;
 use plumbline_config::{Timestamp, ValidConfig};
-use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::places::MapPath;
 use plumbline_estimator::{MapSnapshot, Odometry, Tracked};
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{FrameOrder, Said, Verdict};
@@ -46,7 +46,7 @@ pub type Handed<T> = (T, i64);
 pub struct Writers {
     pub odometry: LaneWriter<Handed<Odometry>>,
     pub estimates: LaneWriter<Handed<FullEstimate>>,
-    pub places: LaneWriter<MapEstimate>,
+    pub others: LaneWriter<Said>,
 }
 
 /// Reading ends of [`Writers`].
@@ -54,7 +54,7 @@ pub struct Writers {
 pub struct Waiting {
     pub odometry: LaneReader<Handed<Odometry>>,
     pub estimates: LaneReader<Handed<FullEstimate>>,
-    pub places: LaneReader<MapEstimate>,
+    pub others: LaneReader<Said>,
 }
 
 /// State that the run and the socket's thread share.
@@ -91,7 +91,7 @@ impl Shared {
     pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, Waiting)> {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
         let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
-        let (places_in, places, place_losses) = lane(ESTIMATE_LANE);
+        let (others_in, others, other_losses) = lane(ESTIMATE_LANE);
         let shared = Self {
             bell: EventBell::new()?,
             pulse: Arc::new(Pulse::new(TaskId::Local)),
@@ -103,10 +103,10 @@ impl Shared {
             shots: Pool::new(SHOTS, || Shot::new(config)),
             wanted: AtomicU64::new(0),
             pictures_mhz: AtomicU32::new(0),
-            losses: [odometry_losses, estimate_losses, place_losses],
+            losses: [odometry_losses, estimate_losses, other_losses],
         };
-        let writers = Writers { odometry: odometry_in, estimates: estimates_in, places: places_in };
-        Ok((shared, writers, Waiting { odometry, estimates, places }))
+        let writers = Writers { odometry: odometry_in, estimates: estimates_in, others: others_in };
+        Ok((shared, writers, Waiting { odometry, estimates, others }))
     }
 
     /// Sets what the readers want, and the highest rate of pictures among them, mHz.
@@ -166,11 +166,11 @@ impl Listener for TickListener {
     }
 }
 
-/// Copies estimates, the window, and the pose in the map.
+/// Copies estimates, the window, and what else the window's thread says and a reader wants.
 pub struct WindowListener {
     pub shared: Arc<Shared>,
     pub estimates: LaneWriter<Handed<FullEstimate>>,
-    pub places: LaneWriter<MapEstimate>,
+    pub others: LaneWriter<Said>,
 }
 
 impl Listener for WindowListener {
@@ -192,7 +192,8 @@ impl Listener for WindowListener {
                 self.estimates.push((full.clone(), now_ns()));
                 self.shared.wake();
             }
-            Said::MapEstimate(estimate) if wants(&Kind::MapEstimate) => self.places.push(estimate.clone()),
+            Said::Estimate(_) => {}
+            said if wants(&said.topic()) => self.others.push(said.clone()),
             _ => {}
         }
     }

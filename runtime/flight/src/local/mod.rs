@@ -5,14 +5,13 @@
 //! hands it to every reader that wants it. A reader has a bounded queue of its own ([`outbox`]): one that is slow loses the
 //! oldest records and is told how many, and delays nobody.
 //!
-//! [`record`], [`request`] and [`plumbline_record::layout`] are the format, [`messages`] the records that are protobuf;
-//! [`client`] is the other end.
+//! [`record`], [`request`] and [`plumbline_record::layout`] are the format, [`plumbline_record::messages`] the records that are
+//! protobuf; [`client`] is the other end.
 
 pub mod client;
 mod commands;
 mod door;
 mod listener;
-pub mod messages;
 mod outbox;
 pub mod picture;
 mod reader;

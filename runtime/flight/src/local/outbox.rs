@@ -128,7 +128,7 @@ impl Outbox {
             return;
         }
         self.lost_told = lost;
-        let record = encoded(Kind::Lost as u16, lost, |to| to.extend(lost.to_le_bytes()));
+        let record = encoded(Kind::Lost.kind(), lost, |to| to.extend(lost.to_le_bytes()));
         self.kept_bytes += record.len();
         self.waiting.push_front(Waiting { record: record.into(), is_kept: true });
     }
@@ -171,7 +171,7 @@ mod tests {
         outbox.push_kept(&b"kept"[..]);
         narrow.0 = usize::MAX;
         assert!(outbox.flush(&mut narrow, 0).unwrap());
-        let lost = encoded(Kind::Lost as u16, 3, |to| to.extend(3u64.to_le_bytes()));
+        let lost = encoded(Kind::Lost.kind(), 3, |to| to.extend(3u64.to_le_bytes()));
         let expected = [&[0; 10][..], &lost, &[4; 10], &[5; 10], b"kept"].concat();
         assert_eq!(narrow.1, expected);
         assert!(outbox.is_empty() && outbox.bytes == 0 && outbox.kept_bytes == 0);
@@ -185,7 +185,7 @@ mod tests {
         assert!(outbox.flush(&mut all, 2).unwrap());
         outbox.push(&record(2));
         assert!(outbox.flush(&mut all, 2).unwrap());
-        let lost = encoded(Kind::Lost as u16, 2, |to| to.extend(2u64.to_le_bytes()));
+        let lost = encoded(Kind::Lost.kind(), 2, |to| to.extend(2u64.to_le_bytes()));
         assert_eq!(all.1, [&lost[..], &[1; 10], &[2; 10]].concat());
     }
 }

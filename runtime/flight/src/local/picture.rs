@@ -3,6 +3,7 @@
 use plumbline_config::{GrayImage, Timestamp, ValidConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Tracked;
+use plumbline_record::messages::Picture;
 
 /// A point in a picture: place, px, and the number of frames it has been tracked.
 pub type ShotPoint = [f32; 3];
@@ -24,6 +25,41 @@ pub struct Shot {
     pub points: Vec<ShotPoint>,
     /// Lines.
     pub lines: Vec<ShotLine>,
+}
+
+impl From<&Shot> for Picture {
+    fn from(shot: &Shot) -> Self {
+        let side = |length: usize| u32::try_from(length).unwrap_or(0);
+        Self {
+            frame: shot.frame,
+            stamp_ns: shot.stamp,
+            width_px: side(shot.image.width()),
+            height_px: side(shot.image.height()),
+            pixels: shot.image.pixels().to_vec(),
+            points: shot.points.clone(),
+            lines: shot.lines.clone(),
+            jpeg: Vec::new(),
+        }
+    }
+}
+
+/// A picture whose pixels are not those of its size is refused.
+impl TryFrom<Picture> for Shot {
+    type Error = &'static str;
+
+    fn try_from(picture: Picture) -> Result<Self, &'static str> {
+        let (width, height) = (picture.width_px as usize, picture.height_px as usize);
+        let fits = width.checked_mul(height) == Some(picture.pixels.len());
+        let image = GrayImage::from_pixels(width, height, if fits { picture.pixels } else { Vec::new() });
+        Ok(Self {
+            frame: picture.frame,
+            stamp: picture.stamp_ns,
+            image: image.filter(|_| fits).ok_or("pixels of another size")?,
+            has_image: true,
+            points: picture.points,
+            lines: picture.lines,
+        })
+    }
 }
 
 impl Shot {

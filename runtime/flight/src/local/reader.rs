@@ -88,7 +88,7 @@ impl Reader {
         upstream: u64,
     ) -> Self {
         let mut outbox = Outbox::new(max_bytes);
-        outbox.push_kept(encoded(Kind::Hello as u16, 0, |to| {
+        outbox.push_kept(encoded(Kind::Hello.kind(), 0, |to| {
             to.extend(MAGIC);
             to.extend(u32::from(rights.may_command()).to_le_bytes());
             to.extend([0; 4]);

@@ -4,16 +4,16 @@ use super::LocalError;
 use super::commands::Commands;
 use super::door::Door;
 use super::listener::{Shared, Waiting, now_ns};
-use super::messages::{self, proto};
 use super::picture::Shot;
 use super::reader::{Reader, Rights};
 use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
 use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
 use crate::pipeline::Control;
+use crate::schedule::ladder::Rung;
 use plumbline_estimator::places::MapPath;
+use plumbline_record::messages::{Configuration, Ladder, Picture};
 use plumbline_record::{layout, protobuf};
-use prost::Message;
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
 use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
@@ -69,7 +69,7 @@ pub struct Server {
     rung: u8,
     /// Count of the changes of the sensors' state that were sent.
     sensor_changes: u64,
-    sequences: [u64; Kind::LAST + 1],
+    sequences: [u64; Kind::ALL.len()],
 }
 
 impl Server {
@@ -82,7 +82,7 @@ impl Server {
         door: Option<Door>,
         admissions: Receiver<Admission>,
         control: Arc<Control>,
-        configuration: &proto::Configuration,
+        configuration: &Configuration,
         shot: &Shot,
     ) -> Result<Self, LocalError> {
         let failed = |error: rustix::io::Errno| LocalError::Thread(error.into());
@@ -91,8 +91,7 @@ impl Server {
         if let Some(door) = &door {
             epoll::add(&epoll, &door.listener, EventData::new_u64(DOOR), EventFlags::IN).map_err(failed)?;
         }
-        let configuration =
-            encoded(Kind::Configuration as u16, 0, |to| to.extend(configuration.encode_to_vec()));
+        let configuration = encoded(Kind::Configuration.kind(), 0, |to| protobuf::append(configuration, to));
         let picture_bytes = shot.image.pixels().len().min(MAX_RECORD_BYTES);
         Ok(Self {
             epoll,
@@ -110,7 +109,7 @@ impl Server {
             health_bits: 0,
             rung: 0,
             sensor_changes: 0,
-            sequences: [0; Kind::LAST + 1],
+            sequences: [0; Kind::ALL.len()],
         })
     }
 
@@ -280,8 +279,8 @@ impl Server {
             if kinds.has(Kind::Sensors) {
                 let news = self.shared.sensors.newest();
                 let sequence = self.sequences[Kind::Sensors as usize];
-                reader.outbox.push_kept(encoded(Kind::Sensors as u16, sequence, |to| {
-                    put(&messages::sensors(&news), to);
+                reader.outbox.push_kept(encoded(Kind::Sensors.kind(), sequence, |to| {
+                    protobuf::append(&news, to);
                 }));
             }
             if let (true, Some(path)) = (kinds.has(Kind::Path), &self.newest_path) {
@@ -331,7 +330,7 @@ impl Server {
     fn encode_all(&mut self) {
         while let Some((odometry, handed_over_ns)) = self.waiting.odometry.pop() {
             let health_bits = self.health_bits;
-            let record = encoded(Kind::Odometry as u16, odometry.sequence, |to| {
+            let record = encoded(Kind::Odometry.kind(), odometry.sequence, |to| {
                 layout::put_odometry(&odometry, handed_over_ns, health_bits, to);
             });
             self.offer(Kind::Odometry, record);
@@ -341,19 +340,22 @@ impl Server {
             self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
             self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
-        while let Some(estimate) = self.waiting.places.pop() {
-            self.send(Kind::MapEstimate, |to| protobuf::append(&estimate, to));
+        while let Some(said) = self.waiting.others.pop() {
+            if let Some(record) = said.record() {
+                self.send(said.topic(), |to| record.append(to));
+            }
         }
         let shared = Arc::clone(&self.shared);
-        while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some()
-        {
-        }
-        while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
-        }
+        while shared.snapshots.read(|s| self.send(Kind::Window, |to| protobuf::append(s, to))).is_some() {}
+        while shared
+            .shots
+            .read(|s| self.send(Kind::Picture, |to| protobuf::append(&Picture::from(&*s), to)))
+            .is_some()
+        {}
         self.encode_path();
         if let Some((changes, news)) = shared.sensors.after(self.sensor_changes) {
             self.sensor_changes = changes;
-            self.send(Kind::Sensors, |to| put(&messages::sensors(&news), to));
+            self.send(Kind::Sensors, |to| protobuf::append(&news, to));
         }
         let rung = shared.rung.load(Ordering::Relaxed);
         if rung != self.rung {
@@ -370,19 +372,19 @@ impl Server {
             is_new = true;
         }
         if let Some(path) = self.newest_path.take_if(|_| is_new) {
-            self.send(Kind::Path, |to| put(&messages::path(&path), to));
+            self.send(Kind::Path, |to| protobuf::append(&path, to));
             self.newest_path = Some(path);
         }
     }
 
     fn ladder(&self) -> Vec<u8> {
-        encoded(Kind::Ladder as u16, 0, |to| put(&messages::ladder(self.rung), to))
+        encoded(Kind::Ladder.kind(), 0, |to| protobuf::append(&ladder(self.rung), to))
     }
 
     /// Encodes a record if a reader wants its kind.
     fn send(&mut self, kind: Kind, fill: impl FnOnce(&mut Vec<u8>)) {
         if self.readers.iter().flatten().any(|reader| reader.wants(kind)) {
-            let record = encoded(kind as u16, self.sequences[kind as usize], fill);
+            let record = encoded(kind.kind(), self.sequences[kind as usize], fill);
             self.offer(kind, record);
         }
         self.sequences[kind as usize] += 1;
@@ -398,7 +400,7 @@ impl Server {
 
     /// The flight is over: readers have a while to take what waits.
     fn finish(mut self, events: &mut Vec<Event>) {
-        let end: Arc<[u8]> = encoded(Kind::End as u16, 0, |to| to.extend(now_ns().to_le_bytes())).into();
+        let end: Arc<[u8]> = encoded(Kind::End.kind(), 0, |to| to.extend(now_ns().to_le_bytes())).into();
         self.readers.iter_mut().flatten().for_each(|reader| reader.outbox.push_kept(Arc::clone(&end)));
         let patience_end = Instant::now() + LAST_WORDS;
         loop {
@@ -412,10 +414,12 @@ impl Server {
     }
 }
 
-fn put(message: &impl Message, to: &mut Vec<u8>) {
-    to.extend(message.encode_to_vec());
+/// Message of a rung of the ladder.
+fn ladder(level: u8) -> Ladder {
+    let name = Rung::of_level(level).unwrap_or(Rung::Full).name();
+    Ladder { level: level.into(), name: name.into() }
 }
 
 fn encode_path(path: &MapPath, sequence: u64) -> Arc<[u8]> {
-    encoded(Kind::Path as u16, sequence, |to| put(&messages::path(path), to)).into()
+    encoded(Kind::Path.kind(), sequence, |to| protobuf::append(path, to)).into()
 }

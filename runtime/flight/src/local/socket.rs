@@ -5,7 +5,6 @@ use super::door::Door;
 use super::listener::{
     FrontEndListener, Handed, PlacesListener, Shared, TickListener, WindowListener, Writers,
 };
-use super::messages::proto;
 use super::picture::Shot;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
@@ -17,8 +16,9 @@ use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_estimator::places::MapEstimate;
+use plumbline_record::Said;
 use plumbline_record::digest::config_hash;
+use plumbline_record::messages::Configuration;
 use plumbline_record::said::FullEstimate;
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -56,7 +56,7 @@ pub struct LocalSocket {
 }
 
 /// Writing ends of the window's thread.
-type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<MapEstimate>);
+type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<Said>);
 
 impl LocalSocket {
     /// Makes the socket of `local.path`, where one is named, and serves its readers from a thread of normal priority.
@@ -68,7 +68,7 @@ impl LocalSocket {
         let (shared, writers, waiting) = Shared::new(config)?;
         let shared = Arc::new(shared);
         let (admissions, admitted) = channel();
-        let configuration = proto::Configuration {
+        let configuration = Configuration {
             toml: config.to_toml().unwrap_or_default(),
             sha256: config_hash(config),
             stamps_of_host: stamps == Stamps::OfHost,
@@ -83,11 +83,11 @@ impl LocalSocket {
                 theirs.pulse.die();
             }
         })?;
-        let Writers { odometry, estimates, places } = writers;
+        let Writers { odometry, estimates, others } = writers;
         Ok(Self {
             shared,
             odometry: Some(odometry),
-            estimates: Some((estimates, places)),
+            estimates: Some((estimates, others)),
             shot: Some(shot),
             admissions,
             thread: Some(thread),
@@ -137,7 +137,7 @@ impl Subscriber for LocalSocket {
                 None => Box::new(()),
             },
             Producer::Window => match self.estimates.take() {
-                Some((estimates, places)) => Box::new(WindowListener { shared, estimates, places }),
+                Some((estimates, others)) => Box::new(WindowListener { shared, estimates, others }),
                 None => Box::new(()),
             },
             Producer::FrontEnd => match self.shot.take() {

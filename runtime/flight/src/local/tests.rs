@@ -10,6 +10,7 @@ use crate::pipeline::{Control, Stamps};
 use plumbline_config::{Config, ValidConfig};
 use plumbline_estimator::{Estimate, Odometry, ResetKind, TrackingState};
 use plumbline_record::Said;
+use plumbline_record::messages::Ladder;
 use plumbline_record::said::FullEstimate;
 use std::io::Write as _;
 use std::net::Shutdown;
@@ -90,7 +91,7 @@ fn a_reader_receives_odometry_and_estimates_without_a_request() {
     let Record::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
     assert_eq!(*got, sent);
     flight.window.said(&said(fixture::estimate()));
-    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate as u16));
+    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate.kind()));
     flight.end();
     assert_eq!(reader.next_record().unwrap(), Record::End);
     assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
@@ -104,7 +105,7 @@ fn a_reader_receives_what_it_subscribes_to_and_the_configuration_at_once() {
     reader.requests().unwrap().send(&Request::Subscribe(kinds)).unwrap();
     let Record::Configuration(configuration) = reader.next_record().unwrap() else { panic!() };
     assert!(configuration.toml.contains("[local]") && !configuration.stamps_of_host);
-    assert_eq!(reader.next_record().unwrap(), Record::Ladder(0));
+    assert_eq!(reader.next_record().unwrap(), Record::Ladder(Ladder { level: 0, name: "full".into() }));
     flight.tick();
     let sent = Estimate { origin: Default::default(), ..fixture::estimate() };
     flight.window.said(&said(sent.clone()));

@@ -24,7 +24,7 @@ const MAX_ORDERS_AHEAD: usize = 64;
 pub struct Cursor {
     reader: LogReader,
     wanted: &'static [Channel],
-    waiting: [VecDeque<Vec<u8>>; Channel::ALL.len()],
+    waiting: [VecDeque<Vec<u8>>; Channel::LOGGED.len()],
     waiting_bytes: usize,
     /// What is wrong with the log where it ceases to be whole.
     damage: Option<String>,
@@ -191,7 +191,7 @@ impl Cursor {
     }
 
     fn bad(&self, channel: Channel, what: &str) -> LogError {
-        let reason = format!("{} holds {what}; it was not written by a recorder", channel.topic());
+        let reason = format!("{} holds {what}; it was not written by a recorder", channel.channel());
         LogError::unusable(self.reader.path(), reason)
     }
 }

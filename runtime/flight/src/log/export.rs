@@ -91,7 +91,7 @@ fn write(
     loop {
         match log.next_message() {
             Ok(Some(message)) if message.channel.is_drawn() => {
-                drawing.put(message.channel.topic(), message.time_ns, message.payload);
+                drawing.put(message.channel.channel(), message.time_ns, message.payload);
             }
             Ok(Some(_)) => {}
             Ok(None) => break,
@@ -135,9 +135,10 @@ impl Drawing {
             .compression(Some(Compression::Lz4));
         let mut writer = options.create(BufWriter::new(file))?;
         let mut channels = BTreeMap::new();
-        let drawn = Channel::ALL.into_iter().filter(|channel| channel.is_drawn());
+        let drawn = Channel::LOGGED.into_iter().filter(|channel| channel.is_drawn());
         let own = [(SCENE, "foxglove.SceneUpdate"), (PATH, "foxglove.PosesInFrame")];
-        for (topic, schema) in drawn.map(|channel| (channel.topic(), channel.schema(about.images))).chain(own)
+        for (topic, schema) in
+            drawn.map(|channel| (channel.channel(), channel.schema(about.images))).chain(own)
         {
             let schema = writer.add_schema(schema, "protobuf", FOXGLOVE)?;
             channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);

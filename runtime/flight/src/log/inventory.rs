@@ -18,7 +18,7 @@ pub struct Content {
 #[derive(Clone, Debug)]
 pub struct Inventory {
     /// By channel, in their order.
-    pub contents: [Content; Channel::ALL.len()],
+    pub contents: [Content; Channel::LOGGED.len()],
     /// From the first to the last inertial sample or frame, s.
     pub duration_s: f64,
     /// How the log ends.
@@ -34,7 +34,7 @@ pub struct Inventory {
 /// # Errors
 /// When it cannot be read or is damaged.
 pub fn take(reader: &mut LogReader) -> Result<Inventory, LogError> {
-    let mut contents = [Content::default(); Channel::ALL.len()];
+    let mut contents = [Content::default(); Channel::LOGGED.len()];
     let mut span_ns: Option<(u64, u64)> = None;
     while let Some(message) = reader.next_message()? {
         let content = &mut contents[message.channel as usize];

@@ -4,7 +4,7 @@
 //! after the last. Chunks are compressed with LZ4.
 
 use super::about::{About, METADATA_NAME};
-use super::channel::Channel;
+use super::channel::{Channel, descriptors};
 use super::part_file::{OpenPart, PartFile};
 use super::seal::Seal;
 use mcap::records::{MessageHeader, Metadata};
@@ -26,8 +26,8 @@ const RECORDING_BYTES: u64 = 128;
 /// A part that is being written.
 pub struct Part {
     mcap: mcap::Writer<PartFile>,
-    ids: [u16; Channel::ALL.len()],
-    counts: [u32; Channel::ALL.len()],
+    ids: [u16; Channel::LOGGED.len()],
+    counts: [u32; Channel::LOGGED.len()],
     seal: Seal,
     complete_bytes: u64,
     chunks: u64,
@@ -53,16 +53,16 @@ impl Part {
             .disable_seeking(true);
         let mut mcap = options.create(file)?;
         mcap.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata })?;
-        let mut ids = [0; Channel::ALL.len()];
-        for channel in Channel::ALL {
-            let schema = mcap.add_schema(channel.schema(about.images), "protobuf", channel.descriptors())?;
+        let mut ids = [0; Channel::LOGGED.len()];
+        for channel in Channel::LOGGED {
+            let schema = mcap.add_schema(channel.schema(about.images), "protobuf", descriptors(channel))?;
             ids[channel as usize] =
-                mcap.add_channel(schema, channel.topic(), "protobuf", &BTreeMap::new())?;
+                mcap.add_channel(schema, channel.channel(), "protobuf", &BTreeMap::new())?;
         }
         Ok(Self {
             mcap,
             ids,
-            counts: [0; Channel::ALL.len()],
+            counts: [0; Channel::LOGGED.len()],
             seal: Seal::default(),
             complete_bytes: 0,
             chunks: 0,

@@ -300,7 +300,7 @@ fn take_record(
     }
     match mcap::parse_record(opcode, data).map_err(|e| e.to_string())? {
         Record::Channel(channel) => {
-            if let Some(known) = Channel::of_topic(&channel.topic) {
+            if let Some(known) = Channel::of_channel(&channel.topic) {
                 channels.insert(channel.id, known);
             }
             if channels.len() > MAX_CHANNELS {

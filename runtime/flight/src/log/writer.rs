@@ -16,7 +16,7 @@ use plumbline_config::Timestamp;
 use plumbline_config::options::{KeepPolicy, RecorderConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Estimate;
-use plumbline_record::fields::Record;
+use plumbline_record::fields::Parts;
 use plumbline_record::parts::{End, Recording};
 use plumbline_record::{Dropped, Event, Said, protobuf};
 use prost::Message;
@@ -151,19 +151,15 @@ impl LogWriter {
     }
 
     fn put_entry(&mut self, entry: &LogEntry) -> Result<(), LogError> {
-        let newest = self.newest();
         match entry {
             LogEntry::Frame(frame) => self.put_frame(frame),
-            LogEntry::Said(said) => match said {
-                Said::Imu(reading) => self.put(Channel::Imu, reading.sample.stamp, reading),
-                Said::Order(order) => self.put(Channel::FrameOrder, newest, order),
-                Said::Correction(order) => self.put(Channel::CorrectionOrder, newest, order),
-                Said::Reset(order) => self.put(Channel::ResetOrder, newest, order),
-                Said::MapOrder(order) => self.put(Channel::MapOrder, newest, order),
-                Said::MapEstimate(m) => self.put(Channel::MapEstimate, m.stamp, m),
-                Said::Estimate(full) => self.put_estimate(&full.estimate),
-                Said::Odometry(o) => self.put(Channel::Odometry, o.stamp, o),
-                Said::Event(event) => self.put_event(event),
+            LogEntry::Said(Said::Estimate(full)) => self.put_estimate(&full.estimate),
+            LogEntry::Said(Said::Event(event)) => self.put_event(event),
+            LogEntry::Said(said) => match said.record() {
+                Some(record) if said.topic().row().log.is_some() => {
+                    self.put(said.topic(), said.stamp().unwrap_or_else(|| self.newest()), record)
+                }
+                _ => Ok(()),
             },
         }
     }
@@ -214,8 +210,9 @@ impl LogWriter {
         self.append(Channel::Recording, self.newest_ns)
     }
 
-    fn put(&mut self, channel: Channel, stamp: Timestamp, record: &impl Record) -> Result<(), LogError> {
-        self.buffer = protobuf::encode(record);
+    fn put(&mut self, channel: Channel, stamp: Timestamp, record: &dyn Parts) -> Result<(), LogError> {
+        self.buffer.clear();
+        record.append(&mut self.buffer);
         self.put_buffer(channel, drawn::log_time(stamp))
     }
 

@@ -1,64 +1,61 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-ground --run-ignored only fuzz_seeds`.
 
+use super::super::test_messages::window;
 use super::fixture::{estimate, odometry, put};
-use plumbline_link::net::{proto as net, wire};
-use prost::Message as _;
+use nalgebra::{Isometry3, Vector3};
+use plumbline_config::Timestamp;
+use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_record::fields::Parts;
+use plumbline_record::messages::{
+    Clock, Envelope, Health, Ladder, MapSaved, PastPose, Picture, ResetDone, Trajectory,
+};
+use plumbline_record::protobuf::{encode, encode_brief};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::topics::Topic;
+
+/// A message of a key, in its envelope.
+fn sent(topic: Topic, record: &dyn Parts) -> (u8, Vec<u8>) {
+    let mut message = Vec::new();
+    record.append(&mut message);
+    if topic == Topic::Odometry {
+        message = encode_brief(&odometry());
+    }
+    let number = Topic::published().position(|(known, _)| known == topic).unwrap();
+    (number as u8, encode(&Envelope::around(record, message, 7, 5)))
+}
 
 /// A message of every topic, each with its number and its length.
 fn network_messages() -> Vec<Vec<u8>> {
-    let header = wire::odom(&odometry(), 7, 5).header;
-    let pose = wire::pose(&odometry().pose_o_b);
     // A header alone, of the size that the message says.
     let jpeg = vec![0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 4, 0, 4, 1, 1, 0x11, 0, 0xff, 0xd9];
-    let (points_o, lines_o) = (vec![1.0, 2.0, 3.0], vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+    let stamp = Timestamp::from_nanos(1);
+    let end = LoopEnd { stamp, p_m_b: Vector3::x() };
+    let mut path = MapPath::new(0);
+    path.poses = vec![PathPose { stamp, reset_counter: 0, pose_m_b: Isometry3::identity() }; 2];
+    path.loops = vec![[end; 2]];
+    path.drift_m = Some(0.1);
+    let past = PastPose { stamp, pose_o_b: Isometry3::identity(), reset_counter: 0 };
+    let ladder = Ladder { level: 0, name: "full".into() };
     let messages = [
-        (0, wire::odom(&odometry(), 7, 5).encode_to_vec()),
-        (1, wire::state(&estimate(), 3, 5).encode_to_vec()),
-        (
-            2,
-            net::Health {
-                header,
-                words: vec!["few points".into()],
-                rung_words: "everything".into(),
-                frame_rate_hz: 20.0,
-                keyframes: 4,
-                ..net::Health::default()
-            }
-            .encode_to_vec(),
+        sent(Topic::Odometry, &odometry()),
+        sent(Topic::FullEstimate, &FullEstimate { estimate: estimate(), frame_ms: 3.5 }),
+        sent(
+            Topic::Health,
+            &Health { ladder, frame_rate_hz: 20.0, keyframes: 4, paths: 8, ..Health::default() },
         ),
-        (
-            3,
-            net::Keyframe { header, pose, points_o: points_o.clone(), lines_o: lines_o.clone() }
-                .encode_to_vec(),
+        sent(Topic::Keyframe, &window(1, odometry().reset_counter, 1)),
+        sent(
+            Topic::MapEstimate,
+            &MapEstimate { pose_m_o: Some(Isometry3::identity()), ..MapEstimate::default() },
         ),
-        (4, net::MapCorrection { header, pose_m_o: pose, ..net::MapCorrection::default() }.encode_to_vec()),
-        (5, net::Scene { header, keyframes: pose.into_iter().collect(), points_o, lines_o }.encode_to_vec()),
-        (
-            6,
-            net::Picture { header, jpeg, width_px: 4, height_px: 4, ..net::Picture::default() }
-                .encode_to_vec(),
-        ),
-        (
-            7,
-            net::MapPath {
-                header,
-                stamps_ns: vec![1, 2],
-                poses_m_b: vec![0.5; 14],
-                reset_counters: vec![0, 1],
-                loops_ns: vec![1, 2],
-                loops_m: vec![0.5; 6],
-                drift_m: Some(0.1),
-            }
-            .encode_to_vec(),
-        ),
-        (b'c', net::Clock { received_ns: 5, answered_ns: 9 }.encode_to_vec()),
-        (
-            b't',
-            net::Trajectory { stamps_ns: vec![1, 2], poses_o_b: vec![0.5; 14], reset_counters: vec![0, 2] }
-                .encode_to_vec(),
-        ),
-        (b'r', net::ResetDone { words: "done".into(), ..net::ResetDone::default() }.encode_to_vec()),
-        (b's', net::MapSaved { keyframes: 7, words: "saved".into() }.encode_to_vec()),
+        sent(Topic::Window, &window(2, odometry().reset_counter, 3)),
+        sent(Topic::Picture, &Picture { jpeg, width_px: 4, height_px: 4, ..Picture::default() }),
+        sent(Topic::Path, &path),
+        (b'c', encode(&Clock { received_ns: 5, answered_ns: 9 })),
+        (b't', encode(&Trajectory { poses: vec![past; 2] })),
+        (b'r', encode(&ResetDone { words: "done".into(), ..ResetDone::default() })),
+        (b's', encode(&MapSaved { keyframes: 7, words: "saved".into() })),
     ];
     let framed = |(topic, payload): &(u8, Vec<u8>)| {
         let length = u16::try_from(payload.len()).unwrap().to_le_bytes();

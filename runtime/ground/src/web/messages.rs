@@ -5,8 +5,12 @@ use super::super::fleet::{Fleet, FleetEvent};
 use super::super::map::{MapKeyframe, Scene};
 use super::super::vehicle::Vehicle;
 use nalgebra::Isometry3;
+use plumbline_link::net::read::Heard;
+use plumbline_record::messages::Picture;
+use plumbline_record::topics::Topic;
 use serde::Serialize;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// A pose as x y z qx qy qz qw.
@@ -77,6 +81,7 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "link": link(v, now),
         "keyframes": {"have": v.map.len(), "total": v.map.announced},
         "offers_camera": v.offers_camera,
+        "others": v.others.iter().map(|(topic, fields)| (key_name(*topic), fields)).collect::<BTreeMap<_, _>>(),
         "recording": {"on": v.is_recording, "samples": recording.0, "seconds": recording.1},
     })
 }
@@ -160,22 +165,28 @@ pub fn event(event: &FleetEvent) -> String {
 
 /// A camera image: length of a JSON header (u32, little-endian), the header, and the JPEG.
 #[must_use]
-pub fn picture(vehicle: &str, picture: &plumbline_link::net::proto::Picture) -> Vec<u8> {
-    let stamp_ns = picture.header.as_ref().map_or(0, |header| header.stamp_ns);
+pub fn picture(vehicle: &str, Heard { envelope, message }: &Heard<Picture>) -> Vec<u8> {
     let header = json!({
-        "vehicle": vehicle, "stamp_ns": stamp_ns.to_string(),
-        "width": picture.width_px, "height": picture.height_px,
-        "points": picture.points, "lines": picture.lines,
+        "vehicle": vehicle, "stamp_ns": envelope.stamp_ns.to_string(),
+        "width": message.width_px, "height": message.height_px,
+        "points": message.points.as_flattened(), "lines": message.lines.as_flattened(),
     })
     .to_string();
     let length = u32::try_from(header.len()).unwrap_or_default().to_le_bytes();
-    [&length[..], header.as_bytes(), &picture.jpeg].concat()
+    [&length[..], header.as_bytes(), &message.jpeg].concat()
+}
+
+/// Name of the key of a topic.
+fn key_name(topic: Topic) -> &'static str {
+    topic.row().key.map_or("", |key| key.name)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::test_messages::{health, heard};
     use super::*;
-    use plumbline_link::net::proto;
+    use plumbline_drivers::clock::StampFigures;
+    use plumbline_record::messages::{Health, SensorNews};
 
     #[test]
     fn a_vehicle_that_was_never_heard_has_no_numbers() {
@@ -196,14 +207,12 @@ mod tests {
     fn notices_and_bad_stamps_reach_the_page() {
         let mut known = Fleet::default();
         known.alive("drone", true);
-        let health = proto::Health {
-            header: Some(proto::Header::default()),
+        let sensors = SensorNews {
             notices: vec!["mounting unknown: set it".into()],
-            frames_restamped: 3,
-            samples_refused: 5,
-            ..proto::Health::default()
+            frames: StampFigures { restamped: 3, ..StampFigures::default() },
+            samples: StampFigures { refused: 5, ..StampFigures::default() },
         };
-        known.health("drone", &health, 100, Instant::now());
+        known.health("drone", &health(0, Health { sensors, ..Health::default() }), 100, Instant::now());
         let told: Value = serde_json::from_str(&fleet(&known, 0, Instant::now())).unwrap();
         let vehicle = &told["vehicles"][0];
         assert_eq!(vehicle["notices"][0], "mounting unknown: set it");
@@ -214,7 +223,7 @@ mod tests {
 
     #[test]
     fn a_picture_is_a_length_a_header_and_the_bytes() {
-        let sent = proto::Picture { jpeg: vec![0xff, 0xd8, 1], width_px: 4, ..proto::Picture::default() };
+        let sent = heard(0, Picture { jpeg: vec![0xff, 0xd8, 1], width_px: 4, ..Picture::default() });
         let bytes = picture("drone", &sent);
         let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
         let header: Value = serde_json::from_slice(&bytes[4..4 + length]).unwrap();

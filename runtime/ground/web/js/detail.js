@@ -98,6 +98,24 @@ export class Detail {
     for (const [element, text] of this.elements) setText(element, text(vehicle ?? NOBODY));
     this.horizon.update(vehicle ? attitudeOf(vehicle) : null, vehicle ? store.isCurrent(vehicle) : false);
     this.updateHealth(vehicle, presence, age);
+    this.updateOthers(vehicle);
+  }
+
+  // Fields of what has no place of its own on the page.
+  updateOthers(vehicle) {
+    const rows = f.fieldRows(vehicle?.state.others);
+    byId('others-panel').hidden = !rows.length;
+    const list = byId('others');
+    while (list.children.length > rows.length) list.lastChild.remove();
+    while (list.children.length < rows.length) {
+      const row = make('div');
+      row.append(make('dt'), make('dd'));
+      list.append(row);
+    }
+    rows.forEach(([name, text], i) => {
+      setText(list.children[i].firstChild, name);
+      setText(list.children[i].lastChild, text);
+    });
   }
 
   updateHealth(vehicle, presence, age) {

@@ -12,10 +12,13 @@
 use super::commands::reset_words;
 use super::error::NetError;
 use super::keyframes::KeyframeHistory;
+use super::outlet::{encoding, key_of};
 use super::vehicle::Vehicle;
-use super::{ROOT, now_ns, proto, read};
-use plumbline_estimator::{Estimate, ResetKind};
-use prost::Message;
+use super::{now_ns, read};
+use plumbline_estimator::{Estimate, MapSnapshot, ResetKind};
+use plumbline_record::messages::{Clock, MapSaved, PastPose, ResetDone, Trajectory};
+use plumbline_record::protobuf::encode;
+use plumbline_record::topics::{Question, Topic};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -38,21 +41,13 @@ const MAX_STEP_MS: i64 = 3_600_000;
 /// Keyframes in one answer to a question.
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
 
-/// One pose of the past.
-#[derive(Clone, Copy, Debug)]
-struct PastPose {
-    stamp_ns: i64,
-    pose_o_b: [f64; 7],
-    reset_counter: u32,
-}
-
 /// What queries are answered from, filled by the publisher.
 #[derive(Debug)]
 pub struct Archive {
     poses: VecDeque<PastPose>,
     /// Keyframes that are final.
     pub keyframes: KeyframeHistory,
-    /// The corrected path as it was last sent, encoded.
+    /// The corrected path as it was last sent.
     pub path: Vec<u8>,
 }
 
@@ -68,33 +63,29 @@ impl Archive {
         if !estimate.has_pose() {
             return;
         }
-        let (p, q) = (estimate.pose_o_b.translation.vector, estimate.pose_o_b.rotation.coords);
         if self.poses.len() == MAX_POSES {
             self.poses.pop_front();
         }
         self.poses.push_back(PastPose {
-            stamp_ns: estimate.stamp.as_nanos(),
-            pose_o_b: [p.x, p.y, p.z, q.x, q.y, q.z, q.w],
+            stamp: estimate.stamp,
+            pose_o_b: estimate.pose_o_b,
             reset_counter: estimate.reset_counter,
         });
     }
 
     /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
-    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<proto::Trajectory> {
+    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<Trajectory> {
         let mut next_ns = i64::MIN;
         let mut is_due = |pose: &&PastPose| {
-            let is_due = wanted.contains(&pose.stamp_ns) && pose.stamp_ns >= next_ns;
+            let stamp_ns = pose.stamp.as_nanos();
+            let is_due = wanted.contains(&stamp_ns) && stamp_ns >= next_ns;
             if is_due {
-                next_ns = pose.stamp_ns.saturating_add(step_ns);
+                next_ns = stamp_ns.saturating_add(step_ns);
             }
             is_due
         };
-        let selected: Vec<&PastPose> = self.poses.iter().filter(&mut is_due).collect();
-        let answer = |poses: &[&PastPose]| proto::Trajectory {
-            stamps_ns: poses.iter().map(|p| p.stamp_ns).collect(),
-            poses_o_b: poses.iter().flat_map(|p| p.pose_o_b).collect(),
-            reset_counters: poses.iter().map(|p| p.reset_counter).collect(),
-        };
+        let selected: Vec<PastPose> = self.poses.iter().filter(&mut is_due).copied().collect();
+        let answer = |poses: &[PastPose]| Trajectory { poses: poses.to_vec() };
         if selected.is_empty() {
             return vec![answer(&[])];
         }
@@ -124,11 +115,11 @@ pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
 pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
     let (questions, waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
     let (commands, given) = mpsc::channel::<(Topic, Query)>(MAX_COMMANDS);
-    for topic in Topic::ALL {
-        let base = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
-        let key = if topic.has_several_answers() { format!("{base}/**") } else { base.clone() };
-        let (queue, clock_key) =
-            (if topic.is_command() { commands.clone() } else { questions.clone() }, base);
+    let asked = |topic: Topic| topic.row().question.map(|question| (topic, question));
+    for (topic, Question { is_command, has_several, .. }) in Topic::ALL.into_iter().filter_map(asked) {
+        let base = key_of(&answers.vehicle.name, topic);
+        let key = if has_several { format!("{base}/**") } else { base.clone() };
+        let (queue, clock_key) = (if is_command { commands.clone() } else { questions.clone() }, base);
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         session
             .declare_queryable(&key)
@@ -186,52 +177,6 @@ async fn obey(answers: Arc<Answers>, mut given: mpsc::Receiver<(Topic, Query)>) 
     }
 }
 
-/// What can be asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Topic {
-    Trajectory,
-    Keyframes,
-    Path,
-    Config,
-    Clock,
-    Reset,
-    MapSave,
-}
-
-impl Topic {
-    const ALL: [Self; 7] = [
-        Self::Trajectory,
-        Self::Keyframes,
-        Self::Path,
-        Self::Config,
-        Self::Clock,
-        Self::Reset,
-        Self::MapSave,
-    ];
-
-    fn key(self) -> &'static str {
-        match self {
-            Self::Trajectory => "trajectory",
-            Self::Keyframes => "map/keyframe",
-            Self::Path => "map/path",
-            Self::Config => "config",
-            Self::Clock => "clock",
-            Self::Reset => "command/reset",
-            Self::MapSave => "command/map_save",
-        }
-    }
-
-    /// Whether something is done.
-    fn is_command(self) -> bool {
-        matches!(self, Self::Reset | Self::MapSave)
-    }
-
-    /// Whether answers have keys of their own below the topic's.
-    fn has_several_answers(self) -> bool {
-        matches!(self, Self::Trajectory | Self::Keyframes)
-    }
-}
-
 /// Where answers to a question may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Room {
@@ -256,42 +201,39 @@ impl Room {
 
 impl Answers {
     async fn answer(&self, topic: Topic, query: &Query) {
-        let key = &format!("{ROOT}/{}/{}", self.vehicle.name, topic.key());
+        let key = &key_of(&self.vehicle.name, topic);
         match topic {
             Topic::Trajectory => {
                 let answers = self.trajectory(query, Room::of(query, key));
-                send_each(query, key, "plumbline.v1.Trajectory", answers).await;
+                send_each(query, key, topic, answers).await;
             }
-            Topic::Keyframes => {
+            Topic::Keyframe => {
                 let answers = self.keyframes(query, Room::of(query, key), key);
-                send_each(query, key, "plumbline.v1.Keyframe", answers).await;
+                send_each(query, key, topic, answers).await;
             }
             Topic::Path => {
                 let path = lock(&self.archive).path.clone();
                 let answer = if path.is_empty() { Vec::new() } else { vec![path] };
-                send(query, key, "plumbline.v1.MapPath", Ok(answer)).await;
+                send(query, key, topic, Ok(answer)).await;
             }
-            Topic::Config => {
-                let answer = vec![self.vehicle.configuration.encode_to_vec()];
-                send(query, key, "plumbline.v1.Configuration", Ok(answer)).await;
+            Topic::Configuration => {
+                send(query, key, topic, Ok(vec![encode(&self.vehicle.configuration)])).await;
             }
-            Topic::Clock => tell_time(query, key),
             Topic::Reset => {
                 let outcome = self.reset(query, key).await;
                 if let Err(reason) = &outcome {
                     tracing::warn!("reset refused: {reason}");
                 }
-                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
-                send(query, key, "plumbline.v1.ResetDone", answers).await;
+                send(query, key, topic, outcome.map(|done| vec![encode(&done)])).await;
             }
             Topic::MapSave => {
                 let outcome = self.save_map(query, key).await;
                 if let Err(reason) = &outcome {
                     tracing::warn!("map not saved: {reason}");
                 }
-                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
-                send(query, key, "plumbline.v1.MapSaved", answers).await;
+                send(query, key, topic, outcome.map(|done| vec![encode(&done)])).await;
             }
+            _ => tell_time(query, key),
         }
     }
 
@@ -301,8 +243,8 @@ impl Answers {
         let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
         let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
         let answers = lock(&self.archive).trajectory(&wanted, step_ns, size);
-        let numbered = |answer: &proto::Trajectory| {
-            (answer.stamps_ns.first().copied().unwrap_or_default(), answer.encode_to_vec())
+        let numbered = |answer: &Trajectory| {
+            (answer.poses.first().map_or(0, |first| first.stamp.as_nanos()), encode(answer))
         };
         Ok(answers.iter().map(numbered).collect())
     }
@@ -318,8 +260,7 @@ impl Answers {
             ));
         }
         let number = |bytes: &Vec<u8>| {
-            let header = read::decode::<proto::Keyframe>(bytes).and_then(|keyframe| keyframe.header);
-            header.map_or(0, |header| header.sequence as i64)
+            read::heard::<MapSnapshot>(bytes).map_or(0, |keyframe| keyframe.envelope.sequence as i64)
         };
         Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
     }
@@ -334,14 +275,14 @@ impl Answers {
     }
 
     /// Has the map kept; the error is the reason as text.
-    async fn save_map(&self, query: &Query, key: &str) -> Result<proto::MapSaved, String> {
+    async fn save_map(&self, query: &Query, key: &str) -> Result<MapSaved, String> {
         self.check_command(query, key)?;
         let keyframes = self.vehicle.commands.save_map().await?;
-        Ok(proto::MapSaved { keyframes, words: format!("{keyframes} keyframes saved") })
+        Ok(MapSaved { keyframes, words: format!("{keyframes} keyframes saved") })
     }
 
     /// Carries out a reset; the error is the reason as text.
-    async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
+    async fn reset(&self, query: &Query, key: &str) -> Result<ResetDone, String> {
         self.check_command(query, key)?;
         let kind = match query.parameters().get("kind") {
             Some("soft") => ResetKind::Soft,
@@ -349,7 +290,7 @@ impl Answers {
             _ => return Err("say ?kind=soft (keeps the pose) or ?kind=hard (starts at the origin)".into()),
         };
         let reset_counter = self.vehicle.commands.reset(kind, self.resets.clone()).await?;
-        Ok(proto::ResetDone { reset_counter, words: format!("{} reset done", reset_words(kind)) })
+        Ok(ResetDone { reset_counter, words: format!("{} reset done", reset_words(kind)) })
     }
 }
 
@@ -367,25 +308,24 @@ fn range<T: std::str::FromStr>(query: &Query, first: T, last: T) -> Result<Range
 }
 
 /// Sends numbered answers: below our own `key`, or under it where nothing else was asked for.
-async fn send_each(query: &Query, key: &str, schema: &str, answers: Result<Vec<(i64, Vec<u8>)>, String>) {
+async fn send_each(query: &Query, key: &str, topic: Topic, answers: Result<Vec<(i64, Vec<u8>)>, String>) {
     let answers = match answers {
         Ok(answers) => answers,
-        Err(reason) => return send(query, key, schema, Err(reason)).await,
+        Err(reason) => return send(query, key, topic, Err(reason)).await,
     };
     let has_own_keys = Room::of(query, key) == Room::Several;
     for (number, answer) in answers {
         let own = if has_own_keys { format!("{key}/{number}") } else { key.to_owned() };
-        send(query, &own, schema, Ok(vec![answer])).await;
+        send(query, &own, topic, Ok(vec![answer])).await;
     }
 }
 
 /// Sends the answers under our own `key`, whatever pattern was asked with.
-async fn send(query: &Query, key: &str, schema: &str, answers: Result<Vec<Vec<u8>>, String>) {
+async fn send(query: &Query, key: &str, topic: Topic, answers: Result<Vec<Vec<u8>>, String>) {
     match answers {
         Ok(answers) => {
             for answer in answers {
-                let encoding = Encoding::APPLICATION_PROTOBUF.with_schema(schema);
-                let _ = query.reply(key, answer).encoding(encoding).await;
+                let _ = query.reply(key, answer).encoding(encoding(topic)).await;
             }
         }
         Err(reason) => drop(query.reply_err(reason).encoding(Encoding::TEXT_PLAIN).await),
@@ -394,9 +334,8 @@ async fn send(query: &Query, key: &str, schema: &str, answers: Result<Vec<Vec<u8
 
 fn tell_time(query: &Query, key: &str) {
     let received_ns = now_ns();
-    let clock = proto::Clock { received_ns, answered_ns: now_ns() };
-    let encoding = Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Clock");
-    let _ = query.reply(key, clock.encode_to_vec()).encoding(encoding).express(true).wait();
+    let clock = Clock { received_ns, answered_ns: now_ns() };
+    let _ = query.reply(key, encode(&clock)).encoding(encoding(Topic::Clock)).express(true).wait();
 }
 
 #[cfg(test)]

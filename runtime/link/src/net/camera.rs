@@ -3,8 +3,10 @@
 use super::commands::{Commands, Watcher};
 use super::pace::Rates;
 use super::picture;
-use super::rings::Rings;
+use super::relay::Shared;
 use plumbline_flight::local::Shot;
+use plumbline_flight::schedule::lane::LaneReader;
+use plumbline_record::topics::Topic;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
@@ -13,9 +15,15 @@ use zenoh::pubsub::Publisher;
 const LOOK_PERIOD: Duration = Duration::from_millis(200);
 
 /// Compresses and sends waiting images, which the flight makes while there are subscribers. Ends with the task.
-pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates, commands: Arc<Commands>) {
+pub async fn serve(
+    camera: Publisher<'static>,
+    shared: Arc<Shared>,
+    mut pictures: LaneReader<Shot>,
+    rates: Rates,
+    commands: Arc<Commands>,
+) {
     let (mut sequence, mut looked, mut was_watched) = (0, None::<Instant>, false);
-    let bell = match rings.picture_bell.listen() {
+    let bell = match shared.picture_bell.listen() {
         Ok(bell) => bell,
         Err(error) => return tracing::error!("cannot publish pictures: {error}"),
     };
@@ -25,17 +33,19 @@ pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates, 
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
             if is_watched != was_watched {
-                commands.watch(Watcher::Network, if is_watched { rates.camera_hz } else { 0.0 });
+                commands.watch(Watcher::Network, if is_watched { rates.hz(Topic::Picture) } else { 0.0 });
                 was_watched = is_watched;
             }
         }
-        let encode =
-            |shot: &mut Shot| picture::message(shot, rates.camera_width_px, rates.camera_quality, sequence);
-        if !was_watched {
-            // Made for others.
-            continue;
+        let mut newest = None;
+        while let Some(shot) = pictures.pop() {
+            newest = Some(shot);
         }
-        if let Some(message) = rings.shots.read(encode).flatten() {
+        // Otherwise made for others.
+        let wanted = newest.filter(|_| was_watched);
+        let encode =
+            |shot: Shot| picture::message(&shot, rates.camera_width_px, rates.camera_quality, sequence);
+        if let Some(message) = wanted.and_then(encode) {
             sequence += 1;
             let _ = camera.put(message).await;
         }

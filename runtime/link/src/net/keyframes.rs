@@ -3,10 +3,11 @@
 //! A snapshot comes with each new keyframe. What the snapshot before it still had and the new one has no more is
 //! final. The last ones are kept, encoded, for those who come late or lost some on the way.
 
-use super::{proto, wire};
+use super::now_ns;
 use plumbline_estimator::MapSnapshot;
 use plumbline_estimator::window::snapshot::SnapshotKeyframe;
-use prost::Message;
+use plumbline_record::messages::Envelope;
+use plumbline_record::protobuf::encode;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -15,11 +16,7 @@ const MAX_KEPT: usize = 4_096;
 /// And bytes of them.
 const MAX_KEPT_BYTES: usize = 32 << 20;
 
-/// Numbers of a point and of a line in a message.
-const POINT_NUMBERS: usize = 3;
-const LINE_NUMBERS: usize = 6;
-
-/// Makes keyframe messages, and remembers them.
+/// Makes keyframe messages in their envelopes, and remembers them.
 #[derive(Debug)]
 pub struct KeyframeHistory {
     max_landmarks: usize,
@@ -47,18 +44,17 @@ impl KeyframeHistory {
         let mut messages = Vec::new();
         if let Some(last) = self.last.take() {
             for keyframe in finished(&last, snapshot) {
-                let mut message = wire::keyframe(&last, keyframe, self.next);
-                thin_out(&mut message.points_o, POINT_NUMBERS, self.max_landmarks);
-                thin_out(&mut message.lines_o, LINE_NUMBERS, self.max_landmarks);
-                messages.push(self.keep(&message));
+                let alone = alone(&last, keyframe, self.max_landmarks);
+                let envelope = Envelope::around(&alone, encode(&alone), self.next, now_ns());
+                messages.push(self.keep(&envelope));
             }
         }
         self.last = Some(snapshot.clone());
         messages
     }
 
-    fn keep(&mut self, message: &proto::Keyframe) -> Vec<u8> {
-        let bytes = message.encode_to_vec();
+    fn keep(&mut self, envelope: &Envelope) -> Vec<u8> {
+        let bytes = encode(envelope);
         self.next += 1;
         self.bytes += bytes.len();
         self.kept.push_back(bytes.clone());
@@ -98,18 +94,27 @@ pub fn evenly(entries: usize, count: usize) -> impl Iterator<Item = usize> {
     (0..count).map(move |k| k * entries / count)
 }
 
-/// Leaves `count` entries of `width` numbers, evenly chosen.
-fn thin_out(numbers: &mut Vec<f32>, width: usize, count: usize) {
-    let entries = numbers.len() / width;
-    if entries > count {
-        let chosen = evenly(entries, count);
-        *numbers = chosen.flat_map(|k| &numbers[k * width..(k + 1) * width]).copied().collect();
+/// A keyframe of `snapshot` with the landmarks that it hosts, at most `limit` points and as many lines, evenly chosen.
+fn alone(snapshot: &MapSnapshot, keyframe: &SnapshotKeyframe, limit: usize) -> MapSnapshot {
+    let host = keyframe.stamp;
+    MapSnapshot {
+        stamp: host,
+        reset_counter: snapshot.reset_counter,
+        keyframes: vec![*keyframe],
+        points: thinned(snapshot.points.iter().filter(|point| point.host == host), limit),
+        lines: thinned(snapshot.lines.iter().filter(|line| line.host == host), limit),
     }
+}
+
+/// `limit` of some landmarks, evenly chosen.
+fn thinned<'a, T: Copy + 'a>(landmarks: impl Iterator<Item = &'a T>, limit: usize) -> Vec<T> {
+    let all: Vec<T> = landmarks.copied().collect();
+    evenly(all.len(), limit).map(|k| all[k]).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::read;
+    use super::super::read::{self, Heard};
     use super::*;
     use nalgebra::{Isometry3, Vector3};
     use plumbline_config::Timestamp;
@@ -128,9 +133,13 @@ mod tests {
         }
     }
 
+    fn first(bytes: &[u8]) -> Heard<MapSnapshot> {
+        read::heard(bytes).unwrap()
+    }
+
     fn stamps(messages: &[Vec<u8>]) -> Vec<i64> {
-        let decoded = messages.iter().map(|bytes| read::decode::<proto::Keyframe>(bytes).unwrap());
-        decoded.map(|keyframe| keyframe.header.unwrap().stamp_ns).collect()
+        let decoded = messages.iter().map(|bytes| first(bytes));
+        decoded.map(|keyframe| keyframe.envelope.stamp_ns).collect()
     }
 
     #[test]
@@ -139,21 +148,18 @@ mod tests {
         assert!(history.update(&snapshot(1..4, 0)).is_empty());
         let told = history.update(&snapshot(3..6, 0));
         assert_eq!(stamps(&told), [1, 2]);
-        let first: proto::Keyframe = read::decode(&told[0]).unwrap();
-        assert_eq!(first.points_o, [1.0, 1.0, 2.0]);
+        let MapSnapshot { keyframes, points, .. } = first(&told[0]).message;
+        assert_eq!((keyframes.len(), points.len(), points[0].p_o), (1, 1, Vector3::new(1.0, 1.0, 2.0)));
         assert!(history.update(&snapshot(3..6, 0)).is_empty());
         assert_eq!(history.count(), 2);
     }
 
     #[test]
     fn landmarks_are_thinned_out_evenly() {
-        let mut numbers: Vec<f32> = (0..30).map(|k| k as f32).collect();
-        thin_out(&mut numbers, 3, 20);
-        assert_eq!(numbers.len(), 30);
-        thin_out(&mut numbers, 3, 3);
-        assert_eq!(numbers, [0.0, 1.0, 2.0, 9.0, 10.0, 11.0, 18.0, 19.0, 20.0]);
-        thin_out(&mut numbers, 3, 0);
-        assert!(numbers.is_empty());
+        let all: Vec<u32> = (0..10).collect();
+        assert_eq!(thinned(all.iter(), 20), all);
+        assert_eq!(thinned(all.iter(), 3), [0, 3, 6]);
+        assert!(thinned(all.iter(), 0).is_empty());
     }
 
     #[test]
@@ -162,8 +168,7 @@ mod tests {
         history.update(&snapshot(1..4, 0));
         let told = history.update(&snapshot(3..5, 1));
         assert_eq!(stamps(&told), [1, 2, 3]);
-        let first: proto::Keyframe = read::decode(&told[0]).unwrap();
-        assert_eq!(first.header.unwrap().reset_counter, 0);
+        assert_eq!(first(&told[0]).envelope.reset_counter, 0);
     }
 
     #[test]

@@ -1,37 +1,34 @@
 //! The map on the network: where the odometry lies in it, and the corrected path with its loops.
 //!
-//! The path is sent as a whole, since a loop moves all of it; so it is bounded, and seldom. Each correction says how many
+//! The path is sent as a whole, since a loop moves all of it; so it is bounded, and seldom. Each health message says how many
 //! paths there were: who has missed the newest one asks for it ([`super::answers`]).
 
 use super::answers::{Archive, lock};
-use super::declare::declare_publisher;
 use super::error::NetError;
-use super::pace::{Pace, Rates};
-use super::rings::Rings;
-use super::wire;
+use super::now_ns;
+use super::outlet::Outlet;
+use super::pace::Rates;
 use plumbline_estimator::places::{MapEstimate, MapPath};
-use prost::Message;
+use plumbline_record::messages::Envelope;
+use plumbline_record::protobuf::encode;
+use plumbline_record::topics::Topic;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use zenoh::Session;
-use zenoh::pubsub::Publisher;
-use zenoh::qos::Priority;
 
 /// The keys `map/correction` and `map/path`.
 pub struct MapPublisher {
-    correction: Publisher<'static>,
-    path: Publisher<'static>,
+    correction: Outlet,
+    path: Outlet,
     archive: Arc<Mutex<Archive>>,
-    pace: Pace,
+    path_poses: usize,
     path_period: Duration,
-    corrections: u64,
-    paths: u64,
-    /// The last that was told of.
-    last: Option<MapEstimate>,
-    /// The path as it is now, as it was sent, and when.
-    newest: MapPath,
-    sent: MapPath,
-    sent_at: Option<Instant>,
+    /// The last place in the map that came, with its message.
+    last: Option<(MapEstimate, Vec<u8>)>,
+    /// The newest path and its message, until it is sent.
+    newest: Option<(MapPath, Vec<u8>)>,
+    /// Message of the path that was sent last, and when.
+    sent: Option<(Vec<u8>, Instant)>,
 }
 
 impl MapPublisher {
@@ -45,36 +42,42 @@ impl MapPublisher {
         rates: Rates,
         archive: Arc<Mutex<Archive>>,
     ) -> Result<Self, NetError> {
-        let declare = |name, schema| declare_publisher(session, vehicle, name, schema, Priority::Data);
+        let declare = |topic| Outlet::declare(session, vehicle, topic, rates.link);
         Ok(Self {
-            correction: declare("map/correction", "MapCorrection").await?,
-            path: declare("map/path", "MapPath").await?,
+            correction: declare(Topic::MapEstimate).await?,
+            path: declare(Topic::Path).await?,
             archive,
-            pace: Pace::new(rates.correction_hz),
-            path_period: rates.path_period(),
-            corrections: 0,
-            paths: 0,
+            path_poses: rates.path_poses,
+            path_period: rates.period(Topic::Path),
             last: None,
-            newest: MapPath::new(rates.path_poses),
-            sent: MapPath::new(rates.path_poses),
-            sent_at: None,
+            newest: None,
+            sent: None,
         })
     }
 
-    /// Takes where the odometry lies in the map, and sends it where it is due, or has become known or unknown.
-    pub async fn follow(&mut self, map: &MapEstimate) {
-        let was_known = self.last.as_ref().is_some_and(|last| last.pose_m_o.is_some());
-        let is_news = self.last.is_none() || was_known != map.pose_m_o.is_some();
-        if self.pace.admits(map.stamp) || is_news {
-            self.send_correction(map).await;
-        }
-        self.last = Some(map.clone());
+    /// Paths sent so far.
+    pub fn paths(&self) -> u64 {
+        self.path.sequence
     }
 
-    /// Takes the paths that wait, and sends the newest if it has changed and is due.
-    pub async fn send_path(&mut self, rings: &Rings) {
-        while rings.paths.read(|path| self.newest.clone_from(path)).is_some() {}
-        if self.sent_at.is_none_or(|at| at.elapsed() >= self.path_period) {
+    /// Takes where the odometry lies in the map, and sends it where it is due, or has become known or unknown.
+    pub async fn follow(&mut self, map: MapEstimate, message: Vec<u8>) {
+        let was_known = self.last.as_ref().is_some_and(|(last, _)| last.pose_m_o.is_some());
+        let is_news = self.last.is_none() || was_known != map.pose_m_o.is_some();
+        if self.correction.admits(map.stamp) || is_news {
+            self.correction.send(&map, message.clone()).await;
+        }
+        self.last = Some((map, message));
+    }
+
+    /// Takes the newest path.
+    pub fn take(&mut self, path: MapPath, message: Vec<u8>) {
+        self.newest = Some((path, message));
+    }
+
+    /// Sends the newest path if it has changed and is due.
+    pub async fn send_path(&mut self) {
+        if self.sent.as_ref().is_none_or(|(_, at)| at.elapsed() >= self.path_period) {
             self.send_changed_path().await;
         }
     }
@@ -82,26 +85,62 @@ impl MapPublisher {
     /// Sends how it all ended: the flight is over.
     pub async fn finish(&mut self) {
         self.send_changed_path().await;
-        if let Some(last) = self.last.take() {
-            self.send_correction(&last).await;
+        if let Some((last, message)) = self.last.take() {
+            self.correction.send(&last, message).await;
         }
     }
 
     async fn send_changed_path(&mut self) {
-        if self.newest == self.sent {
+        let Some((mut path, mut message)) = self.newest.take() else { return };
+        if self.sent.as_ref().is_some_and(|(sent, _)| *sent == message) {
             return;
         }
-        let bytes = wire::path(&self.newest, self.paths).encode_to_vec();
-        self.paths += 1;
-        lock(&self.archive).path.clone_from(&bytes);
-        let _ = self.path.put(bytes).await;
-        self.sent.clone_from(&self.newest);
-        self.sent_at = Some(Instant::now());
+        self.sent = Some((message.clone(), Instant::now()));
+        if path.poses.len() > self.path_poses {
+            thin_out(&mut path, self.path_poses);
+            message = encode(&path);
+        }
+        let mut envelope = Envelope::around(&path, message, self.path.sequence, now_ns());
+        if let Some(newest) = path.poses.last() {
+            (envelope.stamp_ns, envelope.reset_counter) = (newest.stamp.as_nanos(), newest.reset_counter);
+        }
+        lock(&self.archive).path = encode(&envelope);
+        self.path.put(&envelope).await;
     }
+}
 
-    async fn send_correction(&mut self, map: &MapEstimate) {
-        let message = wire::correction(map, self.corrections, self.paths);
-        self.corrections += 1;
-        let _ = self.correction.put(message.encode_to_vec()).await;
+/// Keeps at most `limit` poses, evenly spread, the newest among them, and as many of the newest loops.
+fn thin_out(path: &mut MapPath, limit: usize) {
+    let known = path.poses.len();
+    let (kept, mut at, mut taken) = (known.min(limit), 0, 0);
+    path.poses.retain(|_| {
+        at += 1;
+        let is_taken = taken < kept && at * kept >= (taken + 1) * known;
+        taken += usize::from(is_taken);
+        is_taken
+    });
+    path.loops.drain(..path.loops.len().saturating_sub(limit));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Isometry3;
+    use plumbline_config::Timestamp;
+    use plumbline_estimator::places::mapper::path::PathPose;
+
+    #[test]
+    fn a_path_is_thinned_evenly_and_keeps_its_newest_pose() {
+        let mut path = MapPath::new(0);
+        path.poses.extend((0..10).map(|k| PathPose {
+            stamp: Timestamp::from_nanos(k),
+            reset_counter: 0,
+            pose_m_b: Isometry3::identity(),
+        }));
+        thin_out(&mut path, 4);
+        let stamps: Vec<_> = path.poses.iter().map(|pose| pose.stamp.as_nanos()).collect();
+        assert_eq!(stamps, [2, 4, 7, 9]);
+        thin_out(&mut path, 100);
+        assert_eq!(path.poses.len(), 4);
     }
 }

@@ -1,12 +1,13 @@
 //! Camera pictures for people: the left image with what is tracked in it, reduced and compressed.
 
-use super::{now_ns, proto};
+use super::now_ns;
 use jpeg_encoder::{ColorType, Encoder};
 use plumbline_config::GrayImage;
 use plumbline_flight::local::Shot;
-use prost::Message;
+use plumbline_record::messages::{Envelope, Picture};
+use plumbline_record::protobuf::encode;
 
-/// Message of a picture: at most `max_width_px` wide, compressed with `quality` (1 to 100). `None` without image.
+/// Message of a picture in its envelope: at most `max_width_px` wide, compressed with `quality` (1 to 100). `None` without image.
 #[must_use]
 pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> Option<Vec<u8>> {
     let factor = shot.image.width().div_ceil(max_width_px.max(1)).max(1);
@@ -19,21 +20,17 @@ pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> 
     let pixels = reduced(&shot.image, factor);
     Encoder::new(&mut jpeg, quality.clamp(1, 100)).encode(&pixels, columns, rows, ColorType::Luma).ok()?;
     let place = |x: f32| place(x, factor);
-    let header = proto::Header {
-        stamp_ns: shot.stamp.as_nanos(),
-        published_ns: now_ns(),
-        sequence,
-        ..proto::Header::default()
-    };
-    let message = proto::Picture {
-        header: Some(header),
-        jpeg,
+    let message = Picture {
+        frame: shot.frame,
+        stamp_ns: shot.stamp,
         width_px: u32::from(columns),
         height_px: u32::from(rows),
-        points: shot.points.iter().flat_map(|[x, y, age]| [place(*x), place(*y), *age]).collect(),
-        lines: shot.lines.iter().flatten().map(|x| place(*x)).collect(),
+        pixels: Vec::new(),
+        points: shot.points.iter().map(|[x, y, age]| [place(*x), place(*y), *age]).collect(),
+        lines: shot.lines.iter().map(|line| line.map(place)).collect(),
+        jpeg,
     };
-    Some(message.encode_to_vec())
+    Some(encode(&Envelope::around(&message, encode(&message), sequence, now_ns())))
 }
 
 /// Coordinate in an image reduced by `factor`. The centre of pixel 0 is at 0: the reduced one's lies in the middle of its
@@ -88,7 +85,7 @@ pub fn jpeg_size(jpeg: &[u8]) -> Option<(u32, u32)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::read;
+    use super::super::read::{self, Heard};
     use super::*;
     use plumbline_config::Timestamp;
 
@@ -119,16 +116,12 @@ mod tests {
 
     #[test]
     fn a_picture_that_is_larger_than_it_says_is_refused() {
-        let shot = |jpeg: Vec<u8>| proto::Picture {
-            header: Some(proto::Header { stamp_ns: 1, published_ns: 1, ..proto::Header::default() }),
-            width_px: 64,
-            height_px: 48,
-            jpeg,
-            ..proto::Picture::default()
-        };
         let mut jpeg = Vec::new();
         Encoder::new(&mut jpeg, 50).encode(&[7; 64 * 48], 64, 48, ColorType::Luma).unwrap();
-        let decoded = |jpeg: &[u8]| read::decode::<proto::Picture>(&shot(jpeg.to_vec()).encode_to_vec());
+        let decoded = |jpeg: &[u8]| {
+            let message = Picture { width_px: 64, height_px: 48, jpeg: jpeg.to_vec(), ..Picture::default() };
+            read::picture(&encode(&Envelope::around(&message, encode(&message), 1, 1)))
+        };
         assert!(decoded(&jpeg).is_some());
         // The same bytes, whose header claims 16000 x 16000.
         let at = jpeg.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
@@ -139,9 +132,9 @@ mod tests {
 
     #[test]
     fn a_picture_is_reduced_and_its_points_with_it() {
-        let message: proto::Picture = read::decode(&message(&shot(), 376, 70, 3).unwrap()).unwrap();
-        assert_eq!((message.width_px, message.height_px), (376, 240));
-        assert_eq!(message.points, [50.5, 100.5, 7.0]);
+        let Heard { envelope, message } = read::picture(&message(&shot(), 376, 70, 3).unwrap()).unwrap();
+        assert_eq!((message.width_px, message.height_px, envelope.sequence), (376, 240, 3));
+        assert_eq!(message.points, [[50.5, 100.5, 7.0]]);
         assert!(message.jpeg.len() < 20_000);
     }
 

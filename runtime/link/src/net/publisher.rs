@@ -3,16 +3,16 @@
 use super::commands::Commands;
 use super::endpoints::Endpoints;
 use super::error::NetError;
-use super::feed::Feed;
-use super::pace::{Pace, Rates};
-use super::proto;
+use super::pace::Rates;
 use super::publishers::Publishers;
-use super::rings::{Rings, ToSend};
+use super::relay::{Feed, Shared, Waiting};
 use super::security;
 use super::vehicle::Vehicle;
 use plumbline_config::ValidConfig;
 use plumbline_flight::local::Failure;
 use plumbline_flight::local::request::Request;
+use plumbline_record::messages::Configuration;
+use plumbline_record::topics::Topic;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -27,7 +27,7 @@ const RETRY: Duration = Duration::from_millis(500);
 /// A vehicle's presence on the network, for one flight.
 #[derive(Debug)]
 pub struct Publisher {
-    rings: Arc<Rings>,
+    shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -64,12 +64,15 @@ impl Publisher {
         is_patient: bool,
     ) -> Result<(Self, Feed), NetError> {
         let rates = Rates::of(endpoints.link);
+        let configuration = Configuration {
+            toml: config.to_toml().unwrap_or_default(),
+            sha256: plumbline_record::digest::config_hash(config),
+            version: env!("CARGO_PKG_VERSION").into(),
+            stamps_of_host: false,
+        };
         let vehicle = Arc::new(Vehicle {
             name: endpoints.vehicle.clone(),
-            configuration: proto::Configuration {
-                toml: config.to_toml().unwrap_or_default(),
-                sha256: plumbline_record::digest::config_hash(config),
-            },
+            configuration,
             offers_camera: config.network.camera,
             rot_v_b: config.vehicle.rot_v_b(),
             refusal: security::refusal(config.network.commands, endpoints),
@@ -80,10 +83,9 @@ impl Publisher {
         } else if let Some(exposure) = security::exposure(endpoints) {
             tracing::warn!("{exposure}");
         }
-        let (rings, written, to_send) = Rings::new(config, rates.path_poses)?;
-        let rings = Arc::new(rings);
+        let (feed, waiting, shared) = Feed::new(rates.hz(Topic::Picture))?;
         let (ready, wait) = sync_channel(1);
-        let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
+        let (theirs, endpoints) = (Arc::clone(&shared), endpoints.clone());
         let start = Start { endpoints, vehicle, rates, is_patient, ready };
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -92,7 +94,7 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new()
             .name("plumbline-net".into())
-            .spawn(move || runtime.block_on(start.publish(&theirs, to_send)))?;
+            .spawn(move || runtime.block_on(start.publish(&theirs, waiting)))?;
         let outcome = match wait.recv_timeout(if is_patient { BRIEFLY } else { Duration::MAX }) {
             Ok(outcome) => outcome,
             // It goes on trying.
@@ -101,24 +103,16 @@ impl Publisher {
                 Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
             }
         };
-        let feed = Feed {
-            rings: Arc::clone(&rings),
-            odometry: written.odometry,
-            estimates: written.estimates,
-            places: written.places,
-            path_poses: rates.path_poses,
-            pictures: Pace::new(rates.camera_hz),
-        };
-        outcome.map(|()| (Self { rings, thread: Some(thread) }, feed))
+        outcome.map(|()| (Self { shared, thread: Some(thread) }, feed))
     }
 
-    /// Sends what is left in the rings and closes the session.
+    /// Sends what is left and closes the session.
     pub fn stop(mut self) {
         self.end();
     }
 
     fn end(&mut self) {
-        self.rings.end();
+        self.shared.end();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -136,16 +130,16 @@ struct Start {
 
 impl Start {
     /// Opens the session, says what became of that, and publishes until the flight is over.
-    async fn publish(self, rings: &Arc<Rings>, to_send: ToSend) {
+    async fn publish(self, shared: &Arc<Shared>, waiting: Waiting) {
         let opened = match self.is_patient {
-            true => self.declare_patiently(rings).await,
+            true => self.declare_patiently(shared).await,
             false => self.declare().await.map(Some),
         };
         match opened {
             Ok(publishers) => {
                 let _ = self.ready.send(Ok(()));
                 if let Some(publishers) = publishers {
-                    publishers.run(rings, to_send).await;
+                    publishers.run(shared, waiting).await;
                 }
             }
             Err(error) => {
@@ -163,11 +157,11 @@ impl Start {
     }
 
     /// Opens the session as soon as that can be done; `None` when the flight is over before.
-    async fn declare_patiently(&self, rings: &Rings) -> Result<Option<Publishers>, NetError> {
+    async fn declare_patiently(&self, shared: &Shared) -> Result<Option<Publishers>, NetError> {
         let mut told = String::new();
         loop {
             let error = tokio::select! {
-                () = is_over(rings) => return Ok(None),
+                () = is_over(shared) => return Ok(None),
                 opened = self.declare() => match opened {
                     Ok(publishers) => {
                         if !told.is_empty() {
@@ -193,8 +187,8 @@ impl Start {
 }
 
 /// Waits until the flight is over.
-async fn is_over(rings: &Rings) {
-    while !rings.stop.load(Ordering::Relaxed) {
+async fn is_over(shared: &Shared) {
+    while !shared.stop.load(Ordering::Relaxed) {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }

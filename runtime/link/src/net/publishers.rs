@@ -1,59 +1,56 @@
-//! The keys that a vehicle publishes, each with the quality of service that it needs.
+//! The keys that a vehicle publishes, by the table of topics: each with the quality of service that it needs.
 //!
-//! | key | priority | express | when the link is full |
-//! |---|---|---|---|
-//! | `odom` | real time | yes | dropped: the next one is 5 ms away; in datagrams where they are to be had ([`super::datagrams`]) |
-//! | `state` | data, high | no | dropped |
-//! | `health` | interactive, high | no | dropped: the next one is soon |
-//! | `map/...` | data | no | dropped, and asked for again ([`super::answers`]): waiting would hold up the others |
-//! | `scene` | data, low | no | dropped |
-//! | `camera` | background | no | dropped |
+//! What finds no room on the link is dropped: of odometry the next one is 5 ms away (in datagrams where they are to be had,
+//! [`super::datagrams`]), health comes again soon, and what is missing of the map is asked for ([`super::answers`]): waiting would
+//! hold up the others.
 
 use super::answers::{self, Answers, Archive, lock};
 use super::commands::Commands;
 use super::datagrams::Datagrams;
-use super::declare::declare_publisher;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
-use super::pace::{Pace, Rates};
-use super::rings::{Rings, ToSend};
+use super::outlet::Outlet;
+use super::pace::Rates;
+use super::relay::{Relayed, Shared, Waiting};
 use super::vehicle::Vehicle;
-use super::{ROOT, audit, camera, diagnosis, now_ns, wire};
+use super::{ROOT, audit, camera, diagnosis, now_ns};
 use nalgebra::UnitQuaternion;
-use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, MapSnapshot};
+use plumbline_flight::local::Record;
 use plumbline_flight::local::request::Request;
 use plumbline_flight::schedule::ladder::Rung;
 use plumbline_flight::schedule::lane::LaneReader;
-use prost::Message;
+use plumbline_record::messages::{Envelope, Health, Ladder, SensorNews};
+use plumbline_record::protobuf::encode;
+use plumbline_record::topics::Topic;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use zenoh::Session;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::Priority;
 
 /// Period at which refused accesses are logged.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 /// Period of the signs of life.
 const ALIVE_PERIOD: Duration = Duration::from_secs(1);
+/// Topics whose messages are more than relayed. All others are sent as they come.
+const OWN: [Topic; 5] = [Topic::Odometry, Topic::MapEstimate, Topic::Path, Topic::Picture, Topic::Keyframe];
 
 /// The vehicle's keys, declared.
 pub struct Publishers {
     session: Session,
     /// Moved into the task that sends odometry.
     odometry: Option<OdometryPublisher>,
-    state: Publisher<'static>,
-    health: Publisher<'static>,
     keyframe: Publisher<'static>,
     map: MapPublisher,
-    scene: Publisher<'static>,
     /// Moved into the task that sends camera images.
     camera: Option<Publisher<'static>>,
+    /// All other keys.
+    outlets: Vec<(Topic, Outlet)>,
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
     offers_camera: bool,
@@ -61,32 +58,11 @@ pub struct Publishers {
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
     commands: Arc<Commands>,
-    course: Course,
-}
-
-/// Counters and pace of the messages.
-struct Course {
-    feed: HealthFeed,
-    state: Pace,
-    scene: Pace,
-    states: u64,
-    scenes: u64,
+    health: HealthFeed,
+    ladder: Ladder,
+    sensors: SensorNews,
     chores: Instant,
     alive: Instant,
-}
-
-impl Course {
-    fn new(rates: &Rates) -> Self {
-        Self {
-            feed: HealthFeed::new(rates.health_period()),
-            state: Pace::new(rates.state_hz),
-            scene: Pace::new(rates.scene_hz),
-            states: 0,
-            scenes: 0,
-            chores: Instant::now(),
-            alive: Instant::now(),
-        }
-    }
 }
 
 impl Publishers {
@@ -107,18 +83,17 @@ impl Publishers {
         let answers =
             Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
         answers::declare(&session, answers).await?;
-        let declare =
-            |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
-        let (name, hz) = (&vehicle.name, rates.odom_hz);
-        let odometry = OdometryPublisher::declare(&session, name, datagrams, hz).await?;
-        let state = declare("state", "State", Priority::DataHigh).await?;
-        let health = declare("health", "Health", Priority::InteractiveHigh).await?;
-        let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
-        let map = MapPublisher::declare(&session, &vehicle.name, rates, Arc::clone(&archive)).await?;
-        let scene = declare("scene", "Scene", Priority::DataLow).await?;
-        let offers_camera = vehicle.offers_camera && rates.camera_hz > 0.0;
+        let (name, link) = (&vehicle.name, rates.link);
+        let odometry = OdometryPublisher::declare(&session, name, datagrams, link).await?;
+        let keyframe = Outlet::declare(&session, name, Topic::Keyframe, link).await?.publisher;
+        let map = MapPublisher::declare(&session, name, rates, Arc::clone(&archive)).await?;
+        let mut outlets = Vec::new();
+        for (topic, _) in Topic::published().filter(|(topic, _)| !OWN.contains(topic)) {
+            outlets.push((topic, Outlet::declare(&session, name, topic, link).await?));
+        }
+        let offers_camera = vehicle.offers_camera && rates.hz(Topic::Picture) > 0.0;
         let camera = match offers_camera {
-            true => Some(declare("camera", "Picture", Priority::Background).await?),
+            true => Some(Outlet::declare(&session, name, Topic::Picture, link).await?.publisher),
             false => None,
         };
         let key = format!("{ROOT}/{}/alive", vehicle.name);
@@ -127,12 +102,10 @@ impl Publishers {
         Ok(Self {
             session: session.clone(),
             odometry: Some(odometry),
-            state,
-            health,
             keyframe,
             map,
-            scene,
             camera,
+            outlets,
             _alive: alive,
             offers_camera,
             rot_v_b: vehicle.rot_v_b,
@@ -140,32 +113,37 @@ impl Publishers {
             archive,
             resets,
             commands: Arc::clone(&vehicle.commands),
-            course: Course::new(&rates),
+            health: HealthFeed::new(rates.period(Topic::Health)),
+            ladder: Ladder { level: 0, name: Rung::Full.name().into() },
+            sensors: SensorNews::default(),
+            chores: Instant::now(),
+            alive: Instant::now(),
         })
     }
 
-    /// Sends what the rings hold until the flight is over, then once more.
-    pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
-        let ToSend { odometry: waiting, mut estimates, mut places } = to_send;
-        let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), waiting));
+    /// Sends what comes until the flight is over, then what is left.
+    pub async fn run(mut self, shared: &Arc<Shared>, waiting: Waiting) {
+        let Waiting { odometry: waiting, mut records, pictures } = waiting;
+        let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(shared), waiting));
         let pictures = self.camera.take().map(|camera| {
-            tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates, Arc::clone(&self.commands)))
+            let commands = Arc::clone(&self.commands);
+            tokio::spawn(camera::serve(camera, Arc::clone(shared), pictures, self.rates, commands))
         });
-        let bell = rings.bell.listen();
-        while !rings.stop.load(Ordering::Relaxed) {
+        let bell = shared.bell.listen();
+        while !shared.stop.load(Ordering::Relaxed) {
             match &bell {
                 Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
-            self.empty(rings, &mut estimates, &mut places).await;
+            self.empty(shared, &mut records).await;
             self.do_chores();
         }
-        self.empty(rings, &mut estimates, &mut places).await;
+        self.empty(shared, &mut records).await;
         self.map.finish().await;
         if let Some(pictures) = pictures {
             pictures.abort();
         }
-        rings.odometry_bell.ring();
+        shared.odometry_bell.ring();
         if let Some(odometry) = odometry {
             let _ = odometry.await;
         }
@@ -174,74 +152,100 @@ impl Publishers {
 
     /// Logs what was refused, and gives a sign of life to whoever started the process.
     fn do_chores(&mut self) {
-        if self.course.chores.elapsed() < CHORES_PERIOD {
+        if self.chores.elapsed() < CHORES_PERIOD {
             return;
         }
-        self.course.chores = Instant::now();
+        self.chores = Instant::now();
         audit::log_refusals();
         diagnosis::report_failures();
-        if self.course.alive.elapsed() >= ALIVE_PERIOD {
-            self.course.alive = Instant::now();
+        if self.alive.elapsed() >= ALIVE_PERIOD {
+            self.alive = Instant::now();
             self.commands.report(&Request::Alive);
         }
     }
 
-    /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
-    /// in the sequence numbers.
-    async fn empty(
-        &mut self,
-        rings: &Rings,
-        estimates: &mut LaneReader<(Estimate, f64)>,
-        places: &mut LaneReader<MapEstimate>,
-    ) {
-        while let Some((estimate, frame_ms)) = estimates.pop() {
-            self.send_estimate(rings, &estimate, frame_ms).await;
-        }
-        while let Some(estimate) = places.pop() {
-            self.map.follow(&estimate).await;
+    /// Sends what waits.
+    async fn empty(&mut self, shared: &Shared, records: &mut LaneReader<Relayed>) {
+        while let Some(relayed) = records.pop() {
+            self.relay(shared, relayed).await;
         }
         // A change of the sensors is told also while there are no frames.
-        if let Some(message) = self.course.feed.renew(&rings.sensors()) {
-            let _ = self.health.put(message.encode_to_vec()).await;
+        if let Some(health) = self.health.renew(&self.sensors, self.map.paths()) {
+            self.send_health(health).await;
         }
-        self.map.send_path(rings).await;
-        while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {
-            self.send_snapshot(&snapshot).await;
+        self.map.send_path().await;
+    }
+
+    /// Sends a record on its key, and takes what other keys and answers need of it.
+    async fn relay(&mut self, shared: &Shared, Relayed { record, message }: Relayed) {
+        match record {
+            Record::Estimate(estimate, frame_ms) => {
+                self.send(Topic::FullEstimate, message).await;
+                self.note(shared, &estimate, frame_ms).await;
+            }
+            Record::MapEstimate(estimate) => self.map.follow(estimate, message).await,
+            Record::Window(snapshot) => {
+                self.send(Topic::Window, message).await;
+                self.send_finished(&snapshot).await;
+            }
+            Record::Path(path) => self.map.take(path, message),
+            Record::Ladder(ladder) => self.ladder = ladder,
+            Record::Sensors(news) => self.sensors = news,
+            Record::Other(kind) => {
+                if let Some(topic) = Topic::of_kind(kind) {
+                    self.send(topic, message).await;
+                }
+            }
+            _ => {}
         }
     }
 
-    async fn send_estimate(&mut self, rings: &Rings, estimate: &Estimate, frame_ms: f64) {
+    /// Sends a message on the key of its topic, if it has one and the message is due.
+    async fn send(&mut self, topic: Topic, message: Vec<u8>) {
+        let Some((_, outlet)) = self.outlets.iter_mut().find(|(known, _)| *known == topic) else { return };
+        let Some(Ok(record)) = topic.row().decode.map(|decode| decode(&message)) else { return };
+        let envelope = Envelope::around(&*record, message, outlet.sequence, now_ns());
+        if outlet.admits(envelope.stamp()) {
+            outlet.put(&envelope).await;
+        }
+    }
+
+    /// Takes what answers and health need of an estimate.
+    async fn note(&mut self, shared: &Shared, estimate: &Estimate, frame_ms: f64) {
         let keyframes = {
             let mut archive = lock(&self.archive);
             archive.remember(estimate);
             archive.keyframes.count()
         };
         self.resets.send_replace(estimate.reset_counter);
-        if self.course.state.admits(estimate.stamp) {
-            let _ = self.state.put(wire::state(estimate, self.course.states, now_ns()).encode_to_vec()).await;
-            self.course.states += 1;
-        }
         let around = Circumstances {
-            dropped: rings.dropped(),
-            rung: Rung::of_level(rings.rung.load(Ordering::Relaxed)).unwrap_or(Rung::Full),
+            dropped: shared.dropped(),
+            ladder: self.ladder.clone(),
             keyframes,
+            paths: self.map.paths(),
             offers_camera: self.offers_camera,
             rot_v_b: self.rot_v_b,
-            sensors: rings.sensors(),
+            sensors: self.sensors.clone(),
         };
-        if let Some(message) = self.course.feed.update(estimate, frame_ms, &around) {
-            let _ = self.health.put(message.encode_to_vec()).await;
+        if let Some(health) = self.health.update(estimate, frame_ms, &around) {
+            self.send_health(health).await;
         }
     }
 
-    async fn send_snapshot(&mut self, snapshot: &MapSnapshot) {
-        let keyframes = lock(&self.archive).keyframes.update(snapshot);
-        for message in keyframes {
-            let _ = self.keyframe.put(message).await;
+    async fn send_health(&mut self, (mut envelope, health): (Envelope, Health)) {
+        let outlets = self.outlets.iter_mut();
+        for (_, outlet) in outlets.filter(|(topic, _)| *topic == Topic::Health) {
+            (envelope.sequence, envelope.published_ns) = (outlet.sequence, now_ns());
+            envelope.message = encode(&health);
+            outlet.put(&envelope).await;
         }
-        if self.course.scene.admits(snapshot.stamp) {
-            let _ = self.scene.put(wire::scene(snapshot, self.course.scenes, now_ns()).encode_to_vec()).await;
-            self.course.scenes += 1;
+    }
+
+    /// Sends the keyframes that have left the window.
+    async fn send_finished(&self, snapshot: &MapSnapshot) {
+        let keyframes = lock(&self.archive).keyframes.update(snapshot);
+        for envelope in keyframes {
+            let _ = self.keyframe.put(envelope).await;
         }
     }
 }

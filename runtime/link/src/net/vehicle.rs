@@ -1,8 +1,8 @@
 //! What queries to a vehicle are answered from.
 
 use super::commands::Commands;
-use super::proto;
 use nalgebra::UnitQuaternion;
+use plumbline_record::messages::Configuration;
 use std::sync::Arc;
 
 /// What queries to a vehicle are answered from.
@@ -11,7 +11,7 @@ pub struct Vehicle {
     /// Its name in the keys.
     pub name: String,
     /// The configuration in force.
-    pub configuration: proto::Configuration,
+    pub configuration: Configuration,
     /// Whether camera images are offered.
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.

@@ -13,6 +13,7 @@ use crate::net::pace::{Pace, Rates};
 use plumbline_config::Timestamp;
 use plumbline_config::options::{RosConfig, RosPictures};
 use plumbline_flight::local::Shot;
+use plumbline_record::topics;
 use zenoh::qos::Priority;
 
 /// Messages that a subscriber is advised to hold: each replaces the one before.
@@ -98,10 +99,10 @@ impl ViewTopics {
             tracks,
             pictures: options.tracks,
             rates,
-            path_pace: Pace::new(rates.path_hz),
-            window_pace: Pace::new(rates.scene_hz),
-            map_pace: Pace::new(rates.path_hz),
-            picture_pace: Pace::new(rates.camera_hz),
+            path_pace: Pace::new(rates.hz(topics::Topic::Path)),
+            window_pace: Pace::new(rates.hz(topics::Topic::Window)),
+            map_pace: Pace::new(rates.hz(topics::Topic::Path)),
+            picture_pace: Pace::new(rates.hz(topics::Topic::Picture)),
         })
     }
 
@@ -184,7 +185,7 @@ impl ViewTopics {
     /// Rate of pictures that is wanted now, Hz.
     pub async fn pictures_hz(&self) -> f64 {
         match &self.tracks {
-            Some(tracks) if tracks.has_subscribers().await => self.rates.camera_hz,
+            Some(tracks) if tracks.has_subscribers().await => self.rates.hz(topics::Topic::Picture),
             _ => 0.0,
         }
     }

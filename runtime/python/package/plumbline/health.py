@@ -1,4 +1,4 @@
-"""The bits of `Estimate.health`."""
+"""The bits of `Estimate.health`. Made by `make messages`, of estimator/src/health.rs."""
 
 from enum import IntFlag
 

@@ -1,5 +1,7 @@
 //! Records: a header of fixed size, then bytes of the length that it gives. Numbers are little endian.
 
+use crate::topics::Subscription;
+
 /// First bytes of the greeting: the format and its version.
 pub const MAGIC: [u8; 8] = *b"PLMBLCL1";
 
@@ -9,68 +11,8 @@ pub const VERSION: u16 = 1;
 /// Longest record, bytes: room for a picture of 16 megapixels.
 pub const MAX_RECORD_BYTES: usize = 17 << 20;
 
-/// Kind of a record that the flight sends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u16)]
-pub enum Kind {
-    /// Greeting, first on every connection.
-    Hello = 1,
-    /// Count of the records that this reader has lost.
-    Lost = 2,
-    /// Answer to a request.
-    Result = 3,
-    /// Odometry, fixed layout.
-    Odometry = 16,
-    /// Main part of an estimate, fixed layout.
-    Estimate = 17,
-    /// Configuration in force.
-    Configuration = 18,
-    /// Whole estimate.
-    FullEstimate = 19,
-    /// Pose of the odometry frame in the map.
-    MapEstimate = 20,
-    /// Keyframes and landmarks of the window.
-    Window = 21,
-    /// Corrected path.
-    Path = 22,
-    /// Rung of the degradation ladder.
-    Ladder = 23,
-    /// Camera picture.
-    Picture = 24,
-    /// End of the flight.
-    End = 25,
-    /// Live sensors: stamps, and what is wrong.
-    Sensors = 26,
-}
-
-impl Kind {
-    /// Every kind.
-    pub const ALL: [Self; 14] = [
-        Self::Hello,
-        Self::Lost,
-        Self::Result,
-        Self::Odometry,
-        Self::Estimate,
-        Self::Configuration,
-        Self::FullEstimate,
-        Self::MapEstimate,
-        Self::Window,
-        Self::Path,
-        Self::Ladder,
-        Self::Picture,
-        Self::End,
-        Self::Sensors,
-    ];
-
-    /// Largest number of a kind.
-    pub const LAST: usize = Self::Sensors as usize;
-
-    /// Kind of this number.
-    #[must_use]
-    pub fn of_number(number: u16) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| *kind as u16 == number)
-    }
-}
+/// Kind of a record that the flight sends: the topics that have one.
+pub use crate::topics::Topic as Kind;
 
 /// Set of kinds, as a reader subscribes to them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,27 +20,32 @@ pub struct Kinds(u64);
 
 impl Kinds {
     /// Kinds that a reader can subscribe to. Pictures are asked for by themselves.
-    pub const SUBSCRIBABLE: Self = Self::of(&[
-        Kind::Odometry,
-        Kind::Estimate,
-        Kind::Configuration,
-        Kind::FullEstimate,
-        Kind::MapEstimate,
-        Kind::Window,
-        Kind::Path,
-        Kind::Ladder,
-        Kind::Sensors,
-    ]);
+    pub const SUBSCRIBABLE: Self = Self::where_subscribed(false);
 
     /// Kinds that a reader receives before it subscribes.
-    pub const DEFAULT: Self = Self::of(&[Kind::Odometry, Kind::Estimate]);
+    pub const DEFAULT: Self = Self::where_subscribed(true);
+
+    /// Set of the kinds that can be subscribed to, or of those that are from the beginning.
+    const fn where_subscribed(from_the_beginning: bool) -> Self {
+        let (mut bits, mut k) = (0, 0);
+        while k < Kind::ALL.len() {
+            let is_in = match Kind::ALL[k].row().subscription {
+                Subscription::Always => true,
+                Subscription::Asked => !from_the_beginning,
+                Subscription::Other => false,
+            };
+            bits |= (is_in as u64) << Kind::ALL[k].kind();
+            k += 1;
+        }
+        Self(bits)
+    }
 
     /// Set of these kinds.
     #[must_use]
     pub const fn of(kinds: &[Kind]) -> Self {
         let (mut bits, mut k) = (0, 0);
         while k < kinds.len() {
-            bits |= 1 << kinds[k] as u16;
+            bits |= 1 << kinds[k].kind();
             k += 1;
         }
         Self(bits)
@@ -119,7 +66,13 @@ impl Kinds {
     /// Whether the set has this kind.
     #[must_use]
     pub const fn has(self, kind: Kind) -> bool {
-        self.0 & (1 << kind as u16) != 0
+        kind.kind() > 0 && self.0 & (1 << kind.kind()) != 0
+    }
+
+    /// Returns the set without a kind.
+    #[must_use]
+    pub const fn without(self, kind: Kind) -> Self {
+        Self(self.0 & !(1 << kind.kind()))
     }
 
     /// Returns the kinds of both sets.

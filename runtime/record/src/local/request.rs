@@ -193,7 +193,7 @@ impl Answer {
     /// Bytes of the record.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        encoded(Kind::Result as u16, self.number, |to| {
+        encoded(Kind::Result.kind(), self.number, |to| {
             to.extend((self.status as u32).to_le_bytes());
             to.extend(self.value.to_le_bytes());
             to.extend(shortened(&self.words).bytes());

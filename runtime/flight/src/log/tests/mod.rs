@@ -102,7 +102,7 @@ fn rewritten(path: &Path, channel: Channel, mut edit: impl FnMut(usize, &mut Vec
     let mut number = 0;
     for message in MessageStream::new(&bytes).unwrap() {
         let mut message = message.unwrap();
-        if message.channel.topic == channel.topic() {
+        if message.channel.topic == channel.channel() {
             let mut data = message.data.into_owned();
             edit(number, &mut data);
             message.data = Cow::Owned(data);
