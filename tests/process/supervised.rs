@@ -295,27 +295,97 @@ fn begin_by_datagram(port: u16, k: u16) -> std::net::UdpSocket {
     socket
 }
 
+/// A vehicle's session in this process that anybody reaches at this endpoint.
+fn plain_vehicle(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Session {
+    let vehicle = Endpoints { listen: vec![endpoint.to_owned()], ..Endpoints::default() };
+    runtime.block_on(vehicle.open()).unwrap()
+}
+
+/// Opens and closes a session at this endpoint; the time it took, or `None` where it was refused.
+fn try_session(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Option<Duration> {
+    let connect = vec![endpoint.to_owned()];
+    let client =
+        Endpoints { mode: Mode::Client, connect, hears: vec!["drone".into()], ..Endpoints::default() };
+    let begun = Instant::now();
+    let session = runtime.block_on(client.open()).ok()?;
+    let took = begun.elapsed();
+    runtime.block_on(async { session.close().await }).ok()?;
+    Some(took)
+}
+
+fn free_udp_port() -> u16 {
+    std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
 #[test]
-fn network_handshakes_that_are_begun_by_datagrams_leave_the_endpoint_open() {
-    let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+fn network_handshakes_that_are_begun_by_datagrams_keep_nobody_out() {
+    let port = free_udp_port();
     let endpoint = format!("udp/127.0.0.1:{port}");
     let runtime = runtime();
-    let vehicle = Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() };
-    let _vehicle = runtime.block_on(vehicle.open()).unwrap();
-    let is_let_in = || {
-        let connect = vec![endpoint.clone()];
-        let client =
-            Endpoints { mode: Mode::Client, connect, hears: vec!["drone".into()], ..Endpoints::default() };
-        let opened = runtime.block_on(client.open());
-        opened.is_ok_and(|session| runtime.block_on(async { session.close().await }).is_ok())
-    };
-    assert!(is_let_in());
-    let _begun: Vec<_> = (0..150).map(|k| begin_by_datagram(port, k)).collect();
-    std::thread::sleep(Duration::from_millis(100));
-    assert!(is_let_in(), "a hundred and fifty that lead nowhere");
-    let _more: Vec<_> = (150..600).map(|k| begin_by_datagram(port, k)).collect();
-    std::thread::sleep(Duration::from_secs(3));
-    eventually("they have ended", Duration::from_secs(3), is_let_in);
+    let _vehicle = plain_vehicle(&runtime, &endpoint);
+    assert!(try_session(&runtime, &endpoint).is_some());
+    let held: Vec<_> = (0..400).map(|k| begin_by_datagram(port, k)).collect();
+    assert!(try_session(&runtime, &endpoint).is_some(), "four hundred that lead nowhere");
+    (400..3_000).for_each(|k| drop(begin_by_datagram(port, k)));
+    assert!(try_session(&runtime, &endpoint).is_some(), "three thousand");
+    drop(held);
+}
+
+#[test]
+fn network_datagrams_of_junk_leave_an_endpoint_open() {
+    let port = free_udp_port();
+    let endpoint = format!("udp/127.0.0.1:{port}");
+    let runtime = runtime();
+    let _vehicle = plain_vehicle(&runtime, &endpoint);
+    // Several from each port: some arrive while the link of those before them ends.
+    for k in 0..1_000_u32 {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        for n in 0..4 + k % 5 {
+            let junk = vec![(k * 7 + n) as u8; (k * 13 % 90) as usize];
+            let _ = socket.send_to(&junk, ("127.0.0.1", port));
+        }
+    }
+    assert!(try_session(&runtime, &endpoint).is_some());
+}
+
+#[test]
+fn network_plain_connections_that_say_nothing_keep_nobody_out() {
+    let port = free_port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let runtime = runtime();
+    let _vehicle = plain_vehicle(&runtime, &endpoint);
+    let silent: Vec<_> = (0..150).map(|_| TcpStream::connect(("127.0.0.1", port)).unwrap()).collect();
+    assert!(try_session(&runtime, &endpoint).is_some(), "a hundred and fifty that say nothing");
+    let begun: Vec<_> = (0..150)
+        .map(|_| {
+            use std::io::Write as _;
+            let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+            stream
+                .write_all(&[[19, 0, 0x01, 9, 0xf0 | Kind::Client as u8].as_slice(), &[8; 16]].concat())
+                .unwrap();
+            stream
+        })
+        .collect();
+    assert!(try_session(&runtime, &endpoint).is_some(), "a hundred and fifty that say half of it");
+    drop((silent, begun));
+}
+
+#[test]
+fn network_places_that_run_out_without_certificates_are_told() {
+    let port = free_port();
+    let router = listening(&["router"], "tcp", port, &[]);
+    let held: Vec<_> = (0..160_u8)
+        .map(|k| {
+            let zid = [k, 1, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4];
+            RawPeer::open(TcpStream::connect(("127.0.0.1", port)).unwrap(), Kind::Client, zid).unwrap()
+        })
+        .collect();
+    let nobody = ["ground", "--no-http", "--json", "--duration", "3", "--connect"];
+    let output = Command::new(PLUMBLINE).args(nobody).arg(format!("tcp/127.0.0.1:{port}")).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("places for sessions taken"), "{}", stderr(&output));
+    eventually("the router says so", BACK, || router.words().contains("no place for another session"));
+    drop(held);
 }
 
 /// Messages of the dictionary that are sent at each target, and how many go in one connection.

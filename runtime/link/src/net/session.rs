@@ -1,6 +1,6 @@
 //! Zenoh sessions that listen only where they are told to.
 
-use super::endpoints::{Endpoints, Mode, is_udp};
+use super::endpoints::{Endpoints, Mode};
 use super::error::NetError;
 use super::{diagnosis, read, security};
 use plumbline_config::options::Link;
@@ -18,12 +18,13 @@ const PATIENCE_US: u64 = 5_000;
 /// answer. Each of the sixteen channels of a link (eight priorities, twice) may hold one that is not complete.
 const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
-/// Links at a time, of a vehicle and of others, and those that have not shown who they are.
+/// Links at a time, of a vehicle and of others, and handshakes.
 const MAX_LINKS: usize = 32;
 const MAX_LINKS_ON_GROUND: usize = 160;
-const MAX_PENDING: usize = 32;
-/// A datagram with a forged source is enough to begin a handshake, so there are more of them where datagrams are listened for.
-const MAX_PENDING_UDP: usize = 256;
+///
+/// Zenoh refuses every handshake beyond these. The listeners have bounds of their own, where the oldest handshake gives way (64 each for
+/// TCP and TLS, 256 for datagrams; after TLS, the places for sessions), whose sum is below this one.
+const MAX_PENDING: usize = 1_000;
 /// A handshake ends after this, ms: whoever connects gives up after 2 s.
 const ACCEPT_TIMEOUT_MS: u64 = 2_500;
 /// Largest batch on a telemetry radio, bytes: messages behind it are delayed by its length.
@@ -59,8 +60,6 @@ impl Endpoints {
             "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2.0,
         });
         let (message_bytes, links) = self.bounds();
-        let pending =
-            if self.listen.iter().any(|endpoint| is_udp(endpoint)) { MAX_PENDING_UDP } else { MAX_PENDING };
         let mut settings = vec![
             ("mode", mode.to_owned()),
             ("listen/endpoints", self.guarded(&self.listen, Some(links.saturating_sub(self.connect.len())))),
@@ -74,7 +73,7 @@ impl Endpoints {
         settings.extend([
             ("transport/link/rx/max_message_size", message_bytes.to_string()),
             ("transport/unicast/max_sessions", links.to_string()),
-            ("transport/unicast/accept_pending", pending.to_string()),
+            ("transport/unicast/accept_pending", MAX_PENDING.to_string()),
             ("transport/unicast/accept_timeout", ACCEPT_TIMEOUT_MS.to_string()),
         ]);
         // Peers need no link states of each other, whose reader can be brought to panic; and who is told the identifier of
