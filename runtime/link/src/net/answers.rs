@@ -1,8 +1,9 @@
 //! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset, saving the map.
 //!
 //! Questions wait in a short queue and are answered one after the other by a thread of their own: who asks much
-//! holds up nobody but those who ask. Commands have a queue and a task of their own. Answers travel with the quality of service of their question; ground stations
-//! ask with one that drops them when the link is full, and ask again.
+//! holds up nobody but those who ask. Commands have a queue and a task of their own, and questions about time a thread. Answers travel with the quality of
+//! service of their question; ground stations ask with one that drops them when the link is full, and ask again. Where a peer asks with
+//! one that waits, and does not read, its link is closed after half a second (`MAX_BLOCKED_US` of [`super::session`]).
 //!
 //! A client keeps the newest of several answers under one key, unless it asks for no consolidation. Where there can be
 //! several, each therefore has a key of its own below the one that was asked for (`trajectory/<stamp of its first
@@ -29,6 +30,8 @@ use zenoh::{Session, Wait};
 const MAX_QUESTIONS: usize = 32;
 /// Commands that wait.
 const MAX_COMMANDS: usize = 8;
+/// Questions about time that wait, and refusals.
+const MAX_SHORT: usize = 256;
 /// Poses that are kept: half an hour at 20 Hz.
 const MAX_POSES: usize = 36_000;
 /// Poses in one answer.
@@ -124,21 +127,27 @@ pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
 pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
     let (questions, waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
     let (commands, given) = mpsc::channel::<(Topic, Query)>(MAX_COMMANDS);
+    let (short, at_once) = mpsc::channel::<Short>(MAX_SHORT);
     for topic in Topic::ALL {
         let base = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
         let key = if topic.has_several_answers() { format!("{base}/**") } else { base.clone() };
-        let (queue, clock_key) =
-            (if topic.is_command() { commands.clone() } else { questions.clone() }, base);
+        let queue = if topic.is_command() { commands.clone() } else { questions.clone() };
+        let (short, clock_key) = (short.clone(), Arc::<str>::from(base));
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         session
             .declare_queryable(&key)
             .callback(move |query| {
+                // No answer is sent on a thread of Zenoh: who does not read would hold up all that comes in.
                 if topic == Topic::Clock {
                     // A question about time does not wait behind others.
-                    tell_time(&query, &clock_key);
+                    let _ = short.try_send(Short::Time {
+                        query,
+                        key: Arc::clone(&clock_key),
+                        received_ns: now_ns(),
+                    });
                 } else if let Err(error) = queue.try_send((topic, query)) {
                     let (_, query) = error.into_inner();
-                    let _ = query.reply_err("busy: ask again later").wait();
+                    let _ = short.try_send(Short::Busy(query));
                 }
             })
             .background()
@@ -147,6 +156,7 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
     }
     let answers = Arc::new(answers);
     answer_questions(Arc::clone(&answers), waiting)?;
+    answer_at_once(at_once)?;
     tokio::spawn(obey(answers, given));
     Ok(())
 }
@@ -162,6 +172,25 @@ fn answer_questions(
     thread.spawn(move || {
         while let Some((topic, query)) = waiting.blocking_recv() {
             runtime.block_on(answers.answer(topic, &query));
+        }
+    })?;
+    Ok(())
+}
+
+/// What is answered at once, by a thread of its own.
+enum Short {
+    Time { query: Query, key: Arc<str>, received_ns: i64 },
+    Busy(Query),
+}
+
+fn answer_at_once(mut waiting: mpsc::Receiver<Short>) -> std::io::Result<()> {
+    let thread = std::thread::Builder::new().name("plumbline-clock".into());
+    thread.spawn(move || {
+        while let Some(short) = waiting.blocking_recv() {
+            match short {
+                Short::Time { query, key, received_ns } => tell_time(&query, &key, received_ns),
+                Short::Busy(query) => drop(query.reply_err("busy: ask again later").wait()),
+            }
         }
     })?;
     Ok(())
@@ -275,7 +304,7 @@ impl Answers {
                 let answer = vec![self.vehicle.configuration.encode_to_vec()];
                 send(query, key, "plumbline.v1.Configuration", Ok(answer)).await;
             }
-            Topic::Clock => tell_time(query, key),
+            Topic::Clock => tell_time(query, key, now_ns()),
             Topic::Reset => {
                 let outcome = self.reset(query, key).await;
                 if let Err(reason) = &outcome {
@@ -392,8 +421,7 @@ async fn send(query: &Query, key: &str, schema: &str, answers: Result<Vec<Vec<u8
     }
 }
 
-fn tell_time(query: &Query, key: &str) {
-    let received_ns = now_ns();
+fn tell_time(query: &Query, key: &str, received_ns: i64) {
     let clock = proto::Clock { received_ns, answered_ns: now_ns() };
     let encoding = Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Clock");
     let _ = query.reply(key, clock.encode_to_vec()).encoding(encoding).express(true).wait();

@@ -14,6 +14,9 @@ const RETRY_MS: (u64, u64) = (50, 200);
 /// Longest time that a message waits for space in the send queue before it is dropped, us. Odometry waits on the thread that
 /// empties the queue, so the time must be short.
 const PATIENCE_US: u64 = 5_000;
+/// A link whose peer asked for messages that wait for space (`CongestionControl::Block`), and does not read, is closed after this time, us.
+/// Whatever is sent of our own does not wait; a thread that answers would wait for that peer, and all others for it.
+const MAX_BLOCKED_US: u64 = 500_000;
 /// Longest message that comes in, bytes. A vehicle hears short questions; a router passes on half an hour of poses in one
 /// answer. Each of the sixteen channels of a link (eight priorities, twice) may hold one that is not complete.
 const MAX_MESSAGE_BYTES: usize = 64 * 1024;
@@ -69,6 +72,10 @@ impl Endpoints {
             ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
+            (
+                "transport/link/tx/queue/congestion_control/block/wait_before_close",
+                MAX_BLOCKED_US.to_string(),
+            ),
         ];
         settings.extend([
             ("transport/link/rx/max_message_size", message_bytes.to_string()),

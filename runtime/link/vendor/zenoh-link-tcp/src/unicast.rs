@@ -13,7 +13,7 @@
 //
 #[cfg(all(feature = "uring", target_os = "linux"))]
 use std::os::fd::{AsRawFd, RawFd};
-use std::{cell::UnsafeCell, convert::TryInto, fmt, net::SocketAddr, sync::Arc, time::Duration};
+use std::{cell::UnsafeCell, fmt, net::SocketAddr, sync::Arc, time::Duration};
 
 use async_trait::async_trait;
 use tokio::{
@@ -35,7 +35,7 @@ use zenoh_result::{bail, zerror, Error as ZError, ZResult};
 
 use crate::{
     handshakes::{Handshake, Handshakes}, // PLUMBLINE
-    utils::TcpLinkConfig, TCP_ACCEPT_THROTTLE_TIME, TCP_DEFAULT_MTU, TCP_LINGER_TIMEOUT,
+    utils::TcpLinkConfig, TCP_ACCEPT_THROTTLE_TIME, TCP_DEFAULT_MTU,
     TCP_LOCATOR_PREFIX,
 };
 
@@ -78,18 +78,8 @@ impl LinkUnicastTcp {
             );
         }
 
-        // Set the TCP linger option
-        #[allow(deprecated)]
-        if let Err(err) = socket.set_linger(Some(Duration::from_secs(
-            (*TCP_LINGER_TIMEOUT).try_into().unwrap(),
-        ))) {
-            tracing::warn!(
-                "Unable to set LINGER option on TCP link {} => {}: {}",
-                src_addr,
-                dst_addr,
-                err
-            );
-        }
+        // PLUMBLINE: no linger. Where a peer does not acknowledge what was sent, closing a socket that lingers blocks the thread of the
+        // runtime for as long (10 s), and with it all other links. What was sent is delivered without.
 
         // Compute the MTU
         // See IETF RFC6691: https://datatracker.ietf.org/doc/rfc6691/

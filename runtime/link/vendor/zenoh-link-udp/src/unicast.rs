@@ -640,6 +640,13 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastUdp {
     }
 }
 
+/// PLUMBLINE: whether a datagram can be the first of a link.
+fn begins_a_link(datagram: &[u8]) -> bool {
+    use zenoh_protocol::transport::{id, init};
+    // Flags of an InitSyn are those of its size and of its extensions; the version follows.
+    matches!(datagram, [header, _, _, _, ..] if header & (0x1f | init::flag::A) == id::INIT)
+}
+
 async fn accept_read_task(
     socket: UdpSocket,
     token: CancellationToken,
@@ -686,6 +693,8 @@ async fn accept_read_task(
                         let known = zlock!(links).get(&addresses).map(|(_, link)| link.clone());
                         let input = match known.filter(|link| !link.is_closed()) {
                             Some(input) => input,
+                            // PLUMBLINE: a link begins with an InitSyn; all else from a stranger is dropped before it costs anything
+                            None if !begins_a_link(&buff[..n]) => continue,
                             None => {
                                 // A new peers has sent data to this socket
                                 tracing::debug!("Accepted UDP connection on {}: {}", src_addr, dst_addr);
