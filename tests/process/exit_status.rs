@@ -106,10 +106,10 @@ fn what_fails_is_1() {
 fn a_reader_of_stdout_that_has_gone_fails_no_command() {
     let folder = tempfile::tempdir().unwrap();
     let [report, data] = ["report.json", "flight"].map(|name| folder.path().join(name).display().to_string());
-    let flight = ["sim:room", "--scale", "0.25", "--duration", "1"];
+    let flight = ["sim:room", "--scale", "0.5", "--duration", "1"];
     let commands: [&[&str]; 4] = [
         &["replay", flight[0], flight[1], flight[2], flight[3], flight[4], "--report", &report],
-        &["simulate", &data, "--scale", "0.25", "--duration", "1"],
+        &["simulate", &data, "--scale", "0.5", "--duration", "1"],
         &["config", "euroc"],
         &["completions", "bash"],
     ];

@@ -305,19 +305,28 @@ fn plain_vehicle(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Session {
     runtime.block_on(vehicle.open()).unwrap()
 }
 
-/// Opens and closes a session at this endpoint, in attempts of half a second each as a vehicle makes them; the time it took, or
-/// `None` where all are refused within [`BACK`].
-pub fn try_session(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Option<Duration> {
+/// Opens and closes a session at this endpoint within [`BACK`].
+fn try_session(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Option<Duration> {
+    try_session_within(runtime, endpoint, BACK)
+}
+
+/// Opens and closes a session at this endpoint, in attempts of a quarter of a second each as a vehicle makes them; the time it took, or
+/// `None` where all are refused within `patience`.
+pub fn try_session_within(
+    runtime: &tokio::runtime::Runtime,
+    endpoint: &str,
+    patience: Duration,
+) -> Option<Duration> {
     let connect = vec![endpoint.to_owned()];
     let client = Endpoints {
         mode: Mode::Client,
         connect,
         hears: vec!["drone".into()],
-        open_timeout_ms: 500,
+        open_timeout_ms: 250,
         ..Endpoints::default()
     };
     let begun = Instant::now();
-    while begun.elapsed() < BACK {
+    while begun.elapsed() < patience {
         if let Ok(session) = runtime.block_on(client.open()) {
             let took = begun.elapsed();
             let _ = runtime.block_on(async { session.close().await });

@@ -39,6 +39,8 @@ pub struct Stage {
     pub endpoint: String,
     pub port: u16,
     pub datagrams: Option<String>,
+    /// Role of the honest station that listens.
+    pub watcher: &'static str,
 }
 
 impl Stage {
@@ -47,7 +49,7 @@ impl Stage {
         let folder = tempfile::tempdir().unwrap();
         make_keys(folder.path(), false);
         let port = free_port();
-        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, datagrams: None }
+        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, datagrams: None, watcher: "viewer" }
     }
 
     /// A vehicle that anybody reaches.
@@ -57,10 +59,10 @@ impl Stage {
         Self { endpoint: stage.endpoint.replace("tls/", "tcp/"), datagrams, ..stage }
     }
 
-    /// Opens the session of an honest viewer.
-    async fn try_viewer(&self) -> zenoh::Result<zenoh::Session> {
+    /// Opens the session of the honest station.
+    async fn try_watcher(&self) -> zenoh::Result<zenoh::Session> {
         match self.datagrams {
-            None => try_to_connect(self.folder.path(), "viewer", &self.endpoint).await,
+            None => try_to_connect(self.folder.path(), self.watcher, &self.endpoint).await,
             Some(_) => try_client(self.port).await,
         }
     }
@@ -144,7 +146,7 @@ fn watch(stage: &Stage, mut vehicle: Running, survived: &mut Survived) {
     let theirs = Arc::clone(&heard_ns);
     let session = runtime.block_on(async {
         let session = loop {
-            match stage.try_viewer().await {
+            match stage.try_watcher().await {
                 Ok(session) => break session,
                 Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
             }

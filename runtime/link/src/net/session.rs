@@ -25,8 +25,8 @@ const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
 const MAX_LINKS: usize = 32;
 const MAX_LINKS_ON_GROUND: usize = 160;
 ///
-/// Zenoh refuses every handshake beyond these. The listeners have bounds of their own, where the oldest handshake gives way (64 each for
-/// TCP and TLS, 256 for datagrams; after TLS, the places for sessions), whose sum is below this one.
+/// Zenoh refuses every handshake beyond these. The listeners have bounds of their own, where a handshake of the most crowded address gives way (64 each for
+/// TCP and TLS, 512 for datagrams; after TLS, the places for sessions), whose sum is below this one.
 const MAX_PENDING: usize = 1_000;
 /// A handshake ends after this, ms: whoever connects gives up after 2 s.
 const ACCEPT_TIMEOUT_MS: u64 = 2_500;

@@ -1,9 +1,11 @@
-//! PLUMBLINE: links whose handshake is not complete, a bounded number of them at a time. Where there are too many, the oldest of
-//! the address that has most of them ends, so that those who begin handshakes and do not complete them keep nobody out.
+//! PLUMBLINE: links whose handshake is not complete, a bounded number of them at a time. Where there are too many, one of the address
+//! that has most of them ends, so that those who begin handshakes and do not complete them keep nobody out. It is drawn: in a flood the
+//! oldest would always be gone before a slow link has completed its own.
 
 use std::{
-    collections::{HashMap, VecDeque},
+    collections::{hash_map::RandomState, HashMap, VecDeque},
     future::Future,
+    hash::BuildHasher,
     net::IpAddr,
     sync::{
         atomic::{AtomicUsize, Ordering},
@@ -34,10 +36,14 @@ impl List {
         for begun in &self.begun {
             *counts.entry(begun.ip).or_insert(0_usize) += 1;
         }
-        let most = counts.values().copied().max().unwrap_or_default();
-        let oldest = self.begun.iter().position(|begun| counts[&begun.ip] == most);
-        if let Some(begun) = oldest.and_then(|at| self.begun.remove(at)) {
-            tracing::debug!("Too many handshakes: the oldest one from {} ends", begun.ip);
+        let Some((crowded, most)) = counts.into_iter().max_by_key(|(_, count)| *count) else {
+            return;
+        };
+        let drawn = RandomState::new().hash_one(self.next) as usize % most;
+        let mut of_address = self.begun.iter().enumerate().filter(|(_, begun)| begun.ip == crowded);
+        let at = of_address.nth(drawn).map(|(at, _)| at);
+        if let Some(begun) = at.and_then(|at| self.begun.remove(at)) {
+            tracing::debug!("Too many handshakes: one from {} ends", begun.ip);
             begun.evicted.cancel();
         }
     }

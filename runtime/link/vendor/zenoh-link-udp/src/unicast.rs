@@ -18,7 +18,7 @@ use std::{
     fmt,
     net::{Ipv4Addr, Ipv6Addr, SocketAddr},
     sync::{Arc, Mutex, Weak},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use async_trait::async_trait;
@@ -57,7 +57,7 @@ const PATIENCE: Duration = Duration::from_millis(2);
 /// PLUMBLINE: datagrams of a handshake.
 const READS: usize = 2;
 /// PLUMBLINE: handshakes at a time, of all listeners. The source of a datagram can be forged, so they are more than those of streams.
-const MAX_HANDSHAKES: usize = 256;
+const MAX_HANDSHAKES: usize = 512;
 
 struct LinkUnicastUdpConnected {
     socket: Arc<UdpSocket>,
@@ -640,6 +640,31 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastUdp {
     }
 }
 
+/// PLUMBLINE: links that may begin, so many at once and so many a second. In a flood of datagrams what comes beyond is dropped before it
+/// costs anything, so that those that have begun have time to complete their handshakes.
+struct Admission {
+    tokens: f64,
+    at: Instant,
+}
+
+impl Admission {
+    const BURST: f64 = MAX_HANDSHAKES as f64;
+    const A_SECOND: f64 = 2_000.0;
+
+    fn new() -> Self {
+        Self { tokens: Self::BURST, at: Instant::now() }
+    }
+
+    fn admits(&mut self) -> bool {
+        let now = Instant::now();
+        let earned = now.duration_since(self.at).as_secs_f64() * Self::A_SECOND;
+        (self.tokens, self.at) = (Self::BURST.min(self.tokens + earned), now);
+        let is_admitted = self.tokens >= 1.0;
+        self.tokens -= f64::from(u8::from(is_admitted));
+        is_admitted
+    }
+}
+
 /// PLUMBLINE: whether a datagram can be the first of a link.
 fn begins_a_link(datagram: &[u8]) -> bool {
     use zenoh_protocol::transport::{id, init};
@@ -679,7 +704,7 @@ async fn accept_read_task(
 
     // PLUMBLINE: a datagram is copied at its length, so that those that wait take no more memory than they have bytes.
     let mut buff = zenoh_buffers::vec::uninit(UDP_MAX_MTU as usize);
-    let mut next_id = 0_u64;
+    let (mut next_id, mut admission) = (0_u64, Admission::new());
     loop {
         tokio::select! {
             _ = token.cancelled() => break,
@@ -694,7 +719,7 @@ async fn accept_read_task(
                         let input = match known.filter(|link| !link.is_closed()) {
                             Some(input) => input,
                             // PLUMBLINE: a link begins with an InitSyn; all else from a stranger is dropped before it costs anything
-                            None if !begins_a_link(&buff[..n]) => continue,
+                            None if !begins_a_link(&buff[..n]) || !admission.admits() => continue,
                             None => {
                                 // A new peers has sent data to this socket
                                 tracing::debug!("Accepted UDP connection on {}: {}", src_addr, dst_addr);
