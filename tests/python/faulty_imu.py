@@ -6,6 +6,7 @@
 import importlib.util
 import math
 import sys
+import time
 
 example, mode, begin, end = sys.argv[1:5]
 sys.argv[1:5] = []
@@ -24,6 +25,8 @@ def samples(dataset, start_ns):
             yield time_ns, [math.nan] * 3, accel
         elif mode == "repeated":
             held = held or (time_ns, gyro, accel)
+            while time.monotonic_ns() < time_ns:
+                time.sleep(0.001)
             yield held
 
 
