@@ -168,7 +168,8 @@ fn soak_network_hostile_lengths_change_no_flight() {
 #[test]
 #[ignore = "minutes: `make soak`"]
 fn soak_network_hostile_lengths_of_a_viewer_change_no_flight() {
-    let stage = Stage::new();
+    // The attack takes the places of the viewer's certificate.
+    let stage = Stage { watcher: "operator", ..Stage::new() };
     against_a_vehicle(&stage, Some(stage.folder.path()));
 }
 
