@@ -214,7 +214,7 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/) | test(/moving_tests::a_crowd/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FAULTY) --profile soak --run-ignored all -E 'test(/^sabotage::/)' $(ARGS))
 

@@ -101,3 +101,31 @@ fn what_fails_is_1() {
     assert_eq!(full.status.code(), Some(1), "{}", stderr(&full));
     assert!(stderr(&full).contains("/dev/full"), "{}", stderr(&full));
 }
+
+#[test]
+fn a_reader_of_stdout_that_has_gone_fails_no_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let [report, data] = ["report.json", "flight"].map(|name| folder.path().join(name).display().to_string());
+    let flight = ["sim:room", "--scale", "0.5", "--duration", "1"];
+    let commands: [&[&str]; 4] = [
+        &["replay", flight[0], flight[1], flight[2], flight[3], flight[4], "--report", &report],
+        &["simulate", &data, "--scale", "0.5", "--duration", "1"],
+        &["config", "euroc"],
+        &["completions", "bash"],
+    ];
+    for command in commands {
+        // A pipe whose reader goes before anything is written.
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_plumbline"))
+            .args(command)
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{command:?}: {}", stderr(&output));
+    }
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    assert!(report["frames"].as_u64().is_some_and(|frames| frames > 0), "{report}");
+    assert!(std::path::Path::new(&data).join("mav0/imu0/data.csv").is_file());
+}

@@ -111,6 +111,63 @@ mod realtime {
         let rmse_m: f64 = ate.split_whitespace().nth(2).unwrap().parse().unwrap();
         assert!(rmse_m < 0.05, "{last}");
     }
+
+    /// Flies with sensors that other programs send, in which the IMU fails from the fifth to the eighth second; each line of the log
+    /// with its time after the start of the sensors, s, and the report.
+    const FLY: &str = r#"
+plumbline fly --config my.toml --duration 15 --report report.json 2>&1 | python3 -u -c '
+import sys, time
+for line in sys.stdin: print(f"{time.monotonic():.3f} {line}", end="", flush=True)' > fly.log &
+START=$(python3 -c 'import time; print(time.monotonic() + 3)')
+echo $START > start
+python3 $TESTS/faulty_imu.py $EXAMPLES/send_imu.py $MODE 5 8 --start $START my_flight $FOLDER/imu &
+python3 $EXAMPLES/send_frames.py --start $START my_flight $FOLDER/frames &
+wait
+"#;
+
+    #[test]
+    fn an_imu_that_stops_repeats_or_sends_nan_is_named_within_a_second_and_no_task_is_blamed() {
+        let Some(python) = interpreter("PIL") else { return };
+        let folder = tempfile::tempdir().unwrap();
+        let run = |code: &str, mode: &str| {
+            let mut shell = Command::new("bash");
+            shell.args(["-euo", "pipefail", "-c", code]).current_dir(folder.path());
+            shell.env("PATH", search_path(&python)).env("FOLDER", folder.path()).env("MODE", mode);
+            let project = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap();
+            shell.env("EXAMPLES", project.join("examples")).env("TESTS", project.join("tests/python"));
+            let output = shell.output().unwrap();
+            println!("{mode}: {}", said(&output));
+            assert!(output.status.success(), "{}", said(&output));
+        };
+        run("plumbline simulate my_flight --start 1 --duration 10 --scale 0.5", "");
+        run("plumbline config import --euroc my_flight --base sim --out my.toml", "");
+        let at = folder.path().display();
+        edit(
+            &folder.path().join("my.toml"),
+            &format!(
+                "[driver.imu]\nconnect = \"serial://{at}/imu:921600\"\nprotocol = \"plumbline\"\n[driver.frames]\nlisten = \"{at}/frames\"\n"
+            ),
+        );
+        for (mode, words) in [
+            ("silent", "the IMU has stopped sending samples"),
+            ("nan", "are unusable (NaN"),
+            ("repeated", "the IMU sends samples whose times do not increase"),
+        ] {
+            run(FLY, mode);
+            let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+            let (start, log): (f64, String) = (read("start").trim().parse().unwrap(), read("fly.log"));
+            let named = log.lines().filter(|line| line.contains(words)).filter_map(|line| {
+                let at: f64 = line.split_whitespace().next()?.parse().ok()?;
+                Some(at - start)
+            });
+            let named: Vec<f64> = named.collect();
+            println!("{mode}: named after {named:?} s");
+            assert!(named.first().is_some_and(|at| (5.0..6.0).contains(at)), "{mode}: {named:?}\n{log}");
+            assert!(named.len() <= 2 && !log.contains("is stalled"), "{mode}: {log}");
+            let report: serde_json::Value = serde_json::from_str(&read("report.json")).unwrap();
+            assert_eq!(report["live"]["stalls"], 0, "{mode}: {report:#}");
+        }
+    }
 }
 
 /// A crate beside this repository that depends on the estimator by the lines of the README; its example is a doctest of

@@ -6,7 +6,8 @@ pub mod hostile;
 pub mod raw_peer;
 
 use super::roles::{attacker, make_keys, open_vehicle};
-use super::vehicle::free_port;
+use super::supervised::client;
+use super::vehicle::{Running, eventually, flight, free_port, render};
 use raw_peer::{Kind, RawPeer, declare_key};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
@@ -14,6 +15,7 @@ use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use std::net::TcpStream;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// What comes within this time has come.
@@ -121,4 +123,73 @@ fn network_identifiers_of_others_are_not_told() {
     };
     assert!(!tells(operator.zid()), "a viewer that listens is told who the operator is");
     drop(session);
+}
+
+/// Questions that want answers which wait for space (`CongestionControl::Block`), in one frame.
+fn blocking_questions(first: u64) -> Vec<u8> {
+    let ask = |(id, topic): (u64, &str)| {
+        let key = format!("plumbline/drone/{topic}");
+        let mut message = vec![0xfc];
+        message.extend(hostile::number(id));
+        message.extend([0, key.len() as u8]);
+        message.extend(key.as_bytes());
+        message.extend([0x21, 5 | 8, 0x03]);
+        message
+    };
+    let topics = ["config", "clock", "trajectory/**", "config"];
+    (first..).zip(topics.iter().cycle().take(40)).flat_map(|(id, topic)| ask((id, topic))).collect()
+}
+
+/// Asks without reading, again and again; how often it was let in.
+fn ask_and_never_read(port: u16, is_over: &AtomicBool) -> u64 {
+    let mut let_in = 0;
+    while !is_over.load(Ordering::Relaxed) {
+        let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) else { continue };
+        stream.set_read_timeout(Some(QUIET)).unwrap();
+        stream.set_write_timeout(Some(QUIET)).unwrap();
+        let mut zid = [8; 16];
+        zid[..8].copy_from_slice(&(let_in + 1_u64).to_le_bytes());
+        let Ok(mut peer) = RawPeer::open(stream, Kind::Client, zid) else { continue };
+        let_in += 1;
+        let mut id = 1;
+        while !is_over.load(Ordering::Relaxed) && peer.send_frame(&blocking_questions(id)).is_ok() {
+            id += 40;
+        }
+    }
+    let_in
+}
+
+#[test]
+fn network_a_peer_that_asks_and_does_not_read_delays_no_answer_for_long() {
+    const FLIGHT_S: u32 = 16;
+    render(FLIGHT_S);
+    let port = free_port();
+    let mut command = flight("drone", FLIGHT_S);
+    command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
+    let vehicle = Running::start(command);
+    eventually("it listens", Duration::from_secs(20), || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    let is_over = AtomicBool::new(false);
+    let runtime = runtime();
+    let (let_in, told, longest_s) = std::thread::scope(|scope| {
+        let honest = runtime.block_on(client(port));
+        let attack = scope.spawn(|| ask_and_never_read(port, &is_over));
+        let (begun, mut longest_s, mut told) = (Instant::now(), 0.0_f64, 0);
+        let mut last = begun;
+        while begun.elapsed() < Duration::from_secs(8) {
+            let is_told = runtime.block_on(async {
+                let asked = honest.get("plumbline/drone/clock").timeout(QUIET).await;
+                let Ok(replies) = asked else { return false };
+                replies.recv_async().await.is_ok_and(|reply| reply.into_result().is_ok())
+            });
+            longest_s = longest_s.max(last.elapsed().as_secs_f64());
+            if is_told {
+                (told, last) = (told + 1, Instant::now());
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        is_over.store(true, Ordering::Relaxed);
+        (attack.join().unwrap(), told, longest_s)
+    });
+    println!("let in {let_in} times; {told} answers, {longest_s:.2} s between two at most");
+    assert!(told > 20 && longest_s < QUIET.as_secs_f64(), "{told} {longest_s}: {}", vehicle.words());
 }

@@ -28,7 +28,7 @@ const MAX_SHIFT_DIFFERENCE_S: f64 = 0.001;
 /// # Errors
 /// When a file is missing, malformed, or its values are refused.
 pub fn kalibr(camchain: impl AsRef<Path>, imu: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
-    let (camchain, imu) = (Document::read(camchain.as_ref())?, Document::read(imu.as_ref())?);
+    let (camchain, imu) = (whose::read(camchain.as_ref(), CAMCHAIN)?, whose::read(imu.as_ref(), IMU)?);
     let config = convert(&camchain, &imu, DEFAULT_CAMERA_RATE_HZ)?.into_config();
     config.validated(camchain.origin()).map_err(|error| by_file(error, &camchain, &imu))
 }
@@ -43,7 +43,7 @@ pub fn kalibr_into(
     camchain: impl AsRef<Path>,
     imu: impl AsRef<Path>,
 ) -> Result<ValidConfig, ConfigError> {
-    let (camchain, imu) = (Document::read(camchain.as_ref())?, Document::read(imu.as_ref())?);
+    let (camchain, imu) = (whose::read(camchain.as_ref(), CAMCHAIN)?, whose::read(imu.as_ref(), IMU)?);
     let base = base.into();
     let rate_hz = base.camera.first().map_or(DEFAULT_CAMERA_RATE_HZ, |camera| camera.rate_hz);
     let config = convert(&camchain, &imu, rate_hz)?.put_into(base);
@@ -305,7 +305,8 @@ fn inertial(root: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
 /// Reads texts instead of files; for tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(camchain: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
-    let (camchain, imu) = (Document::parse(camchain, "camchain.yaml")?, Document::parse(imu, "imu.yaml")?);
+    let (camchain, imu) =
+        (whose::parse(camchain, "camchain.yaml", CAMCHAIN)?, whose::parse(imu, "imu.yaml", IMU)?);
     let config = convert(&camchain, &imu, DEFAULT_CAMERA_RATE_HZ)?.into_config();
     config.validated(camchain.origin()).map_err(|error| by_file(error, &camchain, &imu))
 }

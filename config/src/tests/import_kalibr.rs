@@ -281,6 +281,16 @@ fn files_of_other_programs_are_named() {
         ("EquiDistant 0.37 0.37 0.49 0.50 0.003 0.0007 -0.002 0.0002\n512 512\ncrop\n512 512\n", "DSO"),
         ("sensor_type: camera\nT_BS:\n  data: [1]\n", "sensor.yaml"),
         ("relative_config_imu: kalibr_imu_chain.yaml\n", "OpenVINS"),
+        ("cameras:\n     - {T_SC:[1, 0, 0, 0], image_dimension: [752, 480]}\n", "OKVIS"),
+        ("Camera:\n  name: \"EuRoC\"\n  setup: \"stereo\"\n", "stella_vslam"),
+        ("<?xml version=\"1.0\"?>\n<opencv_storage>\n<K></K></opencv_storage>\n", "OpenCV"),
+        ("[LEFT_CAM_HD]\nfx=700\n", "ZED"),
+        ("Camera0\n{\n CalibrationFile ;\n qCM_x 0.0;\n}\n", "ROVIO"),
+        ("{\"batchName\": \"\", \"boardName\": \"OAK-D\", \"cameraData\": []}", "OAK"),
+        ("P0: 7.1e+02 0.0 6.0e+02\nP1: 7.1e+02 0.0\n", "KITTI"),
+        ("Calibration results\n===================\nNormalized Residuals\n", "results of Kalibr as text"),
+        ("fx: 458.6\nfy: 457.2\n", "no file of Kalibr (its first keys: fx, fy)"),
+        ("a sentence\n", "no table of keys"),
     ] {
         let message = kalibr_texts(text, IMU).expect_err("another program's").to_string();
         assert!(

@@ -185,3 +185,74 @@ proptest! {
         prop_assert!(is_nan || back == Ok(Message::Imu(imu)));
     }
 }
+
+/// The example in C (examples/firmware) compiled for the host: its frames, and what it answers to those of the host, to damaged ones and to
+/// bytes that are none.
+#[test]
+fn the_firmware_example_speaks_as_this_crate_does() {
+    use std::io::Write as _;
+    use std::process::{Command, Stdio};
+    let project = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let program = std::env::temp_dir().join(std::format!("plumbline-firmware-{}", std::process::id()));
+    let compiled = Command::new("cc")
+        .args(["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined,address", "-I"])
+        .arg(project.join("examples/firmware"))
+        .arg("-o")
+        .arg(&program)
+        .arg(project.join("tests/c/firmware.c"))
+        .status();
+    let Ok(compiled) = compiled else {
+        std::println!("skipped: the firmware example, because there is no compiler `cc`");
+        return;
+    };
+    assert!(compiled.success());
+    let settings =
+        Settings { imu_rate_mhz: 200_000, trigger_rate_mhz: 0, trigger_pulse_us: 1500, cameras: 3 };
+    let mut said = Vec::new();
+    said.extend([7; 300]);
+    for message in
+        [Message::AskHello, Message::AskTime { asked_ns: 1 << 40 }, Message::Set(settings), sample(1)]
+    {
+        said.extend(framed(&message));
+        // Damaged, cut off and with bytes before it.
+        let mut damaged = framed(&message);
+        damaged[3] ^= 0x55;
+        said.extend(damaged);
+        said.extend(&framed(&message)[..5]);
+    }
+    let mut child = Command::new(&program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(&said).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let _ = std::fs::remove_file(&program);
+    assert!(output.status.success());
+    let heard: Vec<Message> = all_of(&mut Receiver::default(), &output.stdout)
+        .into_iter()
+        .map(|message| message.unwrap())
+        .collect();
+    let hello = Hello {
+        protocol: VERSION,
+        firmware: [1, 2, 3],
+        device_id: 0xFEED_0000_0000_BEEF,
+        imu_rate_mhz: 1_000_000,
+        gyro_range_rad_s: 34.9,
+        accel_range_m_s2: 156.9,
+    };
+    let still = Imu {
+        sequence: 258,
+        time_ns: 5_000_000_000,
+        gyro_rad_s: [0.5, -0.25, 0.0],
+        accel_m_s2: [0.0, 0.0, 9.81],
+        temperature_c: Some(25.5),
+        flags: Flags::default(),
+    };
+    let brief = Hello { protocol: VERSION, firmware: [1, 2, 3], ..Hello::default() };
+    let expected = [
+        Message::Imu(still),
+        Message::Trigger(Trigger { counter: 40, time_ns: 5_000_000_000, pulse_ns: 2_000_000, cameras: 3 }),
+        Message::Hello(hello),
+        Message::Hello(brief),
+        Message::Time(Time { asked_ns: 1 << 40, received_ns: 2, sent_ns: 3 }),
+        Message::Settings(settings),
+    ];
+    assert_eq!(heard, expected);
+}

@@ -6,7 +6,8 @@
 //! `u(t) = f (v_0 + g t + w(t)) + n`
 //!
 //! Start, gravity and what biases add over so short a time are a polynomial of second order in `t`; it is taken out of both, and
-//! `f` is the regression of what is left of `u` by what is left of `w`. Many such pieces give its standard deviation.
+//! `f` is the regression of what is left of `u` by what is left of `w`. Many such pieces give its standard deviation. A smooth flight
+//! leaves too little in two seconds; pieces of four seconds are taken then.
 
 use crate::agreement::Turn;
 use crate::statistics::median;
@@ -17,8 +18,8 @@ use plumbline_config::{Config, ImuSample, Timestamp};
 
 /// Name of the measure.
 pub const NAME: &str = "scale";
-/// Length of a piece, s, and the fewest rotations in it and pieces.
-const PIECE_S: f64 = 2.0;
+/// Length of a piece, s, the shortest that tells the factor; and the fewest rotations in it and pieces.
+const PIECES_S: [f64; 2] = [2.0, 4.0];
 const MIN_TURNS: usize = 24;
 const MIN_PIECES: usize = 3;
 /// Root mean square of what is left of `w` in a piece that tells the scale, m/s.
@@ -48,8 +49,8 @@ pub struct Factor {
     pub value: f64,
     /// Its standard deviation.
     pub sigma: f64,
-    /// Pieces that tell it.
-    pub pieces: usize,
+    /// Pieces that tell it, and their length, s.
+    pub pieces: (usize, f64),
 }
 
 /// The factor; `None` where the vehicle hardly accelerated.
@@ -57,14 +58,25 @@ pub struct Factor {
 pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<Factor> {
     let pose_b_c = config.camera.first()?.pose_b_c();
     let bias = bias(turns, samples, &pose_b_c, config.rig.time_offset_s)?;
+    PIECES_S.into_iter().find_map(|piece_s| factor_of(turns, samples, (&pose_b_c, &bias), config, piece_s))
+}
+
+/// The factor by pieces of this length.
+fn factor_of(
+    turns: &[Turn],
+    samples: &[ImuSample],
+    (pose_b_c, bias): (&Isometry3<f64>, &Vector3<f64>),
+    config: &Config,
+    piece_s: f64,
+) -> Option<Factor> {
     let mut pieces = Vec::new();
     let mut rest = turns;
     while let Some(first) = rest.first() {
-        let is_within = |turn: &&Turn| turn.to.seconds_since(first.from) <= PIECE_S;
+        let is_within = |turn: &&Turn| turn.to.seconds_since(first.from) <= piece_s;
         let count = rest.iter().take_while(is_within).count().max(1);
         let (piece, after) = rest.split_at(count);
         if count >= MIN_TURNS {
-            pieces.extend(of_piece(piece, samples, &pose_b_c, (&bias, config.rig.time_offset_s)));
+            pieces.extend(of_piece(piece, samples, pose_b_c, (bias, config.rig.time_offset_s)));
         }
         rest = after;
     }
@@ -82,7 +94,7 @@ pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<
     let left: f64 = pieces.iter().map(|piece| piece.uu - value * (2.0 * piece.wu - value * piece.ww)).sum();
     let count: f64 = pieces.iter().map(|piece| piece.count).sum();
     let sigma = by_pieces.max(INFLATED * (left.max(0.0) / count / ww).sqrt());
-    Some(Factor { value, sigma, pieces: pieces.len() })
+    Some(Factor { value, sigma, pieces: (pieces.len(), piece_s) })
 }
 
 /// Bias of the gyroscope by what the images turn less, rad/s.
@@ -209,12 +221,12 @@ fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3
 pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Measure {
     const MOVE: &str =
         "fly, or move the vehicle by hand to and fro by half a metre, twice a second, for ten seconds";
-    let Some(Factor { value, sigma, pieces }) = factor(turns, samples, config) else {
+    let Some(Factor { value, sigma, pieces: (pieces, piece_s) }) = factor(turns, samples, config) else {
         return Measure::missing(NAME, "the vehicle hardly accelerated while images showed its motion", MOVE);
     };
     let baseline = baseline_m(config);
     let words = format!(
-        "images show the motion {value:.3} times as large as the accelerometer, within {sigma:.3}, in {pieces} pieces of 2 s"
+        "images show the motion {value:.3} times as large as the accelerometer, within {sigma:.3}, in {pieces} pieces of {piece_s} s"
     );
     let figures = [("factor", value), ("sigma", sigma), ("baseline_m", baseline)];
     let verdict = Fitness::within((value - 1.0).abs(), OFF.0 + 3.0 * sigma, OFF.1 + 3.0 * sigma);

@@ -19,6 +19,8 @@ const JITTER: (f64, f64) = (0.3, f64::INFINITY);
 const WILD: f64 = 0.8;
 /// Samples come in bursts where this share of the intervals is shorter than this share of the mean one.
 const BUNCHED: (f64, f64) = (0.3, 0.25);
+/// Stamps scatter where this share of the intervals is shorter than half of the mean one: long ones are then no gaps.
+const SCATTERED: (f64, f64) = (0.05, 0.5);
 /// Rates by the median and by the mean interval differ by this much where stamps are irregular, relative.
 const IRREGULAR: f64 = 0.05;
 /// Share of samples that run backwards or repeat a stamp.
@@ -30,6 +32,9 @@ const HALF_FRAMES: (f64, f64) = (0.005, 0.1);
 
 /// What is said of samples that several arrive at once.
 pub const BURSTS: &str = "come in bursts";
+
+/// What is said of stamps that scatter.
+pub const JITTER_WORD: &str = "jitter";
 
 /// Which sensor is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,7 +167,10 @@ impl Stream {
         let has_bursts = backwards == 0 && close as f64 > BUNCHED.0 * intervals.len() as f64;
         // Where stamps scatter, the median interval is not the usual one.
         let off = |interval: f64| (1.0 / (interval * nominal_hz) - 1.0).abs();
-        let is_irregular = (mean / middle - 1.0).abs() > IRREGULAR && off(mean) < 0.5 * off(middle);
+        let short = intervals.iter().filter(|dt| **dt < SCATTERED.1 * mean).count();
+        let is_scattered = short as f64 > SCATTERED.0 * intervals.len() as f64;
+        let is_irregular =
+            is_scattered || (mean / middle - 1.0).abs() > IRREGULAR && off(mean) < 0.5 * off(middle);
         let is_even = !has_bursts && !is_irregular;
         let usual = if is_even { middle } else { mean };
         let rate = 1.0 / usual;
@@ -258,7 +266,7 @@ impl Trouble {
                 "stamp each sample when it is measured: the sensor's own time, or its counter with the rate",
             ),
             (Self::Jitter, _) => Finding::new(
-                format!("stamps of {device} jitter"),
+                format!("stamps of {device} {JITTER_WORD}"),
                 value,
                 "stamps of the arrival, not of the measurement",
                 "use the sensor's own time or a trigger",
@@ -302,4 +310,45 @@ pub fn judge_pairs(whole: u64, frames: usize) -> Measure {
         "trigger both cameras together, or see why one of them loses images",
         &[("frames", frames as f64), ("without_partner", half)],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stamps at 200 Hz, each off by up to so many ms, sorted; without every so manyth.
+    fn scattered(by_ms: f64, without: usize) -> Arrivals {
+        let mut state = 7_u64;
+        let mut stamps: Vec<Timestamp> = (0..2_000_i64)
+            .map(|k| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let share = (state >> 33) as f64 / f64::from(1_u32 << 31) * 2.0 - 1.0;
+                Timestamp::from_nanos(1_000_000_000 + 5_000_000 * k + (share * by_ms * 1e6) as i64)
+            })
+            .collect();
+        stamps.sort_unstable();
+        let mut arrivals = Arrivals::default();
+        let kept = stamps.into_iter().enumerate().filter(|(k, _)| k % without != without - 1);
+        kept.for_each(|(_, stamp)| arrivals.push_stamp(stamp));
+        arrivals
+    }
+
+    #[test]
+    fn stamps_that_scatter_are_told_and_are_no_loss() {
+        let finding = |by_ms, without| finding(Sensor::Imu, &scattered(by_ms, without), 200.0);
+        for by_ms in [3.5, 4.0, 5.0] {
+            let words = finding(by_ms, usize::MAX).expect("it is told").to_string();
+            assert!(
+                words.contains("stamps of the IMU jitter") && words.contains(" 0 of 2000 missing"),
+                "{words}"
+            );
+        }
+        assert_eq!(finding(0.5, usize::MAX), None);
+        let lossy = judge(Sensor::Imu, &scattered(0.3, 10), 200.0);
+        assert!(
+            lossy.value.contains("199 of 1999 missing") || lossy.value.contains("200 of 2000 missing"),
+            "{}",
+            lossy.value
+        );
+    }
 }

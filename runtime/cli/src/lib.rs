@@ -349,8 +349,8 @@ fn init_logs(verbose: u8, is_live: bool) {
     // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused. That peers
     // do not gossip is meant. Data of a peer that has just gone are nothing to act on.
     let default = [
-        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off",
-        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off",
+        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off,zenoh_transport::unicast::establishment=off",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off,zenoh_transport::unicast::establishment=off",
         "debug",
     ][usize::from(verbose.min(2))];
     let live = if is_live && verbose == 0 { ",plumbline=info,plumbline_flight=info" } else { "" };

@@ -6,6 +6,7 @@ use crate::plumbline;
 use crate::raw;
 use crate::raw::raw_peer::{Kind, RawPeer, declare_key};
 use crate::roles::{make_keys, try_to_connect};
+use crate::supervised::{free_udp_port, try_client};
 use crate::vehicle::{PLUMBLINE, Running, cache, eventually, flight, free_port, render};
 use plumbline_link::net::now_ns;
 use plumbline_test_support::soak_minutes;
@@ -27,25 +28,43 @@ const IDLE: usize = 2_000;
 /// Descriptors of the network process meanwhile, at most.
 const MAX_DESCRIPTORS: usize = 250;
 /// An honest station hears the vehicle again within this time, s.
-const MAX_SILENCE_S: f64 = 2.0;
+pub const MAX_SILENCE_S: f64 = 2.0;
 /// What is malformed: pairs of declarations, each of which once ended the session of whoever read them.
 const MALFORMED: [[&str; 2]; 5] =
     [["$*$*", "a"], ["plumbline/$*$*x", "plumbline/drone"], ["a//b", "a"], ["/a", "a"], ["#", "a"]];
 
-/// Certificates, and where the vehicle listens.
-struct Stage {
-    folder: tempfile::TempDir,
-    endpoint: String,
-    port: u16,
+/// Certificates, and where the vehicle listens: with them, or without and by datagrams too.
+pub struct Stage {
+    pub folder: tempfile::TempDir,
+    pub endpoint: String,
+    pub port: u16,
+    pub datagrams: Option<String>,
+    /// Role of the honest station that listens.
+    pub watcher: &'static str,
 }
 
 impl Stage {
-    fn new() -> Self {
+    pub fn new() -> Self {
         render(FLIGHT_S);
         let folder = tempfile::tempdir().unwrap();
         make_keys(folder.path(), false);
         let port = free_port();
-        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port }
+        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, datagrams: None, watcher: "viewer" }
+    }
+
+    /// A vehicle that anybody reaches.
+    pub fn plain() -> Self {
+        let stage = Self::new();
+        let datagrams = Some(format!("udp/127.0.0.1:{}", free_udp_port()));
+        Self { endpoint: stage.endpoint.replace("tls/", "tcp/"), datagrams, ..stage }
+    }
+
+    /// Opens the session of the honest station.
+    async fn try_watcher(&self) -> zenoh::Result<zenoh::Session> {
+        match self.datagrams {
+            None => try_to_connect(self.folder.path(), self.watcher, &self.endpoint).await,
+            Some(_) => try_client(self.port).await,
+        }
     }
 
     fn file(&self, name: &str) -> PathBuf {
@@ -55,12 +74,17 @@ impl Stage {
     /// A flight that excludes the router's certificate, records and reports.
     fn vehicle(&self) -> Running {
         let mut vehicle = flight("drone", FLIGHT_S);
-        for (key, name) in
-            [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-        {
-            vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", self.file(name).display()));
+        if let Some(datagrams) = &self.datagrams {
+            vehicle.args(["--listen", datagrams]);
+        } else {
+            for (key, name) in
+                [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+            {
+                vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", self.file(name).display()));
+            }
+            vehicle.args(["--set", "network.tls.excluded=[\"router\"]"]);
         }
-        vehicle.args(["--set", "network.tls.excluded=[\"router\"]", "--listen", &self.endpoint]);
+        vehicle.args(["--listen", &self.endpoint]);
         vehicle.arg("--report").arg(self.file("report.json")).arg("--record").arg(self.file("log.mcap"));
         Running::start(vehicle)
     }
@@ -77,20 +101,20 @@ impl Stage {
 
 /// What became of the flights of an attack.
 #[derive(Debug, Default)]
-struct Survived {
-    flights: u64,
+pub struct Survived {
+    pub flights: u64,
     /// Flights whose estimates were compared with those of the flight alone: on the others the host refused a frame.
-    compared: u64,
+    pub compared: u64,
     /// Deaths of the network process.
-    deaths: u64,
-    longest_silence_s: f64,
-    most_descriptors: usize,
-    most_link_mb: f64,
-    worst_tick_late_ms: f64,
+    pub deaths: u64,
+    pub longest_silence_s: f64,
+    pub most_descriptors: usize,
+    pub most_link_mb: f64,
+    pub worst_tick_late_ms: f64,
 }
 
 /// Flies for as many minutes while an honest station listens.
-fn fly(stage: &Stage, minutes: u32) -> Survived {
+pub fn fly(stage: &Stage, minutes: u32) -> Survived {
     let alone = stage.alone();
     let mut survived = Survived::default();
     for _ in 0..(minutes * 60).div_ceil(FLIGHT_S) {
@@ -122,7 +146,7 @@ fn watch(stage: &Stage, mut vehicle: Running, survived: &mut Survived) {
     let theirs = Arc::clone(&heard_ns);
     let session = runtime.block_on(async {
         let session = loop {
-            match try_to_connect(stage.folder.path(), "viewer", &stage.endpoint).await {
+            match stage.try_watcher().await {
                 Ok(session) => break session,
                 Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
             }
@@ -294,7 +318,7 @@ fn soak_network_two_thousand_connections_that_say_nothing() {
 }
 
 /// Sessions of an operator, one after the other, each of which asks for the configuration; how often it was told.
-fn command_again_and_again(folder: &Path, endpoint: &str, is_over: &AtomicBool) -> u64 {
+pub fn command_again_and_again(folder: &Path, endpoint: &str, is_over: &AtomicBool) -> u64 {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let mut told = 0;
     while !is_over.load(Ordering::Relaxed) {

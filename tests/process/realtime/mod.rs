@@ -4,6 +4,7 @@ mod attacks;
 pub mod autopilot;
 mod floods;
 pub mod hardware_in_the_loop;
+mod hostile;
 mod links;
 pub mod live;
 mod long_flight;

@@ -19,6 +19,12 @@ const SPECIFIC_FORCE_MG: std::ops::Range<f64> = 600.0..1600.0;
 const STEADY: (f64, f64) = (0.7, 0.6);
 /// Median of an accelerometer that measures nothing at all, m/s^2.
 const NOTHING_M_S2: f64 = 1e-6;
+/// Share of zeros among the samples of a sensor that has no reading for some of them, longest mean length of their runs, and fewest runs.
+const ALTERNATING: std::ops::Range<f64> = 0.05..0.97;
+const MAX_RUN: u64 = 8;
+const MIN_RUNS: u64 = 10;
+/// Share of samples that repeat the one before.
+const REPEATED: f64 = 0.1;
 /// Median of the rotation rate beyond which nothing flies, rad/s.
 const MAX_MEDIAN_RATE_RAD_S: f64 = 20.0;
 
@@ -29,12 +35,49 @@ pub struct Magnitudes {
     gyro: Vec<f64>,
     /// Sum of the specific forces.
     force: Vector3<f64>,
+    zeros: [Zeros; 2],
+    last: Option<ImuSample>,
+    /// Length of the present run of samples that repeat, and samples in short runs.
+    run: u64,
+    repeated: u64,
+}
+
+/// Samples of one sensor that are exactly zero, and the runs that they come in.
+#[derive(Clone, Copy, Debug, Default)]
+struct Zeros {
+    samples: u64,
+    runs: u64,
+    is_within: bool,
+}
+
+impl Zeros {
+    fn add(&mut self, is_zero: bool) {
+        self.samples += u64::from(is_zero);
+        self.runs += u64::from(is_zero && !self.is_within);
+        self.is_within = is_zero;
+    }
+
+    /// Whether zeros and measurements alternate, among so many samples.
+    fn alternate(&self, all: u64) -> bool {
+        let share = self.samples as f64 / all.max(1) as f64;
+        (ALTERNATING.start..ALTERNATING.end).contains(&share)
+            && self.runs * MAX_RUN > self.samples
+            && self.runs > MIN_RUNS
+    }
 }
 
 impl Default for Magnitudes {
     fn default() -> Self {
         let room = || Vec::with_capacity(MAX_SAMPLES);
-        Self { accel: room(), gyro: room(), force: Vector3::zeros() }
+        Self {
+            accel: room(),
+            gyro: room(),
+            force: Vector3::zeros(),
+            zeros: [Zeros::default(); 2],
+            last: None,
+            run: 0,
+            repeated: 0,
+        }
     }
 }
 
@@ -45,6 +88,13 @@ impl Magnitudes {
             self.accel.push(sample.accel.norm());
             self.gyro.push(sample.gyro.norm());
             self.force += sample.accel;
+            self.zeros[0].add(sample.gyro == Vector3::zeros());
+            self.zeros[1].add(sample.accel == Vector3::zeros());
+            let is_same =
+                self.last.is_some_and(|last| last.gyro == sample.gyro && last.accel == sample.accel);
+            self.run = if is_same { self.run + 1 } else { 0 };
+            self.repeated += u64::from((1..=MAX_RUN).contains(&self.run));
+            self.last = Some(*sample);
         }
     }
 
@@ -55,6 +105,9 @@ impl Magnitudes {
         let [Some(accel), Some(gyro)] = medians else { return Vec::new() };
         if self.accel.len() < MIN_SAMPLES {
             return Vec::new();
+        }
+        if let Some(finding) = self.filled() {
+            return vec![finding];
         }
         if SPECIFIC_FORCE_M_S2.contains(&gyro) && accel < 0.5 * SPECIFIC_FORCE_M_S2.start {
             return vec![Finding::new(
@@ -72,6 +125,42 @@ impl Magnitudes {
             findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
         }
         findings
+    }
+
+    /// Rows in which one of the two sensors is zero, and measures in others.
+    fn filled(&self) -> Option<Finding> {
+        let all = self.accel.len() as u64;
+        let told: Vec<String> = ["gyroscope", "accelerometer"]
+            .iter()
+            .zip(&self.zeros)
+            .filter(|(_, zeros)| zeros.alternate(all))
+            .map(|(name, zeros)| format!("the {name} is exactly zero in {} of {all} samples", zeros.samples))
+            .collect();
+        (!told.is_empty()).then(|| {
+            Finding::new(
+                "samples without a measurement are filled with zeros",
+                told.join(", "),
+                "two sensors of different rates in one table or topic, with zeros where one of them has no reading",
+                "record gyroscope and accelerometer on topics of their own, or interpolate one to the times of the other \
+                 (realsense-ros: unite_imu_method = 2)",
+            )
+        })
+    }
+
+    /// Samples that are bit for bit the one before, in runs that are too short for a sensor that is stuck.
+    #[must_use]
+    pub fn repeats(&self) -> Option<Finding> {
+        let all = self.accel.len();
+        let is_much = all >= MIN_SAMPLES && self.repeated as f64 > REPEATED * all as f64;
+        is_much.then(|| {
+            Finding::new(
+                "samples of the IMU repeat",
+                format!("{} of {all} are bit for bit the one before", self.repeated),
+                "a driver that hands out each reading twice, or at a rate above that of the sensor",
+                "read the sensor at its own rate, and set `imu.rate_hz` to it",
+            )
+            .mild()
+        })
     }
 
     /// Whether the accelerometer, whose median magnitude is `accel`, measures a vector of nearly constant length and direction, as

@@ -331,6 +331,7 @@ impl Plausibility {
         if findings.is_empty() {
             findings.extend(mounting::finding(&self.first, &self.config));
         }
+        findings.extend(self.magnitudes.repeats());
         let exposure = self.sight.brightness.judge();
         if self.sight.brightness.frames() >= MIN_BRIGHT && exposure.verdict == Fitness::NotFit {
             findings.push(Finding::of_measure(exposure));

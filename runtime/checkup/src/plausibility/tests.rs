@@ -105,6 +105,49 @@ fn units_of_the_imu_are_told() {
 }
 
 #[test]
+fn rows_that_are_filled_with_zeros_are_told() {
+    let flight = Flight::simulated(Scene::Room, 7.0);
+    let with = |one_in: u64, change: fn(&mut ImuSample)| {
+        let count = std::cell::Cell::new(0_u64);
+        flight.findings_with(|s| {
+            count.set(count.get() + 1);
+            if count.get() % one_in == 0 {
+                change(s);
+            }
+        })
+    };
+    names(
+        &with(2, |s| s.gyro = nalgebra::Vector3::zeros()),
+        &["the gyroscope is exactly zero", "unite_imu_method"],
+    );
+    names(&with(3, |s| s.accel = nalgebra::Vector3::zeros()), &["the accelerometer is exactly zero"]);
+    // A few are no driver's habit, and a simulator at rest has many in one run.
+    assert_eq!(with(100, |s| s.gyro = nalgebra::Vector3::zeros()), []);
+    let count = std::cell::Cell::new(0_u64);
+    let at_rest = flight.findings_with(|s| {
+        count.set(count.get() + 1);
+        if count.get() < 200 {
+            s.gyro = nalgebra::Vector3::zeros();
+        }
+    });
+    assert!(!at_rest.iter().any(|finding| finding.what.contains("zeros")), "{at_rest:?}");
+}
+
+#[test]
+fn samples_that_are_handed_out_twice_are_told() {
+    let flight = Flight::simulated(Scene::Room, 7.0);
+    let (count, held) = (std::cell::Cell::new(0_u64), std::cell::Cell::new(None::<ImuSample>));
+    let findings = flight.findings_with(|s| {
+        count.set(count.get() + 1);
+        match held.get() {
+            Some(last) if count.get() % 2 == 0 => (s.gyro, s.accel) = (last.gyro, last.accel),
+            _ => held.set(Some(*s)),
+        }
+    });
+    names(&findings, &["samples of the IMU repeat", "bit for bit", "its own rate"]);
+}
+
+#[test]
 fn columns_that_are_swapped_are_told() {
     let flight = Flight::simulated(Scene::Room, 7.0);
     names(

@@ -210,14 +210,22 @@ impl StampLooks {
     }
 }
 
-/// Logs what has changed: trouble as a warning, its end as information.
+/// Logs what has changed: trouble as a warning, its end as information. Another count alone is no change.
 fn tell(told: &mut Option<String>, now: Option<String>, back: impl FnOnce() -> String) {
     match (&*told, &now) {
-        (before, Some(words)) if before.as_ref() != Some(words) => tracing::warn!("{words}"),
+        (before, Some(words)) if is_news(before.as_deref(), words) => tracing::warn!("{words}"),
         (Some(_), None) => tracing::info!("{}", back()),
         _ => {}
     }
     *told = now;
+}
+
+fn is_news(before: Option<&str>, now: &str) -> bool {
+    before.is_none_or(|before| !without_digits(before).eq(without_digits(now)))
+}
+
+fn without_digits(words: &str) -> impl Iterator<Item = char> {
+    words.chars().filter(|c| !c.is_ascii_digit())
 }
 
 /// When samples came last, and what came since.
@@ -253,6 +261,11 @@ fn unusable(malformed: u64, samples: u64) -> String {
     )
 }
 
+/// Samples whose times did not increase: in the data, or by the sensor's own clock.
+fn out_of_order(figures: &ImuFigures) -> u64 {
+    figures.disordered + figures.clock.refused
+}
+
 /// Why the inertial sensor brings nothing, if it does not.
 fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> Option<String> {
     let since = *bringing.since.get_or_insert(now);
@@ -267,7 +280,7 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
         (bringing.samples, bringing.settling, bringing.since) =
             (figures.samples, figures.settling, Some(now));
         (bringing.malformed, bringing.disordered) =
-            (figures.malformed + figures.watch.impossible, figures.disordered);
+            (figures.malformed + figures.watch.impossible, out_of_order(figures));
     }
     if !figures.link.is_open {
         let why = figures.link.last_error.map(std::io::Error::from_raw_os_error);
@@ -294,7 +307,7 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
                 .into(),
         );
     }
-    if figures.disordered > bringing.disordered {
+    if out_of_order(figures) > bringing.disordered {
         return Some(
             "the IMU sends samples whose times do not increase: it repeats itself, or its clock stands still; check the \
              sensor and the program that sends them"
@@ -318,6 +331,13 @@ mod tests {
     use super::*;
     use plumbline_drivers::clock::TimeUnitName;
     use plumbline_drivers::inertial::FramingFigures;
+
+    #[test]
+    fn another_count_of_the_same_trouble_is_no_news() {
+        let count = |n: u64| format!("imu: {}", unusable(n, 200 - n));
+        assert!(is_news(None, &count(22)) && !is_news(Some(&count(22)), &count(143)));
+        assert!(is_news(Some(&count(22)), "imu: the IMU has stopped sending samples"));
+    }
 
     #[test]
     fn a_sensor_that_is_away_or_says_nothing_is_told_of_with_the_cure() {
@@ -372,6 +392,7 @@ mod tests {
             (|figures| figures.malformed += 20, "all unusable (NaN"),
             (|figures| figures.watch.impossible += 20, "all unusable (NaN"),
             (|figures| figures.disordered += 20, "do not increase"),
+            (|figures| figures.clock.refused += 20, "do not increase"),
             (
                 |figures| {
                     figures.samples += 20;

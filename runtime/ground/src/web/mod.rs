@@ -31,7 +31,7 @@ pub struct Station {
     /// Messages of pages that could not be understood.
     pub malformed: AtomicU64,
     /// Pages that are open.
-    pub pages: AtomicU64,
+    pub pages: Arc<AtomicU64>,
     /// Where it is served.
     pub address: SocketAddr,
     /// Names by which the page may be opened, beside the station's addresses.
@@ -81,7 +81,7 @@ pub async fn serve(
 ) -> Result<SocketAddr, ServeError> {
     let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
-    let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
+    let (malformed, pages) = (AtomicU64::new(0), Arc::default());
     let names = names.iter().cloned().chain(guard::own_names()).collect();
     let downloads = Arc::new(Semaphore::new(MAX_DOWNLOADS));
     let station =

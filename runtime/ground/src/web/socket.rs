@@ -14,7 +14,7 @@ use axum::response::Response;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
 use zenoh::pubsub::Subscriber;
@@ -37,7 +37,7 @@ const SEND_PATIENCE: Duration = Duration::from_secs(10);
 pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgrade) -> Response {
     upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES).on_upgrade(
         move |socket| async move {
-            let (pages, _place) = OpenPage::count(&station);
+            let (pages, _place) = OpenPage::count(&station.pages);
             if pages < MAX_PAGES {
                 Page::new(Arc::clone(&station)).run(socket).await;
             }
@@ -46,18 +46,18 @@ pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgr
 }
 
 /// A page that is counted as long as this is there, however its task ends.
-struct OpenPage(Arc<Station>);
+struct OpenPage(Arc<AtomicU64>);
 
 impl OpenPage {
     /// Counts a page; with it, how many there were before.
-    fn count(station: &Arc<Station>) -> (u64, Self) {
-        (station.pages.fetch_add(1, Ordering::Relaxed), Self(Arc::clone(station)))
+    fn count(pages: &Arc<AtomicU64>) -> (u64, Self) {
+        (pages.fetch_add(1, Ordering::Relaxed), Self(Arc::clone(pages)))
     }
 }
 
 impl Drop for OpenPage {
     fn drop(&mut self) {
-        self.0.pages.fetch_sub(1, Ordering::Relaxed);
+        self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -273,6 +273,21 @@ async fn send(socket: &mut WebSocket, message: Message) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_page_whose_task_panics_gives_its_place_back() {
+        let pages = Arc::<AtomicU64>::default();
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        for before in [0, 0] {
+            let theirs = Arc::clone(&pages);
+            let task = runtime.spawn(async move {
+                let (count, _place) = OpenPage::count(&theirs);
+                assert_ne!(count, before, "this task panics");
+            });
+            assert!(runtime.block_on(task).unwrap_err().is_panic());
+            assert_eq!(pages.load(Ordering::Relaxed), 0);
+        }
+    }
 
     #[test]
     fn each_part_of_a_vehicle_is_told_once() {

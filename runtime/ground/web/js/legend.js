@@ -24,6 +24,7 @@ const AXES = ['x forward', 'y left', 'z up'];
 const SIGNS = {
   path: 'M1 8 C6 1 12 12 21 4',
   line: 'M1 10 21 2',
+  arrow: 'M1 10 20 3 M14 2 20 3 16 8',
   dots: 'M3 4h2v2h-2z M10 8h2v2h-2z M17 3h2v2h-2z f',
   frustum: 'M5 6 17 1V11Z M17 1 20 3 M17 11 20 9',
   ellipse: 'M2 6a9 4.5 0 1 0 18 0a9 4.5 0 1 0 -18 0 M2 6a9 1.8 0 1 0 18 0',
@@ -57,7 +58,7 @@ export class Legend {
     });
     this.axes = AXES.map((words, k) => {
       const item = make('li');
-      const mark = sign('line');
+      const mark = sign('arrow');
       item.append(mark, make('span', '', `axis of the vehicle: ${words}`));
       list.append(item);
       return { mark, k };

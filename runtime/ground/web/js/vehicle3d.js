@@ -219,7 +219,10 @@ function dart() {
   return new THREE.BufferGeometry().setAttribute('position', new THREE.Float32BufferAttribute(triangles.flat(), 3));
 }
 
-// Three unit axes with their letters.
+// Share of an axis that is the head of its arrow.
+const HEAD = 0.16;
+
+// Three unit axes as arrows with their letters.
 function bodyAxes() {
   const object = new THREE.Group();
   const parts = ['x', 'y', 'z'].map((letter, k) => {
@@ -227,7 +230,16 @@ function bodyAxes() {
     const end = [0, 0, 0];
     end[k] = 1;
     const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute('position', new THREE.Float32BufferAttribute([0, 0, 0, ...end], 3));
+    // Four strokes of the head, so that it is seen from every side.
+    const strokes = [1, 2].flatMap((side) =>
+      [-1, 1].map((sign) => {
+        const back = end.map((x) => x * (1 - HEAD));
+        back[(k + side) % 3] = (sign * HEAD) / 2;
+        return [...end, ...back];
+      }),
+    );
+    const points = [0, 0, 0, ...end, ...strokes.flat()];
+    geometry.setAttribute('position', new THREE.Float32BufferAttribute(points, 3));
     const line = new THREE.LineSegments(geometry, material);
     const tip = new THREE.Sprite(new THREE.SpriteMaterial({ map: letterTexture(letter), depthTest: false, transparent: true, fog: false }));
     tip.position.set(...end.map((x) => 1.18 * x));

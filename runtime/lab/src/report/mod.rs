@@ -18,7 +18,7 @@ use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
-use plumbline_flight::flight::plausibility::{self, BURSTS, Finding, Fitness, HealthTally};
+use plumbline_flight::flight::plausibility::{self, BURSTS, Finding, Fitness, HealthTally, JITTER_WORD};
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::log::source::LogEnd;
@@ -134,9 +134,10 @@ pub fn late_findings(
     known: &[Finding],
 ) -> Vec<Finding> {
     let faults = &flown.outcome.faults;
-    // Between bursts a driver misses samples that were never there.
-    let are_bunched = known.iter().any(|finding| finding.what.contains(BURSTS));
-    let imu = Faults { missing: if are_bunched { 0 } else { faults.imu.missing }, ..faults.imu };
+    // Between bursts, and between stamps that scatter, a driver misses samples that were never there.
+    let is_uneven = |finding: &Finding| finding.what.contains(BURSTS) || finding.what.ends_with(JITTER_WORD);
+    let missing = if known.iter().any(is_uneven) { 0 } else { faults.imu.missing };
+    let imu = Faults { missing, ..faults.imu };
     let of_drivers = plausibility::of_faults(imu, faults.cameras, Some(&files.words()));
     // The files of a recording may have named it already, with the place.
     let are_stamps_known =

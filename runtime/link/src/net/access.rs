@@ -93,6 +93,12 @@ impl Refusals {
         self.note(Refusal { words, is_attempt: true });
     }
 
+    /// Notes that all of so many sessions are taken.
+    pub fn hear_full(&mut self, places: &str) {
+        let words = format!("no place for another session: all {places} are taken; close other sessions");
+        self.note(Refusal { words, is_attempt: true });
+    }
+
     fn note(&mut self, refusal: Refusal) {
         if self.fresh.len() < MAX_WAITING {
             self.fresh.insert(refusal);

@@ -1,8 +1,9 @@
 //! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset, saving the map.
 //!
 //! Questions wait in a short queue and are answered one after the other by a thread of their own: who asks much
-//! holds up nobody but those who ask. Commands have a queue and a task of their own. Answers travel with the quality of service of their question; ground stations
-//! ask with one that drops them when the link is full, and ask again.
+//! holds up nobody but those who ask. Commands have a queue and a task of their own, and questions about time a thread. Answers travel with the quality of
+//! service of their question; ground stations ask with one that drops them when the link is full, and ask again. Where a peer asks with
+//! one that waits, and does not read, its link is closed after half a second (`MAX_BLOCKED_US` of [`super::session`]).
 //!
 //! A client keeps the newest of several answers under one key, unless it asks for no consolidation. Where there can be
 //! several, each therefore has a key of its own below the one that was asked for (`trajectory/<stamp of its first
@@ -32,6 +33,8 @@ use zenoh::{Session, Wait};
 const MAX_QUESTIONS: usize = 32;
 /// Commands that wait.
 const MAX_COMMANDS: usize = 8;
+/// Questions about time that wait, and refusals.
+const MAX_SHORT: usize = 256;
 /// Poses that are kept: half an hour at 20 Hz.
 const MAX_POSES: usize = 36_000;
 /// Poses in one answer.
@@ -115,21 +118,28 @@ pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
 pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
     let (questions, waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
     let (commands, given) = mpsc::channel::<(Topic, Query)>(MAX_COMMANDS);
+    let (short, at_once) = mpsc::channel::<Short>(MAX_SHORT);
     let asked = |topic: Topic| topic.row().question.map(|question| (topic, question));
     for (topic, Question { is_command, has_several, .. }) in Topic::ALL.into_iter().filter_map(asked) {
         let base = key_of(&answers.vehicle.name, topic);
         let key = if has_several { format!("{base}/**") } else { base.clone() };
-        let (queue, clock_key) = (if is_command { commands.clone() } else { questions.clone() }, base);
+        let queue = if is_command { commands.clone() } else { questions.clone() };
+        let (short, clock_key) = (short.clone(), Arc::<str>::from(base));
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         session
             .declare_queryable(&key)
             .callback(move |query| {
+                // No answer is sent on a thread of Zenoh: who does not read would hold up all that comes in.
                 if topic == Topic::Clock {
                     // A question about time does not wait behind others.
-                    tell_time(&query, &clock_key);
+                    let _ = short.try_send(Short::Time {
+                        query,
+                        key: Arc::clone(&clock_key),
+                        received_ns: now_ns(),
+                    });
                 } else if let Err(error) = queue.try_send((topic, query)) {
                     let (_, query) = error.into_inner();
-                    let _ = query.reply_err("busy: ask again later").wait();
+                    let _ = short.try_send(Short::Busy(query));
                 }
             })
             .background()
@@ -138,6 +148,7 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
     }
     let answers = Arc::new(answers);
     answer_questions(Arc::clone(&answers), waiting)?;
+    answer_at_once(at_once)?;
     tokio::spawn(obey(answers, given));
     Ok(())
 }
@@ -153,6 +164,25 @@ fn answer_questions(
     thread.spawn(move || {
         while let Some((topic, query)) = waiting.blocking_recv() {
             runtime.block_on(answers.answer(topic, &query));
+        }
+    })?;
+    Ok(())
+}
+
+/// What is answered at once, by a thread of its own.
+enum Short {
+    Time { query: Query, key: Arc<str>, received_ns: i64 },
+    Busy(Query),
+}
+
+fn answer_at_once(mut waiting: mpsc::Receiver<Short>) -> std::io::Result<()> {
+    let thread = std::thread::Builder::new().name("plumbline-clock".into());
+    thread.spawn(move || {
+        while let Some(short) = waiting.blocking_recv() {
+            match short {
+                Short::Time { query, key, received_ns } => tell_time(&query, &key, received_ns),
+                Short::Busy(query) => drop(query.reply_err("busy: ask again later").wait()),
+            }
         }
     })?;
     Ok(())
@@ -233,7 +263,7 @@ impl Answers {
                 }
                 send(query, key, topic, outcome.map(|done| vec![encode(&done)])).await;
             }
-            _ => tell_time(query, key),
+            _ => tell_time(query, key, now_ns()),
         }
     }
 
@@ -332,8 +362,7 @@ async fn send(query: &Query, key: &str, topic: Topic, answers: Result<Vec<Vec<u8
     }
 }
 
-fn tell_time(query: &Query, key: &str) {
-    let received_ns = now_ns();
+fn tell_time(query: &Query, key: &str, received_ns: i64) {
     let clock = Clock { received_ns, answered_ns: now_ns() };
     let _ = query.reply(key, encode(&clock)).encoding(encoding(Topic::Clock)).express(true).wait();
 }

@@ -1,6 +1,6 @@
 //! Zenoh sessions that listen only where they are told to.
 
-use super::endpoints::{Endpoints, Mode, is_udp};
+use super::endpoints::{Endpoints, Mode};
 use super::error::NetError;
 use super::{diagnosis, read, security};
 use plumbline_config::options::Link;
@@ -14,16 +14,20 @@ const RETRY_MS: (u64, u64) = (50, 200);
 /// Longest time that a message waits for space in the send queue before it is dropped, us. Odometry waits on the thread that
 /// empties the queue, so the time must be short.
 const PATIENCE_US: u64 = 5_000;
+/// A link whose peer asked for messages that wait for space (`CongestionControl::Block`), and does not read, is closed after this time, us.
+/// Whatever is sent of our own does not wait; a thread that answers would wait for that peer, and all others for it.
+const MAX_BLOCKED_US: u64 = 500_000;
 /// Longest message that comes in, bytes. A vehicle hears short questions; a router passes on half an hour of poses in one
 /// answer. Each of the sixteen channels of a link (eight priorities, twice) may hold one that is not complete.
 const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
-/// Links at a time, of a vehicle and of others, and those that have not shown who they are.
+/// Links at a time, of a vehicle and of others, and handshakes.
 const MAX_LINKS: usize = 32;
 const MAX_LINKS_ON_GROUND: usize = 160;
-const MAX_PENDING: usize = 32;
-/// A datagram with a forged source is enough to begin a handshake, so there are more of them where datagrams are listened for.
-const MAX_PENDING_UDP: usize = 256;
+///
+/// Zenoh refuses every handshake beyond these. The listeners have bounds of their own, where a handshake of the most crowded address gives way (64 each for
+/// TCP and TLS, 512 for datagrams; after TLS, the places for sessions), whose sum is below this one.
+const MAX_PENDING: usize = 1_000;
 /// A handshake ends after this, ms: whoever connects gives up after 2 s.
 const ACCEPT_TIMEOUT_MS: u64 = 2_500;
 /// Largest batch on a telemetry radio, bytes: messages behind it are delayed by its length.
@@ -59,8 +63,6 @@ impl Endpoints {
             "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2.0,
         });
         let (message_bytes, links) = self.bounds();
-        let pending =
-            if self.listen.iter().any(|endpoint| is_udp(endpoint)) { MAX_PENDING_UDP } else { MAX_PENDING };
         let mut settings = vec![
             ("mode", mode.to_owned()),
             ("listen/endpoints", self.guarded(&self.listen, Some(links.saturating_sub(self.connect.len())))),
@@ -70,11 +72,15 @@ impl Endpoints {
             ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
+            (
+                "transport/link/tx/queue/congestion_control/block/wait_before_close",
+                MAX_BLOCKED_US.to_string(),
+            ),
         ];
         settings.extend([
             ("transport/link/rx/max_message_size", message_bytes.to_string()),
             ("transport/unicast/max_sessions", links.to_string()),
-            ("transport/unicast/accept_pending", pending.to_string()),
+            ("transport/unicast/accept_pending", MAX_PENDING.to_string()),
             ("transport/unicast/accept_timeout", ACCEPT_TIMEOUT_MS.to_string()),
         ]);
         // Peers need no link states of each other, whose reader can be brought to panic; and who is told the identifier of

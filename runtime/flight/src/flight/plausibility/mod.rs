@@ -6,7 +6,7 @@ pub mod watch;
 pub use plumbline_checkup::Fitness;
 pub use plumbline_checkup::health::HealthTally;
 pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
-pub use plumbline_checkup::timing::BURSTS;
+pub use plumbline_checkup::timing::{BURSTS, JITTER_WORD};
 use plumbline_drivers::Faults;
 
 /// What the drivers survived, where that is worth a word; `files` names the files of a recording, `None` is a live flight.

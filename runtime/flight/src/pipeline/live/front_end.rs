@@ -369,11 +369,11 @@ impl FrontEndTask {
                 let reading = samples.pop();
                 (reading.is_some() || samples.is_closed()).then_some(reading)
             });
+            // It is the tick that is late, or the sensor: several waits in a row are no stall of this task.
+            shared.heartbeats.busy(TaskId::FrontEnd);
             if let Some(reading) = reading {
                 return reading;
             }
-            // It is the tick that is late.
-            shared.heartbeats.busy(TaskId::FrontEnd);
             self.grace = GRACE_FRAMES;
         }
         self.is_imu_silent = true;

@@ -185,6 +185,7 @@ struct Ended {
 impl Ended {
     fn outcome(mut self, team: &Team) -> Outcome {
         let mut figures = stages::total(&self.front_end.stage, &self.window.stage, &self.tick.stage, team);
+        figures.hot_path_allocations += self.watchdog.allocations;
         figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
         let passed_over = self.front_end.figures.places_passed_over;
         let places = self.places.take();

@@ -2,6 +2,7 @@
 
 use super::super::RunError;
 use super::shared::Shared;
+use crate::alloc;
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
@@ -29,6 +30,8 @@ pub struct WatchdogFigures {
     pub stalls: u64,
     /// Tasks that ended by a fault of their own.
     pub deaths: u64,
+    /// Allocations of the watchdog's thread while it watched: it is above all others, and waits for no allocator.
+    pub allocations: u64,
     /// Growth of the resident memory after it had settled, MB.
     pub memory_growth_mb: Option<f64>,
 }
@@ -76,6 +79,7 @@ impl WatchdogThread {
         let supervisor = Supervisor::of_environment();
         supervisor.tell(Word::Ready);
         let mut last_sign = Monotonic::now();
+        let counting = alloc::Count::begin();
         while !self.ended.load(Ordering::Relaxed) {
             let now = Monotonic::now();
             shared.heartbeats.busy(TaskId::Watchdog);
@@ -95,8 +99,14 @@ impl WatchdogThread {
             std::thread::sleep(WATCH_PERIOD);
         }
         tell_rung(shared, &mut words, &mut rung);
+        let allocations = counting.end();
         supervisor.tell(Word::Stopping);
-        WatchdogFigures { stalls: watchdog.stalls(), deaths: watchdog.deaths(), memory_growth_mb: None }
+        WatchdogFigures {
+            stalls: watchdog.stalls(),
+            deaths: watchdog.deaths(),
+            allocations,
+            memory_growth_mb: None,
+        }
     }
 }
 
