@@ -246,7 +246,7 @@ fn hold_begun(port: u16, is_over: &AtomicBool) {
     while !is_over.load(Ordering::Relaxed) {
         let begun = |k: u16| {
             let mut stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
-            if k % 2 == 0 {
+            if k.is_multiple_of(2) {
                 let init = [&[19, 0, 0x01, 9, 0xf0 | Kind::Client as u8][..], &[9; 16]].concat();
                 stream.write_all(&init).ok()?;
             }

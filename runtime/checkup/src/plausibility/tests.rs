@@ -111,7 +111,7 @@ fn rows_that_are_filled_with_zeros_are_told() {
         let count = std::cell::Cell::new(0_u64);
         flight.findings_with(|s| {
             count.set(count.get() + 1);
-            if count.get() % one_in == 0 {
+            if count.get().is_multiple_of(one_in) {
                 change(s);
             }
         })

@@ -87,8 +87,8 @@ impl PublishedStates {
         let frames = frames.min(MAX_RESERVED_FRAMES);
         let (imu_hz, camera_hz) = (config.imu.rate_hz, config.camera[0].rate_hz);
         let one_of = (imu_hz / ODOMETRY_RATE_HZ).round().max(1.0);
-        // A little more, since neither rate is exact; nothing for a stream whose length is not known.
-        let kept = (frames as f64 * imu_hz / camera_hz / one_of * 1.05).ceil() as usize;
+        // Half of the frames may be missing, and neither rate is exact; nothing for a stream whose length is not known.
+        let kept = (frames as f64 * imu_hz / camera_hz / one_of * 2.1).ceil() as usize;
         Self {
             estimates: Storage::with_room_for(frames, PublishedState::blank()),
             odometry: Storage::with_room_for(kept, PublishedState::blank()),
