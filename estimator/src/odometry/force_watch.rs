@@ -1,19 +1,21 @@
 //! Whether accelerometer and images agree about how the vehicle speeds up.
 //!
-//! Three sighted positions ([`crate::window::sighting`]) `a`, `b`, `c`, with `h1` and `h2` seconds between them, tell how much velocity was
-//! gained from the first half of the span to the second, whatever the velocity was. So do the readings: with the gain of velocity `dv` and the
-//! way `dp` of either half, as preintegrated and turned into the odometry frame by the attitudes that the images give,
+//! The ways `m1` and `m2` between three frames, `h1` and `h2` seconds long, tell how much velocity was gained from the first half of the span
+//! to the second, whatever the velocity was. A way is the sum, over its frames, of what lies between the frame before in the window and
+//! the sighted position ([`crate::window::sighting`]): the window as a whole may shift meanwhile. The readings tell the same: with the gain
+//! of velocity `dv` and the way `dp` of either half, as preintegrated and turned into the odometry frame by the attitudes of the window,
 //!
 //! ```text
-//! r = (p_c - p_b) / h2 - (p_b - p_a) / h1 - (g (h1 + h2) / 2 + dv_1 + dp_2 / h2 - dp_1 / h1)
+//! r = m2 / h2 - m1 / h1 - (g (h1 + h2) / 2 + dv_1 + dp_2 / h2 - dp_1 / h1)
 //! ```
 //!
 //! in m/s. A force that did not act, `f`, makes `r = f (h1 + h2) / 2`; one that is wrong since `t` seconds, `r = f t² / (2 h2)`. Short spans find
 //! blows within a frame, long ones a force that is wrong by a fraction of a metre per second squared. Neither a velocity nor a bias that the
-//! fault has spoilt already takes part, as they would in an innovation of the filter.
+//! fault has spoilt already takes part, as they would in an innovation of the filter. The first frame of a blow shows in such an innovation
+//! alone ([`crate::window::trial`]), and is taken from there.
 
 use crate::inertial::{ImuNoise, Preintegration};
-use crate::window::sighting::variance_along;
+use crate::window::sighting::{LEAST_SIGHTING_M, variance_along};
 use heapless::Deque;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -26,8 +28,7 @@ const MAX_LEGS: usize = 2 * HALVES[2] + 1;
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
-/// A sighting is not better than this, m, and a stamp not than this, s.
-const LEAST_SIGHTING_M: f64 = 1e-3;
+/// A stamp is not better than this, s.
 const LEAST_STAMP_S: f64 = 5e-4;
 /// Forces are doubted between these, m/s².
 const LEAST_DOUBT_M_S2: f64 = 2.0;

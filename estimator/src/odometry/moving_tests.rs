@@ -95,9 +95,10 @@ impl Walk {
 
 #[test]
 fn people_who_walk_by_do_not_take_the_estimate_along() {
+    // Where nothing is dropped the judgement of the forces alone bounds the error.
     let [kept, dropped] = [0.0, 0.85].map(|share| Walk::among_people(share).fly().worst_m_s);
     assert!(
-        dropped < 0.05 && dropped < 0.5 * kept,
+        dropped < 0.04 && dropped < 0.5 * kept,
         "{dropped:.3} m/s, and {kept:.3} where nothing is dropped"
     );
 }
@@ -108,7 +109,7 @@ fn people_who_hide_all_else_for_a_moment_do_not_either() {
         [0.0, 0.85].map(|share| Walk { hidden_s: 3.0, ..Walk::among_people(share) }.fly().worst_m_s);
     // Meanwhile the samples alone tell the velocity.
     assert!(
-        dropped < 0.05 && dropped < 0.5 * kept,
+        dropped < 0.04 && dropped < 0.5 * kept,
         "{dropped:.3} m/s, and {kept:.3} where nothing is dropped"
     );
 }

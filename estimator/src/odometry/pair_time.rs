@@ -86,10 +86,7 @@ mod tests {
         for late_s in [0.05, -0.05, 0.015] {
             let watch = watched(late_s, 0.8);
             let (found, sigma) = watch.late_s().expect("points move");
-            assert!(
-                watch.is_out_of_step() && (found - late_s).abs() < 3.0 * sigma + 0.1 * late_s.abs(),
-                "{late_s}: {found}"
-            );
+            assert!(watch.is_out_of_step() && (found - late_s).abs() < 3.0 * sigma, "{late_s}: {found}");
             assert_eq!(watch.bounded(90), OUT_OF_STEP_QUALITY);
         }
     }

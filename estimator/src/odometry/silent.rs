@@ -1,7 +1,7 @@
 //! Sensors that fail without a word: what they say is not believed, and the estimate goes on with what is left.
 //!
 //! A sensor that repeats its readings is found by [`crate::inertial::stuck`], samples or images with late stamps by
-//! [`super::rotation_watch`]. Either way the samples lose belief from the moment on at which it began: the motions between the
+//! [`super::rotation_watch`], forces that did not act by [`crate::window::trial`] and [`super::force_watch`]. The samples lose belief from the moment on at which it began: the motions between the
 //! frames of the window since then are integrated anew, and the newest frame begins where its images place it.
 
 use super::Odometer;
@@ -56,7 +56,8 @@ impl Odometer {
         };
         let sighting = match trial {
             Some(trial) if !is_dropped => Some(trial.sighting),
-            _ => self.window.sight_newest(&start, !self.rotation.is_distrusting()),
+            _ if self.rotation.is_distrusting() => self.window.sight_newest(&start),
+            _ => self.window.sight_by_known(&start).or_else(|| self.window.sight_newest(&start)),
         };
         if sighting.is_none() {
             self.rotation.end_probation();

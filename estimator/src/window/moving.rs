@@ -7,7 +7,8 @@
 //! A blow, or an inertial sensor that lies, contradicts the images too, but then one motion explains what is seen: what moves as one
 //! rigid body with most of the view is the vehicle. So the prediction and the pose that the images alone give compete for the
 //! landmarks that only one of them explains. What both explain, such as a far background, has no vote: near things that pass by
-//! before it look like a way to the side, and must fill most of the view to be taken for one, unless that way is short.
+//! before it look like a way to the side, and must fill most of the view to be taken for one, unless that way is short. Where enough
+//! landmarks are known, they have decided before ([`super::trial`]), and nobody votes.
 
 use super::Window;
 use super::feature::Feature;
@@ -44,8 +45,9 @@ const MOST_SLACK: f64 = 3.0;
 const NEAR_RHO: f64 = 0.7;
 
 impl Window {
-    /// Drops what the newest frame, at its predicted pose, sees of things that move; returns whether there was any. `velocity_sigma_m_s` is
-    /// the standard deviation of the predicted velocity, m/s; `trial` that of the prediction, which is not in doubt.
+    /// Drops what the newest frame, at its predicted pose, sees of things that move, and returns whether there was any.
+    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s. A `trial` that does not contradict the prediction
+    /// takes the place of the votes of all landmarks.
     pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> bool {
         let was_in_sight = self.moving_in_sight > 0;
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
@@ -80,7 +82,7 @@ impl Window {
     /// How landmarks vote between the predicted pose of the newest frame and that which its images alone give, if they give one.
     fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
         let predicted = self.frames.last().map(|frame| &frame.nav)?;
-        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted, true))?;
+        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
         let is_near = (sighting.p_o_b - predicted.p_o_b).norm_squared() < BLOW_M.squared();
         Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
     }

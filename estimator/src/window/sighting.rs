@@ -25,13 +25,15 @@ const WIDE: [f64; 5] = [50.0, 15.0, 5.0, 3.0, 3.0];
 const AGREES_SIGMAS: f64 = 4.0;
 /// Fewest observations that agree, and their least share of all.
 const MIN_AGREEING: usize = 12;
-/// Standard deviations of a pose against those of its observations, by which landmarks are wrong too.
+/// Factor of a pose's standard deviations for errors of the landmarks, which its solution takes for exact.
 const LANDMARK_SHARE: f64 = 1.5;
-/// Of position and attitude.
+/// Unknowns of a pose: three of its position, three of its attitude.
 const UNKNOWNS: usize = 6;
 const MIN_SHARE: f64 = 0.6;
 /// Landmarks are known if they were hosted this long ago, s, and seen since: what has just come into view may be a crowd.
 const KNOWN_S: f64 = 0.2;
+/// A sighted position is not better than this, m.
+pub const LEAST_SIGHTING_M: f64 = 1e-3;
 /// Forward component of a ray, scaled by the inverse depth, below which it is not seen.
 const MIN_FORWARD: f64 = 0.02;
 
@@ -50,7 +52,8 @@ pub struct Sighting {
     pub is_witness: bool,
 }
 
-/// Variance along `direction`, of any length; along its worst axis, at most, where that is zero.
+/// Variance along `direction`, which need not be of unit length; the trace where it is zero.
+#[must_use]
 pub fn variance_along(covariance: &Matrix3<f64>, direction: &Vector3<f64>) -> f64 {
     let squared = direction.norm_squared();
     if squared > 0.0 { direction.dot(&(covariance * direction)) / squared } else { covariance.trace() }
@@ -84,22 +87,27 @@ struct Ray {
 type Rays = heapless::Vec<Ray, MAX_RAYS>;
 
 impl Window {
-    /// The pose of the newest frame by its points, found from `start`: by the known ones alone if `prefers_known` is set and they are not
-    /// too few; `None` where too few agree.
+    /// The pose of the newest frame by its points, found from `start`; `None` where too few of them agree.
     #[must_use]
-    pub fn sight_newest(&self, start: &NavState, prefers_known: bool) -> Option<Sighting> {
+    pub fn sight_newest(&self, start: &NavState) -> Option<Sighting> {
+        self.sight(start, false)
+    }
+
+    /// The pose of the newest frame by its known points alone, which is evidence against other sensors; `None` where too few of them agree.
+    #[must_use]
+    pub fn sight_by_known(&self, start: &NavState) -> Option<Sighting> {
+        self.sight(start, true)
+    }
+
+    fn sight(&self, start: &NavState, of_known: bool) -> Option<Sighting> {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
+        let rays = self.rays(&mounts, of_known);
+        if rays.len() < MIN_AGREEING {
+            return None;
+        }
         let start = (start.rot_o_b, start.p_o_b);
-        let sight = |is_witness: bool| {
-            let rays = self.rays(&mounts, is_witness);
-            if rays.len() < MIN_AGREEING {
-                return None;
-            }
-            let found =
-                solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))?;
-            Some(Sighting { is_witness, ..found })
-        };
-        prefers_known.then(|| sight(true)).flatten().or_else(|| sight(false))
+        let found = solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))?;
+        Some(Sighting { is_witness: of_known, ..found })
     }
 
     /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain, by gates

@@ -22,7 +22,7 @@ fn displaced(nav: &NavState) -> NavState {
 #[test]
 fn a_frame_is_found_from_twenty_pixels_away_whatever_the_inertial_sensor_says() {
     let (window, newest) = room();
-    let found = window.sight_newest(&displaced(&newest), true).expect("enough points agree");
+    let found = window.sight_newest(&displaced(&newest)).expect("enough points agree");
     assert!((found.p_o_b - newest.p_o_b).norm() < 1e-5, "{:?}", found.p_o_b - newest.p_o_b);
     assert!(log_so3(&(newest.rot_o_b.inverse() * found.rot_o_b)).norm() < 1e-5);
     let sigma_rad = found.rotation_covariance.trace().sqrt();
@@ -40,7 +40,7 @@ fn a_few_points_that_are_elsewhere_change_little_and_many_leave_no_pose() {
                 observation.measured.xy += Vector2::new(0.1, 0.05) * f64::from(u8::from(k % 10 < share));
             }
         }
-        window.sight_newest(&displaced(&newest), true)
+        window.sight_newest(&displaced(&newest))
     };
     let found = moved(2).expect("most points agree");
     assert!(log_so3(&(newest.rot_o_b.inverse() * found.rot_o_b)).norm() < 2e-3);
@@ -51,5 +51,5 @@ fn a_few_points_that_are_elsewhere_change_little_and_many_leave_no_pose() {
 fn a_frame_that_sees_no_landmark_has_no_pose() {
     let (mut window, newest) = room();
     window.points.clear();
-    assert!(window.sight_newest(&newest, true).is_none());
+    assert!(window.sight_newest(&newest).is_none());
 }

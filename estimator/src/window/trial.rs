@@ -1,4 +1,4 @@
-//! Whether known landmarks contradict where inertial samples put the newest frame.
+//! A trial of the prediction: whether known landmarks contradict where inertial samples put the newest frame.
 //!
 //! The predicted position and the sighted one ([`super::sighting`]) share the landmarks and little else, so that their difference has
 //! the variance of both: that of the sighting, of the velocity before, and of the stamp along the way. A force `f` that did not act
@@ -9,7 +9,7 @@
 //! sighting along also turns it, which a force does not.
 
 use super::Window;
-use super::sighting::{Sighting, Votes, variance_along};
+use super::sighting::{LEAST_SIGHTING_M, Sighting, Votes, variance_along};
 use super::state::NavState;
 use crate::geometry::log_so3;
 use nalgebra::Vector3;
@@ -18,8 +18,6 @@ use plumbline_config::Portable;
 /// A difference contradicts by this many standard deviations; by so many, forces lose weight.
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 const DOUBTFUL_SIGMAS: f64 = 3.0;
-/// A sighting is not better than this, m.
-const LEAST_SIGHTING_M: f64 = 1e-3;
 /// A stamp is not better than this, s.
 const LEAST_STAMP_S: f64 = 1e-3;
 /// Share of known landmarks on the side of the prediction from which it is not contradicted, and that the sighting explains at least.
@@ -60,7 +58,7 @@ impl Trial {
         self.is_off_by(CONTRADICTS_SIGMAS)
     }
 
-    /// Whether it may be.
+    /// Whether the prediction may be wrong: forces lose weight, and nothing is said.
     #[must_use]
     pub fn is_doubtful(&self) -> bool {
         self.is_off_by(DOUBTFUL_SIGMAS)
@@ -88,12 +86,13 @@ impl Trial {
 }
 
 impl Window {
-    /// Tries the prediction at which the newest frame is; `None` where it sees too few landmarks that are known.
+    /// Compares the pose at which the newest frame was predicted, and still is, with that by its known landmarks; `None` where it sees too
+    /// few of these.
     #[must_use]
     pub fn try_prediction(&self, expected: &Expected) -> Option<Trial> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let predicted = &newest.nav;
-        let sighting = self.sight_newest(predicted, true).filter(|sighting| sighting.is_witness)?;
+        let sighting = self.sight_by_known(predicted)?;
         let off = sighting.p_o_b - predicted.p_o_b;
         let dt_s = newest.stamp.seconds_since(before.stamp);
         Some(Trial {
@@ -127,3 +126,7 @@ fn sigmas(
     let of_stamp = variance_along(&(predicted.v_o_b * predicted.v_o_b.transpose()), off) * stamp.squared();
     off.norm() / (sighted + (expected.velocity_sigma_m_s * dt_s).squared() + of_stamp).sqrt()
 }
+
+#[cfg(test)]
+#[path = "trial_tests.rs"]
+mod tests;

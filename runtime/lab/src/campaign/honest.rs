@@ -9,9 +9,9 @@ use plumbline_estimator::HealthBits;
 
 /// Health bits of which one names a fault whose kind begins like this. The longest beginning that fits counts.
 const NAMED_BY: [(&str, &[HealthBits]); 14] = [
-    ("accel-", &[HealthBits::ACCEL_STUCK, HealthBits::ACCEL_NOISY]),
-    ("gyro-", &[HealthBits::GYRO_STUCK]),
-    ("imu-frozen", &[HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK]),
+    ("accel-", &[HealthBits::ACCEL_STUCK, HealthBits::ACCEL_CONTRADICTED, HealthBits::ACCEL_NOISY]),
+    ("gyro-", &[HealthBits::GYRO_STUCK, HealthBits::GYRO_CONTRADICTED]),
+    ("imu-frozen", &[HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK, HealthBits::GYRO_CONTRADICTED]),
     ("imu-late", &[HealthBits::IMU_LATE]),
     ("imu-gap", &[HealthBits::IMU_GAP]),
     ("stamp-late", &[HealthBits::IMAGES_LATE]),
@@ -20,7 +20,7 @@ const NAMED_BY: [(&str, &[HealthBits]); 14] = [
     ("image-black", &[HealthBits::DARK]),
     ("image-frozen", &[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]),
     ("image-repeat", &[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]),
-    ("image-late", &[HealthBits::CAMERAS_DISAGREE]),
+    ("image-late", &[HealthBits::CAMERAS_OUT_OF_STEP, HealthBits::CAMERAS_DISAGREE]),
     ("image-shift", &[HealthBits::CAMERAS_DISAGREE]),
     ("images-exchanged", &[HealthBits::CAMERAS_DISAGREE]),
 ];
