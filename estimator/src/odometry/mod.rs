@@ -6,9 +6,11 @@
 //! both from a test.
 
 mod force_watch;
+mod gyro_angles;
 mod inherited;
 mod innovation;
 mod judgement;
+mod lag;
 pub mod measurements;
 #[cfg(test)]
 mod moving_tests;

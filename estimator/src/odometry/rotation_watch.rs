@@ -14,6 +14,8 @@
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
+use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
+use super::lag::lag_s;
 use super::stamp_noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
@@ -22,12 +24,7 @@ use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
-use std::collections::VecDeque;
 
-/// Turns that are kept: those of 1.6 s at 20 Hz.
-const MAX_TURNS: usize = 32;
-/// Samples of the gyroscope are kept this long, s: the turns, and as much before them as images may be late.
-const MEMORY_S: f64 = 2.5;
 /// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
 /// single frames.
 const AGREES_RAD: f64 = 1.5e-3;
@@ -50,18 +47,6 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FRAMES_TO_AGREE: u32 = 10;
 /// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
 const PROVES_RAD: f64 = 3e-3;
-/// Turns by which a delay is looked for, at least and at most.
-const MIN_MATCHED: usize = 6;
-const MAX_MATCHED: usize = 12;
-/// Delays that are tried: up to so many steps of so many nanoseconds either way, and the least that is called one.
-const LAG_STEPS: i64 = 60;
-const LAG_STEP_NS: i64 = 10_000_000;
-const MIN_LAG_STEPS: i64 = 4;
-/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
-/// the other sign, by so many times more than there, or than what tracks leave, rad.
-const MATCHES_RAD: f64 = 1.5e-3;
-const MATCH_CONTRAST: f64 = 1.7;
-const MATCH_NOISE_RAD: f64 = 3e-4;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
 /// Quality while it is not known which of the sensors is wrong, or while the images are late.
@@ -78,28 +63,6 @@ const PROBATION_S: f64 = 1.0;
 const FRAMES_TO_PROVE: u32 = 3;
 const PROVING_TURN_RAD: f64 = 3e-3;
 const PROVING_NS: i64 = 90_000_000;
-/// Samples further apart than this many periods have a hole between them.
-const HOLE_PERIODS: f64 = 2.5;
-
-/// A turn as the images of two frames tell it.
-#[derive(Clone, Copy, Debug)]
-struct Turn {
-    from: Timestamp,
-    to: Timestamp,
-    /// Rotation vector from the earlier to the later body, rad.
-    seen: Vector3<f64>,
-    /// Whether frames are missing in between.
-    skips_frames: bool,
-}
-
-/// The integral of the gyroscope's readings up to a sample.
-#[derive(Clone, Copy, Debug)]
-struct Angle {
-    stamp: Timestamp,
-    rad: Vector3<f64>,
-    /// Holes in the stream so far.
-    holes: u32,
-}
 
 /// Sensor that is wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -174,12 +137,7 @@ impl Difference {
 #[derive(Clone, Debug)]
 pub(super) struct RotationWatch {
     gyro_density: f64,
-    max_gap_ns: i64,
-    capacity: usize,
-    angles: VecDeque<Angle>,
-    last: Option<ImuSample>,
-    /// Latest stamp of a sample.
-    latest: Option<Timestamp>,
+    angles: GyroAngles,
     turns: Deque<Turn, MAX_TURNS>,
     /// Differences of the last frames on end.
     differences: Deque<Difference, MAX_SUM>,
@@ -195,14 +153,9 @@ pub(super) struct RotationWatch {
 
 impl RotationWatch {
     pub(super) fn new(imu: &ImuConfig) -> Self {
-        let capacity = (MEMORY_S * imu.rate_hz).ceil() as usize + 2;
         Self {
             gyro_density: imu.gyro_noise_density,
-            max_gap_ns: (HOLE_PERIODS * 1e9 / imu.rate_hz) as i64,
-            capacity,
-            angles: VecDeque::with_capacity(capacity),
-            last: None,
-            latest: None,
+            angles: GyroAngles::new(imu),
             turns: Deque::new(),
             differences: Deque::new(),
             stamps: StampNoise::default(),
@@ -217,7 +170,6 @@ impl RotationWatch {
     /// Forgets samples and turns, as after a clock was set.
     pub(super) fn clear(&mut self) {
         self.angles.clear();
-        (self.last, self.latest) = (None, None);
         self.forget_turns();
     }
 
@@ -232,52 +184,12 @@ impl RotationWatch {
 
     /// Takes a sample of the gyroscope, as it was read.
     pub(super) fn add(&mut self, sample: &ImuSample) {
-        let newest = self.angles.back().copied();
-        let mut angle = newest.unwrap_or(Angle { stamp: sample.stamp, rad: Vector3::zeros(), holes: 0 });
-        if let Some(last) = &self.last {
-            let gap_ns = sample.stamp.nanos_since(last.stamp);
-            if gap_ns <= 0 || gap_ns > self.max_gap_ns {
-                angle.holes += 1;
-            } else {
-                angle.rad += (last.gyro + sample.gyro) * (0.5e-9 * gap_ns as f64);
-            }
-            if gap_ns > PROBATION_HOLE_NS {
-                // A clock that was set back for a while has not taken the samples before that with it.
-                let since = self.latest.filter(|latest| *latest < sample.stamp).unwrap_or(last.stamp);
-                let until = sample.stamp.plus_seconds(PROBATION_S);
-                self.probation = Some(Probation { since, until, is_known: false, proven: 0 });
-            }
-            if gap_ns <= 0 {
-                self.angles.clear();
-            }
+        if let Some(Gap { since, length_ns }) = self.angles.add(sample)
+            && length_ns > PROBATION_HOLE_NS
+        {
+            let until = sample.stamp.plus_seconds(PROBATION_S);
+            self.probation = Some(Probation { since, until, is_known: false, proven: 0 });
         }
-        self.latest = self.latest.max(Some(sample.stamp));
-        angle.stamp = sample.stamp;
-        if self.angles.len() == self.capacity {
-            self.angles.pop_front();
-        }
-        self.angles.push_back(angle);
-        self.last = Some(*sample);
-    }
-
-    /// The angle at `stamp`; `None` where there are no samples.
-    fn angle_at(&self, stamp: Timestamp) -> Option<(Vector3<f64>, u32)> {
-        let next = self.angles.partition_point(|a| a.stamp < stamp);
-        let after = self.angles.get(next)?;
-        if after.stamp == stamp {
-            return Some((after.rad, after.holes));
-        }
-        let before = self.angles.get(next.checked_sub(1)?)?;
-        let share = stamp.seconds_since(before.stamp) / after.stamp.seconds_since(before.stamp);
-        (before.holes == after.holes).then(|| (before.rad.lerp(&after.rad, share), after.holes))
-    }
-
-    /// What the gyroscope measured in the time of a turn, `lag_ns` later, against `turn`; `None` without samples throughout.
-    fn difference(&self, turn: &Turn, lag_ns: i64, bias_gyro: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let (from, holes) = self.angle_at(turn.from.plus_nanos(lag_ns))?;
-        let (to, holes_after) = self.angle_at(turn.to.plus_nanos(lag_ns))?;
-        let measured = to - from - bias_gyro * turn.to.seconds_since(turn.from);
-        (holes == holes_after).then(|| turn.seen - measured)
     }
 
     /// Takes the turn of a frame; returns since when inertial samples are not to be believed, once that begins.
@@ -295,7 +207,7 @@ impl RotationWatch {
         }
         let begun = self.begin_probation();
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
-        let Some(rad) = self.difference(&turn, 0, &bias_gyro) else {
+        let Some(rad) = self.angles.difference(&turn, 0, &bias_gyro) else {
             self.differences.clear();
             return begun;
         };
@@ -413,7 +325,9 @@ impl RotationWatch {
         let Some(mut contradiction) = self.contradiction else { return };
         let dt_s = turn.to.seconds_since(turn.from);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
-            if let Some(lag_s) = self.lag_s(&contradiction) {
+            if let Some(lag_s) =
+                lag_s(&self.angles, &self.turns, contradiction.since, &contradiction.bias_gyro)
+            {
                 contradiction.culprit =
                     if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
@@ -446,48 +360,8 @@ impl RotationWatch {
         // The gyroscope of a later time is known for an earlier turn only.
         let lag_ns = (lag_s * 1e9) as i64;
         let known =
-            self.turns.iter().rev().find_map(|t| self.difference(t, lag_ns, &contradiction.bias_gyro));
+            self.turns.iter().rev().find_map(|t| self.angles.difference(t, lag_ns, &contradiction.bias_gyro));
         known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
-    }
-
-    /// How much later the gyroscope measured what the images saw, s, if that explains the contradiction.
-    fn lag_s(&self, contradiction: &Contradiction) -> Option<f64> {
-        let (mut best, mut others) = ((f64::INFINITY, 0), [f64::INFINITY; 3]);
-        for steps in -LAG_STEPS..=LAG_STEPS {
-            let Some(rms) = self.rms_at(steps * LAG_STEP_NS, contradiction) else { continue };
-            if rms < best.0 {
-                best = (rms, steps);
-            }
-            let side = match steps {
-                _ if steps <= -MIN_LAG_STEPS => 0,
-                _ if steps >= MIN_LAG_STEPS => 2,
-                _ => 1,
-            };
-            others[side] = others[side].at_most(rms);
-        }
-        let (rms, steps) = best;
-        let rivals = if steps < 0 { [others[1], others[2]] } else { [others[0], others[1]] };
-        // What cannot be compared for a hole in the samples is no rival.
-        let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
-        let is_clear = rivals.iter().all(|rival| *rival >= least);
-        let is_found = steps.abs() >= MIN_LAG_STEPS && rms < MATCHES_RAD && is_clear;
-        is_found.then(|| (steps * LAG_STEP_NS) as f64 * 1e-9)
-    }
-
-    /// Root of the mean squared difference of the newest turns since the contradiction from the gyroscope `lag_ns` later.
-    fn rms_at(&self, lag_ns: i64, contradiction: &Contradiction) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0);
-        for turn in
-            self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since && !turn.skips_frames)
-        {
-            let Some(difference) = self.difference(turn, lag_ns, &contradiction.bias_gyro) else { continue };
-            sum += difference.norm_squared();
-            count += 1;
-            if count == MAX_MATCHED {
-                break;
-            }
-        }
-        (count >= MIN_MATCHED).then(|| (sum / count as f64).sqrt())
     }
 
     /// Whether the inertial samples are not believed.
@@ -514,7 +388,9 @@ impl RotationWatch {
         let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
         let (mut seen, mut off, mut count) = (0.0, 0.0, 0);
         for turn in newest {
-            let Some(difference) = self.difference(turn, 0, &contradiction.bias_gyro) else { continue };
+            let Some(difference) = self.angles.difference(turn, 0, &contradiction.bias_gyro) else {
+                continue;
+            };
             seen += turn.seen.norm();
             off += difference.norm();
             count += 1;

@@ -64,6 +64,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 bias_sigma_rad_s: 1e-3,
                 skips_frames: t - last_s > 0.075,
                 skips_samples: watch
+                    .angles
                     .difference(
                         &Turn { from: at(last_s), to: at(t), seen: noise, skips_frames: false },
                         0,

@@ -1,0 +1,61 @@
+//! The delay between images and gyroscope that explains why their turns differ.
+
+use super::gyro_angles::{GyroAngles, MAX_TURNS, Turn};
+use heapless::Deque;
+use nalgebra::Vector3;
+use plumbline_config::{Portable, Timestamp};
+
+/// Turns by which a delay is looked for, at least and at most.
+const MIN_MATCHED: usize = 6;
+const MAX_MATCHED: usize = 12;
+/// Delays that are tried: up to so many steps of so many nanoseconds either way, and the least that is called one.
+const LAG_STEPS: i64 = 60;
+const LAG_STEP_NS: i64 = 10_000_000;
+const MIN_LAG_STEPS: i64 = 4;
+/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
+/// the other sign, by so many times more than there, or than what tracks leave, rad.
+const MATCHES_RAD: f64 = 1.5e-3;
+const MATCH_CONTRAST: f64 = 1.7;
+const MATCH_NOISE_RAD: f64 = 3e-4;
+
+/// How much later the gyroscope, less its bias, measured what the images saw of the turns since `since`, s; `None` where no time explains them.
+pub(super) fn lag_s(
+    angles: &GyroAngles,
+    turns: &Deque<Turn, MAX_TURNS>,
+    since: Timestamp,
+    bias_gyro: &Vector3<f64>,
+) -> Option<f64> {
+    let newest = || turns.iter().rev().filter(|turn| turn.from >= since && !turn.skips_frames);
+    let (mut best, mut others) = ((f64::INFINITY, 0), [f64::INFINITY; 3]);
+    for steps in -LAG_STEPS..=LAG_STEPS {
+        let lag_ns = steps * LAG_STEP_NS;
+        let differences = newest().filter_map(|turn| angles.difference(turn, lag_ns, bias_gyro));
+        let Some(rms) = rms(differences) else { continue };
+        if rms < best.0 {
+            best = (rms, steps);
+        }
+        let side = match steps {
+            _ if steps <= -MIN_LAG_STEPS => 0,
+            _ if steps >= MIN_LAG_STEPS => 2,
+            _ => 1,
+        };
+        others[side] = others[side].at_most(rms);
+    }
+    let (rms, steps) = best;
+    let rivals = if steps < 0 { [others[1], others[2]] } else { [others[0], others[1]] };
+    // What cannot be compared for a hole in the samples is no rival.
+    let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
+    let is_clear = rivals.iter().all(|rival| *rival >= least);
+    let is_found = steps.abs() >= MIN_LAG_STEPS && rms < MATCHES_RAD && is_clear;
+    is_found.then(|| (steps * LAG_STEP_NS) as f64 * 1e-9)
+}
+
+/// Root of the mean squared of the first differences; `None` where there are too few.
+fn rms(differences: impl Iterator<Item = Vector3<f64>>) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0);
+    for difference in differences.take(MAX_MATCHED) {
+        sum += difference.norm_squared();
+        count += 1;
+    }
+    (count >= MIN_MATCHED).then(|| (sum / count as f64).sqrt())
+}
