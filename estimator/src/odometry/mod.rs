@@ -29,6 +29,7 @@ mod silent_tests;
 mod stamp_noise;
 mod start;
 mod steps;
+mod sudden_force;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
@@ -66,6 +67,7 @@ use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
 use rotation_watch::RotationWatch;
 use silent::report_stuck;
+use sudden_force::SuddenForce;
 pub use steps::StepCovariance;
 use zero_velocity::ZeroVelocityDetector;
 
@@ -131,6 +133,7 @@ pub struct Odometer {
     pair_time: PairTime,
     rotation: RotationWatch,
     forces: ForceWatch,
+    sudden_force: SuddenForce,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
@@ -200,6 +203,7 @@ impl Odometer {
             pair_time: PairTime::default(),
             rotation: RotationWatch::new(imu),
             forces: ForceWatch::new(window.options.gravity_o),
+            sudden_force: SuddenForce::new(),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -436,6 +440,11 @@ impl Odometer {
         }
         if coverage.is_saturated {
             health.insert(HealthBits::IMU_SATURATED);
+        }
+        if coverage.has_gap || coverage.unmeasured.is_any() {
+            self.sudden_force.forget_forces();
+        } else {
+            self.sudden_force.update([last.stamp, stamp], &last.nav.rot_o_b, &motion);
         }
         let motion = self.with_stamp_noise(motion, &last.nav);
         let prediction = self.predict(&last.nav, &motion);

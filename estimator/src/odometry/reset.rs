@@ -4,6 +4,7 @@
 //! counts only once it has stood for a while, and the start after a divergence goes on from there.
 
 use super::judgement::MIN_LANDMARKS_IN_VIEW;
+use super::sudden_force::SuddenForce;
 use super::{Odometer, Phase, ResetReason};
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
@@ -59,6 +60,7 @@ impl Odometer {
         self.zero_velocity.clear();
         self.rotation.forget_turns();
         self.forces.clear();
+        self.sudden_force = SuddenForce::new();
         self.pair_time.clear();
         self.imu.trust();
         self.reset_counter += 1;

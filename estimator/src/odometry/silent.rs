@@ -14,6 +14,7 @@ use crate::inertial::Unmeasured;
 use crate::inertial::buffer::Coverage;
 use crate::window::frame::Frame;
 use crate::window::sighting::Sighting;
+use crate::window::state::NavState;
 use crate::window::trial::Trial;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
@@ -197,6 +198,10 @@ impl Odometer {
         let added = self.rotation.added_covariance(&newest.nav, &self.turn_rate_b());
         let mut stated = added.map_or(self.covariance, |added| self.covariance + added);
         self.add_vibration(&mut stated, &newest.nav);
+        if let Some(of_velocity) = self.sudden_force.of_velocity(newest.stamp) {
+            let mut view = stated.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
+            view += of_velocity;
+        }
         stated
     }
 }
