@@ -26,6 +26,9 @@ const HALVES: [usize; 3] = [2, 4, 8];
 const MAX_LEGS: usize = 2 * HALVES[2] + 1;
 /// A gain of velocity contradicts by this many standard deviations.
 const CONTRADICTS_SIGMAS: f64 = 5.0;
+/// From so many it is suspect: nothing is done about it, but the velocity is as uncertain as a share of it, m/s.
+const SUSPECT_SIGMAS: f64 = 2.0;
+const SUSPECT_SHARE: f64 = 0.4;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
 /// A stamp is not better than this, s.
@@ -101,11 +104,22 @@ pub(super) struct ForceWatch {
     contradicting: u32,
     last: Option<(Timestamp, f64)>,
     is_named: bool,
+    /// A suspect gain of velocity, m/s in `O`, and the last frame that showed it.
+    suspect: Option<(Timestamp, Vector3<f64>)>,
+}
+
+/// What a span of frames gained in velocity by the images that the forces do not explain.
+#[derive(Clone, Copy, Debug)]
+struct Unexplained {
+    /// m/s in `O`.
+    off: Vector3<f64>,
+    sigmas: f64,
+    forces: WrongForces,
 }
 
 impl ForceWatch {
     pub(super) fn new(gravity_o: Vector3<f64>) -> Self {
-        Self { gravity_o, legs: Deque::new(), contradicting: 0, last: None, is_named: false }
+        Self { gravity_o, legs: Deque::new(), contradicting: 0, last: None, is_named: false, suspect: None }
     }
 
     /// Forgets what was seen and what was found.
@@ -142,8 +156,11 @@ impl ForceWatch {
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
         });
-        let found =
-            self.blow(seen).or_else(|| HALVES.iter().find_map(|half| self.contradiction(*half, sigmas)));
+        let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
+        self.suspect(seen.stamp, &unexplained);
+        let contradicts = |span: &Unexplained| span.sigmas > CONTRADICTS_SIGMAS;
+        let of_spans = unexplained.into_iter().flatten().find(contradicts).map(|span| span.forces);
+        let found = self.blow(seen).or(of_spans);
         if let Some(wrong) = found {
             self.contradicting += 1;
             self.last = Some((seen.stamp, wrong.sigma_m_s2));
@@ -189,8 +206,23 @@ impl ForceWatch {
         if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
-    /// What is wrong with the forces by the newest span of twice `half` frames.
-    fn contradiction(&self, half: usize, sigmas: &ForceSigmas) -> Option<WrongForces> {
+    /// Takes note of the most suspect of the spans that end at `stamp`.
+    fn suspect(&mut self, stamp: Timestamp, spans: &[Option<Unexplained>]) {
+        let suspects = spans.iter().flatten().filter(|span| span.sigmas > SUSPECT_SIGMAS);
+        let newest = suspects.max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).map(|span| (stamp, span.off));
+        self.suspect = newest.or(self.suspect);
+    }
+
+    /// Covariance of the velocity at `stamp` by forces that are suspect, m²/s² in `O`.
+    pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
+        let (_, off) = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < HELD_S)?;
+        let off = off * SUSPECT_SHARE;
+        Some(off * off.transpose())
+    }
+
+    /// What the newest span of twice `half` frames gained in velocity that the forces do not explain; `None` without so many frames, and
+    /// where it is no number.
+    fn unexplained(&self, half: usize, sigmas: &ForceSigmas) -> Option<Unexplained> {
         let first = self.legs.len().checked_sub(2 * half + 1)?;
         let mut legs = self.legs.iter().skip(first);
         let a = legs.next()?;
@@ -211,15 +243,12 @@ impl ForceWatch {
         let variance = variance_along(&of_images, &off)
             + of_forces * half_s.squared()
             + sigmas.noise.accel_density.squared() * 2.0 * half_s;
-        // Also what is no number is no contradiction.
-        let is_wrong = off_m_s > CONTRADICTS_SIGMAS * variance.sqrt();
         let of_newest = 2.0 * off_m_s * h2 / c.dt_s.squared();
         let throughout = 2.0 * off_m_s / half_s;
         let sigma_m_s2 = if half == HALVES[0] { of_newest } else { throughout };
-        is_wrong.then(|| WrongForces {
-            since: b.stamp,
-            sigma_m_s2: sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2),
-        })
+        let sigmas = off_m_s / variance.sqrt();
+        let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
+        sigmas.is_finite().then_some(Unexplained { off, sigmas, forces: WrongForces { since: b.stamp, sigma_m_s2 } })
     }
 }
 

@@ -198,7 +198,8 @@ impl Odometer {
         let added = self.rotation.added_covariance(&newest.nav, &self.turn_rate_b());
         let mut stated = added.map_or(self.covariance, |added| self.covariance + added);
         self.add_vibration(&mut stated, &newest.nav);
-        if let Some(of_velocity) = self.sudden_force.of_velocity(newest.stamp) {
+        let by_forces = [self.sudden_force.of_velocity(newest.stamp), self.forces.of_velocity(newest.stamp)];
+        for of_velocity in by_forces.into_iter().flatten() {
             let mut view = stated.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
             view += of_velocity;
         }
