@@ -248,7 +248,11 @@ impl ForceWatch {
         let sigma_m_s2 = if half == HALVES[0] { of_newest } else { throughout };
         let sigmas = off_m_s / variance.sqrt();
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
-        sigmas.is_finite().then_some(Unexplained { off, sigmas, forces: WrongForces { since: b.stamp, sigma_m_s2 } })
+        sigmas.is_finite().then_some(Unexplained {
+            off,
+            sigmas,
+            forces: WrongForces { since: b.stamp, sigma_m_s2 },
+        })
     }
 }
 

@@ -139,6 +139,12 @@ impl Measurer {
         }
     }
 
+    /// Leaves out what `camera` measured of the newest frame.
+    pub fn leave_out(&mut self, camera: usize) {
+        self.measurements.retain_mut(|track| track.leave_out(camera));
+        self.lines.retain_mut(|track| track.leave_out(camera));
+    }
+
     /// The common motion of the image since the frame before; call before [`Self::remember`].
     #[must_use]
     pub fn median_flow(&mut self, observations: &[PointObservation]) -> Option<MedianFlow> {

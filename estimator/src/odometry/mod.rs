@@ -67,8 +67,8 @@ use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
 use rotation_watch::RotationWatch;
 use silent::report_stuck;
-use sudden_force::SuddenForce;
 pub use steps::StepCovariance;
+use sudden_force::SuddenForce;
 use zero_velocity::ZeroVelocityDetector;
 
 /// Landmarks in view below which the estimate is weak.
@@ -454,6 +454,10 @@ impl Odometer {
         let connected = self.window.observe(tracks, lines);
         self.window.unroll_newest(&self.rate_b);
         self.window.clear_outliers();
+        if self.window.options.cameras > 1 {
+            self.window.predict_rates(&self.rate_b);
+            self.judge_pair(health);
+        }
         let (trial, is_dropped) = self.try_prediction(&prediction, coverage, health);
         self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
@@ -463,7 +467,6 @@ impl Odometer {
         }
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
-        self.judge_moment_of_pair(health);
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);

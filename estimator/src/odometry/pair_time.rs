@@ -3,9 +3,12 @@
 //! A right image that is late by `tau` shows each point where it was, so that its distance from the epipolar line of the left point is
 //! `e = -tau u`, where `u` is the speed across that line at which it moves in the image. A wrong calibration moves points off their lines as
 //! well, but has nothing to do with how they move: the slope of `e` over `u` is that of time alone.
+//!
+//! A camera that repeats an image may be late by a frame from then on: it is on probation, and its images are not used, until the points that
+//! move show that the pair is in step. Nor are those of the camera that is late.
 
 use crate::window::epipolar::EpipolarMoments;
-use plumbline_config::Portable;
+use plumbline_config::{Portable, Timestamp};
 
 /// Time for which pairs are remembered, s.
 const MEMORY_S: f64 = 2.0;
@@ -15,6 +18,16 @@ const FRAME_SIGMA_PX: f64 = 0.15;
 /// frame a tenth of that is found, since points that move faster are not matched.
 const SHOWS_SIGMAS: f64 = 6.0;
 const LEAST_S: f64 = 1e-3;
+/// A pair is in step if its delay is known this well, s, and less than so many standard deviations, after so many frames.
+const PROVES_S: f64 = 3e-3;
+const PROVES_SIGMAS: f64 = 3.0;
+const FRAMES_TO_PROVE: f64 = 5.0;
+/// A probation lasts no longer, s: what does not move harms nothing.
+const PROBATION_S: f64 = 5.0;
+/// What is found in both images of a pair that sees different things is mostly wrong; for this long after it did, s.
+const DISAGREED_S: f64 = 2.0;
+/// The right camera.
+const RIGHT: usize = 1;
 /// Largest quality while the images of a pair are not of the same moment.
 const OUT_OF_STEP_QUALITY: i8 = 10;
 
@@ -23,15 +36,52 @@ const OUT_OF_STEP_QUALITY: i8 = 10;
 pub(super) struct PairTime {
     sums: EpipolarMoments,
     frames: f64,
+    /// When a camera repeated its image, and which, while the pair has not been found in step since.
+    probation: Option<(Timestamp, usize)>,
+    /// When the cameras last saw different things.
+    disagreed: Option<Timestamp>,
 }
 
 impl PairTime {
-    /// Takes the moments of a frame, if it has any.
-    pub(super) fn add(&mut self, moments: Option<EpipolarMoments>, period_s: f64) {
+    /// `camera` repeated its image at `stamp`.
+    pub(super) fn begin_probation(&mut self, stamp: Timestamp, camera: usize) {
+        *self = Self { probation: Some((stamp, camera)), disagreed: self.disagreed, ..Self::default() };
+    }
+
+    /// The cameras see different things at `stamp`; returns whether they begin to.
+    pub(super) fn disagree(&mut self, stamp: Timestamp) -> bool {
+        let is_new = !self.is_disagreed_at(stamp);
+        self.disagreed = Some(stamp);
+        is_new
+    }
+
+    fn is_disagreed_at(&self, stamp: Timestamp) -> bool {
+        self.disagreed.is_some_and(|last| stamp.seconds_since(last) < DISAGREED_S)
+    }
+
+    /// Takes the moments of the frame of `stamp`, if it has any.
+    pub(super) fn add(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>, period_s: f64) {
+        self.end_probation(stamp);
         let Some(moments) = moments else { return };
         let kept = 1.0 - period_s / MEMORY_S;
         self.frames = self.frames * kept + 1.0;
         self.sums = self.sums.scaled(kept).plus(&moments);
+    }
+
+    fn end_probation(&mut self, stamp: Timestamp) {
+        let is_in_step = self.frames >= FRAMES_TO_PROVE
+            && self.late_s().is_some_and(|(late_s, sigma_s)| {
+                sigma_s < PROVES_S && late_s.abs() < LEAST_S.at_least(PROVES_SIGMAS * sigma_s)
+            });
+        self.probation =
+            self.probation.filter(|(since, _)| !is_in_step && stamp.seconds_since(*since) < PROBATION_S);
+    }
+
+    /// Camera whose image of the frame of `stamp` is not used.
+    pub(super) fn distrusted_at(&self, stamp: Timestamp) -> Option<usize> {
+        let late = self.late_s().filter(|_| self.is_out_of_step());
+        let late = late.map(|(late_s, _)| usize::from(late_s > 0.0));
+        late.or(self.probation.map(|(_, camera)| camera)).or(self.is_disagreed_at(stamp).then_some(RIGHT))
     }
 
     /// Forgets all pairs.
@@ -76,7 +126,7 @@ mod tests {
                 speed_squared: mean(&|u| u * u),
                 product: mean(&|u| u * off(u)),
             };
-            watch.add(Some(moments), 0.05);
+            watch.add(Timestamp::default(), Some(moments), 0.05);
         }
         watch
     }

@@ -149,13 +149,29 @@ impl Odometer {
         }
     }
 
-    /// Judges whether both images of the newest frame are of the same moment.
-    pub(super) fn judge_moment_of_pair(&mut self, health: &mut HealthBits) {
-        let period_s = self.options.frame_period_s;
-        self.pair_time.add(self.window.epipolar_moments(), period_s);
-        if self.pair_time.is_out_of_step() {
+    /// Judges whether both images of the newest frame are of the same moment and scene, and leaves one of them out if they are not.
+    pub(super) fn judge_pair(&mut self, health: &mut HealthBits) {
+        let Some(stamp) = self.window.frames.last().map(|frame| frame.stamp) else { return };
+        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
+            [true, false] => self.pair_time.begin_probation(stamp, 0),
+            [false, true] => self.pair_time.begin_probation(stamp, 1),
+            _ => {}
+        }
+        let was_out_of_step = self.pair_time.is_out_of_step();
+        self.pair_time.add(stamp, self.window.epipolar_moments(), self.options.frame_period_s);
+        let is_out_of_step = self.pair_time.is_out_of_step();
+        if is_out_of_step {
             health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
         }
+        let begins_to_disagree =
+            health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
+        let Some(camera) = self.pair_time.distrusted_at(stamp) else { return };
+        // Landmarks are hosted by the left camera: without it nothing would be left.
+        if camera == 1 && (is_out_of_step && !was_out_of_step || begins_to_disagree) {
+            self.window.forget_images(camera);
+        }
+        self.measurer.leave_out(camera);
+        self.window.forget_image_of_newest(camera);
     }
 
     /// Whether a sighting is evidence against the gyroscope: not where too few landmarks are known, which may belong to a crowd, unless it

@@ -64,15 +64,21 @@ impl SuddenForce {
         }
         let root = self.mean_square.sqrt();
         let changes = self.forces_o.map(|before| before.map(|before| force_o - before));
-        let sudden = changes.iter().zip(SUDDEN).find_map(|(change, gate)| change.filter(|c| c.norm() > gate * root));
+        let sudden =
+            changes.iter().zip(SUDDEN).find_map(|(change, gate)| change.filter(|c| c.norm() > gate * root));
         if let Some(newest) = changes[0] {
             let share = (motion.dt_s / MEMORY_S).at_most(1.0);
             let squared = newest.norm_squared().at_most(SUDDEN[0].squared() * self.mean_square);
-            self.mean_square = (self.mean_square + share * (squared - self.mean_square)).at_least(LEAST_SQUARE);
+            self.mean_square =
+                (self.mean_square + share * (squared - self.mean_square)).at_least(LEAST_SQUARE);
         }
         self.change = match (sudden, self.change.filter(|held| to.seconds_since(held.last) < HELD_S)) {
-            (Some(force_o), Some(held)) if held.force_o.norm() > force_o.norm() => Some(Change { last: to, ..held }),
-            (Some(force_o), held) => Some(Change { force_o, since: held.map_or(from, |held| held.since), last: to }),
+            (Some(force_o), Some(held)) if held.force_o.norm() > force_o.norm() => {
+                Some(Change { last: to, ..held })
+            }
+            (Some(force_o), held) => {
+                Some(Change { force_o, since: held.map_or(from, |held| held.since), last: to })
+            }
             (None, held) => held,
         };
         self.forces_o = [Some(force_o), self.forces_o[0]];

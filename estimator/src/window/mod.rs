@@ -154,6 +154,14 @@ pub struct TrackMeasurement<M> {
     pub measured: [Option<M>; 2],
 }
 
+impl<M> TrackMeasurement<M> {
+    /// Leaves out what `camera` saw; returns whether anything is left.
+    pub fn leave_out(&mut self, camera: usize) -> bool {
+        self.measured[camera] = None;
+        self.measured.iter().any(Option::is_some)
+    }
+}
+
 /// A tracked point in the newest frame.
 pub type PointTrack = TrackMeasurement<PointMeasurement>;
 /// A tracked line in the newest frame.
@@ -379,6 +387,23 @@ impl Window {
         let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
         tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
         tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
+    }
+
+    /// Forgets what `camera` measured of the newest frame.
+    pub fn forget_image_of_newest(&mut self, camera: usize) {
+        if let Some(newest) = self.frames.len().checked_sub(1) {
+            self.forget_images_from(camera, newest);
+        }
+    }
+
+    /// Forgets what `camera` measured of all frames.
+    pub fn forget_images(&mut self, camera: usize) {
+        self.forget_images_from(camera, 0);
+    }
+
+    fn forget_images_from(&mut self, camera: usize, first: usize) {
+        tracks::forget_images(&mut self.points, camera as u8, first as u8);
+        tracks::forget_images(&mut self.lines, camera as u8, first as u8);
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].

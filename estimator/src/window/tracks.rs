@@ -174,6 +174,15 @@ pub(super) fn remove_outliers<F: Feature>(
     });
 }
 
+/// Forgets what `camera` measured of frame `first` and later ones, and the landmarks that rest on nothing else.
+pub(super) fn forget_images<F: Feature>(store: &mut LandmarkStore<F>, camera: u8, first: u8) {
+    store.retain(|landmark| {
+        let is_host = landmark.host >= first && landmark.host_camera == camera;
+        landmark.observations.retain(|o| o.frame < first || o.camera != camera);
+        !is_host && !landmark.observations.is_empty()
+    });
+}
+
 #[cfg(test)]
 #[path = "tracks_tests.rs"]
 mod tests;
