@@ -1,4 +1,4 @@
-//! What can be said, and how it lies in a payload.
+//! Messages and their layout in a payload.
 
 /// The version that this crate speaks, as [`Hello`] tells it.
 pub const VERSION: u8 = 1;
@@ -43,11 +43,11 @@ pub struct Imu {
     pub accel_m_s2: [f32; 3],
     /// Temperature of the sensor, degrees Celsius, to a hundredth; `None` if it was not read with this sample.
     pub temperature_c: Option<f32>,
-    /// What is wrong with the sample.
+    /// Faults of this sample.
     pub flags: Flags,
 }
 
-/// What is wrong with a sample.
+/// Faults of a sample, as the device reports them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
     /// Bit 0: an axis of the gyroscope is at the end of its range.
@@ -65,7 +65,8 @@ pub struct Trigger {
     pub counter: u32,
     /// When the edge was given by the device's clock, ns: the start of the exposure.
     pub time_ns: u64,
-    /// How long the pulse is, ns: the exposure of cameras that expose while it lasts; 0 where they decide themselves.
+    /// Length of the pulse, ns: the exposure of cameras that expose during it; 0 where they decide
+    /// themselves.
     pub pulse_ns: u32,
     /// Which cameras: bit 0 is the first.
     pub cameras: u8,
@@ -99,14 +100,14 @@ pub struct Time {
     pub sent_ns: u64,
 }
 
-/// What the device does.
+/// Rates and pulses that the host asks of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
     /// Samples of the IMU a second, thousandths; 0 leaves it to the device.
     pub imu_rate_mhz: u32,
     /// Triggers a second, thousandths; 0 for none.
     pub trigger_rate_mhz: u32,
-    /// How long the pulse of a trigger is, us.
+    /// Length of a trigger pulse, us.
     pub trigger_pulse_us: u32,
     /// Which cameras are triggered: bit 0 is the first.
     pub cameras: u8,

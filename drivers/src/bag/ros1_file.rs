@@ -48,7 +48,7 @@ pub(crate) struct Ros1File<R> {
     is_begun: bool,
 }
 
-/// What is wrong with the bytes.
+/// Reasons why the bytes cannot be read.
 #[derive(Debug)]
 enum Damage {
     /// They end within a record.
@@ -159,7 +159,7 @@ impl<R: Read> Ros1File<R> {
         Ok(())
     }
 
-    /// Whether what is read is far more than the file can have been made of.
+    /// True if the data read so far are far more than the file can have been made of.
     fn is_bomb(&self) -> bool {
         let bound = (MAX_RECORD_BYTES as u64).saturating_add(self.read_bytes.saturating_mul(MAX_EXPANSION));
         self.idle_records > MAX_IDLE_RECORDS || self.expanded_bytes > bound
@@ -280,7 +280,7 @@ impl<R: Read> Ros1File<R> {
 }
 
 impl Ros1File<&[u8]> {
-    /// Whether a file that begins so is a ROS 1 bag, of whatever version.
+    /// True if a file with this beginning is a ROS 1 bag, of any version.
     pub(crate) fn is_begun_by(magic: &[u8]) -> bool {
         magic.starts_with(ANY_VERSION)
     }
@@ -292,7 +292,7 @@ enum Source {
     File,
 }
 
-/// What the header of a record says.
+/// Fields of the header of a record.
 #[derive(Debug, Default)]
 struct Head {
     op: u8,

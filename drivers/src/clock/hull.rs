@@ -121,7 +121,7 @@ impl Hull {
     }
 }
 
-/// Whether the way from `a` over `b` to `c` turns left: `b` is below the straight way.
+/// True if the way from `a` over `b` to `c` turns left: `b` is below the straight way.
 fn turns_left(a: Vertex, b: Vertex, c: Vertex) -> bool {
     let across = |p: i64, q: i64| i128::from(p) * i128::from(q);
     across(b.x - a.x, c.y - a.y) > across(b.y - a.y, c.x - a.x)

@@ -1,4 +1,4 @@
-//! What is wrong with the stamps that a device or a program gives, in words that name the clock seen and the clock expected.
+//! Defects of the stamps of a device or a program, in words that name the clock found and the clock expected.
 
 use serde::Serialize;
 use std::fmt;
@@ -40,7 +40,7 @@ impl fmt::Display for TimeUnitName {
     }
 }
 
-/// What is wrong with stamps.
+/// Defects of stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampDefect {
     /// They are 0.
@@ -55,10 +55,10 @@ pub enum StampDefect {
     Repeated,
 }
 
-/// What is wrong with the stamps of a source, with the first stamp that showed it.
+/// Defect of the stamps of a source, with the first stamp that showed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StampProblem {
-    /// What is wrong.
+    /// Defect found.
     pub defect: StampDefect,
     /// The stamp as it was received.
     pub stamp: i64,
@@ -67,7 +67,7 @@ pub struct StampProblem {
 }
 
 impl StampProblem {
-    /// What is wrong with `stamp`, which is of none of the host's clocks: monotonic and system, ns.
+    /// Defect of a `stamp` that belongs to none of the host's clocks (monotonic and system, ns).
     #[must_use]
     pub fn of_stamp(stamp: i64, monotonic_ns: i64, system_ns: i64) -> Self {
         let is_of = |factor: i64| {
@@ -118,7 +118,7 @@ pub struct StampFigures {
     pub restamped: u64,
     /// Frames or samples that were dropped, since their stamp was repeated, went back, or was of no use.
     pub refused: u64,
-    /// What is wrong with them, as far as anything is.
+    /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
 }
@@ -182,7 +182,7 @@ impl Pace {
         self.restart(device_ns, arrival_ns);
     }
 
-    /// What is wrong with the device's stamps now.
+    /// Present defect of the device's stamps, if any.
     #[must_use]
     pub fn problem(&self) -> Option<StampProblem> {
         self.problem
@@ -232,7 +232,7 @@ mod tests {
         assert_eq!(words, "stamps are 0, where CLOCK_MONOTONIC is expected (now 7)");
     }
 
-    /// What a second of samples at 200 Hz shows, whose device time is this function of their time, ns.
+    /// Defect found in one second of samples at 200 Hz whose device time is `device` of their true time, ns.
     fn shown(device: impl Fn(i64) -> i64) -> Option<StampDefect> {
         let mut pace = Pace::default();
         (0..200).map(|k| k * 5_000_000).for_each(|ns| pace.take(device(ns), 77_000_000_000 + ns));

@@ -38,7 +38,7 @@ pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
     Ok(ImageRow { stamp, file })
 }
 
-/// Whether a name stays within its folder.
+/// True if a name stays within its folder.
 fn is_plain_name(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && !name.contains('\0')

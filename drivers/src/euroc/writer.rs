@@ -22,7 +22,7 @@ const TRUTH_HEADER: &str = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]
     b_a_RS_S_z [m s^-2]";
 const PARTIAL: &str = "mav0.partial";
 
-/// What is written.
+/// Sources of the data set to be written.
 pub struct WriteInputs<'a> {
     /// Calibration of the sensors, for `sensor.yaml`; one folder a camera.
     pub config: &'a Config,
@@ -34,14 +34,14 @@ pub struct WriteInputs<'a> {
     pub truth: &'a mut dyn Iterator<Item = TruthState>,
 }
 
-/// How it is written.
+/// Options of writing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// Replace the `mav0` of a directory that is not empty. Other files in it are left alone.
     pub overwrite: bool,
 }
 
-/// How far the writing is.
+/// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Frames written.
@@ -50,7 +50,7 @@ pub struct Progress {
     pub expected_frames: Option<u64>,
 }
 
-/// What was written.
+/// Counts of what was written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
     /// Frames read from the source.
@@ -126,7 +126,7 @@ impl Drop for Partial {
     }
 }
 
-/// Whether a directory holds more than the remains of a run that was killed.
+/// True if a directory holds more than the remains of a killed run.
 fn holds_anything(dir: &Path) -> Result<bool, DriverError> {
     let entries = fs::read_dir(dir).map_err(|e| DriverError::io(dir, e))?;
     Ok(entries.flatten().any(|entry| entry.file_name() != PARTIAL))

@@ -1,4 +1,4 @@
-//! What can be said of the program that sends, for whoever asks from another thread.
+//! Figures of the sending program, for other threads.
 
 use super::header::Refusal;
 use crate::board::Board;
@@ -7,17 +7,17 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What came over the socket.
+/// Counts of the frames and connections of the socket.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SocketFigures {
-    /// Whether a program sends now.
+    /// True while a program is connected.
     #[serde(skip)]
     pub is_connected: bool,
-    /// How often one connected.
+    /// Number of connections accepted.
     pub connected: u64,
-    /// How often one went away.
+    /// Number of connections lost.
     pub lost: u64,
-    /// How often one was sent away, since what it sent was no frame of this rig.
+    /// Number of connections closed because the bytes were no frame of this rig.
     pub refused: u64,
     /// Frames that were handed out.
     #[serde(skip)]
@@ -29,7 +29,7 @@ pub struct SocketFigures {
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
-    /// What is wrong with stamps, as far as anything is.
+    /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
     /// Time from stamp to arrival: mean of the last frames, ms.

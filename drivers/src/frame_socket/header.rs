@@ -1,9 +1,9 @@
-//! What stands before the images of a frame.
+//! Header before the images of a frame.
 
 /// The first bytes of every frame: the format and its version.
 pub const MAGIC: [u8; 8] = *b"PLMBFRM1";
 
-/// What stands before the images of a frame: 40 bytes, numbers with their little end first.
+/// Header before the images of a frame: 40 bytes, numbers little-endian.
 ///
 /// | bytes | what |
 /// |---|---|

@@ -35,17 +35,17 @@ impl Default for IioRoots {
 pub struct IioDeviceInfo {
     /// The name to configure, behind `iio://`: one that stays.
     pub name: String,
-    /// What it is now, such as `iio:device0`.
+    /// Present name, such as `iio:device0`.
     pub device: String,
     /// Its attributes.
     pub folder: PathBuf,
-    /// What its driver calls it.
+    /// Name given by the driver.
     pub driver_name: String,
-    /// What the device tree calls it.
+    /// Name given by the device tree.
     pub label: Option<String>,
-    /// Whether it has a buffer with a gyroscope.
+    /// True if it has a buffer with a gyroscope.
     pub has_gyro: bool,
-    /// Whether it has a buffer with an accelerometer.
+    /// True if it has a buffer with an accelerometer.
     pub has_accel: bool,
     /// Samples a second that it is set to, where it says so.
     pub rate_hz: Option<f64>,

@@ -47,7 +47,7 @@ pub struct Port {
     figures: LinkFigures,
 }
 
-/// What waiting found.
+/// Outcome of waiting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Waited {
     /// Something is to be read.
@@ -127,7 +127,7 @@ impl Port {
         }
     }
 
-    /// How the device came and went.
+    /// Connections of the device.
     #[must_use]
     pub fn figures(&self) -> LinkFigures {
         self.figures

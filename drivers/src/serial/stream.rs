@@ -17,7 +17,7 @@ pub struct TriggerEvent {
     pub counter: u32,
     /// When the exposure began, by the host's clock.
     pub stamp: Timestamp,
-    /// How long the pulse is, ns; 0 where the cameras decide on their exposure.
+    /// Length of the pulse, ns; 0 where the cameras decide on their exposure.
     pub pulse_ns: u32,
     /// Which cameras: bit 0 is the first.
     pub cameras: u8,
@@ -36,7 +36,7 @@ pub struct Stream {
     numbering: Numbering,
     delay_ns: i64,
     triggers: Option<Producer<TriggerEvent>>,
-    /// Those that the parts do not count themselves.
+    /// Figures that the parts do not count themselves.
     figures: ImuFigures,
 }
 
@@ -99,7 +99,7 @@ impl Stream {
         }
     }
 
-    /// What is to be said to the device.
+    /// Writes the request to the device that is due, if any.
     pub fn request(&mut self, now_ns: i64, into: &mut Outgoing) {
         self.protocol.request(now_ns, into);
     }
@@ -110,7 +110,7 @@ impl Stream {
         self.protocol.restart();
     }
 
-    /// What became of the samples; how the device came and went is for the port to say.
+    /// Figures of the samples, with `link` from the port.
     #[must_use]
     pub fn figures(&self, link: LinkFigures) -> ImuFigures {
         ImuFigures {

@@ -43,7 +43,7 @@ fn content_place(bytes: &[u8]) -> Option<(usize, usize)> {
     }
 }
 
-/// What of a message concerns us.
+/// Fields of a message that we use.
 #[derive(Default)]
 struct Values {
     counter: Option<u64>,

@@ -179,7 +179,7 @@ impl Simulator {
         &self.inner.config
     }
 
-    /// What is simulated.
+    /// Simulated scenario.
     #[must_use]
     pub fn scenario(&self) -> &Scenario {
         &self.inner.scenario
@@ -229,7 +229,7 @@ impl Simulator {
         self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)
     }
 
-    /// What the camera stamps on frame `index`.
+    /// Camera stamp of frame `index`.
     #[must_use]
     pub fn frame_stamp(&self, index: u64) -> Timestamp {
         self.frame_time(index).plus_seconds(-self.inner.scenario.effects.time_offset_s)

@@ -47,7 +47,7 @@ impl Dose {
 pub struct Kind {
     /// Its name.
     pub name: &'static str,
-    /// What it is, in a sentence.
+    /// Description, in a sentence.
     pub about: &'static str,
     /// Its doses, in order.
     pub doses: &'static [Dose],

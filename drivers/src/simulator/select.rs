@@ -116,13 +116,14 @@ impl Selection {
         }
     }
 
-    /// What was loaded.
+    /// Groups that were loaded.
     #[inline]
     pub(super) fn groups(&self) -> &[Group] {
         &self.groups
     }
 
-    /// Those that may be seen within `span`, in their order: not outside of it and not behind one that covers it.
+    /// Selects the facets that may be seen within `span`, in their order: not outside of it and not behind
+    /// one that covers it.
     pub(super) fn select(&mut self, span: &Span, into: &mut Vec<u16>) {
         into.clear();
         self.nearest.clear();

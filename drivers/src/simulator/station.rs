@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 const RISE_S: f64 = 2.5;
 /// Height on the ground and in hover, m.
 const HEIGHT_M: [f64; 2] = [0.15, 1.4];
-/// What a good controller leaves: amplitude, m, and frequency, Hz, of each axis.
+/// Residual motion under a good controller: amplitude, m, and frequency, Hz, of each axis.
 const SWAY: [(f64, f64); 3] = [(0.03, 0.21), (0.025, 0.17), (0.015, 0.29)];
 /// Sway of the attitude about each axis: amplitude, rad, and frequency, Hz.
 const WOBBLE: [(f64, f64); 3] = [(0.008, 0.53), (0.01, 0.37), (0.012, 0.11)];

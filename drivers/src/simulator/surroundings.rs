@@ -1,6 +1,6 @@
-//! What a condition makes of a scene: usual, repeated or bare surroundings.
+//! Surroundings under a condition: usual, repeated or bare.
 
-/// What a scene is turned into.
+/// Change of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Surroundings {
     /// It stays.

@@ -64,7 +64,7 @@ impl Texture {
         self.means(&plan, &places)
     }
 
-    /// How footprints are sampled.
+    /// Plans the sampling of footprints.
     #[inline]
     pub(super) fn plan<const N: usize>(&self, footprints: &Footprints<N>) -> Plan<N> {
         footprints.plan(self.last_level)
@@ -147,7 +147,7 @@ impl Texture {
     }
 }
 
-/// What `N` pixels cover of a pattern, in texels of the finest level: parallelograms around `(u, v)`
+/// Footprints of `N` pixels on a pattern, in texels of the finest level: parallelograms around `(u, v)`
 /// spanned by one pixel's step right (`u_right`, `v_right`) and down.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Footprints<const N: usize> {
@@ -159,8 +159,8 @@ pub(super) struct Footprints<const N: usize> {
     pub(super) v_down: [f32; N],
 }
 
-/// How footprints are sampled: level and share of the next, number of samples, the first one's place on
-/// the level and the step to the next (with [`FRACTION_BITS`] fractional bits).
+/// Sampling of footprints: level and share of the next, number of samples, the first one's place on the level
+/// and the step to the next (with [`FRACTION_BITS`] fractional bits).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plan<const N: usize> {
     level: [i32; N],
@@ -196,7 +196,7 @@ fn there<const NEXT: bool>(p: i32) -> i32 {
 }
 
 impl<const N: usize> Plan<N> {
-    /// That nothing is read for.
+    /// Empty plan: nothing is read.
     pub(super) const NONE: Self = {
         let none = [0; N];
         Self { level: none, part: [0.0; N], taps: [0; N], x: none, y: none, step_x: none, step_y: none }

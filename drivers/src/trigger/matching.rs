@@ -54,7 +54,7 @@ struct Trigger {
     pulse_ns: u32,
 }
 
-/// What is being found out.
+/// Candidate for the pairing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Candidate {
     base: i64,
@@ -100,7 +100,7 @@ impl Matching {
         self.delay_ns
     }
 
-    /// How often it was found out which trigger belongs to which frame.
+    /// Number of times the pairing of triggers and frames was established.
     pub(crate) fn found(&self) -> u64 {
         self.found
     }
@@ -156,7 +156,7 @@ impl Matching {
         self.by_delay(stamp_ns)
     }
 
-    /// What the numbers say, unless the time contradicts them for good.
+    /// Match by the numbers, unless the time contradicts them for good.
     fn checked(&mut self, stamp_ns: i64, middle: Matched) -> Option<Matched> {
         let (Matched::Trigger(middle_ns) | Matched::Predicted(middle_ns)) = middle else { return None };
         let found_ns = stamp_ns.saturating_sub(middle_ns) as f64;

@@ -98,7 +98,7 @@ impl<'a> Parts<'a> {
         (side(3), side(1))
     }
 
-    /// Whether only the height of chroma is halved. zune-jpeg asked for luma alone reads twice the rows of such an image.
+    /// True if only the height of chroma is halved.
     fn is_tall(&self) -> bool {
         self.scanned > 1 && self.frame.get(7) == Some(&0x12)
     }
@@ -144,7 +144,7 @@ fn data_length(data: &[u8]) -> usize {
 pub(crate) struct LumaDecoder {
     width: usize,
     height: usize,
-    /// What the decoder is given.
+    /// Input of the decoder.
     data: Vec<u8>,
     /// Pixels, of which luma comes first.
     luma: Vec<u8>,

@@ -1,4 +1,4 @@
-//! What a device offers: formats, sizes, rates.
+//! Formats, sizes and rates that a device offers.
 
 use super::sys::abi::KIND_DISCRETE;
 use super::sys::calls;

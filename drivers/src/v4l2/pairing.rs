@@ -18,7 +18,7 @@ pub(crate) struct Waiting {
     pub(crate) arrival_ns: i64,
 }
 
-/// What is to be done with the images in front.
+/// Decision about the images in front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Next {
     /// Both belong together.
@@ -29,14 +29,14 @@ pub(crate) enum Next {
     Wait(Option<i64>),
 }
 
-/// What can be said of a camera.
+/// State of a camera's queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Side {
     /// The oldest image that waits.
     pub(crate) front: Option<Waiting>,
-    /// Whether more are to be expected from this camera.
+    /// True if more images are expected from this camera.
     pub(crate) is_alive: bool,
-    /// Whether it holds as many as it may.
+    /// True if it holds as many as it may.
     pub(crate) is_full: bool,
 }
 
@@ -129,7 +129,7 @@ impl Pairing {
         self.forget_base();
     }
 
-    /// What is to be done with the images in front.
+    /// Decides about the images in front.
     pub(crate) fn next(&self, sides: [Side; 2], now_ns: i64) -> Next {
         match sides.map(|side| side.front) {
             [None, None] => Next::Wait(None),
@@ -163,7 +163,7 @@ impl Pairing {
         }
     }
 
-    /// Whether numbers decide.
+    /// True if the image numbers decide.
     fn is_by_number(&self) -> bool {
         self.by_sequence && self.agreed >= AGREEING
     }
@@ -187,7 +187,7 @@ impl Pairing {
         (self.agreed, self.contradicted, self.lonely) = (0, 0, 0);
     }
 
-    /// How far the right image is behind what belongs to the left one, periods.
+    /// Lag of the right image behind the counterpart of the left one, periods.
     fn apart(&self, left: Waiting, right: Waiting) -> f64 {
         if self.is_by_number() {
             return (right.sequence as i64 - left.sequence as i64 - self.base) as f64;

@@ -1,4 +1,4 @@
-//! What the messages say, in our units.
+//! Content of the messages, in SI units.
 //!
 //! Axes are the autopilot's: x forward, y right, z down; at rest z reads -9.81 m/s². They are the body's, `B`, of this
 //! configuration: extrinsics of cameras are to be given against them.
@@ -80,7 +80,7 @@ fn scaled(fields: &Fields<'_>, ticks: u64, place: usize, temperature: usize) -> 
     })
 }
 
-/// What TIMESYNC says.
+/// Content of a TIMESYNC message.
 pub fn timesync(payload: &[u8; MAX_PAYLOAD]) -> Timesync {
     let fields = Fields(payload);
     Timesync { tc1: i64::from_le_bytes(fields.at(0)), ts1: i64::from_le_bytes(fields.at(8)) }

@@ -74,7 +74,7 @@ impl Mavlink {
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    /// Whether samples are too few since the last look.
+    /// True if too few samples came since the last check.
     fn is_slow(&mut self, now_ns: i64) -> bool {
         let Some((since_ns, samples)) = self.looked else {
             self.looked = Some((now_ns, self.samples));

@@ -10,9 +10,9 @@
 use super::super::framing::{Scan, before_any};
 use crc::{CRC_16_MCRF4XX, Crc};
 
-/// What a frame of MAVLink 1 begins with.
+/// First byte of a MAVLink 1 frame.
 const MAGIC_1: u8 = 0xFE;
-/// What a frame of MAVLink 2 begins with.
+/// First byte of a MAVLink 2 frame.
 const MAGIC_2: u8 = 0xFD;
 /// Bytes before the payload, with the first.
 const HEADER_1: usize = 6;
@@ -48,7 +48,7 @@ impl Kind {
     pub const SCALED_IMU2: Self = Self { id: 116, extra: 76, lengths: [22, 24] };
     pub const SCALED_IMU3: Self = Self { id: 129, extra: 46, lengths: [22, 24] };
 
-    /// Those that are received.
+    /// Messages that are received.
     const ALL: [Self; 6] = [
         Self::SCALED_IMU,
         Self::RAW_IMU,
@@ -118,7 +118,7 @@ fn header(bytes: &[u8]) -> Header {
     }
 }
 
-/// What `bytes` begin with.
+/// Beginning of `bytes`: a frame, an incomplete one, or noise.
 pub fn scan(bytes: &[u8]) -> Scan {
     match header(bytes) {
         Header::Sensible(layout) if bytes.len() < layout.whole => Scan::More,

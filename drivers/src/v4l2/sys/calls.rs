@@ -42,7 +42,7 @@ fn call<const OPCODE: Opcode, T: Copy>(fd: BorrowedFd<'_>, value: &mut T) -> Res
     }
 }
 
-/// What the device is and can do.
+/// Queries the capabilities of the device.
 pub(crate) fn capability(fd: BorrowedFd<'_>) -> Result<Capability, Errno> {
     let mut value = Capability::ZERO;
     call::<QUERY_CAPABILITY, _>(fd, &mut value).map(|()| value)
