@@ -14,7 +14,7 @@ const END_S: f64 = 6.0;
 /// By how much the stamps of samples and of frames are wrong at time `t`, s.
 type Clocks = fn(t: f64) -> (f64, f64);
 
-/// What a flight came to.
+/// Counts of a flight.
 #[derive(Debug, Default)]
 struct Flown {
     samples_refused: u32,

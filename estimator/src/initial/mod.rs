@@ -18,7 +18,7 @@ use crate::window::state::FrameTime;
 pub struct GatheredFrame {
     /// When it was taken.
     pub time: FrameTime,
-    /// What was seen, in order of track.
+    /// Points seen, in order of track.
     pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
     pub motion: Option<Preintegration>,

@@ -32,7 +32,8 @@ const FIRST_DEPTH_M: f64 = 3.0;
 const MIN_DEPTH_M: f64 = 0.2;
 /// Weight of a view that has its point behind the camera: not zero, so that a wrong depth can come right.
 const WEIGHT_BEHIND: f64 = 0.01;
-/// What one residual adds to the mean at most, squared standard deviations: a few outliers are no failure.
+/// Bound on the share of one residual in the mean, squared standard deviations: a few outliers are no
+/// failure.
 const MAX_SQUARED_RESIDUAL: f64 = 100.0;
 /// Information of a point below which its place is not determined (product of the three eigenvalues, 1/m⁶).
 const MIN_DETERMINANT: f64 = 1e-9;
@@ -97,7 +98,7 @@ struct CameraAt {
     dt: f64,
 }
 
-/// What one camera measured of a point in one frame.
+/// Measurement of a point by one camera in one frame.
 #[derive(Clone, Debug)]
 struct View {
     frame: usize,

@@ -58,7 +58,7 @@ impl Expected {
         self.direction.perp(&((ends_xy[0] + ends_xy[1]) * 0.5 - self.start))
     }
 
-    /// Whether a segment may be the edge.
+    /// True if a segment may be the edge.
     #[must_use]
     pub fn admits(&self, segment: &Candidate) -> bool {
         self.direction.dot(&segment.direction) > MIN_COS
@@ -129,7 +129,7 @@ impl StereoGate {
         StereoCandidate { segment: Candidate::of(line), plane, baseline, is_aslant }
     }
 
-    /// Whether a right segment may be the same edge: the planes of both meet in front of the cameras, where
+    /// True if a right segment may be the same edge: the planes of both meet in front of the cameras, where
     /// both see it.
     #[must_use]
     pub fn admits(&self, left: &StereoExpected, right: &StereoCandidate) -> bool {

@@ -72,9 +72,8 @@ impl Refiner {
         Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }
     }
 
-    /// Where the edge of `coarse` lies in the image; `None` where it is not seen. `coarse` is in pixels of the whole image, its
-    /// strength in grey levels per halved pixel.
-    /// What `mask` hides is not looked at.
+    /// Refines the edge `coarse` in the image; `None` where it is not seen. `coarse` is in pixels of the
+    /// whole image, its strength in grey levels per halved pixel. Pixels hidden by `mask` are not looked at.
     pub fn refine(
         &mut self,
         image: &ImageView<'_>,
@@ -172,7 +171,7 @@ impl Curve {
     }
 }
 
-/// What is crossed.
+/// Image across which an edge is searched.
 #[derive(Clone, Copy, Debug)]
 struct Edge<'a> {
     image: &'a ImageView<'a>,
@@ -284,7 +283,7 @@ mod tests {
         GrayImage::from_pixels(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(level).collect()).expect("size")
     }
 
-    /// What half the resolution may make of it: half a pixel off, and short at both ends.
+    /// Segment as half the resolution may find it: half a pixel off, and short at both ends.
     fn coarse(is_steep: bool, f: impl Fn(f64) -> f64) -> Segment {
         let px = |major: f64| {
             let minor = f(major) + if (major as i32).rem_euclid(8) < 4 { 0.5 } else { -0.5 };

@@ -52,7 +52,7 @@ impl Segment {
         self
     }
 
-    /// How clear the segment is: long and of high contrast. Of two segments of one length the stronger is more
+    /// Salience of the segment: long and of high contrast. Of two segments of one length the stronger is more
     /// often an edge of a building, and is found again.
     #[must_use]
     pub fn salience(&self) -> f32 {

@@ -41,7 +41,7 @@ impl Descriptor {
     }
 }
 
-/// How a patch lies in the image.
+/// Position, size and orientation of a patch in the image.
 #[derive(Clone, Copy, Debug)]
 pub struct PatchFrame {
     /// Its centre, px of the full-size image.

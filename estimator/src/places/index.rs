@@ -11,7 +11,7 @@
 //! chains of a feature are walked side by side, so that these waits overlap, and so that none is favoured when the work
 //! that is allowed for a feature ends.
 //!
-//! What else was tried, vocabularies among it, stands in `docs/lab/places.md`.
+//! Other designs that were tried, vocabularies among them, stand in `docs/lab/places.md`.
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
@@ -60,7 +60,7 @@ pub struct Index {
     next: Vec<u32>,
 }
 
-/// What a query needs besides the index; allocated once.
+/// Working memory of a query; allocated once.
 #[derive(Clone, Debug)]
 pub struct Votes {
     scores: Vec<f32>,

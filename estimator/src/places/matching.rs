@@ -49,7 +49,7 @@ pub struct Match {
     pub point: u32,
     /// Bits in which they differ.
     pub distance: u32,
-    /// That over the distance to the nearest of another place.
+    /// Ratio of the distance to that of the nearest point of another place.
     pub ratio: f32,
 }
 
@@ -96,7 +96,7 @@ impl Block {
         distances
     }
 
-    /// Whether a point is nearer than one of two limits: one for all, and its own.
+    /// True if a point is nearer than one of two limits: one for all, and its own.
     #[allow(clippy::needless_range_loop)]
     #[inline]
     fn is_any_nearer(&self, distances: &[u8; LANES], limit: u8) -> bool {

@@ -40,7 +40,7 @@ const MIN_COSINE: f64 = 0.26;
 /// Points nearer than this to the camera's plane are not seen, m.
 const MIN_DEPTH_M: f64 = 0.05;
 
-/// What is known beforehand of the attitude.
+/// Prior of the attitude by gravity.
 #[derive(Clone, Copy, Debug)]
 pub struct Gravity {
     /// Direction of up in the body.
@@ -49,7 +49,7 @@ pub struct Gravity {
     pub sigma_rad: f64,
 }
 
-/// What is refined.
+/// Input of the refinement.
 #[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// Features of the frame.

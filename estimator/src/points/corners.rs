@@ -12,8 +12,8 @@ use nalgebra::Vector2;
 const WINDOW: usize = 3;
 /// Rows of the window.
 const ROWS: usize = 2 * WINDOW + 1;
-/// What sums over a window are divided by: its pixels, and four, as differences over two pixels have products four times
-/// too large.
+/// Divisor of sums over a window: its pixels times four, as differences over two pixels have products four
+/// times too large.
 const AREA: f32 = (4 * ROWS * ROWS) as f32;
 /// Score of a corner that is nothing but noise: white noise of one grey level has 0.5, and the best of a
 /// cell's thousand windows about twice that.
@@ -46,7 +46,7 @@ pub struct Corner {
     pub score: f32,
 }
 
-/// What is wanted of a detection.
+/// Demand on a detection.
 #[derive(Clone, Copy, Debug)]
 pub struct Demand {
     /// Points wanted in all, those that exist included.
@@ -335,8 +335,8 @@ fn replace(new: [&[u8]; 3], old: [&[u8]; 3], xx: &mut [i32], xy: &mut [i32], yy:
     }
 }
 
-/// Whether a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater than the lesser
-/// entry of the diagonal. Most have none.
+/// True if a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater
+/// than the lesser entry of the diagonal. Most have none.
 #[inline(never)]
 fn are_promising(xx: &[i32], yy: &[i32], least: i32) -> bool {
     let [xx, yy] = [xx, yy].map(window_sums);

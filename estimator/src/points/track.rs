@@ -1,4 +1,4 @@
-//! What the tracker knows of one point.
+//! State of one tracked point.
 
 use super::template::ReferencePatch;
 use crate::image::Pyramid;
@@ -94,7 +94,7 @@ pub(super) struct Track {
     pub lost: bool,
 }
 
-/// What a stereo match leaves for the next frame.
+/// Memory of a stereo match for the next frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StereoMemory {
     /// Inverse depth, 1/m.

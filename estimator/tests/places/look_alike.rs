@@ -37,7 +37,7 @@ fn map_of(views: &[&[Shot]]) -> PlaceMap {
     map
 }
 
-/// What a locator says of frames: right, wrong, and nothing.
+/// Answers of a locator: right, wrong, and none.
 struct Said {
     right: usize,
     wrong: Vec<(usize, Located)>,

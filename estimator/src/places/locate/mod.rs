@@ -72,7 +72,7 @@ impl Group {
         Self { slots, score: candidate.score }
     }
 
-    /// Whether it shows what is seen from a pose that was found: it would say the same, and is no rival.
+    /// True if the group shows the view from a pose that was found: it would say the same, and is no rival.
     fn is_near(&self, map: &PlaceMap, found: &Located, query: &Query<'_>) -> bool {
         let pose_m_c = found.pose_m_b * query.pose_b_c;
         let keyframe = self.slots.first().and_then(|slot| map.keyframe(*slot));
@@ -147,7 +147,7 @@ impl Locator {
         }
     }
 
-    /// Whether a group speaks for another place, with at least this share of the evidence of the best.
+    /// True if a group speaks for another place, with at least this share of the evidence of the best.
     fn has_rival(&self, best: &Located, share: f64) -> bool {
         let limit = share * best.evidence();
         self.attempts.iter().any(|a| a.doubt.is_none() && !a.agrees_with(best) && a.evidence() >= limit)

@@ -25,7 +25,7 @@ const TURN_PER_METRE: f64 = 0.52;
 /// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
 pub(super) const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
 
-/// How much a map may hold.
+/// Limits of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapLimits {
     /// Keyframes at most.
@@ -74,7 +74,7 @@ impl Keyframe {
     }
 }
 
-/// How different the views of two keyframes are: the way between them and the turn, as a length in metres.
+/// Distance between the views of two keyframes: translation and rotation, as a length in metres.
 #[must_use]
 pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
     view_distance_within(&a.pose_m_c(), &b.pose_m_c(), f64::INFINITY).unwrap_or(f64::INFINITY)
@@ -149,7 +149,7 @@ impl PlaceMap {
         }
     }
 
-    /// How much it may hold.
+    /// Limits of the map.
     #[must_use]
     pub fn limits(&self) -> MapLimits {
         self.limits
@@ -161,7 +161,7 @@ impl PlaceMap {
         self.len
     }
 
-    /// Whether it holds nothing.
+    /// True if the map is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0

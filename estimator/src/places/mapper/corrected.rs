@@ -15,7 +15,7 @@ pub struct Passing {
     pub reset_counter: u32,
 }
 
-/// What a node makes of the causal pose at its time.
+/// Correction by a node of the causal pose at its time.
 struct Correction {
     stamp: Timestamp,
     pose_m_o: Isometry3<f64>,

@@ -1,11 +1,11 @@
-//! What a call of the mapper needs, and what it found.
+//! Input and result of a call of the mapper.
 
 use crate::exchange::{Feedback, SolvedFrame};
 use crate::places::images::FrameImages;
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidSetup};
 
-/// What a call needs: a solved frame and its images.
+/// Input of a call: a solved frame and its images.
 #[derive(Clone, Debug)]
 pub struct PlaceJob {
     /// The frame.
@@ -49,7 +49,7 @@ pub struct Sighting {
     pub pose_k_b: Isometry3<f64>,
 }
 
-/// What a call found.
+/// Result of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapUpdate {
     /// Which frame of the window it is about, counted from 0.
@@ -62,7 +62,7 @@ pub struct MapUpdate {
     pub reset_counter: u32,
     /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
     pub pose_m_o: Option<Isometry3<f64>>,
-    /// Whether the frame was searched for at all: others add nothing to those before.
+    /// True if the frame was searched for; otherwise the result adds nothing to those before.
     pub is_searched: bool,
     /// The place that was seen again, if one was.
     pub sighting: Option<Sighting>,

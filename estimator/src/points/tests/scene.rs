@@ -87,7 +87,7 @@ pub(super) struct Flight {
     last_pose_w_b: Isometry3<f64>,
 }
 
-/// What a frame of a flight is like.
+/// Conditions of a frame of a flight.
 #[derive(Clone, Copy)]
 pub(super) struct Shot {
     pub pose_w_b: Isometry3<f64>,
