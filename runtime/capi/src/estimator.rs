@@ -15,7 +15,7 @@ use std::ptr::without_provenance_mut;
 
 static ESTIMATORS: Registry<Core> = Registry::new();
 
-/// What a handle stands for.
+/// Object behind a handle.
 struct Core {
     estimator: plumbline_estimator::Estimator,
     sizes_px: Vec<(usize, usize)>,

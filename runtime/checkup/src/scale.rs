@@ -203,7 +203,7 @@ fn of_piece(
     Some(piece)
 }
 
-/// What a polynomial of second order leaves of the values.
+/// Residuals of the values from a polynomial of second order.
 fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
     let middle = 0.5 * (times_s.first()? + times_s.last()?);
     let powers = |t: f64| Vector3::new(1.0, t - middle, (t - middle) * (t - middle));

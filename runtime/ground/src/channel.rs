@@ -42,7 +42,8 @@ pub struct Channel {
     pub bytes_per_s: f64,
     /// Share of the messages that arrived, over the last second with any.
     pub arrived: Option<f64>,
-    /// Whether two senders share the key, by the last second with any: their numbers go back and forth.
+    /// True if two senders share the key, by the last second with any messages: their numbers go back and
+    /// forth.
     pub is_shared: bool,
     /// Longest silence between two messages, s.
     pub longest_gap_s: f64,
@@ -133,7 +134,7 @@ impl Channel {
         self.last.map(|last| now.saturating_duration_since(last))
     }
 
-    /// Whether the last message is older than [`STALE_AFTER`].
+    /// True if the last message is older than [`STALE_AFTER`].
     #[must_use]
     pub fn is_stale(&self, now: Instant) -> bool {
         self.age(now).is_none_or(|age| age > STALE_AFTER)

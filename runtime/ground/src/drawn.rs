@@ -1,4 +1,4 @@
-//! What a vehicle has to show in Foxglove: topics, their schemas, and what is new of each.
+//! Foxglove's view of a vehicle: topics, their schemas, and the news of each.
 
 use super::map::{MapKeyframe, Scene};
 use super::track::PoseSample;
@@ -17,7 +17,7 @@ const MAX_KEYFRAMES: usize = 100;
 /// The path is sent again when it is this much longer, ns.
 const PATH_NS: i64 = 1_000_000_000;
 
-/// What is shown of each vehicle.
+/// Topics of each vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Topic {
     /// Pose of the body.
@@ -77,7 +77,7 @@ pub fn body_frame(vehicle: &str) -> String {
 /// An encoded message and its time, ns.
 pub type Drawn = (u64, Vec<u8>);
 
-/// What a client has been sent of a topic of a vehicle.
+/// Position of a client in a topic of a vehicle: up to where it was sent.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sent {
     stamp_ns: Option<i64>,
@@ -87,7 +87,7 @@ pub struct Sent {
 }
 
 impl Topic {
-    /// What is new of `vehicle` since `sent`, which is brought up to date.
+    /// News of `vehicle` since `sent`, which is brought up to date.
     pub fn news(self, name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
         match self {
             Self::Pose | Self::Transform => self.pose(name, vehicle, sent).into_iter().collect(),

@@ -1,4 +1,4 @@
-//! What the fuzzers send to a ground station: messages of vehicles, and words of pages.
+//! Input of a ground station from the fuzzers: messages of vehicles, and requests of pages.
 
 use super::clock::Exchange;
 use super::export::{Format, export};
@@ -22,7 +22,7 @@ pub fn network_messages(data: &[u8]) {
     show(&lock(&heard(data)));
 }
 
-/// What a station knows after these messages.
+/// State of a station after these messages.
 fn heard(data: &[u8]) -> Mutex<Fleet> {
     let fleet = Mutex::new(Fleet::default());
     let mut rest = data;
@@ -78,7 +78,7 @@ fn show(fleet: &Fleet) {
     }
 }
 
-/// What a page says: on its web socket, as the body of a request, and as the host it was opened by.
+/// Input from a page: on its web socket, as the body of a request, and as the host it was opened by.
 ///
 /// # Panics
 /// When the name of another host passes for this one.

@@ -134,7 +134,7 @@ impl Map {
         self.keyframes.len()
     }
 
-    /// Whether there is none.
+    /// True if the map has no keyframes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.keyframes.is_empty()

@@ -76,7 +76,7 @@ pub const fn state_words(state: TrackingState) -> &'static str {
 /// One vehicle.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
-    /// Whether its liveliness token is there.
+    /// True while its liveliness token is there.
     pub is_alive: bool,
     /// Which vehicle it was that the station heard of, counted from its start.
     pub arrival: u64,
@@ -94,8 +94,8 @@ pub struct Vehicle {
     pub stamp_ns: i64,
     /// Newest pose of the body in the odometry frame; `None` while there is no valid estimate, whose pose says nothing.
     pub pose_o_b: Option<Isometry3<f64>>,
-    /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
-    /// the vehicle has sent it.
+    /// Mounting of the IMU: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown
+    /// until the vehicle has sent it.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
     /// Where the odometry lies in the map, and the corrected path.
     pub corrected: Corrected,
@@ -119,7 +119,7 @@ pub struct Vehicle {
     pub bits: u32,
     /// Names of the bits that are set.
     pub health_words: Vec<String>,
-    /// What is wrong beyond the bits, and what to do.
+    /// Faults beyond the health bits, with cures.
     pub notices: Vec<String>,
     /// Frames stamped by their arrival, frames dropped and samples dropped for their stamps.
     pub bad_stamps: [u64; 3],
@@ -131,7 +131,7 @@ pub struct Vehicle {
     pub frame_rate_hz: f64,
     /// Messages that the vehicle dropped before the network.
     pub dropped: u64,
-    /// Whether the vehicle sends camera images to subscribers.
+    /// True if the vehicle sends camera images to subscribers.
     pub offers_camera: bool,
     /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
     pub latency_ms: Option<f64>,
@@ -155,7 +155,7 @@ pub struct Vehicle {
     pub picture: Option<Picture>,
     /// The newest recording.
     pub recording: Option<Samples>,
-    /// Whether it is going on.
+    /// True while a recording goes on.
     pub is_recording: bool,
 }
 
@@ -178,8 +178,8 @@ struct Motion {
 }
 
 impl Motion {
-    /// Whether this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A hard reset
-    /// starts at the origin; a soft one goes on from the last pose, so that what was mapped stays valid.
+    /// True if this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A
+    /// hard reset starts at the origin; a soft one continues from the last pose, so that the map stays valid.
     fn is_in_another_frame(&self, last: &Self) -> bool {
         if self.stamp_ns < last.stamp_ns {
             return true;
@@ -386,7 +386,7 @@ impl Vehicle {
         });
     }
 
-    /// Whether two vehicles publish under its name.
+    /// True if two vehicles publish under its name.
     #[must_use]
     pub fn is_shared(&self) -> bool {
         self.odom.is_shared || self.state.is_shared
@@ -466,7 +466,7 @@ impl Vehicle {
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
-    /// Whether what it said last is what it says now: messages arrive, and with a pose where there was one.
+    /// True if its last state is its present one: messages arrive, with a pose if there was one.
     #[must_use]
     pub fn is_current(&self, now: Instant) -> bool {
         !["lost", "stale", "unknown"].contains(&self.presence(now))

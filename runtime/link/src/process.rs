@@ -24,7 +24,7 @@ const GLANCE: Duration = Duration::from_millis(50);
 /// somebody looks.
 const WANTED: Kinds = Kinds::SUBSCRIBABLE.without(Kind::Estimate);
 
-/// What the command line adds to the configuration of the flight.
+/// Options of the command line beside the configuration of the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkOptions {
     /// Endpoints to listen on besides `network.listen`.
@@ -37,14 +37,14 @@ pub struct LinkOptions {
     pub is_patient: bool,
 }
 
-/// Whether there is anything to publish over Zenoh.
+/// True if there is anything to publish over Zenoh.
 #[must_use]
 pub fn has_network(config: &NetworkConfig, options: &LinkOptions) -> bool {
     let endpoints = Endpoints::of(config).and(&options.listen, &options.connect);
     options.publish || !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting
 }
 
-/// How the service of a flight ended.
+/// End of a flight's service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// The flight is over, and everything was sent.
@@ -84,7 +84,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// Whether another attempt with the same configuration cannot succeed.
+    /// True if another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
         match self {

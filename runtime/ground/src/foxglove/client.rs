@@ -30,7 +30,7 @@ const MAX_CAMERAS: usize = 4;
 /// Number of the channel of events; those of vehicles follow.
 const EVENTS: u32 = 1;
 
-/// What a channel shows.
+/// Content of a channel: vehicle and topic.
 type Shown = (String, Topic);
 
 /// The state of one connection.
@@ -161,7 +161,7 @@ impl<'a> Client<'a> {
         send(socket, Message::binary(protocol::time(time_ns))).await
     }
 
-    /// What is new for a subscription.
+    /// News for a subscription.
     fn news(&mut self, number: u32) -> Vec<Message> {
         let Some((channel, sent)) = self.subscriptions.get_mut(&number) else { return Vec::new() };
         let fleet = lock(&self.server.fleet);

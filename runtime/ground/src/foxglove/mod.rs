@@ -38,7 +38,7 @@ pub enum FoxgloveError {
     Address {
         /// Where it was to be served.
         address: SocketAddr,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The system refuses the socket.
@@ -46,7 +46,7 @@ pub enum FoxgloveError {
     Socket(#[from] std::io::Error),
 }
 
-/// What the clients share.
+/// State shared by the clients.
 struct Server {
     fleet: Arc<Mutex<Fleet>>,
     connection: Connection,

@@ -20,7 +20,7 @@ struct Taken {
     clients: BTreeMap<u64, Arc<Sign>>,
 }
 
-/// What is known of a client.
+/// Signs of life of a client.
 #[derive(Debug)]
 pub struct Sign {
     heard: Mutex<Instant>,

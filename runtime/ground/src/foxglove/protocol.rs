@@ -12,7 +12,7 @@ pub const MAX_REQUEST_BYTES: usize = 256 << 10;
 const MESSAGE_DATA: u8 = 1;
 const TIME: u8 = 2;
 
-/// How grave a status is.
+/// Severity of a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Something is missing.
@@ -32,7 +32,7 @@ pub struct Advertised {
     pub schema: &'static str,
 }
 
-/// What a server says of itself first.
+/// First message of a server, which describes it.
 #[must_use]
 pub fn server_info(session: &str) -> String {
     json!({
@@ -88,7 +88,7 @@ pub fn time(time_ns: u64) -> Vec<u8> {
     [&[TIME][..], &time_ns.to_le_bytes()].concat()
 }
 
-/// What a client asks for.
+/// Requests of a client.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
 pub enum Request {

@@ -20,13 +20,13 @@ use std::sync::{Arc, Mutex};
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 
-/// What the handlers share.
+/// State shared by the handlers.
 pub struct Station {
-    /// What is known.
+    /// Vehicles known.
     pub fleet: Arc<Mutex<Fleet>>,
     /// To the vehicles.
     pub connection: Connection,
-    /// Whether the page may give commands.
+    /// True if the page may give commands.
     pub commands: bool,
     /// Messages of pages that could not be understood.
     pub malformed: AtomicU64,
@@ -51,7 +51,7 @@ pub enum ServeError {
     Address {
         /// Where it was to be served.
         address: SocketAddr,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The system refuses the socket.

@@ -69,7 +69,7 @@ enum PageMessage {
     Watch { camera: Vec<String> },
 }
 
-/// What a page has received of a vehicle.
+/// Position of a page in the data of a vehicle: up to where it was sent.
 #[derive(Clone, Copy, Default)]
 struct Place {
     track: Option<u64>,
@@ -173,7 +173,7 @@ impl Page {
         (news, fleet.vehicles.keys().cloned().collect())
     }
 
-    /// What is new of a part of a vehicle.
+    /// News of a part of a vehicle.
     fn part(&mut self, name: &str, part: Part) -> Option<Message> {
         let place = self.places.entry(name.to_owned()).or_default();
         let fleet = lock(&self.station.fleet);
@@ -205,7 +205,7 @@ pub fn everything(fleet: &Fleet) -> Vec<Message> {
     news
 }
 
-/// What a page is told of a vehicle beside its figures, each in a message of its own.
+/// Parts of a vehicle that a page gets beside its figures, each in a message of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Track,
@@ -219,7 +219,7 @@ enum Part {
 const PARTS: [Part; 5] = [Part::Track, Part::Map, Part::Corrected, Part::Scene, Part::Picture];
 
 impl Part {
-    /// What is new to a page that was told everything up to `place`.
+    /// News for a page that has everything up to `place`.
     fn news(self, name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
         match self {
             Self::Track => track(name, vehicle, place),
@@ -237,7 +237,7 @@ impl Part {
     }
 }
 
-/// Whether a version is another than the last one, which it becomes.
+/// True if a version differs from the last one, which it becomes.
 fn is_newer(last: &mut u64, version: u64) -> bool {
     std::mem::replace(last, version) != version
 }

@@ -21,13 +21,13 @@ pub const TARGETS: [(&str, LevelFilter); 4] = [
     ("zenoh::net::runtime::orchestrator", LevelFilter::DEBUG),
     ("zenoh_transport::unicast::manager", LevelFilter::TRACE),
 ];
-/// What the second of them adds to every handshake that failed, whatever the reason was.
+/// Words that the second of them adds to every failed handshake, whatever the reason.
 const HINT: &str = ". Hint: increase the system open file limit";
 /// The reason of a handshake whose certificate has no place.
 const NO_PLACE: &str = "ApplicationVerificationFailure";
-/// How the third begins when an attempt to connect has failed, the longer one first.
+/// Beginnings of the third when an attempt to connect has failed, the longer one first.
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
-/// How the fourth says that all sessions are taken, before their number.
+/// Words of the fourth when all sessions are taken, before their number.
 const FULL: &str = "Max transports reached (";
 /// Longest line that is looked at, bytes.
 const MAX_LINE: usize = 1_024;

@@ -26,7 +26,8 @@ pub const DEFAULT_HOSTS: [&str; 2] = ["localhost", "127.0.0.1"];
 pub const AUTHORITY: &str = "authority.pem";
 /// File of the authority's private key.
 pub const AUTHORITY_KEY: &str = "authority.key";
-/// How long an authority lasts, days: renewal leaves it as it is, so that who has its certificate needs nothing new.
+/// Validity of an authority, days. Renewal leaves it as it is, so that the holders of its certificate need
+/// nothing new.
 const AUTHORITY_DAYS: u32 = 3650;
 
 /// Why there are no keys.
@@ -38,7 +39,7 @@ pub enum KeysError {
     File {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         error: std::io::Error,
     },
     /// There is a certificate already.
@@ -70,9 +71,9 @@ pub enum KeysError {
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
     Certificate {
-        /// What it was for.
+        /// Purpose of the item.
         about: String,
-        /// What is wrong.
+        /// Error of the certificate.
         error: rcgen::Error,
     },
 }
@@ -80,7 +81,7 @@ pub enum KeysError {
 /// Longest name of a vehicle, characters.
 pub const MAX_NAME: usize = 40;
 
-/// What is made.
+/// Keys and certificates to be made.
 #[derive(Clone, Debug)]
 pub struct Request<'a> {
     /// Folder of the files.

@@ -48,7 +48,7 @@ impl Outlet {
         Ok(Self { publisher, pace: Pace::new(topic.rate_hz(link)), sequence: 0 })
     }
 
-    /// Whether a message of this time goes.
+    /// True if a message of this time is sent.
     pub fn admits(&mut self, stamp: Timestamp) -> bool {
         self.pace.admits(stamp)
     }

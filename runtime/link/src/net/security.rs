@@ -145,7 +145,7 @@ pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
     })
 }
 
-/// What others can read, and do, over plain TCP and UDP; `None` where there is nothing of that.
+/// Warning of what others can read and do over plain TCP and UDP; `None` if there is nothing of that kind.
 #[must_use]
 pub fn exposure(endpoints: &Endpoints) -> Option<String> {
     let mut all = endpoints.listen.iter().chain(&endpoints.connect);

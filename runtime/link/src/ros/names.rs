@@ -1,10 +1,10 @@
-//! How `rmw_zenoh` names things: keys of topics, liveliness tokens, and what is attached to a sample.
+//! Names of `rmw_zenoh`: keys of topics, liveliness tokens, and attachments of samples.
 
 use super::interface::InterfaceType;
 use plumbline_config::options::RosDistribution;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// What stands in keys for the hash of a type in a release that has none.
+/// Placeholder in keys for the hash of a type in a release that has none.
 const NO_HASH: &str = "TypeHashNotSupported";
 /// Bytes attached to every sample, request and response.
 pub const ATTACHMENT_BYTES: usize = 33;

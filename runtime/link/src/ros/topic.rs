@@ -94,7 +94,7 @@ impl TopicPublisher {
         Ok(Self { publisher, interface, gid: names::gid(&text), sequence: 0, _token: token })
     }
 
-    /// Whether there are subscribers.
+    /// True if there are subscribers.
     pub async fn has_subscribers(&self) -> bool {
         self.publisher.matching_status().await.is_ok_and(|status| status.matching())
     }

@@ -1,4 +1,4 @@
-//! What RViz 2 draws: paths, clouds of points, and markers.
+//! Views for RViz 2: paths, clouds of points, and markers.
 
 use super::frames::Frames;
 use super::interface::Bytes;
