@@ -1,5 +1,5 @@
-//! What a flight published of its states, kept to be judged by the truth: every estimate, every few samples of odometry,
-//! and how well each is known against the one a second before.
+//! Published states of a flight, kept to be judged by the truth: every estimate, every few samples of odometry, and the
+//! uncertainty of each relative to the one a second before.
 
 use super::trajectory::{Lent, MAX_RESERVED_FRAMES, Storage};
 use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
@@ -32,7 +32,7 @@ pub struct PublishedState {
     pub quality: i8,
 }
 
-/// What a flight published of a frame, with a pose or without.
+/// Published status of a frame, with a pose or without.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameStatus {
     /// Time on the IMU's axis.
@@ -98,7 +98,7 @@ impl PublishedStates {
         }
     }
 
-    /// What was kept, after the run.
+    /// States kept, after the run.
     #[must_use]
     pub fn into_published(self) -> Published {
         Published {

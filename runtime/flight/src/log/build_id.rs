@@ -43,7 +43,7 @@ impl BuildId {
         })
     }
 
-    /// Whether both are the same executable; not if it is unknown.
+    /// True if both are the same executable; false if either is unknown.
     #[must_use]
     pub fn is_same_executable(&self, other: &Self) -> bool {
         self.executable == other.executable && self.executable != UNKNOWN

@@ -1,4 +1,4 @@
-//! What a log holds for people to look at: transforms, poses and events as Foxglove draws them.
+//! Drawings in a log: transforms, poses and events as Foxglove draws them.
 
 use super::foxglove;
 use nalgebra::Isometry3;

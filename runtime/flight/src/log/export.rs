@@ -39,14 +39,14 @@ const POSE_NS: i64 = 200_000_000;
 const LEAST_GROWTH: usize = 10;
 const GROWTH_PART: usize = 8;
 
-/// What an export came to.
+/// Result of an export.
 #[derive(Clone, Debug)]
 pub struct Exported {
     /// Keyframes in the scene.
     pub keyframes: u64,
     /// Messages in the file.
     pub messages: u64,
-    /// What the execution that the scene was taken from came to.
+    /// Verification by the execution from which the scene was taken.
     pub verification: Verification,
 }
 

@@ -21,16 +21,16 @@ const KEPT: [f64; 3] = [0.35, 0.6, 0.95];
 /// Colours of x, y and z.
 const AXES: [[f64; 3]; 3] = [[0.9, 0.2, 0.2], [0.2, 0.8, 0.2], [0.25, 0.4, 1.0]];
 
-/// Whether landmarks may still move.
+/// Kinds of landmarks: those in the window may still move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Landmarks {
-    /// Those of the window.
+    /// Landmarks in the window.
     InWindow,
-    /// Those of a keyframe that has left the window.
+    /// Landmarks of a keyframe that has left the window.
     Kept,
 }
 
-/// What a part of a scene is made of.
+/// Content of a part of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Content {
     /// Points.

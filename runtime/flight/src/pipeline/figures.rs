@@ -1,4 +1,4 @@
-//! What a run counts and times.
+//! Counts and times of a run.
 
 use super::clock::Stopwatch;
 use crate::schedule::times::{Percentiles, Times};

@@ -49,7 +49,7 @@ pub enum MapDefect {
         "is a map of format {found}, and this program reads format {VERSION}; build it again, or use the program that wrote it"
     )]
     Version {
-        /// What the file says.
+        /// Version in the file.
         found: u32,
     },
     /// Shorter or longer than it says.
@@ -87,7 +87,7 @@ pub struct StoredKeyframe {
     pub lines: Vec<MapLine>,
 }
 
-/// What a map file holds.
+/// Contents of a map file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapContents {
     /// Keyframes in the order in which they were added.
@@ -123,7 +123,7 @@ impl MapContents {
         self.keyframes.iter().map(|k| k.lines.len()).sum()
     }
 
-    /// What a map needs to hold these.
+    /// Limits of a map that holds these.
     #[must_use]
     pub fn limits(&self) -> MapLimits {
         let features = self.keyframes.iter().map(|k| k.features.len()).max().unwrap_or(0);
@@ -272,13 +272,13 @@ fn decode_keyframes(mut reader: Reader<'_>, counts: Counts) -> Result<MapContent
     Ok(MapContents { keyframes })
 }
 
-/// What is left after `count` were taken, of which there can be `most`.
+/// Rest after `count` of at most `most` were taken; `None` if there are fewer.
 fn take(left: usize, count: u32, most: usize) -> Option<usize> {
     let count = usize::try_from(count).ok().filter(|count| *count <= most)?;
     left.checked_sub(count)
 }
 
-/// What a file holds, by its header.
+/// Counts in the header of a file.
 #[derive(Clone, Copy)]
 struct Counts {
     version: u32,

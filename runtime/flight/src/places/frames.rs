@@ -27,7 +27,7 @@ pub enum PlacesError {
     /// The map cannot be read or written.
     #[error(transparent)]
     Map(#[from] MapFileError),
-    /// What was asked for leads to nothing.
+    /// The request yields nothing.
     #[error("{0}")]
     Nothing(String),
 }
@@ -45,7 +45,7 @@ impl Choice {
     /// All frames.
     pub const ALL: Self = Self { every: 1, offset: 0 };
 
-    /// Whether frame `number` is one of them.
+    /// True if frame `number` is chosen.
     #[must_use]
     pub fn holds(&self, number: usize) -> bool {
         number.checked_sub(self.offset).is_some_and(|n| n.is_multiple_of(self.every.max(1)))
@@ -129,7 +129,7 @@ impl Frames {
         &self.rig[0]
     }
 
-    /// Whether there are two cameras.
+    /// True if there are two cameras.
     #[must_use]
     pub fn is_stereo(&self) -> bool {
         self.rig.len() == 2

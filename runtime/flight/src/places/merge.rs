@@ -12,10 +12,10 @@ use plumbline_estimator::places::{Locator, LocatorOptions, MapLimits, PlaceMap, 
 pub const MIN_AGREEING: usize = 3;
 /// Transforms agree within this, m and rad.
 const MAX_DIFFERENCE: (f64, f64) = (0.25, 0.05);
-/// What a map knows of its vertical, rad.
+/// Uncertainty of a map's vertical, rad.
 const SIGMA_VERTICAL_RAD: f64 = 0.01;
 
-/// How two maps fit together.
+/// Alignment of two maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// Takes coordinates of the second map to the first.

@@ -1,5 +1,5 @@
-//! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do
-//! not sleep deeply. Each is asked for once, and what is refused is told once, with what to do about it.
+//! Means of the host for a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do not sleep
+//! deeply. Each is requested once; a refusal is reported once, with the cure.
 
 use super::tasks::{Place, Task};
 use plumbline_config::options::RuntimeConfig;

@@ -57,10 +57,10 @@ impl TaskId {
     ];
 }
 
-/// What a task does when it is late.
+/// Policy for a late task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overrun {
-    /// What is due is done at once, one after the other; the ticks missed are counted.
+    /// Runs everything due at once, one after the other; the ticks missed are counted.
     CatchUp,
     /// The newest frame is taken, older ones that wait are refused.
     Shed,
@@ -72,7 +72,7 @@ pub enum Overrun {
     PassOver,
 }
 
-/// What its death does to a flight.
+/// Consequence of a task's death for a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loss {
     /// The process ends, to be started again: nothing here can replace it.
@@ -113,9 +113,9 @@ pub struct Task {
     pub stall: Duration,
     /// Silence after which the process ends: a thread cannot be stopped from outside. `None` for optional tasks.
     pub patience: Option<Duration>,
-    /// What its death does to a flight.
+    /// Consequence of its death for a flight.
     pub loss: Loss,
-    /// What it does when it is late.
+    /// Policy when it is late.
     pub overrun: Overrun,
 }
 

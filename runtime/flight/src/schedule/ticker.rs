@@ -52,7 +52,7 @@ pub struct Ticker {
 pub struct Release {
     /// When it was due.
     pub due: Monotonic,
-    /// How late the thread came, ms.
+    /// Lateness of the thread, ms.
     pub late_ms: f64,
     /// Releases that passed unseen since the last.
     pub missed: u64,

@@ -22,7 +22,7 @@ pub struct Pulse {
     deaths: AtomicU32,
 }
 
-/// What a heartbeat says.
+/// Meaning of a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
     /// The task waits, or is over.
@@ -70,13 +70,13 @@ impl Pulse {
         self.deaths.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How often it has ended so.
+    /// Number of times it has ended by a fault.
     #[must_use]
     pub fn deaths(&self) -> u32 {
         self.deaths.load(Ordering::Relaxed)
     }
 
-    /// How it is at `now`.
+    /// Sign at `now`.
     #[must_use]
     pub fn sign(&self, now: Monotonic) -> Sign {
         match self.beat.load(Ordering::Relaxed) {
@@ -139,7 +139,7 @@ pub enum TaskEvent {
     Recovered(TaskId),
 }
 
-/// What is known of one task.
+/// State of one task.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     is_stalled: bool,
@@ -195,7 +195,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether there is no odometry because of a task that is stalled or dead: systemd is told nothing then.
+    /// True if there is no odometry because a task is stalled or dead: systemd then gets no sign of life.
     #[must_use]
     pub fn is_critical(&self) -> bool {
         [TaskId::Imu, TaskId::Tick]
@@ -226,7 +226,7 @@ mod tests {
         TaskTable::new(&Config::preset("sim").unwrap(), 1.0)
     }
 
-    /// What looks every 10 ms find, and when, ms.
+    /// Findings of checks every 10 ms, and their times, ms.
     fn findings(heartbeats: &Heartbeats, watchdog: &mut Watchdog, looks: i64) -> Vec<(i64, TaskEvent)> {
         let (table, start, mut found) = (table(), Monotonic::now(), Vec::new());
         for look in 0..looks {

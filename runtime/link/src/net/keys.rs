@@ -71,7 +71,7 @@ pub enum KeysError {
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
     Certificate {
-        /// Purpose of the item.
+        /// Certificate or request concerned.
         about: String,
         /// Error of the certificate.
         error: rcgen::Error,

@@ -1,4 +1,4 @@
-//! What all tasks of a live run share: the time of data on the clock, signs of life, and who ends the run.
+//! State shared by all tasks of a live run: the time of data on the clock, signs of life, and the end of the run.
 
 use super::super::{Control, RunError, Stamps};
 use crate::schedule::host::Host;
@@ -37,7 +37,7 @@ impl Origin {
     }
 }
 
-/// How the time of data follows that of the clock.
+/// Relation between the time of data and that of the clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     /// Clock domain of the sample timestamps.
@@ -48,14 +48,14 @@ pub struct Pace {
     pub speed: f64,
 }
 
-/// What all tasks of a run share.
+/// State shared by all tasks of a run.
 pub struct Shared<'a> {
     pub table: TaskTable,
     pub heartbeats: Heartbeats,
     pub control: &'a Control,
     pub pace: Pace,
     host: Arc<Host>,
-    /// What the window took for its last frame, ms, as the bits of an `f64`.
+    /// Time that the window took for its last frame, ms, as the bits of an `f64`.
     window_ms: AtomicU64,
     /// Level of the rung of the ladder.
     rung: AtomicU8,
@@ -97,7 +97,7 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// Whether samples come from sensors: what is there is due, however their clocks were guessed.
+    /// True if samples come from sensors. They are then due on arrival, whatever is known of their clocks.
     pub fn is_of_sensors(&self) -> bool {
         self.pace.stamps == Stamps::OfHost
     }

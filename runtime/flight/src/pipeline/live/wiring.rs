@@ -31,7 +31,7 @@ const CORRECTION_RING: usize = 64;
 
 /// Frames on their way to the map: one that it works on, and one that waits.
 const PLACE_POOL: usize = 2;
-/// What the map found, and the window has not heard yet.
+/// Length of the ring of map updates that the window has not taken yet.
 const MAP_UPDATE_RING: usize = 16;
 
 /// Where the data of a run come from.
@@ -42,7 +42,7 @@ pub struct Sensors {
     pub stereo: Box<dyn StereoSource>,
 }
 
-/// What is computed.
+/// Stages of the computation.
 pub struct Stages {
     pub front: FrontStage,
     pub window: WindowStage,
@@ -61,7 +61,7 @@ pub struct Tasks {
     pub places: Option<PlacesTask>,
 }
 
-/// What each thread sleeps on.
+/// Bells on which the threads sleep.
 #[derive(Default)]
 struct Bells {
     tick: Bell,
