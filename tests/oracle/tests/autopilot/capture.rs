@@ -1,5 +1,5 @@
-//! What the bridge to the autopilot sends in a flight, by data time: the bridge's own choice and contents of messages, its
-//! thread replaced by the stamps of the inertial samples. So a capture is the same on every run, and takes no real time.
+//! Capture of the messages to the autopilot in a flight, by data time: the bridge's own choice and contents of messages, its
+//! thread replaced by the stamps of the inertial samples. A capture is therefore the same on every run, and takes no real time.
 
 use mavlink::dialects::common::ODOMETRY_DATA;
 use nalgebra::UnitQuaternion;

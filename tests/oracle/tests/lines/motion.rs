@@ -95,7 +95,7 @@ fn normalized(model: &CameraModel, px: &Vector2<f64>) -> Vector2<f64> {
     (px - model.centre_px).component_div(&model.focal_px)
 }
 
-/// What became of the segments of all first frames.
+/// Fate of the segments of all first frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     found: usize,
