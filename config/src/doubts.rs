@@ -1,4 +1,4 @@
-//! What is valid, and yet probably a mistake.
+//! Doubts about a configuration: settings that are valid, and yet probably a mistake.
 
 use crate::options::{CameraConfig, Config, Mounting};
 use nalgebra::{Isometry3, Vector2};
@@ -86,7 +86,7 @@ fn of_corners(index: usize, camera: &CameraConfig) -> Option<String> {
     })
 }
 
-/// Whether a ratio of focal lengths is far from 1.
+/// True if a ratio of focal lengths is far from 1.
 fn differs(ratio: f64) -> bool {
     !(1.0 / FOCAL_RATIO..=FOCAL_RATIO).contains(&ratio)
 }

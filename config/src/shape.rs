@@ -213,7 +213,7 @@ impl Check<'_> {
     }
 }
 
-/// Whether the sample without this key is refused.
+/// True if the sample without this key is refused.
 fn is_required(sample: &Table, general_key: &str) -> bool {
     fn remove(table: &mut Table, key: &str) {
         let Some((first, rest)) = key.split_once('.') else {

@@ -48,7 +48,7 @@ fn translation(rows: &[[f64; 4]; 4]) -> Vector3<f64> {
     Vector3::new(rows[0][3], rows[1][3], rows[2][3])
 }
 
-/// Whether two cameras can see the same things from different places.
+/// Checks that two cameras can see the same things from different places.
 pub(super) fn check_pair(cameras: &[CameraConfig], found: &mut Vec<Violation>) {
     let [left, right] = cameras else { return };
     if pose_problem(&left.pose_b_c).is_some() || pose_problem(&right.pose_b_c).is_some() {
