@@ -1,4 +1,4 @@
-//! Whether this host and this configuration are fit for a flight.
+//! Checks that this host and this configuration are fit for a flight.
 
 use super::verdict::{Check, CheckVerdict};
 use plumbline_config::Config;
