@@ -145,7 +145,7 @@ impl Layout {
     /// The layout of the channels of a device that are switched on.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// Defect, in words.
     pub fn read(folder: &Path) -> Result<Self, String> {
         let elements = placed(&folder.join("scan_elements"))?;
         let bytes = elements.1;

@@ -19,7 +19,7 @@ const REOPEN_NS: i64 = 250_000_000;
 /// its driver can do without.
 ///
 /// # Errors
-/// What the system says: `NOTTY` for what is no serial device, `BUSY` for one that somebody else has for himself.
+/// Error of the system: `NOTTY` for what is no serial device, `BUSY` for one that another process has locked.
 pub fn open_line(device: &Path, baud: u32) -> rustix::io::Result<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = rustix::fs::open(device, flags, Mode::empty())?;

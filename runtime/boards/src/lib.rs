@@ -15,7 +15,7 @@ use opencv::{aruco, calib3d, imgproc};
 use plumbline_config::ImageView;
 use std::error::Error;
 
-/// What OpenCV could not do.
+/// Error of OpenCV.
 pub type Fault = Box<dyn Error + Send + Sync>;
 
 /// A marker's number, and its corners clockwise, px.
