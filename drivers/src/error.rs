@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a source cannot be opened or cannot go on. Every message names the file and the cure.
+/// Errors of a source that cannot be opened or cannot go on. Every message names the file and the cure.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DriverError {
@@ -36,7 +36,7 @@ pub enum DriverError {
     Refused {
         /// The file or directory.
         path: PathBuf,
-        /// Why it is left alone, and what to do.
+        /// Reason and cure.
         message: String,
     },
     /// A build without a cargo feature cannot read it.

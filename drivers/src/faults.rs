@@ -17,7 +17,7 @@ const MIN_GAIN: f64 = 0.05;
 pub struct LostCamera {
     /// 0 for the left one, 1 for the right one.
     pub camera: usize,
-    /// When, in seconds since the first frame.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
 }
 

@@ -15,8 +15,8 @@ use std::path::Path;
 
 /// A live inertial sensor and what belongs to it.
 pub struct LiveImu {
-    /// Its samples, stamped by the host's monotonic clock. It waits for a device that is missing, and ends when the flag
-    /// that it was opened with is set.
+    /// Samples, stamped by the host's monotonic clock. It waits for a device that is missing, and ends when the flag that it
+    /// was opened with is set.
     pub source: Box<dyn ImuSource>,
     /// Figures of the samples, for the report.
     pub monitor: ImuMonitor,
@@ -65,7 +65,7 @@ pub enum CameraMonitor {
 }
 
 impl CameraMonitor {
-    /// Why left and right camera bring nothing, as far as they do not.
+    /// Reasons why left and right camera bring nothing; `None` while they do.
     #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         match self {

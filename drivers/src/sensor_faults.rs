@@ -13,7 +13,7 @@ use std::ops::Range;
 /// Stamps that are wrong for a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockFault {
-    /// When.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
     /// Step added to the stamps from then on, s.
     pub step_s: f64,
@@ -22,9 +22,9 @@ pub struct ClockFault {
 /// Readings that stay what they are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StuckFault {
-    /// When.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
-    /// Which axes: gyroscope x, y, z, accelerometer x, y, z.
+    /// Affected axes: gyroscope x, y, z, accelerometer x, y, z.
     pub axes: [bool; 6],
     /// True if they read zero; otherwise they repeat the last reading before the fault.
     pub at_zero: bool,

@@ -26,7 +26,7 @@ pub struct StereoFrame {
     pub stamp: Timestamp,
     /// Left and right image; what they hold counts only where `valid` says so.
     pub images: [GrayImage; 2],
-    /// Which of the images arrived.
+    /// Images that arrived.
     pub valid: [bool; 2],
 }
 

@@ -35,7 +35,7 @@ pub enum Message {
 pub struct Imu {
     /// Counts samples of the sensor, also those that were not sent; begins anew after 2^32.
     pub sequence: u32,
-    /// When it was measured (the data-ready interrupt) by the device's clock, ns since it started.
+    /// Time of measurement (the data-ready interrupt) by the device's clock, ns since it started.
     pub time_ns: u64,
     /// Angular rate in the IMU's axes, rad/s.
     pub gyro_rad_s: [f32; 3],
@@ -63,12 +63,12 @@ pub struct Flags {
 pub struct Trigger {
     /// Counts triggers since the device started, from 0; begins anew after 2^32.
     pub counter: u32,
-    /// When the edge was given by the device's clock, ns: the start of the exposure.
+    /// Time of the edge by the device's clock, ns: the start of the exposure.
     pub time_ns: u64,
     /// Length of the pulse, ns: the exposure of cameras that expose during it; 0 where they decide
     /// themselves.
     pub pulse_ns: u32,
-    /// Which cameras: bit 0 is the first.
+    /// Triggered cameras: bit 0 is the first.
     pub cameras: u8,
 }
 
@@ -94,9 +94,9 @@ pub struct Hello {
 pub struct Time {
     /// The host's time of the question, ns.
     pub asked_ns: u64,
-    /// When the last byte of the question was there by the device's clock, ns.
+    /// Arrival of the last byte of the question by the device's clock, ns.
     pub received_ns: u64,
-    /// When the first byte of this answer leaves by the device's clock, ns.
+    /// Departure of the first byte of this answer by the device's clock, ns.
     pub sent_ns: u64,
 }
 
@@ -109,12 +109,12 @@ pub struct Settings {
     pub trigger_rate_mhz: u32,
     /// Length of a trigger pulse, us.
     pub trigger_pulse_us: u32,
-    /// Which cameras are triggered: bit 0 is the first.
+    /// Cameras to trigger: bit 0 is the first.
     pub cameras: u8,
 }
 
 impl Message {
-    /// Its type on the wire.
+    /// Type on the wire.
     #[must_use]
     pub const fn kind(&self) -> u8 {
         match self {

@@ -19,7 +19,7 @@ const MAGIC_BYTES: usize = 16;
 /// Description of a topic in a bag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Topic {
-    /// Its name, such as /cam0/image_raw.
+    /// Name, such as /cam0/image_raw.
     pub(crate) name: String,
     /// The type of its messages.
     pub(crate) type_name: String,
@@ -64,7 +64,7 @@ pub(crate) fn peeked(path: &Path, mut input: Input) -> Result<(Vec<u8>, Input), 
     Ok((magic.clone(), Box::new(Cursor::new(magic).chain(input))))
 }
 
-/// Why the file at `path` cannot be read on: what is compressed in it is damaged, or the system refuses.
+/// Error for the rest of the file at `path`: its compressed data are damaged, or the system refuses.
 pub(crate) fn unreadable(path: &Path, error: io::Error) -> DriverError {
     match error.kind() {
         io::ErrorKind::InvalidData => DriverError::malformed(path, error.to_string()),

@@ -72,7 +72,7 @@ pub(crate) fn stamp(encoding: Encoding, bytes: &[u8]) -> Option<Timestamp> {
 /// An inertial message: what it says of a quantity that it does not hold is no sample of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ImuMessage {
-    /// Its numbers, possible or not.
+    /// Numbers of the sample, possible or not.
     pub(crate) sample: ImuSample,
     /// True where the covariance (-1) denies the rates of rotation, and the accelerations.
     pub(crate) is_denied: [bool; 2],

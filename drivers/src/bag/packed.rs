@@ -77,7 +77,7 @@ impl Unpacked {
         Ok(Self(Arc::new(file.into_temp_path())))
     }
 
-    /// Where its content is.
+    /// Path of the unpacked content.
     pub(crate) fn path(&self) -> &Path {
         &self.0
     }

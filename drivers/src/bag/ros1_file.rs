@@ -43,7 +43,7 @@ pub(crate) struct Ros1File<R> {
     read_bytes: u64,
     expanded_bytes: u64,
     idle_records: u64,
-    /// Where the index begins; `None` until the recorder is done.
+    /// Beginning of the index; `None` until the recorder is done.
     index_at: Option<u64>,
     is_begun: bool,
 }
@@ -51,11 +51,11 @@ pub(crate) struct Ros1File<R> {
 /// Reasons why the bytes cannot be read.
 #[derive(Debug)]
 enum Damage {
-    /// They end within a record.
+    /// The bytes end within a record.
     Truncated,
     /// The file cannot be read.
     Io(io::Error),
-    /// They are no bag; in words.
+    /// The bytes are no bag; in words.
     Malformed(String),
 }
 
@@ -286,7 +286,7 @@ impl Ros1File<&[u8]> {
     }
 }
 
-/// Where the data of a record are.
+/// Place of a record's data.
 enum Source {
     Chunk(usize, usize),
     File,

@@ -32,7 +32,7 @@ const RECOVER: &str = "copy it again, or save what can be with `sqlite3 FILE .re
 
 /// One database of a bag.
 pub(crate) struct SqliteFile {
-    /// Its name in messages.
+    /// Name in messages.
     path: PathBuf,
     database: Connection,
     /// Topics by their numbers in the file; `None` before they are read.
@@ -190,10 +190,10 @@ impl SqliteFile {
     }
 }
 
-/// Why rows cannot be fetched.
+/// Reason why rows cannot be fetched.
 enum Fault {
     Sqlite(Error),
-    /// They hold more than the file.
+    /// The rows hold more than the file.
     Bomb,
 }
 

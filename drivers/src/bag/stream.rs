@@ -23,7 +23,7 @@ pub(crate) struct Message<'a> {
     pub(crate) topic: usize,
     /// Kind and encoding of the message.
     pub(crate) format: Format,
-    /// Its content.
+    /// Content.
     pub(crate) bytes: &'a [u8],
 }
 

@@ -1,4 +1,4 @@
-//! Which topics of a bag are flown: those that are named, or those about which there can be no doubt.
+//! Choice of a bag's topics: those that are named, or those about which there can be no doubt.
 
 use super::container::Topic;
 use super::holds::Holds;

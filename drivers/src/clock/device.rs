@@ -21,7 +21,8 @@ const EARLY_SETTLING_NS: i64 = 500_000_000;
 const BELIEVED: u32 = 4;
 /// Spread of the offsets of samples that agree, ns, at most: samples may arrive in a burst.
 const AGREEING_NS: i64 = 500_000_000;
-/// When nothing arrives sooner than this after its time for [`PATIENCE_NS`], the device's clock was set back, ns.
+/// Lateness limit, ns: when nothing arrives sooner than this after its time for [`PATIENCE_NS`], the device's clock was set
+/// back.
 const LATE_NS: i64 = 50_000_000;
 /// See [`LATE_NS`]; no stall of a host that still runs is as long.
 const PATIENCE_NS: i64 = 5_000_000_000;
@@ -42,7 +43,7 @@ pub enum Stamped {
     At(i64),
     /// The clock is not known well enough yet.
     Settling,
-    /// Its time makes no sense after those before.
+    /// The device's time contradicts those before.
     Refused,
 }
 

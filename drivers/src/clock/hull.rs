@@ -26,7 +26,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Its height at `x`, ns.
+    /// Height at `x`, ns.
     #[must_use]
     pub fn at(&self, x: i64) -> i64 {
         self.y.saturating_add((self.slope * x.saturating_sub(self.x) as f64).round() as i64)

@@ -43,15 +43,15 @@ impl fmt::Display for TimeUnitName {
 /// Defects of stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampDefect {
-    /// They are 0.
+    /// Stamps are 0.
     Zero,
-    /// They are in another unit than nanoseconds.
+    /// Stamps are in another unit than nanoseconds.
     Unit(TimeUnitName),
-    /// They are later than now, ns.
+    /// Stamps are later than now, ns.
     Ahead(i64),
-    /// They are of another clock, this far behind the expected one, ns.
+    /// Stamps are of another clock, this far behind the expected one, ns.
     OtherClock(i64),
-    /// They do not increase.
+    /// Stamps do not increase.
     Repeated,
 }
 

@@ -115,7 +115,7 @@ impl Order {
     }
 }
 
-/// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
+/// Reason why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
 pub(crate) fn not_stamped(name: &str, what: &str, count: u64, stamp: Timestamp) -> String {
     format!(
         "{name} is not stamped: all {count} {what} have the stamp {}; let the driver write the time of measurement into each \

@@ -1,4 +1,4 @@
-//! Which image belongs to which: left and right by time, not by row.
+//! Pairing of images: left and right by time, not by row.
 
 use super::table::{Row, RowFault, Stamped};
 use crate::grid::{median_period_ns, steps};

@@ -83,7 +83,7 @@ impl PictureDecoder {
     }
 }
 
-/// Why there is no image.
+/// Reason for a missing image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NoImage {
     /// There is no such file.

@@ -83,7 +83,7 @@ impl SocketMonitor {
         self.figures.read()
     }
 
-    /// Why no program sends, as far as nobody does.
+    /// Reason why no program sends; `None` while one does.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let trouble = self.trouble.read()?;

@@ -22,10 +22,10 @@ pub struct Header {
     pub sizes_px: [(u32, u32); 2],
 }
 
-/// Why bytes are no frame.
+/// Reason why bytes are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// They do not begin as one does.
+    /// The bytes do not begin as a frame does.
     Foreign,
     /// The images of the camera have another size: left or right, and theirs.
     Size(usize, (u32, u32)),
@@ -37,7 +37,7 @@ impl Header {
     /// Bytes of a header.
     pub const BYTES: usize = 40;
 
-    /// As it is sent.
+    /// Encoded header.
     #[must_use]
     pub fn encode(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
@@ -80,7 +80,7 @@ impl Header {
         }
     }
 
-    /// Which images are there.
+    /// Images that are there.
     #[must_use]
     pub fn valid(&self) -> [bool; 2] {
         self.sizes_px.map(|size| size != (0, 0))

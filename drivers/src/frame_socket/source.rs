@@ -44,7 +44,7 @@ pub struct SocketStereo {
     sender: Option<UnixStream>,
     sizes_px: [(usize, usize); 2],
     period_ns: f64,
-    /// When the first byte of the frame came that is being read.
+    /// Arrival of the first byte of the frame that is being read.
     begun_ns: Option<i64>,
     /// Stream and number of the last frame.
     last: Option<(u64, u64)>,

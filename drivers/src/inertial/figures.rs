@@ -16,7 +16,7 @@ pub struct LinkFigures {
     pub opened: u64,
     /// Number of times it was lost.
     pub lost: u64,
-    /// Why it is not there, as the system's number of the error.
+    /// Error with which it was lost, as the system's number.
     #[serde(skip)]
     pub last_error: Option<i32>,
 }

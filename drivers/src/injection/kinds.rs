@@ -13,15 +13,15 @@ const BLOW_FROM_S: f64 = 6.0;
 /// A kind of fault.
 #[derive(Debug)]
 pub struct FaultKind {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
     /// Description, in a sentence.
     pub about: &'static str,
     /// Axes or cameras that it is about if none are named.
     pub(super) target: Target,
-    /// Its doses, in order.
+    /// Doses, in order.
     pub(super) doses: &'static [Dose],
-    /// When it begins if no time is given, s after the first frame.
+    /// Default beginning, s after the first frame.
     pub(super) from_s: f64,
     /// Default duration, s.
     pub(super) lasts_s: f64,

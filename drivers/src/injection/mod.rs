@@ -52,7 +52,7 @@ impl InjectedFault {
         Self { kind, target: kind.target, doses, from_s: kind.from_s, lasts_s: kind.lasts_s }
     }
 
-    /// Its kind.
+    /// Kind of the fault.
     #[must_use]
     pub fn kind(&self) -> &'static FaultKind {
         self.kind

@@ -49,7 +49,7 @@ impl Deframer {
         (self.from, self.to) = (0, 0);
     }
 
-    /// Where the next bytes go; never empty once [`Self::next`] has found nothing more.
+    /// Space for the next bytes; never empty once [`Self::next`] has found nothing more.
     pub fn space(&mut self) -> &mut [u8] {
         self.bytes.copy_within(self.from..self.to, 0);
         (self.from, self.to) = (0, self.to - self.from);

@@ -22,7 +22,7 @@ pub struct SerialImu {
     port: Port,
     stream: Stream,
     outgoing: Outgoing,
-    /// When the bytes at hand were there.
+    /// Arrival of the bytes at hand.
     arrival_ns: i64,
     stop: StopFlag,
     post: Post,

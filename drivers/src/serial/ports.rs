@@ -18,9 +18,9 @@ pub struct SerialPortInfo {
     pub name: PathBuf,
     /// The device that it is now.
     pub device: PathBuf,
-    /// Its link by what it is.
+    /// Link by identity.
     pub by_id: Option<PathBuf>,
-    /// Its link by where it is plugged in.
+    /// Link by the place where it is plugged in.
     pub by_path: Option<PathBuf>,
     /// The kernel's driver.
     pub driver: Option<String>,

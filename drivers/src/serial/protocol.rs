@@ -70,7 +70,7 @@ pub enum Content {
 /// A sample by its device's clock, in the sensor's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviceSample {
-    /// When it was measured, in ticks of the device.
+    /// Time of measurement, in ticks of the device.
     pub ticks: u64,
     /// Number of the sample, where the device counts.
     pub counter: Option<u64>,
@@ -99,11 +99,11 @@ impl DeviceSample {
 /// its own clock, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// When it was asked.
+    /// Departure of the question.
     pub asked_ns: i64,
-    /// When the device had the question.
+    /// Arrival of the question at the device.
     pub device_received_ns: i64,
-    /// When the device answered.
+    /// Departure of the answer from the device.
     pub device_sent_ns: i64,
 }
 

@@ -15,11 +15,11 @@ use rtrb::Producer;
 pub struct TriggerEvent {
     /// Counts triggers since the microcontroller was started; begins anew after 2^32.
     pub counter: u32,
-    /// When the exposure began, by the host's clock.
+    /// Beginning of the exposure, by the host's clock.
     pub stamp: Timestamp,
     /// Length of the pulse, ns; 0 where the cameras decide on their exposure.
     pub pulse_ns: u32,
-    /// Which cameras: bit 0 is the first.
+    /// Triggered cameras: bit 0 is the first.
     pub cameras: u8,
 }
 
@@ -65,7 +65,7 @@ impl Stream {
         }
     }
 
-    /// Where bytes go that have come; [`Self::came`] says how many. Everything that came before has to be taken with
+    /// Space for the bytes that come; [`Self::came`] says how many have. Everything that came before has to be taken with
     /// [`Self::next`].
     pub fn space(&mut self) -> &mut [u8] {
         self.deframer.space()

@@ -223,7 +223,8 @@ impl Simulator {
         [0, 1].map(|k| self.inner.cameras.get(k).map_or((0, 0), size))
     }
 
-    /// When frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the middle row).
+    /// Time at which frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the
+    /// middle row).
     #[must_use]
     pub fn frame_time(&self, index: u64) -> Timestamp {
         self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)

@@ -13,7 +13,7 @@ pub(super) const DOSES: usize = 3;
 /// One number that an error or a condition is given.
 #[derive(Debug)]
 pub struct Dose {
-    /// Its meaning and unit.
+    /// Meaning and unit.
     pub unit: &'static str,
     /// Value of a dose that is left out.
     pub default: f64,
@@ -45,11 +45,11 @@ impl Dose {
 /// A kind of error or condition.
 #[derive(Debug)]
 pub struct Kind {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
     /// Description, in a sentence.
     pub about: &'static str,
-    /// Its doses, in order.
+    /// Doses, in order.
     pub doses: &'static [Dose],
     /// Doses with which a campaign flies it, the first ones of each.
     pub(super) cases: &'static [&'static [f64]],
@@ -89,7 +89,7 @@ impl<F: Family> Named<F> {
         Self { kind, doses, family: PhantomData }
     }
 
-    /// Its name.
+    /// Name.
     #[must_use]
     pub fn name(&self) -> &'static str {
         self.kind.name

@@ -1,4 +1,4 @@
-//! Where the inertial samples of a simulated flight come from: made of its motion, or recorded.
+//! Inertial samples of a simulated flight: made of its motion, or recorded.
 
 use super::LEAD_S;
 use super::imu::{Biases, ImuModel, Residual};

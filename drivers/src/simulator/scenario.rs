@@ -19,7 +19,7 @@ const MAX_DEMO_S: f64 = 7200.0;
 /// Mountings this near to each other are the same, rad.
 const MOUNTED_RAD: f64 = 2e-3;
 
-/// Where the vehicle flies.
+/// Path of the vehicle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FlightPath {
     /// Take-off and figures of eight, for as long as is asked for.
@@ -66,7 +66,7 @@ pub const USUAL_DURATION_S: f64 = 20.0;
 pub struct Scenario {
     /// Surroundings of the flight.
     pub scene: Scene,
-    /// Where it goes.
+    /// Path of the vehicle.
     pub path: FlightPath,
     /// First image, after the beginning of the path (and [`LEAD_S`]).
     pub start_s: f64,
@@ -82,7 +82,7 @@ pub struct Scenario {
     pub effects: Effects,
     /// Effects on the inertial samples.
     pub imu: ImuEffects,
-    /// Where the inertial samples come from.
+    /// Source of the inertial samples.
     pub inertial: Inertial,
     /// A knock that moves the vehicle.
     pub knock: Option<Knock>,
@@ -113,7 +113,7 @@ pub struct People {
     pub share: f64,
     /// Velocity against the view, m/s.
     pub speed_m_s: f64,
-    /// When the first comes into view, s after the first frame; 0 if they are there from the start.
+    /// Time at which the first comes into view, s after the first frame; 0 if all are there from the start.
     pub from_s: f64,
 }
 
@@ -132,7 +132,7 @@ pub struct IntrinsicsError {
 /// inertial sensor's samples miss of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Knock {
-    /// When, s after the first frame (and up to one sample later, by the seed).
+    /// Time of the push, s after the first frame (and up to one sample later, by the seed).
     pub at_s: f64,
     /// Duration of the push, s.
     pub length_s: f64,

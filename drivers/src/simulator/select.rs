@@ -1,4 +1,4 @@
-//! Which facets may be seen within a part of the image, eight at a time.
+//! Selection of the facets that may be seen within a part of the image, eight at a time.
 
 use super::facet::Facet;
 use super::lens::Span;
@@ -78,7 +78,7 @@ impl Group {
         &self.facets[..self.count]
     }
 
-    /// Which facets may be seen within `span`, see [`Facet::nearest_within`].
+    /// Flags of the facets that may be seen within `span`, see [`Facet::nearest_within`].
     #[inline]
     pub(super) fn touch(&self, span: &Span) -> [bool; GROUP] {
         std::array::from_fn(|i| {

@@ -76,7 +76,7 @@ pub(super) struct Shader {
     known: Selection,
 }
 
-/// Where the rays of a pixel are, from its bearing, in a tile.
+/// Rays of a pixel, from its bearing, in a tile.
 struct Rays {
     x: [[f32; TILE]; 2],
     y: [[f32; TILE]; 2],

@@ -8,7 +8,7 @@ pub enum Surroundings {
     Usual,
     /// One pattern on everything, which repeats itself.
     Repeated {
-        /// Its period at a distance of 3 m, px of the preset `sim` at full size.
+        /// Period at a distance of 3 m, px of the preset `sim` at full size.
         period_px: f64,
     },
     /// Plain walls without furniture.

@@ -172,10 +172,10 @@ pub(super) struct Plan<const N: usize> {
     step_y: [i32; N],
 }
 
-/// Where each sample of `N` footprints stands, see [`Texture::quad`].
+/// Places of the samples of `N` footprints, see [`Texture::quad`].
 type Taps<const N: usize> = [[u32; N]; MAX_TAPS as usize];
 
-/// Where a plan reads on its level and on the next.
+/// Places that a plan reads on its level and on the next.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Places<const N: usize> {
     level: Taps<N>,

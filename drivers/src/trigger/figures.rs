@@ -41,7 +41,7 @@ impl TriggerMonitor {
         self.0.read()
     }
 
-    /// Why frames are not stamped by triggers, where they are not.
+    /// Reason why frames are not stamped by triggers; `None` while they are.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let figures = self.figures();

@@ -37,7 +37,7 @@ pub(crate) struct Camera {
     held: VecDeque<Held>,
     sequence: Sequence,
     last_stamp_ns: i64,
-    /// When it began to stream, or the last image came, ns.
+    /// Beginning of the stream, or arrival of the last image, ns.
     pub(crate) last_sign_ns: i64,
     has_sent: bool,
     pub(crate) figures: V4l2CameraFigures,

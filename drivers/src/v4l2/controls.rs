@@ -42,7 +42,7 @@ pub enum ControlKind {
 pub struct ControlInfo {
     /// The kernel's number of it.
     pub id: u32,
-    /// Its name as `driver.v4l2.controls` takes it.
+    /// Name as `driver.v4l2.controls` takes it.
     pub name: String,
     /// Kind of its value.
     pub kind: ControlKind,
@@ -121,7 +121,7 @@ pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-/// Why a control cannot be set: what is wrong, with the key and the cure, or the device's error.
+/// Reason why a control cannot be set: what is wrong, with the key and the cure, or the device's error.
 pub(crate) enum ControlError {
     /// It cannot be as the configuration says.
     Refused(String),

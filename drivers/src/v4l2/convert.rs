@@ -11,7 +11,7 @@ use thiserror::Error;
 pub struct RawLayout {
     /// The encoding.
     pub format: PixelFormat,
-    /// Which cameras' images are in it.
+    /// Arrangement of the cameras' images in it.
     pub arrangement: Arrangement,
     /// Width of each camera's image, px.
     pub width_px: usize,
@@ -21,7 +21,7 @@ pub struct RawLayout {
     pub stride: usize,
 }
 
-/// Why no image could be made of a buffer.
+/// Reason why no image could be made of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Damage {
     /// The buffer holds less than an image.

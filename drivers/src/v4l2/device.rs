@@ -39,11 +39,11 @@ pub(crate) struct Wanted {
 pub(crate) struct Stream {
     pub(crate) queue: Queue,
     pub(crate) converter: Converter,
-    /// Where it tells its exposure.
+    /// Probe of its exposure.
     pub(crate) probe: Option<ExposureProbe>,
 }
 
-/// Why a device does not stream.
+/// Reason why a device does not stream.
 #[derive(Debug)]
 pub(crate) enum OpenError {
     /// It is not there, or went away meanwhile: it may come.

@@ -73,7 +73,7 @@ impl V4l2Monitor {
         self.figures.read()
     }
 
-    /// Why left and right camera do not stream, as far as they do not.
+    /// Reasons why left and right camera do not stream; `None` while they do.
     #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         self.trouble.read()

@@ -70,7 +70,7 @@ pub(crate) fn fourcc_text(fourcc: u32) -> String {
     text.trim_end().to_owned()
 }
 
-/// Where the images of left and right camera are in what a device gives.
+/// Arrangement of the images of left and right camera in the output of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arrangement {
     /// One image, of one camera.

@@ -23,7 +23,7 @@ const NO_CODE: [[u8; 2]; 16] = [[0xff, 0]; 16];
 const HUFFMAN: u8 = 0xc4;
 const SCAN: u8 = 0xda;
 
-/// Why an image of JPEG cannot be read.
+/// Reason why a JPEG image cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum JpegDamage {
     /// It does not begin as one, or a segment makes no sense.

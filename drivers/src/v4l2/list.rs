@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// A camera, or another node that brings images.
 #[derive(Clone, Debug)]
 pub struct CameraInfo {
-    /// Its node, whose number depends on the order of plugging in.
+    /// Node, whose number depends on the order of plugging in.
     pub path: PathBuf,
     /// Names that lead to it whenever it is there: by the port, then by the device itself.
     pub stable_paths: Vec<PathBuf>,
@@ -20,7 +20,7 @@ pub struct CameraInfo {
     pub card: String,
     /// The kernel's driver.
     pub driver: String,
-    /// Where it is connected.
+    /// Bus address.
     pub bus: String,
     /// Formats that it can send.
     pub formats: Vec<FormatInfo>,

@@ -1,4 +1,4 @@
-//! Which image of the left camera belongs to which of the right, as they arrive.
+//! Pairing of left and right images as they arrive.
 //!
 //! By time: the stamps of two cameras that are triggered together differ by a constant (their drivers' delays), those of
 //! cameras that run free by anything up to half a period, slowly changing. So the first pair is the nearest in time, and
@@ -10,11 +10,11 @@
 /// An image that waits for its partner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Waiting {
-    /// When it was measured, ns.
+    /// Time of measurement, ns.
     pub(crate) stamp_ns: i64,
-    /// Its number in the stream of its camera.
+    /// Number in the stream of its camera.
     pub(crate) sequence: u64,
-    /// When it arrived, ns of the same clock.
+    /// Arrival, ns of the same clock.
     pub(crate) arrival_ns: i64,
 }
 

@@ -25,7 +25,7 @@ const SILENT_NS: i64 = 3_000_000_000;
 const SILENT_AT_FIRST_NS: i64 = 10_000_000_000;
 const MS: f64 = 1e-6;
 
-/// Which devices are read, and how.
+/// Devices to be read, and their settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct V4l2Options {
     /// Section `driver.v4l2` of the configuration.

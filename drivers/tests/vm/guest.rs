@@ -52,7 +52,7 @@ struct Run {
     alone: [u64; 2],
     /// Longest time without a frame, s.
     longest_gap_s: f64,
-    /// When the last one came before, and the first one after that gap, s.
+    /// Largest gap: the last frame before it and the first one after it, s.
     gap: (f64, f64),
     /// Time from the stamp to when the frame was handed out, by the monotonic clock, ms.
     age_ms: (f64, f64, f64),

@@ -32,7 +32,7 @@ pub struct Mavlink {
     questions: Questions,
     sequence: u8,
     samples: u64,
-    /// When the rate was looked at, and how many samples there were.
+    /// Last check of the rate: its time, and the number of samples then.
     looked: Option<(i64, u64)>,
 }
 

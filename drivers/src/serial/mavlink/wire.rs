@@ -31,7 +31,7 @@ static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
 /// A message that concerns us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// Its number.
+    /// Number of the message.
     pub id: u32,
     /// The byte that its checksum covers besides.
     extra: u8,
@@ -73,12 +73,12 @@ pub struct Frame {
     pub payload: [u8; MAX_PAYLOAD],
 }
 
-/// Where the parts of a frame lie, once its header is there and makes sense.
+/// Layout of a frame, once its header is there and makes sense.
 struct Layout {
     kind: Kind,
     header: usize,
     payload: usize,
-    /// Its whole length, signature included.
+    /// Length of the whole frame, signature included.
     whole: usize,
 }
 
