@@ -53,7 +53,7 @@ impl DmaBuffer {
 
 /// One exposure of both cameras, and the inertial samples up to it.
 pub struct Shot {
-    /// When both were taken, by the cameras' clock.
+    /// Time of both images, by the cameras' clock.
     pub stamp: Timestamp,
     /// Image of the left camera.
     pub left: DmaBuffer,

@@ -164,11 +164,11 @@ pub struct Odometry {
     /// Covariance, grown since the last frame by the IMU's noise, by what its biases may be, by what it did not measure,
     /// and by the corrections that are still to enter.
     pub covariance: NavCovariance,
-    /// As of the estimate it rests on.
+    /// State of the estimate it rests on.
     pub state: TrackingState,
-    /// As of the estimate it rests on.
+    /// Quality of the estimate it rests on.
     pub quality: i8,
-    /// As of the estimate it rests on.
+    /// Reset counter of the estimate it rests on.
     pub reset_counter: u32,
     /// Number of steps within the same odometry frame since the beginning: corrections too large for a bounded rate, and
     /// odometry that resumed after an interruption without a reset.

@@ -28,7 +28,7 @@ const MAX_SOLVED_LINES: usize = 128;
 pub struct Tracked {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// When it was taken.
+    /// Time of the frame.
     pub time: FrameTime,
     /// A reset that comes before it.
     pub reset: Option<ResetKind>,
@@ -93,9 +93,9 @@ pub struct Feedback {
 /// Relative pose of a keyframe and the one before it, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyframeStep {
-    /// When the earlier one was taken.
+    /// Stamp of the earlier keyframe.
     pub from: Timestamp,
-    /// When the later one was.
+    /// Stamp of the later keyframe.
     pub to: Timestamp,
     /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²): see [`crate::window::relative`].
     pub covariance: Matrix4<f64>,

@@ -80,6 +80,6 @@ impl ImuAdmission {
 pub enum ResetKind {
     /// The map and the window go; the pose stays, with biases and calibration: the new start continues from them.
     Soft,
-    /// Everything goes, refined calibration, biases and stamps too: the new start begins at the origin.
+    /// Discards everything, refined calibration, biases and stamps too: the new start begins at the origin.
     Hard,
 }

@@ -15,7 +15,7 @@ pub struct WorkBudget {
 }
 
 impl WorkBudget {
-    /// Everything that the configuration allows.
+    /// Work in full, as configured.
     pub const FULL: Self = Self { features_percent: 100, lines: true, max_iterations: usize::MAX };
 
     /// The share of `count` that this budget allows.

@@ -26,7 +26,7 @@ const CHANGE_OF_FORCE_M_S3: f64 = 50.0;
 const MAX_RATE_ERROR_RAD_S: f64 = 2.0;
 const MAX_FORCE_ERROR_M_S2: f64 = 8.0;
 
-/// Which readings of a sample are at the end of their range.
+/// Saturated readings of a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Saturation {
     /// The angular rate.
@@ -54,9 +54,9 @@ impl Saturation {
 pub struct BelievedSample {
     /// The readings; that of before where the gyroscope was saturated.
     pub sample: ImuSample,
-    /// Which of them are at the end of their range.
+    /// Saturated readings.
     pub saturated: Saturation,
-    /// Which sensors did not measure at all: see [`super::stuck`].
+    /// Sensors that did not measure at all: see [`super::stuck`].
     pub unmeasured: Unmeasured,
 }
 

@@ -30,7 +30,7 @@ const UNMEASURED_GYRO_DENSITY: f64 = 0.7;
 /// Density of a force that nothing measured, m/s/sqrt(s): 6 m/s² for an eighth of a second.
 const UNMEASURED_ACCEL_DENSITY: f64 = 2.0;
 
-/// Which sensors did not measure.
+/// Sensors that did not measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unmeasured {
     /// The gyroscope.

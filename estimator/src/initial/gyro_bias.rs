@@ -27,7 +27,7 @@ const MIN_POINTS: usize = 15;
 struct Pair {
     rot_b: Matrix3<f64>,
     by_bias: Matrix3<f64>,
-    /// Its bearings within [`Workspace::bearings`].
+    /// Range of its bearings within [`Workspace::bearings`].
     bearings: Range<usize>,
 }
 

@@ -16,7 +16,7 @@ use crate::window::state::FrameTime;
 /// A frame that waits for the first estimate.
 #[derive(Clone, Debug)]
 pub struct GatheredFrame {
-    /// When it was taken.
+    /// Time of the frame.
     pub time: FrameTime,
     /// Points seen, in order of track.
     pub tracks: Vec<PointTrack>,

@@ -104,7 +104,7 @@ struct View {
     frame: usize,
     camera: usize,
     measured: PointMeasurement,
-    /// As found in the last round, m.
+    /// Depth as found in the last round, m.
     depth_m: f64,
     /// Robust weight, as found in the last round.
     weight: f64,

@@ -211,7 +211,7 @@ fn directed_sums(gx: &[f32; STATIONS], gy: &[f32; STATIONS], axes: [&Vector2<f32
     out
 }
 
-/// Which figures of one band exceed those of another, a bit each.
+/// Comparison of the figures of two bands: a bit for each that exceeds its counterpart.
 #[inline(never)]
 fn exceeding(a: &[f32; FIGURES], b: &[f32; FIGURES]) -> u8 {
     let mut bits = [0_u32; FIGURES];

@@ -1,4 +1,4 @@
-//! Which segments geometry admits as the same edge: from frame to frame, and from left to right.
+//! Gates for segments of the same edge: from frame to frame, and from left to right.
 //!
 //! Coordinates are normalized ones of the camera that looks. Directions are those of oriented edges: the
 //! bright side tells the two edges of a bar apart.
@@ -33,7 +33,7 @@ impl Candidate {
     }
 }
 
-/// Where an edge is expected.
+/// Expected place of an edge.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
     start: Vector2<f64>,

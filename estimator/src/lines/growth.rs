@@ -48,7 +48,7 @@ pub struct Growth {
 struct EdgePixel {
     place: Place,
     index: usize,
-    /// Which of the three pixels across the edge it marked as taken.
+    /// Marks of the three pixels across the edge that it took.
     marked: [bool; 3],
     /// Steps from the seed.
     step: usize,

@@ -1,4 +1,4 @@
-//! Where exactly an edge lies: segments found at half the resolution are fitted to the whole image.
+//! Exact place of an edge: segments found at half the resolution are fitted to the whole image.
 //!
 //! Along its major axis a segment is crossed at most [`MAX_CROSSINGS`] times. Each crossing is a profile of the image along the minor
 //! axis, differentiated by `[-1 -4 -5 0 5 4 1]` (the binomial filter `[1 4 6 4 1]` and `[-1 0 1]`); the edge is its steepest
@@ -39,7 +39,7 @@ const MIN_FOUND: f32 = 0.7;
 /// A segment of the whole image.
 #[derive(Clone, Copy, Debug)]
 pub struct Refined {
-    /// Its line, ends and nodes; its support are the pixels along the major axis that the crossings stand for.
+    /// Line, ends and nodes.
     pub segment: Segment,
     /// Crossings looked for from end to end.
     pub tried: usize,
@@ -54,8 +54,8 @@ pub struct Refiner {
     places: Vec<Place>,
 }
 
-/// Where an edge is crossed: coordinates along the major and the minor axis, px, the gradient, grey levels per pixel, and the
-/// pixels along the major axis that it stands for.
+/// Crossing of an edge: coordinates along the major and the minor axis, px, the gradient, grey levels per pixel, and the pixels
+/// along the major axis that it stands for.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
     major: f32,

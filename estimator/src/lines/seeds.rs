@@ -1,4 +1,4 @@
-//! Where segments may begin: ridges that look like a straight edge, strongest first.
+//! Seeds of segments: ridges that look like a straight edge, strongest first.
 //!
 //! The order is that of LSD's pseudo-ordering: by gradient in whole grey levels per pixel, and row by row
 //! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;

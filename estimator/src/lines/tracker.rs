@@ -116,9 +116,9 @@ struct Track {
     id: u32,
     age: u32,
     missed: u32,
-    /// Where it is, in the left camera: seen, or expected while it is missed.
+    /// Ends in the left camera: seen, or expected while it is missed.
     ends_xy: [Vector2<f64>; 2],
-    /// Its motion across itself in the last frame beyond that of a far edge.
+    /// Motion across itself in the last frame beyond that of a far edge.
     drift: Option<f64>,
     /// Index of its segment in the left image.
     seen: Option<u16>,

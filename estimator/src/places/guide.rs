@@ -111,7 +111,7 @@ impl Guide {
         }));
     }
 
-    /// Where the features stand that may lie within reach of a point, by their first coordinate.
+    /// Range of the features that may lie within reach of a point, by their first coordinate.
     fn near(&self, x: f32, sigma_xy: f32) -> Range<usize> {
         // Somewhat wider than the exact test, whose rounding is another.
         let reach = 1.001 * REACH * (self.largest_sigma + sigma_xy) + 1e-5;

@@ -1,4 +1,4 @@
-//! Which keyframes hold features like these? Words without a vocabulary, and votes.
+//! Search for the keyframes that hold features like these, by words without a vocabulary, and votes.
 //!
 //! The word of a descriptor is [`WORD_BITS`] of its bits (locality-sensitive hashing for the Hamming distance, Indyk and
 //! Motwani 1998). A feature is stored under its word; a query looks under its own word and under those that differ in
@@ -28,7 +28,7 @@ const MAX_VOTE_DISTANCE: u32 = 64;
 /// End of a chain.
 const NONE: u32 = u32::MAX;
 
-/// Which bits of a descriptor make its word.
+/// Choice of the bits of a descriptor that make its word.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IndexOptions {
     /// Seed by which they are drawn. The bits of a descriptor are comparisons at places drawn at random, so that no choice

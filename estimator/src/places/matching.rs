@@ -30,9 +30,9 @@ pub struct MapPoint {
     pub sigma_xy: f32,
     /// Position in the map, m.
     pub position_m: Vector3<f64>,
-    /// Its covariance, m².
+    /// Covariance, m².
     pub covariance_m: Matrix3<f64>,
-    /// Where it moves when its inverse depth is out by a standard deviation, m.
+    /// Displacement for one standard deviation of the inverse depth, m.
     pub by_depth_m: Vector3<f64>,
     /// Distance from the keyframe's camera, m.
     pub range_m: f64,

@@ -45,7 +45,7 @@ const MIN_DEPTH_M: f64 = 0.05;
 pub struct Gravity {
     /// Direction of up in the body.
     pub up_b: Vector3<f64>,
-    /// Its standard deviation, rad.
+    /// Standard deviation, rad.
     pub sigma_rad: f64,
 }
 

@@ -34,7 +34,7 @@ pub struct Alignment {
     pub last_step_px: f32,
 }
 
-/// When to stop.
+/// Limits at which the alignment stops.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignLimits {
     /// Gauss-Newton steps at most.

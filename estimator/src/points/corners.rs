@@ -293,7 +293,7 @@ impl ScoreMap {
         above
     }
 
-    /// Which scores of a vector at `x`, of the row below `y`, are local maxima above `limit`, one bit each.
+    /// Local maxima above `limit` among the scores of a vector at `x`, of the row below `y`, one bit each.
     fn maxima(&self, y: usize, x: usize, limit: f32) -> u32 {
         let [above, row, below] = [0, 1, 2].map(|dy| &self.scores[(y + dy) % 3][x..]);
         maxima(above, row, below, limit)
@@ -356,7 +356,7 @@ fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANE
     scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
-/// Which of a vector of scores, the second of `row` and those after, exceed `limit` and are no less than any neighbour.
+/// Local maxima of a vector of scores, the second of `row` and those after: above `limit` and no less than any neighbour.
 #[inline(never)]
 fn maxima(above: &[f32], row: &[f32], below: &[f32], limit: f32) -> u32 {
     let [above, row, below] = [above, row, below].map(|scores| &scores[..LANES + 2]);

@@ -72,7 +72,7 @@ pub struct RefineLimits {
 #[derive(Clone, Copy, Debug)]
 pub struct ReferencePatch {
     pixels: [u8; STORED_SIDE * STORED_SIDE],
-    /// Where the point lies between the stored pixels, from [`STORED_CENTRE`], px.
+    /// Place of the point between the stored pixels, from [`STORED_CENTRE`], px.
     fraction: Vector2<f32>,
 }
 

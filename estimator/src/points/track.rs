@@ -125,8 +125,8 @@ impl Track {
         }
     }
 
-    /// Where the camera by which the track came into this frame saw it before and sees it now (normalized
-    /// coordinates); `None` for the other camera.
+    /// Normalized coordinates in the camera by which the track came into this frame, before and now; `None` for the other
+    /// camera.
     pub fn step_in(&self, camera: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
         let (by, before) = self.came_by?;
         (by == camera).then_some((before, self.xy[camera]?))

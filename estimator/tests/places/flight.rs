@@ -112,7 +112,7 @@ impl Mapper {
         }
     }
 
-    /// Where a shot was taken, by all keyframes but the newest.
+    /// Localization of a shot by all keyframes but the newest.
     pub fn locate(&mut self, number: usize, shot: &Shot) -> Option<Located> {
         let newest = (number as u32).saturating_sub(NEWEST);
         self.locator.locate(&self.map, &shot.query(number as u64), |k| k.id < newest)

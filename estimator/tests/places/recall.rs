@@ -39,7 +39,7 @@ struct Outcome {
     errors_m: Vec<f64>,
     errors_deg: Vec<f64>,
     nees: Vec<f64>,
-    /// Why pairs were not found, by the group with most evidence.
+    /// Doubts of the pairs that were not found, by the group with most evidence.
     doubts: BTreeMap<String, usize>,
 }
 

@@ -13,7 +13,7 @@ pub struct Node {
     pub yaw: f64,
     /// True if it stays where it is.
     pub is_fixed: bool,
-    /// Which piece of unbroken odometry it belongs to: edges of the odometry join nodes of one segment.
+    /// Piece of unbroken odometry: edges of the odometry join nodes of one segment.
     pub segment: u32,
     /// True if the place of its segment in the map is known.
     pub is_placed: bool,
@@ -49,7 +49,7 @@ impl Node {
     }
 }
 
-/// Where an edge comes from.
+/// Origin of an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EdgeKind {
     /// The odometry.

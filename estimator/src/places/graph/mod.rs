@@ -43,7 +43,7 @@ pub struct GraphLimits {
     pub loops: usize,
 }
 
-/// Why a loop was not added.
+/// Reason why a loop was not added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopRefused {
     /// The graph holds as many as it can, or has no such nodes.

@@ -47,7 +47,7 @@ impl Located {
     }
 }
 
-/// Why a pose was not believed, or none was found.
+/// Reason why a pose was not believed, or none was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// No pose agrees with enough matches.
@@ -85,7 +85,7 @@ pub struct Attempt {
     pub inliers: usize,
     /// The pose of the body in the map, where one was found.
     pub pose_m_b: Option<Isometry3<f64>>,
-    /// Why it was not believed; `None` when it was.
+    /// Reason why it was not believed; `None` when it was.
     pub doubt: Option<Doubt>,
 }
 

@@ -1,4 +1,4 @@
-//! Where in the map was this frame taken? Precision before recall: what is not certain is not said.
+//! Localization of a frame in the map. Precision before recall: what is not certain is not reported.
 //!
 //! Keyframes that look alike are grouped with their neighbours; the features of a group are matched, a pose is found
 //! and refined, and then tried: with it, far more points of the map must be where it says than chance allows. What is
@@ -32,7 +32,7 @@ const SPREAD: [usize; 2] = [4, 3];
 /// A frame to be located.
 #[derive(Clone, Copy)]
 pub struct Query<'a> {
-    /// Its features.
+    /// Features.
     pub features: &'a [Feature],
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
@@ -233,7 +233,7 @@ impl Locator {
         covariance
     }
 
-    /// Why a pose is not to be believed, if so.
+    /// Doubt about the pose, if any.
     fn doubt(&self, found: &Located) -> Option<Doubt> {
         let options = &self.options;
         // Written so that a NaN is doubted.

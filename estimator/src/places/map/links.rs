@@ -1,5 +1,4 @@
-//! Which keyframe covers which, and which are neighbours: by where they are, found out when they are added, and again
-//! when they have moved.
+//! Cover and neighbours of keyframes by their places, computed when they are added, and again when they have moved.
 
 use super::{MAX_NEIGHBOUR_DISTANCE, MAX_NEIGHBOURS, PlaceMap, view_distance_within};
 

@@ -41,7 +41,7 @@ pub struct Keyframe {
     pub id: u32,
     /// Flight it comes from.
     pub session: u32,
-    /// When it was taken.
+    /// Time of the keyframe.
     pub stamp: Timestamp,
     /// Pose of the body in the map.
     pub pose_m_b: Isometry3<f64>,
@@ -105,9 +105,9 @@ pub struct PlaceMap {
     index: Index,
     /// Distance to the most similar other keyframe, and its slot, for the rule of forgetting.
     covered: Vec<(f64, usize)>,
-    /// Where cover and neighbours of each were found out: the pose of its left camera in the map.
+    /// Poses of the left cameras in the map at which cover and neighbours were computed.
     linked_at: Vec<Isometry3<f64>>,
-    /// Where the search goes on for keyframes that have moved since.
+    /// Next keyframe to be checked for having moved.
     next_tended: usize,
     next_id: u32,
     len: usize,

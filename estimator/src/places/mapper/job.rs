@@ -12,7 +12,7 @@ pub struct PlaceJob {
     pub solved: SolvedFrame,
     /// Extrinsics of the cameras as they were known.
     pub pose_b_c: [Isometry3<f64>; 2],
-    /// Its images.
+    /// Images.
     pub images: FrameImages,
 }
 
@@ -39,7 +39,7 @@ impl PlaceJob {
 pub struct Sighting {
     /// Number of the keyframe that was seen again.
     pub keyframe_id: u32,
-    /// When that was taken.
+    /// Time of the keyframe.
     pub keyframe_stamp: Timestamp,
     /// Matches that agree.
     pub inliers: u32,
@@ -52,11 +52,11 @@ pub struct Sighting {
 /// Result of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapUpdate {
-    /// Which frame of the window it is about, counted from 0.
+    /// Number of the frame in the window, counted from 0.
     pub index: u64,
-    /// Its sequence number.
+    /// Sequence number.
     pub sequence: u64,
-    /// When it was taken.
+    /// Time of the frame.
     pub stamp: Timestamp,
     /// Resets of the odometry up to it: the update is about the odometry frame of these.
     pub reset_counter: u32,

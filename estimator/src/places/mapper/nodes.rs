@@ -9,7 +9,7 @@ use crate::window::snapshot::SnapshotKeyframe;
 use nalgebra::{Isometry3, Matrix4};
 use plumbline_config::Timestamp;
 
-/// Where segments that are not placed wait, far from everything, m.
+/// Distance at which segments that are not placed wait, far from everything, m.
 const WAITING_ROOM_M: f64 = 1e6;
 
 /// Data of a node of the graph.

@@ -11,7 +11,7 @@ const COUNTS: f64 = 0.5;
 /// A keyframe on the corrected path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPose {
-    /// When it was taken.
+    /// Time of the pose.
     pub stamp: Timestamp,
     /// Resets of the odometry up to then: poses of one count are joined by unbroken odometry.
     pub reset_counter: u32,
@@ -22,7 +22,7 @@ pub struct PathPose {
 /// One end of a loop: a keyframe of this flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopEnd {
-    /// When it was taken.
+    /// Time of the end.
     pub stamp: Timestamp,
     /// Position of the body in the map, m.
     pub p_m_b: Vector3<f64>,
