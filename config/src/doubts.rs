@@ -36,7 +36,7 @@ impl Config {
 /// Share of the baseline along an axis of the left camera that is its direction.
 const ALONG: f64 = 0.8;
 
-/// Which way the second camera lies, seen from the first: to the right in all pairs that are called left and right.
+/// Direction of the second camera as seen from the first: to the right in all pairs that are called left and right.
 fn of_pair(left: &Isometry3<f64>, right: &Isometry3<f64>) -> Option<String> {
     let baseline =
         |left: &Isometry3<f64>, right: &Isometry3<f64>| (left.inverse() * right).translation.vector;

@@ -39,7 +39,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Why a configuration was refused. Its message names the file, the key and the cure.
+/// Error of a configuration that was refused. Its message names the file, the key and the cure.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file could not be read.

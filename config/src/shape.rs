@@ -77,7 +77,7 @@ fn split_index(part: &str) -> (&str, Option<usize>) {
     }
 }
 
-/// Where the check is: the key as the user wrote it, and with every index left out (`camera[].focal_px`).
+/// Place of the check: the key as the user wrote it, and with every index left out (`camera[].focal_px`).
 struct At {
     key: String,
     general: String,

@@ -35,7 +35,7 @@ const MIN_SEEN_SHARE: f64 = 0.05;
 const MIN_LEVEL_PX: usize = 16;
 
 impl EstimatorSetup {
-    /// Everything that is wrong with the values, ordered by part; empty when the setup is good.
+    /// Violations by the values, ordered by part; empty when the setup is good.
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = Vec::new();
@@ -57,7 +57,7 @@ impl EstimatorSetup {
 }
 
 impl Config {
-    /// Everything that is wrong with the values, ordered by part; empty when the configuration is good.
+    /// Violations by the values, ordered by part; empty when the configuration is good.
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = self.setup().violations();
