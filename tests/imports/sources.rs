@@ -14,7 +14,7 @@ pub type ModulePath = Vec<String>;
 /// One module.
 #[derive(Debug, Default)]
 pub struct Module {
-    /// Its file, from the folder of the crate.
+    /// File, from the folder of the crate.
     pub file: PathBuf,
     /// Paths that it names with `use` or in passing, from the root of its own crate.
     pub names: BTreeSet<ModulePath>,
@@ -36,9 +36,9 @@ pub struct Function {
 /// A crate.
 #[derive(Debug, Default)]
 pub struct Sources {
-    /// Its modules; the root has an empty path.
+    /// Modules; the root has an empty path.
     pub modules: BTreeMap<ModulePath, Module>,
-    /// Its functions.
+    /// Functions.
     pub functions: Vec<Function>,
 }
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
 
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// A compiler and its language.
 type Compiler = (&'static str, &'static str);

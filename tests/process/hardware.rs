@@ -115,7 +115,7 @@ impl Endless {
     }
 }
 
-/// When the time of the recording is that of the host.
+/// Relation of the recording's time to that of the host.
 #[derive(Clone, Copy, Debug)]
 pub struct Epoch {
     /// Time of the recording, ns.

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Size of the images of the preset `sim`, px.
 const SIZE: (u32, u32) = (752, 480);

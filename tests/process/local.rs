@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 /// Length of the flights, s.
 const FLIGHT_S: u32 = 16;
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// A user with no rights.
 const SOMEBODY: u32 = 65_534;

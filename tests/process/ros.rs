@@ -15,7 +15,7 @@ use std::time::Instant;
 /// Packages that `ros_peer.py` imports.
 const PACKAGES: &str = "rosbags, xxhash, zenoh";
 
-/// When the machine with ROS is there.
+/// Time at which the machine with ROS is there.
 #[derive(Clone, Copy, PartialEq)]
 enum Machine {
     Before,

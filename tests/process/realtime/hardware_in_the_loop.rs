@@ -56,7 +56,7 @@ impl Rig {
         self.folder.path().join(name)
     }
 
-    /// Where all of it is.
+    /// Folder of all files.
     #[cfg(feature = "sabotage")]
     pub fn folder(&self) -> &std::path::Path {
         self.folder.path()

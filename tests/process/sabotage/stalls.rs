@@ -21,8 +21,8 @@ const FRAMES_S: f64 = 2.5;
 const EVENT_S: f64 = 6.5;
 /// Longest gap of odometry sent to the autopilot at 40 Hz, ms.
 const MAX_GAP_MS: f64 = 100.0;
-/// Where programs of real-time priority leave nothing, the kernel keeps a twentieth of each second for all others, ours among
-/// those who wait meanwhile; and some more, ms.
+/// Longest lateness, ms: where programs of real-time priority leave nothing, the kernel keeps a twentieth of each second for
+/// all others; and some more.
 const MAX_LATE_MS: f64 = 50.0 + 30.0;
 /// Age from which everything written is on the medium, s.
 const MAX_LOST_S: f64 = 2.0;

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Length of the rendered flight, s; no test flies it to its end but those of one process.
 const FLIGHT_S: u32 = 12;
-/// When the fault comes, in s of the process.
+/// Time of the fault, in s of the process.
 const FAULT_S: f64 = 3.5;
 /// From the death of the tick to the first odometry of the next process, s.
 const MAX_RESTART_S: f64 = 3.0;

@@ -68,7 +68,7 @@ impl Need {
         Self::Compiler,
     ];
 
-    /// Its name on the list of allowed skips.
+    /// Name on the list of allowed skips.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

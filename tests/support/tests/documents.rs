@@ -140,7 +140,7 @@ fn repository_path(code: &str) -> Option<&str> {
     (is_plain && ROOTS.iter().any(|root| path.starts_with(root))).then_some(path)
 }
 
-/// Everything that is wrong with the document at `path`.
+/// Complaints about the document at `path`.
 fn complaints(workspace: &Path, path: &Path, text: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (number, line) in prose(text) {

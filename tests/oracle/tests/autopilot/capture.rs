@@ -18,10 +18,10 @@ use plumbline_record::Said;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-/// Everything that an autopilot on board would have had.
+/// Inputs of an autopilot on board.
 pub struct Captured {
     pub config: ValidConfig,
-    /// Where the vehicle really was.
+    /// Ground truth of the vehicle.
     pub simulator: Simulator,
     /// Inertial samples, in the axes of the IMU.
     pub samples: Vec<ImuSample>,
