@@ -94,7 +94,7 @@ impl ImuSample {
     }
 }
 
-/// Why a sample was refused.
+/// Failure for a sample that was refused.
 fn refusal(admission: ImuAdmission) -> Option<Failure> {
     let (status, text) = match admission {
         ImuAdmission::Accepted | ImuAdmission::ClockSet => return None,

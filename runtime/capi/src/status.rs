@@ -60,7 +60,7 @@ pub struct Error {
     pub text: [c_char; 1020],
 }
 
-/// Why a call fails.
+/// Reason why a call fails.
 #[derive(Debug)]
 pub struct Failure {
     pub(crate) status: Status,

@@ -39,7 +39,7 @@ const INFLATED: f64 = 2.0;
 const OFFSET: (f64, f64, f64) = (1.0, 2.0, 0.002);
 /// Limits of the rotation, in the order of [`OFFSET`]; the third in rad.
 const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
-/// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
+/// Share of the scatter that the configured extrinsics may leave: above it they are not those of the rig.
 const UNEXPLAINED: f64 = 0.5;
 /// Least scatter of the rates that is a motion, rad/s.
 const MIN_SCATTER: f64 = 0.05;

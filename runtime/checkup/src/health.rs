@@ -142,7 +142,7 @@ impl HealthTally {
             .collect()
     }
 
-    /// Why no pose was found in a flight with so many cameras, as far as the health bits tell, and what to do.
+    /// Reason why no pose was found in a flight with so many cameras, by the health bits, with the cure.
     #[must_use]
     pub fn why_no_pose(&self, cameras: usize) -> String {
         if self.frames == 0 {

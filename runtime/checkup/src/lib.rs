@@ -240,7 +240,7 @@ impl Checkup {
         CheckupReport { measures }
     }
 
-    /// When samples came.
+    /// Arrivals of the samples.
     fn arrivals(&self) -> Arrivals {
         let mut imu = Arrivals::default();
         imu.refused = self.refused_samples;

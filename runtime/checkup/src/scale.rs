@@ -47,7 +47,7 @@ struct Piece {
 pub struct Factor {
     /// 1 where the distance between the cameras is right.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation.
     pub sigma: f64,
     /// Pieces that tell it, and their length, s.
     pub pieces: (usize, f64),

@@ -36,7 +36,7 @@ pub const BURSTS: &str = "come in bursts";
 /// Word for stamps that scatter.
 pub const JITTER_WORD: &str = "jitter";
 
-/// Which sensor is judged.
+/// Sensor that is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// The inertial one.
@@ -45,7 +45,7 @@ pub enum Sensor {
     Cameras,
 }
 
-/// When the samples of a sensor were measured, and their numbers.
+/// Stamps of a sensor's samples, and their numbers.
 #[derive(Clone, Debug, Default)]
 pub struct Arrivals {
     /// Measurement times, as they came.

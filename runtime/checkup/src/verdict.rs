@@ -46,7 +46,7 @@ impl Fitness {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// Its name, always the same.
+    /// Name, always the same.
     pub name: &'static str,
     /// Measurement, in words with units.
     pub value: String,
@@ -85,7 +85,7 @@ impl Measure {
     }
 }
 
-/// Everything that was looked at, in a fixed order.
+/// Measures, in a fixed order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckupReport {
     /// The measures.

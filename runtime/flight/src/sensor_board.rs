@@ -67,7 +67,7 @@ impl SensorState {
     }
 }
 
-/// Where the state of live sensors and the findings of a flight are posted for the readers of the local socket.
+/// Board on which the state of live sensors and the findings of a flight are posted for the readers of the local socket.
 #[derive(Clone)]
 pub struct SensorBoard {
     state: Arc<SensorState>,

@@ -18,7 +18,7 @@ const MIN_TURNED_SHARE: f64 = 0.25;
 /// A message that took another route can have been published this much before the newest, ns.
 const LATEST_NS: i64 = 10_000_000_000;
 
-/// Where a message belongs in the sequence of its key.
+/// Place of a message in the sequence of its key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// It is the newest.

@@ -44,7 +44,7 @@ impl Format {
         }
     }
 
-    /// Its media type.
+    /// Media type.
     #[must_use]
     pub fn mime(self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! Everything received from all vehicles, in bounded memory.
+//! Data received from all vehicles, in bounded memory.
 
 use super::vehicle::Vehicle;
 use plumbline_estimator::Odometry;
@@ -54,7 +54,7 @@ pub struct Fleet {
     /// Description of how the station tries to reach its vehicles, in plain words; empty while nothing is
     /// known of it.
     pub network: String,
-    /// When the station started.
+    /// Start of the station.
     pub start: Instant,
     arrivals: u64,
     events: VecDeque<FleetEvent>,

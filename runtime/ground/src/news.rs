@@ -1,4 +1,4 @@
-//! When a change of a vehicle's state becomes an event: at once when it gets worse, after a second when it recovers.
+//! Timing of events about a vehicle's state: at once when it gets worse, after a second when it recovers.
 
 use std::time::{Duration, Instant};
 

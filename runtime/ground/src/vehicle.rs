@@ -78,7 +78,7 @@ pub const fn state_words(state: TrackingState) -> &'static str {
 pub struct Vehicle {
     /// True while its liveliness token is there.
     pub is_alive: bool,
-    /// Which vehicle it was that the station heard of, counted from its start.
+    /// Number of the vehicle in the order in which the station received them.
     pub arrival: u64,
     /// Counts appearances on the network: after each, its past is queried.
     pub appeared: u64,
@@ -97,7 +97,7 @@ pub struct Vehicle {
     /// Mounting of the IMU: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown
     /// until the vehicle has sent it.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// Where the odometry lies in the map, and the corrected path.
+    /// Place of the odometry in the map, and the corrected path.
     pub corrected: Corrected,
     /// Newest velocity in O, m/s.
     pub v_o_b: Vector3<f64>,
@@ -111,7 +111,7 @@ pub struct Vehicle {
     pub quality: i32,
     /// Name of the tracking state.
     pub state_words: &'static str,
-    /// Which of its changes were reported.
+    /// Changes of the state that were reported.
     pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
@@ -137,7 +137,7 @@ pub struct Vehicle {
     pub latency_ms: Option<f64>,
     /// Offset of its clock against this host's.
     pub clock: ClockEstimate,
-    /// Its path.
+    /// Path.
     pub track: Track,
     /// It was reset, or restarted, since the newest valid pose.
     is_after_reset: bool,
@@ -145,9 +145,9 @@ pub struct Vehicle {
     last_motion: Option<Motion>,
     /// The count of resets at the start of the odometry frame is known.
     has_frame: bool,
-    /// Its poses.
+    /// Poses.
     pub poses: Samples,
-    /// Its map.
+    /// Map.
     pub map: Map,
     /// Newest message of each topic that has no place of its own.
     pub others: BTreeMap<Topic, Value>,
@@ -398,7 +398,7 @@ impl Vehicle {
         [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
     }
 
-    /// Its presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
+    /// Presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
     #[must_use]
     pub fn presence(&self, now: Instant) -> &'static str {
         let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);

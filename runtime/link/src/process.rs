@@ -55,7 +55,7 @@ pub enum Ended {
     Stopped,
 }
 
-/// Why a flight cannot be served.
+/// Errors of the service of a flight.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LinkError {

@@ -65,7 +65,7 @@ pub struct Glimpse {
     pub stamp: Timestamp,
     /// Left and right image.
     pub images: [Thumbnail; 2],
-    /// Which of them arrived.
+    /// Images that arrived.
     pub valid: [bool; 2],
 }
 

@@ -238,7 +238,7 @@ pub(super) fn rarity(axes: &Matrix3<f64>) -> f64 {
     axes.iter().filter(|x| **x < 0.0).count() as f64 + if stays { 0.0 } else { 0.5 }
 }
 
-/// Where x, y and z of the body stand in what is delivered, such as `y x z`.
+/// Columns in which x, y and z of the body are delivered, such as `y x z`.
 pub(super) fn names(axes: &Matrix3<f64>) -> String {
     let name = |column: usize| {
         let row = (0..3).find(|row| axes[(*row, column)] != 0.0).unwrap_or(column);

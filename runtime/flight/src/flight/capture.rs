@@ -104,7 +104,7 @@ impl Meter {
 #[derive(Clone, Debug)]
 pub struct SharedMeter(Arc<Mutex<(Meter, Pairs)>>);
 
-/// Which images frames had.
+/// Counts of frames by the images they had.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Pairs {
     /// Both.

@@ -1,4 +1,4 @@
-//! Why a flight cannot be opened or flown.
+//! Errors of a flight that cannot be opened or flown.
 
 use super::truth::TruthError;
 use crate::autopilot::BridgeError;
@@ -9,7 +9,7 @@ use plumbline_drivers::DriverError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a flight cannot be opened or flown. Every message names the file, the key or the device.
+/// Errors of a flight that cannot be opened or flown. Every message names the file, the key or the device.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FlightError {

@@ -15,7 +15,7 @@ pub struct Flown {
     pub name: String,
     /// Configuration of the estimator.
     pub config: ValidConfig,
-    /// Where the vehicle really was.
+    /// True states of the vehicle.
     pub truth: Truth,
     /// Threads of the run.
     pub threads: usize,

@@ -45,7 +45,7 @@ impl SensorNotices {
 /// Present faults of one sensor.
 #[derive(Clone, Debug, Default)]
 pub struct SensorTrouble {
-    /// Why it brings nothing.
+    /// Reason why it brings nothing.
     pub missing: Option<String>,
     /// Defect of its stamps.
     pub stamps: Option<String>,
@@ -228,7 +228,7 @@ fn without_digits(words: &str) -> impl Iterator<Item = char> {
     words.chars().filter(|c| !c.is_ascii_digit())
 }
 
-/// When samples came last, and what came since.
+/// Progress of the samples: their counts, and the time since which nothing came.
 #[derive(Default)]
 struct Bringing {
     samples: u64,
@@ -266,7 +266,7 @@ fn out_of_order(figures: &ImuFigures) -> u64 {
     figures.disordered + figures.clock.refused
 }
 
-/// Why the inertial sensor brings nothing, if it does not.
+/// Reason why the inertial sensor brings nothing, if it does not.
 fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> Option<String> {
     let since = *bringing.since.get_or_insert(now);
     let is_moving = (figures.samples, figures.settling) != (bringing.samples, bringing.settling);

@@ -26,7 +26,7 @@ pub struct LiveSensors {
 /// View of one sensor.
 #[derive(Clone, Debug)]
 pub struct SensorView<M> {
-    /// Where it is, as the configuration has it.
+    /// Address, as the configuration has it.
     pub name: String,
     /// Counts of its driver.
     pub monitor: M,

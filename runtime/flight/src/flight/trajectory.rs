@@ -225,7 +225,7 @@ impl Listener for Lent<Odometry> {
     }
 }
 
-/// Where entries are before and after the run.
+/// Storage of entries before and after the run.
 #[derive(Debug)]
 pub(super) struct Storage<T>(Arc<Mutex<Vec<T>>>);
 

@@ -62,7 +62,7 @@ impl About {
         })
     }
 
-    /// As metadata.
+    /// Metadata of the log.
     ///
     /// # Errors
     /// When the configuration cannot be written as text.

@@ -1,4 +1,4 @@
-//! Which build wrote a log: bits are promised for the same sources, on x86-64 and aarch64.
+//! Identity of the build that wrote a log: bits are promised for the same sources, on x86-64 and aarch64.
 
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;

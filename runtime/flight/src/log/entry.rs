@@ -15,7 +15,7 @@ pub enum LogEntry {
 }
 
 impl LogEntry {
-    /// Its kind.
+    /// Kind of the entry.
     #[must_use]
     pub fn kind(&self) -> Kind {
         match self {

@@ -145,7 +145,7 @@ impl<'a> LogOrders<'a> {
         self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 
-    /// Why the execution ended before the log, if it did.
+    /// Reason why the execution ended before the log, if it did.
     #[must_use]
     pub fn break_off(&self) -> Option<&str> {
         self.gap.as_deref().or(self.log.damage())

@@ -54,7 +54,7 @@ pub mod foxglove {
     include!("../../generated/foxglove.rs");
 }
 
-/// Why a log cannot be written or read. Every message names the file and the cure.
+/// Errors of a log that cannot be written or read. Every message names the file and the cure.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LogError {

@@ -29,11 +29,11 @@ const MAX_CHANNELS: usize = 1024;
 /// A message as it stands in the log.
 #[derive(Clone, Copy, Debug)]
 pub struct RawMessage<'a> {
-    /// Its channel.
+    /// Channel.
     pub channel: Channel,
-    /// Its time, ns.
+    /// Time, ns.
     pub time_ns: u64,
-    /// Its encoded content.
+    /// Encoded content.
     pub payload: &'a [u8],
 }
 

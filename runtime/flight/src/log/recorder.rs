@@ -53,7 +53,7 @@ const MARGIN: usize = 64;
 pub enum WhenFull {
     /// It is dropped and counted: for live runs.
     Drop,
-    /// Its producer waits: for runs in virtual time.
+    /// The producer waits: for runs in virtual time.
     Wait,
 }
 
@@ -153,7 +153,7 @@ pub struct RecorderSummary {
     pub not_recorded: u64,
     /// Entries that were not recorded, as text.
     pub not_recorded_words: String,
-    /// Why recording ended before the flight, if it did.
+    /// Reason why recording ended before the flight, if it did.
     pub ended_early: Option<String>,
     /// True if that is a failure of the disk, rather than the end of the room that the configuration gives.
     pub has_failed: bool,

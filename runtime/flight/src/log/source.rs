@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct LogEnd(Arc<Mutex<Option<String>>>);
 
 impl LogEnd {
-    /// Where and why it breaks off, in words.
+    /// Place and reason of the break, in words.
     #[must_use]
     pub fn words(&self) -> Option<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -42,9 +42,9 @@ pub enum Order<'f> {
     Map(MapOrder),
 }
 
-/// Where orders come from.
+/// Source of orders.
 pub trait Orders {
-    /// Why there can be no more.
+    /// Error that ends the orders.
     type Error;
 
     /// The order that `machine` is given next; `None` after the last.
@@ -82,7 +82,7 @@ struct Places {
 }
 
 impl<'a> Machine<'a> {
-    /// Everything allocated for the configuration. The map goes on with the keyframes of `known`.
+    /// Machine with everything allocated for the configuration. The map goes on with the keyframes of `known`.
     #[must_use]
     pub fn new(
         config: &ValidConfig,

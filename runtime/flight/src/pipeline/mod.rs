@@ -114,7 +114,7 @@ pub struct DriverFaults {
     pub cameras: Faults,
 }
 
-/// Why a run ended early.
+/// Reason why a run ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A driver cannot go on.

@@ -22,7 +22,7 @@ pub const PLACES_DELAY_FRAMES: u64 = 6;
 /// Updates that wait to take effect, at most.
 const MAX_PENDING: usize = 16;
 
-/// Which frames are given to the map, by what the window says of them.
+/// Choice of the frames that are given to the map, by the window's feedback.
 #[derive(Debug, Default)]
 pub struct PlaceChoice {
     last: Option<u64>,
@@ -93,7 +93,7 @@ pub struct PlacesStage {
 }
 
 impl PlacesStage {
-    /// Everything allocated for the configuration; `None` where places are switched off.
+    /// Stage with everything allocated for the configuration; `None` where places are switched off.
     #[must_use]
     pub fn new(config: &ValidConfig, known: Option<PlaceMap>, listener: Box<dyn Listener>) -> Option<Self> {
         config.estimator.places.enabled.then(|| Self {

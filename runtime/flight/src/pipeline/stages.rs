@@ -63,7 +63,7 @@ pub struct FrontStage {
 }
 
 impl FrontStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, subscriber: &mut dyn Subscriber) -> Self {
         Self {
@@ -198,7 +198,7 @@ pub struct WindowStage {
 }
 
 impl WindowStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         let mut odometer = Odometer::new(config.setup());
@@ -311,7 +311,7 @@ impl WindowStage {
     }
 }
 
-/// Everything that the stages of a run counted and timed, after their end.
+/// Counts and times of all stages of a run, after their end.
 #[must_use]
 pub fn total(front: &FrontStage, window: &WindowStage, tick: &TickStage, team: &Team) -> Figures {
     let mut figures = window.figures.clone();

@@ -61,7 +61,7 @@ pub struct TickStage {
 }
 
 impl TickStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         Self {

@@ -70,11 +70,11 @@ pub fn build(
 /// A frame and where it was found.
 #[derive(Clone, Debug)]
 pub struct LocatedFrame {
-    /// When it was taken.
+    /// Time of the frame.
     pub stamp: Timestamp,
-    /// Its features.
+    /// Number of features.
     pub features: usize,
-    /// Where it was found, if it was.
+    /// Pose that was found, if any.
     pub located: Option<Located>,
 }
 

@@ -38,7 +38,7 @@ const MAX_POSITION_M: f64 = 1e7;
 /// By how much the length of a quaternion may differ from 1.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// Why bytes are no map.
+/// Defects of the bytes of a map.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MapDefect {
     /// It does not begin as a map does.
@@ -75,15 +75,15 @@ pub enum MapDefect {
 pub struct StoredKeyframe {
     /// Flight it comes from.
     pub session: u32,
-    /// When it was taken.
+    /// Time of the keyframe.
     pub stamp: Timestamp,
     /// Pose of the body in the map.
     pub pose_m_b: Isometry3<f64>,
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
-    /// Its features.
+    /// Features.
     pub features: Vec<Feature>,
-    /// Its lines.
+    /// Lines.
     pub lines: Vec<MapLine>,
 }
 

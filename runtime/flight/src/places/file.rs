@@ -18,7 +18,7 @@ const MAX_FILE_BYTES: u64 = 8 << 30;
 /// Length of the header, read first, bytes: it gives the length of the map.
 const START_BYTES: u64 = 32;
 
-/// Why a map cannot be read or written.
+/// Errors of a map that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
     /// The file cannot be read.

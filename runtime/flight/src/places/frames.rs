@@ -15,7 +15,7 @@ use std::path::Path;
 /// Pyramid levels of an image: patches of 48 px radius need the third.
 const LEVELS: usize = 3;
 
-/// Why no map can be made or searched.
+/// Reason why no map can be made or searched.
 #[derive(Debug, thiserror::Error)]
 pub enum PlacesError {
     /// The data set cannot be read.
@@ -32,7 +32,7 @@ pub enum PlacesError {
     Nothing(String),
 }
 
-/// Which frames of a data set are used.
+/// Choice of a data set's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Every so many; at least 1.

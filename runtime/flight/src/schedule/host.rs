@@ -14,7 +14,7 @@ use thread_priority::{
     thread_native_id,
 };
 
-/// Where the kernel takes requests for short wake-ups; they hold as long as the file is open.
+/// File of requests for short wake-ups; they hold as long as it is open.
 const IDLE_LATENCY: &str = "/dev/cpu_dma_latency";
 
 /// Stack that every task touches before its first release, bytes.

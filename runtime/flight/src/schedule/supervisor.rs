@@ -10,7 +10,7 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
-/// Where the supervisor listens.
+/// Variable that names the supervisor's socket.
 const SOCKET: &str = "NOTIFY_SOCKET";
 /// After which silence it acts, us, and of which process.
 const PATIENCE_US: &str = "WATCHDOG_USEC";

@@ -95,13 +95,13 @@ pub enum Place {
 /// One row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Task {
-    /// Which task.
+    /// Identity of the task.
     pub id: TaskId,
-    /// Its name, also that of its thread.
+    /// Name, also that of its thread.
     pub name: &'static str,
     /// SCHED_FIFO priority, 1 to 99; `None` for normal scheduling.
     pub priority: Option<u8>,
-    /// Where it runs.
+    /// Processors on which it runs.
     pub place: Place,
     /// Time from one release to the next.
     pub period: Duration,

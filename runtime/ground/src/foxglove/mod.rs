@@ -27,16 +27,16 @@ use tokio::net::TcpListener;
 
 /// Names of the protocol: the present one, and the one before, which is the same in what is used here.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Where Foxglove is served from; its desktop program names a file, or nothing.
+/// Origins of Foxglove's pages; its desktop program names a file, or nothing.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
-/// Why the server is not there.
+/// Reason why the server is not there.
 #[derive(Debug, thiserror::Error)]
 pub enum FoxgloveError {
     /// The address cannot be had.
     #[error("cannot serve Foxglove at {address}; give another address with --foxglove")]
     Address {
-        /// Where it was to be served.
+        /// Address on which it was to be served.
         address: SocketAddr,
         /// Error of the system.
         source: std::io::Error,

@@ -26,7 +26,7 @@ pub enum Level {
 pub struct Advertised {
     /// Number of the channel on this connection.
     pub id: u32,
-    /// Its topic.
+    /// Topic.
     pub topic: String,
     /// Name of its schema.
     pub schema: &'static str,
@@ -111,7 +111,7 @@ pub enum Request {
 /// A subscription.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub struct Subscription {
-    /// Its number, which the client gives.
+    /// Number, which the client gives.
     pub id: u32,
     /// Number of the channel.
     #[serde(rename = "channelId")]

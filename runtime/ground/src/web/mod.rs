@@ -32,7 +32,7 @@ pub struct Station {
     pub malformed: AtomicU64,
     /// Pages that are open.
     pub pages: Arc<AtomicU64>,
-    /// Where it is served.
+    /// Address on which it is served.
     pub address: SocketAddr,
     /// Names by which the page may be opened, beside the station's addresses.
     pub names: Vec<String>,
@@ -43,13 +43,13 @@ pub struct Station {
 /// Downloads at a time.
 const MAX_DOWNLOADS: usize = 2;
 
-/// Why the page is not served.
+/// Reason why the page is not served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The address cannot be had.
     #[error("cannot serve the page at {address}; give another address with --http, or --no-http for none")]
     Address {
-        /// Where it was to be served.
+        /// Address on which it was to be served.
         address: SocketAddr,
         /// Error of the system.
         source: std::io::Error,

@@ -194,7 +194,7 @@ fn figures(fleet: &Fleet, malformed: u64, events: u64, now: Instant) -> Vec<Mess
     news
 }
 
-/// Everything that a page which has just been opened is told of every vehicle.
+/// Messages about every vehicle for a page that has just been opened.
 #[cfg(any(test, feature = "fuzzing"))]
 pub fn everything(fleet: &Fleet) -> Vec<Message> {
     let mut news = figures(fleet, 0, 0, Instant::now());

@@ -207,7 +207,7 @@ async fn obey(answers: Arc<Answers>, mut given: mpsc::Receiver<(Topic, Query)>) 
     }
 }
 
-/// Where answers to a question may be sent.
+/// Keys under which answers to a query may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Room {
     /// Each under a key of its own.

@@ -12,7 +12,7 @@ const ALLOWED: &str = "is authorized to ";
 const REFUSED: &str = "is unauthorized to ";
 /// Prefix of a decision that is older than its message.
 const KNOWN: &str = "Using cached result: ";
-/// Everything that may be asked for, in the order in which Zenoh decides on it in advance, and what it is in plain words.
+/// Requests in the order in which Zenoh decides on them in advance, with their names in plain words.
 const ACTIONS: [(&str, &str); 9] = [
     ("Query", "query"),
     ("Reply", "answer queries on"),

@@ -1,4 +1,4 @@
-//! Why a connection cannot be made, in words with a cure.
+//! Reason why a connection cannot be made, in words with a cure.
 //!
 //! [`check`] refuses an endpoint that cannot work before a session is opened. What Zenoh says of an attempt that failed
 //! reaches [`record`] by way of its log messages ([`super::audit`]); [`explain`] puts it into words, and
@@ -281,7 +281,7 @@ impl DroppedRoutes {
     }
 }
 
-/// Why the last attempt failed, if one did.
+/// Reason of the last failed attempt, if one failed.
 #[must_use]
 pub fn newest_failure() -> Option<String> {
     logged().newest.clone()

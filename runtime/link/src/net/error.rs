@@ -1,20 +1,20 @@
-//! Why the network cannot be used.
+//! Errors of the network.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why the network cannot be used.
+/// Errors of the network.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum NetError {
     /// A session cannot be opened.
     #[error("{}: {message}", connect.iter().chain(listen).cloned().collect::<Vec<_>>().join(", "))]
     Open {
-        /// Where it was to listen.
+        /// Endpoints on which it was to listen.
         listen: Vec<String>,
-        /// Where it was to connect.
+        /// Endpoints to which it was to connect.
         connect: Vec<String>,
-        /// Why, and what to do.
+        /// Reason and cure.
         message: String,
     },
     /// An endpoint that cannot work.

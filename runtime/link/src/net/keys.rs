@@ -30,7 +30,7 @@ pub const AUTHORITY_KEY: &str = "authority.key";
 /// nothing new.
 const AUTHORITY_DAYS: u32 = 3650;
 
-/// Why there are no keys.
+/// Errors of keys and certificates.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum KeysError {
@@ -119,7 +119,7 @@ impl Holder {
         Ok(Self { role: "vehicle".into(), vehicle: Some(name.to_owned()) })
     }
 
-    /// Its name without the number.
+    /// Name without the number.
     fn name(&self) -> String {
         match (self.role.as_str(), &self.vehicle) {
             ("vehicle", name) => certificate::vehicle(name.as_deref().unwrap_or(DEFAULT_VEHICLE)),
@@ -127,7 +127,7 @@ impl Holder {
         }
     }
 
-    /// Its files without their ending.
+    /// File name without its ending.
     fn stem(&self) -> String {
         self.vehicle.as_ref().map_or_else(|| self.role.clone(), |name| format!("{}-{name}", self.role))
     }

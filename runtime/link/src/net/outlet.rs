@@ -16,7 +16,7 @@ use zenoh::qos::{CongestionControl, Priority};
 
 /// A key that a vehicle publishes.
 pub struct Outlet {
-    /// Its publisher.
+    /// Publisher.
     pub publisher: Publisher<'static>,
     /// Lets through what the link can carry.
     pub pace: Pace,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Facts about a vehicle from which queries are answered.
 #[derive(Debug)]
 pub struct Vehicle {
-    /// Its name in the keys.
+    /// Name in the keys.
     pub name: String,
     /// The configuration in force.
     pub configuration: Configuration,
@@ -16,7 +16,7 @@ pub struct Vehicle {
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// Why commands are refused, if they are.
+    /// Reason why commands are refused, if they are.
     pub refusal: Option<String>,
     /// Way of commands to the flight.
     pub commands: Arc<Commands>,

@@ -1,4 +1,4 @@
-//! Which vehicle ROS 2 sees.
+//! Identity of the vehicle in ROS 2.
 
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;

@@ -22,14 +22,14 @@ const DEPTH: u32 = 10;
 /// Names of the services.
 const SERVICES: [(&str, ResetKind); 2] = [("reset", ResetKind::Soft), ("reset_hard", ResetKind::Hard)];
 
-/// Where resets go, and who may ask for them.
+/// Channel of resets, with the permission to request them.
 #[derive(Clone, Debug)]
 pub struct Resets {
     /// Way of commands to the flight.
     pub commands: Arc<Commands>,
     /// Newest count of resets.
     pub count: watch::Receiver<u32>,
-    /// Why commands are refused, if they are.
+    /// Reason why commands are refused, if they are.
     pub refusal: Option<String>,
 }
 

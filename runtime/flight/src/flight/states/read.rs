@@ -10,7 +10,7 @@ use thiserror::Error;
 /// The longest line that is read, bytes; a real one has about 1,600.
 const MAX_LINE_BYTES: u64 = 1 << 14;
 
-/// Why a table of states cannot be read.
+/// Errors of reading a table of states.
 #[derive(Debug, Error)]
 pub enum StatesError {
     /// The file cannot be read.

@@ -82,7 +82,7 @@ pub struct FrontEndRings {
 /// The front-end as a task.
 pub struct FrontEndTask {
     stage: FrontStage,
-    /// Where places are switched on.
+    /// Rings of places; `None` while these are switched off.
     places: Option<PlacesRings>,
     rings: FrontEndRings,
     ladder: Ladder,

@@ -68,8 +68,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// Everything allocated for the configuration; `helpers` threads share the work on a frame. The map goes on with the
-    /// keyframes of `known`.
+    /// Stages with everything allocated for the configuration; `helpers` threads share the work on a frame. `helpers` threads
+    /// share the work on a frame. The map goes on with the keyframes of `known`.
     ///
     /// # Errors
     /// When the system refuses a thread.

@@ -15,12 +15,12 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 /// From the start of the threads to the first release, ns.
 const START_DELAY_NS: i64 = 50_000_000;
 
-/// Where the time of data and that of the clock meet.
+/// Origin of the relation between the time of data and that of the clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     /// The time of the first sample.
     pub stamp: Timestamp,
-    /// When it is due.
+    /// Time on the clock.
     pub due: Monotonic,
 }
 
@@ -42,7 +42,7 @@ impl Origin {
 pub struct Pace {
     /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
-    /// Where both times meet.
+    /// Origin of both times.
     pub origin: Origin,
     /// Multiple of real time.
     pub speed: f64,
@@ -86,7 +86,7 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// When data of `stamp` are due.
+    /// Time on the clock at which data of `stamp` are due.
     pub fn due(&self, stamp: Timestamp) -> Monotonic {
         let Pace { stamps, origin, speed } = self.pace;
         match stamps {

@@ -40,7 +40,7 @@ pub struct TickEnd {
 pub struct TickTask {
     stage: TickStage,
     rings: TickRings,
-    /// When the last reading came.
+    /// Arrival of the last reading.
     arrived: Monotonic,
     figures: TickTaskFigures,
 }

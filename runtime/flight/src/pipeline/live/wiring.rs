@@ -34,7 +34,7 @@ const PLACE_POOL: usize = 2;
 /// Length of the ring of map updates that the window has not taken yet.
 const MAP_UPDATE_RING: usize = 16;
 
-/// Where the data of a run come from.
+/// Sources of a run's data.
 pub struct Sensors {
     pub imu: Box<dyn ImuSource>,
     /// The first reading, which has been taken from it.
@@ -47,7 +47,7 @@ pub struct Stages {
     pub front: FrontStage,
     pub window: WindowStage,
     pub tick: TickStage,
-    /// Where places are switched on.
+    /// Stage of places; `None` while these are switched off.
     pub places: Option<PlacesStage>,
 }
 
@@ -117,7 +117,7 @@ struct Rings {
 }
 
 impl Rings {
-    /// Everything allocated for the configuration.
+    /// Rings with everything allocated for the configuration.
     fn new(config: &ValidConfig, bells: &Bells) -> Self {
         let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
         let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
