@@ -35,7 +35,7 @@ pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
 pub use truth::{ground_truth_table, is_of_positions, read_ground_truth};
-pub use writer::{Progress, WriteInputs, WriteOptions, Written, write};
+pub use writer::{WriteInputs, WriteOptions, WriteProgress, Written, write};
 
 use crate::{DriverError, Faults, StereoFrame, TruthState};
 use depth::Depth;

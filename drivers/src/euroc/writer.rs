@@ -43,7 +43,7 @@ pub struct WriteOptions {
 
 /// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct WriteProgress {
     /// Frames written.
     pub frames: u64,
     /// Frames there will be, where that is known.
@@ -71,7 +71,7 @@ pub fn write(
     out: &Path,
     inputs: WriteInputs<'_>,
     options: WriteOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(WriteProgress),
 ) -> Result<Written, DriverError> {
     let partial = Partial::begin(out, options)?;
     let mut written = Written::default();
@@ -169,7 +169,7 @@ fn write_images(
     cameras: &[CameraConfig],
     source: &mut dyn StereoSource,
     written: &mut Written,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(WriteProgress),
 ) -> Result<(), DriverError> {
     let mut tables = Vec::new();
     let mut sizes_px = [(0, 0); 2];
@@ -199,7 +199,7 @@ fn write_images(
             written.images += 1;
         }
         written.frames += 1;
-        progress(Progress { frames: written.frames, expected_frames });
+        progress(WriteProgress { frames: written.frames, expected_frames });
     }
     tables.into_iter().try_for_each(|(_, table)| table.finish())
 }

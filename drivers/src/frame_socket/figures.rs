@@ -1,6 +1,6 @@
 //! Figures of the sending program, for other threads.
 
-use super::header::Refusal;
+use super::header::FrameRefusal;
 use crate::board::Board;
 use crate::clock::StampProblem;
 use serde::Serialize;
@@ -54,7 +54,7 @@ pub(super) enum Trouble {
     /// It waits, and the system refuses its connection with this error.
     NotAccepted(i32),
     /// It was sent away.
-    Refused(Refusal),
+    Refused(FrameRefusal),
 }
 
 /// Shows the figures of a [`SocketStereo`](super::SocketStereo) to other threads. Copies show the same.
@@ -98,11 +98,11 @@ impl SocketMonitor {
                 "a program waits and cannot be accepted ({}); retrying: close what else is open, or raise LimitNOFILE",
                 std::io::Error::from_raw_os_error(error)
             ),
-            Trouble::Refused(Refusal::Foreign) => {
+            Trouble::Refused(FrameRefusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }
-            Trouble::Refused(Refusal::Empty) => "a frame without images was sent".to_owned(),
-            Trouble::Refused(Refusal::Size(camera, (width, height))) => {
+            Trouble::Refused(FrameRefusal::Empty) => "a frame without images was sent".to_owned(),
+            Trouble::Refused(FrameRefusal::Size(camera, (width, height))) => {
                 let (rig_width, rig_height) = self.rig_px[camera];
                 format!(
                     "an image of {width} x {height} px was sent, and camera[{camera}] has {rig_width} x \

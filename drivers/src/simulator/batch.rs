@@ -5,7 +5,7 @@
 //! there.
 
 use super::facet::{Facet, RUN};
-use super::texture::{Places, Plan};
+use super::texture::{Plan, TexelPlaces};
 use super::world::World;
 
 /// Runs of a batch: enough that nothing is waited for, and few enough for the nearest cache.
@@ -29,7 +29,7 @@ struct Job {
     y: [f32; RUN],
     plan: Plan<RUN>,
     light: [f32; RUN],
-    places: Places<RUN>,
+    places: TexelPlaces<RUN>,
 }
 
 /// Working memory of a batch.
@@ -49,7 +49,7 @@ impl Batch {
             y: [0.0; RUN],
             plan: Plan::NONE,
             light: [0.0; RUN],
-            places: Places::default(),
+            places: TexelPlaces::default(),
         };
         Self { jobs: vec![job; BATCH + more], count: 0 }
     }

@@ -63,7 +63,7 @@ pub use conditions::{Condition, Conditions};
 pub use effects::{Effects, Glare, LightSteps, Warming};
 pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
 pub use imu_errors::{ImuError, ImuErrors};
-pub use named::{Dose, Family, Kind, Named};
+pub use named::{Dose, Family, Named, NamedKind};
 pub use samples::{Inertial, recorded_along};
 pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, USUAL_DURATION_S, scaled_config};
 pub use scenes::{Scene, Twin};

@@ -1,6 +1,6 @@
 //! Errors and conditions by name and dose, as command lines and campaigns ask for them: `force:0.07:2`.
 //!
-//! A family is a table of [`Kind`]s; [`Named`] is one of them with its doses.
+//! A family is a table of [`NamedKind`]s; [`Named`] is one of them with its doses.
 
 use super::Scenario;
 use std::fmt;
@@ -44,7 +44,7 @@ impl Dose {
 
 /// A kind of error or condition.
 #[derive(Debug)]
-pub struct Kind {
+pub struct NamedKind {
     /// Name.
     pub name: &'static str,
     /// Description, in a sentence.
@@ -61,12 +61,12 @@ pub trait Family: 'static {
     /// The noun for one of them in messages.
     const NOUN: &'static str;
     /// All kinds.
-    const KINDS: &'static [Kind];
+    const KINDS: &'static [NamedKind];
 }
 
 /// A kind of the family `F` with its doses.
 pub struct Named<F> {
-    kind: &'static Kind,
+    kind: &'static NamedKind,
     doses: [f64; DOSES],
     family: PhantomData<F>,
 }
@@ -84,7 +84,7 @@ impl<F: Family> Named<F> {
     }
 
     /// `kind` with its default doses.
-    fn of(kind: &'static Kind) -> Self {
+    fn of(kind: &'static NamedKind) -> Self {
         let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
         Self { kind, doses, family: PhantomData }
     }
@@ -103,7 +103,7 @@ impl<F: Family> Named<F> {
     /// One line for each kind: name, doses with units and defaults, and what it is.
     #[must_use]
     pub fn help() -> String {
-        let line = |kind: &Kind| {
+        let line = |kind: &NamedKind| {
             let doses: Vec<_> =
                 kind.doses.iter().map(|dose| format!("{} [{}]", dose.unit, dose.default)).collect();
             format!("{}:{} - {}", kind.name, doses.join(":"), kind.about)

@@ -59,7 +59,7 @@ impl Texture {
     /// Means of the pattern over `N` footprints, 0 to 255.
     #[cfg(test)]
     pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
-        let (plan, mut places) = (self.plan(footprints), Places::default());
+        let (plan, mut places) = (self.plan(footprints), TexelPlaces::default());
         self.locate(&plan, &mut places);
         self.means(&plan, &places)
     }
@@ -72,7 +72,7 @@ impl Texture {
 
     /// Finds where a plan reads, and asks for it ahead.
     #[inline]
-    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut Places<N>) {
+    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut TexelPlaces<N>) {
         if plan.needs_level() {
             self.locate_on::<N, false>(plan, &mut into.level);
         }
@@ -105,7 +105,7 @@ impl Texture {
 
     /// Means of the pattern, 0 to 255, over the footprints of a plan that reads at `places`.
     #[inline]
-    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &Places<N>) -> [f32; N] {
+    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &TexelPlaces<N>) -> [f32; N] {
         let (mut level, mut next) = ([0; N], [0; N]);
         if plan.needs_level() {
             level = self.sums::<N, false>(plan, &places.level);
@@ -177,12 +177,12 @@ type Taps<const N: usize> = [[u32; N]; MAX_TAPS as usize];
 
 /// Places that a plan reads on its level and on the next.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Places<const N: usize> {
+pub(super) struct TexelPlaces<const N: usize> {
     level: Taps<N>,
     next: Taps<N>,
 }
 
-impl<const N: usize> Default for Places<N> {
+impl<const N: usize> Default for TexelPlaces<N> {
     fn default() -> Self {
         let none = [[0; N]; MAX_TAPS as usize];
         Self { level: none, next: none }

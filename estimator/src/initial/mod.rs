@@ -28,9 +28,9 @@ pub struct GatheredFrame {
 #[derive(Clone, Debug)]
 pub struct MonoWorkspace {
     /// Workspace of the gyroscope bias.
-    pub gyro_bias: gyro_bias::Workspace,
+    pub gyro_bias: gyro_bias::BiasWorkspace,
     /// Workspace of velocity, gravity and scale.
-    pub alignment: mono::Workspace,
+    pub alignment: mono::AlignmentWorkspace,
 }
 
 impl MonoWorkspace {
@@ -38,8 +38,8 @@ impl MonoWorkspace {
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
         Self {
-            gyro_bias: gyro_bias::Workspace::new(frames, points),
-            alignment: mono::Workspace::new(frames, points),
+            gyro_bias: gyro_bias::BiasWorkspace::new(frames, points),
+            alignment: mono::AlignmentWorkspace::new(frames, points),
         }
     }
 }

@@ -44,7 +44,7 @@ const ROBUST_SIGMAS: f64 = 3.0;
 
 /// Velocity and gravity at the first frame, in its body frame.
 #[derive(Clone, Copy, Debug)]
-pub struct Alignment {
+pub struct GravityAlignment {
     /// Velocity of the body, m/s.
     pub v_b0: Vector3<f64>,
     /// Gravity, m/s².
@@ -57,7 +57,7 @@ pub struct Alignment {
 
 /// The memory of an alignment, allocated once.
 #[derive(Clone, Debug)]
-pub struct Workspace {
+pub struct AlignmentWorkspace {
     motions: Vec<Preintegration>,
     cameras: Vec<[CameraAt; 2]>,
     track_ids: Vec<u32>,
@@ -65,7 +65,7 @@ pub struct Workspace {
     views: Vec<View>,
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Room for `frames` of `points` each.
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
@@ -110,7 +110,7 @@ struct View {
     weight: f64,
 }
 
-/// A point: its views within [`Workspace::views`], and its equations where they can be solved.
+/// A point: its views within [`AlignmentWorkspace::views`], and its equations where they can be solved.
 #[derive(Clone, Debug)]
 struct Point {
     views: Range<usize>,
@@ -134,8 +134,8 @@ pub fn align(
     pose_b_c: &[Isometry3<f64>; 2],
     biases: &(Vector3<f64>, Vector3<f64>),
     gravity_m_s2: f64,
-    workspace: &mut Workspace,
-) -> Option<Alignment> {
+    workspace: &mut AlignmentWorkspace,
+) -> Option<GravityAlignment> {
     workspace.find_motions(frames, biases)?;
     workspace.place_cameras(pose_b_c);
     workspace.find_points(frames);
@@ -147,7 +147,7 @@ pub fn align(
         solution = constrained(&h, &g, gravity_m_s2)?;
         (rms_sigmas, observations) = workspace.update(&solution);
     }
-    Some(Alignment {
+    Some(GravityAlignment {
         v_b0: solution.fixed_rows::<3>(0).into_owned(),
         gravity_b0: solution.fixed_rows::<3>(3).into_owned(),
         rms_sigmas,
@@ -155,7 +155,7 @@ pub fn align(
     })
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Motions from the first frame at the biases given; `None` where one is not known.
     fn find_motions(
         &mut self,
@@ -223,7 +223,7 @@ fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f
     (across, by_s, -(across * camera.p_constant))
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Normal equations of (v, g) with every point eliminated, `H s = -g`; the blocks of the points are kept.
     fn normal_equations(&mut self) -> (SMatrix<f64, 6, 6>, Six) {
         let Self { points, views, cameras, .. } = self;
@@ -280,7 +280,7 @@ fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six
     s.iter().all(|x| x.is_finite()).then_some(s)
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// New depths and robust weights at the solution; root mean square residual and number of observations.
     fn update(&mut self, s: &Six) -> (f64, usize) {
         let Self { points, views, cameras, .. } = self;

@@ -1,7 +1,7 @@
 //! The state of one vehicle at the ground station.
 
 use super::attitude::Attitude;
-use super::channel::{Channel, Delays, Place};
+use super::channel::{Channel, Delays, SequencePlace};
 use super::clock::ClockEstimate;
 use super::corrected::Corrected;
 use super::map::Map;
@@ -254,10 +254,10 @@ impl Vehicle {
     pub fn apply_odom(&mut self, heard: &Heard<Odometry>, bytes: usize, now: Instant, now_ns: i64) {
         let Heard { envelope, message } = heard;
         let place = self.odom.receive(envelope.sequence, envelope.published_ns, bytes, now);
-        if place == Place::Late {
+        if place == SequencePlace::Late {
             return;
         }
-        self.is_after_reset |= place == Place::Restarted;
+        self.is_after_reset |= place == SequencePlace::Restarted;
         self.apply_envelope(envelope, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(envelope.published_ns);
@@ -276,8 +276,8 @@ impl Vehicle {
     pub fn apply_state(&mut self, heard: &Heard<FullEstimate>, bytes: usize, now: Instant) {
         let Heard { envelope, message: FullEstimate { estimate, .. } } = heard;
         let is_newest = envelope.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_after_reset |=
-            self.state.receive(envelope.sequence, envelope.published_ns, bytes, now) == Place::Restarted;
+        self.is_after_reset |= self.state.receive(envelope.sequence, envelope.published_ns, bytes, now)
+            == SequencePlace::Restarted;
         if is_newest {
             self.apply_envelope(envelope, estimate.state);
             self.apply_motion(&estimate.pose_o_b, &estimate.v_o_b);

@@ -7,7 +7,7 @@ use plumbline_record::Dropped;
 
 /// Messages of one channel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Content {
+pub struct ChannelContent {
     /// Number of messages.
     pub messages: u64,
     /// Bytes of their payloads.
@@ -18,7 +18,7 @@ pub struct Content {
 #[derive(Clone, Debug)]
 pub struct Inventory {
     /// By channel, in their order.
-    pub contents: [Content; Channel::LOGGED.len()],
+    pub contents: [ChannelContent; Channel::LOGGED.len()],
     /// From the first to the last inertial sample or frame, s.
     pub duration_s: f64,
     /// End of the log.
@@ -34,7 +34,7 @@ pub struct Inventory {
 /// # Errors
 /// When it cannot be read or is damaged.
 pub fn take(reader: &mut LogReader) -> Result<Inventory, LogError> {
-    let mut contents = [Content::default(); Channel::LOGGED.len()];
+    let mut contents = [ChannelContent::default(); Channel::LOGGED.len()];
     let mut span_ns: Option<(u64, u64)> = None;
     while let Some(message) = reader.next_message()? {
         let content = &mut contents[message.channel as usize];

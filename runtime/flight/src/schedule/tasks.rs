@@ -85,7 +85,7 @@ pub enum Loss {
 
 /// On which of the configured processors a task runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum ProcessorSet {
     /// On `runtime.tick_cpus`: what must not wait for frames.
     Tick,
     /// On `runtime.work_cpus`: what a frame needs.
@@ -102,7 +102,7 @@ pub struct Task {
     /// SCHED_FIFO priority, 1 to 99; `None` for normal scheduling.
     pub priority: Option<u8>,
     /// Processors on which it runs.
-    pub place: Place,
+    pub place: ProcessorSet,
     /// Time from one release to the next.
     pub period: Duration,
     /// Computation that one release should need at most.
@@ -137,7 +137,11 @@ impl TaskTable {
             id,
             name,
             priority,
-            place: if matches!(id, TaskId::Imu | TaskId::Tick) { Place::Tick } else { Place::Work },
+            place: if matches!(id, TaskId::Imu | TaskId::Tick) {
+                ProcessorSet::Tick
+            } else {
+                ProcessorSet::Work
+            },
             period,
             budget,
             deadline,

@@ -24,7 +24,7 @@ pub struct Pulse {
 
 /// Meaning of a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sign {
+pub enum TaskSign {
     /// The task waits, or is over.
     Idle,
     /// It has been at work for so long without a sign of life.
@@ -78,11 +78,11 @@ impl Pulse {
 
     /// Sign at `now`.
     #[must_use]
-    pub fn sign(&self, now: Monotonic) -> Sign {
+    pub fn sign(&self, now: Monotonic) -> TaskSign {
         match self.beat.load(Ordering::Relaxed) {
-            IDLE => Sign::Idle,
-            DEAD => Sign::Dead,
-            since => Sign::Busy(Duration::from_nanos((now.0 - since).max(0) as u64)),
+            IDLE => TaskSign::Idle,
+            DEAD => TaskSign::Dead,
+            since => TaskSign::Busy(Duration::from_nanos((now.0 - since).max(0) as u64)),
         }
     }
 }
@@ -176,9 +176,9 @@ impl Watchdog {
                 tell(TaskEvent::Died(id));
             }
             let sign = pulse.sign(now);
-            let silence = if let Sign::Busy(silence) = sign { silence } else { Duration::ZERO };
+            let silence = if let TaskSign::Busy(silence) = sign { silence } else { Duration::ZERO };
             let before = *task;
-            (task.is_stalled, task.is_dead) = (silence > row.stall - WATCH_PERIOD, sign == Sign::Dead);
+            (task.is_stalled, task.is_dead) = (silence > row.stall - WATCH_PERIOD, sign == TaskSign::Dead);
             task.stalled_looks = if task.is_stalled { task.stalled_looks + 1 } else { 0 };
             if task.is_stalled && !before.is_stalled {
                 self.stalls += 1;
@@ -253,10 +253,10 @@ mod tests {
     fn a_task_that_does_not_wake_up_for_its_work_is_silent_from_then_on() {
         let heartbeats = Heartbeats::default();
         let later = Monotonic::now().plus_nanos(1_000_000_000);
-        assert_eq!(heartbeats.of(TaskId::Window).sign(later), Sign::Idle);
+        assert_eq!(heartbeats.of(TaskId::Window).sign(later), TaskSign::Idle);
         heartbeats.give(TaskId::Window);
         let sign = heartbeats.of(TaskId::Window).sign(later);
-        assert!(matches!(sign, Sign::Busy(silence) if silence > Duration::from_millis(900)), "{sign:?}");
+        assert!(matches!(sign, TaskSign::Busy(silence) if silence > Duration::from_millis(900)), "{sign:?}");
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! One client of the live server.
 
-use super::super::drawn::{Sent, Topic};
+use super::super::drawn::{DrawnTopic, Sent};
 use super::super::fleet::{FleetEvent, Severity, lock};
 use super::super::listen::watch_camera;
 use super::Server;
-use super::places::Place;
+use super::places::Seat;
 use super::protocol::{self, Advertised, Level, Request};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
@@ -31,12 +31,12 @@ const MAX_CAMERAS: usize = 4;
 const EVENTS: u32 = 1;
 
 /// Content of a channel: vehicle and topic.
-type Shown = (String, Topic);
+type Shown = (String, DrawnTopic);
 
 /// The state of one connection.
 pub(super) struct Client<'a> {
     server: &'a Server,
-    place: &'a Place,
+    place: &'a Seat,
     pinged: Instant,
     channels: BTreeMap<u32, Shown>,
     next_channel: u32,
@@ -52,7 +52,7 @@ pub(super) struct Client<'a> {
 struct Gone;
 
 impl<'a> Client<'a> {
-    pub(super) fn new(server: &'a Server, place: &'a Place) -> Self {
+    pub(super) fn new(server: &'a Server, place: &'a Seat) -> Self {
         Self {
             server,
             place,
@@ -139,7 +139,7 @@ impl<'a> Client<'a> {
                 continue;
             }
             let mut offered = Vec::new();
-            for topic in Topic::ALL {
+            for topic in DrawnTopic::ALL {
                 let id = self.next_channel;
                 // Vehicles are few and evicted slowly: four billion channels are not reached.
                 self.next_channel = id.wrapping_add(1).max(EVENTS + 1);
@@ -214,7 +214,7 @@ impl<'a> Client<'a> {
         if self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
             return Err(format!("there are {MAX_SUBSCRIPTIONS} subscriptions already"));
         }
-        if let Some((name, Topic::Image)) = shown {
+        if let Some((name, DrawnTopic::Image)) = shown {
             self.watch(name).await?;
         }
         self.subscriptions.insert(number, (channel, Sent::default()));
@@ -241,7 +241,7 @@ impl<'a> Client<'a> {
         let (subscriptions, channels) = (&self.subscriptions, &self.channels);
         let is_watched = |name: &String| {
             subscriptions.values().any(|(channel, _)| {
-                channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == Topic::Image)
+                channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == DrawnTopic::Image)
             })
         };
         self.cameras.retain(|name, _| is_watched(name));

@@ -19,7 +19,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use places::Places;
+use places::Seats;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Instant, SystemTime};
@@ -54,7 +54,7 @@ struct Server {
     names: Vec<String>,
     /// Tells this run of the station from others.
     session: String,
-    clients: Arc<Places>,
+    clients: Arc<Seats>,
 }
 
 /// Takes the address of the server.
@@ -123,7 +123,7 @@ async fn upgrade(State(server): State<Arc<Server>>, upgrade: WebSocketUpgrade) -
         let words = "this server speaks foxglove.sdk.v1: open it in Foxglove as a Foxglove WebSocket\n";
         return (StatusCode::BAD_REQUEST, words).into_response();
     }
-    let Some(place) = Places::take(&server.clients, Instant::now()) else {
+    let Some(place) = Seats::take(&server.clients, Instant::now()) else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close one\n").into_response();
     };
     upgrade

@@ -22,7 +22,7 @@ const MAX_KEY: usize = 200;
 
 /// Something that was refused.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Refusal {
+pub struct AccessRefusal {
     /// Peer, action and key, as text.
     pub words: String,
     /// True if a peer attempted something; otherwise it is Zenoh's bookkeeping about subscriptions.
@@ -58,10 +58,10 @@ pub struct Refusals {
     /// Peers by their sessions, the oldest first.
     peers: VecDeque<(String, String)>,
     /// Refusals since the last look. One of them may be lifted yet, by the next subject that fits.
-    fresh: BTreeSet<Refusal>,
+    fresh: BTreeSet<AccessRefusal>,
     /// Refusals that were there at the last check.
-    ripe: BTreeSet<Refusal>,
-    told: BTreeMap<Refusal, Instant>,
+    ripe: BTreeSet<AccessRefusal>,
+    told: BTreeMap<AccessRefusal, Instant>,
 }
 
 impl Refusals {
@@ -90,16 +90,16 @@ impl Refusals {
     /// Notes somebody who was not let in.
     pub fn hear_handshake(&mut self, reason: &str) {
         let words = format!("a TLS handshake failed: {reason}");
-        self.note(Refusal { words, is_attempt: true });
+        self.note(AccessRefusal { words, is_attempt: true });
     }
 
     /// Notes that all of so many sessions are taken.
     pub fn hear_full(&mut self, places: &str) {
         let words = format!("no place for another session: all {places} are taken; close other sessions");
-        self.note(Refusal { words, is_attempt: true });
+        self.note(AccessRefusal { words, is_attempt: true });
     }
 
-    fn note(&mut self, refusal: Refusal) {
+    fn note(&mut self, refusal: AccessRefusal) {
         if self.fresh.len() < MAX_WAITING {
             self.fresh.insert(refusal);
         }
@@ -115,7 +115,7 @@ impl Refusals {
         self.peers.push_back((session.to_owned(), decision::plain_peer(peer)));
     }
 
-    fn refusal(&self, decision: &Decision<'_>) -> Refusal {
+    fn refusal(&self, decision: &Decision<'_>) -> AccessRefusal {
         let session = decision.session;
         // A key may hold anything, and this goes into a log.
         let key: String = super::plain(decision.key).chars().take(MAX_KEY).collect();
@@ -126,12 +126,12 @@ impl Refusals {
             true => format!("{peer} may not {deed} {key}{}", advice(&peer, &key)),
             false => format!("{peer} is not sent: {deed} {key}"),
         };
-        Refusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
+        AccessRefusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
     }
 
     /// Refusals to be reported now: those that nothing has lifted since the last check, each once in
     /// [`AGAIN_AFTER`].
-    pub fn take(&mut self, now: Instant) -> Vec<Refusal> {
+    pub fn take(&mut self, now: Instant) -> Vec<AccessRefusal> {
         self.told.retain(|_, at| now.saturating_duration_since(*at) < AGAIN_AFTER);
         let mut refusals = Vec::new();
         for refusal in std::mem::replace(&mut self.ripe, std::mem::take(&mut self.fresh)) {
@@ -200,7 +200,7 @@ mod tests {
             }
         }
 
-        fn told(&mut self) -> Vec<Refusal> {
+        fn told(&mut self) -> Vec<AccessRefusal> {
             self.refusals.take(self.now);
             self.refusals.take(self.now)
         }

@@ -2,7 +2,7 @@
 //! them there ([`super::access`] knows which of them matter), and the owner of a session logs them ([`log_refusals`],
 //! [`diagnosis::report_failures`]).
 
-use super::access::{Ahead, Refusal, Refusals};
+use super::access::{AccessRefusal, Ahead, Refusals};
 use super::{decision, diagnosis};
 use std::cell::RefCell;
 use std::fmt::{Debug, Write as _};
@@ -43,7 +43,7 @@ fn refusals() -> MutexGuard<'static, Refusals> {
 /// Logs what was refused up to the last call: attempts as warnings, what Zenoh decides without one for those who debug.
 pub fn log_refusals() {
     let told = refusals().take(Instant::now());
-    for Refusal { words, is_attempt } in told {
+    for AccessRefusal { words, is_attempt } in told {
         match is_attempt {
             true => tracing::warn!("access refused: {words}"),
             false => tracing::debug!("access: {words}"),

@@ -4,7 +4,7 @@
 use super::cdr;
 use super::interface::InterfaceType;
 use super::messages::{Trigger, TriggerResponse};
-use super::names::{Attachment, Endpoint, Topic};
+use super::names::{Attachment, Endpoint, RosTopic};
 use super::topic::Declaring;
 use crate::net::commands::reset_words;
 use crate::net::{Commands, NetError, now_ns};
@@ -55,7 +55,7 @@ impl ResetServices {
         let mut services = Vec::new();
         for (name, kind) in SERVICES {
             let name = declaring.node().qualified(name);
-            let topic = Topic { name, interface: InterfaceType::of::<Trigger>(), depth: DEPTH };
+            let topic = RosTopic { name, interface: InterfaceType::of::<Trigger>(), depth: DEPTH };
             let key = declaring.node().key(&topic);
             let (requests, own) = (requests.clone(), key.clone());
             let queryable = declaring
