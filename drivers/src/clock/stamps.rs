@@ -143,7 +143,7 @@ impl StampFigures {
 
 /// Compares how a device's clock and the host's go on. The offset of both may be anything, their pace may not.
 #[derive(Clone, Debug, Default)]
-pub struct Pace {
+pub struct StampPace {
     begin: Option<(i64, i64)>,
     last: i64,
     samples: u32,
@@ -152,7 +152,7 @@ pub struct Pace {
     problem: Option<StampProblem>,
 }
 
-impl Pace {
+impl StampPace {
     /// Takes a sample of this device time, which arrived at this time of the host, ns.
     pub fn take(&mut self, device_ns: i64, arrival_ns: i64) {
         let Some((device_begin, host_begin)) = self.begin else {
@@ -234,7 +234,7 @@ mod tests {
 
     /// Defect found in one second of samples at 200 Hz whose device time is `device` of their true time, ns.
     fn shown(device: impl Fn(i64) -> i64) -> Option<StampDefect> {
-        let mut pace = Pace::default();
+        let mut pace = StampPace::default();
         (0..200).map(|k| k * 5_000_000).for_each(|ns| pace.take(device(ns), 77_000_000_000 + ns));
         pace.problem().map(|problem| problem.defect)
     }
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn a_device_that_starts_anew_or_a_stall_of_the_host_shows_nothing() {
         assert_eq!(shown(|ns| if ns < 400_000_000 { ns } else { ns - 400_000_000 }), None);
-        let mut pace = Pace::default();
+        let mut pace = StampPace::default();
         for k in 0..200_i64 {
             let ns = k * 5_000_000;
             // Samples of 0.3 s arrive together.

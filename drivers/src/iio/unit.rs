@@ -4,7 +4,7 @@ use super::devices::{IioDeviceInfo, IioRoots, find};
 use super::layout::{Layout, MAX_SCAN, Quantity, ScanValues};
 use super::setup;
 use crate::DriverError;
-use crate::clock::{ClockFigures, DeviceClock, Pace, StampProblem, Stamped, monotonic_ns};
+use crate::clock::{ClockFigures, DeviceClock, StampPace, StampProblem, Stamped, monotonic_ns};
 use crate::inertial::LinkFigures;
 use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
@@ -45,7 +45,7 @@ pub struct Unit {
     arrival_ns: i64,
     /// The device's clock, where the stamps are its own and not those of the host's monotonic clock.
     clock: DeviceClock,
-    pace: Pace,
+    pace: StampPace,
     has_own_clock: bool,
     /// Stamps in a row that are not of the host's clock.
     strange: u32,
@@ -86,7 +86,7 @@ impl Unit {
             to: 0,
             arrival_ns: 0,
             clock: DeviceClock::new(false),
-            pace: Pace::default(),
+            pace: StampPace::default(),
             has_own_clock: false,
             strange: 0,
             last_ns: i64::MIN,

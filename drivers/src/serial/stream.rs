@@ -3,7 +3,7 @@
 use super::framing::Deframer;
 use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
 use crate::ImuReading;
-use crate::clock::{DeviceClock, Pace, RoundTrip, Stamped, Unwrap};
+use crate::clock::{DeviceClock, RoundTrip, StampPace, Stamped, Unwrap};
 use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, Watch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
@@ -31,7 +31,7 @@ pub struct Stream {
     tick_ns: i64,
     counter: Unwrap,
     clock: DeviceClock,
-    pace: Pace,
+    pace: StampPace,
     watch: Watch,
     numbering: Numbering,
     delay_ns: i64,
@@ -55,7 +55,7 @@ impl Stream {
             tick_ns: unit.tick_ns,
             counter: Unwrap::new(protocol.counter_bits()),
             clock: DeviceClock::new(protocol.asks_time()),
-            pace: Pace::default(),
+            pace: StampPace::default(),
             watch: Watch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             delay_ns,

@@ -38,7 +38,7 @@ const MIN_FOUND: f32 = 0.7;
 
 /// A segment of the whole image.
 #[derive(Clone, Copy, Debug)]
-pub struct Refined {
+pub struct RefinedSegment {
     /// Line, ends and nodes.
     pub segment: Segment,
     /// Crossings looked for from end to end.
@@ -79,7 +79,7 @@ impl Refiner {
         image: &ImageView<'_>,
         coarse: &Segment,
         mask: Option<&ImageMask>,
-    ) -> Option<Refined> {
+    ) -> Option<RefinedSegment> {
         let edge = Edge::of(image, coarse, mask);
         let (a, b) = (edge.axes(&coarse.start).0, edge.axes(&coarse.end).0);
         let (first, last) = (a.at_most(b), a.at_least(b));
@@ -105,7 +105,11 @@ impl Refiner {
         }
         self.places.clear();
         self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
-        Segment::through(&self.places, &coarse.direction()).map(|segment| Refined { segment, tried, found })
+        Segment::through(&self.places, &coarse.direction()).map(|segment| RefinedSegment {
+            segment,
+            tried,
+            found,
+        })
     }
 
     /// Follows the edge beyond its end at `major`, pixel by pixel; how far.
@@ -265,7 +269,7 @@ fn slope(level: &impl Fn(usize) -> u8, offset: isize) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segment::{NODES, Node};
+    use super::super::segment::{NODES, SegmentNode};
     use super::*;
     use plumbline_config::GrayImage;
 
@@ -293,7 +297,7 @@ mod tests {
         let (first, last) = (36.0, 94.0);
         let nodes = std::array::from_fn(|k| {
             let major = first + (last - first) * (k as f64 + 0.5) / NODES as f64;
-            Node { px: px(major), weight: 7.0 }
+            SegmentNode { px: px(major), weight: 7.0 }
         });
         // Brighter on the right in an image whose rows go down.
         let (start, end) = if is_steep { (px(last), px(first)) } else { (px(first), px(last)) };

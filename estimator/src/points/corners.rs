@@ -39,7 +39,7 @@ const MAX_SPAN: usize = span_of(MAX_STRIDE / LANES);
 
 /// A corner found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corner {
+pub struct DetectedCorner {
     /// Pixel of the corner.
     pub px: Vector2<f32>,
     /// Shi-Tomasi score: the lesser eigenvalue of the structure tensor per pixel, squared grey levels per px².
@@ -67,7 +67,7 @@ pub struct CornerDetector {
     /// The cell to be visited next, and the way to the one after: coprime to the number of cells.
     next_cell: usize,
     stride: usize,
-    corners: Vec<Corner>,
+    corners: Vec<DetectedCorner>,
     map: ScoreMap,
     mask: Option<ImageMask>,
     /// Cells without a pixel that the mask leaves.
@@ -112,7 +112,12 @@ impl CornerDetector {
     }
 
     /// The best corners of the cells that hold none of `existing`, best first (ties: by row, then column).
-    pub fn detect(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], demand: &Demand) -> &[Corner] {
+    pub fn detect(
+        &mut self,
+        plane: &Plane<'_>,
+        existing: &[Vector2<f32>],
+        demand: &Demand,
+    ) -> &[DetectedCorner] {
         self.corners.clear();
         let max_new = demand.max_new.min(demand.wanted.saturating_sub(existing.len()));
         if max_new == 0 {
@@ -126,7 +131,7 @@ impl CornerDetector {
             if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS },
         );
         self.corners.sort_unstable_by(|a, b| {
-            let place = |c: &Corner| (c.px.y as u32, c.px.x as u32);
+            let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
             b.score.total_cmp(&a.score).then(place(a).cmp(&place(b)))
         });
         let strong = self.corners.partition_point(|c| c.score >= self.min_score);
@@ -176,7 +181,7 @@ impl CornerDetector {
         column: usize,
         row: usize,
         existing: &[Vector2<f32>],
-    ) -> Option<Corner> {
+    ) -> Option<DetectedCorner> {
         let span = |index: usize, size: usize| {
             let start = (index * self.cell_px).max(self.border_px);
             let end = ((index + 1) * self.cell_px).min(size.saturating_sub(self.border_px));
@@ -195,7 +200,7 @@ impl CornerDetector {
             is_far && !mask.is_some_and(|mask| mask.hides(x0 + x, y0 + y))
         };
         let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
-        Some(Corner { px: place(x, y), score })
+        Some(DetectedCorner { px: place(x, y), score })
     }
 }
 
@@ -391,7 +396,7 @@ mod tests {
     use crate::image::{Pyramid, synthetic::Texture};
     use plumbline_config::{GrayImage, Random};
 
-    fn detect(image: &GrayImage, existing: &[Vector2<f32>], demand: &Demand) -> Vec<Corner> {
+    fn detect(image: &GrayImage, existing: &[Vector2<f32>], demand: &Demand) -> Vec<DetectedCorner> {
         let mut pyramid = Pyramid::new(image.width(), image.height(), 1);
         assert!(pyramid.build(&image.view()));
         let mut detector = CornerDetector::new(image.width(), image.height(), 42, 8, 12.0);

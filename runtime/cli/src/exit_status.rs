@@ -18,7 +18,7 @@ use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::evaluate::EvaluateError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
-use plumbline_link::process::LinkError;
+use plumbline_link::process::NetworkProcessError;
 use std::error::Error;
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -141,7 +141,7 @@ fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<LocalError>() {
         return !matches!(error, LocalError::Thread(_));
     }
-    if let Some(error) = cause.downcast_ref::<LinkError>() {
+    if let Some(error) = cause.downcast_ref::<NetworkProcessError>() {
         return error.is_usage();
     }
     match cause.downcast_ref::<KeysError>() {

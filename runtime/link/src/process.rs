@@ -58,7 +58,7 @@ pub enum Ended {
 /// Errors of the service of a flight.
 #[derive(Debug, Error)]
 #[non_exhaustive]
-pub enum LinkError {
+pub enum NetworkProcessError {
     /// The network cannot be used.
     #[error(transparent)]
     Net(#[from] NetError),
@@ -83,7 +83,7 @@ pub enum LinkError {
     Io(#[from] io::Error),
 }
 
-impl LinkError {
+impl NetworkProcessError {
     /// True if another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
@@ -100,7 +100,11 @@ impl LinkError {
 ///
 /// # Errors
 /// When the flight cannot be understood, or the network not be used.
-pub fn serve(stream: UnixStream, options: &LinkOptions, stop: &AtomicBool) -> Result<Ended, LinkError> {
+pub fn serve(
+    stream: UnixStream,
+    options: &LinkOptions,
+    stop: &AtomicBool,
+) -> Result<Ended, NetworkProcessError> {
     stream.set_read_timeout(Some(GREETING_PATIENCE))?;
     let mut client = Client::new(stream.try_clone()?);
     let mut requests = client.requests()?;
@@ -173,11 +177,11 @@ impl Outputs {
         configuration: &Configuration,
         options: &LinkOptions,
         commands: &Arc<Commands>,
-    ) -> Result<Self, LinkError> {
+    ) -> Result<Self, NetworkProcessError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
         let rot_v_b = config.vehicle.rot_v_b();
         if config.ros.enabled && rot_v_b.is_none() {
-            return Err(LinkError::Mounting);
+            return Err(NetworkProcessError::Mounting);
         }
         let net = Self::start_net(&config, options, commands)?;
         let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
@@ -186,7 +190,7 @@ impl Outputs {
             .map(|rot_v_b| RosOutput::start(&config, rot_v_b, stamps, Arc::clone(commands)))
             .transpose()?;
         if net.is_none() && ros.is_none() {
-            return Err(LinkError::NoEndpoint);
+            return Err(NetworkProcessError::NoEndpoint);
         }
         Ok(Self { net, ros })
     }

@@ -65,7 +65,7 @@ impl std::error::Error for LoopRefused {}
 
 /// Result of a call of [`PoseGraph::optimize`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
+pub struct OptimizationProgress {
     /// Steps taken.
     pub steps: usize,
     /// True if the optimization has finished.
@@ -261,8 +261,8 @@ impl PoseGraph {
     }
 
     /// Goes on with the optimization for at most `steps` steps.
-    pub fn optimize(&mut self, steps: usize) -> Progress {
-        let mut progress = Progress::default();
+    pub fn optimize(&mut self, steps: usize) -> OptimizationProgress {
+        let mut progress = OptimizationProgress::default();
         while progress.steps < steps && !self.is_done {
             progress.steps += 1;
             let largest = self.solver.step(&mut self.nodes, &self.edges);

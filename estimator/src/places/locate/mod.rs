@@ -19,7 +19,7 @@ use super::index::{Candidate, Votes};
 use super::map::{Keyframe, MAX_NEIGHBOUR_DISTANCE, PlaceMap, view_distance_within};
 use super::matching::{Match, Matcher};
 use super::ransac::Ransac;
-use super::refine::{Gravity, Problem, Refined};
+use super::refine::{Gravity, PoseProblem, Refined};
 use nalgebra::{Isometry3, Matrix6};
 
 /// Keyframes of a group at most: the candidate and its neighbours.
@@ -198,7 +198,7 @@ impl Locator {
     fn verify(&mut self, query: &Query<'_>, keyframe_id: u32) -> Result<Located, Doubt> {
         self.matcher.match_features(query.features);
         let matches = self.matcher.matches();
-        let problem = Problem {
+        let problem = PoseProblem {
             query: query.features,
             points: self.matcher.points(),
             pose_b_c: query.pose_b_c,

@@ -24,7 +24,7 @@ use inertial::Magnitudes;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
-use rotation::{Agreement, RotationPair};
+use rotation::{RotationAgreement, RotationPair};
 use std::collections::VecDeque;
 use stereo::Sides;
 
@@ -129,8 +129,8 @@ impl Sight {
 }
 
 /// Rotations of the images with the mean rate of the gyroscope at the same times.
-pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]) -> Agreement {
-    let mut agreement = Agreement::of(config);
+pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]) -> RotationAgreement {
+    let mut agreement = RotationAgreement::of(config);
     for Seen { from, to, rate_c } in seen {
         let begin = samples.partition_point(|sample| sample.stamp <= *from);
         let end = samples.partition_point(|sample| sample.stamp <= *to).max(begin);
@@ -148,7 +148,7 @@ pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]
 pub(crate) fn nonsense(
     magnitudes: &Magnitudes,
     (gravity, rot_v_b): (&GravityTurns, Option<UnitQuaternion<f64>>),
-    agreement: &Agreement,
+    agreement: &RotationAgreement,
     sight: &Sight,
 ) -> Vec<Finding> {
     let mut findings = magnitudes.nonsense();
@@ -173,7 +173,7 @@ pub struct Plausibility {
     rot_v_b: Option<UnitQuaternion<f64>>,
     arrivals: [Arrivals; 2],
     sight: Sight,
-    agreement: Agreement,
+    agreement: RotationAgreement,
     waiting: VecDeque<Seen>,
     rates: VecDeque<(Timestamp, Vector3<f64>)>,
     health: HealthTally,
@@ -199,7 +199,7 @@ impl Plausibility {
             rot_v_b: config.vehicle.rot_v_b(),
             arrivals: Default::default(),
             sight: Sight::new(config),
-            agreement: Agreement::of(config),
+            agreement: RotationAgreement::of(config),
             waiting: VecDeque::with_capacity(MAX_WAITING),
             rates: VecDeque::with_capacity(MAX_RATES),
             health: HealthTally::default(),

@@ -43,12 +43,12 @@ pub struct RotationPair {
 
 /// Rotations of a flight.
 #[derive(Clone, Debug)]
-pub struct Agreement {
+pub struct RotationAgreement {
     rot_c_b: Matrix3<f64>,
     pairs: Vec<RotationPair>,
 }
 
-impl Agreement {
+impl RotationAgreement {
     /// For a left camera with this rotation in the body.
     #[must_use]
     pub fn new(rot_b_c: UnitQuaternion<f64>) -> Self {

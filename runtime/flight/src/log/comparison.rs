@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Outputs of log and re-execution.
 #[derive(Debug, Default)]
-pub struct Outputs {
+pub struct ExecutedOutputs {
     /// Estimates.
     pub estimates: Pairing<Estimate>,
     /// Odometry.
@@ -23,7 +23,7 @@ pub struct Outputs {
     pub map_ends_at_fault: bool,
 }
 
-impl Outputs {
+impl ExecutedOutputs {
     /// The first output that differs.
     #[must_use]
     pub fn difference(&self) -> Option<&Difference> {
@@ -73,22 +73,22 @@ impl Outputs {
 
 /// Outputs that several stages add to.
 #[derive(Clone, Debug, Default)]
-pub struct Comparison(Arc<Mutex<Outputs>>);
+pub struct LogComparison(Arc<Mutex<ExecutedOutputs>>);
 
-impl Comparison {
+impl LogComparison {
     /// The outputs so far.
-    pub fn outputs(&self) -> MutexGuard<'_, Outputs> {
+    pub fn outputs(&self) -> MutexGuard<'_, ExecutedOutputs> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Subscriber for Comparison {
+impl Subscriber for LogComparison {
     fn listener(&mut self, _producer: Producer) -> Box<dyn Listener> {
         Box::new(self.clone())
     }
 }
 
-impl Listener for Comparison {
+impl Listener for LogComparison {
     fn said(&mut self, said: &Said) {
         self.outputs().take(said);
     }

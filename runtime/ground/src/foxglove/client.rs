@@ -5,7 +5,7 @@ use super::super::fleet::{FleetEvent, Severity, lock};
 use super::super::listen::watch_camera;
 use super::Server;
 use super::places::Seat;
-use super::protocol::{self, Advertised, Level, Request};
+use super::protocol::{self, Advertised, ClientRequest, Level};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
 use plumbline_flight::log::drawn::{log_time, timestamp};
@@ -184,7 +184,7 @@ impl<'a> Client<'a> {
 
     async fn receive(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
         match protocol::request(text) {
-            Some(Request::Subscribe { subscriptions }) => {
+            Some(ClientRequest::Subscribe { subscriptions }) => {
                 for wanted in subscriptions {
                     if let Err(reason) = self.subscribe(wanted).await {
                         send(socket, refusal(&reason)).await?;
@@ -192,17 +192,17 @@ impl<'a> Client<'a> {
                 }
                 Ok(())
             }
-            Some(Request::Unsubscribe { subscription_ids }) => {
+            Some(ClientRequest::Unsubscribe { subscription_ids }) => {
                 self.subscriptions.retain(|number, _| !subscription_ids.contains(number));
                 self.forget_cameras();
                 Ok(())
             }
-            Some(Request::Other) => send(socket, refusal("this server has topics alone")).await,
+            Some(ClientRequest::Other) => send(socket, refusal("this server has topics alone")).await,
             None => send(socket, refusal("the message is no request of the protocol")).await,
         }
     }
 
-    async fn subscribe(&mut self, wanted: protocol::Subscription) -> Result<(), String> {
+    async fn subscribe(&mut self, wanted: protocol::ClientSubscription) -> Result<(), String> {
         let (number, channel) = (wanted.id, wanted.channel_id);
         let shown = self.channels.get(&channel).cloned();
         if channel != EVENTS && shown.is_none() {
