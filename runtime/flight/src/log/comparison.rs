@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Outputs of log and re-execution.
 #[derive(Debug, Default)]
-pub struct ExecutedOutputs {
+pub struct Outputs {
     /// Estimates.
     pub estimates: Pairing<Estimate>,
     /// Odometry.
@@ -23,7 +23,7 @@ pub struct ExecutedOutputs {
     pub map_ends_at_fault: bool,
 }
 
-impl ExecutedOutputs {
+impl Outputs {
     /// The first output that differs.
     #[must_use]
     pub fn difference(&self) -> Option<&Difference> {
@@ -73,22 +73,22 @@ impl ExecutedOutputs {
 
 /// Outputs that several stages add to.
 #[derive(Clone, Debug, Default)]
-pub struct LogComparison(Arc<Mutex<ExecutedOutputs>>);
+pub struct Comparison(Arc<Mutex<Outputs>>);
 
-impl LogComparison {
+impl Comparison {
     /// The outputs so far.
-    pub fn outputs(&self) -> MutexGuard<'_, ExecutedOutputs> {
+    pub fn outputs(&self) -> MutexGuard<'_, Outputs> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Subscriber for LogComparison {
+impl Subscriber for Comparison {
     fn listener(&mut self, _producer: Producer) -> Box<dyn Listener> {
         Box::new(self.clone())
     }
 }
 
-impl Listener for LogComparison {
+impl Listener for Comparison {
     fn said(&mut self, said: &Said) {
         self.outputs().take(said);
     }

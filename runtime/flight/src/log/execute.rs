@@ -9,7 +9,7 @@
 
 use super::LogError;
 use super::channel::Channel;
-use super::comparison::LogComparison;
+use super::comparison::Comparison;
 use super::cursor::Cursor;
 use super::frames::Frames;
 use crate::pipeline::machine::{Machine, Order, Orders};
@@ -48,7 +48,7 @@ enum Followed {
 pub struct LogOrders<'a> {
     log: Cursor,
     frames: Frames,
-    comparison: LogComparison,
+    comparison: Comparison,
     /// Told the part that is done, from 0 to 1.
     progress: &'a mut dyn FnMut(f64),
     step: Step,
@@ -104,7 +104,7 @@ impl<'a> LogOrders<'a> {
     pub fn new(
         log: Cursor,
         images: Option<Box<dyn StereoSource>>,
-        comparison: LogComparison,
+        comparison: Comparison,
         progress: &'a mut dyn FnMut(f64),
     ) -> Self {
         let frames = Frames::new(&log.reader().about().config, images);

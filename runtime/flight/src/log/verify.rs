@@ -3,7 +3,7 @@
 use super::LogError;
 use super::build_id::BuildId;
 use super::channel::Channel;
-use super::comparison::{ExecutedOutputs, LogComparison};
+use super::comparison::{Comparison, Outputs};
 use super::cursor::Cursor;
 use super::execute::LogOrders;
 use super::known::{KnownMap, known_map};
@@ -133,7 +133,7 @@ pub fn verify_before(
         return Err(LogError::unusable(path, reason));
     }
     let known = known_map(path, &about, known)?;
-    let (team, mut comparison) = (Team::default(), LogComparison::default());
+    let (team, mut comparison) = (Team::default(), Comparison::default());
     let compared = comparison.clone();
     let mut listeners = Several(vec![&mut comparison, witness]);
     let mut machine = Machine::new(&about.config, known, Effect::ByOrder, &team, &mut listeners);
@@ -147,7 +147,7 @@ pub fn verify_before(
 fn summed_up(
     orders: &LogOrders<'_>,
     machine: &Machine<'_>,
-    outputs: &mut ExecutedOutputs,
+    outputs: &mut Outputs,
     (same_build, config_hash): (bool, String),
 ) -> Verification {
     let log = orders.log().reader();
@@ -157,7 +157,7 @@ fn summed_up(
     // Where outputs differ the execution ended, and the others have no partners for it.
     let first = outputs.difference().cloned();
     outputs.finish(is_log_complete);
-    let ExecutedOutputs { estimates, odometry, map, map_ends_at_fault } = &*outputs;
+    let Outputs { estimates, odometry, map, map_ends_at_fault } = &*outputs;
     let difference = first.or_else(|| outputs.difference().cloned());
     let not_recorded = estimates.missing + odometry.missing + map.missing;
     let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);

@@ -28,13 +28,13 @@ impl<T> Queue<T> {
     }
 
     /// A place for an entry, if there is room.
-    pub fn place(&self) -> Option<Reserved<'_, T>> {
+    pub fn place(&self) -> Option<Place<'_, T>> {
         let capacity = self.entries.capacity();
         // Release of the reader's last: the place that is given is one that it has left.
         let taken = self.given.fetch_update(Ordering::AcqRel, Ordering::Relaxed, |given| {
             (given < capacity).then_some(given + 1)
         });
-        taken.is_ok().then(|| Reserved { queue: self })
+        taken.is_ok().then(|| Place { queue: self })
     }
 
     /// Adds an entry.
@@ -62,11 +62,11 @@ impl<T> Queue<T> {
 
 /// A place in a queue, to be filled or left.
 #[derive(Debug)]
-pub struct Reserved<'a, T> {
+pub struct Place<'a, T> {
     queue: &'a Queue<T>,
 }
 
-impl<T> Reserved<'_, T> {
+impl<T> Place<'_, T> {
     /// Puts the entry there.
     pub fn fill(self, entry: T) {
         let queue = self.queue;
@@ -78,7 +78,7 @@ impl<T> Reserved<'_, T> {
     }
 }
 
-impl<T> Drop for Reserved<'_, T> {
+impl<T> Drop for Place<'_, T> {
     fn drop(&mut self) {
         self.queue.given.fetch_sub(1, Ordering::AcqRel);
     }
