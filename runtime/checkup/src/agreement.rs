@@ -24,7 +24,7 @@ const STEP_S: f64 = 0.002;
 const STEPS: usize = 10;
 /// Known to this standard deviation they are judged: s, rad.
 const KNOWN: (f64, f64) = (0.002, 0.006);
-/// What is off by this many standard deviations is judged, however large these are.
+/// Significance limit: an offset of this many standard deviations is judged, however large these are.
 const SIGNIFICANT: f64 = 5.0;
 /// A rotation beyond every limit is judged from this many standard deviations on.
 const GROSS: f64 = 3.0;
@@ -39,7 +39,7 @@ const INFLATED: f64 = 2.0;
 const OFFSET: (f64, f64, f64) = (1.0, 2.0, 0.002);
 /// Limits of the rotation, in the order of [`OFFSET`]; the third in rad.
 const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
-/// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
+/// Share of the scatter that the configured extrinsics may leave: above it they are not those of the rig.
 const UNEXPLAINED: f64 = 0.5;
 /// Least scatter of the rates that is a motion, rad/s.
 const MIN_SCATTER: f64 = 0.05;
@@ -106,14 +106,14 @@ impl Gyro {
     }
 }
 
-/// What agrees best.
+/// Offset and rotation of best agreement.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
     /// `t_imu = t_camera + offset`, s, and its standard deviation.
     pub offset_s: (f64, f64),
     /// Rotation that the configured extrinsics lack, in the body's axes, rad, and the standard deviation of the worst axis.
     pub rotation_b: (Vector3<f64>, f64),
-    /// What the configured extrinsics leave at the best offset, rad/s, median.
+    /// Residual of the configured extrinsics at the best offset, rad/s, median.
     pub residual_rad_s: f64,
     /// Scatter of the rates, rad/s.
     pub scatter_rad_s: f64,
