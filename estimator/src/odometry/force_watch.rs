@@ -206,11 +206,23 @@ impl ForceWatch {
         if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
-    /// Takes note of the most suspect of the spans that end at `stamp`.
+    /// Takes note of the most suspect of the spans that end at `stamp`, or goes on with a larger one that still holds.
     fn suspect(&mut self, stamp: Timestamp, spans: &[Option<Unexplained>]) {
         let suspects = spans.iter().flatten().filter(|span| span.sigmas > SUSPECT_SIGMAS);
-        let newest = suspects.max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).map(|span| (stamp, span.off));
-        self.suspect = newest.or(self.suspect);
+        let newest = suspects.max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).map(|span| span.off);
+        let held = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < HELD_S);
+        self.suspect = match (newest, held) {
+            (Some(newest), Some((_, held))) if held.norm_squared() > newest.norm_squared() => {
+                Some((stamp, held))
+            }
+            (Some(newest), _) => Some((stamp, newest)),
+            (None, held) => held,
+        };
+    }
+
+    /// Nothing could be learnt from the frame of `stamp`: what is suspect stays so.
+    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
+        self.suspect = self.suspect.map(|(_, off)| (stamp, off));
     }
 
     /// Covariance of the velocity at `stamp` by forces that are suspect, m²/s² in `O`.

@@ -15,6 +15,8 @@ pub mod measurements;
 #[cfg(test)]
 mod moving_tests;
 mod pair;
+#[cfg(test)]
+mod pair_tests;
 mod pair_time;
 #[cfg(test)]
 mod poison_tests;
@@ -472,6 +474,7 @@ impl Odometer {
         let outcome = self.window.optimize(max_iterations);
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+            self.forces.prolong_suspicion(stamp);
         }
         let is_contradicted =
             self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations);

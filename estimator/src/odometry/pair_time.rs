@@ -142,6 +142,42 @@ mod tests {
     }
 
     #[test]
+    fn the_camera_that_is_late_is_left_out() {
+        let at = Timestamp::default();
+        let left_out = [0.05, -0.05, 0.0].map(|late_s| watched(late_s, 0.8).distrusted_at(at));
+        assert_eq!(left_out, [Some(RIGHT), Some(0), None]);
+    }
+
+    #[test]
+    fn a_camera_that_repeats_an_image_is_left_out_until_it_is_in_step() {
+        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
+        for camera in [0, 1] {
+            let mut watch = watched(0.0, 0.0);
+            watch.begin_probation(seconds(0.0), camera);
+            let moving = EpipolarMoments { speed: 0.0, off: 0.0, speed_squared: 3600.0, product: 0.0 };
+            let ended_s = (1..200).map(|k| 0.05 * f64::from(k)).find(|s| {
+                watch.add(seconds(*s), Some(moving), 0.05);
+                watch.distrusted_at(seconds(*s)) != Some(camera)
+            });
+            assert!((0.2..1.0).contains(&ended_s.unwrap()), "{ended_s:?}");
+            watch.begin_probation(seconds(20.0), camera);
+            watch.add(seconds(24.0), None, 0.05);
+            assert_eq!(watch.distrusted_at(seconds(24.0)), Some(camera), "nothing moves");
+            watch.add(seconds(25.1), None, 0.05);
+            assert_eq!(watch.distrusted_at(seconds(25.1)), None);
+        }
+    }
+
+    #[test]
+    fn the_right_camera_is_left_out_while_both_see_different_things() {
+        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
+        let mut watch = PairTime::default();
+        assert!(watch.disagree(seconds(0.0)) && !watch.disagree(seconds(0.05)));
+        assert_eq!([2.0, 2.1].map(|s| watch.distrusted_at(seconds(s))), [Some(RIGHT), None]);
+        assert!(watch.disagree(seconds(3.0)));
+    }
+
+    #[test]
     fn a_camera_that_looks_too_low_is_not_late() {
         assert!(!watched(0.0, 2.0).is_out_of_step() && !watched(5e-4, -2.0).is_out_of_step());
         assert!(!PairTime::default().is_out_of_step());

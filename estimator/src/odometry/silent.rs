@@ -19,6 +19,9 @@ use crate::window::trial::Trial;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
+/// Points that the other camera must see for one to be left out.
+const MIN_LEFT: usize = 12;
+
 /// Reports stuck sensors in `health`; returns whether there are any.
 pub(super) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
     for (is_stuck, bit) in [(stuck.gyro, HealthBits::GYRO_STUCK), (stuck.accel, HealthBits::ACCEL_STUCK)] {
@@ -165,7 +168,10 @@ impl Odometer {
         }
         let begins_to_disagree =
             health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
-        let Some(camera) = self.pair_time.distrusted_at(stamp) else { return };
+        let distrusted = self.pair_time.distrusted_at(stamp);
+        let Some(camera) = distrusted.filter(|camera| self.measurer.count(1 - camera) >= MIN_LEFT) else {
+            return;
+        };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == 1 && (is_out_of_step && !was_out_of_step || begins_to_disagree) {
             self.window.forget_images(camera);

@@ -64,8 +64,9 @@ impl SuddenForce {
         }
         let root = self.mean_square.sqrt();
         let changes = self.forces_o.map(|before| before.map(|before| force_o - before));
-        let sudden =
-            changes.iter().zip(SUDDEN).find_map(|(change, gate)| change.filter(|c| c.norm() > gate * root));
+        let gated = changes.into_iter().zip(SUDDEN);
+        let sudden = gated.filter_map(|(change, gate)| change.filter(|change| change.norm() > gate * root));
+        let sudden = sudden.max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
         if let Some(newest) = changes[0] {
             let share = (motion.dt_s / MEMORY_S).at_most(1.0);
             let squared = newest.norm_squared().at_most(SUDDEN[0].squared() * self.mean_square);
@@ -92,3 +93,7 @@ impl SuddenForce {
         Some(by_force * by_force.transpose())
     }
 }
+
+#[cfg(test)]
+#[path = "sudden_force_tests.rs"]
+mod tests;

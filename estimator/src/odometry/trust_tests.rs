@@ -100,7 +100,8 @@ pub(super) fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<
     judged
 }
 
-fn anchored(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
+/// The odometry frame in the truth's, by which `pose` is where and headed as the truth is.
+pub(super) fn anchored(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
     let yaw = yaw_of(&(pose.rotation * truth.rotation.inverse()));
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
     Isometry3::from_parts((pose.translation.vector - turn * truth.translation.vector).into(), turn)

@@ -1,0 +1,81 @@
+//! Pairs whose images are not of the same moment: the estimate stays right, and says so.
+
+use super::synthetic::{World, config, stamp};
+use super::trust_tests::anchored;
+use super::*;
+use crate::window::state::FrameTime;
+
+/// When a camera begins to be late, s.
+const BEGIN_S: f64 = 6.0;
+
+/// A camera that is late.
+#[derive(Clone, Copy)]
+struct Late {
+    camera: usize,
+    frames: f64,
+    /// Whether the image that is repeated when it begins is recognized.
+    is_repeat_seen: bool,
+}
+
+/// Flies for 14 s; returns the largest error of the position, m, and when the pair was first said to be out of step, s after it was.
+fn fly(late: Option<Late>) -> (f64, Option<f64>) {
+    let mut world = World::new(&config(2), 5, 400);
+    let mut odometer = Odometer::new(&world.config);
+    let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
+    let (mut origin, mut largest_m, mut named_s, mut next_imu) = (None, 0.0f64, None, 0u32);
+    for k in 0..280u32 {
+        let t = 0.2 + f64::from(k) * 0.05;
+        while f64::from(next_imu) * 0.005 <= t + 0.0051 {
+            tracked.samples.push(world.imu(f64::from(next_imu) * 0.005, true));
+            next_imu += 1;
+        }
+        tracked.points = world.observe(t, [true; 2]);
+        tracked.health = HealthBits::default();
+        if let Some(late) = late.filter(|_| t > BEGIN_S) {
+            let before = world.observe(t - 0.05 * late.frames, [true; 2]);
+            let is_repeated = late.is_repeat_seen && t < BEGIN_S + 0.05;
+            if is_repeated {
+                tracked.health.insert([HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN][late.camera]);
+            }
+            for point in &mut tracked.points {
+                let seen = before.iter().find(|o| o.track_id == point.track_id).filter(|_| !is_repeated);
+                point.px[late.camera] = seen.and_then(|o| o.px[late.camera]);
+                point.xy[late.camera] = seen.and_then(|o| o.xy[late.camera]);
+            }
+            tracked.points.retain(|o| o.px.iter().any(Option::is_some));
+        }
+        tracked.sequence = u64::from(k);
+        tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
+        let estimate = odometer.process(&tracked, &mut (), &mut feedback);
+        tracked.samples.clear();
+        if estimate.health.contains(HealthBits::CAMERAS_OUT_OF_STEP) {
+            named_s.get_or_insert(t - BEGIN_S);
+        }
+        let Some(pose) = estimate.pose() else { continue };
+        let truth = world.pose_o_b(t);
+        let expected = *origin.get_or_insert_with(|| anchored(pose, &truth)) * truth;
+        largest_m = largest_m.max((pose.translation.vector - expected.translation.vector).norm());
+    }
+    (largest_m, named_s)
+}
+
+#[test]
+fn a_pair_in_step_is_not_doubted() {
+    let (largest_m, named_s) = fly(None);
+    assert!(largest_m < 0.05 && named_s.is_none(), "{largest_m} m, {named_s:?}");
+}
+
+#[test]
+fn a_camera_that_is_late_since_it_repeated_an_image_is_left_out() {
+    for camera in [0, 1] {
+        let (largest_m, named_s) = fly(Some(Late { camera, frames: 1.0, is_repeat_seen: true }));
+        assert!(largest_m < 0.1, "{camera}: {largest_m} m");
+        assert!(named_s.is_some_and(|s| s < 2.0), "{camera}: {named_s:?}");
+    }
+}
+
+#[test]
+fn a_right_camera_that_is_late_unnoticed_is_named_and_left_out() {
+    let (largest_m, named_s) = fly(Some(Late { camera: 1, frames: 1.0, is_repeat_seen: false }));
+    assert!(largest_m < 0.3 && named_s.is_some_and(|s| s < 2.0), "{largest_m} m, {named_s:?}");
+}
