@@ -24,26 +24,26 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Length of the flights, s.
-const FLIGHT_S: u32 = 16;
+pub const FLIGHT_S: u32 = 16;
 /// Nothing is waited for longer.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// A user with no rights.
 const SOMEBODY: u32 = 65_534;
 
 /// A flight of a test with its folder, in which everybody may look.
-struct Flight {
+pub struct Flight {
     folder: tempfile::TempDir,
 }
 
 impl Flight {
-    fn new() -> Self {
+    pub fn new() -> Self {
         render(FLIGHT_S);
         let folder = tempfile::tempdir().unwrap();
         std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
         Self { folder }
     }
 
-    fn socket(&self) -> PathBuf {
+    pub fn socket(&self) -> PathBuf {
         self.folder.path().join("local")
     }
 
@@ -52,7 +52,7 @@ impl Flight {
     }
 
     /// The command, with a report and a socket that everybody may read.
-    fn command(&self) -> Command {
+    pub fn command(&self) -> Command {
         let mut command = flight("drone", FLIGHT_S);
         command.arg("--report").arg(self.report());
         command.args(["--set", &format!("local.path=\"{}\"", self.socket().display())]);
@@ -61,7 +61,7 @@ impl Flight {
     }
 
     /// Waits for the end of a flight, and reads its report.
-    fn finish(&self, mut flying: Running) -> Value {
+    pub fn finish(&self, mut flying: Running) -> Value {
         let status = flying.child.wait().unwrap();
         assert!(status.success(), "{}", flying.words());
         serde_json::from_str(&std::fs::read_to_string(self.report()).unwrap()).unwrap()
@@ -69,7 +69,7 @@ impl Flight {
 }
 
 /// Connects as soon as the socket is there.
-fn connected(socket: &Path) -> UnixStream {
+pub fn connected(socket: &Path) -> UnixStream {
     let end = Instant::now() + PATIENCE;
     loop {
         match UnixStream::connect(socket) {
@@ -106,7 +106,7 @@ pub fn was_disturbed(report: &Value) -> bool {
 }
 
 /// Flies until a flight went undisturbed, three times at most; its estimates and odometry are those of virtual time.
-fn costs_the_flight_nothing(fly: impl Fn() -> Value) {
+pub fn costs_the_flight_nothing(fly: impl Fn() -> Value) {
     for _ in 0..3 {
         let report = fly();
         println!("sample to odometry, ms: {}", report["live"]["sample_to_odometry_ms"]);

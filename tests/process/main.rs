@@ -25,6 +25,7 @@ mod local;
 mod log;
 mod maps;
 mod masks;
+mod mounted;
 mod mounting;
 mod network;
 mod other_processor;

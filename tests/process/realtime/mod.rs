@@ -2,6 +2,7 @@
 
 mod attacks;
 pub mod autopilot;
+mod disks;
 mod floods;
 pub mod hardware_in_the_loop;
 mod hostile;
@@ -9,4 +10,5 @@ mod links;
 pub mod live;
 mod long_flight;
 mod restarts;
+mod silent;
 mod virtual_machine;
