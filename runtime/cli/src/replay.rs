@@ -48,7 +48,7 @@ const COVARIANCE_HEADER: &str = "#timestamp [ns], 6x6 covariance by rows: positi
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
-    /// sim:low-texture.
+    /// sim:low-texture, sim:far.
     pub dataset: String,
     /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the
     /// configuration of the log, or the preset `sim`.

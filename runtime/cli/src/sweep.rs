@@ -27,7 +27,7 @@ As an array of jobs, on any batch system (see docs/at-scale.md):
   plumbline sweep ... --cell 4 --cells FOLDER      fly one cell, and write FOLDER/cell-4.json
   plumbline sweep --collect FOLDER                 print the table of all finished cells
 
-Simulated flights are sim:room, sim:hall and sim:low-texture. After ? append options of `plumbline replay` without their \
+Simulated flights are sim:room, sim:hall, sim:low-texture and sim:far. After ? append options of `plumbline replay` without their \
 dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur. \
 Finished cells are not flown again: after an interruption, repeat the same command.";
 

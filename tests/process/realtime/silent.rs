@@ -3,6 +3,8 @@
 
 use crate::local::{FLIGHT_S, Flight, connected, costs_the_flight_nothing};
 use crate::vehicle::{PLUMBLINE, Running, eventually, free_port};
+use plumbline_flight::local::record::Kinds;
+use plumbline_flight::local::request::Request;
 use plumbline_flight::local::{Client, Record};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -120,6 +122,8 @@ fn soak_silent_readers_of_the_local_socket_keep_nobody_out() {
         let flight = Flight::new();
         let vehicle = Running::start(flight.command());
         let mut stays = Client::new(connected(&flight.socket()));
+        // Who has asked for something gives way after all who have not.
+        stays.requests().unwrap().send(&Request::Subscribe(Kinds::SUBSCRIBABLE)).unwrap();
         // It stays if it has had odometry in the flight's last second too.
         let stays = std::thread::spawn(move || {
             let (mut received, mut last) = (0_u64, Instant::now());
