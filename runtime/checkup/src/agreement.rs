@@ -345,7 +345,8 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
     let is_known = sigma <= KNOWN.1 || verdict > Fitness::Good && angle > SIGNIFICANT * sigma;
     if !is_known && found.least_scatter_rad_s > ALL_AXES_RAD_S {
         let value = format!("{value}, though the vehicle turned about all axes");
-        let cure = "more turning will not help: look at focal lengths and lens model of `camera`, and calibrate again";
+        let cure = "more turning will not help: look at principal points (`camera.centre_px`), focal lengths and lens model, and \
+                    calibrate again";
         let verdict = if verdict == Fitness::Good { Fitness::Uncertain } else { Fitness::Mind };
         return Measure::new(name, verdict, value, cure, &figures);
     }
@@ -439,7 +440,12 @@ mod tests {
     #[test]
     fn a_rotation_that_turning_about_all_axes_leaves_uncertain_points_at_the_lens() {
         let (verdict, cure) = judged(8.41, 2.86, 0.3);
-        assert!(verdict == Fitness::Mind && cure.contains("focal lengths and lens model"), "{cure}");
+        assert!(
+            verdict == Fitness::Mind
+                && cure.contains("focal lengths and lens model")
+                && cure.contains("centre_px"),
+            "{cure}"
+        );
         assert_eq!(judged(8.41, 2.86, 0.05), (Fitness::Uncertain, "turn more".to_owned()));
     }
 }
