@@ -105,7 +105,8 @@ fn soak_a_recording_resumes_when_a_full_disk_has_room_again() {
         let vehicle =
             recording(LONG_S, folder.path(), &log, &["--set", &format!("recorder.keep=\"{keep}\"")]);
         eventually("the disk is full", PATIENCE, || bytes(&disk.0) > 9_000_000);
-        std::thread::sleep(Duration::from_secs(2));
+        // Longer than the recorder's queue bridges.
+        std::thread::sleep(Duration::from_secs(4));
         std::fs::remove_file(&filler).unwrap();
         let freed = Instant::now();
         eventually("the recording resumes", Duration::from_secs(5), || bytes(&disk.0) > 13_000_000);
