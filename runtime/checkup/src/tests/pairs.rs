@@ -137,10 +137,14 @@ fn focal_lengths_that_are_off_are_named_and_no_time_offset_is_advised() {
 #[test]
 fn principal_points_that_are_off_are_named_and_no_time_offset_is_advised() {
     let Some(lively) = lively() else { return };
-    for moved_px in [[20.0, 0.0], [-20.0, 0.0], [0.0, 20.0]] {
+    for (moved_px, name) in [
+        ([20.0, 0.0], "camera-IMU rotation"),
+        ([-20.0, 0.0], "camera-IMU rotation"),
+        ([0.0, 20.0], "epipolar error"),
+    ] {
         let report = misjudged(&lively, 1.0, moved_px);
         println!("{moved_px:?}\n{}", told(&report));
-        assert_found(&report, "camera-IMU rotation", Fitness::Mind, "camera.centre_px");
+        assert_found(&report, name, Fitness::Mind, "camera.centre_px");
         assert!(!told(&report).contains("set `rig.time_offset_s"), "{}", told(&report));
     }
 }
