@@ -1,4 +1,4 @@
-//! What the seeds of the fuzzers are made of. Included by path into the tests of the crates under `runtime/`.
+//! Ingredients of the fuzzers' seeds. Included by path into the tests of the crates under `runtime/`.
 
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
@@ -17,7 +17,7 @@ pub fn put(target: &str, name: &str, bytes: &[u8]) {
 /// Stamp of the messages.
 pub const STAMP: Timestamp = Timestamp::from_nanos(1_403_715_273_262_142_976);
 
-/// What a tick gives.
+/// Odometry of a tick.
 pub fn odometry() -> Odometry {
     Odometry {
         sequence: 7,
@@ -34,7 +34,7 @@ pub fn odometry() -> Odometry {
     }
 }
 
-/// What a frame gives.
+/// Estimate of a frame.
 pub fn estimate() -> Estimate {
     let Odometry { stamp, pose_o_b, v_o_b, covariance, state, quality, reset_counter, .. } = odometry();
     Estimate {

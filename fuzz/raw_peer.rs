@@ -18,7 +18,7 @@ const NAMED: u8 = 0x20;
 /// The other side may be silent this long, s.
 const LEASE_S: u64 = 60;
 
-/// What a peer says that it is.
+/// Role that a peer declares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Talks to those it is connected to.

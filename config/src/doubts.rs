@@ -1,4 +1,4 @@
-//! What is valid, and yet probably a mistake.
+//! Doubts about a configuration: settings that are valid, and yet probably a mistake.
 
 use crate::options::{CameraConfig, Config, Mounting};
 use nalgebra::{Isometry3, Vector2};
@@ -36,7 +36,7 @@ impl Config {
 /// Share of the baseline along an axis of the left camera that is its direction.
 const ALONG: f64 = 0.8;
 
-/// Which way the second camera lies, seen from the first: to the right in all pairs that are called left and right.
+/// Direction of the second camera as seen from the first: to the right in all pairs that are called left and right.
 fn of_pair(left: &Isometry3<f64>, right: &Isometry3<f64>) -> Option<String> {
     let baseline =
         |left: &Isometry3<f64>, right: &Isometry3<f64>| (left.inverse() * right).translation.vector;
@@ -86,7 +86,7 @@ fn of_corners(index: usize, camera: &CameraConfig) -> Option<String> {
     })
 }
 
-/// Whether a ratio of focal lengths is far from 1.
+/// True if a ratio of focal lengths is far from 1.
 fn differs(ratio: f64) -> bool {
     !(1.0 / FOCAL_RATIO..=FOCAL_RATIO).contains(&ratio)
 }

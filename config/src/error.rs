@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration or calibration file, said so that it can be put right.
+//! Errors of a configuration or calibration file, with file, key and cure.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,9 +10,9 @@ pub struct Violation {
     pub key: String,
     /// Line of the file, from 1, where it is known.
     pub line: Option<usize>,
-    /// What is wrong with the value.
+    /// Defect of the value.
     pub reason: String,
-    /// What to do about it.
+    /// Cure.
     pub cure: String,
 }
 
@@ -39,7 +39,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Why a configuration was refused. Its message names the file, the key and the cure.
+/// Error of a configuration that was refused. Its message names the file, the key and the cure.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file could not be read.
@@ -47,7 +47,7 @@ pub enum ConfigError {
     Read {
         /// The file asked for.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The file is far longer than any configuration.
@@ -67,7 +67,7 @@ pub enum ConfigError {
         line: usize,
         /// Column in characters, from 1.
         column: usize,
-        /// What the parser expected.
+        /// Expectation of the parser.
         message: String,
     },
     /// Keys or values were refused: all of them, in the order of the file where that is known.
@@ -97,7 +97,7 @@ pub enum ConfigError {
     /// The configuration cannot be written as TOML: it has not passed validation.
     #[error("the configuration cannot be written as TOML ({reason}); validate it first")]
     Unwritable {
-        /// What the serializer said.
+        /// Error of the serializer.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
+//! Entry points of the fuzzers (`fuzz/`): each function takes any bytes, and a panic is a finding.
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 

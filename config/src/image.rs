@@ -76,7 +76,7 @@ pub struct ImageView<'a> {
     pixels: &'a [u8],
 }
 
-/// Why a buffer cannot be viewed as an image.
+/// Reason why a buffer cannot be viewed as an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ImageError {
     /// Rows would overlap.

@@ -1,4 +1,4 @@
-//! What inertial sensors deliver.
+//! Samples of inertial sensors.
 
 use crate::Timestamp;
 use nalgebra::Vector3;
@@ -15,7 +15,7 @@ pub struct ImuSample {
 }
 
 impl ImuSample {
-    /// Whether every component is a finite number.
+    /// True if every component is a finite number.
     #[must_use]
     #[inline]
     pub fn is_finite(&self) -> bool {

@@ -77,7 +77,7 @@ fn split_index(part: &str) -> (&str, Option<usize>) {
     }
 }
 
-/// Where the check is: the key as the user wrote it, and with every index left out (`camera[].focal_px`).
+/// Place of the check: the key as the user wrote it, and with every index left out (`camera[].focal_px`).
 struct At {
     key: String,
     general: String,
@@ -213,7 +213,7 @@ impl Check<'_> {
     }
 }
 
-/// Whether the sample without this key is refused.
+/// True if the sample without this key is refused.
 fn is_required(sample: &Table, general_key: &str) -> bool {
     fn remove(table: &mut Table, key: &str) {
         let Some((first, rest)) = key.split_once('.') else {

@@ -35,7 +35,7 @@ pub(crate) fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
     (line, String::from_utf8_lossy(&before[start..]).chars().count() + 1)
 }
 
-/// Where the lines of a text begin, to find those of many offsets.
+/// Beginnings of a text's lines, to find those of many offsets.
 #[cfg(feature = "toml")]
 pub(crate) struct Lines(Vec<usize>);
 

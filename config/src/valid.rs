@@ -8,7 +8,7 @@ use crate::options::{CameraConfig, Config, EstimatorSetup};
 use serde::Serialize;
 use std::ops::Deref;
 
-/// What the messages name as origin of a setup that was put together in code.
+/// Origin that messages name for a setup that was put together in code.
 const SETUP_ORIGIN: &str = "setup of the estimator";
 
 /// An [`EstimatorSetup`] that has passed validation: what an estimator is built from.

@@ -1,4 +1,4 @@
-//! What the thread of a sensor shows to others.
+//! Board on which the thread of a sensor shows its state to other threads.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -17,7 +17,7 @@ impl<T: Clone> Board<T> {
         Self(Arc::new(Mutex::new(value)))
     }
 
-    /// What the lock holds is whole even after a panic elsewhere.
+    /// Locked content: whole even after a panic elsewhere.
     fn locked(&self) -> MutexGuard<'_, T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,18 +1,18 @@
-//! What can stop a driver.
+//! Errors that stop a driver.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a source cannot be opened or cannot go on. Every message names the file and the cure.
+/// Errors of a source that cannot be opened or cannot go on. Every message names the file and the cure.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DriverError {
     /// A file or directory could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// What was accessed.
+        /// File or device accessed.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A file or directory is not what its format says; `message` says what is wrong and what to do.
@@ -20,15 +20,15 @@ pub enum DriverError {
     Malformed {
         /// The file or directory.
         path: PathBuf,
-        /// What is wrong, and what to do.
+        /// Defect and cure.
         message: String,
     },
-    /// What was asked for is not there; `message` says what is missing, and what to do.
+    /// A requested item is missing; `message` names it and the cure.
     #[error("{}: {message}", path.display())]
     Missing {
         /// The file or directory.
         path: PathBuf,
-        /// What is missing, and what to do.
+        /// Missing item and cure.
         message: String,
     },
     /// A file or directory is left alone on purpose; `message` says why and what to do.
@@ -36,7 +36,7 @@ pub enum DriverError {
     Refused {
         /// The file or directory.
         path: PathBuf,
-        /// Why it is left alone, and what to do.
+        /// Reason and cure.
         message: String,
     },
     /// A build without a cargo feature cannot read it.
@@ -52,7 +52,7 @@ pub enum DriverError {
     Device {
         /// The device.
         path: PathBuf,
-        /// What it does not do, and what to do.
+        /// Unsupported feature and cure.
         message: String,
     },
     /// An inertial sensor's address says nothing; the message says what to write.

@@ -1,4 +1,4 @@
-//! What goes wrong with a stream of finished frames, done on purpose: a decorator around any source of frames, recorded,
+//! Fault injection into a stream of finished frames: a decorator around any source of frames, recorded,
 //! simulated or live.
 //!
 //! Every draw is a pure function of the seed and of the frame's number, so the same frames meet the same fate however
@@ -17,11 +17,11 @@ const MIN_GAIN: f64 = 0.05;
 pub struct LostCamera {
     /// 0 for the left one, 1 for the right one.
     pub camera: usize,
-    /// When, in seconds since the first frame.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
 }
 
-/// What goes wrong with frames. Times are seconds since the first frame.
+/// Faults of frames. Times are seconds since the first frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameFaults {
     /// Probability that a frame (both images) is lost.
@@ -35,7 +35,7 @@ pub struct FrameFaults {
 }
 
 impl FrameFaults {
-    /// Whether nothing goes wrong.
+    /// True if there are no faults.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()

@@ -1,4 +1,4 @@
-//! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
+//! Entry points of the fuzzers (`fuzz/`): each function takes any bytes, and a panic is a finding.
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
@@ -146,7 +146,7 @@ pub fn camera_buffer(data: &[u8]) {
     camera::buffer(data);
 }
 
-/// What stands before the images of a frame that a program sends: what is accepted fits the rig, and is written the same.
+/// Header of a frame from a program: an accepted header fits the rig, and is written the same.
 ///
 /// # Panics
 /// When it does not, or is not.
@@ -264,7 +264,8 @@ fn flight(device: &Device, bytes: &[u8], piece: usize) {
     assert!(figures.samples <= figures.framing.frames);
 }
 
-/// What the kernel says of a buffer: the type of an element on the first line, a mount matrix on the second, then bytes.
+/// Buffer layout as the kernel describes it: the type of an element on the first line, a mount matrix on the
+/// second, then bytes.
 ///
 /// # Panics
 /// When a number has more bits than its type says, or a matrix other numbers than its text.

@@ -11,7 +11,7 @@ pub(crate) fn median_period_ns(stamps: impl Iterator<Item = Timestamp> + Clone) 
     median_by(&mut gaps, Ord::cmp)
 }
 
-/// How far the sequence number goes on over a gap of `gap_ns`: 1 where nothing is missing.
+/// Increment of the sequence number over a gap of `gap_ns`: 1 where nothing is missing.
 pub(crate) fn steps(gap_ns: i64, period_ns: Option<i64>) -> u64 {
     match period_ns {
         Some(period) if period > 0 => {

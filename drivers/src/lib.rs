@@ -1,5 +1,5 @@
-//! Where samples come from: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors,
-//! behind the traits of [`source`].
+//! Sources of samples: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors, behind the
+//! traits of [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.

@@ -15,10 +15,10 @@ use std::path::Path;
 
 /// A live inertial sensor and what belongs to it.
 pub struct LiveImu {
-    /// Its samples, stamped by the host's monotonic clock. It waits for a device that is missing, and ends when the flag
-    /// that it was opened with is set.
+    /// Samples, stamped by the host's monotonic clock. It waits for a device that is missing, and ends when the flag that it
+    /// was opened with is set.
     pub source: Box<dyn ImuSource>,
-    /// What becomes of them, for whoever tells of it.
+    /// Figures of the samples, for the report.
     pub monitor: ImuMonitor,
     /// The triggers of the cameras, where the sensor's microcontroller gives them.
     pub triggers: Option<Consumer<TriggerEvent>>,
@@ -51,7 +51,7 @@ pub struct LiveCameras {
     /// Their frames, stamped by the host's monotonic clock. It waits for cameras that are missing, and ends when the flag
     /// that it was opened with is set.
     pub source: Box<dyn StereoSource>,
-    /// What becomes of them, for whoever tells of it.
+    /// Figures of the cameras, for the report.
     pub monitor: CameraMonitor,
 }
 
@@ -65,7 +65,7 @@ pub enum CameraMonitor {
 }
 
 impl CameraMonitor {
-    /// Why left and right camera bring nothing, as far as they do not.
+    /// Reasons why left and right camera bring nothing; `None` while they do.
     #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         match self {

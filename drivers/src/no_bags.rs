@@ -16,7 +16,7 @@ pub struct BagTopics {
     pub accel: Option<String>,
 }
 
-/// Whether there may be a bag at `path`: a file with the ending of one, or a directory with a description.
+/// True if there may be a bag at `path`: a file with the ending of one, or a directory with a description.
 #[must_use]
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() {

@@ -9,7 +9,7 @@ use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// What the worker reports, with the faults of the source up to then.
+/// Message of the worker, with the faults of the source up to then.
 enum Delivery {
     Frame(StereoFrame, Faults),
     End(Faults),

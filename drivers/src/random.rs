@@ -9,7 +9,7 @@ pub(crate) const fn mix(value: u64) -> u64 {
     Random::new(value).next_bits()
 }
 
-/// What a stream of draws is for; keeps streams of one seed apart.
+/// Purpose of a stream of random numbers; keeps streams of one seed apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub(crate) enum Purpose {

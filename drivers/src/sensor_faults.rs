@@ -1,5 +1,5 @@
-//! What sensors do when something hits them, covers them or sets their clock, done on purpose: decorators around any
-//! source, as [`crate::FaultySource`] is one for frames that are lost or dark.
+//! Fault injection into sensors that are hit, covered or have their clock set: decorators around any source,
+//! as [`crate::FaultySource`] is one for frames that are lost or dark.
 //!
 //! Times are seconds since the first sample or frame of the stream. Every draw is a pure function of the seed and of the
 //! sample's number.
@@ -13,24 +13,24 @@ use std::ops::Range;
 /// Stamps that are wrong for a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockFault {
-    /// When.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
-    /// What is added to stamps then, s.
+    /// Step added to the stamps from then on, s.
     pub step_s: f64,
 }
 
 /// Readings that stay what they are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StuckFault {
-    /// When.
+    /// Time span, seconds since the first frame.
     pub span_s: Range<f64>,
-    /// Which axes: gyroscope x, y, z, accelerometer x, y, z.
+    /// Affected axes: gyroscope x, y, z, accelerometer x, y, z.
     pub axes: [bool; 6],
-    /// Whether they read zero; what they read last before it otherwise.
+    /// True if they read zero; otherwise they repeat the last reading before the fault.
     pub at_zero: bool,
 }
 
-/// What goes wrong with inertial samples.
+/// Faults of inertial samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImuFaults {
     /// No sample comes.
@@ -45,7 +45,7 @@ pub struct ImuFaults {
     pub clock: Option<ClockFault>,
 }
 
-/// What goes wrong with images that arrive all the same.
+/// Faults of images that still arrive.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImageFaults {
     /// A lens is covered: the camera delivers, and sees nothing.

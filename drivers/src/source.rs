@@ -1,4 +1,4 @@
-//! What every driver is: a source of inertial samples and a source of stereo frames.
+//! Interface of every driver: a source of inertial samples and a source of stereo frames.
 //!
 //! Live hardware and replay implement these two traits. A source blocks until its next sample (replay returns at once),
 //! and hands it out with its measurement time and a sequence number. The number counts what the sensor produced, so a
@@ -26,7 +26,7 @@ pub struct StereoFrame {
     pub stamp: Timestamp,
     /// Left and right image; what they hold counts only where `valid` says so.
     pub images: [GrayImage; 2],
-    /// Which of the images arrived.
+    /// Images that arrived.
     pub valid: [bool; 2],
 }
 
@@ -45,7 +45,7 @@ impl StereoFrame {
     }
 }
 
-/// What a source survived, counted.
+/// Counts of faults that a source survived.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Faults {
     /// Samples or frames missing by the sequence numbers, the files or the stamps.
@@ -73,7 +73,7 @@ pub trait ImuSource: Send {
     /// When the stream cannot go on.
     fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError>;
 
-    /// What has been survived so far.
+    /// Faults survived so far.
     fn faults(&self) -> Faults;
 }
 
@@ -94,7 +94,7 @@ pub trait StereoSource: Send {
     /// Frames the stream will hold in all, where that is known (for progress bars).
     fn expected_frames(&self) -> Option<u64>;
 
-    /// What has been survived so far.
+    /// Faults survived so far.
     fn faults(&self) -> Faults;
 }
 

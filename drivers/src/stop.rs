@@ -1,4 +1,4 @@
-//! How a source that waits for a device is told to end.
+//! Request to stop a source that waits for a device.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -31,7 +31,7 @@ impl StopFlag {
         self.0.store(true, Ordering::Release);
     }
 
-    /// Whether it was asked for.
+    /// True once a stop was requested.
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Acquire)

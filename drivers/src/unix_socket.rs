@@ -56,8 +56,8 @@ impl Drop for SocketFile {
     }
 }
 
-/// Whether a process listens on the socket at `path`. One whose queue is full and that accepts nobody does too, and is not
-/// waited for.
+/// True if a process listens on the socket at `path`, even one that accepts nobody and whose queue is full.
+/// Does not block.
 #[must_use]
 pub fn is_served(path: &Path) -> bool {
     let connected = SocketAddrUnix::new(path).and_then(|address| {

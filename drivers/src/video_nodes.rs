@@ -8,7 +8,7 @@ const MAX_ENTRIES: usize = 512;
 /// Longest attribute that is read, bytes.
 const MAX_ATTRIBUTE_BYTES: u64 = 256;
 
-/// Where the kernel shows its devices.
+/// Folder in which the kernel shows its devices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceTree {
     /// Folder in place of `/`: that of a recorded device tree, or `/` itself.

@@ -45,7 +45,7 @@ pub struct DmaBuffer {
 }
 
 impl DmaBuffer {
-    /// What the estimator sees of it: no byte is copied.
+    /// View for the estimator: no byte is copied.
     fn view(&self) -> Result<ImageView<'_>, ImageError> {
         ImageView::new(self.width, self.height, self.stride, &self.bytes)
     }
@@ -53,13 +53,13 @@ impl DmaBuffer {
 
 /// One exposure of both cameras, and the inertial samples up to it.
 pub struct Shot {
-    /// When both were taken, by the cameras' clock.
+    /// Time of both images, by the cameras' clock.
     pub stamp: Timestamp,
     /// Image of the left camera.
     pub left: DmaBuffer,
     /// Image of the right camera.
     pub right: DmaBuffer,
-    /// Those since the shot before, a little beyond the exposure.
+    /// Samples since the shot before, a little beyond the exposure.
     pub samples: Vec<ImuSample>,
 }
 
@@ -94,7 +94,7 @@ pub fn record(directory: &Path, count: usize) -> Result<(ValidSetup, Vec<Shot>),
     Ok((config.setup().clone(), shots))
 }
 
-/// What the DMA engine leaves: image rows, and rubbish in the padding.
+/// Buffer as the DMA engine leaves it: image rows, and rubbish in the padding.
 fn exposed(frame: &StereoFrame, camera: usize) -> DmaBuffer {
     let image = &frame.images[camera];
     let (width, height) = (image.width(), image.height());

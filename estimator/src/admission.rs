@@ -1,4 +1,4 @@
-//! What is let in: inertial samples that a sensor can have measured, and stamps that follow one another.
+//! Admission of inertial samples that a sensor can have measured, and of stamps in order.
 //!
 //! A clock may jump. One stamp far ahead must not make every later one count as old, and a clock that was set must not end a
 //! flight. So a stamp is believed if it is later than the last one, and by no more than a hole in the stream may last; any
@@ -25,7 +25,7 @@ const MAX_FRAME_AGE_NS: i64 = 1_000_000_000;
 /// by percents, and no sensor reads twice as much.
 const MAX_RANGES: f64 = 2.0;
 
-/// Whether a stamp is believed.
+/// Verdict on a stamp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampVerdict {
     /// It follows the last one.
@@ -80,13 +80,14 @@ impl StampGate {
         (self.newest, self.run) = (None, None);
     }
 
-    /// Whether `stamp` is later than the last one that was believed.
+    /// True if `stamp` is later than the last believed one.
     #[must_use]
     pub fn is_later(&self, stamp: Timestamp) -> bool {
         self.newest.is_none_or(|newest| stamp > newest)
     }
 
-    /// Whether `stamp` follows the last one; `other` is the newest of the stream that it belongs to, if there is one.
+    /// True if `stamp` follows the last one; `other` is the newest stamp of the other stream, if there is
+    /// one.
     #[must_use]
     pub fn follows(&self, stamp: Timestamp, other: Option<Timestamp>) -> bool {
         let latest = self.newest.max(other);
@@ -109,7 +110,8 @@ impl StampGate {
         verdict
     }
 
-    /// Whether so many refused stamps have followed one another, `stamp` the last of them, that their clock runs.
+    /// True if so many refused stamps have followed one another, `stamp` the last of them, that their clock
+    /// runs.
     fn goes_on(&mut self, stamp: Timestamp) -> bool {
         let run = match self.run {
             Some(run) if stamp > run.last && stamp.nanos_since(run.last) <= self.step_ns => {
@@ -121,14 +123,14 @@ impl StampGate {
         run.count >= self.run_count && stamp.nanos_since(run.first) >= self.run_ns
     }
 
-    /// Whether a run of refused stamps is about to be believed.
+    /// True if the next stamp of a run of refused ones would be believed.
     #[must_use]
     pub fn is_running(&self) -> bool {
         self.run.is_some_and(|run| run.count + 1 >= self.run_count)
     }
 }
 
-/// Whether a frame's stamp is one of the time that the inertial samples have.
+/// True if a frame's stamp agrees with the time of the inertial samples.
 fn agrees(stamp: Timestamp, other: Option<Timestamp>) -> bool {
     let ages = -MAX_HOLE_NS..=MAX_FRAME_AGE_NS;
     other.is_none_or(|other| ages.contains(&other.nanos_since(stamp)))
@@ -164,7 +166,7 @@ impl ImuDoor {
         self.gate.clear();
     }
 
-    /// Whether a sample is one that follows those before it.
+    /// True if a sample follows those before it and can have been measured.
     #[must_use]
     pub fn expects(&self, sample: &ImuSample) -> bool {
         self.fault(sample).is_none() && self.gate.follows(sample.stamp, None)
@@ -180,7 +182,7 @@ impl ImuDoor {
         })
     }
 
-    /// What no sensor measures, if there is any of it.
+    /// Reason why no sensor can have measured the sample, if any.
     fn fault(&self, sample: &ImuSample) -> Option<ImuAdmission> {
         if !sample.is_finite() {
             Some(ImuAdmission::NotFinite)

@@ -1,4 +1,4 @@
-//! What the estimator says: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
+//! Output of the estimator: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
 
 use crate::origin::OriginUncertainty;
 use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
@@ -6,7 +6,7 @@ use plumbline_config::Timestamp;
 
 pub use crate::health::HealthBits;
 
-/// How far the estimator is.
+/// State of the estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum TrackingState {
     /// Gathering data; there is no pose yet.
@@ -34,7 +34,7 @@ pub struct Estimate {
     pub frame_sequence: u64,
     /// Time of the state on the IMU's time axis (image stamp plus time offset).
     pub stamp: Timestamp,
-    /// How far the estimator is; while `Initialising` or `Failed` the state below is meaningless.
+    /// State of the estimator; while `Initialising` or `Failed` the values below are meaningless.
     pub state: TrackingState,
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,
@@ -69,13 +69,14 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Whether pose, velocity, biases and covariance are ones to use, at the time of the frame.
+    /// True if pose, velocity, biases and covariance are valid, at the time of the frame.
     #[must_use]
     pub fn has_pose(&self) -> bool {
         matches!(self.state, TrackingState::Tracking | TrackingState::Blind) && !self.is_refused()
     }
 
-    /// Whether the frame was refused for its stamp: the state is that of the frame before, and there is no news in it.
+    /// True if the frame was refused for its stamp: the state is that of the frame before, and nothing in it
+    /// is new.
     #[must_use]
     pub fn is_refused(&self) -> bool {
         self.health.contains(HealthBits::BAD_STAMP)
@@ -95,7 +96,7 @@ macro_rules! frame_figures {
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
         pub struct FrameFigures {
             $($(#[$doc])* pub $name: u32,)*
-            /// Whether this frame became a keyframe.
+            /// True if this frame became a keyframe.
             pub is_keyframe: bool,
         }
 
@@ -163,11 +164,11 @@ pub struct Odometry {
     /// Covariance, grown since the last frame by the IMU's noise, by what its biases may be, by what it did not measure,
     /// and by the corrections that are still to enter.
     pub covariance: NavCovariance,
-    /// As of the estimate it rests on.
+    /// State of the estimate it rests on.
     pub state: TrackingState,
-    /// As of the estimate it rests on.
+    /// Quality of the estimate it rests on.
     pub quality: i8,
-    /// As of the estimate it rests on.
+    /// Reset counter of the estimate it rests on.
     pub reset_counter: u32,
     /// Number of steps within the same odometry frame since the beginning: corrections too large for a bounded rate, and
     /// odometry that resumed after an interruption without a reset.

@@ -1,4 +1,4 @@
-//! What front-end and odometer hand each other: a [`Tracked`] frame forward, [`Feedback`] back.
+//! Exchange between front-end and odometer: a [`Tracked`] frame forward, [`Feedback`] back.
 //!
 //! The front-end may work on the next frame while the window still solves the last. What the window found out
 //! (wrong tracks, refined extrinsics, a bias) therefore reaches it one frame late, always, whether there was a
@@ -23,12 +23,12 @@ const MAX_TIME_OFFSET_S: f64 = 0.05;
 /// Lines of a window that are handed on for maps, at most.
 const MAX_SOLVED_LINES: usize = 128;
 
-/// What the front-end makes of one frame: all that the window needs to know of it.
+/// Output of the front-end for one frame: all that the window needs to know of it.
 #[derive(Clone, Debug)]
 pub struct Tracked {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// When it was taken.
+    /// Time of the frame.
     pub time: FrameTime,
     /// A reset that comes before it.
     pub reset: Option<ResetKind>,
@@ -40,7 +40,7 @@ pub struct Tracked {
     pub points: Vec<PointObservation>,
     /// Lines seen, in order of track id.
     pub lines: Vec<LineObservation>,
-    /// What was wrong with the images.
+    /// Faults of the images.
     pub health: HealthBits,
     /// Figures of the front-end; those of the window are still zero.
     pub figures: FrameFigures,
@@ -67,7 +67,7 @@ impl Tracked {
     }
 }
 
-/// What the window found out that the front-end should know.
+/// Findings of the window that the front-end needs.
 #[derive(Clone, Debug)]
 pub struct Feedback {
     /// Track ids of points that do not belong to the rigid scene.
@@ -82,7 +82,7 @@ pub struct Feedback {
     pub bias_gyro: Vector3<f64>,
     /// Mean angular rate of the body since the frame before, rad/s: it predicts turns that no gyroscope measures.
     pub turn_rate_b: Vector3<f64>,
-    /// Whether inertial samples are not believed, since they contradict the images.
+    /// Inertial samples are distrusted, since they contradict the images.
     pub distrusts_imu: bool,
     /// Resets so far.
     pub reset_counter: u32,
@@ -90,12 +90,12 @@ pub struct Feedback {
     pub solved: SolvedFrame,
 }
 
-/// How well the window knows one keyframe against the one before it.
+/// Relative pose of a keyframe and the one before it, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyframeStep {
-    /// When the earlier one was taken.
+    /// Stamp of the earlier keyframe.
     pub from: Timestamp,
-    /// When the later one was.
+    /// Stamp of the later keyframe.
     pub to: Timestamp,
     /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²): see [`crate::window::relative`].
     pub covariance: Matrix4<f64>,
@@ -112,7 +112,7 @@ pub struct SolvedFrame {
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame; `None` while there is none.
     pub pose_o_b: Option<Isometry3<f64>>,
-    /// Whether the frame became a keyframe.
+    /// True if the frame became a keyframe.
     pub is_keyframe: bool,
     /// Resets so far.
     pub reset_counter: u32,
@@ -125,7 +125,7 @@ pub struct SolvedFrame {
 }
 
 impl Feedback {
-    /// What is known before the first frame, with room for what any frame may find.
+    /// Initial feedback before the first frame, with room for the findings of any frame.
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         let pose = |k: usize| setup.camera.get(k).map_or_else(Isometry3::identity, |c| c.pose_b_c());

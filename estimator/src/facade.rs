@@ -132,7 +132,7 @@ impl Estimator {
         self.odometer.rig_estimate()
     }
 
-    /// How well the newest frame fits the calibration; `None` while there is no pose.
+    /// Fit of the newest frame to the calibration; `None` while there is no pose.
     pub fn newest_fit(&mut self) -> Option<Fit> {
         self.odometer.newest_fit()
     }

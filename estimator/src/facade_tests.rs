@@ -5,7 +5,7 @@ use crate::estimate::HealthBits;
 use crate::odometry::synthetic::{World, config, stamp};
 
 const HOUR_S: f64 = 3600.0;
-/// When the first fault begins, s.
+/// Beginning of the first fault, s.
 const FAULT_S: f64 = 3.0;
 /// In how long everything is well again after the last, s.
 const RECOVERY_S: f64 = 1.0;
@@ -14,15 +14,15 @@ const END_S: f64 = 6.0;
 /// By how much the stamps of samples and of frames are wrong at time `t`, s.
 type Clocks = fn(t: f64) -> (f64, f64);
 
-/// What a flight came to.
+/// Counts of a flight.
 #[derive(Debug, Default)]
 struct Flown {
     samples_refused: u32,
     frames_refused: u32,
     resets: u32,
-    /// When the last frame was without a pose, s.
+    /// Time of the last frame without a pose, s.
     last_without_pose: f64,
-    /// When the last sample was without odometry, s.
+    /// Time of the last sample without odometry, s.
     last_without_odometry: f64,
     /// Position against the truth at the end, relative to where it was before the fault, m.
     error_m: f64,

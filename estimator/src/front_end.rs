@@ -1,6 +1,6 @@
 //! The front-end: images in, tracked points and lines out.
 //!
-//! What it hears of the window comes by [`crate::exchange`], a frame late by rule.
+//! Feedback of the window comes by [`crate::exchange`], by rule one frame late.
 
 use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
@@ -110,8 +110,8 @@ impl FrontEnd {
         admission
     }
 
-    /// Whether a frame of `image_stamp` is worth waiting for its samples: it is later than the last, and not so far ahead
-    /// that its stamp must be wrong, unless those before it were as far.
+    /// True if a frame of `image_stamp` is worth waiting for its samples: it is later than the last, and not
+    /// so far ahead that its stamp must be wrong, unless those before it were as far.
     #[must_use]
     pub fn expects(&self, image_stamp: Timestamp) -> bool {
         let stamp = self.imu_time(image_stamp);
@@ -228,7 +228,8 @@ impl FrontEnd {
         self.write_observations(tracked);
     }
 
-    /// Whether the frame of `stamp` is tracked; empties `tracked` where it is not. Its samples wait for the next one.
+    /// Admits the frame of `stamp`, or empties `tracked` and returns false. Samples of a refused frame wait
+    /// for the next one.
     fn admit(&mut self, stamp: Timestamp, tracked: &mut Tracked) -> bool {
         let verdict = self.stamps.admit(stamp, self.door.newest());
         tracked.is_clock_set = verdict == StampVerdict::ClockSet;
@@ -378,7 +379,7 @@ const BLANK_SPREAD: f64 = 3.0;
 /// One pixel in so many of either direction is looked at.
 const BLANK_STEP: usize = 8;
 
-/// Whether an image shows nothing.
+/// True if an image shows nothing.
 fn is_blank(image: &ImageView<'_>) -> bool {
     let (mut sum, mut squares, mut count) = (0u64, 0u64, 0u64);
     for v in (0..image.height()).step_by(BLANK_STEP) {

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-/// Where series take over from closed forms.
+/// Angle below which series replace closed forms.
 const SMALL_ANGLE_RAD: f64 = 1e-4;
 
 /// The matrix `[v]x` with `[v]x w = v x w`.

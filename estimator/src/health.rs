@@ -25,7 +25,7 @@ pub struct HealthBit {
 }
 
 impl HealthBit {
-    /// Whether the bit is a fault. A vehicle may stand still.
+    /// True if the bit is a fault. Standing still, for example, is none.
     #[must_use]
     pub const fn is_fault(&self) -> bool {
         !self.cure.is_empty()
@@ -220,7 +220,7 @@ impl HealthBits {
         self.0 |= other.0;
     }
 
-    /// Whether all bits of `other` are set.
+    /// True if all bits of `other` are set.
     #[must_use]
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

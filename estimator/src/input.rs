@@ -1,4 +1,4 @@
-//! What the estimator is given beside inertial samples: frames and resets.
+//! Input of the estimator beside inertial samples: frames and resets.
 
 use plumbline_config::{ImageView, Timestamp};
 
@@ -49,7 +49,7 @@ impl<'a> FrameInput<'a> {
     }
 }
 
-/// What became of an inertial sample.
+/// Verdict on an inertial sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImuAdmission {
     /// Accepted.
@@ -68,18 +68,18 @@ pub enum ImuAdmission {
 }
 
 impl ImuAdmission {
-    /// Whether the sample counts.
+    /// True if the sample is used.
     #[must_use]
     pub const fn is_accepted(self) -> bool {
         matches!(self, Self::Accepted | Self::ClockSet)
     }
 }
 
-/// How much a reset forgets.
+/// Extent of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetKind {
     /// The map and the window go; the pose stays, with biases and calibration: the new start continues from them.
     Soft,
-    /// Everything goes, refined calibration, biases and stamps too: the new start begins at the origin.
+    /// Discards everything, refined calibration, biases and stamps too: the new start begins at the origin.
     Hard,
 }

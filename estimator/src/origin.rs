@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector3};
 
 /// Covariance of a state in the order of [`crate::estimate::NavCovariance`].
 type NavCovariance = SMatrix<f64, 9, 9>;
-/// Where position, attitude and velocity begin in it.
+/// Indices at which position, attitude and velocity begin in it.
 const P: usize = 0;
 const ROT: usize = 3;
 const V: usize = 6;

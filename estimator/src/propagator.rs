@@ -43,7 +43,7 @@ pub struct Propagator {
     estimated: Timestamp,
     newest: Option<BelievedSample>,
     watch: StuckWatch,
-    /// What is not believed of the samples, whatever they read.
+    /// Sensors whose samples are distrusted, whatever they read.
     distrusted: Unmeasured,
     /// Attitude of the last estimate, its time, and the mean rate between the last two, rad/s in `B`.
     turned: Option<(UnitQuaternion<f64>, Timestamp)>,
@@ -146,7 +146,7 @@ impl Propagator {
         self.turned = estimate.has_pose().then_some(now);
     }
 
-    /// What is told of the state, and of which time.
+    /// State to be published and its time.
     fn told(&self) -> Option<(NavState, Timestamp)> {
         self.nav.as_ref().map(|nav| (self.blend.told(nav), self.stamp))
     }
@@ -168,13 +168,13 @@ impl Propagator {
         }
     }
 
-    /// Whether a sample follows those before it: see [`crate::admission`].
+    /// True if a sample follows those before it: see [`crate::admission`].
     #[must_use]
     pub fn expects(&self, sample: &ImuSample) -> bool {
         self.door.expects(sample)
     }
 
-    /// Whether the samples that are kept lead on from `stamp`.
+    /// True if the samples kept continue from `stamp`.
     fn reaches_back_to(&self, stamp: Timestamp) -> bool {
         self.samples.front().is_none_or(|first| first.sample.stamp.seconds_since(stamp) <= STALE_S)
     }
@@ -243,7 +243,7 @@ impl Propagator {
         believed
     }
 
-    /// Whether the state carried, if there is one, is made of finite numbers.
+    /// True if the state carried, if there is one, is finite.
     fn is_finite(&self) -> bool {
         self.nav.as_ref().is_none_or(NavState::is_finite) && self.covariance.is_finite()
     }

@@ -30,7 +30,7 @@ impl Readout {
         Self { readout_s: camera.readout_s, rows: (camera.height_px as f64 - 1.0).at_least(1.0) }
     }
 
-    /// Whether all rows are exposed at once.
+    /// True if all rows are exposed at once.
     #[must_use]
     pub fn is_global(&self) -> bool {
         self.readout_s == 0.0
@@ -82,7 +82,7 @@ impl RowTurns {
         Self { readout, knots: std::array::from_fn(knot) }
     }
 
-    /// Whether all rows are exposed at once.
+    /// True if all rows are exposed at once.
     #[must_use]
     pub fn is_global(&self) -> bool {
         self.readout.is_global()

@@ -1,21 +1,21 @@
-//! How much of the configured work a frame gets, and who does it.
+//! Share of the configured work for a frame, and the threads that do it.
 //!
 //! Both are given from outside. The budget is an input of the estimate, like a sample; the [`Fork`] decides
 //! on which threads the work is done, and has no say in its outcome.
 
-/// How much of the configured work one frame gets.
+/// Share of the configured work for one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WorkBudget {
     /// Share of the configured points, line segments and pixel visits, percent.
     pub features_percent: u32,
-    /// Whether lines are looked for.
+    /// Track lines.
     pub lines: bool,
     /// Solver iterations, at most; the configuration may allow fewer.
     pub max_iterations: usize,
 }
 
 impl WorkBudget {
-    /// Everything that the configuration allows.
+    /// Work in full, as configured.
     pub const FULL: Self = Self { features_percent: 100, lines: true, max_iterations: usize::MAX };
 
     /// The share of `count` that this budget allows.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// The folder of the page.
 const PAGE: &str = "web";
-/// What of it is for those who read or test the page alone.
+/// Files for those who edit or test the page alone, left out.
 const LEFT_OUT: &[&str] = &["tests", "package.json", "README.md"];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

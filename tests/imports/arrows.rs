@@ -22,7 +22,7 @@ pub fn arrows(sources: &Sources) -> BTreeMap<ModulePath, Arrows> {
     all
 }
 
-/// Those who reach each other in both directions, in groups.
+/// Groups of nodes that reach each other in both directions.
 pub fn circles(arrows: &Arrows) -> Vec<BTreeSet<String>> {
     let nodes: BTreeSet<&String> = arrows.keys().flat_map(|(a, b)| [a, b]).collect();
     let reach: BTreeMap<&String, BTreeSet<&String>> =

@@ -1,6 +1,6 @@
-//! What the compiler does not hold between the crates: within a crate no modules of one folder import each other in a
-//! circle, the modules of the estimator follow the flow of the data, no network is among what a flight is built from, and
-//! functions of the runtime fit on a screen.
+//! Rules between the crates that the compiler does not check: within a crate no modules of one folder import each other in a
+//! circle, the modules of the estimator follow the flow of the data, a flight is built from no network, and functions of the
+//! runtime fit on a screen.
 
 mod arrows;
 mod sources;

@@ -14,9 +14,9 @@ pub type ModulePath = Vec<String>;
 /// One module.
 #[derive(Debug, Default)]
 pub struct Module {
-    /// Its file, from the folder of the crate.
+    /// File, from the folder of the crate.
     pub file: PathBuf,
-    /// What it names with `use` or in passing, from the root of its own crate.
+    /// Paths that it names with `use` or in passing, from the root of its own crate.
     pub names: BTreeSet<ModulePath>,
     /// Names that it hands on, with where they come from.
     reexports: BTreeMap<String, ModulePath>,
@@ -36,9 +36,9 @@ pub struct Function {
 /// A crate.
 #[derive(Debug, Default)]
 pub struct Sources {
-    /// Its modules; the root has an empty path.
+    /// Modules; the root has an empty path.
     pub modules: BTreeMap<ModulePath, Module>,
-    /// Its functions.
+    /// Functions.
     pub functions: Vec<Function>,
 }
 
@@ -140,7 +140,7 @@ fn attributes(item: &Item) -> &[Attribute] {
     }
 }
 
-/// Whether it carries `#[cfg(test)]` or `#[cfg(all(test, ...))]`.
+/// True if it carries `#[cfg(test)]` or `#[cfg(all(test, ...))]`.
 fn is_for_tests(attributes: &[Attribute]) -> bool {
     attributes.iter().any(|attribute| match &attribute.meta {
         Meta::List(list) => {
@@ -232,7 +232,7 @@ impl<'ast> Visit<'ast> for Reader {
         visit::visit_path(self, path);
     }
 
-    /// What is within a macro is not parsed: its tokens are looked through for `crate::`.
+    /// Searches the tokens of a macro for `crate::`, as its content is not parsed.
     fn visit_macro(&mut self, item: &'ast syn::Macro) {
         let text = item.tokens.to_string().replace(' ', "");
         for (place, _) in text.match_indices("crate::") {

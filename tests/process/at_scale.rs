@@ -9,7 +9,7 @@ fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/at-scale").join(name)
 }
 
-/// Whether GNU parallel is here; says so if not.
+/// True if GNU parallel is installed; reports the skip if not.
 fn has_parallel() -> bool {
     let version = Command::new("parallel").arg("--version").output();
     let found = version.is_ok_and(|v| String::from_utf8_lossy(&v.stdout).starts_with("GNU parallel"));

@@ -116,7 +116,7 @@ impl Drop for Browser {
     }
 }
 
-/// What the page computes without a browser: formats, geometry, the protocol, its store.
+/// Modules of the page without a browser: formats, geometry, the protocol, its store.
 #[test]
 fn modules_of_the_page_pass_their_own_tests() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../ground/web/tests");
@@ -264,7 +264,7 @@ fn network_page_survives_noise_at_its_socket() {
     assert!(station.child.try_wait().unwrap().is_none(), "{}", station.words());
 }
 
-/// Those that measure rates and times: see `.config/nextest.toml`.
+/// Tests that measure rates and times: see `.config/nextest.toml`.
 mod realtime {
     use super::*;
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
 
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// A compiler and its language.
 type Compiler = (&'static str, &'static str);
@@ -22,7 +22,7 @@ const CLANG: Compiler = ("clang", "-std=c11");
 const GXX: Compiler = ("g++", "-std=c++17");
 const CLANGXX: Compiler = ("clang++", "-std=c++17");
 const WARNINGS: [&str; 5] = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"];
-/// What finds errors of memory, leaks and undefined behaviour in the programs, and in what they do with the library.
+/// Sanitizers that find errors of memory, leaks and undefined behaviour in the programs and their use of the library.
 const SANITIZERS: &[&str] = &["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"];
 
 fn said(output: &Output) -> String {

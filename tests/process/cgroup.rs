@@ -12,7 +12,7 @@ const PERIOD_US: u32 = 4000;
 /// In a version 2 group: the threads of its processes that are to be held still.
 const THREADS: &str = "threads";
 
-/// How a hierarchy is told what to do.
+/// Version of a hierarchy's interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Version {
     One,
@@ -65,7 +65,7 @@ impl Group {
         Ok(group)
     }
 
-    /// What can be made in the first of the hierarchies that let it; else the test is to skip itself.
+    /// Group in the first of the hierarchies that permits it; otherwise the test skips itself.
     fn first_of(
         need: Need,
         hierarchies: Vec<Hierarchy>,

@@ -28,7 +28,7 @@ fn cut(table: &Path, kept: f64) {
     fs::write(table, lines[..(lines.len() as f64 * kept) as usize].join("\n")).unwrap();
 }
 
-/// What `replay` warns of, and status and output of `doctor`.
+/// Warnings of `replay`, and status and output of `doctor`.
 fn told(flight: &Path) -> (String, Option<i32>, String) {
     let flight = flight.to_str().unwrap();
     let flown = plumbline(&["replay", flight]);

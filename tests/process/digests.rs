@@ -47,7 +47,7 @@ fn file() -> PathBuf {
     plumbline_test_support::workspace().join("tests/digests.toml")
 }
 
-/// What a build makes of a flight; `None` where the shared data are missing. `command` starts it.
+/// Digests of a flight by a build; `None` where the shared data are missing. `command` starts it.
 pub(super) fn flown(mut command: Command, (_, arguments): Flight) -> Option<Digests> {
     let place = |argument: &&str| match argument.strip_prefix(SHARED) {
         Some(inside) => shared(inside).map(|path| path.display().to_string()),
@@ -79,7 +79,7 @@ fn is_as_recorded(name: &str) {
     assert_eq!(now, recorded(name), "{name}: other bits; if that is meant, record them with `make digests`");
 }
 
-/// What the file says of a flight.
+/// Digests of a flight in the file.
 pub(super) fn recorded(name: &str) -> Digests {
     let recorded: toml::Table = std::fs::read_to_string(file()).unwrap().parse().unwrap();
     let digest = |key: &str| recorded[name][key].as_str().unwrap().to_owned();

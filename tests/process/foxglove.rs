@@ -1,5 +1,4 @@
-//! What Foxglove is given: files, and the live server, read by other implementations than ours and compared with Foxglove's
-//! own definitions.
+//! Files and live server for Foxglove, read by other implementations than ours and compared with Foxglove's own definitions.
 
 use super::python::interpreter;
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
@@ -22,7 +21,7 @@ fn peer(python: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// What the peer prints when it has ended well.
+/// Output of the peer after a successful run.
 fn told(python: &Path, arguments: &[&str]) -> Value {
     let output = peer(python, arguments).output().unwrap();
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));

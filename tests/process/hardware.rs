@@ -90,7 +90,7 @@ impl Endless {
         Self { recording, period_ns, counts: [samples, frames] }
     }
 
-    /// What is repeated.
+    /// Recording that is repeated.
     pub fn recording(&self) -> &Recording {
         &self.recording
     }
@@ -115,7 +115,7 @@ impl Endless {
     }
 }
 
-/// When the time of the recording is that of the host.
+/// Relation of the recording's time to that of the host.
 #[derive(Clone, Copy, Debug)]
 pub struct Epoch {
     /// Time of the recording, ns.
@@ -166,7 +166,7 @@ impl Draws {
     }
 }
 
-/// What happens to the bytes on the way; times in s of the recording.
+/// Troubles of the bytes on the way; times in s of the recording.
 #[derive(Clone, Debug)]
 pub struct Trouble {
     /// Frames of a thousand with noise before them.
@@ -321,7 +321,7 @@ impl Microcontroller {
     }
 }
 
-/// What is sent for a sample; `is_hit` is told where the frame itself was.
+/// Bytes sent for a sample; `is_hit` is set if the frame itself was hit.
 fn frame(
     reading: &ImuReading,
     time_ns: u64,

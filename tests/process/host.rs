@@ -1,10 +1,10 @@
-//! What the host does to everybody, seen by timers that do nothing else: tests of time judge beyond it.
+//! Disturbances by the host, seen by timers that do nothing else: tests of time judge beyond them.
 
 use plumbline_flight::schedule::bare_timer::{self, BareTimer};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How bare timers fared beside some work, one on each processor.
+/// Lateness of bare timers beside some work, one on each processor.
 pub struct Host(Vec<BareTimer>);
 
 impl Host {
@@ -19,7 +19,7 @@ impl Host {
     }
 }
 
-/// What comes of `work`, and what timers of this period and SCHED_FIFO priority met meanwhile.
+/// Result of `work`, and the lateness meanwhile of timers of this period and SCHED_FIFO priority.
 pub fn beside_bare_timers<T>(period: Duration, priority: u8, work: impl FnOnce() -> T) -> (T, Host) {
     let stop = AtomicBool::new(false);
     let cpus = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);

@@ -1,4 +1,4 @@
-//! What comes with a package: manual pages, completions; and a processor that is too old.
+//! Contents of a package: manual pages, completions; and a processor that is too old.
 
 use super::{plumbline, stderr};
 use plumbline_test_support::{Need, skip};

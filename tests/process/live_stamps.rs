@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Size of the images of the preset `sim`, px.
 const SIZE: (u32, u32) = (752, 480);
@@ -42,7 +42,7 @@ fn sensors(folder: &Path) -> Vec<String> {
     keys.into_iter().flat_map(|key| ["--set".to_owned(), key]).collect()
 }
 
-/// What `doctor --live` prints and logs, and its exit status, while `start` makes the sensors in the folder.
+/// Output, log and exit status of `doctor --live`, while `start` makes the sensors in the folder.
 fn doctor<S>(start: impl FnOnce(&Path) -> S) -> (Option<i32>, String, String) {
     let folder = tempfile::tempdir().unwrap();
     let mut command = Command::new(PLUMBLINE);
@@ -125,7 +125,7 @@ fn imu(link: &Path, stamp: fn(i64) -> i64) -> Sender {
     })
 }
 
-/// What a flight says, once it has said this.
+/// Output of a flight, once it contains `words`.
 fn said(running: &Running, words: &str) -> String {
     eventually(words, PATIENCE, || running.words().contains(words));
     running.words()

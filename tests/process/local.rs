@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 
 /// Length of the flights, s.
 pub const FLIGHT_S: u32 = 16;
-/// Nothing is waited for longer.
+/// Longest wait.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// A user with no rights.
 const SOMEBODY: u32 = 65_534;
@@ -99,7 +99,7 @@ pub fn digests(report: &Value) -> (Value, Value) {
     (report["estimate_digest"].clone(), report["odometry_digest"].clone())
 }
 
-/// Whether a busy host has refused a frame, or let an estimate come late: then there is nothing to compare.
+/// True if a busy host has refused a frame, or let an estimate come late: then there is nothing to compare.
 pub fn was_disturbed(report: &Value) -> bool {
     let counts = ["frames_shed", "frames_short_of_samples", "steps_down", "late_corrections"];
     counts.iter().any(|key| report["live"][key].as_f64() != Some(0.0))
@@ -288,7 +288,7 @@ fn a_network_process_started_by_hand_serves_one_flight_after_the_other() {
     link.interrupt();
 }
 
-/// Those that measure rates and times: see `.config/nextest.toml`.
+/// Tests that measure rates and times: see `.config/nextest.toml`.
 mod realtime {
     use super::*;
 
@@ -372,7 +372,7 @@ mod realtime {
         });
     }
 
-    /// What a reader got.
+    /// Counts of a reader.
     #[derive(Debug, Default)]
     struct Got {
         received: u64,

@@ -57,7 +57,7 @@ fn plumbline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_plumbline")).args(arguments).output().expect("the command runs")
 }
 
-/// What it said on stderr.
+/// Text on stderr.
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }

@@ -1,4 +1,4 @@
-//! How the IMU is mounted: imported, simulated, unknown, and measured.
+//! Mounting of the IMU: imported, simulated, unknown, and measured.
 
 use super::{plumbline, stderr};
 use plumbline_config::Config;

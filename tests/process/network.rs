@@ -1,4 +1,4 @@
-//! What a vehicle publishes is what it computed: two processes and a Zenoh session between them.
+//! Published values are the computed ones: two processes and a Zenoh session between them.
 
 use super::vehicle::{PLUMBLINE, Page, Running, flight, free_port, render};
 use plumbline_config::{Config, Timestamp};
@@ -364,7 +364,7 @@ fn malformed_messages_on_every_key_are_counted_and_harm_nobody() {
     assert_eq!(report["malformed"].as_u64().unwrap(), sent, "{report}");
 }
 
-/// Those that measure rates and times: see `.config/nextest.toml`.
+/// Tests that measure rates and times: see `.config/nextest.toml`.
 mod realtime {
     use super::*;
 

@@ -41,7 +41,7 @@ impl Program {
         Self { child, stdout }
     }
 
-    /// Its next line; an empty one when it has ended.
+    /// Next line; an empty one when it has ended.
     pub fn line(&mut self) -> String {
         let mut line = String::new();
         self.stdout.read_line(&mut line).unwrap();

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What comes within this time has come.
+/// Time within which everything sent has arrived.
 const QUIET: Duration = Duration::from_secs(2);
 
 /// A TLS connection with the certificate of a role, or with none.

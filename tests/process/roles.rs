@@ -16,7 +16,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::qos::CongestionControl;
 use zenoh::query::QueryTarget;
 
-/// What is tried, with the words of the table.
+/// Actions tried, in the words of the table.
 const DEEDS: [&str; 7] =
     ["put", "delete", "query", "offer answers", "be seen alive", "watch who is alive", "subscribe"];
 /// On these keys.
@@ -33,7 +33,7 @@ const QUESTION: &str = "plumbline/drone/trajectory/**";
 /// By whom, with the files of their certificates.
 const ROLES: [(&str, &str); 4] =
     [("viewer", "viewer"), ("operator", "operator"), ("vehicle drone", "vehicle"), ("router", "router")];
-/// What is allowed arrives within this time; what is not has this long to arrive.
+/// Time within which an allowed message arrives; a forbidden one has as long to arrive.
 const PATIENCE: Duration = Duration::from_secs(10);
 const QUIET: Duration = Duration::from_millis(150);
 
@@ -71,7 +71,7 @@ fn documented() -> BTreeMap<Field, Vec<String>> {
     table
 }
 
-/// What a role may do, by the table.
+/// Rights of a role, by the table.
 fn allowed(role: usize, guard: Guard) -> BTreeSet<Field> {
     let is_allowed = |words: &str| match words {
         "yes" => true,
@@ -162,7 +162,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// What the attacker achieves.
+    /// Plays the attacker, and returns what succeeds.
     async fn play(mut self) -> BTreeSet<Field> {
         self.send().await;
         self.watch().await;
@@ -273,7 +273,7 @@ impl Scene {
         self.achieved.extend(seen);
     }
 
-    /// Whether a subscription brings what the guard publishes.
+    /// True if a subscription receives what the guard publishes.
     async fn hears(&self, key: &'static str) -> bool {
         let arrived = Arrived::default();
         let heard = arrived.clone();
@@ -290,7 +290,7 @@ impl Scene {
         arrived.has(key)
     }
 
-    /// Whether somebody who offers answers is asked what the guard asks.
+    /// True if a queryable receives the queries of the guard.
     async fn is_asked(&self, key: &'static str) -> bool {
         let arrived = Arrived::default();
         let heard = arrived.clone();

@@ -1,5 +1,5 @@
-//! What a machine with ROS 2 and `rmw_zenoh` sees of a vehicle. `tests/python/ros_peer.py` plays that machine:
-//! router, session and key expressions as `rmw_zenoh` has them, decoding by `rosbags`.
+//! View of a vehicle from a machine with ROS 2 and `rmw_zenoh`. `tests/python/ros_peer.py` plays that machine: router, session
+//! and key expressions as `rmw_zenoh` has them, decoding by `rosbags`.
 
 mod views;
 
@@ -12,10 +12,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-/// What `ros_peer.py` imports.
+/// Packages that `ros_peer.py` imports.
 const PACKAGES: &str = "rosbags, xxhash, zenoh";
 
-/// When the machine with ROS is there.
+/// Time at which the machine with ROS is there.
 #[derive(Clone, Copy, PartialEq)]
 enum Machine {
     Before,
@@ -37,7 +37,7 @@ const ALL_TOPICS: [(&str, &str, u64); 9] = [
     ("/drone_1/map/markers", "visualization_msgs/msg/MarkerArray", 1),
 ];
 
-/// What the machine saw of a flight, and the odometry that the flight wrote to its file.
+/// Topics that the machine saw of a flight, and the odometry that the flight wrote to its file.
 struct Seen {
     told: Value,
     computed: BTreeMap<i64, Vec<f64>>,

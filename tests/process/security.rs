@@ -37,7 +37,7 @@ fn states_heard(endpoint: &str, access: &[String]) -> usize {
     String::from_utf8_lossy(&heard.stdout).lines().count()
 }
 
-/// What a station with these keys says while it watches for that long.
+/// Output of a station with these keys while it watches for that long.
 fn watched(endpoint: &str, access: &[String], time: Duration) -> String {
     let mut command = Command::new(PLUMBLINE);
     command.args(["ground", "--plain", "--no-http", "--connect", endpoint]).args(access);

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
-/// What a device says of itself.
+/// Identity of a device.
 struct Device {
     port: &'static str,
     vendor: &'static str,

@@ -110,7 +110,7 @@ fn an_interrupted_sweep_keeps_what_has_landed() {
     assert!(kept.len() >= 2 && kept.iter().all(whole));
 }
 
-/// What a first try leaves behind must not be in the way of a second one.
+/// Regression: the leavings of a first try must not be in the way of a second one.
 #[test]
 fn a_second_sweep_with_other_values_needs_no_cleaning_up() {
     let folder = tempfile::tempdir().unwrap();

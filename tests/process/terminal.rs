@@ -51,8 +51,8 @@ fn terminal() -> (File, [Stdio; 3]) {
     (File::from(controller), [end(), end(), end()])
 }
 
-/// What is on a terminal after these bytes: text, places of the cursor, and what is erased (ECMA-48). Lines move up where
-/// they are written below the last row.
+/// Contents of a terminal after these bytes: text, places of the cursor, and what is erased (ECMA-48). Lines move up where they
+/// are written below the last row.
 fn screen(bytes: &str) -> Vec<String> {
     let mut rows = vec![vec![' '; 80]; 24];
     let (mut row, mut column, mut chars) = (0, 0, bytes.chars());

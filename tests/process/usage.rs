@@ -1,4 +1,4 @@
-//! What a user meets: warnings of nonsense, parts of recordings, cures that help.
+//! Everyday use: warnings of nonsense, parts of recordings, cures that help.
 
 use super::{fails, plumbline, stderr};
 use serde_json::Value;

@@ -41,7 +41,7 @@ impl Running {
         Self { child, words }
     }
 
-    /// What it said so far.
+    /// Output so far.
     pub fn words(&self) -> String {
         self.words.lock().unwrap().clone()
     }

@@ -1,4 +1,4 @@
-//! What the system tests share: where the shared data are, and the flights they fly.
+//! Common parts of the system tests: the places of the shared data, and the flights.
 
 use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{Entry, Fault};

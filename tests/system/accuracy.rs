@@ -37,8 +37,8 @@ fn almost_without_texture() {
     flies("V1_03_difficult", ("low-texture", Scene::LowTexture), 0.2);
 }
 
-/// Where points are few, lines bring what points cannot: the same flight with and without them. How much is
-/// measured over several minutes in `soak.rs`; a single flight scatters too much for that.
+/// Lines lower the error where points are few: the same flight with and without them. The gain over several minutes is measured
+/// in `soak.rs`; a single flight scatters too much for that.
 #[test]
 fn lines_lower_the_error_where_texture_is_missing() {
     let Some(entry) = entry("V1_02_medium", ("low-texture", Scene::LowTexture), 1, 20.0, Fault::None) else {

@@ -1,4 +1,4 @@
-//! What goes wrong in flight is survived without a reset, and the covariance knows of it.
+//! Faults in flight are survived without a reset, and the covariance accounts for them.
 
 use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::table::{SILENCE_HEAD, TRUST_HEAD, silence_row, trust_row};

@@ -45,7 +45,7 @@ fn flown(flight: Flight) -> (Flown, Vec<MapUpdate>) {
     (flown, updates)
 }
 
-/// How places were recognized in a flight.
+/// Recognition of places in a flight.
 #[derive(Debug, Default)]
 struct Recognition {
     revisits: usize,
@@ -163,8 +163,8 @@ fn said_loop(
     Some(Edge::of_loop(graph.nodes(), (from, to), &(Isometry3::from(shift) * way), information))
 }
 
-/// How far the odometry is from the truth between nodes of a flight, as squares of Mahalanobis distances, for ways of
-/// 1, 4, 16, 64 and 256 nodes: median and largest.
+/// Errors of the odometry between nodes of a flight against the truth, as squares of Mahalanobis distances, for ways of 1, 4,
+/// 16, 64 and 256 nodes: median and largest.
 fn drift_distances2(flown: &Flown, mapper: &Mapper) -> Vec<(usize, f64, f64)> {
     let (graph, poses) = (mapper.graph(), true_poses(flown, mapper));
     let of = |step: usize| {

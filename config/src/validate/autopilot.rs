@@ -7,7 +7,7 @@ use crate::options::{AutopilotConfig, AutopilotEndpoint, SerialLine};
 const ODOMETRY_BYTES: f64 = 245.0;
 /// All other messages in a second, bytes.
 const OTHERS_BYTES_S: f64 = 800.0;
-/// What a byte takes of a serial line: start, eight bits, stop.
+/// Bits on a serial line for one byte: start, eight bits, stop.
 const BAUD_PER_BYTE: f64 = 10.0;
 
 pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {

@@ -14,7 +14,7 @@ const MIN_BASELINE_M: f64 = 1e-3;
 /// Largest angle between the optical axes of a stereo pair: beyond, the images hardly overlap.
 const MAX_STEREO_ANGLE_RAD: f64 = 0.8;
 
-/// Why a row-major 4x4 matrix is no plausible extrinsics, and the cure; `None` when it is one.
+/// Reason why a row-major 4x4 matrix is no plausible extrinsics, and the cure; `None` when it is one.
 pub(crate) fn pose_problem(rows: &[[f64; 4]; 4]) -> Option<(String, &'static str)> {
     if rows.iter().flatten().any(|x| !x.is_finite()) {
         return Some(("contains NaN or infinity".into(), "give finite numbers"));
@@ -48,7 +48,7 @@ fn translation(rows: &[[f64; 4]; 4]) -> Vector3<f64> {
     Vector3::new(rows[0][3], rows[1][3], rows[2][3])
 }
 
-/// Whether two cameras can see the same things from different places.
+/// Checks that two cameras can see the same things from different places.
 pub(super) fn check_pair(cameras: &[CameraConfig], found: &mut Vec<Violation>) {
     let [left, right] = cameras else { return };
     if pose_problem(&left.pose_b_c).is_some() || pose_problem(&right.pose_b_c).is_some() {

@@ -4,7 +4,7 @@ use crate::Config;
 use crate::error::Violation;
 use crate::options::{ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};
 
-/// What a byte takes of a serial line: start, eight bits, stop.
+/// Bits on a serial line for one byte: start, eight bits, stop.
 const BAUD_PER_BYTE: f64 = 10.0;
 
 pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {

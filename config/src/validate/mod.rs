@@ -35,7 +35,7 @@ const MIN_SEEN_SHARE: f64 = 0.05;
 const MIN_LEVEL_PX: usize = 16;
 
 impl EstimatorSetup {
-    /// Everything that is wrong with the values, ordered by part; empty when the setup is good.
+    /// Violations by the values, ordered by part; empty when the setup is good.
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = Vec::new();
@@ -57,7 +57,7 @@ impl EstimatorSetup {
 }
 
 impl Config {
-    /// Everything that is wrong with the values, ordered by part; empty when the configuration is good.
+    /// Violations by the values, ordered by part; empty when the configuration is good.
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = self.setup().violations();
@@ -177,7 +177,7 @@ fn check_rates(config: &EstimatorSetup, found: &mut Vec<Violation>) {
     }
 }
 
-/// Whether frames of both cameras can be told apart from their neighbours.
+/// Checks that the pair tolerance distinguishes a frame of both cameras from its neighbours.
 fn check_pairing(config: &Config, found: &mut Vec<Violation>) {
     let Some(first) = config.camera.first() else { return };
     if config.driver.pair_tolerance_s * first.rate_hz >= 0.5 {
@@ -255,7 +255,7 @@ fn check_orders(orders: &[Order], found: &mut Vec<Violation>) {
     }
 }
 
-/// Whether the window's matrices have room for its frames.
+/// Checks that the window's matrices have room for its frames.
 fn check_frames(setup: &EstimatorSetup, found: &mut Vec<Violation>) {
     let window = &setup.estimator.window;
     let frames = window.keyframes.saturating_add(window.recent_frames);
@@ -266,7 +266,7 @@ fn check_frames(setup: &EstimatorSetup, found: &mut Vec<Violation>) {
     }
 }
 
-/// Whether cells, border and pyramid fit the images.
+/// Checks that cells, border and pyramid fit the images.
 fn check_image_fits(config: &EstimatorSetup, found: &mut Vec<Violation>) {
     let points = &config.estimator.points;
     let Some(side) = config.camera.iter().map(|c| c.width_px.min(c.height_px)).min() else { return };

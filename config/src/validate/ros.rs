@@ -52,7 +52,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     }
 }
 
-/// Whether it is absolute and fully qualified, as the design article on topic names wants it.
+/// True if it is absolute and fully qualified, as the design article on topic names requires.
 fn is_namespace(text: &str) -> bool {
     let is_token = |token: &str| {
         token.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')

@@ -17,7 +17,7 @@ const CRC_BYTES: usize = 4;
 
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// Why a frame is none.
+/// Reasons why bytes are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
@@ -25,9 +25,9 @@ pub enum Error {
     Length,
     /// It breaks the rule of its encoding.
     Encoding,
-    /// Its checksum is another.
+    /// The checksum is wrong.
     Checksum,
-    /// Its checksum is right, its type is not known or its payload too short for it.
+    /// The checksum is right, but the type is unknown or the payload too short for it.
     Unknown,
 }
 

@@ -1,4 +1,4 @@
-//! What can be said, and how it lies in a payload.
+//! Messages and their layout in a payload.
 
 /// The version that this crate speaks, as [`Hello`] tells it.
 pub const VERSION: u8 = 1;
@@ -35,7 +35,7 @@ pub enum Message {
 pub struct Imu {
     /// Counts samples of the sensor, also those that were not sent; begins anew after 2^32.
     pub sequence: u32,
-    /// When it was measured (the data-ready interrupt) by the device's clock, ns since it started.
+    /// Time of measurement (the data-ready interrupt) by the device's clock, ns since it started.
     pub time_ns: u64,
     /// Angular rate in the IMU's axes, rad/s.
     pub gyro_rad_s: [f32; 3],
@@ -43,11 +43,11 @@ pub struct Imu {
     pub accel_m_s2: [f32; 3],
     /// Temperature of the sensor, degrees Celsius, to a hundredth; `None` if it was not read with this sample.
     pub temperature_c: Option<f32>,
-    /// What is wrong with the sample.
+    /// Faults of this sample.
     pub flags: Flags,
 }
 
-/// What is wrong with a sample.
+/// Faults of a sample, as the device reports them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
     /// Bit 0: an axis of the gyroscope is at the end of its range.
@@ -63,11 +63,12 @@ pub struct Flags {
 pub struct Trigger {
     /// Counts triggers since the device started, from 0; begins anew after 2^32.
     pub counter: u32,
-    /// When the edge was given by the device's clock, ns: the start of the exposure.
+    /// Time of the edge by the device's clock, ns: the start of the exposure.
     pub time_ns: u64,
-    /// How long the pulse is, ns: the exposure of cameras that expose while it lasts; 0 where they decide themselves.
+    /// Length of the pulse, ns: the exposure of cameras that expose during it; 0 where they decide
+    /// themselves.
     pub pulse_ns: u32,
-    /// Which cameras: bit 0 is the first.
+    /// Triggered cameras: bit 0 is the first.
     pub cameras: u8,
 }
 
@@ -93,27 +94,27 @@ pub struct Hello {
 pub struct Time {
     /// The host's time of the question, ns.
     pub asked_ns: u64,
-    /// When the last byte of the question was there by the device's clock, ns.
+    /// Arrival of the last byte of the question by the device's clock, ns.
     pub received_ns: u64,
-    /// When the first byte of this answer leaves by the device's clock, ns.
+    /// Departure of the first byte of this answer by the device's clock, ns.
     pub sent_ns: u64,
 }
 
-/// What the device does.
+/// Rates and pulses that the host asks of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
     /// Samples of the IMU a second, thousandths; 0 leaves it to the device.
     pub imu_rate_mhz: u32,
     /// Triggers a second, thousandths; 0 for none.
     pub trigger_rate_mhz: u32,
-    /// How long the pulse of a trigger is, us.
+    /// Length of a trigger pulse, us.
     pub trigger_pulse_us: u32,
-    /// Which cameras are triggered: bit 0 is the first.
+    /// Cameras to trigger: bit 0 is the first.
     pub cameras: u8,
 }
 
 impl Message {
-    /// Its type on the wire.
+    /// Type on the wire.
     #[must_use]
     pub const fn kind(&self) -> u8 {
         match self {

@@ -1,4 +1,5 @@
-//! What the containers of messages have in common: topics, bounds, and how a file is handed to them.
+//! Common ground of the containers of messages: topics, bounds, and the way in which a file is handed to
+//! them.
 
 use super::messages::Format;
 use crate::DriverError;
@@ -7,17 +8,18 @@ use std::path::Path;
 
 /// Longest record, chunk or message that is read, bytes: four images of 8192 x 8192 grey pixels.
 pub(crate) const MAX_RECORD_BYTES: usize = 256 << 20;
-/// What is compressed may expand to this many times its length. Images that are not black throughout are far below.
+/// Bound on the expansion of compressed data, as a multiple of its length. Images that are not black
+/// throughout are far below.
 pub(crate) const MAX_EXPANSION: u64 = 1_000;
 /// Topics that a bag may have.
 pub(crate) const MAX_TOPICS: usize = 4096;
 /// Bytes that tell the container of a file.
 const MAGIC_BYTES: usize = 16;
 
-/// What a bag says of a topic.
+/// Description of a topic in a bag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Topic {
-    /// Its name, such as /cam0/image_raw.
+    /// Name, such as /cam0/image_raw.
     pub(crate) name: String,
     /// The type of its messages.
     pub(crate) type_name: String,
@@ -42,7 +44,7 @@ pub(crate) fn number_of(
     known
 }
 
-/// What came next in a file.
+/// Result of reading one step further in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
     /// A message of the topic of this number, in the payload.
@@ -62,7 +64,7 @@ pub(crate) fn peeked(path: &Path, mut input: Input) -> Result<(Vec<u8>, Input), 
     Ok((magic.clone(), Box::new(Cursor::new(magic).chain(input))))
 }
 
-/// Why the file at `path` cannot be read on: what is compressed in it is damaged, or the system refuses.
+/// Error for the rest of the file at `path`: its compressed data are damaged, or the system refuses.
 pub(crate) fn unreadable(path: &Path, error: io::Error) -> DriverError {
     match error.kind() {
         io::ErrorKind::InvalidData => DriverError::malformed(path, error.to_string()),

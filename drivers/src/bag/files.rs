@@ -6,17 +6,18 @@ use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
-/// What describes a bag of several files.
+/// File that describes a bag of several files.
 const METADATA: &str = "metadata.yaml";
 /// Longest description that is read, bytes.
 const MAX_METADATA_BYTES: u64 = 4 << 20;
 /// Endings of the files of bags; each may be followed by that of Zstandard.
 const ENDINGS: [&str; 3] = ["mcap", "db3", "bag"];
 const PACKED: &str = ".zstd";
-/// What a ROS 1 bag is called while it is recorded.
+/// Ending of a ROS 1 bag that is still being recorded.
 const ACTIVE: &str = ".bag.active";
 
-/// Whether there may be a bag at `path`: a file with the ending of one, or a directory with a description or such files.
+/// True if there may be a bag at `path`: a file with the ending of one, or a directory with a description or
+/// such files.
 #[must_use]
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() {

@@ -18,7 +18,7 @@ pub(crate) enum Holds {
 }
 
 impl Holds {
-    /// What a topic with these messages holds.
+    /// Content of a topic with these messages.
     pub(crate) fn of(messages: &[ImuMessage]) -> Self {
         let all = messages.len();
         let count = |wanted: [bool; 2]| messages.iter().filter(|message| has(message) == wanted).count();
@@ -32,8 +32,8 @@ impl Holds {
     }
 }
 
-/// Whether a message holds rates of rotation, and accelerations: a quantity that is zero in all axes or no number is not there,
-/// nor is one whose covariance says so. A driver that writes -1 into all covariances says nothing by it.
+/// Quantities in a message: rates of rotation, accelerations. A quantity is absent if it is zero in all axes,
+/// not a number, or denied by its covariance. A driver that writes -1 into all covariances denies nothing.
 fn has(message: &ImuMessage) -> [bool; 2] {
     let is_there =
         |vector: &Vector3<f64>| vector.iter().any(|x| *x != 0.0) && !vector.iter().all(|x| x.is_nan());
@@ -41,7 +41,7 @@ fn has(message: &ImuMessage) -> [bool; 2] {
     [is_there(&message.sample.gyro) && (!gyro || accel), is_there(&message.sample.accel) && (!accel || gyro)]
 }
 
-/// Whether a message of a topic of either kind is one of the gyroscope: at rest its rates may be zero.
+/// True for a gyroscope's message on a topic that carries both kinds; at rest its rates may be zero.
 pub(super) fn is_gyro(message: &ImuMessage) -> bool {
     matches!((has(message), message.is_denied), ([true, _], _) | (_, [false, true]))
 }

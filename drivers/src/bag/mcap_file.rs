@@ -52,7 +52,7 @@ impl<R: Read> McapFile<R> {
         }
     }
 
-    /// Whether what is read is far more than the file can have been made of.
+    /// True if the data read so far are far more than the file can have been made of.
     fn is_bomb(&self) -> bool {
         let bound = (MAX_RECORD_BYTES as u64).saturating_add(self.read_bytes.saturating_mul(MAX_EXPANSION));
         self.idle_records > MAX_IDLE_RECORDS || self.expanded_bytes > bound

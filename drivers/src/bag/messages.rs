@@ -3,7 +3,7 @@
 use super::wire::{Encoding, Wire};
 use plumbline_config::{ImuSample, Timestamp};
 
-/// What a topic carries that can be flown with.
+/// Kinds of messages that a flight can use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Kind {
     /// `sensor_msgs/msg/Image`.
@@ -29,9 +29,9 @@ impl Kind {
 /// Kind and encoding of the messages of a topic that can be flown with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Format {
-    /// What they are.
+    /// Kind of the messages.
     pub(crate) kind: Kind,
-    /// How they are written.
+    /// Encoding of the messages.
     pub(crate) encoding: Encoding,
 }
 
@@ -51,9 +51,9 @@ pub(crate) enum ImageMessage<'a> {
         width: usize,
         /// Height, px.
         height: usize,
-        /// What a pixel is, such as mono8 or bgr8.
+        /// Pixel encoding, such as mono8 or bgr8.
         encoding: &'a str,
-        /// Whether of two bytes the higher comes first.
+        /// True if pixels of two bytes are big-endian.
         is_big: bool,
         /// Bytes from row to row.
         step: usize,
@@ -72,9 +72,9 @@ pub(crate) fn stamp(encoding: Encoding, bytes: &[u8]) -> Option<Timestamp> {
 /// An inertial message: what it says of a quantity that it does not hold is no sample of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ImuMessage {
-    /// Its numbers, possible or not.
+    /// Numbers of the sample, possible or not.
     pub(crate) sample: ImuSample,
-    /// Whether the covariance says that the rates of rotation are not there (-1), and the accelerations.
+    /// True where the covariance (-1) denies the rates of rotation, and the accelerations.
     pub(crate) is_denied: [bool; 2],
 }
 

@@ -73,7 +73,7 @@ pub struct BagDataset {
     is_truncated: bool,
 }
 
-/// What one topic holds.
+/// Content of one topic.
 #[derive(Debug, Default)]
 struct Content {
     /// Messages so far, readable or not.
@@ -221,7 +221,7 @@ impl BagDataset {
         })
     }
 
-    /// What is wrong with the bag as a whole.
+    /// Defects of the bag as a whole.
     #[must_use]
     pub fn defects(&self) -> &[Defect] {
         &self.defects
@@ -257,7 +257,7 @@ impl BagDataset {
         frames_span(&self.frames[self.handed_out.clone()])
     }
 
-    /// Whether a file of the bag breaks off, as after a crash; what comes before is handed out.
+    /// True if a file of the bag breaks off, as after a crash. The messages before are handed out.
     #[must_use]
     pub fn is_truncated(&self) -> bool {
         self.is_truncated

@@ -1,4 +1,4 @@
-//! What is compressed by Zstandard around or within a bag, as `ros2 bag record --compression-mode file` or `message` does it.
+//! Zstandard around or within a bag, as `ros2 bag record --compression-mode file` or `message` writes it.
 //!
 //! MCAP files and ROS 1 bags are unpacked while they are read. A database is read at any place, and so is unpacked into a
 //! temporary file, which is deleted with the last reader.
@@ -17,7 +17,7 @@ const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 /// Bytes that any message may expand to, however short it is.
 const LEAST_BOUND_BYTES: u64 = 1 << 20;
 
-/// Whether what begins so is compressed.
+/// True if a file with this beginning is compressed.
 pub(crate) fn is_zstd(magic: &[u8]) -> bool {
     magic.starts_with(&ZSTD)
 }
@@ -77,13 +77,13 @@ impl Unpacked {
         Ok(Self(Arc::new(file.into_temp_path())))
     }
 
-    /// Where its content is.
+    /// Path of the unpacked content.
     pub(crate) fn path(&self) -> &Path {
         &self.0
     }
 }
 
-/// What the file at `path` may expand to, bytes.
+/// Bound on the expanded size of the file at `path`, bytes.
 fn bound_bytes(path: &Path) -> Result<u64, DriverError> {
     let length = path.metadata().map_err(|e| DriverError::io(path, e))?.len();
     Ok((MAX_RECORD_BYTES as u64).saturating_add(length.saturating_mul(MAX_EXPANSION)))

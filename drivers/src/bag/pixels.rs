@@ -9,7 +9,7 @@ use plumbline_config::GrayImage;
 /// Longest side of an image, px.
 pub(crate) const MAX_SIDE_PX: usize = 8192;
 
-/// How a raw pixel is made grey.
+/// Conversion of a raw pixel to grey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pixel {
     /// One byte.
@@ -51,7 +51,7 @@ impl Pixel {
 pub(crate) const ENCODINGS: &str =
     "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, 8UC4, 16UC1, yuv422, yuv422_yuy2";
 
-/// Whether raw images of that encoding can be read.
+/// True if raw images of that encoding can be read.
 pub(crate) fn is_known(encoding: &str) -> bool {
     Pixel::of(encoding).is_some()
 }

@@ -43,19 +43,19 @@ pub(crate) struct Ros1File<R> {
     read_bytes: u64,
     expanded_bytes: u64,
     idle_records: u64,
-    /// Where the index begins; `None` until the recorder is done.
+    /// Beginning of the index; `None` until the recorder is done.
     index_at: Option<u64>,
     is_begun: bool,
 }
 
-/// What is wrong with the bytes.
+/// Reasons why the bytes cannot be read.
 #[derive(Debug)]
 enum Damage {
-    /// They end within a record.
+    /// The bytes end within a record.
     Truncated,
     /// The file cannot be read.
     Io(io::Error),
-    /// They are no bag; in words.
+    /// The bytes are no bag; in words.
     Malformed(String),
 }
 
@@ -159,7 +159,7 @@ impl<R: Read> Ros1File<R> {
         Ok(())
     }
 
-    /// Whether what is read is far more than the file can have been made of.
+    /// True if the data read so far are far more than the file can have been made of.
     fn is_bomb(&self) -> bool {
         let bound = (MAX_RECORD_BYTES as u64).saturating_add(self.read_bytes.saturating_mul(MAX_EXPANSION));
         self.idle_records > MAX_IDLE_RECORDS || self.expanded_bytes > bound
@@ -280,19 +280,19 @@ impl<R: Read> Ros1File<R> {
 }
 
 impl Ros1File<&[u8]> {
-    /// Whether a file that begins so is a ROS 1 bag, of whatever version.
+    /// True if a file with this beginning is a ROS 1 bag, of any version.
     pub(crate) fn is_begun_by(magic: &[u8]) -> bool {
         magic.starts_with(ANY_VERSION)
     }
 }
 
-/// Where the data of a record are.
+/// Place of a record's data.
 enum Source {
     Chunk(usize, usize),
     File,
 }
 
-/// What the header of a record says.
+/// Fields of the header of a record.
 #[derive(Debug, Default)]
 struct Head {
     op: u8,

@@ -27,12 +27,12 @@ const BATCH_ROWS: usize = 256;
 const BATCH_BYTES: usize = 8 << 20;
 /// Bytes of the header of a database.
 const HEADER_BYTES: usize = 100;
-/// How to save what can be of a damaged database.
+/// Cure for a damaged database.
 const RECOVER: &str = "copy it again, or save what can be with `sqlite3 FILE .recover | sqlite3 NEW.db3`";
 
 /// One database of a bag.
 pub(crate) struct SqliteFile {
-    /// Its name in messages.
+    /// Name in messages.
     path: PathBuf,
     database: Connection,
     /// Topics by their numbers in the file; `None` before they are read.
@@ -41,15 +41,15 @@ pub(crate) struct SqliteFile {
     last_row: i64,
     content_bytes: u64,
     file_bytes: u64,
-    /// Whether the file is shorter than its header says.
+    /// True if the file is shorter than its header states.
     is_cut: bool,
-    /// Whether its recorder did not close it.
+    /// True if its recorder did not close it.
     is_unfinished: bool,
     is_done: bool,
 }
 
 impl SqliteFile {
-    /// Whether a file that begins so is a database.
+    /// True if a file with this beginning is an SQLite database.
     pub(crate) fn is_begun_by(magic: &[u8]) -> bool {
         magic.starts_with(MAGIC)
     }
@@ -190,15 +190,15 @@ impl SqliteFile {
     }
 }
 
-/// Why rows cannot be fetched.
+/// Reason why rows cannot be fetched.
 enum Fault {
     Sqlite(Error),
-    /// They hold more than the file.
+    /// The rows hold more than the file.
     Bomb,
 }
 
 impl Fault {
-    /// Whether pages that are not there lead to it.
+    /// True if missing or damaged pages can cause the fault.
     fn is_of_pages(&self) -> bool {
         let Self::Sqlite(error) = self else { return true };
         let codes = [ErrorCode::DatabaseCorrupt, ErrorCode::NotADatabase, ErrorCode::SystemIoFailure];
@@ -271,7 +271,7 @@ fn escaped(byte: u8) -> String {
     }
 }
 
-/// What SQLite said, with the cure.
+/// Error of SQLite as ours, with the cure.
 fn in_words(path: &Path, error: &Error, is_unfinished: bool) -> DriverError {
     match error.sqlite_error_code() {
         None if matches!(error, Error::InvalidQuery) => DriverError::malformed(

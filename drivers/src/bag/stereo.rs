@@ -40,7 +40,7 @@ struct Camera {
     count: u64,
     /// Numbers of the messages that are still to be handed out.
     wanted: BTreeSet<u64>,
-    /// Those of them that were read.
+    /// Messages of the topic that were read and not yet handed out.
     waiting: BTreeMap<u64, (Format, Vec<u8>)>,
 }
 

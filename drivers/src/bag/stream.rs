@@ -21,9 +21,9 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Message<'a> {
     /// Number of its topic.
     pub(crate) topic: usize,
-    /// What it is, and how it is written.
+    /// Kind and encoding of the message.
     pub(crate) format: Format,
-    /// Its content.
+    /// Content.
     pub(crate) bytes: &'a [u8],
 }
 
@@ -33,7 +33,7 @@ pub(crate) struct Messages {
     file: Option<Container>,
     topics: Vec<Topic>,
     payload: Vec<u8>,
-    /// Whether a file broke off.
+    /// True if a file breaks off.
     pub(crate) is_truncated: bool,
 }
 

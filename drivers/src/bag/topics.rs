@@ -1,4 +1,4 @@
-//! Which topics of a bag are flown: those that are named, or those about which there can be no doubt.
+//! Choice of a bag's topics: those that are named, or those about which there can be no doubt.
 
 use super::container::Topic;
 use super::holds::Holds;
@@ -28,7 +28,7 @@ pub(crate) struct ImuTopics {
     pub(crate) holds: Holds,
 }
 
-/// What a left camera is called, and what its right one.
+/// Usual names of the left and the right camera in topics.
 const SIDES: [(&str, &str); 6] = [
     ("left", "right"),
     ("cam0", "cam1"),

@@ -19,43 +19,45 @@ const EARLY_NS: i64 = 20_000_000;
 const EARLY_SETTLING_NS: i64 = 500_000_000;
 /// Samples of another time that are believed when they agree among themselves.
 const BELIEVED: u32 = 4;
-/// How far samples that agree may come apart, ns: they may arrive in a burst.
+/// Spread of the offsets of samples that agree, ns, at most: samples may arrive in a burst.
 const AGREEING_NS: i64 = 500_000_000;
-/// When nothing arrives sooner than this after its time for [`PATIENCE_NS`], the device's clock was set back, ns.
+/// Lateness limit, ns: when nothing arrives sooner than this after its time for [`PATIENCE_NS`], the device's clock was set
+/// back.
 const LATE_NS: i64 = 50_000_000;
 /// See [`LATE_NS`]; no stall of a host that still runs is as long.
 const PATIENCE_NS: i64 = 5_000_000_000;
 
-/// How long the promptest samples can be on their way by round trips: a little less than nothing, where both ways differ.
+/// Plausible delay of the promptest samples by round trips, ns: slightly negative where both ways differ.
 const ONE_WAY_NS: std::ops::RangeInclusive<i64> = -20_000_000..=500_000_000;
 
-/// What is learnt anew moves the stamps by at most one part in this: they keep their order and nearly their distance.
+/// Slew limit: a correction moves the stamps by at most one part in this, so that they keep their order and
+/// nearly their distance.
 const SLEW: i64 = 100;
 /// An arrival this much after the promptest is counted as late, ns.
 const COUNTED_LATE_NS: i64 = 1_000_000;
 
-/// What became of a sample.
+/// Outcome of stamping a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
     /// It was measured at this time of the host's clock, ns.
     At(i64),
     /// The clock is not known well enough yet.
     Settling,
-    /// Its time makes no sense after those before.
+    /// The device's time contradicts those before.
     Refused,
 }
 
-/// What is known of a device's clock.
+/// Estimate of a device's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ClockFigures {
-    /// Whether samples are handed out.
+    /// True while samples are handed out.
     #[serde(skip)]
     pub is_settled: bool,
     /// The host's clock less the device's, ns.
     pub offset_ns: i64,
     /// By how much the host's clock runs faster, millionths.
     pub skew_ppm: f64,
-    /// How often the device's clock was learnt afresh: it was started anew or set.
+    /// Number of times the clock was estimated afresh because the device was restarted or its clock set.
     pub restarts: u64,
     /// Samples whose time made no sense.
     pub refused: u64,
@@ -72,7 +74,7 @@ pub struct ClockFigures {
 /// The clock of a device.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceClock {
-    /// Whether the device should answer questions.
+    /// True if the device is expected to answer time requests.
     asks: bool,
     /// It did not: once it is started anew it is not waited for again.
     never_answers: bool,
@@ -81,7 +83,7 @@ pub struct DeviceClock {
     /// Host less device at the arrivals, relative to the origin.
     arrivals: Envelope,
     trips: RoundTrips,
-    /// How much later than by its round trips the promptest sample arrives, ns.
+    /// Delay of the promptest sample beyond its round trips, ns.
     one_way_ns: i64,
     last: (i64, i64),
     handed: Option<Handed>,
@@ -175,7 +177,7 @@ impl DeviceClock {
         self.clear();
     }
 
-    /// What is known.
+    /// Present estimate of the device's clock.
     #[must_use]
     pub fn figures(&self) -> ClockFigures {
         self.figures
@@ -218,7 +220,7 @@ impl DeviceClock {
         Stamped::Refused
     }
 
-    /// Whether everything has been late for so long that it must be the device's clock.
+    /// True if every sample has been late for so long that the device's clock must have been set back.
     fn is_set_back(&mut self, late_ns: i64, arrival_ns: i64) -> bool {
         if !self.figures.is_settled {
             return false;

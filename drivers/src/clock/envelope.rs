@@ -41,7 +41,7 @@ impl Envelope {
         }
     }
 
-    /// What it has seen, ns.
+    /// Span of the samples seen, ns.
     #[must_use]
     pub fn age_ns(&self) -> i64 {
         self.old.span().map_or(0, |(first, last)| last - first)

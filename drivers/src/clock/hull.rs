@@ -26,7 +26,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Its height at `x`, ns.
+    /// Height at `x`, ns.
     #[must_use]
     pub fn at(&self, x: i64) -> i64 {
         self.y.saturating_add((self.slope * x.saturating_sub(self.x) as f64).round() as i64)
@@ -121,7 +121,7 @@ impl Hull {
     }
 }
 
-/// Whether the way from `a` over `b` to `c` turns left: `b` is below the straight way.
+/// True if the way from `a` over `b` to `c` turns left: `b` is below the straight way.
 fn turns_left(a: Vertex, b: Vertex, c: Vertex) -> bool {
     let across = |p: i64, q: i64| i128::from(p) * i128::from(q);
     across(b.x - a.x, c.y - a.y) > across(b.y - a.y, c.x - a.x)

@@ -25,4 +25,4 @@ pub use counter::Unwrap;
 pub use device::{ClockFigures, DeviceClock, Stamped};
 pub use host::monotonic_ns;
 pub use round_trip::RoundTrip;
-pub use stamps::{Pace, StampDefect, StampFigures, StampProblem, TimeUnitName};
+pub use stamps::{StampDefect, StampFigures, StampPace, StampProblem, TimeUnitName};

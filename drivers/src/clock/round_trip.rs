@@ -9,13 +9,13 @@ use super::envelope::{Envelope, SPAN_NS};
 /// A question and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RoundTrip {
-    /// When the question left, by the host's clock, ns.
+    /// Departure of the question, by the host's clock, ns.
     pub sent_ns: i64,
-    /// When the device had it, by its own clock, ns.
+    /// Arrival of the question at the device, by its own clock, ns.
     pub device_received_ns: i64,
-    /// When the device answered, by its own clock, ns; the same as above where it tells one time only.
+    /// Departure of the answer from the device, by its own clock, ns; the same as above where the device gives one time only.
     pub device_sent_ns: i64,
-    /// When the answer was there, by the host's clock, ns.
+    /// Arrival of the answer, by the host's clock, ns.
     pub received_ns: i64,
 }
 

@@ -1,4 +1,4 @@
-//! What is wrong with the stamps that a device or a program gives, in words that name the clock seen and the clock expected.
+//! Defects of the stamps of a device or a program, in words that name the clock found and the clock expected.
 
 use serde::Serialize;
 use std::fmt;
@@ -40,25 +40,25 @@ impl fmt::Display for TimeUnitName {
     }
 }
 
-/// What is wrong with stamps.
+/// Defects of stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampDefect {
-    /// They are 0.
+    /// Stamps are 0.
     Zero,
-    /// They are in another unit than nanoseconds.
+    /// Stamps are in another unit than nanoseconds.
     Unit(TimeUnitName),
-    /// They are later than now, ns.
+    /// Stamps are later than now, ns.
     Ahead(i64),
-    /// They are of another clock, this far behind the expected one, ns.
+    /// Stamps are of another clock, this far behind the expected one, ns.
     OtherClock(i64),
-    /// They do not increase.
+    /// Stamps do not increase.
     Repeated,
 }
 
-/// What is wrong with the stamps of a source, with the first stamp that showed it.
+/// Defect of the stamps of a source, with the first stamp that showed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StampProblem {
-    /// What is wrong.
+    /// Defect found.
     pub defect: StampDefect,
     /// The stamp as it was received.
     pub stamp: i64,
@@ -67,7 +67,7 @@ pub struct StampProblem {
 }
 
 impl StampProblem {
-    /// What is wrong with `stamp`, which is of none of the host's clocks: monotonic and system, ns.
+    /// Defect of a `stamp` that belongs to none of the host's clocks (monotonic and system, ns).
     #[must_use]
     pub fn of_stamp(stamp: i64, monotonic_ns: i64, system_ns: i64) -> Self {
         let is_of = |factor: i64| {
@@ -118,7 +118,7 @@ pub struct StampFigures {
     pub restamped: u64,
     /// Frames or samples that were dropped, since their stamp was repeated, went back, or was of no use.
     pub refused: u64,
-    /// What is wrong with them, as far as anything is.
+    /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
 }
@@ -143,7 +143,7 @@ impl StampFigures {
 
 /// Compares how a device's clock and the host's go on. The offset of both may be anything, their pace may not.
 #[derive(Clone, Debug, Default)]
-pub struct Pace {
+pub struct StampPace {
     begin: Option<(i64, i64)>,
     last: i64,
     samples: u32,
@@ -152,7 +152,7 @@ pub struct Pace {
     problem: Option<StampProblem>,
 }
 
-impl Pace {
+impl StampPace {
     /// Takes a sample of this device time, which arrived at this time of the host, ns.
     pub fn take(&mut self, device_ns: i64, arrival_ns: i64) {
         let Some((device_begin, host_begin)) = self.begin else {
@@ -182,7 +182,7 @@ impl Pace {
         self.restart(device_ns, arrival_ns);
     }
 
-    /// What is wrong with the device's stamps now.
+    /// Present defect of the device's stamps, if any.
     #[must_use]
     pub fn problem(&self) -> Option<StampProblem> {
         self.problem
@@ -232,9 +232,9 @@ mod tests {
         assert_eq!(words, "stamps are 0, where CLOCK_MONOTONIC is expected (now 7)");
     }
 
-    /// What a second of samples at 200 Hz shows, whose device time is this function of their time, ns.
+    /// Defect found in one second of samples at 200 Hz whose device time is `device` of their true time, ns.
     fn shown(device: impl Fn(i64) -> i64) -> Option<StampDefect> {
-        let mut pace = Pace::default();
+        let mut pace = StampPace::default();
         (0..200).map(|k| k * 5_000_000).for_each(|ns| pace.take(device(ns), 77_000_000_000 + ns));
         pace.problem().map(|problem| problem.defect)
     }
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn a_device_that_starts_anew_or_a_stall_of_the_host_shows_nothing() {
         assert_eq!(shown(|ns| if ns < 400_000_000 { ns } else { ns - 400_000_000 }), None);
-        let mut pace = Pace::default();
+        let mut pace = StampPace::default();
         for k in 0..200_i64 {
             let ns = k * 5_000_000;
             // Samples of 0.3 s arrive together.

@@ -4,7 +4,7 @@ use crate::random::{Draws, Purpose};
 const US: i64 = 1_000;
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
-/// What the stamps have to keep to once the clock is known, ns.
+/// Error allowed of the stamps once the clock is known, ns.
 const TOLERANCE_NS: i64 = 200 * US;
 
 /// When a host that looks every so often does so, after the device's measurement, ns.

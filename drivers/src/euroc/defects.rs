@@ -1,4 +1,4 @@
-//! What is wrong with the files of a data set, by their names.
+//! Defects of the files of a data set, by name.
 
 use super::depth::Depth;
 use super::imu::ImuRecord;
@@ -17,15 +17,15 @@ const MAX_SURPLUS: f64 = 0.02;
 /// Something that is wrong with a recording as a whole, in words for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Defect {
-    /// What is wrong.
+    /// Finding.
     pub what: String,
     /// The figures that show it, with the file.
     pub evidence: String,
     /// Probable cause.
     pub cause: String,
-    /// What to do.
+    /// Cure.
     pub cure: String,
-    /// Whether the recording should not be flown with it.
+    /// True if the recording should not be flown with this defect.
     pub is_grave: bool,
 }
 
@@ -107,7 +107,7 @@ impl FileDefects {
         found.missing.count + found.damaged.count + found.foreign.0.count + found.resized.0.count
     }
 
-    /// What was found so far: a sentence for each kind, with the first file.
+    /// Findings so far: a sentence for each kind, with the first file.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
         let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -129,7 +129,8 @@ impl FileDefects {
     }
 }
 
-/// Whether the samples cover the frames; `file` names those in messages.
+/// Defects of coverage: frames before the first or after the last sample. `file` names the samples in
+/// messages.
 pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>]) -> Vec<Defect> {
     let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::frames_span(frames)) else {
         return Vec::new();
@@ -164,8 +165,8 @@ pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>
 /// One row in this many may have the stamp of another.
 const REPEATED_ONE_IN: u64 = 100;
 
-/// What the stamps of a recording show of its clock. `orders` are those of its tables or topics, by their names; `what` are
-/// their rows; the recording begins at `first`.
+/// Defects of the clock of a recording, by its stamps. `orders` are those of its tables or topics, by name;
+/// `what` names their rows; the recording begins at `first`.
 pub(crate) fn of_stamps(
     root: &Path,
     orders: &[(String, Order)],
@@ -177,7 +178,7 @@ pub(crate) fn of_stamps(
     defects
 }
 
-/// That some rows have the stamp 0, and the others the time of the recording.
+/// Defect: some rows have the stamp 0, the others the time of the recording.
 fn unstamped(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defect> {
     let told: Vec<String> = orders
         .iter()
@@ -195,7 +196,7 @@ fn unstamped(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defe
     })
 }
 
-/// That the clock of the stamps stepped back.
+/// Defect: the clock of the stamps stepped back.
 fn stepped(root: &Path, orders: &[(String, Order)], first: Timestamp) -> Option<Defect> {
     let step = |(name, order): &(String, Order)| {
         let at_s = order.step_at.seconds_since(first);
@@ -217,7 +218,7 @@ fn stepped(root: &Path, orders: &[(String, Order)], first: Timestamp) -> Option<
     })
 }
 
-/// That stamps repeat.
+/// Defect: stamps repeat.
 fn repeated(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defect> {
     let repeats =
         |(_, order): &&(String, Order)| order.repeated > 1 && order.repeated * REPEATED_ONE_IN > order.rows;
@@ -239,7 +240,8 @@ fn repeated(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defec
     })
 }
 
-/// That only some of 16 bits are in use: of so many images that were looked at this is the largest value.
+/// Defect: only some of the 16 bits are in use. `largest` is the largest value in the `seen` images looked
+/// at.
 pub(crate) fn shallow(root: &Path, depth: Depth, largest: u16, seen: u64) -> Option<Defect> {
     let bits = depth.bits();
     (depth != Depth::FULL).then(|| Defect {
@@ -255,7 +257,7 @@ pub(crate) fn shallow(root: &Path, depth: Depth, largest: u16, seen: u64) -> Opt
     })
 }
 
-/// Whether one camera has many images more than the other.
+/// Defect: one camera has many images more than the other.
 pub(super) fn surplus(root: &Path, images: [usize; 2]) -> Option<Defect> {
     let more = usize::from(images[1] > images[0]);
     let surplus = images[more] - images[1 - more];

@@ -48,7 +48,7 @@ pub(super) fn size_px(folder: &Path, rows: &[ImageRow]) -> Option<(usize, usize)
     rows.iter().find_map(|row| picture_size(&read_start(&folder.join(&row.file), HEAD_BYTES).ok()?))
 }
 
-/// Why no image of a camera can be read, and what to do.
+/// Reason why no image of a camera can be read, and the cure.
 pub(super) fn unreadable(folder: &Path, rows: &[ImageRow]) -> String {
     let count = rows.len();
     let first =

@@ -1,4 +1,4 @@
-//! What the tests of this crate share: a small data set made on the spot, and the way to the real clips.
+//! Fixtures of this crate's tests: a small data set made on the spot, and the paths of the real clips.
 
 use super::{EurocDataset, EurocOptions};
 use crate::{DriverError, ImuReading, ImuSource, StereoFrame, StereoSource};

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// Largest file that is read; a 16-bit RGB image of 4096x4096 fits.
 pub(super) const MAX_FILE_BYTES: u64 = 128 << 20;
-/// What the decoder may allocate for itself.
+/// Memory limit of the decoder, bytes.
 const MAX_DECODER_BYTES: usize = 64 << 20;
 /// Longest side of an image whose values are looked at, px.
 const MAX_LOOKED_AT_PX: usize = 8192;
@@ -142,8 +142,8 @@ pub(crate) fn png_largest(file: &[u8]) -> Option<u16> {
     values.map(|two| u16::from_be_bytes([two[0], two[1]])).max()
 }
 
-/// Whether a palette is of whole entries and no more than an index can tell: png 0.18.1 takes both for granted, and
-/// panics.
+/// True if a palette has whole entries and no more than an index can address. png 0.18.1 assumes both, and
+/// panics otherwise.
 fn is_palette(bytes: &[u8]) -> bool {
     bytes.len().is_multiple_of(3) && bytes.len() <= 3 * 256
 }

@@ -36,7 +36,7 @@ pub(crate) fn parse_imu_row(text: &str) -> Result<ImuSample, RowFault> {
     Ok(ImuSample { stamp, gyro, accel })
 }
 
-/// Whether a sample is of numbers that a sensor can give.
+/// True if a sensor can measure such values.
 pub(crate) fn is_possible(sample: &ImuSample) -> bool {
     let is_within = |v: &Vector3<f64>, most: f64| v.iter().all(|x| x.abs() <= most);
     is_within(&sample.gyro, MAX_GYRO_RAD_S) && is_within(&sample.accel, MAX_ACCEL_M_S2)

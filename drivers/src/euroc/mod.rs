@@ -35,7 +35,7 @@ pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
 pub use truth::{ground_truth_table, is_of_positions, read_ground_truth};
-pub use writer::{Progress, WriteInputs, WriteOptions, Written, write};
+pub use writer::{WriteInputs, WriteOptions, WriteProgress, Written, write};
 
 use crate::{DriverError, Faults, StereoFrame, TruthState};
 use depth::Depth;
@@ -56,7 +56,7 @@ const IMU_AFTER_S: f64 = 0.1;
 /// A ratio of stamps within this share of a thousand or a million is that of their units.
 const UNIT_TOLERANCE: f64 = 0.2;
 
-/// What of a data set is handed out, and what is expected of it.
+/// Options of reading a data set: which part is handed out, and what is required of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EurocOptions {
     /// Frames to hand out, counted from 0 over the paired frames; `None` for all. Clipped at the end.
@@ -69,7 +69,7 @@ pub struct EurocOptions {
     /// Expected image sizes in pixels, left and right, one a camera that is used: with one entry `cam1`
     /// is left alone. Empty: as many cameras as there are, of the size of their first image.
     pub sizes_px: Vec<(usize, usize)>,
-    /// Whether there must be inertial samples. Without, they are left alone, and [`EurocDataset::imu`] is empty.
+    /// Inertial samples are required. Otherwise they are not read, and [`EurocDataset::imu`] is empty.
     pub with_imu: bool,
 }
 
@@ -204,7 +204,7 @@ impl EurocDataset {
         frames_span(&self.frames[self.handed_out.clone()])
     }
 
-    /// What is wrong with the data set as a whole.
+    /// Defects of the data set as a whole.
     #[must_use]
     pub fn defects(&self) -> &[Defect] {
         &self.defects

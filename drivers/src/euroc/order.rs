@@ -17,7 +17,7 @@ const CROWDED: f64 = 1.5;
 /// With more descending stamps than one in this many, the rows are shuffled and no clock is judged.
 const SHUFFLED_ONE_IN: usize = 10;
 
-/// How far the recorded order is from that of time.
+/// Deviation of the recorded order from that of time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Order {
     /// Rows judged.
@@ -74,7 +74,7 @@ impl Order {
         }
     }
 
-    /// Whether there are several rows, all of one stamp.
+    /// True if there are several rows, all with one stamp.
     pub(crate) fn is_constant(&self) -> bool {
         self.rows > 1 && self.repeated + 1 == self.rows
     }
@@ -115,7 +115,7 @@ impl Order {
     }
 }
 
-/// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
+/// Reason why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
 pub(crate) fn not_stamped(name: &str, what: &str, count: u64, stamp: Timestamp) -> String {
     format!(
         "{name} is not stamped: all {count} {what} have the stamp {}; let the driver write the time of measurement into each \

@@ -1,4 +1,4 @@
-//! Which image belongs to which: left and right by time, not by row.
+//! Pairing of images: left and right by time, not by row.
 
 use super::table::{Row, RowFault, Stamped};
 use crate::grid::{median_period_ns, steps};
@@ -38,7 +38,7 @@ pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
     Ok(ImageRow { stamp, file })
 }
 
-/// Whether a name stays within its folder.
+/// True if a name stays within its folder.
 fn is_plain_name(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && !name.contains('\0')

@@ -39,7 +39,7 @@ pub(crate) fn foreign(bytes: &[u8]) -> Option<&'static str> {
     FOREIGN.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| name)
 }
 
-/// What to do about a format that is not read.
+/// Cure for an image format that is not supported.
 pub(super) const CONVERT: &str =
     "convert the images to PNG or baseline JPEG (`mogrify -format png *.EXT`), keeping their names";
 
@@ -83,7 +83,7 @@ impl PictureDecoder {
     }
 }
 
-/// Why there is no image.
+/// Reason for a missing image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NoImage {
     /// There is no such file.

@@ -23,7 +23,7 @@ const MAX_SPAN_NS: i64 = 24 * 3600 * 1_000_000_000;
 /// Longest part of a bad line that a message quotes, characters.
 const MAX_QUOTED_CHARS: usize = 60;
 
-/// What is wrong with a row. Columns count from 1.
+/// Defects of a row. Columns count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RowFault {
     /// The line is too long, or not text.
@@ -243,7 +243,7 @@ impl<'a> Row<'a> {
         self.columns.next().map(str::trim)
     }
 
-    /// Whether no further column holds anything.
+    /// True if all further columns are empty.
     pub(crate) fn is_at_end(&mut self) -> bool {
         while self.columns.next_if(|column| column.trim().is_empty()).is_some() {
             self.read += 1;

@@ -20,7 +20,7 @@ pub fn ground_truth_table(path: &Path) -> Option<PathBuf> {
     FOLDERS.iter().map(|folder| root.join(folder).join("data.csv")).find(|table| table.is_file())
 }
 
-/// Whether a table of the truth is one of positions without attitudes.
+/// True if a table of the ground truth holds positions without attitudes.
 #[must_use]
 pub fn is_of_positions(table: &Path) -> bool {
     table.parent().is_some_and(|folder| folder.ends_with(POSITIONS))

@@ -22,7 +22,7 @@ const TRUTH_HEADER: &str = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]
     b_a_RS_S_z [m s^-2]";
 const PARTIAL: &str = "mav0.partial";
 
-/// What is written.
+/// Sources of the data set to be written.
 pub struct WriteInputs<'a> {
     /// Calibration of the sensors, for `sensor.yaml`; one folder a camera.
     pub config: &'a Config,
@@ -34,23 +34,23 @@ pub struct WriteInputs<'a> {
     pub truth: &'a mut dyn Iterator<Item = TruthState>,
 }
 
-/// How it is written.
+/// Options of writing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// Replace the `mav0` of a directory that is not empty. Other files in it are left alone.
     pub overwrite: bool,
 }
 
-/// How far the writing is.
+/// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct WriteProgress {
     /// Frames written.
     pub frames: u64,
     /// Frames there will be, where that is known.
     pub expected_frames: Option<u64>,
 }
 
-/// What was written.
+/// Counts of what was written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
     /// Frames read from the source.
@@ -71,7 +71,7 @@ pub fn write(
     out: &Path,
     inputs: WriteInputs<'_>,
     options: WriteOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(WriteProgress),
 ) -> Result<Written, DriverError> {
     let partial = Partial::begin(out, options)?;
     let mut written = Written::default();
@@ -126,7 +126,7 @@ impl Drop for Partial {
     }
 }
 
-/// Whether a directory holds more than the remains of a run that was killed.
+/// True if a directory holds more than the remains of a killed run.
 fn holds_anything(dir: &Path) -> Result<bool, DriverError> {
     let entries = fs::read_dir(dir).map_err(|e| DriverError::io(dir, e))?;
     Ok(entries.flatten().any(|entry| entry.file_name() != PARTIAL))
@@ -169,7 +169,7 @@ fn write_images(
     cameras: &[CameraConfig],
     source: &mut dyn StereoSource,
     written: &mut Written,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(WriteProgress),
 ) -> Result<(), DriverError> {
     let mut tables = Vec::new();
     let mut sizes_px = [(0, 0); 2];
@@ -199,7 +199,7 @@ fn write_images(
             written.images += 1;
         }
         written.frames += 1;
-        progress(Progress { frames: written.frames, expected_frames });
+        progress(WriteProgress { frames: written.frames, expected_frames });
     }
     tables.into_iter().try_for_each(|(_, table)| table.finish())
 }

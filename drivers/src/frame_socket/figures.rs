@@ -1,23 +1,23 @@
-//! What can be said of the program that sends, for whoever asks from another thread.
+//! Figures of the sending program, for other threads.
 
-use super::header::Refusal;
+use super::header::FrameRefusal;
 use crate::board::Board;
 use crate::clock::StampProblem;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What came over the socket.
+/// Counts of the frames and connections of the socket.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SocketFigures {
-    /// Whether a program sends now.
+    /// True while a program is connected.
     #[serde(skip)]
     pub is_connected: bool,
-    /// How often one connected.
+    /// Number of connections accepted.
     pub connected: u64,
-    /// How often one went away.
+    /// Number of connections lost.
     pub lost: u64,
-    /// How often one was sent away, since what it sent was no frame of this rig.
+    /// Number of connections closed because the bytes were no frame of this rig.
     pub refused: u64,
     /// Frames that were handed out.
     #[serde(skip)]
@@ -29,7 +29,7 @@ pub struct SocketFigures {
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
-    /// What is wrong with stamps, as far as anything is.
+    /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
     /// Time from stamp to arrival: mean of the last frames, ms.
@@ -54,7 +54,7 @@ pub(super) enum Trouble {
     /// It waits, and the system refuses its connection with this error.
     NotAccepted(i32),
     /// It was sent away.
-    Refused(Refusal),
+    Refused(FrameRefusal),
 }
 
 /// Shows the figures of a [`SocketStereo`](super::SocketStereo) to other threads. Copies show the same.
@@ -83,7 +83,7 @@ impl SocketMonitor {
         self.figures.read()
     }
 
-    /// Why no program sends, as far as nobody does.
+    /// Reason why no program sends; `None` while one does.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let trouble = self.trouble.read()?;
@@ -98,11 +98,11 @@ impl SocketMonitor {
                 "a program waits and cannot be accepted ({}); retrying: close what else is open, or raise LimitNOFILE",
                 std::io::Error::from_raw_os_error(error)
             ),
-            Trouble::Refused(Refusal::Foreign) => {
+            Trouble::Refused(FrameRefusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }
-            Trouble::Refused(Refusal::Empty) => "a frame without images was sent".to_owned(),
-            Trouble::Refused(Refusal::Size(camera, (width, height))) => {
+            Trouble::Refused(FrameRefusal::Empty) => "a frame without images was sent".to_owned(),
+            Trouble::Refused(FrameRefusal::Size(camera, (width, height))) => {
                 let (rig_width, rig_height) = self.rig_px[camera];
                 format!(
                     "an image of {width} x {height} px was sent, and camera[{camera}] has {rig_width} x \

@@ -1,9 +1,9 @@
-//! What stands before the images of a frame.
+//! Header before the images of a frame.
 
 /// The first bytes of every frame: the format and its version.
 pub const MAGIC: [u8; 8] = *b"PLMBFRM1";
 
-/// What stands before the images of a frame: 40 bytes, numbers with their little end first.
+/// Header before the images of a frame: 40 bytes, numbers little-endian.
 ///
 /// | bytes | what |
 /// |---|---|
@@ -22,10 +22,10 @@ pub struct Header {
     pub sizes_px: [(u32, u32); 2],
 }
 
-/// Why bytes are no frame.
+/// Reason why bytes are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// They do not begin as one does.
+pub enum FrameRefusal {
+    /// The bytes do not begin as a frame does.
     Foreign,
     /// The images of the camera have another size: left or right, and theirs.
     Size(usize, (u32, u32)),
@@ -37,7 +37,7 @@ impl Header {
     /// Bytes of a header.
     pub const BYTES: usize = 40;
 
-    /// As it is sent.
+    /// Encoded header.
     #[must_use]
     pub fn encode(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
@@ -56,10 +56,10 @@ impl Header {
     ///
     /// # Errors
     /// When the bytes are none.
-    pub fn decode(bytes: &[u8; Self::BYTES], rig_px: [(usize, usize); 2]) -> Result<Self, Refusal> {
+    pub fn decode(bytes: &[u8; Self::BYTES], rig_px: [(usize, usize); 2]) -> Result<Self, FrameRefusal> {
         let (magic, rest) = bytes.split_at(MAGIC.len());
         if magic != MAGIC {
-            return Err(Refusal::Foreign);
+            return Err(FrameRefusal::Foreign);
         }
         let eight = |at: usize| -> [u8; 8] { std::array::from_fn(|i| rest[at + i]) };
         let four = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| rest[at + i]));
@@ -71,16 +71,16 @@ impl Header {
         for (camera, (size, rig)) in header.sizes_px.iter().zip(rig_px).enumerate() {
             let is_rigs = (size.0 as usize, size.1 as usize) == rig;
             if *size != (0, 0) && !is_rigs {
-                return Err(Refusal::Size(camera, *size));
+                return Err(FrameRefusal::Size(camera, *size));
             }
         }
         match header.valid() {
-            [false, false] => Err(Refusal::Empty),
+            [false, false] => Err(FrameRefusal::Empty),
             _ => Ok(header),
         }
     }
 
-    /// Which images are there.
+    /// Images that are there.
     #[must_use]
     pub fn valid(&self) -> [bool; 2] {
         self.sizes_px.map(|size| size != (0, 0))
@@ -119,13 +119,13 @@ mod tests {
         let refused = |header: Header| Header::decode(&header.encode(), RIG).unwrap_err();
         assert_eq!(
             refused(header([(u32::MAX, u32::MAX), (640, 400)])),
-            Refusal::Size(0, (u32::MAX, u32::MAX))
+            FrameRefusal::Size(0, (u32::MAX, u32::MAX))
         );
-        assert_eq!(refused(header([(752, 480), (640, 480)])), Refusal::Size(1, (640, 480)));
-        assert_eq!(refused(header([(752, 0), (640, 400)])), Refusal::Size(0, (752, 0)));
-        assert_eq!(refused(header([(0, 0); 2])), Refusal::Empty);
+        assert_eq!(refused(header([(752, 480), (640, 480)])), FrameRefusal::Size(1, (640, 480)));
+        assert_eq!(refused(header([(752, 0), (640, 400)])), FrameRefusal::Size(0, (752, 0)));
+        assert_eq!(refused(header([(0, 0); 2])), FrameRefusal::Empty);
         let one_camera = Header::decode(&header([(752, 480), (640, 400)]).encode(), [(752, 480), (0, 0)]);
-        assert_eq!(one_camera, Err(Refusal::Size(1, (640, 400))));
-        assert_eq!(Header::decode(&[b'P'; Header::BYTES], RIG), Err(Refusal::Foreign));
+        assert_eq!(one_camera, Err(FrameRefusal::Size(1, (640, 400))));
+        assert_eq!(Header::decode(&[b'P'; Header::BYTES], RIG), Err(FrameRefusal::Foreign));
     }
 }

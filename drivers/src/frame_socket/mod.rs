@@ -8,5 +8,5 @@ mod header;
 mod source;
 
 pub use figures::{SocketFigures, SocketMonitor};
-pub use header::{Header, MAGIC, Refusal};
+pub use header::{FrameRefusal, Header, MAGIC};
 pub use source::SocketStereo;

@@ -44,7 +44,7 @@ pub struct SocketStereo {
     sender: Option<UnixStream>,
     sizes_px: [(usize, usize); 2],
     period_ns: f64,
-    /// When the first byte of the frame came that is being read.
+    /// Arrival of the first byte of the frame that is being read.
     begun_ns: Option<i64>,
     /// Stream and number of the last frame.
     last: Option<(u64, u64)>,
@@ -58,7 +58,7 @@ pub struct SocketStereo {
     stop: StopFlag,
 }
 
-/// How an attempt to read ended.
+/// Outcome of a read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Filled {
     Whole,
@@ -108,7 +108,7 @@ impl SocketStereo {
         })
     }
 
-    /// What shows the figures to other threads.
+    /// Monitor that shows the figures to other threads.
     #[must_use]
     pub fn monitor(&self) -> SocketMonitor {
         self.monitor.clone()
@@ -274,7 +274,7 @@ fn wait(fd: &impl AsFd) -> bool {
     poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&timeout)).is_ok_and(|ready| ready > 0)
 }
 
-/// Whether somebody waits.
+/// True if a connection is waiting to be accepted.
 fn is_ready(fd: &impl AsFd) -> bool {
     let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
     poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&at_once)).is_ok_and(|ready| ready > 0)

@@ -15,7 +15,7 @@ const MAX_DEVICES: usize = 128;
 pub(super) const RATES: [&str; 3] =
     ["in_anglvel_sampling_frequency", "in_accel_sampling_frequency", "sampling_frequency"];
 
-/// Where the kernel shows its devices.
+/// Folders in which the kernel shows its devices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IioRoots {
     /// Folder of the devices' attributes.
@@ -35,17 +35,17 @@ impl Default for IioRoots {
 pub struct IioDeviceInfo {
     /// The name to configure, behind `iio://`: one that stays.
     pub name: String,
-    /// What it is now, such as `iio:device0`.
+    /// Present name, such as `iio:device0`.
     pub device: String,
-    /// Its attributes.
+    /// Folder of its attributes.
     pub folder: PathBuf,
-    /// What its driver calls it.
+    /// Name given by the driver.
     pub driver_name: String,
-    /// What the device tree calls it.
+    /// Name given by the device tree.
     pub label: Option<String>,
-    /// Whether it has a buffer with a gyroscope.
+    /// True if it has a buffer with a gyroscope.
     pub has_gyro: bool,
-    /// Whether it has a buffer with an accelerometer.
+    /// True if it has a buffer with an accelerometer.
     pub has_accel: bool,
     /// Samples a second that it is set to, where it says so.
     pub rate_hz: Option<f64>,
@@ -120,7 +120,7 @@ fn rates_of(folder: &Path) -> Vec<f64> {
     }
 }
 
-/// Where a device is attached: the path of its attributes without the number that changes.
+/// Attachment of a device: the path of its attributes without the number that changes.
 fn place_of(folder: &Path) -> String {
     let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     whole.parent().unwrap_or(&whole).display().to_string()

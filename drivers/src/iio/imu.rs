@@ -84,7 +84,7 @@ impl IioImu {
         })
     }
 
-    /// What became of the samples so far.
+    /// Figures of the samples so far.
     #[must_use]
     pub fn figures(&self) -> ImuFigures {
         let units = || std::iter::once(&self.gyro).chain(self.accel.iter().map(|(unit, _)| unit));

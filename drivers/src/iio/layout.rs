@@ -1,4 +1,4 @@
-//! How a sample lies in the buffer of a device, and what its numbers mean.
+//! Layout of a sample in the buffer of a device, and the meaning of its numbers.
 //!
 //! Elements lie in the order of their index, each at a multiple of its own size; a scan is as long as a multiple of its
 //! largest. `le:s16/32>>4` is little-endian, signed, 16 bits in 32, shifted left by 4.
@@ -12,7 +12,7 @@ pub const MAX_SCAN: usize = 256;
 /// A mount matrix may be off a rotation by this: it is written with few decimals.
 const OFF_ROTATION: f64 = 5e-3;
 
-/// How an element is stored.
+/// Storage of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Storage {
     is_big_endian: bool,
@@ -97,7 +97,7 @@ impl Axes {
     }
 }
 
-/// What a device measures.
+/// Measured quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Specific force, m/s².
@@ -107,7 +107,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// How its channels begin.
+    /// Prefix of its channels.
     #[must_use]
     pub fn channel(self) -> &'static str {
         match self {
@@ -130,7 +130,7 @@ pub struct ScanValues {
     pub temperature_c: Option<f64>,
 }
 
-/// How scans of a device are laid out.
+/// Layout of the scans of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// Length of a scan, bytes.
@@ -145,7 +145,7 @@ impl Layout {
     /// The layout of the channels of a device that are switched on.
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// Defect, in words.
     pub fn read(folder: &Path) -> Result<Self, String> {
         let elements = placed(&folder.join("scan_elements"))?;
         let bytes = elements.1;
@@ -174,7 +174,7 @@ impl Layout {
         })
     }
 
-    /// What a scan says, which is [`Self::bytes`] long.
+    /// Values of a scan, which is [`Self::bytes`] long.
     #[must_use]
     pub fn values(&self, scan: &[u8]) -> ScanValues {
         let Element { storage, place, .. } = self.stamp;
@@ -250,7 +250,7 @@ fn axes_of(
     Ok(Some(Axes { elements, mount: mount_of(folder, channel)? }))
 }
 
-/// How the sensor is mounted in its device; upright where nothing is said.
+/// Rotation of the sensor's mount in its device; the identity by default.
 fn mount_of(folder: &Path, channel: &str) -> Result<Matrix3<f64>, String> {
     let own = format!("{channel}_mount_matrix");
     let names = [own.as_str(), "in_mount_matrix", "mount_matrix"];

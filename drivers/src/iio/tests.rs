@@ -280,7 +280,7 @@ fn a_silent_or_missing_device_ends_soon_after_it_is_told_to() {
     }
 }
 
-/// Why a device is refused.
+/// Reason why a device is refused.
 fn refused(connect: &str, change: impl Fn(&Chip)) -> String {
     let kernel = Kernel::new();
     let chip = both(&kernel);

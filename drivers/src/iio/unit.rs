@@ -4,7 +4,7 @@ use super::devices::{IioDeviceInfo, IioRoots, find};
 use super::layout::{Layout, MAX_SCAN, Quantity, ScanValues};
 use super::setup;
 use crate::DriverError;
-use crate::clock::{ClockFigures, DeviceClock, Pace, StampProblem, Stamped, monotonic_ns};
+use crate::clock::{ClockFigures, DeviceClock, StampPace, StampProblem, Stamped, monotonic_ns};
 use crate::inertial::LinkFigures;
 use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
@@ -19,16 +19,16 @@ const OLDEST_NS: i64 = 2_000_000_000;
 /// Stamps in a row of another clock that are believed.
 const BELIEVED: u32 = 8;
 
-/// What is measured at what rate by the device of a name.
+/// Device to open, by name, and what it must measure at what rate.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// Name, label or place.
     pub name: String,
-    /// What it has to measure.
+    /// Quantities that it must measure.
     pub quantities: &'static [Quantity],
     /// Samples a second.
     pub rate_hz: f64,
-    /// Whether another rate will not do.
+    /// True if no other rate will do.
     pub is_rate_exact: bool,
 }
 
@@ -39,13 +39,13 @@ pub struct Unit {
     wanted: Wanted,
     open: Option<Open>,
     bytes: Box<[u8]>,
-    /// What of it is not looked at yet.
+    /// Start of the bytes not yet decoded.
     from: usize,
     to: usize,
     arrival_ns: i64,
     /// The device's clock, where the stamps are its own and not those of the host's monotonic clock.
     clock: DeviceClock,
-    pace: Pace,
+    pace: StampPace,
     has_own_clock: bool,
     /// Stamps in a row that are not of the host's clock.
     strange: u32,
@@ -61,7 +61,7 @@ struct Open {
     layout: Layout,
 }
 
-/// What became of a device's scans.
+/// Counts of a device's scans.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct UnitFigures {
     pub link: LinkFigures,
@@ -86,7 +86,7 @@ impl Unit {
             to: 0,
             arrival_ns: 0,
             clock: DeviceClock::new(false),
-            pace: Pace::default(),
+            pace: StampPace::default(),
             has_own_clock: false,
             strange: 0,
             last_ns: i64::MIN,
@@ -142,12 +142,12 @@ impl Unit {
         }
     }
 
-    /// What became of the scans.
+    /// Figures of the scans so far.
     pub fn figures(&self) -> UnitFigures {
         self.figures
     }
 
-    /// What is wrong with the stamps of the device, as far as anything is.
+    /// Defect of the device's stamps, if any.
     pub fn stamp_problem(&self) -> Option<StampProblem> {
         self.pace.problem()
     }

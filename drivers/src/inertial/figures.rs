@@ -1,4 +1,4 @@
-//! What became of a sensor's samples, to be read while it runs.
+//! Figures of a sensor's samples, to be read while it runs.
 
 use super::{LossFigures, WatchFigures};
 use crate::Faults;
@@ -6,22 +6,22 @@ use crate::board::Board;
 use crate::clock::{ClockFigures, StampFigures, StampProblem};
 use serde::Serialize;
 
-/// How a device came and went.
+/// Connections of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LinkFigures {
-    /// Whether it is there.
+    /// True while the device is open.
     #[serde(skip)]
     pub is_open: bool,
-    /// How often it was opened.
+    /// Number of times it was opened.
     pub opened: u64,
-    /// How often it went away.
+    /// Number of times it was lost.
     pub lost: u64,
-    /// Why it is not there, as the system's number of the error.
+    /// Error with which it was lost, as the system's number.
     #[serde(skip)]
     pub last_error: Option<i32>,
 }
 
-/// What came in as bytes.
+/// Counts of received bytes and frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FramingFigures {
     /// Bytes.
@@ -36,8 +36,8 @@ pub struct FramingFigures {
     pub bad_lengths: u64,
 }
 
-/// What became of the samples of a live sensor. Serialized as the report of a flight has it, which counts for itself what
-/// was handed out and lost.
+/// Figures of the samples of a live sensor, serialized for the report of a flight. The report itself counts
+/// the samples that were handed out and lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImuFigures {
     /// Samples that were handed out.
@@ -51,24 +51,24 @@ pub struct ImuFigures {
     pub unpaired: u64,
     /// Frames with the right checksum whose fields make no sense.
     pub malformed: u64,
-    /// What the device's output lacks for samples, in words.
+    /// Quantity that the device's output lacks, in words.
     #[serde(skip)]
     pub lacking: Option<&'static str>,
-    /// What was lost on the way.
+    /// Losses on the way.
     #[serde(skip)]
     pub loss: LossFigures,
-    /// What was wrong with samples.
+    /// Faults of samples.
     #[serde(flatten)]
     pub watch: WatchFigures,
-    /// What is wrong with the stamps of the device, as far as anything is.
+    /// Defect of the device's stamps, if any.
     #[serde(skip)]
     pub stamp_problem: Option<StampProblem>,
-    /// How the device came and went.
+    /// Connections of the device.
     #[serde(flatten)]
     pub link: LinkFigures,
     /// The device's clock; at its default where the kernel stamps by the host's.
     pub clock: ClockFigures,
-    /// What came in as bytes, of a serial line.
+    /// Received bytes and frames of a serial line.
     #[serde(rename = "line")]
     pub framing: FramingFigures,
     /// Triggers of the cameras that nobody took in time.
@@ -128,7 +128,7 @@ impl Post {
         self.monitor.clone()
     }
 
-    /// Whether figures are to be posted again.
+    /// True if figures are due to be posted.
     pub(crate) fn is_due(&self, now_ns: i64) -> bool {
         now_ns >= self.due_ns
     }

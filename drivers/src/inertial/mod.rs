@@ -1,5 +1,5 @@
-//! What all live inertial sensors share: their samples are looked at for what is wrong with them ([`Watch`]), numbered so
-//! that losses show ([`Numbering`]), and what became of them can be read while the sensor runs ([`ImuMonitor`]).
+//! Common parts of all live inertial sensors: [`Watch`] checks the samples, [`Numbering`] numbers them so
+//! that losses show, and [`ImuMonitor`] shows the figures while the sensor runs.
 
 mod figures;
 mod numbering;

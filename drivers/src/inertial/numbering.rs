@@ -9,12 +9,12 @@ const LACKING: f64 = 1.5;
 /// A counter that jumps further was started anew, or hit: time decides.
 const FURTHEST: i64 = 1_000_000;
 
-/// What was lost on the way.
+/// Losses on the way.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossFigures {
     /// Samples that are missing.
     pub missing: u64,
-    /// How often some were.
+    /// Number of gaps.
     pub gaps: u64,
     /// The longest of these times, ms.
     pub longest_gap_ms: f64,
@@ -66,7 +66,7 @@ impl Numbering {
         number
     }
 
-    /// What was lost.
+    /// Losses so far.
     #[must_use]
     pub fn figures(&self) -> LossFigures {
         let is_known = self.seen >= INTERVALS;

@@ -1,4 +1,4 @@
-//! What is wrong with a sample beyond its time.
+//! Faults of samples other than those of their time.
 
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
@@ -17,14 +17,14 @@ const STEP_NS: i64 = 1_000_000_000;
 /// Temperatures that a sensor can have, degrees Celsius.
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=150.0;
 
-/// What was wrong with samples.
+/// Counts of faulty samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct WatchFigures {
     /// With an axis at the end of its range, by their numbers or by what the device says.
     pub saturated: u64,
-    /// That repeated the ones before.
+    /// Samples that repeated the ones before.
     pub stuck: u64,
-    /// That the device called failed, or that no sensor can measure: not handed out.
+    /// Samples that the device marked failed or that no sensor can measure: dropped.
     pub impossible: u64,
     /// Steps of the temperature, and temperatures that cannot be.
     pub temperature_steps: u64,
@@ -32,7 +32,7 @@ pub struct WatchFigures {
     pub temperature_c: Option<f64>,
 }
 
-/// Whether a sample is to be handed out.
+/// Decision about a sample: hand it out or drop it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleVerdict {
     /// It is, even if it is flagged.
@@ -113,7 +113,7 @@ impl Watch {
         }
     }
 
-    /// What was found.
+    /// Counts so far.
     #[must_use]
     pub fn figures(&self) -> WatchFigures {
         self.figures

@@ -88,7 +88,7 @@ struct Slot {
     kept: Vec<Kept>,
     /// Frames so far.
     count: usize,
-    /// Whether a frozen image is kept.
+    /// True while a frozen image is kept.
     is_frozen: bool,
     /// Noise of the frame before.
     fields: [Vec<f32>; 2],

@@ -114,7 +114,7 @@ impl Slot {
         }
     }
 
-    /// Whether the fault is about axis `k`.
+    /// True if the fault affects axis `k`.
     fn is_about(&self, k: usize) -> bool {
         matches!(self.fault.target, Target::Axes(axes) if axes[k])
     }

@@ -13,17 +13,17 @@ const BLOW_FROM_S: f64 = 6.0;
 /// A kind of fault.
 #[derive(Debug)]
 pub struct FaultKind {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
-    /// What it is, in a sentence.
+    /// Description, in a sentence.
     pub about: &'static str,
     /// Axes or cameras that it is about if none are named.
     pub(super) target: Target,
-    /// Its doses, in order.
+    /// Doses, in order.
     pub(super) doses: &'static [Dose],
-    /// When it begins if no time is given, s after the first frame.
+    /// Default beginning, s after the first frame.
     pub(super) from_s: f64,
-    /// How long it lasts if no duration is given, s.
+    /// Default duration, s.
     pub(super) lasts_s: f64,
     pub(super) effect: Effect,
     /// Cases of a campaign: what follows the name.
@@ -31,7 +31,7 @@ pub struct FaultKind {
 }
 
 impl FaultKind {
-    /// How it is written, with units and defaults, and what it is.
+    /// Help text: syntax with units and defaults, and the description.
     pub(super) fn help(&self) -> String {
         let target = match self.target {
             Target::Nothing => String::new(),
@@ -48,7 +48,7 @@ impl FaultKind {
         format!("{}{target}{doses}{time} - {}", self.name, self.about)
     }
 
-    /// Whether it needs a pair of cameras.
+    /// True if it needs a pair of cameras.
     pub(super) fn is_of_pair(&self) -> bool {
         matches!(self.effect, Effect::Rig(Mistake::Baseline) | Effect::Image(ImageChange::Exchange))
     }
@@ -66,7 +66,7 @@ impl FaultKind {
     }
 }
 
-/// What a fault is about.
+/// Target of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
     /// The whole sensor.
@@ -116,7 +116,7 @@ impl fmt::Display for Target {
     }
 }
 
-/// What a fault does.
+/// Effect of a fault.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Effect {
     /// To readings of an inertial sensor.
@@ -147,7 +147,7 @@ pub(super) enum Sensor {
     Both,
 }
 
-/// What becomes of readings.
+/// Changes of readings.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Change {
     Add,
@@ -161,7 +161,7 @@ pub(super) enum Change {
     Late,
 }
 
-/// What becomes of the stamps of frames.
+/// Changes of the stamps of frames.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Stamping {
     Jitter,
@@ -170,7 +170,7 @@ pub(super) enum Stamping {
     Late,
 }
 
-/// What becomes of images.
+/// Changes of images.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum ImageChange {
     Lost,
@@ -184,7 +184,7 @@ pub(super) enum ImageChange {
     Jpeg,
 }
 
-/// What is wrong in a calibration.
+/// Mistakes in a calibration.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Mistake {
     Baseline,

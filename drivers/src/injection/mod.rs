@@ -52,7 +52,7 @@ impl InjectedFault {
         Self { kind, target: kind.target, doses, from_s: kind.from_s, lasts_s: kind.lasts_s }
     }
 
-    /// Its kind.
+    /// Kind of the fault.
     #[must_use]
     pub fn kind(&self) -> &'static FaultKind {
         self.kind
@@ -64,7 +64,7 @@ impl InjectedFault {
         self.from_s..self.from_s + self.lasts_s
     }
 
-    /// Whether it is about the second camera, so that a rig of one cannot have it.
+    /// True if it affects the second camera, so that a rig of one cannot have it.
     #[must_use]
     pub fn needs_two_cameras(&self) -> bool {
         let is_of_right = matches!(self.target, Target::Cameras([_, true]));
@@ -90,7 +90,7 @@ impl InjectedFault {
         matches!(self.kind.effect, Effect::Clocks).then_some((self.from_s, -self.doses[0]))
     }
 
-    /// Whether it is a mistake in the calibration.
+    /// True for a mistake in the calibration.
     #[must_use]
     pub fn is_of_rig(&self) -> bool {
         matches!(self.kind.effect, Effect::Rig(_))

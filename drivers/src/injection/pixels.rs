@@ -1,4 +1,4 @@
-//! What faults do to the pixels of one image.
+//! Changes of the pixels of one image by faults.
 
 use crate::random::{Draws, Purpose};
 use crate::v4l2::jpeg::LumaDecoder;

@@ -17,7 +17,7 @@ const UNCOUNTED_BYTES: usize = 4;
 /// Bytes of the command that a response repeats.
 const COMMAND_BYTES: usize = 4;
 
-/// Why a response cannot be used.
+/// Reason why a response cannot be used.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MonitorError {

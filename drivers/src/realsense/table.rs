@@ -67,7 +67,7 @@ pub struct StereoTable {
     pub sizes: Vec<RectifiedSize>,
 }
 
-/// Why a table cannot be used.
+/// Reason why a table cannot be used.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum TableError {
@@ -80,7 +80,7 @@ pub enum TableError {
     /// It is another table.
     #[error("table {0} is no calibration of the infrared pair, which is {TABLE_ID}")]
     Other(u16),
-    /// Its bytes are damaged.
+    /// The bytes are damaged.
     #[error("the calibration table is damaged: its checksum is {found:08x}, and {stated:08x} is stated")]
     Checksum {
         /// CRC-32 of the bytes.
@@ -88,7 +88,7 @@ pub enum TableError {
         /// CRC-32 in the header.
         stated: u32,
     },
-    /// Its baseline is none of such a camera.
+    /// Such a camera cannot have this baseline.
     #[error("the calibration table states a baseline of {0} m")]
     Baseline(f64),
     /// No size has intrinsics of a camera.

@@ -1,4 +1,4 @@
-//! What the tests of all protocols share: lines that do what lines do, and what came over them.
+//! Fixtures of the tests of all protocols: lines with their usual troubles, and what came over them.
 
 use super::framing::Deframer;
 use super::protocol::{Content, Protocol};
@@ -11,7 +11,7 @@ pub fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// What the frames of a stream say.
+/// Contents of the frames of a stream.
 pub fn contents(protocol: &mut dyn Protocol, stream: &[u8]) -> Vec<Content> {
     let mut deframer = Deframer::default();
     let mut found = Vec::new();
@@ -30,7 +30,7 @@ pub fn number_of(gyro_x: f64) -> i64 {
     (gyro_x / STEP_RAD_S).round() as i64
 }
 
-/// What happens on the way: drawn from a seed, for each sample on its own.
+/// Troubles of a line, drawn from a seed for each sample on its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Trouble {
     pub seed: u64,
@@ -41,7 +41,7 @@ pub struct Trouble {
 }
 
 impl Trouble {
-    /// What is sent for sample `k`, whose frame this is; whether the frame itself was hit.
+    /// Bytes sent for sample `k`, whose frame this is, and true if the frame itself was hit.
     pub fn pass(&self, k: i64, mut frame: Vec<u8>) -> (Vec<u8>, bool) {
         let mut draws = Draws::new(self.seed, Purpose::Drop, k as u64);
         let mut sent = Vec::new();

@@ -12,7 +12,7 @@ pub const LONGEST: usize = 1024;
 /// Bytes that are held: what a line at 4 Mbaud brings in 10 ms, and the rest of a frame.
 const CAPACITY: usize = 4096 + LONGEST;
 
-/// What the bytes at hand begin with.
+/// Beginning of the bytes at hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scan {
     /// Complete frame of this many bytes, with the right checksum.
@@ -31,7 +31,7 @@ pub enum Scan {
 #[derive(Debug)]
 pub struct Deframer {
     bytes: Box<[u8]>,
-    /// What is not looked at yet.
+    /// Start of the bytes not yet scanned.
     from: usize,
     to: usize,
     figures: FramingFigures,
@@ -49,7 +49,7 @@ impl Deframer {
         (self.from, self.to) = (0, 0);
     }
 
-    /// Where the next bytes go; never empty once [`Self::next`] has found nothing more.
+    /// Space for the next bytes; never empty once [`Self::next`] has found nothing more.
     pub fn space(&mut self) -> &mut [u8] {
         self.bytes.copy_within(self.from..self.to, 0);
         (self.from, self.to) = (0, self.to - self.from);
@@ -91,7 +91,7 @@ impl Deframer {
         None
     }
 
-    /// What came in so far.
+    /// Counts of received bytes and frames so far.
     #[must_use]
     pub fn figures(&self) -> FramingFigures {
         self.figures

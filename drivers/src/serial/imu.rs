@@ -22,7 +22,7 @@ pub struct SerialImu {
     port: Port,
     stream: Stream,
     outgoing: Outgoing,
-    /// When the bytes at hand were there.
+    /// Arrival of the bytes at hand.
     arrival_ns: i64,
     stop: StopFlag,
     post: Post,
@@ -83,7 +83,7 @@ impl SerialImu {
         })
     }
 
-    /// What became of the samples so far.
+    /// Figures of the samples so far.
     #[must_use]
     pub fn figures(&self) -> ImuFigures {
         self.stream.figures(self.port.figures())
@@ -127,7 +127,7 @@ impl SerialImu {
 const PATIENCE_MS: u32 = 20;
 const _: () = assert!(PATIENCE_MS <= StopFlag::PATIENCE_MS);
 
-/// What the microcontroller is to do.
+/// Settings asked of the microcontroller.
 fn settings(driver: &ImuDriverConfig, imu: &ImuConfig, camera_rate_hz: f64) -> Settings {
     let thousandths = |hertz: f64| (hertz * 1e3).round() as u32;
     Settings {

@@ -41,7 +41,7 @@ const ASYNC_LOW_LATENCY: c_int = 1 << 13;
 /// Sets the flag.
 ///
 /// # Errors
-/// What the driver says; one without the interface (USB modems, pseudo-terminals) has nothing to be told.
+/// Error of the driver. One without the interface (USB modems, pseudo-terminals) needs no setting.
 #[allow(unsafe_code)]
 pub(super) fn ask_for_low_latency(port: impl AsFd) -> io::Result<()> {
     // SAFETY: `TIOCGSERIAL` writes a `struct serial_struct` to its argument and nothing else, and `SerialStruct` has that

@@ -10,7 +10,7 @@ const AGAIN_NS: i64 = 1_000_000_000;
 /// A microcontroller with our own protocol.
 #[derive(Debug)]
 pub struct Plumbline {
-    /// What it is to do.
+    /// Settings asked of the device.
     settings: Settings,
     questions: Questions,
     is_known: bool,
@@ -155,7 +155,7 @@ mod tests {
         })
     }
 
-    /// What the host says at `now_ns`.
+    /// Messages of the host at `now_ns`.
     fn said(device: &mut Plumbline, now_ns: i64) -> Vec<Message> {
         let mut outgoing = Outgoing::default();
         device.request(now_ns, &mut outgoing);

@@ -19,7 +19,7 @@ const REOPEN_NS: i64 = 250_000_000;
 /// its driver can do without.
 ///
 /// # Errors
-/// What the system says: `NOTTY` for what is no serial device, `BUSY` for one that somebody else has for himself.
+/// Error of the system: `NOTTY` for what is no serial device, `BUSY` for one that another process has locked.
 pub fn open_line(device: &Path, baud: u32) -> rustix::io::Result<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = rustix::fs::open(device, flags, Mode::empty())?;
@@ -47,7 +47,7 @@ pub struct Port {
     figures: LinkFigures,
 }
 
-/// What waiting found.
+/// Outcome of waiting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Waited {
     /// Something is to be read.
@@ -127,7 +127,7 @@ impl Port {
         }
     }
 
-    /// How the device came and went.
+    /// Connections of the device.
     #[must_use]
     pub fn figures(&self) -> LinkFigures {
         self.figures

@@ -18,9 +18,9 @@ pub struct SerialPortInfo {
     pub name: PathBuf,
     /// The device that it is now.
     pub device: PathBuf,
-    /// Its link by what it is.
+    /// Link by identity.
     pub by_id: Option<PathBuf>,
-    /// Its link by where it is plugged in.
+    /// Link by the place where it is plugged in.
     pub by_path: Option<PathBuf>,
     /// The kernel's driver.
     pub driver: Option<String>,
@@ -53,7 +53,7 @@ fn serial_ports_below(dev: &Path, sys: &Path) -> Vec<SerialPortInfo> {
     ports
 }
 
-/// What is in a folder, in order; nothing where there is none.
+/// Entries of a folder, sorted; none if it does not exist.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let Ok(listed) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut paths: Vec<PathBuf> = listed.flatten().map(|entry| entry.path()).take(MAX_PORTS * 4).collect();

@@ -1,4 +1,4 @@
-//! What a protocol has to know: its frames, what they say of the sensor, and what the host says to it.
+//! Interface of a protocol: its frames, their content, and the host's requests to the device.
 
 use super::framing::Scan;
 use nalgebra::Vector3;
@@ -6,13 +6,13 @@ use plumbline_protocol::{Hello, MAX_FRAME, Settings, Trigger};
 
 /// A protocol of a serial line.
 pub trait Protocol: Send {
-    /// What `bytes`, of which there is at least one, begin with.
+    /// Scans the beginning of `bytes`, of which there is at least one.
     fn scan(&self, bytes: &[u8]) -> Scan;
 
-    /// What a frame says that [`Self::scan`] has found.
+    /// Decodes a frame that [`Self::scan`] has found.
     fn decode(&mut self, frame: &[u8]) -> Content;
 
-    /// How the device counts time.
+    /// Unit of the device's time.
     fn time_unit(&self) -> TimeUnit;
 
     /// Bits of the counter of samples, where there is one.
@@ -20,19 +20,19 @@ pub trait Protocol: Send {
         64
     }
 
-    /// Whether the device is expected to answer questions for its time.
+    /// True if the device is expected to answer time requests.
     fn asks_time(&self) -> bool {
         false
     }
 
-    /// What is to be said at `now_ns` of the host, when there is anything.
+    /// Writes the request that is due at `now_ns` of the host, if any.
     fn request(&mut self, _now_ns: i64, _into: &mut Outgoing) {}
 
     /// The line was opened anew: another device may be there.
     fn restart(&mut self) {}
 }
 
-/// How a device counts time.
+/// Unit and width of a device's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimeUnit {
     /// Bits of its counter.
@@ -46,7 +46,7 @@ impl TimeUnit {
     pub const NANOS: Self = Self { bits: 64, tick_ns: 1 };
 }
 
-/// What a frame says.
+/// Content of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Content {
     /// A sample.
@@ -70,7 +70,7 @@ pub enum Content {
 /// A sample by its device's clock, in the sensor's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviceSample {
-    /// When it was measured, in ticks of the device.
+    /// Time of measurement, in ticks of the device.
     pub ticks: u64,
     /// Number of the sample, where the device counts.
     pub counter: Option<u64>,
@@ -87,7 +87,7 @@ pub struct DeviceSample {
 }
 
 impl DeviceSample {
-    /// Whether every number is one.
+    /// True if every number is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let numbers = self.gyro.iter().chain(&self.accel).chain(&self.temperature_c);
@@ -99,11 +99,11 @@ impl DeviceSample {
 /// its own clock, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// When it was asked.
+    /// Departure of the question.
     pub asked_ns: i64,
-    /// When the device had the question.
+    /// Arrival of the question at the device.
     pub device_received_ns: i64,
-    /// When the device answered.
+    /// Departure of the answer from the device.
     pub device_sent_ns: i64,
 }
 
@@ -132,7 +132,7 @@ impl Outgoing {
         }
     }
 
-    /// What is to be sent.
+    /// Bytes to be sent.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
@@ -165,7 +165,7 @@ impl Questions {
     /// From one question to the next, ns.
     const PERIOD_NS: i64 = 100_000_000;
 
-    /// Whether one is due, which is then taken for asked.
+    /// True if a question is due, which then counts as asked.
     pub(super) fn is_due(&mut self, now_ns: i64) -> bool {
         if self.due_ns.is_some_and(|due_ns| now_ns < due_ns) {
             return false;
@@ -176,7 +176,7 @@ impl Questions {
         true
     }
 
-    /// Whether this was asked, and not answered before.
+    /// True if this question was asked and not yet answered.
     pub(super) fn take(&mut self, asked_ns: i64) -> bool {
         let found = self.asked_ns.iter_mut().find(|asked| **asked == Some(asked_ns));
         found.and_then(Option::take).is_some()

@@ -16,7 +16,7 @@ use std::thread;
 use std::time::Duration;
 
 const MS: i64 = 1_000_000;
-/// What the stamps have to keep to beyond what a bare timer is late, ns.
+/// Error allowed of the stamps beyond the lateness of a bare timer, ns.
 const TOLERANCE_NS: i64 = 200_000;
 
 /// The end of a pseudo-terminal that a device holds, and the name of the other.
@@ -52,7 +52,7 @@ pub(crate) fn wait_until(due_ns: i64, mut meanwhile: impl FnMut()) -> i64 {
     }
 }
 
-/// What a device at a terminal does with its samples.
+/// Player of a device's samples at a terminal.
 #[derive(Clone)]
 struct Player {
     device: Device,
@@ -64,7 +64,7 @@ struct Player {
     stall: Range<i64>,
 }
 
-/// What it did: samples that were hit, and how late a bare timer was, ns, sorted.
+/// Result of the player: samples that were hit, and the lateness of a bare timer, ns, sorted.
 struct Played {
     hit: Vec<i64>,
     late_ns: Vec<i64>,

@@ -25,7 +25,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// When sample `k` is measured by the host's clock, ns.
+    /// Time at which sample `k` is measured by the host's clock, ns.
     pub fn truth_ns(&self, k: i64) -> i64 {
         self.start_ns + k * 1_000_000_000 / self.rate_hz
     }

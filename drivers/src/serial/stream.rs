@@ -3,7 +3,7 @@
 use super::framing::Deframer;
 use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
 use crate::ImuReading;
-use crate::clock::{DeviceClock, Pace, RoundTrip, Stamped, Unwrap};
+use crate::clock::{DeviceClock, RoundTrip, StampPace, Stamped, Unwrap};
 use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, Watch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
@@ -15,11 +15,11 @@ use rtrb::Producer;
 pub struct TriggerEvent {
     /// Counts triggers since the microcontroller was started; begins anew after 2^32.
     pub counter: u32,
-    /// When the exposure began, by the host's clock.
+    /// Beginning of the exposure, by the host's clock.
     pub stamp: Timestamp,
-    /// How long the pulse is, ns; 0 where the cameras decide on their exposure.
+    /// Length of the pulse, ns; 0 where the cameras decide on their exposure.
     pub pulse_ns: u32,
-    /// Which cameras: bit 0 is the first.
+    /// Triggered cameras: bit 0 is the first.
     pub cameras: u8,
 }
 
@@ -31,12 +31,12 @@ pub struct Stream {
     tick_ns: i64,
     counter: Unwrap,
     clock: DeviceClock,
-    pace: Pace,
+    pace: StampPace,
     watch: Watch,
     numbering: Numbering,
     delay_ns: i64,
     triggers: Option<Producer<TriggerEvent>>,
-    /// Those that the parts do not count themselves.
+    /// Figures that the parts do not count themselves.
     figures: ImuFigures,
 }
 
@@ -55,7 +55,7 @@ impl Stream {
             tick_ns: unit.tick_ns,
             counter: Unwrap::new(protocol.counter_bits()),
             clock: DeviceClock::new(protocol.asks_time()),
-            pace: Pace::default(),
+            pace: StampPace::default(),
             watch: Watch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             delay_ns,
@@ -65,7 +65,7 @@ impl Stream {
         }
     }
 
-    /// Where bytes go that have come; [`Self::came`] says how many. Everything that came before has to be taken with
+    /// Space for the bytes that come; [`Self::came`] says how many have. Everything that came before has to be taken with
     /// [`Self::next`].
     pub fn space(&mut self) -> &mut [u8] {
         self.deframer.space()
@@ -99,7 +99,7 @@ impl Stream {
         }
     }
 
-    /// What is to be said to the device.
+    /// Writes the request to the device that is due, if any.
     pub fn request(&mut self, now_ns: i64, into: &mut Outgoing) {
         self.protocol.request(now_ns, into);
     }
@@ -110,7 +110,7 @@ impl Stream {
         self.protocol.restart();
     }
 
-    /// What became of the samples; how the device came and went is for the port to say.
+    /// Figures of the samples, with `link` from the port.
     #[must_use]
     pub fn figures(&self, link: LinkFigures) -> ImuFigures {
         ImuFigures {

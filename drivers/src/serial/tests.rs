@@ -15,7 +15,7 @@ use plumbline_protocol::{MAX_FRAME, Message, Settings, Trigger, encode};
 
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
-/// What the stamps have to keep to, ns.
+/// Error allowed of the stamps, ns.
 const TOLERANCE_NS: i64 = 200_000;
 const PROTOCOLS: [ImuProtocol; 4] =
     [ImuProtocol::Plumbline, ImuProtocol::Mavlink, ImuProtocol::VectorNav, ImuProtocol::Xsens];
@@ -44,7 +44,7 @@ fn feed(stream: &mut Stream, bytes: &[u8], piece: usize, arrival_ns: i64, mut ta
     }
 }
 
-/// What a line brought: readings with their sample's number, the numbers that were hit, and the figures.
+/// Result of a line: readings with the number of their sample, the numbers that were hit, and the figures.
 struct Brought {
     readings: Vec<(i64, ImuReading)>,
     hit: Vec<i64>,

@@ -103,7 +103,8 @@ fn present(group: usize, fields: u16) -> impl Iterator<Item = (usize, usize)> {
     (0..FIELDS).filter(is_there).map(move |bit| (bit, usize::from(LENGTHS[group][bit])))
 }
 
-/// What of a frame concerns us; what the onboard filter has touched only where there is nothing else.
+/// Fields of a frame that we use. Values that the onboard filter has touched serve only where there are no
+/// raw ones.
 #[derive(Default)]
 struct Values {
     time_ns: Option<u64>,

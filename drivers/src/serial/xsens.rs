@@ -32,7 +32,7 @@ const CLIPPED: u32 = 0b11_1111 << 8;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Xsens;
 
-/// Where the content of a message begins, and its length, once both are there.
+/// Beginning and length of a message's content, once both are there.
 fn content_place(bytes: &[u8]) -> Option<(usize, usize)> {
     match *bytes.get(3)? {
         EXTENDED => {
@@ -43,7 +43,7 @@ fn content_place(bytes: &[u8]) -> Option<(usize, usize)> {
     }
 }
 
-/// What of a message concerns us.
+/// Fields of a message that we use.
 #[derive(Default)]
 struct Values {
     counter: Option<u64>,

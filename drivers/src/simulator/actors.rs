@@ -24,7 +24,7 @@ const PERSON_SIZE_M: [f64; 2] = [1.75, 0.3];
 /// Light on what moves, grey levels of a white surface.
 const BRIGHTNESS: f32 = 165.0;
 
-/// What moves in a flight.
+/// Moving things in a flight.
 #[derive(Clone, Debug)]
 pub(super) struct Actors {
     people: Vec<Person>,

@@ -1,16 +1,17 @@
 //! Runs of pixels that are shaded together.
 //!
-//! What a run sees of its texture is mostly in no cache nearby. So all runs of a batch first find where they read and ask for
-//! it, and when the last one has, what the first one asked for is there.
+//! Batch of runs to be shaded. The texture of a run is mostly not in the cache, so all runs of a batch first
+//! compute and prefetch the places that they read; by the time the last one has, the data of the first are
+//! there.
 
 use super::facet::{Facet, RUN};
-use super::texture::{Places, Plan};
+use super::texture::{Plan, TexelPlaces};
 use super::world::World;
 
 /// Runs of a batch: enough that nothing is waited for, and few enough for the nearest cache.
 pub(super) const BATCH: usize = 16;
 
-/// What becomes of the brightness of a run.
+/// Destination of the brightness of a run.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Target {
     /// Pixels side by side, from this one on.
@@ -28,7 +29,7 @@ struct Job {
     y: [f32; RUN],
     plan: Plan<RUN>,
     light: [f32; RUN],
-    places: Places<RUN>,
+    places: TexelPlaces<RUN>,
 }
 
 /// Working memory of a batch.
@@ -48,12 +49,12 @@ impl Batch {
             y: [0.0; RUN],
             plan: Plan::NONE,
             light: [0.0; RUN],
-            places: Places::default(),
+            places: TexelPlaces::default(),
         };
         Self { jobs: vec![job; BATCH + more], count: 0 }
     }
 
-    /// Whether it should be shaded before more is added.
+    /// True if the batch must be shaded before more is added.
     #[inline]
     pub(super) fn is_full(&self) -> bool {
         self.count >= BATCH

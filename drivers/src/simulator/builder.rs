@@ -132,7 +132,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Whether `bounds` keeps clear of the flight.
+    /// True if `bounds` keeps clear of the flight.
     pub(super) fn is_clear(&self, bounds: &Bounds) -> bool {
         self.path.iter().all(|p| bounds.distance(p) > CLEARANCE_M)
     }

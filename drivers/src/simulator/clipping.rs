@@ -1,4 +1,4 @@
-//! How hard a sensor must vibrate to clip a given share of its samples.
+//! Vibration with which a sensor clips a given share of its samples.
 
 use nalgebra::Vector3;
 

@@ -1,10 +1,10 @@
 //! Conditions of light, camera, scene and motion that images suffer from, by name and dose.
 //!
-//! To add one, add a [`Kind`] to the table and do what it says in [`Effects`](super::Effects) or in the
+//! To add one, add a [`NamedKind`] to the table and do what it says in [`Effects`](super::Effects) or in the
 //! [`Scenario`](super::Scenario).
 
 use super::effects::{Glare, LightSteps, Warming};
-use super::named::{Dose, Family, Kind, Named};
+use super::named::{Dose, Family, Named, NamedKind};
 use super::scenario::{IntrinsicsError, People};
 use super::surroundings::Surroundings;
 use super::{Effects, FlightPath};
@@ -25,7 +25,7 @@ pub struct Conditions;
 
 impl Family for Conditions {
     const NOUN: &'static str = "condition";
-    const KINDS: &'static [Kind] = KINDS;
+    const KINDS: &'static [NamedKind] = KINDS;
 }
 
 fn expose(effects: &mut Effects, exposure_ms: f64) {
@@ -34,8 +34,8 @@ fn expose(effects: &mut Effects, exposure_ms: f64) {
         (SUB_EXPOSURES_PER_MS * exposure_ms).ceil().clamp(SUB_EXPOSURES.0, SUB_EXPOSURES.1) as usize;
 }
 
-const KINDS: &[Kind] = &[
-    Kind {
+const KINDS: &[NamedKind] = &[
+    NamedKind {
         name: "blur",
         about: "Motion blur of a longer exposure, with noise and gain",
         doses: &[
@@ -50,7 +50,7 @@ const KINDS: &[Kind] = &[
             scenario.effects.gain = *gain;
         },
     },
-    Kind {
+    NamedKind {
         name: "auto-exposure",
         about: "Light that steps up and down, and an exposure that follows with a lag; images in between are saturated or dark",
         doses: &[
@@ -64,7 +64,7 @@ const KINDS: &[Kind] = &[
             scenario.effects.light_steps = Some(steps);
         },
     },
-    Kind {
+    NamedKind {
         name: "glare",
         about: "Four bright lights around the horizon, with a veil around them; they reduce the exposure",
         doses: &[
@@ -76,7 +76,7 @@ const KINDS: &[Kind] = &[
             scenario.effects.glare = Some(Glare { grey: *grey, radius_rad: radius_deg.to_radians() });
         },
     },
-    Kind {
+    NamedKind {
         name: "night",
         about: "Little light, a long exposure and a noisy sensor (with five times the photon noise)",
         doses: &[
@@ -92,14 +92,14 @@ const KINDS: &[Kind] = &[
             scenario.effects.shot_noise = NIGHT_SHOT_NOISE;
         },
     },
-    Kind {
+    NamedKind {
         name: "rolling-shutter",
         about: "Rows that are exposed one after the other; the stamp is the middle of the exposure of the middle row",
         doses: &[Dose::new("readout from the first row to the last, ms", 20.0, 100.0)],
         cases: &[&[10.0], &[20.0], &[30.0]],
         apply: |scenario, [readout_ms, ..]| scenario.effects.readout_s = 1e-3 * readout_ms,
     },
-    Kind {
+    NamedKind {
         name: "people",
         about: "Textured boxes of a person's size that cross the view 1.2 m in front of the left camera, together at most this share \
                 of its width",
@@ -113,7 +113,7 @@ const KINDS: &[Kind] = &[
             scenario.people = Some(People { share: 0.01 * percent, speed_m_s: *speed_m_s, from_s: *from_s });
         },
     },
-    Kind {
+    NamedKind {
         name: "vehicle-parts",
         about: "Legs and turning rotors of the vehicle in the corners of the images, and specks of rain",
         doses: &[
@@ -127,7 +127,7 @@ const KINDS: &[Kind] = &[
             scenario.effects.specks = specks.round() as u32;
         },
     },
-    Kind {
+    NamedKind {
         name: "repeated",
         about: "Repetitive pattern on all surfaces",
         doses: &[Dose::new("period at a distance of 3 m, px of the preset sim at full size", 30.0, 500.0)],
@@ -136,14 +136,14 @@ const KINDS: &[Kind] = &[
             scenario.surroundings = Surroundings::Repeated { period_px: px.at_least(1.0) };
         },
     },
-    Kind {
+    NamedKind {
         name: "bare",
         about: "Empty room of plain walls with this number of small dark spots in a view",
         doses: &[Dose::new("spots", 15.0, 1000.0)],
         cases: &[&[]],
         apply: |scenario, [spots, ..]| scenario.surroundings = Surroundings::Bare { spots: *spots },
     },
-    Kind {
+    NamedKind {
         name: "bare-hover",
         about: "Hover in such a room",
         doses: &[Dose::new("spots", 15.0, 1000.0), Dose::new("minutes", 5.0, 60.0)],
@@ -155,7 +155,7 @@ const KINDS: &[Kind] = &[
             scenario.duration_s = 60.0 * minutes;
         },
     },
-    Kind {
+    NamedKind {
         name: "fast",
         about: "Same stretch of a recorded path at a multiple of its speed",
         doses: &[Dose::new("factor", 1.5, 4.0)],
@@ -167,7 +167,7 @@ const KINDS: &[Kind] = &[
             scenario.duration_s /= times;
         },
     },
-    Kind {
+    NamedKind {
         name: "intrinsics",
         about: "Calibration error of the cameras, with random signs",
         doses: &[
@@ -181,7 +181,7 @@ const KINDS: &[Kind] = &[
                 IntrinsicsError { focal: 0.01 * percent, centre_px: *centre_px, vergence_rad: 1e-3 * mrad };
         },
     },
-    Kind {
+    NamedKind {
         name: "warming",
         about: "Rig that warms up: focal lengths grow, and the cameras turn towards each other",
         doses: &[

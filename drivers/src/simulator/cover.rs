@@ -1,4 +1,4 @@
-//! What each pixel of an image sees.
+//! Surface seen by each pixel of an image.
 //!
 //! Facets (see [`super::facet`]) that face the camera and may be seen are gathered, then by block and by tile; each tile finds
 //! the nearest facet of its pixels.
@@ -15,7 +15,7 @@ pub(super) const NONE: u16 = u16::MAX;
 /// Facets of a tile that its edge pixels may show; a tile of more is a heap of specks anyway.
 pub(super) const TILE_FACETS: usize = 30;
 
-/// What each pixel sees.
+/// Surface seen by each pixel.
 #[derive(Clone, Debug)]
 pub(super) struct Cover {
     pub(super) facets: Vec<Facet>,
@@ -85,7 +85,7 @@ impl Cover {
         }
     }
 
-    /// What is seen by pixel `(u, v)` and its neighbours.
+    /// Surfaces seen by pixel `(u, v)` and its neighbours.
     #[inline]
     pub(super) fn around(&self, lens: &Lens, u: usize, v: usize) -> [[u16; 3]; 3] {
         [0, 1, 2].map(|k| {

@@ -14,7 +14,7 @@ const NOISE_TABLE: usize = 1 << 15;
 /// Pixels that take one piece of the table.
 const NOISE_RUN: usize = 32;
 
-/// What happens to images and frames. Times are seconds since the first frame.
+/// Effects on images and frames. Times are seconds since the first frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Effects {
     /// Standard deviation of the noise of a black pixel, grey levels.
@@ -37,8 +37,8 @@ pub struct Effects {
     pub exposure_drift: f64,
     /// Period of that change, s.
     pub exposure_drift_period_s: f64,
-    /// What goes wrong with finished frames. Darkness and flicker are better had of [`Self::blackout`] and
-    /// [`Self::flicker`], which happen before the noise of the sensor.
+    /// Faults of finished frames. Prefer [`Self::blackout`] and [`Self::flicker`] for darkness and flicker:
+    /// they happen before the noise of the sensor.
     pub frames: FrameFaults,
     /// Both images are black, noise aside, from the first to the second time, s.
     pub blackout: Option<(f64, f64)>,
@@ -53,7 +53,7 @@ pub struct Effects {
     pub glare: Option<Glare>,
     /// Specks of rain in an image.
     pub specks: u32,
-    /// How the cameras change with their temperature.
+    /// Change of the cameras with their temperature.
     pub warming: Option<Warming>,
 }
 

@@ -83,8 +83,8 @@ impl Facet {
         }
     }
 
-    /// How a run of pixels of bearings `(x, y)` and of `step` (see [`Lens::steps`]) samples its texture, and where on the
-    /// surface the pixels lie (`s`, `t`).
+    /// Sampling of the texture for a run of pixels of bearings `(x, y)` and of `step` (see [`Lens::steps`]),
+    /// and the places of the pixels on the surface (`s`, `t`).
     ///
     /// [`Lens::steps`]: super::lens::Lens::steps
     #[inline]
@@ -116,7 +116,7 @@ impl Facet {
         (self.texture(world).plan(&f), [s, t])
     }
 
-    /// What the surface is made of.
+    /// Texture of the surface's material.
     #[inline]
     pub(super) fn texture(&self, world: &World) -> &'static Texture {
         world.surfaces[self.surface as usize].finish.material.texture()

@@ -1,4 +1,4 @@
-//! What the tests of the simulator share: a EuRoC rig, short flights, and a way to look at images.
+//! Fixtures of the simulator's tests: a EuRoC rig, short flights, and views of images.
 
 use super::trajectory::Trajectory;
 use crate::StampedPose;

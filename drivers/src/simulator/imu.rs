@@ -5,9 +5,9 @@
 //! `walk * sqrt(dt)` per sample. Readings beyond the sensor's range are clamped to it. Sample `k` is a
 //! pure function of the seed and of `k`.
 //!
-//! What else real sensors do, each off by default ([`ImuEffects`]): `omega_b` becomes `M_g omega_b + S f`, and the specific
-//! force `f` becomes `M_a f + c`, where `M_g` and `M_a` hold scale and misalignment, `S` the sensitivity of the gyroscope to
-//! forces, and `c` is a Gauss-Markov process.
+//! Further errors of real sensors, each off by default ([`ImuEffects`]): `omega_b` becomes `M_g omega_b + S
+//! f`, and the specific force `f` becomes `M_a f + c`, where `M_g` and `M_a` hold scale and misalignment, `S`
+//! the sensitivity of the gyroscope to forces, and `c` is a Gauss-Markov process.
 
 use super::trajectory::{Motion, Trajectory};
 use crate::random::{Draws, Purpose};
@@ -23,7 +23,7 @@ const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 /// Slow changes of the rotors' speed: periods, s.
 const WANDER_PERIODS_S: [f64; 3] = [1.3, 2.9, 7.1];
 
-/// What the inertial sensor adds to the truth.
+/// Errors that the inertial sensor adds to the truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuEffects {
     /// White noise, as a multiple of the configured densities; 0 for none.
@@ -50,7 +50,7 @@ pub struct ImuEffects {
     pub scale_error: f64,
     /// Angle by which every axis of both sensors is tilted, rad; the directions are drawn.
     pub misalignment_rad: f64,
-    /// What every axis of the gyroscope shows under a force along a drawn direction, rad/s per g.
+    /// Sensitivity of every gyroscope axis to a force along a drawn direction, rad/s per g.
     pub g_sensitivity_rad_s_per_g: f64,
     /// Share of the samples that an accelerometer of [`CLIPPED_RANGE_M_S2`] clips, by a vibration as hard as that takes; 0 for
     /// the configured range.
@@ -119,7 +119,7 @@ pub(super) struct ImuModel {
     axes: Option<Axes>,
     /// Coloured error of the accelerometer at every sample, m/s²; empty for none.
     coloured: Vec<Vector3<f64>>,
-    /// What recorded samples hold above the path; empty for none.
+    /// Residuals of recorded samples over the path; empty without a recording.
     residual: Vec<Residual>,
 }
 

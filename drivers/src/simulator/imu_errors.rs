@@ -1,8 +1,8 @@
 //! Errors of inertial sensors by name and dose.
 //!
-//! To add one, add a [`Kind`] to the table and do what it says in [`ImuEffects`](super::ImuEffects) or in the [`Scenario`](super::Scenario).
+//! To add one, add a [`NamedKind`] to the table and do what it says in [`ImuEffects`](super::ImuEffects) or in the [`Scenario`](super::Scenario).
 
-use super::named::{Dose, Family, Kind, Named};
+use super::named::{Dose, Family, Named, NamedKind};
 use super::samples::{Inertial, recorded_along};
 use super::{FlightPath, Knock};
 
@@ -20,11 +20,11 @@ pub struct ImuErrors;
 
 impl Family for ImuErrors {
     const NOUN: &'static str = "error of an inertial sensor";
-    const KINDS: &'static [Kind] = KINDS;
+    const KINDS: &'static [NamedKind] = KINDS;
 }
 
-const KINDS: &[Kind] = &[
-    Kind {
+const KINDS: &[NamedKind] = &[
+    NamedKind {
         name: "force",
         about: "Coloured error of the accelerometer (Gauss-Markov, independent for each axis)",
         doses: &[
@@ -37,28 +37,28 @@ const KINDS: &[Kind] = &[
             scenario.imu.force_time_s = *time_s;
         },
     },
-    Kind {
+    NamedKind {
         name: "scale",
         about: "Scale error of every axis of both sensors, with random signs",
         doses: &[Dose::new("%", 0.5, 20.0)],
         cases: &[&[]],
         apply: |scenario, [percent, ..]| scenario.imu.scale_error = 0.01 * percent,
     },
-    Kind {
+    NamedKind {
         name: "misalignment",
         about: "Every axis of both sensors tilted in a random direction",
         doses: &[Dose::new("mrad", 3.0, 200.0)],
         cases: &[&[]],
         apply: |scenario, [mrad, ..]| scenario.imu.misalignment_rad = 1e-3 * mrad,
     },
-    Kind {
+    NamedKind {
         name: "g-sensitivity",
         about: "Gyroscope that responds to forces; typical values are 0.3e-3 (industrial sensors) and 1e-3 to 2e-3 (flight controllers)",
         doses: &[Dose::new("rad/s per g", 1e-3, 0.1)],
         cases: &[&[]],
         apply: |scenario, [rad_s_per_g, ..]| scenario.imu.g_sensitivity_rad_s_per_g = *rad_s_per_g,
     },
-    Kind {
+    NamedKind {
         name: "vibration",
         about: "Vibration of the rotors with its first harmonic at half the amplitude, aliased by the sampling; the frequency \
                 varies by 2 %",
@@ -75,7 +75,7 @@ const KINDS: &[Kind] = &[
             scenario.imu.vibration_wander = ROTOR_WANDER;
         },
     },
-    Kind {
+    NamedKind {
         name: "clipping",
         about: "Accelerometer with a range of 2 g and a vibration that clips this share of its samples",
         doses: &[Dose::new("% of the samples", 5.0, 50.0)],
@@ -85,7 +85,7 @@ const KINDS: &[Kind] = &[
             scenario.imu.vibration_wander = ROTOR_WANDER;
         },
     },
-    Kind {
+    NamedKind {
         name: "knock",
         about: "Knock that moves the vehicle (path and images) in a random direction; samples at 200 Hz miss short knocks",
         doses: &[
@@ -98,7 +98,7 @@ const KINDS: &[Kind] = &[
             scenario.knock = Some(Knock { at_s: *at_s, length_s: 1e-3 * ms, distance_m: 1e-3 * mm });
         },
     },
-    Kind {
+    NamedKind {
         name: "residual",
         about: "Part of the recorded samples (euroc/imu) above 10 Hz that is not in the path",
         doses: &[Dose::new("multiple of the recorded error", 1.0, 100.0)],

@@ -63,7 +63,7 @@ pub use conditions::{Condition, Conditions};
 pub use effects::{Effects, Glare, LightSteps, Warming};
 pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
 pub use imu_errors::{ImuError, ImuErrors};
-pub use named::{Dose, Family, Kind, Named};
+pub use named::{Dose, Family, Named, NamedKind};
 pub use samples::{Inertial, recorded_along};
 pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, USUAL_DURATION_S, scaled_config};
 pub use scenes::{Scene, Twin};
@@ -179,7 +179,7 @@ impl Simulator {
         &self.inner.config
     }
 
-    /// What is simulated.
+    /// Simulated scenario.
     #[must_use]
     pub fn scenario(&self) -> &Scenario {
         &self.inner.scenario
@@ -223,13 +223,14 @@ impl Simulator {
         [0, 1].map(|k| self.inner.cameras.get(k).map_or((0, 0), size))
     }
 
-    /// When frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the middle row).
+    /// Time at which frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the
+    /// middle row).
     #[must_use]
     pub fn frame_time(&self, index: u64) -> Timestamp {
         self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)
     }
 
-    /// What the camera stamps on frame `index`.
+    /// Camera stamp of frame `index`.
     #[must_use]
     pub fn frame_stamp(&self, index: u64) -> Timestamp {
         self.frame_time(index).plus_seconds(-self.inner.scenario.effects.time_offset_s)

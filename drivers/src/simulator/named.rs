@@ -1,6 +1,6 @@
 //! Errors and conditions by name and dose, as command lines and campaigns ask for them: `force:0.07:2`.
 //!
-//! A family is a table of [`Kind`]s; [`Named`] is one of them with its doses.
+//! A family is a table of [`NamedKind`]s; [`Named`] is one of them with its doses.
 
 use super::Scenario;
 use std::fmt;
@@ -13,7 +13,7 @@ pub(super) const DOSES: usize = 3;
 /// One number that an error or a condition is given.
 #[derive(Debug)]
 pub struct Dose {
-    /// Its meaning and unit.
+    /// Meaning and unit.
     pub unit: &'static str,
     /// Value of a dose that is left out.
     pub default: f64,
@@ -44,12 +44,12 @@ impl Dose {
 
 /// A kind of error or condition.
 #[derive(Debug)]
-pub struct Kind {
-    /// Its name.
+pub struct NamedKind {
+    /// Name.
     pub name: &'static str,
-    /// What it is, in a sentence.
+    /// Description, in a sentence.
     pub about: &'static str,
-    /// Its doses, in order.
+    /// Doses, in order.
     pub doses: &'static [Dose],
     /// Doses with which a campaign flies it, the first ones of each.
     pub(super) cases: &'static [&'static [f64]],
@@ -61,12 +61,12 @@ pub trait Family: 'static {
     /// The noun for one of them in messages.
     const NOUN: &'static str;
     /// All kinds.
-    const KINDS: &'static [Kind];
+    const KINDS: &'static [NamedKind];
 }
 
 /// A kind of the family `F` with its doses.
 pub struct Named<F> {
-    kind: &'static Kind,
+    kind: &'static NamedKind,
     doses: [f64; DOSES],
     family: PhantomData<F>,
 }
@@ -84,12 +84,12 @@ impl<F: Family> Named<F> {
     }
 
     /// `kind` with its default doses.
-    fn of(kind: &'static Kind) -> Self {
+    fn of(kind: &'static NamedKind) -> Self {
         let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
         Self { kind, doses, family: PhantomData }
     }
 
-    /// Its name.
+    /// Name.
     #[must_use]
     pub fn name(&self) -> &'static str {
         self.kind.name
@@ -103,7 +103,7 @@ impl<F: Family> Named<F> {
     /// One line for each kind: name, doses with units and defaults, and what it is.
     #[must_use]
     pub fn help() -> String {
-        let line = |kind: &Kind| {
+        let line = |kind: &NamedKind| {
             let doses: Vec<_> =
                 kind.doses.iter().map(|dose| format!("{} [{}]", dose.unit, dose.default)).collect();
             format!("{}:{} - {}", kind.name, doses.join(":"), kind.about)

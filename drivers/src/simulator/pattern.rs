@@ -17,7 +17,7 @@ const GRID_CELL: usize = 64;
 /// Side of that cell at the usual size of the pattern, m.
 pub(super) const GRID_CELL_M: f64 = GRID_CELL as f64 / 400.0;
 
-/// What a surface is made of.
+/// Materials of surfaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Material {

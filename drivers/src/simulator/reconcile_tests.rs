@@ -70,8 +70,8 @@ fn samples_of_another_flight_are_refused() {
     assert!(reconcile(&poses, &others, G).unwrap_err().contains("another flight"));
 }
 
-/// What a constant bias leaves of real samples against the flight that they were made to agree with: medians of the errors
-/// of position (m), velocity (m/s) and attitude (rad) after half a second, and the largest 5 % of the first.
+/// Errors of real samples after half a second against the flight reconciled with them, under a constant bias:
+/// medians of position (m), velocity (m/s) and attitude (rad), and the 95th percentile of position (m).
 fn residuals(joined: &Reconciled, samples: &[ImuSample]) -> [f64; 4] {
     let samples = &samples[joined.within.clone()];
     let mut errors = [(); 3].map(|()| Vec::new());

@@ -1,4 +1,4 @@
-//! Where the inertial samples of a simulated flight come from: made of its motion, or recorded.
+//! Inertial samples of a simulated flight: made of its motion, or recorded.
 
 use super::LEAD_S;
 use super::imu::{Biases, ImuModel, Residual};
@@ -118,8 +118,8 @@ impl Recording {
     }
 }
 
-/// What the samples of `file` hold above 10 Hz and `path`, along which they were recorded, does not; from `begin` on, and
-/// then from the first one on.
+/// Residual of the samples of `file` above 10 Hz over the `path` along which they were recorded; from `begin`
+/// on, then from the first sample on.
 pub(super) fn residual(
     file: &Path,
     path: &Trajectory,

@@ -1,4 +1,4 @@
-//! What is to be simulated.
+//! Scenario of a simulated flight.
 
 use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
 use super::samples::residual;
@@ -19,7 +19,7 @@ const MAX_DEMO_S: f64 = 7200.0;
 /// Mountings this near to each other are the same, rad.
 const MOUNTED_RAD: f64 = 2e-3;
 
-/// Where the vehicle flies.
+/// Path of the vehicle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FlightPath {
     /// Take-off and figures of eight, for as long as is asked for.
@@ -64,25 +64,25 @@ pub const USUAL_DURATION_S: f64 = 20.0;
 /// A simulated flight. Times are seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// What surrounds the flight.
+    /// Surroundings of the flight.
     pub scene: Scene,
-    /// Where it goes.
+    /// Path of the vehicle.
     pub path: FlightPath,
     /// First image, after the beginning of the path (and [`LEAD_S`]).
     pub start_s: f64,
     /// Length of the flight, of one lap where there are several; a file that ends earlier ends it.
     pub duration_s: f64,
-    /// How often it is flown, one after the other, with a way back in between.
+    /// Number of laps, one after the other, with a way back in between.
     pub laps: u32,
     /// Seed of all random draws.
     pub seed: u64,
     /// Size of the images against the configured size, with the intrinsics to match.
     pub resolution_scale: f64,
-    /// What happens to the images.
+    /// Effects on the images.
     pub effects: Effects,
-    /// What happens to the inertial samples.
+    /// Effects on the inertial samples.
     pub imu: ImuEffects,
-    /// Where the inertial samples come from.
+    /// Source of the inertial samples.
     pub inertial: Inertial,
     /// A knock that moves the vehicle.
     pub knock: Option<Knock>,
@@ -94,13 +94,13 @@ pub struct Scenario {
     pub calibration_error: f64,
     /// The path of a file is flown at this multiple of its speed.
     pub speed: f64,
-    /// What the scene is turned into.
+    /// Change of the scene.
     pub surroundings: Surroundings,
     /// People who cross the view.
     pub people: Option<People>,
-    /// Whether legs and rotors of the vehicle are in view.
+    /// True if legs and rotors of the vehicle are in view.
     pub vehicle_parts: bool,
-    /// Whether the rig has masks of these parts.
+    /// True if the rig has masks of these parts.
     pub masks_vehicle_parts: bool,
     /// By how much the intrinsics that the estimator believes are off.
     pub intrinsics_error: IntrinsicsError,
@@ -113,7 +113,7 @@ pub struct People {
     pub share: f64,
     /// Velocity against the view, m/s.
     pub speed_m_s: f64,
-    /// When the first comes into view, s after the first frame; 0 if they are there from the start.
+    /// Time at which the first comes into view, s after the first frame; 0 if all are there from the start.
     pub from_s: f64,
 }
 
@@ -132,11 +132,11 @@ pub struct IntrinsicsError {
 /// inertial sensor's samples miss of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Knock {
-    /// When, s after the first frame (and up to one sample later, by the seed).
+    /// Time of the push, s after the first frame (and up to one sample later, by the seed).
     pub at_s: f64,
-    /// How long the push lasts, s.
+    /// Duration of the push, s.
     pub length_s: f64,
-    /// How far, m; the direction is drawn.
+    /// Distance, m; the direction is drawn.
     pub distance_m: f64,
 }
 
@@ -167,7 +167,7 @@ impl Default for Scenario {
 }
 
 impl Scenario {
-    /// Whether the scenario makes sense for the rig.
+    /// Checks the scenario against the rig.
     pub(super) fn check(&self, config: &Config) -> Result<(), DriverError> {
         let e = &self.effects;
         let checks = [
@@ -234,15 +234,16 @@ impl Scenario {
         }
     }
 
-    /// Whether a flight that differs in its duration alone has other images from the first frame on. Once along a file it
-    /// has the same ones, since scene and light surround the path of the whole file. The built-in paths, and one in laps,
-    /// are drawn through samples up to where the flight ends, and walls and furniture keep clear of what is flown.
+    /// True if a flight that differs only in its duration has other images from the first frame on. Once
+    /// along a file it has the same ones, since scene and light surround the path of the whole file. The
+    /// built-in paths, and one in laps, are drawn through samples up to where the flight ends, and walls and
+    /// furniture keep clear of what is flown.
     #[must_use]
     pub fn frames_depend_on_duration(&self) -> bool {
         !matches!(self.path, FlightPath::Tum(_)) || self.laps > 1
     }
 
-    /// Whether the inertial samples are recorded ones, with which the path is made to agree.
+    /// True if the inertial samples are recorded ones, with which the path is reconciled.
     #[must_use]
     pub fn has_recorded_samples(&self) -> bool {
         matches!(self.inertial, Inertial::Recorded(_))
@@ -395,7 +396,7 @@ mod tests {
         Simulator::new(&fixture::config(), &scenario).unwrap()
     }
 
-    /// Whether all frames and inertial samples of the shorter flight are those of the longer one.
+    /// True if all frames and inertial samples of the shorter flight are those of the longer one.
     fn is_beginning(shorter: &Simulator, longer: &Simulator) -> bool {
         let [mut a, mut b] = [shorter, longer].map(Simulator::stereo);
         let [mut one, mut other] = [shorter, longer].map(|s| StereoFrame::new(s.image_sizes()));

@@ -24,7 +24,7 @@ const SPOT_M: f64 = 0.06;
 /// Views of a camera that cover the sphere: 1.25 sr each.
 const VIEWS_OF_SPHERE: f64 = 10.0;
 
-/// How the second room looks like the first.
+/// Likeness of the second room to the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Twin {
     /// It is the same again, beside it.
@@ -33,7 +33,7 @@ pub enum Twin {
     Mirrored,
 }
 
-/// What the vehicle flies in.
+/// Scene of the flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scene {
     /// A furnished room, walls 1 to 2 m beyond the flight, texture everywhere.

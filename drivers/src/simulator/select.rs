@@ -1,4 +1,4 @@
-//! Which facets may be seen within a part of the image, eight at a time.
+//! Selection of the facets that may be seen within a part of the image, eight at a time.
 
 use super::facet::Facet;
 use super::lens::Span;
@@ -78,7 +78,7 @@ impl Group {
         &self.facets[..self.count]
     }
 
-    /// Which facets may be seen within `span`, see [`Facet::nearest_within`].
+    /// Flags of the facets that may be seen within `span`, see [`Facet::nearest_within`].
     #[inline]
     pub(super) fn touch(&self, span: &Span) -> [bool; GROUP] {
         std::array::from_fn(|i| {
@@ -116,13 +116,14 @@ impl Selection {
         }
     }
 
-    /// What was loaded.
+    /// Groups that were loaded.
     #[inline]
     pub(super) fn groups(&self) -> &[Group] {
         &self.groups
     }
 
-    /// Those that may be seen within `span`, in their order: not outside of it and not behind one that covers it.
+    /// Selects the facets that may be seen within `span`, in their order: not outside of it and not behind
+    /// one that covers it.
     pub(super) fn select(&mut self, span: &Span, into: &mut Vec<u16>) {
         into.clear();
         self.nearest.clear();

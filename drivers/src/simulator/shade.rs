@@ -1,4 +1,4 @@
-//! How bright pixels are, tile by tile.
+//! Brightness of pixels, tile by tile.
 //!
 //! Runs of pixels whose neighbourhood sees one facet are shaded at once. The other pixels of a tile wait until there are
 //! enough samples of a facet for a run: one of a pixel that sees a single facet, and one for each facet that an edge pixel
@@ -30,7 +30,7 @@ const fn rays() -> [[f32; 2]; TILE] {
     all
 }
 
-/// What is rendered.
+/// Input of the rendering.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) world: &'a World,
@@ -76,7 +76,7 @@ pub(super) struct Shader {
     known: Selection,
 }
 
-/// Where the rays of a pixel are, from its bearing, in a tile.
+/// Rays of a pixel, from its bearing, in a tile.
 struct Rays {
     x: [[f32; TILE]; 2],
     y: [[f32; TILE]; 2],
@@ -149,7 +149,7 @@ impl Shader {
         self.finish(view, step, out);
     }
 
-    /// What is wanted for the edge pixels of a tile.
+    /// Loads the facets of a tile and the rays of its edge pixels.
     fn know(&mut self, view: &View<'_>, tile: usize) -> Rays {
         self.known.load(&view.cover.facets, view.cover.facets_of(tile));
         Rays::new(&view.lens.steps[tile])
@@ -280,7 +280,7 @@ impl Shader {
     }
 }
 
-/// Whether no pixel is on an edge.
+/// True if no pixel is on an edge.
 #[inline]
 fn none(edges: &[u16]) -> bool {
     edges.iter().fold(0, |any, edge| any | edge) == 0

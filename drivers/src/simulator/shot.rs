@@ -1,4 +1,4 @@
-//! What a camera and everything that moves are like at one instant.
+//! State of a camera and of everything that moves at one instant.
 
 use super::world::World;
 use nalgebra::Isometry3;

@@ -50,7 +50,7 @@ impl Solid {
         [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0)]
     }
 
-    /// Whether the way from `a` to `b` leads through it.
+    /// True if the solid blocks the straight way from `a` to `b`.
     pub(super) fn blocks(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
         let way = b - a;
         let along = ((self.centre - a).dot(&way) / way.norm_squared()).clamp(0.0, 1.0);

@@ -13,14 +13,14 @@ use std::f64::consts::TAU;
 const RISE_S: f64 = 2.5;
 /// Height on the ground and in hover, m.
 const HEIGHT_M: [f64; 2] = [0.15, 1.4];
-/// What a good controller leaves: amplitude, m, and frequency, Hz, of each axis.
+/// Residual motion under a good controller: amplitude, m, and frequency, Hz, of each axis.
 const SWAY: [(f64, f64); 3] = [(0.03, 0.21), (0.025, 0.17), (0.015, 0.29)];
 /// Sway of the attitude about each axis: amplitude, rad, and frequency, Hz.
 const WOBBLE: [(f64, f64); 3] = [(0.008, 0.53), (0.01, 0.37), (0.012, 0.11)];
 /// Velocity of the drift, m/s, and how long it takes to set in, s.
 const DRIFT_M_S: Vector3<f64> = Vector3::new(0.0, 0.1, 0.0);
 const DRIFT_RAMP_S: f64 = 3.0;
-/// When the vehicle is picked up and put down again, s after the beginning; how far off, m, and turned by what, rad.
+/// Times at which the vehicle is picked up and put down again, s after the beginning; displacement, m, and turn, rad.
 const CARRIED_S: [f64; 2] = [6.5, 9.5];
 const CARRIED_M: Vector3<f64> = Vector3::new(1.2, -0.9, 0.0);
 const CARRIED_RAD: f64 = 0.7;
@@ -36,7 +36,7 @@ const YAW_PAUSE_S: f64 = 0.8;
 /// Height of the hover with yaws, m; it is in the air from the beginning. Its sway: amplitude, m, and rate, rad/s.
 const YAWS_HEIGHT_M: f64 = 1.2;
 const YAWS_SWAY: [(f64, f64); 3] = [(0.12, 0.9), (0.1, 0.7), (0.08, 1.1)];
-/// Its sway of the attitude: amplitude, rad, and rates about the x and the y axis, rad/s.
+/// Sway of the attitude: amplitude, rad, and rates about the x and the y axis, rad/s.
 const YAWS_WOBBLE_RAD: f64 = 0.026;
 const YAWS_WOBBLE_RAD_S: [f64; 2] = [1.3, 1.7];
 /// Time in which that sway sets in, s.
@@ -50,7 +50,7 @@ const SMOOTH_PEAK: f64 = 1.875;
 /// Step of the numeric derivative of positions, s.
 const DIFFERENCE_S: f64 = 0.01;
 
-/// Which of them.
+/// Kind of the stationary flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Station {
     Hover,

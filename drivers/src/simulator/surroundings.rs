@@ -1,6 +1,6 @@
-//! What a condition makes of a scene: usual, repeated or bare surroundings.
+//! Surroundings under a condition: usual, repeated or bare.
 
-/// What a scene is turned into.
+/// Change of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Surroundings {
     /// It stays.
@@ -8,7 +8,7 @@ pub enum Surroundings {
     Usual,
     /// One pattern on everything, which repeats itself.
     Repeated {
-        /// Its period at a distance of 3 m, px of the preset `sim` at full size.
+        /// Period at a distance of 3 m, px of the preset `sim` at full size.
         period_px: f64,
     },
     /// Plain walls without furniture.

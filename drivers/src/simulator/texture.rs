@@ -59,12 +59,12 @@ impl Texture {
     /// Means of the pattern over `N` footprints, 0 to 255.
     #[cfg(test)]
     pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
-        let (plan, mut places) = (self.plan(footprints), Places::default());
+        let (plan, mut places) = (self.plan(footprints), TexelPlaces::default());
         self.locate(&plan, &mut places);
         self.means(&plan, &places)
     }
 
-    /// How footprints are sampled.
+    /// Plans the sampling of footprints.
     #[inline]
     pub(super) fn plan<const N: usize>(&self, footprints: &Footprints<N>) -> Plan<N> {
         footprints.plan(self.last_level)
@@ -72,7 +72,7 @@ impl Texture {
 
     /// Finds where a plan reads, and asks for it ahead.
     #[inline]
-    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut Places<N>) {
+    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut TexelPlaces<N>) {
         if plan.needs_level() {
             self.locate_on::<N, false>(plan, &mut into.level);
         }
@@ -105,7 +105,7 @@ impl Texture {
 
     /// Means of the pattern, 0 to 255, over the footprints of a plan that reads at `places`.
     #[inline]
-    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &Places<N>) -> [f32; N] {
+    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &TexelPlaces<N>) -> [f32; N] {
         let (mut level, mut next) = ([0; N], [0; N]);
         if plan.needs_level() {
             level = self.sums::<N, false>(plan, &places.level);
@@ -147,7 +147,7 @@ impl Texture {
     }
 }
 
-/// What `N` pixels cover of a pattern, in texels of the finest level: parallelograms around `(u, v)`
+/// Footprints of `N` pixels on a pattern, in texels of the finest level: parallelograms around `(u, v)`
 /// spanned by one pixel's step right (`u_right`, `v_right`) and down.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Footprints<const N: usize> {
@@ -159,8 +159,8 @@ pub(super) struct Footprints<const N: usize> {
     pub(super) v_down: [f32; N],
 }
 
-/// How footprints are sampled: level and share of the next, number of samples, the first one's place on
-/// the level and the step to the next (with [`FRACTION_BITS`] fractional bits).
+/// Sampling of footprints: level and share of the next, number of samples, the first one's place on the level
+/// and the step to the next (with [`FRACTION_BITS`] fractional bits).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plan<const N: usize> {
     level: [i32; N],
@@ -172,17 +172,17 @@ pub(super) struct Plan<const N: usize> {
     step_y: [i32; N],
 }
 
-/// Where each sample of `N` footprints stands, see [`Texture::quad`].
+/// Places of the samples of `N` footprints, see [`Texture::quad`].
 type Taps<const N: usize> = [[u32; N]; MAX_TAPS as usize];
 
-/// Where a plan reads on its level and on the next.
+/// Places that a plan reads on its level and on the next.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Places<const N: usize> {
+pub(super) struct TexelPlaces<const N: usize> {
     level: Taps<N>,
     next: Taps<N>,
 }
 
-impl<const N: usize> Default for Places<N> {
+impl<const N: usize> Default for TexelPlaces<N> {
     fn default() -> Self {
         let none = [[0; N]; MAX_TAPS as usize];
         Self { level: none, next: none }
@@ -196,7 +196,7 @@ fn there<const NEXT: bool>(p: i32) -> i32 {
 }
 
 impl<const N: usize> Plan<N> {
-    /// That nothing is read for.
+    /// Empty plan: nothing is read.
     pub(super) const NONE: Self = {
         let none = [0; N];
         Self { level: none, part: [0.0; N], taps: [0; N], x: none, y: none, step_x: none, step_y: none }

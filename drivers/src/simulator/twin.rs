@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 /// Interval of the positions that the first room is built around, s.
 const STEP_S: f64 = 0.05;
-/// What hangs on a wall lies this near to it, m.
+/// Distance from a wall of what hangs on it, m, at most.
 const WALL_DEPTH_M: f64 = 0.06;
 /// The floors of the rooms overlap by this, so that there is no gap, m.
 const OVERLAP_M: f64 = 0.01;
@@ -87,7 +87,7 @@ impl Twins {
     }
 }
 
-/// Whether a surface is a wall at `x`, or hangs on it.
+/// True if a surface is a wall at `x`, or hangs on it.
 fn lies_on_wall(surface: &Surface, x: f64) -> bool {
     let corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)];
     corners.iter().all(|(s, t)| {
@@ -118,7 +118,8 @@ mod tests {
         simulator.scenario().flight(simulator.config()).unwrap().1.unwrap()
     }
 
-    /// Whether a ray sees in the second room what the like one sees in the first, by place and kind.
+    /// True if a ray in the second room sees the counterpart, in place and kind, of what its counterpart in
+    /// the first room sees.
     fn looks_alike(simulator: &Simulator, twins: &Twins, from: &Vector3<f64>, ray: &Vector3<f64>) -> bool {
         let (there, turned) = match twins.kind {
             Twin::Repeated => (from + twins.shift(), *ray),

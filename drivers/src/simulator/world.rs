@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::Portable;
 use std::ops::Range;
 
-/// How a surface looks: albedo goes from `dark` to `bright` along the values of the pattern.
+/// Finish of a surface: albedo goes from `dark` to `bright` along the values of the pattern.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Finish {
     pub(super) material: Material,

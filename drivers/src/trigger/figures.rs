@@ -1,9 +1,9 @@
-//! What can be said of frames and their triggers, for whoever asks from another thread.
+//! Figures of frames and their triggers, for other threads.
 
 use crate::board::Board;
 use serde::Serialize;
 
-/// How frames were stamped.
+/// Counts of frames by the origin of their stamp.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct TriggerFigures {
     /// Frames stamped by their trigger.
@@ -18,7 +18,7 @@ pub struct TriggerFigures {
     pub held_back: u64,
     /// Frames that were not handed out, since number and time of their trigger contradicted each other.
     pub doubtful: u64,
-    /// How often it was found out which trigger belongs to which frame.
+    /// Number of times the pairing of triggers and frames was established.
     pub found: u64,
     /// The driver's stamp less the middle of the exposure in the mean, ms.
     pub delay_ms: f64,
@@ -41,7 +41,7 @@ impl TriggerMonitor {
         self.0.read()
     }
 
-    /// Why frames are not stamped by triggers, where they are not.
+    /// Reason why frames are not stamped by triggers; `None` while they are.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let figures = self.figures();

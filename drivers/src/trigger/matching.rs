@@ -1,4 +1,4 @@
-//! Which trigger a frame belongs to, and when its exposure was.
+//! Matching of triggers and frames, and the time of a frame's exposure.
 //!
 //! Both are counted: triggers by the microcontroller, frames by the camera, what was lost included. So the difference of the
 //! two numbers stays the same, however much the stamps of the camera's driver jitter. It is found by time: a driver's stamp
@@ -31,10 +31,10 @@ const AWAY_PERIODS: f64 = 5.0;
 /// The mean delay follows with this gain.
 const GAIN: f64 = 1.0 / 16.0;
 
-/// When the exposure of a frame was.
+/// Time of a frame's exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Matched {
-    /// Its middle, by the trigger, ns.
+    /// Middle by the trigger, ns.
     Trigger(i64),
     /// Middle predicted for a missing trigger message, ns.
     Predicted(i64),
@@ -54,7 +54,7 @@ struct Trigger {
     pulse_ns: u32,
 }
 
-/// What is being found out.
+/// Candidate for the pairing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Candidate {
     base: i64,
@@ -100,7 +100,7 @@ impl Matching {
         self.delay_ns
     }
 
-    /// How often it was found out which trigger belongs to which frame.
+    /// Number of times the pairing of triggers and frames was established.
     pub(crate) fn found(&self) -> u64 {
         self.found
     }
@@ -134,8 +134,8 @@ impl Matching {
         self.triggers.push_back(Trigger { count, edge_ns, pulse_ns: event.pulse_ns });
     }
 
-    /// When the frame with this number and this stamp of its driver, ns, was exposed; `half_ns` is half of the exposure of a
-    /// trigger with a pulse of so many ns.
+    /// Exposure of the frame with this number and this stamp of its driver, ns; `half_ns` is half of the exposure of a trigger
+    /// with a pulse of so many ns.
     pub(crate) fn frame(&mut self, sequence: u64, stamp_ns: i64, half_ns: impl Fn(u32) -> i64) -> Matched {
         let away_ns = AWAY_NS.max((AWAY_PERIODS * self.nominal_ns) as i64);
         if self.last_stamp_ns.replace(stamp_ns).is_some_and(|last| stamp_ns.saturating_sub(last) > away_ns) {
@@ -156,7 +156,7 @@ impl Matching {
         self.by_delay(stamp_ns)
     }
 
-    /// What the numbers say, unless the time contradicts them for good.
+    /// Match by the numbers, unless the time contradicts them for good.
     fn checked(&mut self, stamp_ns: i64, middle: Matched) -> Option<Matched> {
         let (Matched::Trigger(middle_ns) | Matched::Predicted(middle_ns)) = middle else { return None };
         let found_ns = stamp_ns.saturating_sub(middle_ns) as f64;
@@ -218,7 +218,7 @@ impl Matching {
         self.delay_ns.map_or(Matched::Unknown, shifted)
     }
 
-    /// Which trigger belongs to which frame is to be found out anew.
+    /// Discards the pairing of triggers and frames, to establish it again.
     fn forget(&mut self) {
         (self.base, self.contradicted, self.candidate) = (None, 0, Candidate::default());
     }

@@ -26,7 +26,7 @@ const TRIGGERS: i64 = 130;
 const PULSE_NS: u32 = 4_000_000;
 const HALF_NS: i64 = 2 * MS;
 const SIZES: [(usize, usize); 2] = [(64, 48), (0, 0)];
-/// What stamps have to keep to beyond what a bare timer is late, ns.
+/// Error allowed of the stamps beyond the lateness of a bare timer, ns.
 const TOLERANCE_NS: i64 = 200_000;
 /// The program that sends frames is away.
 const AWAY: std::ops::Range<i64> = 80..95;

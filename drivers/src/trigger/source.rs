@@ -12,12 +12,12 @@ use rtrb::Consumer;
 const PATIENCE_NS: i64 = 5_000_000_000;
 const MS: f64 = 1e-6;
 
-/// How long the exposure of a triggered frame is.
+/// Source of the exposure of a triggered frame.
 #[derive(Clone, Debug)]
 pub enum Exposure {
     /// As long as the pulse; where that has no length, what the cameras' driver says, if there is one.
     Pulse(Option<V4l2Monitor>),
-    /// What the cameras' driver says, if there is one.
+    /// Exposure by the cameras' driver, if there is one.
     Camera(Option<V4l2Monitor>),
 }
 
@@ -63,7 +63,7 @@ impl<S: StereoSource> Triggered<S> {
         }
     }
 
-    /// What shows the figures to other threads.
+    /// Monitor that shows the figures to other threads.
     #[must_use]
     pub fn monitor(&self) -> TriggerMonitor {
         self.monitor.clone()

@@ -37,7 +37,7 @@ pub(crate) struct Camera {
     held: VecDeque<Held>,
     sequence: Sequence,
     last_stamp_ns: i64,
-    /// When it began to stream, or the last image came, ns.
+    /// Beginning of the stream, or arrival of the last image, ns.
     pub(crate) last_sign_ns: i64,
     has_sent: bool,
     pub(crate) figures: V4l2CameraFigures,
@@ -69,12 +69,12 @@ impl Camera {
         self.figures.is_streaming = true;
     }
 
-    /// How often the stream was started: numbers of images count within one.
+    /// Number of times the stream was started: image numbers count within one stream.
     pub(crate) fn generation(&self) -> u64 {
         self.figures.started
     }
 
-    /// Whether anything has come since the stream was started.
+    /// True if an image has come since the stream was started.
     pub(crate) fn has_sent(&self) -> bool {
         self.has_sent
     }
@@ -83,7 +83,7 @@ impl Camera {
         self.is_alive
     }
 
-    /// What `poll` is to wait for; `None` while there is nothing to come.
+    /// Descriptor to `poll`; `None` while nothing can come.
     pub(crate) fn poll_fd(&self) -> Option<BorrowedFd<'_>> {
         let stream = self.stream.as_ref().filter(|_| self.is_alive && !self.is_full())?;
         Some(stream.queue.as_fd())
@@ -102,7 +102,7 @@ impl Camera {
         }
     }
 
-    /// What is left of a stream that has ended, once the last of its images has been handed out.
+    /// Remains of a stream that has ended, once the last of its images has been handed out.
     pub(crate) fn remains(&mut self) -> Option<Stream> {
         if self.is_alive || !self.held.is_empty() {
             return None;

@@ -22,7 +22,7 @@ const MAX_ENTRIES: i64 = 64;
 /// The unit of exposures that are not counted in rows, us.
 const ABSOLUTE_UNIT_US: f64 = 100.0;
 
-/// What kind of value a control has.
+/// Kind of a control's value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ControlKind {
     /// A number.
@@ -42,9 +42,9 @@ pub enum ControlKind {
 pub struct ControlInfo {
     /// The kernel's number of it.
     pub id: u32,
-    /// Its name as `driver.v4l2.controls` takes it.
+    /// Name as `driver.v4l2.controls` takes it.
     pub name: String,
-    /// What kind of value it has.
+    /// Kind of its value.
     pub kind: ControlKind,
     /// Smallest value, largest, and the step between.
     pub range: (i64, i64, u64),
@@ -52,9 +52,9 @@ pub struct ControlInfo {
     pub default: i64,
     /// The value in force, where it can be read.
     pub value: Option<i32>,
-    /// Whether it can be set.
+    /// True if it can be set.
     pub is_writable: bool,
-    /// Whether another control has it in its hands at present, as an automatic exposure has the exposure.
+    /// True while another control governs it, as an automatic exposure governs the exposure.
     pub is_inactive: bool,
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-/// Why a control cannot be set: what is wrong, with the key and the cure, or the device's error.
+/// Reason why a control cannot be set: what is wrong, with the key and the cure, or the device's error.
 pub(crate) enum ControlError {
     /// It cannot be as the configuration says.
     Refused(String),
@@ -177,7 +177,8 @@ fn set_extension(fd: BorrowedFd<'_>, (unit, selector): (u8, u8), value: &[u8]) -
     }
 }
 
-/// Whether a camera has taken a value. A switch is kept as it is; an exposure may be rounded, to whole rows of the sensor.
+/// True if a camera has taken a value. A switch is kept as it is; an exposure may be rounded to whole rows of
+/// the sensor.
 fn is_taken(wanted: &[u8], taken: &[u8]) -> bool {
     let (wanted, taken, is_switch) = (number(wanted), number(taken), wanted.len() == 1);
     let tolerance = if is_switch { 0 } else { wanted / 16 };

@@ -6,12 +6,12 @@ use super::jpeg::{JpegDamage, LumaDecoder};
 use plumbline_config::GrayImage;
 use thiserror::Error;
 
-/// What a device gives: how its images are encoded, and how they lie in a buffer.
+/// Format of a device's images: their encoding and their layout in a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RawLayout {
     /// The encoding.
     pub format: PixelFormat,
-    /// Which cameras' images are in it.
+    /// Arrangement of the cameras' images in it.
     pub arrangement: Arrangement,
     /// Width of each camera's image, px.
     pub width_px: usize,
@@ -21,7 +21,7 @@ pub struct RawLayout {
     pub stride: usize,
 }
 
-/// Why no image could be made of a buffer.
+/// Reason why no image could be made of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Damage {
     /// The buffer holds less than an image.
@@ -40,7 +40,7 @@ pub enum Damage {
         /// Bytes of a row.
         row: usize,
     },
-    /// What was sent is no image of JPEG that can be read.
+    /// The data are no readable JPEG image.
     #[error("JPEG: {0}")]
     Jpeg(#[from] JpegDamage),
 }
@@ -77,7 +77,7 @@ impl Converter {
         Self { layout, jpeg }
     }
 
-    /// How the buffers lie.
+    /// Layout of the buffers.
     #[must_use]
     pub fn layout(&self) -> &RawLayout {
         &self.layout
@@ -156,7 +156,7 @@ fn interleaved(layout: &RawLayout, bytes: &[u8], left: &mut GrayImage, right: &m
     }
 }
 
-/// Whether all rows are there.
+/// Checks that all rows are there.
 fn check(layout: &RawLayout, bytes: &[u8]) -> Result<(), Damage> {
     let (row, stride) = (layout.row_bytes(), layout.stride);
     if stride < row {

@@ -19,7 +19,7 @@ const RATE_TOLERANCE: f64 = 0.01;
 /// Formats that messages list, at most.
 const MAX_LISTED: usize = 24;
 
-/// What a device is to do.
+/// Device to open and the format required of it.
 #[derive(Clone, Debug)]
 pub(crate) struct Wanted {
     pub(crate) path: PathBuf,
@@ -27,7 +27,7 @@ pub(crate) struct Wanted {
     pub(crate) key: &'static str,
     /// Size of each camera's image, px.
     pub(crate) size_px: (usize, usize),
-    /// Whether it gives the images of both cameras.
+    /// True if it must give the images of both cameras.
     pub(crate) both: bool,
     /// Frames per second.
     pub(crate) rate_hz: f64,
@@ -39,11 +39,11 @@ pub(crate) struct Wanted {
 pub(crate) struct Stream {
     pub(crate) queue: Queue,
     pub(crate) converter: Converter,
-    /// Where it tells its exposure.
+    /// Probe of its exposure.
     pub(crate) probe: Option<ExposureProbe>,
 }
 
-/// Why a device does not stream.
+/// Reason why a device does not stream.
 #[derive(Debug)]
 pub(crate) enum OpenError {
     /// It is not there, or went away meanwhile: it may come.
@@ -53,7 +53,7 @@ pub(crate) enum OpenError {
 }
 
 impl OpenError {
-    /// What the system said at this device while this was done.
+    /// Error of the system at this device, with what was being done.
     fn from_errno(wanted: &Wanted, doing: &str, error: Errno) -> Self {
         let path = wanted.path.display();
         let key = wanted.key;
@@ -166,7 +166,7 @@ fn try_format(
     Ok(is_granted.then_some(stride))
 }
 
-/// What a device without the wanted format offers instead.
+/// Error for a device without the wanted format, with what it offers instead.
 fn no_format(wanted: &Wanted, fd: BorrowedFd<'_>, kind: u32) -> String {
     let (width, height) = wanted.size_px;
     let what = if wanted.both { " for two cameras (side by side, or Y8I)" } else { "" };

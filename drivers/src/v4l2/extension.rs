@@ -49,7 +49,7 @@ impl ExtensionUnit {
     }
 }
 
-/// Why a node cannot be opened, and what to do.
+/// Reason why a node cannot be opened, and the cure.
 pub(crate) fn unopened(error: Errno) -> String {
     match error {
         Errno::ACCESS | Errno::PERM => "may not be opened; add this user to the group `video`".into(),
@@ -59,7 +59,7 @@ pub(crate) fn unopened(error: Errno) -> String {
     }
 }
 
-/// Why a control cannot be used, and what to do.
+/// Reason why a control cannot be used, and the cure.
 pub(crate) fn why(error: Errno) -> String {
     match error {
         Errno::NOTTY => "this node is no camera of the kernel's driver for USB (uvcvideo)".into(),

@@ -1,13 +1,13 @@
-//! What can be said of the cameras while they run, for whoever asks from another thread.
+//! Figures of the cameras while they run, for other threads.
 
 use crate::board::Board;
 use crate::clock::StampProblem;
 use serde::Serialize;
 
-/// What one camera did. Of a device that gives both images, the first camera's figures are the device's.
+/// Figures of one camera. Of a device that gives both images, the first camera's figures are the device's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct V4l2CameraFigures {
-    /// Whether it streams now.
+    /// True while it streams.
     #[serde(skip)]
     pub is_streaming: bool,
     /// Images that came whole.
@@ -20,14 +20,14 @@ pub struct V4l2CameraFigures {
     pub disordered: u64,
     /// Images stamped by their arrival, since the driver's stamp was of no clock or of the future.
     pub restamped: u64,
-    /// What is wrong with stamps, as far as anything is.
+    /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
     /// Images handed out without their partner.
     pub alone: u64,
-    /// How often its stream was started.
+    /// Number of times its stream was started.
     pub started: u64,
-    /// How often it went away, or fell silent.
+    /// Number of times it was lost or fell silent.
     pub lost: u64,
     /// Length of the exposure that stamps were shifted by half of, ms; 0 where it is not known.
     pub exposure_ms: f64,
@@ -37,7 +37,7 @@ pub struct V4l2CameraFigures {
     pub max_delay_ms: f64,
 }
 
-/// What the cameras did together.
+/// Figures of both cameras together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct V4l2Figures {
     /// Left and right.
@@ -53,7 +53,7 @@ pub struct V4l2Figures {
     pub apart: u64,
     /// Right less left stamp in the mean of the last pairs, ms.
     pub offset_ms: f64,
-    /// How far pairs were from that mean: largest, ms.
+    /// Largest deviation of a pair from that mean, ms.
     pub max_jitter_ms: f64,
     /// Measured time from image to image, ms.
     pub period_ms: f64,
@@ -73,7 +73,7 @@ impl V4l2Monitor {
         self.figures.read()
     }
 
-    /// Why left and right camera do not stream, as far as they do not.
+    /// Reasons why left and right camera do not stream; `None` while they do.
     #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         self.trouble.read()

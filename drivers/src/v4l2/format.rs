@@ -1,8 +1,8 @@
-//! What a device's images are encoded as, and which of its formats is taken.
+//! Encodings of a device's images, and the choice among its formats.
 
 use plumbline_config::options::V4l2Format;
 
-/// How the images of a device become 8-bit grey.
+/// Conversion of a device's images to 8-bit grey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
     /// A byte a pixel.
@@ -49,7 +49,7 @@ impl PixelFormat {
         }
     }
 
-    /// What a code of the kernel stands for; `None` for what no camera here needs.
+    /// Format of a code of the kernel; `None` if it is not supported.
     #[must_use]
     pub fn from_fourcc(fourcc: u32) -> Option<Self> {
         FORMATS.iter().find(|(code, ..)| u32::from_le_bytes(**code) == fourcc).map(|(.., format)| *format)
@@ -70,7 +70,7 @@ pub(crate) fn fourcc_text(fourcc: u32) -> String {
     text.trim_end().to_owned()
 }
 
-/// Where the images of left and right camera are in what a device gives.
+/// Arrangement of the images of left and right camera in the output of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arrangement {
     /// One image, of one camera.

@@ -1,4 +1,4 @@
-//! What the fuzzers call of this module.
+//! Entry points of the fuzzers for this module.
 
 use super::convert::{Converter, RawLayout};
 use super::format::{Arrangement, PixelFormat};

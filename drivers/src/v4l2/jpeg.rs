@@ -23,7 +23,7 @@ const NO_CODE: [[u8; 2]; 16] = [[0xff, 0]; 16];
 const HUFFMAN: u8 = 0xc4;
 const SCAN: u8 = 0xda;
 
-/// Why an image of JPEG cannot be read.
+/// Reason why a JPEG image cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum JpegDamage {
     /// It does not begin as one, or a segment makes no sense.
@@ -98,7 +98,7 @@ impl<'a> Parts<'a> {
         (side(3), side(1))
     }
 
-    /// Whether only the height of chroma is halved. zune-jpeg asked for luma alone reads twice the rows of such an image.
+    /// True if only the height of chroma is halved.
     fn is_tall(&self) -> bool {
         self.scanned > 1 && self.frame.get(7) == Some(&0x12)
     }
@@ -144,7 +144,7 @@ fn data_length(data: &[u8]) -> usize {
 pub(crate) struct LumaDecoder {
     width: usize,
     height: usize,
-    /// What the decoder is given.
+    /// Input of the decoder.
     data: Vec<u8>,
     /// Pixels, of which luma comes first.
     luma: Vec<u8>,

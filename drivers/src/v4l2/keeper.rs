@@ -29,7 +29,7 @@ pub(crate) struct Keeper {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread works with.
+/// State of the keeper's thread.
 struct Work {
     wanted: Vec<Wanted>,
     probes: [Option<ExposureProbe>; 2],

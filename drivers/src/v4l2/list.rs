@@ -12,19 +12,19 @@ use std::path::{Path, PathBuf};
 /// A camera, or another node that brings images.
 #[derive(Clone, Debug)]
 pub struct CameraInfo {
-    /// Its node, whose number depends on the order of plugging in.
+    /// Node, whose number depends on the order of plugging in.
     pub path: PathBuf,
     /// Names that lead to it whenever it is there: by the port, then by the device itself.
     pub stable_paths: Vec<PathBuf>,
-    /// What it calls itself.
+    /// Name given by the device.
     pub card: String,
     /// The kernel's driver.
     pub driver: String,
-    /// Where it is connected.
+    /// Bus address.
     pub bus: String,
-    /// What it can send.
+    /// Formats that it can send.
     pub formats: Vec<FormatInfo>,
-    /// What can be set.
+    /// Controls that it has.
     pub controls: Vec<ControlInfo>,
 }
 
@@ -33,7 +33,7 @@ pub struct CameraInfo {
 pub struct FormatInfo {
     /// The kernel's code, such as `YUYV`.
     pub code: String,
-    /// How it is made grey; `None` for a format that is not read here.
+    /// Conversion to grey; `None` for a format that is not supported.
     pub format: Option<PixelFormat>,
     /// Sizes, with their rates.
     pub sizes: Vec<SizeInfo>,
@@ -57,7 +57,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// What can be said of a node; `None` where it brings no images or cannot be opened.
+/// Description of a node; `None` if it brings no images or cannot be opened.
 fn camera(path: &Path) -> Option<CameraInfo> {
     let fd = node::open(path).ok()?;
     let fd = fd.as_fd();

@@ -14,7 +14,7 @@ pub(crate) fn open(path: &Path) -> Result<OwnedFd, Errno> {
     rustix::fs::open(path, OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())
 }
 
-/// Whether images come in one piece or in planes; `None` for a node that brings none, or not into buffers.
+/// Buffer type: single-planar or multi-planar; `None` for a node that brings no images, or not into buffers.
 pub(crate) fn capture_kind(capability: &Capability) -> Option<u32> {
     // Of the node itself, where the driver tells them apart from those of the whole camera.
     let capabilities = match capability.capabilities & CAP_DEVICE_CAPS != 0 {

@@ -1,4 +1,4 @@
-//! What a device offers: formats, sizes, rates.
+//! Formats, sizes and rates that a device offers.
 
 use super::sys::abi::KIND_DISCRETE;
 use super::sys::calls;
@@ -16,12 +16,12 @@ pub struct SizeInfo {
     /// Width and height of the largest, px, where any size between can be had.
     pub largest_px: Option<(u32, u32)>,
     /// Rates of it (of the largest, where there is a range).
-    pub rates: Rates,
+    pub rates: FrameRates,
 }
 
 /// Rates of a size: numerators and denominators of the interval in seconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Rates {
+pub enum FrameRates {
     /// These.
     Listed(Vec<(u32, u32)>),
     /// Any from the shortest interval to the longest.
@@ -32,7 +32,7 @@ fn hertz((numerator, denominator): (u32, u32)) -> f64 {
     f64::from(denominator) / f64::from(numerator.max(1))
 }
 
-impl Rates {
+impl FrameRates {
     /// Frames a second, each rate that is listed; empty for a range.
     #[must_use]
     pub fn listed_hz(&self) -> Vec<f64> {
@@ -62,7 +62,7 @@ impl Rates {
     }
 }
 
-impl Display for Rates {
+impl Display for FrameRates {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // 30 rather than 30.000, and 29.97.
         let rounded = |interval| (hertz(interval) * 1000.0).round() / 1000.0;
@@ -126,17 +126,17 @@ pub(crate) fn sizes(fd: BorrowedFd<'_>, fourcc: u32) -> String {
 }
 
 /// Rates of a size.
-pub(crate) fn intervals(fd: BorrowedFd<'_>, fourcc: u32, size: (u32, u32)) -> Rates {
+pub(crate) fn intervals(fd: BorrowedFd<'_>, fourcc: u32, size: (u32, u32)) -> FrameRates {
     let interval = |index| calls::frame_interval(fd, fourcc, size, index).ok();
     let mut listed = Vec::new();
     for interval in (0..MAX_ENTRIES).map_while(interval) {
         let [n, d, longest_n, longest_d, ..] = interval.fractions;
         if interval.kind != KIND_DISCRETE {
-            return Rates::Between((n, d), (longest_n, longest_d));
+            return FrameRates::Between((n, d), (longest_n, longest_d));
         }
         listed.push((n, d));
     }
-    Rates::Listed(listed)
+    FrameRates::Listed(listed)
 }
 
 #[cfg(test)]
@@ -145,15 +145,15 @@ mod tests {
 
     #[test]
     fn the_nearest_rate_is_asked_for_and_rates_read_well() {
-        let listed = Rates::Listed(vec![(1, 60), (1, 30), (1001, 30_000), (1, 15)]);
+        let listed = FrameRates::Listed(vec![(1, 60), (1, 30), (1001, 30_000), (1, 15)]);
         assert_eq!(listed.nearest(29.97), (1001, 30_000));
         assert_eq!(listed.nearest(20.0), (1, 15));
         assert_eq!(listed.to_string(), "60, 30, 29.97, 15 Hz");
-        let between = Rates::Between((1, 120), (1, 1));
+        let between = FrameRates::Between((1, 120), (1, 1));
         assert_eq!(between.nearest(22.5), (1000, 22_500));
         assert_eq!(between.to_string(), "1 to 120 Hz");
         assert_eq!((between.range_hz(), between.listed_hz()), (Some((1.0, 120.0)), Vec::new()));
         assert_eq!((listed.range_hz(), listed.listed_hz().len()), (None, 4));
-        assert_eq!(Rates::Listed(Vec::new()).nearest(20.0), (1000, 20_000));
+        assert_eq!(FrameRates::Listed(Vec::new()).nearest(20.0), (1000, 20_000));
     }
 }

@@ -1,4 +1,4 @@
-//! Which image of the left camera belongs to which of the right, as they arrive.
+//! Pairing of left and right images as they arrive.
 //!
 //! By time: the stamps of two cameras that are triggered together differ by a constant (their drivers' delays), those of
 //! cameras that run free by anything up to half a period, slowly changing. So the first pair is the nearest in time, and
@@ -10,15 +10,15 @@
 /// An image that waits for its partner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Waiting {
-    /// When it was measured, ns.
+    /// Time of measurement, ns.
     pub(crate) stamp_ns: i64,
-    /// Its number in the stream of its camera.
+    /// Number in the stream of its camera.
     pub(crate) sequence: u64,
-    /// When it arrived, ns of the same clock.
+    /// Arrival, ns of the same clock.
     pub(crate) arrival_ns: i64,
 }
 
-/// What is to be done with the images in front.
+/// Decision about the images in front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Next {
     /// Both belong together.
@@ -29,14 +29,14 @@ pub(crate) enum Next {
     Wait(Option<i64>),
 }
 
-/// What can be said of a camera.
+/// State of a camera's queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Side {
     /// The oldest image that waits.
     pub(crate) front: Option<Waiting>,
-    /// Whether more are to be expected from this camera.
+    /// True if more images are expected from this camera.
     pub(crate) is_alive: bool,
-    /// Whether it holds as many as it may.
+    /// True if it holds as many as it may.
     pub(crate) is_full: bool,
 }
 
@@ -129,7 +129,7 @@ impl Pairing {
         self.forget_base();
     }
 
-    /// What is to be done with the images in front.
+    /// Decides about the images in front.
     pub(crate) fn next(&self, sides: [Side; 2], now_ns: i64) -> Next {
         match sides.map(|side| side.front) {
             [None, None] => Next::Wait(None),
@@ -163,7 +163,7 @@ impl Pairing {
         }
     }
 
-    /// Whether numbers decide.
+    /// True if the image numbers decide.
     fn is_by_number(&self) -> bool {
         self.by_sequence && self.agreed >= AGREEING
     }
@@ -187,7 +187,7 @@ impl Pairing {
         (self.agreed, self.contradicted, self.lonely) = (0, 0, 0);
     }
 
-    /// How far the right image is behind what belongs to the left one, periods.
+    /// Lag of the right image behind the counterpart of the left one, periods.
     fn apart(&self, left: Waiting, right: Waiting) -> f64 {
         if self.is_by_number() {
             return (right.sequence as i64 - left.sequence as i64 - self.base) as f64;

@@ -1,4 +1,4 @@
-//! When an image was measured: the middle of its exposure, on the monotonic clock of this computer.
+//! Time of an image's measurement: the middle of its exposure, on the monotonic clock of this computer.
 //!
 //! Drivers stamp a buffer at the start of the exposure or at the end of the frame, and most by the monotonic clock. A
 //! flag says so, but it is the same flag where `uvcvideo` was told to take the system clock: so the stamp itself is
@@ -31,7 +31,7 @@ pub(crate) fn clocks() -> Arrival {
     Arrival { monotonic_ns: ns(ClockId::Monotonic), system_ns: ns(ClockId::Realtime) }
 }
 
-/// Where a stamp came from.
+/// Origin of a stamp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     /// The driver's, on the monotonic clock.

@@ -25,7 +25,7 @@ const SILENT_NS: i64 = 3_000_000_000;
 const SILENT_AT_FIRST_NS: i64 = 10_000_000_000;
 const MS: f64 = 1e-6;
 
-/// Which devices are read, and how.
+/// Devices to be read, and their settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct V4l2Options {
     /// Section `driver.v4l2` of the configuration.
@@ -39,7 +39,7 @@ pub struct V4l2Options {
 }
 
 impl V4l2Options {
-    /// Those of a configuration; `None` where it names no device.
+    /// Options of a configuration; `None` if it names no device.
     #[must_use]
     pub fn for_config(config: &Config) -> Option<Self> {
         let v4l2 = &config.driver.v4l2;
@@ -81,7 +81,7 @@ pub struct V4l2Stereo {
     // Dropped in this order: streams before the thread that might open them anew.
     cameras: Vec<Camera>,
     keeper: Keeper,
-    /// Whether the one device gives both images.
+    /// True if the one device gives both images.
     both: bool,
     reopen_silent: bool,
     pairing: Pairing,
@@ -151,13 +151,13 @@ impl V4l2Stereo {
         })
     }
 
-    /// What shows the figures to other threads.
+    /// Monitor that shows the figures to other threads.
     #[must_use]
     pub fn monitor(&self) -> V4l2Monitor {
         self.monitor.clone()
     }
 
-    /// What the cameras did up to now.
+    /// Figures of the cameras so far.
     #[must_use]
     pub fn figures(&self) -> V4l2Figures {
         let mut figures = self.figures;
@@ -203,7 +203,7 @@ impl V4l2Stereo {
         }
     }
 
-    /// What is to be done with what has come.
+    /// Decides about the images that have come.
     fn next(&self) -> Next {
         match self.cameras.as_slice() {
             [left, right] => self.pairing.next([left.side(), right.side()], clocks().monotonic_ns),

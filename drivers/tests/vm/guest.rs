@@ -1,4 +1,4 @@
-//! What runs in the virtual machine: two of the kernel's cameras, the second of which has its images in planes.
+//! Tests in the virtual machine: two of the kernel's cameras, the second of which has its images in planes.
 
 use plumbline_config::GrayImage;
 use plumbline_config::options::{PairBy, V4l2Config, V4l2Format};
@@ -13,7 +13,7 @@ const SIZE: (usize, usize) = (640, 480);
 /// Slow enough for an emulated processor on a busy host.
 const RATE_HZ: f64 = 10.0;
 
-/// Whether this is the virtual machine; elsewhere these tests have nothing to look at.
+/// True in the virtual machine; elsewhere these tests have nothing to look at.
 pub(crate) fn is_guest() -> bool {
     let is_guest = std::env::var_os("PLUMBLINE_GUEST").is_some();
     if !is_guest {
@@ -42,7 +42,7 @@ fn left(change: impl FnOnce(&mut V4l2Config)) -> V4l2Options {
     options
 }
 
-/// What a run of the reader saw.
+/// Result of a run of the reader.
 #[derive(Debug, Default)]
 struct Run {
     seconds: f64,
@@ -52,7 +52,7 @@ struct Run {
     alone: [u64; 2],
     /// Longest time without a frame, s.
     longest_gap_s: f64,
-    /// When the last one came before, and the first one after that gap, s.
+    /// Largest gap: the last frame before it and the first one after it, s.
     gap: (f64, f64),
     /// Time from the stamp to when the frame was handed out, by the monotonic clock, ms.
     age_ms: (f64, f64, f64),
@@ -177,7 +177,7 @@ impl Run {
     }
 }
 
-/// How long the run is that shows the figures of a flight, s.
+/// Duration of the run that shows the figures of a flight, s.
 fn long_run_s() -> f64 {
     std::env::var("PLUMBLINE_VM_SECONDS").ok().and_then(|seconds| seconds.parse().ok()).unwrap_or(5.0)
 }

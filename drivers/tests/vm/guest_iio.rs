@@ -1,4 +1,4 @@
-//! What runs in the virtual machine: inertial sensors that a real kernel drives, behind a hub of HID sensors.
+//! Tests in the virtual machine: inertial sensors that a real kernel drives, behind a hub of HID sensors.
 
 use crate::guest::is_guest;
 use crate::hid::Hub;
@@ -23,7 +23,7 @@ fn load_modules() {
     }
 }
 
-/// What is measured now: gravity, and a rate about y that tells the time within a second, rad/s and s alike.
+/// Values measured now: gravity, and a rate about y that shows the time within a second, rad/s and s alike.
 fn values() -> [[f64; 3]; 2] {
     let now_ns = monotonic_ns();
     let wobble = 1e-3 * (now_ns / 10_000_000 % 7) as f64;

@@ -21,7 +21,7 @@ struct Sensor {
     usage: u8,
     first_axis: u16,
     exponent: u8,
-    /// What one count is, m/s² or rad/s.
+    /// Unit of a count, m/s² or rad/s.
     unit: f64,
 }
 
@@ -40,7 +40,7 @@ const BUS_USB: u16 = 3;
 const ALL_EVENTS: u8 = 2;
 const FULL_POWER: u8 = 2;
 
-/// What a sensor is told to do: the values of its feature report.
+/// Settings of a sensor: the values of its feature report.
 #[derive(Clone, Copy, Debug)]
 struct Features {
     reporting: u8,
@@ -159,7 +159,7 @@ impl Hub {
     }
 }
 
-/// What the hub says of itself: both sensors, each with a report of its features and one of its axes.
+/// Report descriptor of the hub: both sensors, each with a report of its features and one of its axes.
 fn descriptor() -> Vec<u8> {
     // Usage page (sensor), usage (collection of sensors), collection (application).
     let mut bytes = vec![0x05, 0x20, 0x09, 0x01, 0xa1, 0x01];

@@ -1,4 +1,4 @@
-//! Whether images are poor: dark, without texture, or blocked by something near.
+//! Detection of poor images: dark, without texture, or blocked by something near.
 //!
 //! Every eighth frame a coarse level of the pyramids is looked at, where noise is gone. It is divided into tiles; a tile is empty if
 //! its grey levels differ by next to nothing from those two pixels away. What holds for three looks is reported.
@@ -30,7 +30,7 @@ const BLOCKED_PERCENT: usize = 25;
 /// Share of the tiles, in percent, that are empty where there is little texture.
 const PLAIN_PERCENT: usize = 85;
 
-/// What a look at an image finds.
+/// Findings in an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Look {
     is_dark: bool,
@@ -72,7 +72,7 @@ impl Look {
     }
 }
 
-/// How poor the images have been for a while.
+/// Poor image conditions that have lasted for a while.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Condition {
     /// Nearly black.
@@ -108,7 +108,7 @@ impl ConditionWatch {
     }
 }
 
-/// Whether the images are dark, without texture, and blocked.
+/// Verdicts on the images: dark, without texture, blocked.
 fn judge(looks: [Option<Look>; 2]) -> [bool; 3] {
     let there = || looks.iter().flatten();
     let is_dark = there().next().is_some() && there().all(|look| look.is_dark);

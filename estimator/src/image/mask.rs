@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use plumbline_config::options::PixelMask;
 
-/// What of the images of a camera is hidden from points or lines.
+/// Mask of the pixels of a camera that are hidden from points or lines.
 #[derive(Clone, Debug)]
 pub struct ImageMask {
     width: usize,
@@ -35,13 +35,13 @@ impl ImageMask {
         Self { width, height, is_hidden }
     }
 
-    /// Whether the pixel at column `u` and row `v` is hidden; there is none outside of the image.
+    /// True if the pixel at column `u` and row `v` is hidden; false outside of the image.
     #[must_use]
     pub fn hides(&self, u: usize, v: usize) -> bool {
         u < self.width && v < self.height && self.is_hidden[v * self.width + u]
     }
 
-    /// Whether what is seen at `px` is hidden.
+    /// True if the image at `px` is hidden.
     #[must_use]
     pub fn hides_px(&self, px: &Vector2<f64>) -> bool {
         // A cast saturates, and takes what is no number for 0.

@@ -25,7 +25,7 @@ const MAX_SHARE: f32 = 0.35;
 /// One image of so many is looked at: light changes more slowly, and a look costs as many instructions as the pyramid.
 const LOOK_EVERY: u32 = 8;
 
-/// Whether the images of a camera are noisy.
+/// Detection of noisy images of a camera.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoiseWatch {
     is_noisy: bool,
@@ -34,7 +34,8 @@ pub struct NoiseWatch {
 }
 
 impl NoiseWatch {
-    /// Whether they are with this one, by the first two levels of its pyramid, or by those of one shortly before.
+    /// Judges this image by the first two levels of its pyramid, or repeats the verdict on one shortly
+    /// before.
     pub fn is_noisy(&mut self, image: &Pyramid) -> bool {
         let is_due = self.since == 0;
         self.since = (self.since + 1) % LOOK_EVERY;

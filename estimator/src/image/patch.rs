@@ -57,7 +57,7 @@ impl Patch {
         self.0.iter_mut().for_each(|x| *x -= level);
     }
 
-    /// Its rows, to be written.
+    /// Rows, to be written.
     fn rows_mut(&mut self) -> &mut [[f32; SIDE]] {
         self.0.as_chunks_mut::<SIDE>().0
     }

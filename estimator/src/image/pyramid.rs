@@ -26,7 +26,7 @@ pub struct Plane<'a> {
     pub columns: usize,
     /// Number of rows.
     pub rows: usize,
-    /// Where pixel `(0, 0)` of the image lies in `pixels`, in both directions.
+    /// Index of pixel `(0, 0)` of the image in `pixels`, in both directions.
     pub origin: usize,
 }
 

@@ -1,5 +1,4 @@
-//! What of an inertial sensor's readings is to be believed, and how far: at the ends of its range, and where samples are
-//! missing.
+//! Belief in the readings of an inertial sensor: at the ends of its range, and where samples are missing.
 //!
 //! A reading at the end of the range says nothing but that the truth is out there, and is as uncertain as half the range. A
 //! force there is the best guess: vibration clips the same side again and again, and any other reading leans to the middle. For
@@ -19,15 +18,15 @@ const SATURATED_SHARE: f64 = 0.99;
 const MOST_RANGES: f64 = 10.0;
 /// Standard deviation of what a saturated sensor would have read, as a share of its range.
 const SATURATED_SIGMA_SHARE: f64 = 0.5;
-/// How fast angular rate and specific force of a vehicle in flight change, rad/s² and m/s³: the ground truth of EuRoC's
-/// difficult sequences, one standard deviation, rounded up.
+/// Rates of change of angular rate and specific force of a vehicle in flight, rad/s² and m/s³: one standard
+/// deviation in the ground truth of EuRoC's difficult sequences, rounded up.
 const CHANGE_OF_RATE_RAD_S2: f64 = 10.0;
 const CHANGE_OF_FORCE_M_S3: f64 = 50.0;
 /// However long samples are missing, they would not have been further off than this, rad/s and m/s².
 const MAX_RATE_ERROR_RAD_S: f64 = 2.0;
 const MAX_FORCE_ERROR_M_S2: f64 = 8.0;
 
-/// Which readings of a sample are at the end of their range.
+/// Saturated readings of a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Saturation {
     /// The angular rate.
@@ -37,13 +36,13 @@ pub struct Saturation {
 }
 
 impl Saturation {
-    /// Whether anything is.
+    /// True if either sensor is saturated.
     #[must_use]
     pub fn is_any(self) -> bool {
         self.gyro || self.accel
     }
 
-    /// What is in either.
+    /// Union of both.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self { gyro: self.gyro || other.gyro, accel: self.accel || other.accel }
@@ -55,9 +54,9 @@ impl Saturation {
 pub struct BelievedSample {
     /// The readings; that of before where the gyroscope was saturated.
     pub sample: ImuSample,
-    /// Which of them are at the end of their range.
+    /// Saturated readings.
     pub saturated: Saturation,
-    /// Which sensors did not measure at all: see [`super::stuck`].
+    /// Sensors that did not measure at all: see [`super::stuck`].
     pub unmeasured: Unmeasured,
 }
 
@@ -98,7 +97,7 @@ impl SensorLimits {
         self.period_s
     }
 
-    /// What to believe of a sample that follows `last`.
+    /// Belief in a sample that follows `last`.
     #[must_use]
     pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {
         let saturated = Saturation {
@@ -119,7 +118,7 @@ impl SensorLimits {
         believed
     }
 
-    /// Whether samples are missing within `dt_s`.
+    /// True if samples are missing within `dt_s`.
     #[must_use]
     pub fn is_gap(&self, dt_s: f64) -> bool {
         dt_s > GAP_PERIODS * self.period_s

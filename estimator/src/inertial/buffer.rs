@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
 pub const IMU_MEMORY_S: f64 = 10.0;
 
-/// What an integration met on its way.
+/// Coverage of an integration by samples: gaps, saturation, unmeasured readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Coverage {
     /// The interval was not covered by samples throughout.
@@ -31,7 +31,7 @@ pub struct ImuBuffer {
     limits: SensorLimits,
     watch: StuckWatch,
     stuck: Unmeasured,
-    /// What is not believed of the samples that come, whatever they read.
+    /// Sensors whose samples are distrusted, whatever they read.
     distrusted: Unmeasured,
     /// Samples later than this are believed less than when they came.
     revised_since: Option<Timestamp>,
@@ -107,7 +107,7 @@ impl ImuBuffer {
         self.stuck
     }
 
-    /// Whether the samples that are kept begin before `stamp`.
+    /// True if the samples kept begin before `stamp`.
     #[must_use]
     pub fn reaches_back_to(&self, stamp: Timestamp) -> bool {
         self.samples.front().is_some_and(|first| first.sample.stamp <= stamp)
@@ -200,7 +200,7 @@ impl ImuBuffer {
         (result, coverage)
     }
 
-    /// How far the samples are apart between which `stamp` lies, s; 0 at a sample, and outside of them.
+    /// Interval between the two samples around `stamp`, s; 0 at a sample, and outside of them.
     fn hole_around(&self, stamp: Timestamp) -> f64 {
         let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
         let before = next.checked_sub(1).and_then(|k| self.samples.get(k));
@@ -241,7 +241,7 @@ impl ImuBuffer {
         *previous = Some(next);
     }
 
-    /// How far outside the buffered time a stamp lies, s.
+    /// Distance of a stamp from the buffered time, s; 0 within it.
     fn distance_to_samples(&self, stamp: Timestamp) -> f64 {
         match (self.samples.front(), self.samples.back()) {
             (Some(first), Some(last)) => {

@@ -229,7 +229,8 @@ impl Preintegration {
         }
     }
 
-    /// How errors of this interval (first) and of `next` (second) act on both together.
+    /// Transition matrices of the errors of this interval (first) and of `next` (second) into those of both
+    /// together.
     #[must_use]
     pub fn transition(&self, next: &Self) -> (SMatrix<f64, 9, 9>, SMatrix<f64, 9, 9>) {
         let delta = next.corrected(&self.bias_gyro, &self.bias_accel);

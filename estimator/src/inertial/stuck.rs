@@ -6,7 +6,8 @@
 //! [`plumbline_config::options::ImuConfig::stuck_after_s`]. A share of that time is enough if the other sensor repeats
 //! itself as well, or if some axis proves meanwhile that the vehicle moves. With such a proof one axis alone is enough.
 //!
-//! What is not measured is replaced by no rotation, or by the last force, and is as uncertain as a vehicle is agile.
+//! An unmeasured rate is replaced by no rotation, an unmeasured force by the last one. Their uncertainty is
+//! the agility of a vehicle.
 
 use super::ImuNoise;
 use nalgebra::Vector3;
@@ -29,7 +30,7 @@ const UNMEASURED_GYRO_DENSITY: f64 = 0.7;
 /// Density of a force that nothing measured, m/s/sqrt(s): 6 m/s² for an eighth of a second.
 const UNMEASURED_ACCEL_DENSITY: f64 = 2.0;
 
-/// Which sensors did not measure.
+/// Sensors that did not measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unmeasured {
     /// The gyroscope.
@@ -42,7 +43,7 @@ impl Unmeasured {
     /// Neither sensor measured.
     pub const BOTH: Self = Self { gyro: true, accel: true };
 
-    /// Whether any sensor did not measure.
+    /// True if either sensor did not measure.
     #[must_use]
     pub fn is_any(self) -> bool {
         self.gyro || self.accel
@@ -79,7 +80,7 @@ struct Axis {
     reference: Readings,
     /// Samples that repeated it.
     repeats: u32,
-    /// Whether another axis has moved since.
+    /// True if another axis has moved since.
     others_moved: bool,
 }
 
@@ -99,7 +100,7 @@ impl Axis {
             || (readings[1] - self.reference[1]).amax() > MOVED_M_S2;
     }
 
-    /// Whether it has repeated itself for so long.
+    /// True if the axis has repeated itself for at least `ns`.
     fn repeats_for(&self, stamp: Timestamp, ns: i64) -> bool {
         self.repeats >= MIN_REPEATS && stamp.nanos_since(self.since) >= ns
     }

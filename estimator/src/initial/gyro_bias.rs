@@ -27,7 +27,7 @@ const MIN_POINTS: usize = 15;
 struct Pair {
     rot_b: Matrix3<f64>,
     by_bias: Matrix3<f64>,
-    /// Its bearings within [`Workspace::bearings`].
+    /// Range of its bearings within [`BiasWorkspace::bearings`].
     bearings: Range<usize>,
 }
 
@@ -36,12 +36,12 @@ type Bearings = (Vector3<f64>, Vector3<f64>);
 
 /// The memory of an estimate, allocated once.
 #[derive(Clone, Debug)]
-pub struct Workspace {
+pub struct BiasWorkspace {
     pairs: Vec<Pair>,
     bearings: Vec<Bearings>,
 }
 
-impl Workspace {
+impl BiasWorkspace {
     /// Room for `frames` of `points` each.
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
@@ -58,7 +58,7 @@ pub fn estimate(
     rot_b_c: &[Matrix3<f64>; 2],
     (known, sigma_rad_s): (&Vector3<f64>, f64),
     sigma_bearing: f64,
-    workspace: &mut Workspace,
+    workspace: &mut BiasWorkspace,
 ) -> Option<Vector3<f64>> {
     workspace.find_pairs(frames, rot_b_c);
     if workspace.pairs.is_empty() {
@@ -127,7 +127,7 @@ impl Pair {
     }
 }
 
-impl Workspace {
+impl BiasWorkspace {
     /// Pairs every frame with the first that is [`PAIR_SPAN_S`] later.
     fn find_pairs(&mut self, frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) {
         self.pairs.clear();

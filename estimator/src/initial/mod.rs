@@ -16,9 +16,9 @@ use crate::window::state::FrameTime;
 /// A frame that waits for the first estimate.
 #[derive(Clone, Debug)]
 pub struct GatheredFrame {
-    /// When it was taken.
+    /// Time of the frame.
     pub time: FrameTime,
-    /// What was seen, in order of track.
+    /// Points seen, in order of track.
     pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
     pub motion: Option<Preintegration>,
@@ -28,9 +28,9 @@ pub struct GatheredFrame {
 #[derive(Clone, Debug)]
 pub struct MonoWorkspace {
     /// Workspace of the gyroscope bias.
-    pub gyro_bias: gyro_bias::Workspace,
+    pub gyro_bias: gyro_bias::BiasWorkspace,
     /// Workspace of velocity, gravity and scale.
-    pub alignment: mono::Workspace,
+    pub alignment: mono::AlignmentWorkspace,
 }
 
 impl MonoWorkspace {
@@ -38,8 +38,8 @@ impl MonoWorkspace {
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
         Self {
-            gyro_bias: gyro_bias::Workspace::new(frames, points),
-            alignment: mono::Workspace::new(frames, points),
+            gyro_bias: gyro_bias::BiasWorkspace::new(frames, points),
+            alignment: mono::AlignmentWorkspace::new(frames, points),
         }
     }
 }

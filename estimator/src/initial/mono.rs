@@ -32,7 +32,8 @@ const FIRST_DEPTH_M: f64 = 3.0;
 const MIN_DEPTH_M: f64 = 0.2;
 /// Weight of a view that has its point behind the camera: not zero, so that a wrong depth can come right.
 const WEIGHT_BEHIND: f64 = 0.01;
-/// What one residual adds to the mean at most, squared standard deviations: a few outliers are no failure.
+/// Bound on the share of one residual in the mean, squared standard deviations: a few outliers are no
+/// failure.
 const MAX_SQUARED_RESIDUAL: f64 = 100.0;
 /// Information of a point below which its place is not determined (product of the three eigenvalues, 1/m⁶).
 const MIN_DETERMINANT: f64 = 1e-9;
@@ -43,7 +44,7 @@ const ROBUST_SIGMAS: f64 = 3.0;
 
 /// Velocity and gravity at the first frame, in its body frame.
 #[derive(Clone, Copy, Debug)]
-pub struct Alignment {
+pub struct GravityAlignment {
     /// Velocity of the body, m/s.
     pub v_b0: Vector3<f64>,
     /// Gravity, m/s².
@@ -56,7 +57,7 @@ pub struct Alignment {
 
 /// The memory of an alignment, allocated once.
 #[derive(Clone, Debug)]
-pub struct Workspace {
+pub struct AlignmentWorkspace {
     motions: Vec<Preintegration>,
     cameras: Vec<[CameraAt; 2]>,
     track_ids: Vec<u32>,
@@ -64,7 +65,7 @@ pub struct Workspace {
     views: Vec<View>,
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Room for `frames` of `points` each.
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
@@ -97,19 +98,19 @@ struct CameraAt {
     dt: f64,
 }
 
-/// What one camera measured of a point in one frame.
+/// Measurement of a point by one camera in one frame.
 #[derive(Clone, Debug)]
 struct View {
     frame: usize,
     camera: usize,
     measured: PointMeasurement,
-    /// As found in the last round, m.
+    /// Depth as found in the last round, m.
     depth_m: f64,
     /// Robust weight, as found in the last round.
     weight: f64,
 }
 
-/// A point: its views within [`Workspace::views`], and its equations where they can be solved.
+/// A point: its views within [`AlignmentWorkspace::views`], and its equations where they can be solved.
 #[derive(Clone, Debug)]
 struct Point {
     views: Range<usize>,
@@ -133,8 +134,8 @@ pub fn align(
     pose_b_c: &[Isometry3<f64>; 2],
     biases: &(Vector3<f64>, Vector3<f64>),
     gravity_m_s2: f64,
-    workspace: &mut Workspace,
-) -> Option<Alignment> {
+    workspace: &mut AlignmentWorkspace,
+) -> Option<GravityAlignment> {
     workspace.find_motions(frames, biases)?;
     workspace.place_cameras(pose_b_c);
     workspace.find_points(frames);
@@ -146,7 +147,7 @@ pub fn align(
         solution = constrained(&h, &g, gravity_m_s2)?;
         (rms_sigmas, observations) = workspace.update(&solution);
     }
-    Some(Alignment {
+    Some(GravityAlignment {
         v_b0: solution.fixed_rows::<3>(0).into_owned(),
         gravity_b0: solution.fixed_rows::<3>(3).into_owned(),
         rms_sigmas,
@@ -154,7 +155,7 @@ pub fn align(
     })
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Motions from the first frame at the biases given; `None` where one is not known.
     fn find_motions(
         &mut self,
@@ -222,7 +223,7 @@ fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f
     (across, by_s, -(across * camera.p_constant))
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// Normal equations of (v, g) with every point eliminated, `H s = -g`; the blocks of the points are kept.
     fn normal_equations(&mut self) -> (SMatrix<f64, 6, 6>, Six) {
         let Self { points, views, cameras, .. } = self;
@@ -279,7 +280,7 @@ fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six
     s.iter().all(|x| x.is_finite()).then_some(s)
 }
 
-impl Workspace {
+impl AlignmentWorkspace {
     /// New depths and robust weights at the solution; root mean square residual and number of observations.
     fn update(&mut self, s: &Six) -> (f64, usize) {
         let Self { points, views, cameras, .. } = self;

@@ -31,9 +31,9 @@ const PAIRS: usize = 32;
 
 /// 256 comparisons of bands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Descriptor([u64; 4]);
+pub struct LineDescriptor([u64; 4]);
 
-impl Descriptor {
+impl LineDescriptor {
     /// Hamming distance: bits that differ, 0 to 256.
     #[must_use]
     pub fn hamming(&self, other: &Self) -> u32 {
@@ -64,7 +64,7 @@ impl Default for Describer {
 impl Describer {
     /// The descriptor of a segment in the image of `gradients`.
     #[must_use]
-    pub fn describe(&self, gradients: &Gradients, segment: &Segment) -> Descriptor {
+    pub fn describe(&self, gradients: &Gradients, segment: &Segment) -> LineDescriptor {
         let rows = self.row_sums(gradients, segment);
         let bands: [[f32; FIGURES]; BANDS] = std::array::from_fn(|band| self.band(&rows, band));
         let mut words = [0_u64; 4];
@@ -72,7 +72,7 @@ impl Describer {
         for (k, (i, j)) in pairs.enumerate() {
             words[k / 8] |= u64::from(exceeding(&bands[i], &bands[j])) << (FIGURES * (k % 8));
         }
-        Descriptor(words)
+        LineDescriptor(words)
     }
 
     /// Sums of the gradients of each row.
@@ -211,7 +211,7 @@ fn directed_sums(gx: &[f32; STATIONS], gy: &[f32; STATIONS], axes: [&Vector2<f32
     out
 }
 
-/// Which figures of one band exceed those of another, a bit each.
+/// Comparison of the figures of two bands: a bit for each that exceeds its counterpart.
 #[inline(never)]
 fn exceeding(a: &[f32; FIGURES], b: &[f32; FIGURES]) -> u8 {
     let mut bits = [0_u32; FIGURES];
@@ -225,11 +225,11 @@ fn exceeding(a: &[f32; FIGURES], b: &[f32; FIGURES]) -> u8 {
 mod tests {
     use super::*;
     use crate::image::synthetic::Texture;
-    use crate::lines::segment::{NODES, Node};
+    use crate::lines::segment::{NODES, SegmentNode};
 
     fn segment(start: (f32, f32), end: (f32, f32)) -> Segment {
         let (start, end) = (Vector2::new(start.0, start.1), Vector2::new(end.0, end.1));
-        Segment { start, end, nodes: [Node::default(); NODES], strength: 1.0, support: 1.0 }
+        Segment { start, end, nodes: [SegmentNode::default(); NODES], strength: 1.0, support: 1.0 }
     }
 
     #[test]

@@ -26,7 +26,7 @@ const VISITS_PER_PROBED: usize = 2;
 const MIN_DENSITY: f32 = 0.7;
 /// At half the resolution noise is half: as much contrast as this share of the least gradient is enough to look closer.
 const SHARE_AT_HALF: f32 = 0.7;
-/// What a segment may gain at its ends is this much at least, px: one so much too short is looked at in the whole image.
+/// Smallest gain at the ends of a segment, px, for which it is refined in the whole image.
 const MAY_GAIN_PX: f32 = 4.0;
 
 /// Reach of the filters of the halved image, px of the whole one: edges keep this distance from what a mask hides.
@@ -70,7 +70,7 @@ pub struct LineExtractor {
     mask: Option<LineMask>,
 }
 
-/// What of the images is hidden from lines.
+/// Masks that hide parts of the images from lines.
 #[derive(Clone, Debug)]
 struct LineMask {
     whole: ImageMask,

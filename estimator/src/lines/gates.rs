@@ -1,4 +1,4 @@
-//! Which segments geometry admits as the same edge: from frame to frame, and from left to right.
+//! Gates for segments of the same edge: from frame to frame, and from left to right.
 //!
 //! Coordinates are normalized ones of the camera that looks. Directions are those of oriented edges: the
 //! bright side tells the two edges of a bar apart.
@@ -20,12 +20,12 @@ const INVERSE_DEPTH_MARGIN: f64 = 0.02;
 
 /// A segment that is compared with many: what all comparisons have in common is worked out once.
 #[derive(Clone, Copy, Debug)]
-pub struct Candidate {
+pub struct SegmentCandidate {
     ends_xy: [Vector2<f64>; 2],
     direction: Vector2<f64>,
 }
 
-impl Candidate {
+impl SegmentCandidate {
     /// A segment, ready to be compared.
     #[must_use]
     pub fn of(line: &ImageLine) -> Self {
@@ -33,7 +33,7 @@ impl Candidate {
     }
 }
 
-/// Where an edge is expected.
+/// Expected place of an edge.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
     start: Vector2<f64>,
@@ -58,9 +58,9 @@ impl Expected {
         self.direction.perp(&((ends_xy[0] + ends_xy[1]) * 0.5 - self.start))
     }
 
-    /// Whether a segment may be the edge.
+    /// True if a segment may be the edge.
     #[must_use]
-    pub fn admits(&self, segment: &Candidate) -> bool {
+    pub fn admits(&self, segment: &SegmentCandidate) -> bool {
         self.direction.dot(&segment.direction) > MIN_COS
             && self.offset_of(&segment.ends_xy).abs() <= self.gate
             && overlap(&self.start, &self.direction, self.length, &segment.ends_xy) >= MIN_OVERLAP
@@ -85,7 +85,7 @@ pub struct StereoExpected {
 /// A right segment, ready to be compared.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoCandidate {
-    segment: Candidate,
+    segment: SegmentCandidate,
     /// Unit normal of the plane through the segment and the camera.
     plane: Vector3<f64>,
     /// Component of the baseline along it, m.
@@ -126,10 +126,10 @@ impl StereoGate {
         let plane = a.cross(&b).normalize();
         let baseline = self.translation.dot(&plane);
         let is_aslant = (baseline / self.translation.norm()).abs() > MIN_EPIPOLAR_SINE;
-        StereoCandidate { segment: Candidate::of(line), plane, baseline, is_aslant }
+        StereoCandidate { segment: SegmentCandidate::of(line), plane, baseline, is_aslant }
     }
 
-    /// Whether a right segment may be the same edge: the planes of both meet in front of the cameras, where
+    /// True if a right segment may be the same edge: the planes of both meet in front of the cameras, where
     /// both see it.
     #[must_use]
     pub fn admits(&self, left: &StereoExpected, right: &StereoCandidate) -> bool {
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn an_edge_is_expected_where_it_was_and_in_its_sense() {
         let expected = Expected::new(&[Vector2::new(0.0, 0.0), Vector2::new(0.0, 0.4)], 0.03);
-        let admits = |line: &ImageLine| expected.admits(&Candidate::of(line));
+        let admits = |line: &ImageLine| expected.admits(&SegmentCandidate::of(line));
         assert!(admits(&line((0.01, 0.05), (0.02, 0.5))));
         assert!(!admits(&line((0.01, 0.5), (0.02, 0.05))), "the other edge of the bar");
         assert!(!admits(&line((0.05, 0.05), (0.05, 0.5))), "too far off");

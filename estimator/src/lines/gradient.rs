@@ -56,13 +56,13 @@ impl Pixel {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
     }
 
-    /// Whether the pixel belongs to a segment, or lies beside one that does.
+    /// True if the pixel belongs to a segment, or lies beside one that does.
     #[must_use]
     pub fn is_taken(self) -> bool {
         self.gx & 1 != 0
     }
 
-    /// Whether a segment was tried here and came to nothing.
+    /// True if the growth of a segment was tried here and failed.
     #[must_use]
     pub fn is_tried(self) -> bool {
         self.gy & 1 != 0
@@ -120,8 +120,8 @@ pub struct Gradients {
     sums: [Vec<i16>; 2],
     /// Magnitudes of all pixels: of most that growth looks at it asks for nothing else.
     magnitudes: Vec<i16>,
-    /// Whether the gradient is mostly horizontal, of the last three rows; 1 or 0, as wide as a magnitude: what is compared
-    /// together fills one register.
+    /// Flags of a mostly horizontal gradient, of the last three rows; 1 or 0, as wide as a magnitude, so that
+    /// the operands of a comparison fill one register.
     is_horizontal: [Vec<i16>; 3],
     is_ridge: Vec<u8>,
 }

@@ -26,7 +26,7 @@ const MIN_LAST_RUN: usize = 3;
 /// An edge that turns this far from its major axis has ended.
 const MAX_SLOPE: f32 = 1.3;
 
-/// What beginning a segment costs of the budget beside its pixels, in visits.
+/// Cost of starting a segment beside that of its pixels, in visits.
 const BEGIN_VISITS: usize = 8;
 
 /// Grows segments over the gradients of one image.
@@ -48,7 +48,7 @@ pub struct Growth {
 struct EdgePixel {
     place: Place,
     index: usize,
-    /// Which of the three pixels across the edge it marked as taken.
+    /// Marks of the three pixels across the edge that it took.
     marked: [bool; 3],
     /// Steps from the seed.
     step: usize,
@@ -81,7 +81,7 @@ impl Line {
     }
 }
 
-/// What the growth of a segment came to.
+/// Result of growing a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grown {
     /// Direction, oriented as segments are.

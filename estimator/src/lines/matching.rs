@@ -1,6 +1,6 @@
 //! Matching of described segments: nearest neighbours by Hamming distance among those that geometry admits.
 
-use super::descriptor::Descriptor;
+use super::descriptor::LineDescriptor;
 use plumbline_config::options::LinesConfig;
 
 /// No partner.
@@ -28,7 +28,7 @@ impl Nearest {
 
 /// Mutual nearest neighbours with distance and ratio tests. Everything is allocated at construction.
 #[derive(Clone, Debug)]
-pub struct Matcher {
+pub struct LineMatcher {
     max_hamming: u32,
     max_ratio: f64,
     forward: Vec<Nearest>,
@@ -36,7 +36,7 @@ pub struct Matcher {
     pairs: Vec<(u16, u16)>,
 }
 
-impl Matcher {
+impl LineMatcher {
     /// With room for `room` tracks or segments on either side.
     #[must_use]
     pub fn new(options: &LinesConfig, room: usize) -> Self {
@@ -54,8 +54,8 @@ impl Matcher {
     /// ambiguous.
     pub fn pairs(
         &mut self,
-        from: &[Descriptor],
-        to: &[Descriptor],
+        from: &[LineDescriptor],
+        to: &[LineDescriptor],
         mut admits: impl FnMut(usize, usize) -> bool,
     ) -> &[(u16, u16)] {
         self.forward.clear();

@@ -158,14 +158,14 @@ impl Rectangle {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segment::Node;
+    use super::super::segment::SegmentNode;
     use super::*;
 
     fn segment(start: (f32, f32), end: (f32, f32)) -> Segment {
         let (start, end) = (Vector2::from([start.0, start.1]), Vector2::from([end.0, end.1]));
         let nodes = std::array::from_fn(|k| {
             let s = (k as f32 + 0.5) / NODES as f32;
-            Node { px: start + (end - start) * s, weight: (end - start).norm() / NODES as f32 }
+            SegmentNode { px: start + (end - start) * s, weight: (end - start).norm() / NODES as f32 }
         });
         Segment { start, end, nodes, strength: 10.0, support: (end - start).norm() }
     }

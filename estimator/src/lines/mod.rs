@@ -30,5 +30,5 @@ pub mod validation;
 
 pub use extractor::{ExtractionFigures, LineExtractor};
 pub use measurement::ImageLine;
-pub use segment::{Node, Segment};
+pub use segment::{Segment, SegmentNode};
 pub use tracker::{LineFigures, LineObservation, LineTracker};

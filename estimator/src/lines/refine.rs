@@ -1,4 +1,4 @@
-//! Where exactly an edge lies: segments found at half the resolution are fitted to the whole image.
+//! Exact place of an edge: segments found at half the resolution are fitted to the whole image.
 //!
 //! Along its major axis a segment is crossed at most [`MAX_CROSSINGS`] times. Each crossing is a profile of the image along the minor
 //! axis, differentiated by `[-1 -4 -5 0 5 4 1]` (the binomial filter `[1 4 6 4 1]` and `[-1 0 1]`); the edge is its steepest
@@ -38,8 +38,8 @@ const MIN_FOUND: f32 = 0.7;
 
 /// A segment of the whole image.
 #[derive(Clone, Copy, Debug)]
-pub struct Refined {
-    /// Its line, ends and nodes; its support are the pixels along the major axis that the crossings stand for.
+pub struct RefinedSegment {
+    /// Line, ends and nodes.
     pub segment: Segment,
     /// Crossings looked for from end to end.
     pub tried: usize,
@@ -54,8 +54,8 @@ pub struct Refiner {
     places: Vec<Place>,
 }
 
-/// Where an edge is crossed: coordinates along the major and the minor axis, px, the gradient, grey levels per pixel, and the
-/// pixels along the major axis that it stands for.
+/// Crossing of an edge: coordinates along the major and the minor axis, px, the gradient, grey levels per pixel, and the pixels
+/// along the major axis that it stands for.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
     major: f32,
@@ -72,15 +72,14 @@ impl Refiner {
         Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }
     }
 
-    /// Where the edge of `coarse` lies in the image; `None` where it is not seen. `coarse` is in pixels of the whole image, its
-    /// strength in grey levels per halved pixel.
-    /// What `mask` hides is not looked at.
+    /// Refines the edge `coarse` in the image; `None` where it is not seen. `coarse` is in pixels of the
+    /// whole image, its strength in grey levels per halved pixel. Pixels hidden by `mask` are not looked at.
     pub fn refine(
         &mut self,
         image: &ImageView<'_>,
         coarse: &Segment,
         mask: Option<&ImageMask>,
-    ) -> Option<Refined> {
+    ) -> Option<RefinedSegment> {
         let edge = Edge::of(image, coarse, mask);
         let (a, b) = (edge.axes(&coarse.start).0, edge.axes(&coarse.end).0);
         let (first, last) = (a.at_most(b), a.at_least(b));
@@ -106,7 +105,11 @@ impl Refiner {
         }
         self.places.clear();
         self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
-        Segment::through(&self.places, &coarse.direction()).map(|segment| Refined { segment, tried, found })
+        Segment::through(&self.places, &coarse.direction()).map(|segment| RefinedSegment {
+            segment,
+            tried,
+            found,
+        })
     }
 
     /// Follows the edge beyond its end at `major`, pixel by pixel; how far.
@@ -172,7 +175,7 @@ impl Curve {
     }
 }
 
-/// What is crossed.
+/// Image across which an edge is searched.
 #[derive(Clone, Copy, Debug)]
 struct Edge<'a> {
     image: &'a ImageView<'a>,
@@ -266,7 +269,7 @@ fn slope(level: &impl Fn(usize) -> u8, offset: isize) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segment::{NODES, Node};
+    use super::super::segment::{NODES, SegmentNode};
     use super::*;
     use plumbline_config::GrayImage;
 
@@ -284,7 +287,7 @@ mod tests {
         GrayImage::from_pixels(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(level).collect()).expect("size")
     }
 
-    /// What half the resolution may make of it: half a pixel off, and short at both ends.
+    /// Segment as half the resolution may find it: half a pixel off, and short at both ends.
     fn coarse(is_steep: bool, f: impl Fn(f64) -> f64) -> Segment {
         let px = |major: f64| {
             let minor = f(major) + if (major as i32).rem_euclid(8) < 4 { 0.5 } else { -0.5 };
@@ -294,7 +297,7 @@ mod tests {
         let (first, last) = (36.0, 94.0);
         let nodes = std::array::from_fn(|k| {
             let major = first + (last - first) * (k as f64 + 0.5) / NODES as f64;
-            Node { px: px(major), weight: 7.0 }
+            SegmentNode { px: px(major), weight: 7.0 }
         });
         // Brighter on the right in an image whose rows go down.
         let (start, end) = if is_steep { (px(last), px(first)) } else { (px(first), px(last)) };

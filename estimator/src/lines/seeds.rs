@@ -1,4 +1,4 @@
-//! Where segments may begin: ridges that look like a straight edge, strongest first.
+//! Seeds of segments: ridges that look like a straight edge, strongest first.
 //!
 //! The order is that of LSD's pseudo-ordering: by gradient in whole grey levels per pixel, and row by row
 //! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;
@@ -65,7 +65,7 @@ impl Seeds {
         &self.ordered
     }
 
-    /// Whether the last image had more ridges than are probed.
+    /// True if the last image had more ridges than are probed.
     #[must_use]
     pub fn is_cut_short(&self) -> bool {
         self.is_cut_short
@@ -138,9 +138,9 @@ impl Seeds {
     }
 }
 
-/// Whether the gradients around a seed are those of a straight edge: far cheaper to find out than by
-/// growing, and most seeds are none. All probes are made at once, in the lanes of the vector unit: that costs
-/// less than the wrongly guessed branches of stopping early.
+/// True if the gradients around a seed are those of a straight edge. This is far cheaper than growing, and
+/// most seeds have none. All probes are made at once, in the lanes of the vector unit: that costs less than
+/// the mispredicted branches of stopping early.
 fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
     let (width, height) = (gradients.width(), gradients.height());
     let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);

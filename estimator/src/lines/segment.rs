@@ -11,7 +11,7 @@ pub const NODES: usize = 8;
 
 /// The mean place of an edge over one part of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Node {
+pub struct SegmentNode {
     /// Mean pixel, with pixel centres at whole numbers.
     pub px: Vector2<f32>,
     /// Edge pixels averaged; 0 where the part has none.
@@ -27,7 +27,7 @@ pub struct Segment {
     /// End, px.
     pub end: Vector2<f32>,
     /// Edge along the segment, in order.
-    pub nodes: [Node; NODES],
+    pub nodes: [SegmentNode; NODES],
     /// Mean gradient across the edge, grey levels per pixel.
     pub strength: f32,
     /// Edge pixels that support it.
@@ -45,14 +45,14 @@ impl Segment {
     #[must_use]
     pub(super) fn whole(mut self) -> Self {
         (self.start, self.end) = (whole_px(&self.start), whole_px(&self.end));
-        self.nodes
-            .iter_mut()
-            .for_each(|node| *node = Node { px: whole_px(&node.px), weight: node.weight * REDUCTION as f32 });
+        self.nodes.iter_mut().for_each(|node| {
+            *node = SegmentNode { px: whole_px(&node.px), weight: node.weight * REDUCTION as f32 }
+        });
         self.support *= REDUCTION as f32;
         self
     }
 
-    /// How clear the segment is: long and of high contrast. Of two segments of one length the stronger is more
+    /// Salience of the segment: long and of high contrast. Of two segments of one length the stronger is more
     /// often an edge of a building, and is found again.
     #[must_use]
     pub fn salience(&self) -> f32 {
@@ -94,7 +94,7 @@ impl Segment {
         if length.is_nan() || length <= 0.0 {
             return None;
         }
-        let mut nodes = [Node::default(); NODES];
+        let mut nodes = [SegmentNode::default(); NODES];
         let nodes_per_px = NODES as f32 / length;
         for place in places {
             let part = whole((along.dot(&(place.px - centroid)) - first) * nodes_per_px);

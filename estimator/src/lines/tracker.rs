@@ -4,10 +4,10 @@
 //! of the frame before, turned by the gyroscope and moved on as they moved last. A track that finds no
 //! segment is expected a few frames longer. The left camera leads; without its image no line is seen.
 
-use super::descriptor::{Describer, Descriptor};
+use super::descriptor::{Describer, LineDescriptor};
 use super::extractor::{ExtractionFigures, LineExtractor};
-use super::gates::{Candidate, Expected, StereoCandidate, StereoGate};
-use super::matching::Matcher;
+use super::gates::{Expected, SegmentCandidate, StereoCandidate, StereoGate};
+use super::matching::LineMatcher;
 use super::measurement::ImageLine;
 use super::segment::Segment;
 use crate::estimate::{Stage, StageProbe};
@@ -63,8 +63,8 @@ struct View {
     is_new: bool,
     segments: Vec<Segment>,
     lines: Vec<ImageLine>,
-    candidates: Vec<Candidate>,
-    descriptors: Vec<Descriptor>,
+    candidates: Vec<SegmentCandidate>,
+    descriptors: Vec<LineDescriptor>,
 }
 
 impl View {
@@ -94,7 +94,7 @@ impl View {
                 if let Some(line) = ImageLine::of(segment, &self.model, &self.rows) {
                     self.segments.push(*segment);
                     self.lines.push(line);
-                    self.candidates.push(Candidate::of(&line));
+                    self.candidates.push(SegmentCandidate::of(&line));
                 }
             }
         }
@@ -116,9 +116,9 @@ struct Track {
     id: u32,
     age: u32,
     missed: u32,
-    /// Where it is, in the left camera: seen, or expected while it is missed.
+    /// Ends in the left camera: seen, or expected while it is missed.
     ends_xy: [Vector2<f64>; 2],
-    /// Its motion across itself in the last frame beyond that of a far edge.
+    /// Motion across itself in the last frame beyond that of a far edge.
     drift: Option<f64>,
     /// Index of its segment in the left image.
     seen: Option<u16>,
@@ -129,9 +129,9 @@ struct Track {
 pub struct LineTracker {
     views: Vec<View>,
     describer: Describer,
-    matcher: Matcher,
+    matcher: LineMatcher,
     tracks: Vec<Track>,
-    descriptors: Vec<Descriptor>,
+    descriptors: Vec<LineDescriptor>,
     expected: Vec<Option<Expected>>,
     /// The right segments.
     candidates: Vec<StereoCandidate>,
@@ -152,7 +152,7 @@ impl LineTracker {
         Self {
             views: cameras.iter().take(2).map(|c| View::new(*c, options)).collect(),
             describer: Describer::default(),
-            matcher: Matcher::new(options, room),
+            matcher: LineMatcher::new(options, room),
             tracks: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
             expected: Vec::with_capacity(room),

@@ -36,7 +36,7 @@ impl Validation {
         Self { ln_factorial, ln_tests, chance }
     }
 
-    /// Whether `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
+    /// True if `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
     #[must_use]
     pub fn is_meaningful(&self, length: usize, aligned: usize) -> bool {
         let n = length.min(MAX_LENGTH);

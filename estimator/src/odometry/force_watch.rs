@@ -1,4 +1,4 @@
-//! Whether accelerometer and images agree about how the vehicle speeds up.
+//! Agreement of accelerometer and images about the vehicle's acceleration.
 //!
 //! The ways `m1` and `m2` between three frames, `h1` and `h2` seconds long, tell how much velocity was gained from the first half of the span
 //! to the second, whatever the velocity was. A way is the sum, over its frames, of what lies between the frame before in the window and
@@ -56,7 +56,7 @@ struct Leg {
     travelled: Vector3<f64>,
 }
 
-/// What a frame tells of the forces.
+/// Evidence of a frame about the forces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenMotion<'a> {
     pub(super) stamp: Timestamp,
@@ -74,7 +74,7 @@ pub(super) struct SeenMotion<'a> {
     pub(super) blow_m_s2: Option<f64>,
 }
 
-/// How well forces are known.
+/// Uncertainty of the forces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ForceSigmas {
     pub(super) noise: ImuNoise,
@@ -88,7 +88,7 @@ pub(super) struct ForceSigmas {
 pub(super) struct WrongForces {
     /// Frames later than this rest on them.
     pub(super) since: Timestamp,
-    /// How far off they may be, m/s².
+    /// Standard deviation to give the forces, m/s².
     pub(super) sigma_m_s2: f64,
 }
 
@@ -154,7 +154,7 @@ impl ForceWatch {
         found
     }
 
-    /// What is wrong with the forces if the newest frame is not where it was predicted: the one before may have been struck already.
+    /// Contradiction by a newest frame that is not where it was predicted: the frame before it may have been struck already.
     fn blow(&self, seen: &SeenMotion<'_>) -> Option<WrongForces> {
         let sigma_m_s2 = seen.blow_m_s2?.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         let since =
@@ -174,12 +174,12 @@ impl ForceWatch {
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < HELD_S)
     }
 
-    /// Whether forces of the newest frames are contradicted.
+    /// True if forces of the newest frames are contradicted.
     pub(super) fn is_contradicted(&self) -> bool {
         self.last.is_some()
     }
 
-    /// Whether the accelerometer has been named as what is wrong.
+    /// True if the accelerometer has been identified as the faulty sensor.
     pub(super) fn is_named(&self) -> bool {
         self.is_named
     }
@@ -189,7 +189,7 @@ impl ForceWatch {
         if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
-    /// What is wrong with the forces by the newest span of twice `half` frames.
+    /// Contradiction of the forces by the newest span of twice `half` frames.
     fn contradiction(&self, half: usize, sigmas: &ForceSigmas) -> Option<WrongForces> {
         let first = self.legs.len().checked_sub(2 * half + 1)?;
         let mut legs = self.legs.iter().skip(first);

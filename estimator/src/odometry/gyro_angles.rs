@@ -20,7 +20,7 @@ pub(super) struct Turn {
     pub(super) to: Timestamp,
     /// Rotation vector from the earlier to the later body, rad.
     pub(super) seen: Vector3<f64>,
-    /// Whether frames are missing in between.
+    /// True if frames are missing in between.
     pub(super) skips_frames: bool,
 }
 
@@ -112,7 +112,7 @@ impl GyroAngles {
         (before.holes == after.holes).then(|| (before.rad.lerp(&after.rad, share), after.holes))
     }
 
-    /// What the gyroscope measured in the time of a turn, `lag_ns` later, against `turn`; `None` without samples throughout.
+    /// Difference between a turn as the gyroscope measured it `lag_ns` later, and `turn`; `None` without samples throughout.
     pub(super) fn difference(
         &self,
         turn: &Turn,

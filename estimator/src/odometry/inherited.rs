@@ -1,4 +1,4 @@
-//! How well the newest state is known, and what is not known of the odometry frame after a start anew.
+//! Uncertainty of the newest state, and of the odometry frame after a restart.
 //!
 //! A soft reset goes on from the last pose. How well that was known against the first pose stays: the new window knows
 //! where it is against its own start; the covariance that is given out is the sum. The way between the last
@@ -17,7 +17,7 @@ use crate::window::state::NavState;
 use nalgebra::{Matrix4, SMatrix, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
-/// How much a vehicle speeds up, and how fast it turns, while nobody looks, m/s² and rad/s.
+/// Agility assumed of a vehicle while nothing observes it: acceleration, m/s², and angular rate, rad/s.
 const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
 const UNSEEN_RATE_RAD_S: f64 = 0.5;
 /// Nothing is further off than this, m and rad: beyond it, it is unknown all the same.
@@ -33,7 +33,7 @@ struct Last {
     rate_rad_s: f64,
 }
 
-/// What estimates inherit from those before the last reset.
+/// Inheritance of estimates from those before the last reset.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inherited {
     last: Option<Last>,
@@ -108,7 +108,7 @@ impl Inherited {
     }
 }
 
-/// How well the gyroscope measures a turn about the vertical.
+/// Accuracy of the gyroscope in measuring a turn about the vertical.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gyro {
     /// Standard deviation of the bias, rad/s.

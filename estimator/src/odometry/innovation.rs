@@ -17,7 +17,7 @@ use plumbline_config::Portable;
 
 /// Time constant of the running means, and of a scale that shrinks, s.
 const MEMORY_S: f64 = 1.0;
-/// How much faster the scale grows.
+/// Speed of the scale's growth relative to its decay.
 const GROWTH: f64 = 4.0;
 /// Ratio up to which the noise is believed: half as much again as in clean flights.
 const BELIEVED_RATIO: f64 = 0.35;
@@ -38,7 +38,7 @@ const MOST_WALK: f64 = 0.03;
 const APPLIED_VARIANCE: f64 = 1.5;
 /// Variance from which it is reported, once it has been judged for [`REPORTED_AFTER_S`].
 const REPORTED_VARIANCE: f64 = 4.0;
-/// What it begins with has been forgotten by then, s.
+/// Time after which the initial value has been forgotten, s.
 const REPORTED_AFTER_S: f64 = 3.0;
 
 /// Running means of squared innovations of a vector and of what is expected of them.
@@ -66,7 +66,7 @@ impl Innovations {
 #[derive(Clone, Debug)]
 pub(super) struct NoiseScale {
     stated: ImuNoise,
-    /// Whether it follows what is seen: with two cameras.
+    /// True if the scale follows the images: with two cameras.
     is_scaled: bool,
     /// Variance against the stated one, 1 or more.
     variance: f64,
@@ -96,7 +96,7 @@ impl Prediction {
 }
 
 impl NoiseScale {
-    /// What is assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
+    /// Noise assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
     pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {
         let is_scaled = cameras > 1;
         let variance = if is_scaled { FIRST_VARIANCE } else { 1.0 };
@@ -160,7 +160,7 @@ impl NoiseScale {
         }
     }
 
-    /// Whether the forces are plainly noisier than stated.
+    /// True if the forces are plainly noisier than stated.
     fn is_reported(&self) -> bool {
         self.variance > REPORTED_VARIANCE && self.judged_s > REPORTED_AFTER_S
     }
@@ -179,7 +179,7 @@ impl NoiseScale {
 }
 
 impl Odometer {
-    /// What is predicted of the frame at the end of `motion`.
+    /// Prediction of the frame at the end of `motion`.
     pub(super) fn predict(&self, from: &NavState, motion: &Preintegration) -> Prediction {
         Prediction {
             nav: from.after(motion, &self.window.options.gravity_o),

@@ -1,4 +1,4 @@
-//! Whether the estimate can be right: what it is good for, and when it is given up.
+//! Plausibility of the estimate: what it is good for, and when it is given up.
 
 use super::Odometer;
 use crate::estimate::HealthBits;
@@ -18,7 +18,7 @@ const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
 
-/// What is known of the velocity since the last start.
+/// Knowledge of the velocity since the last start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Velocity {
     /// Nothing that could be used; there is no estimate to publish.
@@ -53,13 +53,13 @@ pub enum ResetReason {
 }
 
 impl ResetReason {
-    /// How much it forgets.
+    /// Extent of the reset.
     #[must_use]
     pub fn kind(&self) -> ResetKind {
         if let Self::AskedFor(kind) = self { *kind } else { ResetKind::Soft }
     }
 
-    /// Whether somebody asked for it.
+    /// True if the reset was requested.
     #[must_use]
     pub fn is_asked_for(&self) -> bool {
         matches!(self, Self::AskedFor(_))
@@ -138,12 +138,12 @@ impl Odometer {
         (0..3).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most)).sqrt()
     }
 
-    /// Whether speed and biases are ones that a vehicle can have.
+    /// True if a vehicle can have this speed and these biases.
     pub(super) fn is_plausible(&self) -> bool {
         self.implausible().is_none()
     }
 
-    /// What of speed and biases no vehicle can have, if anything.
+    /// Value of speed or biases that no vehicle can have, if any.
     fn implausible(&self) -> Option<ResetReason> {
         let health = &self.options.health;
         let Some(frame) = self.window.frames.last() else { return Some(ResetReason::NotFinite) };

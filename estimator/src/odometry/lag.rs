@@ -18,7 +18,7 @@ const MATCHES_RAD: f64 = 1.5e-3;
 const MATCH_CONTRAST: f64 = 1.7;
 const MATCH_NOISE_RAD: f64 = 3e-4;
 
-/// How much later the gyroscope, less its bias, measured what the images saw of the turns since `since`, s; `None` where no time explains them.
+/// Lag of the gyroscope, less its bias, behind the turns that the images saw since `since`, s; `None` if no lag explains them.
 pub(super) fn lag_s(
     angles: &GyroAngles,
     turns: &Deque<Turn, MAX_TURNS>,

@@ -38,8 +38,8 @@ pub struct MedianFlow {
     pub count: usize,
 }
 
-/// Variances of a pixel for each of its patch's alignment, which takes the residuals of neighbouring pixels for independent.
-/// Measured: see docs/experiments.md.
+/// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not.
+/// Measured: see docs/lab/covariance.md.
 const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {

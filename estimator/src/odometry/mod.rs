@@ -97,14 +97,14 @@ struct Options {
     max_iterations: usize,
 }
 
-/// What the solver did in a frame.
+/// Result of the solver in a frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct Solved {
     iterations: u32,
     is_keyframe: bool,
 }
 
-/// Whether there is a state.
+/// Phase of the odometer: a state is there while `Running`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Gathering,
@@ -144,7 +144,7 @@ pub struct Odometer {
     covariance: NavCovariance,
     bias_variances: BiasVariances,
     inherited: Inherited,
-    /// Whether the gyroscope has turned [`Self::origin`] on since the last pose, without a gap.
+    /// True if the gyroscope has turned [`Self::origin`] on since the last pose, without a gap.
     heading_is_carried: bool,
     velocity: Velocity,
     time_offset_sigma_s: f64,
@@ -535,7 +535,7 @@ impl Odometer {
         (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
     }
 
-    /// How well the newest frame fits ([`Fit`]); `None` while there is no pose.
+    /// Fit of the newest frame ([`Fit`]); `None` while there is no pose.
     pub fn newest_fit(&mut self) -> Option<Fit> {
         (self.phase == Phase::Running).then(|| self.window.newest_fit())
     }

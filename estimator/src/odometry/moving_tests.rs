@@ -25,7 +25,7 @@ struct Walk {
     hidden_s: f64,
 }
 
-/// What came of it.
+/// Outcome of the test flight.
 struct Outcome {
     /// Largest error of the velocity in the body, m/s.
     worst_m_s: f64,

@@ -1,4 +1,4 @@
-//! Whether the cameras of a pair see the same things: if not, their calibration is wrong, or something covers a lens.
+//! Consistency of the two cameras: if they do not see the same things, their calibration is wrong, or something covers a lens.
 
 use crate::estimate::HealthBits;
 use plumbline_config::Portable;
@@ -8,7 +8,7 @@ const MIN_POINTS: usize = 20;
 /// A pair of which less than this share of the points is found in both images sees different things. Of sound flights the
 /// worst has a third, before a near wall.
 const MIN_SHARED: f64 = 0.12;
-/// What holds for this long is told, s.
+/// Time for which a disagreement must last before it is reported, s.
 const TIME_TO_TELL_S: f64 = 1.0;
 
 /// Follows what the cameras have in common.

@@ -1,4 +1,4 @@
-//! Whether both images of a pair are of the same moment.
+//! Synchrony of the two images of a pair.
 //!
 //! A right image that is late by `tau` shows each point where it was, so that its distance from the epipolar line of the left point is
 //! `e = -tau u`, where `u` is the speed across that line at which it moves in the image. A wrong calibration moves points off their lines as
@@ -39,7 +39,7 @@ impl PairTime {
         *self = Self::default();
     }
 
-    /// How late the right image is, s, with the standard deviation; `None` while too few points have moved.
+    /// Delay of the right image, s, with its standard deviation; `None` while too few points have moved.
     fn late_s(&self) -> Option<(f64, f64)> {
         let EpipolarMoments { speed, off, speed_squared, product } = self.sums;
         let spread = speed_squared - speed * speed / self.frames;
@@ -47,7 +47,7 @@ impl PairTime {
         (self.frames > 5.0 && spread > 0.0).then(|| (-slope, FRAME_SIGMA_PX / spread.sqrt()))
     }
 
-    /// Whether the images of a pair are of different moments.
+    /// True if the images of a pair are of different moments.
     pub(super) fn is_out_of_step(&self) -> bool {
         self.late_s().is_some_and(|(late_s, sigma_s)| late_s.abs() > LEAST_S.at_least(SHOWS_SIGMAS * sigma_s))
     }

@@ -1,4 +1,4 @@
-//! Whether gyroscope and images agree about how the vehicle turns, and who is late if they do not.
+//! Agreement of gyroscope and images about the vehicle's rotation, and the late one of the two if they disagree.
 //!
 //! The images alone give the turn of every frame since the one before ([`crate::window::sighting`]), to some tenths of a
 //! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. What the frames of some tenths of
@@ -54,7 +54,7 @@ const DISPUTED_QUALITY: i8 = 10;
 /// Turns since a contradiction began by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
-/// How fast the position may leave the estimate while nobody knows which sensor is wrong, m/s.
+/// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
 /// Samples after a hole of this length are on probation, ns, for so long at most, s.
 const PROBATION_HOLE_NS: i64 = 40_000_000;
@@ -94,13 +94,13 @@ struct Probation {
     /// Beginning of the hole, and when it is over at the latest.
     since: Timestamp,
     until: Timestamp,
-    /// Whether it has been reported.
+    /// True if it has been reported.
     is_known: bool,
     /// Frames that agreed.
     proven: u32,
 }
 
-/// What a frame says of its turn.
+/// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenTurn {
     /// Values of the frame before, and of this one.
@@ -116,7 +116,7 @@ pub(super) struct SeenTurn {
     pub(super) skips_samples: bool,
 }
 
-/// What a frame turns otherwise by the images than by the gyroscope.
+/// Difference between a frame's rotation by the images and by the gyroscope.
 #[derive(Clone, Copy, Debug)]
 struct Difference {
     from: Timestamp,
@@ -315,7 +315,7 @@ impl RotationWatch {
         self.suspicious.filter(|(_, until)| stamp <= *until)
     }
 
-    /// Whether a stream had a hole shortly before `stamp`.
+    /// True if a stream had a hole shortly before `stamp`.
     pub(super) fn is_suspicious_at(&self, stamp: Timestamp) -> bool {
         self.hole_before(stamp).is_some()
     }
@@ -349,7 +349,8 @@ impl RotationWatch {
         }
     }
 
-    /// Whether a turn that agrees with the gyroscope would not do so anyway.
+    /// True if agreement of the turn with the gyroscope is evidence: the turn is large, or would contradict the gyroscope under
+    /// the lag in question.
     fn proves_agreement(&self, turn: &Turn, contradiction: &Contradiction) -> bool {
         let lag_s = match contradiction.culprit {
             Culprit::Unknown => return true,
@@ -364,7 +365,7 @@ impl RotationWatch {
         known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
     }
 
-    /// Whether the inertial samples are not believed.
+    /// True while the inertial samples are distrusted.
     pub(super) fn is_distrusting(&self) -> bool {
         self.contradiction.is_some() || self.probation.is_some_and(|probation| probation.is_known)
     }
@@ -383,7 +384,7 @@ impl RotationWatch {
         });
     }
 
-    /// Whether the gyroscope is what is wrong: no delay explains the contradiction after so long, and the images do turn.
+    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, and the images do turn.
     fn is_gyro_named(&self, contradiction: &Contradiction) -> bool {
         let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
         let (mut seen, mut off, mut count) = (0.0, 0.0, 0);
@@ -407,7 +408,7 @@ impl RotationWatch {
         }
     }
 
-    /// What the covariance of the state `nav`, which turns by `rate_b`, does not know of.
+    /// Covariance to add to that of the state `nav`, which turns by `rate_b`, for errors that it does not include.
     pub(super) fn added_covariance(&self, nav: &NavState, rate_b: &Vector3<f64>) -> Option<NavCovariance> {
         let late_s = match self.contradiction.map(|c| c.culprit) {
             Some(Culprit::Images(late_s)) => late_s,

@@ -18,7 +18,7 @@ fn rate(t: f64) -> Vector3<f64> {
     (angle(t + 1e-5) - angle(t - 1e-5)) / 2e-5
 }
 
-/// What goes wrong.
+/// Fault of the test.
 #[derive(Clone, Copy, Default)]
 struct Wrong {
     imu_late_s: f64,

@@ -157,13 +157,13 @@ impl Odometer {
         }
     }
 
-    /// Whether a sighting is evidence against the gyroscope: not where too few landmarks are known, which may belong to a crowd, unless it
-    /// has been contradicted already, or a hole in a stream has just ended tracks.
+    /// True if a sighting is evidence against the gyroscope. It is none if too few landmarks are known, which may belong to a
+    /// crowd, unless the gyroscope has been contradicted already, or a hole in a stream has just ended tracks.
     fn is_witness(&self, sighting: &Sighting, coverage: Coverage, health: &HealthBits) -> bool {
         sighting.is_witness || self.rotation.is_distrusting() || self.may_be_late(coverage, health)
     }
 
-    /// Whether samples or frames are missing before the newest frame, or shortly before: a stream may be late since.
+    /// True if samples or frames are missing before the newest frame, or shortly before: a stream may be late since.
     pub(super) fn may_be_late(&self, coverage: Coverage, health: &HealthBits) -> bool {
         let is_suspicious =
             self.window.frames.last().is_some_and(|newest| self.rotation.is_suspicious_at(newest.stamp));

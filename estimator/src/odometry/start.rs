@@ -25,9 +25,9 @@ const MAX_LINEAR_RMS_SIGMAS: f64 = 6.0;
 /// The tilt of a start with two cameras is taken from samples that begin this long before the first frame, s: some
 /// twenty of them, over which vibration averages out.
 const LEVELLING_BEFORE_S: f64 = 0.1;
-/// What a start knows of the odometry frame: nothing but that the newest frame is its origin. Position and yaw are
-/// free to choose, so that any value will do which is small beside the motion; while the tilt still moves by
-/// degrees, a tight yaw would resist it through the curvature of rotations.
+/// Prior of the odometry frame at a start: the newest frame is its origin. Position and yaw are free to choose, so that any
+/// value will do which is small beside the motion; while the tilt still moves by degrees, a tight yaw would resist it through
+/// the curvature of rotations.
 const LOOSE_ORIGIN_M_RAD: f64 = 0.02;
 /// Tight sigma of the origin once the solution is found, m and rad. Position and yaw of the first pose define `O` and have
 /// no error: this is far below anything measured against them.
@@ -224,8 +224,8 @@ impl Odometer {
             && self.is_plausible()
     }
 
-    /// Whether the settled window knows its scale. One camera has it from changes of the velocity alone: at a constant one any
-    /// scale fits, with a bias to match, and the covariance says so.
+    /// True if the settled window knows its scale. One camera has it from changes of the velocity alone: at constant velocity
+    /// any scale fits, with a bias to match, and the covariance shows that.
     fn is_scale_known(&mut self) -> bool {
         let Some(v_o_b) = self.window.frames.last().map(|frame| frame.nav.v_o_b) else { return false };
         let Some((covariance, _)) = self.window.newest_covariance() else { return false };
@@ -253,7 +253,7 @@ impl Odometer {
     }
 }
 
-/// Whether a frame has enough tracks that both cameras see.
+/// True if a frame has enough tracks that both cameras see.
 fn has_stereo(frame: &GatheredFrame) -> bool {
     let seen_by_both = frame.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
     seen_by_both >= MIN_STEREO_TRACKS

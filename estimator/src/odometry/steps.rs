@@ -1,5 +1,5 @@
-//! How well the window knows the newest pose against one about a second before: what a judge of steps must know beside the
-//! covariances that were published with both.
+//! Uncertainty of the newest pose relative to one about a second before: judging steps needs it beside the covariances
+//! published with both.
 
 use super::Odometer;
 use nalgebra::Matrix4;

@@ -4,7 +4,7 @@ use crate::exchange::believable_offset;
 use crate::window::snapshot::MapSnapshot;
 use nalgebra::{SVector, UnitQuaternion};
 
-/// What a simulated flight came to.
+/// Result of a simulated flight.
 #[derive(Debug, Default)]
 struct Flight {
     first_pose_s: Option<f64>,
@@ -22,7 +22,7 @@ struct Flight {
     health: HealthBits,
     /// Takes coordinates of the world to the odometry frame.
     pose_o_world: nalgebra::Isometry3<f64>,
-    /// What the window held at the end.
+    /// Window at the end.
     snapshot: MapSnapshot,
 }
 

@@ -8,16 +8,16 @@ use nalgebra::{Isometry3, SVector, UnitQuaternion};
 use plumbline_config::ImuSample;
 use std::ops::Range;
 
-/// What happens to the sensors.
+/// Troubles of the sensors.
 #[derive(Clone, Copy)]
 pub(super) struct Trouble {
-    /// What becomes of an inertial sample at a time; `None` where it is lost.
+    /// Changes an inertial sample at a time; `None` if it is lost.
     pub(super) imu: fn(f64, ImuSample) -> Option<ImuSample>,
     /// Which cameras see.
     pub(super) alive: fn(f64) -> [bool; 2],
-    /// How old what the frame of a stamp sees is, s; `None` where no frame comes.
+    /// Age of the view in the frame of a stamp, s; `None` if no frame comes.
     pub(super) age_s: fn(f64) -> Option<f64>,
-    /// What becomes of the points of a frame.
+    /// Changes the points of a frame.
     pub(super) points: fn(f64, &mut Vec<PointObservation>),
     /// A soft reset that somebody asks for, s.
     pub(super) reset_s: Option<f64>,

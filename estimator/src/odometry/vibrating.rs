@@ -22,7 +22,7 @@ const MOST_DENSITY: f64 = 0.3;
 const FRAMES: usize = 12;
 
 impl Odometer {
-    /// Whether the vehicle vibrates at the newest frame.
+    /// True if the vehicle vibrates at the newest frame.
     pub(super) fn is_vibrating(&self) -> bool {
         self.vibration.force.amax() > VIBRATING_M_S2 * VIBRATING_M_S2
     }

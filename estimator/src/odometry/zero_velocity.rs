@@ -21,7 +21,7 @@ const MAX_DRIFT_PX: f64 = 1.0;
 const MAX_RATE_RAD_S: f64 = 0.03;
 /// Difference of the mean specific force from gravity, m/s².
 const MAX_FORCE_ERROR_M_S2: f64 = 0.5;
-/// What holds for this long counts as being at rest, s.
+/// Time for which the motion must be small to count as rest, s.
 const TIME_TO_BE_STILL_S: f64 = 0.5;
 /// Frames in a row that count as being at rest at least, however slow the camera is.
 const MIN_FRAMES_TO_BE_STILL: u32 = 2;
@@ -90,7 +90,7 @@ impl ZeroVelocityDetector {
         }
     }
 
-    /// Whether the vehicle has stood still for a while.
+    /// True if the vehicle has stood still for a while.
     #[must_use]
     pub fn is_still(&self) -> bool {
         self.frames >= self.frames_to_be_still
@@ -114,7 +114,7 @@ mod tests {
             .expect("rest is seen")
     }
 
-    /// Whether a drift of `speed_m_s` past things at `depth_m` is taken for rest within ten seconds.
+    /// True if a drift of `speed_m_s` past things at `depth_m` is taken for rest within ten seconds.
     fn is_taken_for_rest(speed_m_s: f64, depth_m: f64) -> bool {
         let (rate_hz, focal_px) = (20.0, 458.0);
         let mut detector = ZeroVelocityDetector::new(rate_hz, focal_px);

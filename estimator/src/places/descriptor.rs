@@ -30,7 +30,7 @@ impl Descriptor {
         (a ^ e).count_ones() + (b ^ f).count_ones() + (c ^ g).count_ones() + (d ^ h).count_ones()
     }
 
-    /// Its bytes, the lowest first.
+    /// Bytes, the lowest first.
     #[must_use]
     pub fn bytes(&self) -> [u8; BITS / 8] {
         let mut bytes = [0; BITS / 8];
@@ -41,12 +41,12 @@ impl Descriptor {
     }
 }
 
-/// How a patch lies in the image.
+/// Position, size and orientation of a patch in the image.
 #[derive(Clone, Copy, Debug)]
 pub struct PatchFrame {
-    /// Its centre, px of the full-size image.
+    /// Centre, px of the full-size image.
     pub px: Vector2<f32>,
-    /// Its radius, px of the full-size image.
+    /// Radius, px of the full-size image.
     pub radius_px: f32,
     /// Unit vector in the image that counts as up; `(0, -1)` for an upright patch.
     pub up: Vector2<f32>,

@@ -28,7 +28,7 @@ const MAX_EPIPOLAR_PX: f64 = 1.5;
 /// Shorter than this, the image of the vertical says nothing about how a patch is turned: the camera looks along it.
 const MIN_VERTICAL: f32 = 0.25;
 
-/// What is extracted.
+/// Options of the extraction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtractorOptions {
     /// Features at most.

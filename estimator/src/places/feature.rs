@@ -14,7 +14,7 @@ const MAX_RELATIVE_SIGMA: f32 = 0.25;
 /// A feature in the left camera `C`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Feature {
-    /// What it looks like.
+    /// Descriptor of its patch.
     pub descriptor: Descriptor,
     /// Ideal normalized coordinates in the left camera.
     pub xy: Vector2<f32>,
@@ -27,13 +27,13 @@ pub struct Feature {
 }
 
 impl Feature {
-    /// Whether its depth is measured at all.
+    /// True if its depth is measured.
     #[must_use]
     pub fn has_depth(&self) -> bool {
         self.sigma_inverse_depth.is_finite()
     }
 
-    /// Whether it is a point: in front, and known well enough in depth.
+    /// True if it is a point: in front of the camera, with a depth of sufficient accuracy.
     #[must_use]
     pub fn is_point(&self) -> bool {
         self.inverse_depth > 0.0 && self.sigma_inverse_depth <= MAX_RELATIVE_SIGMA * self.inverse_depth

@@ -4,7 +4,7 @@
 use super::descriptor::Descriptor;
 use super::feature::Feature;
 use super::matching::Match;
-use super::refine::{Problem, Refined, Viewpoint};
+use super::refine::{PoseProblem, Refined, Viewpoint};
 use nalgebra::{Point3, Vector2};
 use std::ops::Range;
 
@@ -62,7 +62,7 @@ impl Guide {
     /// `None` when too little fits.
     pub fn refine(
         &mut self,
-        problem: &Problem<'_>,
+        problem: &PoseProblem<'_>,
         descriptors: &[Descriptor],
         first: &Refined,
     ) -> Option<Refined> {
@@ -74,7 +74,7 @@ impl Guide {
         Some(refined)
     }
 
-    fn match_anew(&mut self, problem: &Problem<'_>, descriptors: &[Descriptor], refined: &Refined) {
+    fn match_anew(&mut self, problem: &PoseProblem<'_>, descriptors: &[Descriptor], refined: &Refined) {
         self.taken.clear();
         self.taken.resize(problem.query.len(), (NONE, u32::MAX));
         let pose_c_m = (refined.pose_m_b * problem.pose_b_c).inverse();
@@ -111,7 +111,7 @@ impl Guide {
         }));
     }
 
-    /// Where the features stand that may lie within reach of a point, by their first coordinate.
+    /// Range of the features that may lie within reach of a point, by their first coordinate.
     fn near(&self, x: f32, sigma_xy: f32) -> Range<usize> {
         // Somewhat wider than the exact test, whose rounding is another.
         let reach = 1.001 * REACH * (self.largest_sigma + sigma_xy) + 1e-5;

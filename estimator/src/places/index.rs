@@ -1,4 +1,4 @@
-//! Which keyframes hold features like these? Words without a vocabulary, and votes.
+//! Search for the keyframes that hold features like these, by words without a vocabulary, and votes.
 //!
 //! The word of a descriptor is [`WORD_BITS`] of its bits (locality-sensitive hashing for the Hamming distance, Indyk and
 //! Motwani 1998). A feature is stored under its word; a query looks under its own word and under those that differ in
@@ -11,7 +11,7 @@
 //! chains of a feature are walked side by side, so that these waits overlap, and so that none is favoured when the work
 //! that is allowed for a feature ends.
 //!
-//! What else was tried, vocabularies among it, stands in `docs/lab/places.md`.
+//! Other designs that were tried, vocabularies among them, stand in `docs/lab/places.md`.
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
@@ -28,7 +28,7 @@ const MAX_VOTE_DISTANCE: u32 = 64;
 /// End of a chain.
 const NONE: u32 = u32::MAX;
 
-/// Which bits of a descriptor make its word.
+/// Choice of the bits of a descriptor that make its word.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IndexOptions {
     /// Seed by which they are drawn. The bits of a descriptor are comparisons at places drawn at random, so that no choice
@@ -60,7 +60,7 @@ pub struct Index {
     next: Vec<u32>,
 }
 
-/// What a query needs besides the index; allocated once.
+/// Working memory of a query; allocated once.
 #[derive(Clone, Debug)]
 pub struct Votes {
     scores: Vec<f32>,

@@ -30,9 +30,9 @@ pub struct MapPoint {
     pub sigma_xy: f32,
     /// Position in the map, m.
     pub position_m: Vector3<f64>,
-    /// Its covariance, m².
+    /// Covariance, m².
     pub covariance_m: Matrix3<f64>,
-    /// Where it moves when its inverse depth is out by a standard deviation, m.
+    /// Displacement for one standard deviation of the inverse depth, m.
     pub by_depth_m: Vector3<f64>,
     /// Distance from the keyframe's camera, m.
     pub range_m: f64,
@@ -49,7 +49,7 @@ pub struct Match {
     pub point: u32,
     /// Bits in which they differ.
     pub distance: u32,
-    /// That over the distance to the nearest of another place.
+    /// Ratio of the distance to that of the nearest point of another place.
     pub ratio: f32,
 }
 
@@ -96,7 +96,7 @@ impl Block {
         distances
     }
 
-    /// Whether a point is nearer than one of two limits: one for all, and its own.
+    /// True if a point is nearer than one of two limits: one for all, and its own.
     #[allow(clippy::needless_range_loop)]
     #[inline]
     fn is_any_nearer(&self, distances: &[u8; LANES], limit: u8) -> bool {

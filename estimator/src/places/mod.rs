@@ -1,6 +1,6 @@
 //! Recognition of places, and localisation in a map of them.
 //!
-//! What happens to a stereo pair:
+//! Steps for a stereo pair:
 //!
 //! 1. [`extractor`]: corners of several sizes, each with depth from the other camera and a binary [`descriptor`] whose
 //!    patch is turned by gravity and sized by depth;

@@ -4,7 +4,7 @@
 //! Samples are drawn from a seed, and their number is bounded.
 
 use super::matching::Match;
-use super::refine::{Problem, Refined, Viewpoint};
+use super::refine::{PoseProblem, Refined, Viewpoint};
 use super::{p3p, upright};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::Random;
@@ -43,7 +43,7 @@ impl Ransac {
     }
 
     /// The pose that most matches agree with.
-    pub fn find(&mut self, problem: &Problem<'_>, matches: &[Match], seed: u64) -> Option<Refined> {
+    pub fn find(&mut self, problem: &PoseProblem<'_>, matches: &[Match], seed: u64) -> Option<Refined> {
         self.inliers.clear();
         let sample_size = if problem.gravity.is_some() { 2 } else { 3 };
         if matches.len() < MIN_INLIERS {
@@ -84,7 +84,7 @@ impl Ransac {
     /// Refines over the inliers of a pose, twice, since a better pose has more of them.
     fn improve(
         &mut self,
-        problem: &Problem<'_>,
+        problem: &PoseProblem<'_>,
         matches: &[Match],
         start: &Isometry3<f64>,
     ) -> Option<(f64, Refined)> {
@@ -102,7 +102,7 @@ impl Ransac {
     /// `limit` the rest is not looked at.
     fn judge(
         &mut self,
-        problem: &Problem<'_>,
+        problem: &PoseProblem<'_>,
         matches: &[Match],
         pose_m_b: &Isometry3<f64>,
         limit: f64,
@@ -136,7 +136,7 @@ fn draw(random: &mut Random, pool: usize, size: usize) -> Option<[usize; 3]> {
 
 /// Poses of the body that a sample allows; `level` turns the body until its z axis points up, where gravity is known.
 fn solutions(
-    problem: &Problem<'_>,
+    problem: &PoseProblem<'_>,
     matches: &[Match],
     level: Option<&UnitQuaternion<f64>>,
     chosen: &[usize],

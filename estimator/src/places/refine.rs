@@ -40,18 +40,18 @@ const MIN_COSINE: f64 = 0.26;
 /// Points nearer than this to the camera's plane are not seen, m.
 const MIN_DEPTH_M: f64 = 0.05;
 
-/// What is known beforehand of the attitude.
+/// Prior of the attitude by gravity.
 #[derive(Clone, Copy, Debug)]
 pub struct Gravity {
     /// Direction of up in the body.
     pub up_b: Vector3<f64>,
-    /// Its standard deviation, rad.
+    /// Standard deviation, rad.
     pub sigma_rad: f64,
 }
 
-/// What is refined.
+/// Input of the refinement.
 #[derive(Clone, Copy)]
-pub struct Problem<'a> {
+pub struct PoseProblem<'a> {
     /// Features of the frame.
     pub query: &'a [Feature],
     /// Points of the map.
@@ -87,7 +87,7 @@ struct Residual {
 
 /// A pose at which residuals are computed, with what all of them share.
 pub(super) struct Viewpoint<'a> {
-    problem: &'a Problem<'a>,
+    problem: &'a PoseProblem<'a>,
     p_m_b: Vector3<f64>,
     p_m_c: Vector3<f64>,
     rot_b_m: UnitQuaternion<f64>,
@@ -108,7 +108,7 @@ struct Whitened {
 }
 
 impl<'a> Viewpoint<'a> {
-    pub(super) fn new(problem: &'a Problem<'a>, pose_m_b: &Isometry3<f64>) -> Self {
+    pub(super) fn new(problem: &'a PoseProblem<'a>, pose_m_b: &Isometry3<f64>) -> Self {
         let (rot_b_m, rot_c_b) = (pose_m_b.rotation.inverse(), problem.pose_b_c.rotation.inverse());
         Self {
             problem,
@@ -174,7 +174,7 @@ impl<'a> Viewpoint<'a> {
     }
 }
 
-impl Problem<'_> {
+impl PoseProblem<'_> {
     /// Information and gradient of the matches, and of gravity, at a pose.
     ///
     /// The common share stays at zero in the residuals: its gradient is solved for with the others, and what it would
@@ -274,7 +274,7 @@ mod tests {
         let item = Match { query: 0, point: 0, distance: 0, ratio: 0.0 };
         let residual = |pose: &Isometry3<f64>, share: f64| {
             let points = [point(share)];
-            let problem = Problem { query: &query, points: &points, pose_b_c, gravity: None };
+            let problem = PoseProblem { query: &query, points: &points, pose_b_c, gravity: None };
             let mut found = Viewpoint::new(&problem, pose).residual(&item).unwrap();
             found.error.z += share * f64::from(query[0].sigma_inverse_depth);
             found

@@ -31,8 +31,8 @@ impl World {
         Self { points: points.collect() }
     }
 
-    /// What a camera sees from `pose_m_c`: noise of a pixel, descriptors with a tenth of the bits changed, and a share
-    /// of `clutter` that belongs to no point.
+    /// Features that a camera sees from `pose_m_c`: noise of a pixel, descriptors with a tenth of the bits
+    /// changed, and a share of `clutter` that belongs to no point.
     fn seen(&self, pose_m_c: &Isometry3<f64>, clutter: f64, random: &mut Random) -> Vec<Feature> {
         let mut features = Vec::new();
         for (p, descriptor) in &self.points {

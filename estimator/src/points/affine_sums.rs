@@ -111,7 +111,7 @@ fn add_up_moments<const FIRST: usize>(a: &Patch, b: &Patch, sums: &mut [Columns;
 
 /// `J^T J`.
 pub(super) fn gram(gx: &Patch, gy: &Patch) -> AffineMatrix {
-    /// Which gradient an unknown belongs to, and its weight: 1, dx or dy.
+    /// Gradient and weight (1, dx or dy) of each unknown.
     const UNKNOWN: [(usize, usize); UNKNOWNS] = [(0, 0), (1, 0), (0, 1), (0, 2), (1, 1), (1, 2)];
     /// Place of the product of two weights in the moments.
     const WEIGHT: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];

@@ -21,7 +21,7 @@ const MIN_CONTRAST: f32 = 0.7;
 /// Least lesser eigenvalue of `J'^T J' / AREA`, squared grey levels per px².
 const MIN_STIFFNESS: f32 = 0.15;
 
-/// How well two patches agree, and where.
+/// Alignment of two patches, with its agreement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
     /// Centre of the patch in the current image, px of its level.
@@ -34,7 +34,7 @@ pub struct Alignment {
     pub last_step_px: f32,
 }
 
-/// When to stop.
+/// Limits at which the alignment stops.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignLimits {
     /// Gauss-Newton steps at most.

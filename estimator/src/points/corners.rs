@@ -12,8 +12,8 @@ use nalgebra::Vector2;
 const WINDOW: usize = 3;
 /// Rows of the window.
 const ROWS: usize = 2 * WINDOW + 1;
-/// What sums over a window are divided by: its pixels, and four, as differences over two pixels have products four times
-/// too large.
+/// Divisor of sums over a window: its pixels times four, as differences over two pixels have products four
+/// times too large.
 const AREA: f32 = (4 * ROWS * ROWS) as f32;
 /// Score of a corner that is nothing but noise: white noise of one grey level has 0.5, and the best of a
 /// cell's thousand windows about twice that.
@@ -39,14 +39,14 @@ const MAX_SPAN: usize = span_of(MAX_STRIDE / LANES);
 
 /// A corner found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corner {
+pub struct DetectedCorner {
     /// Pixel of the corner.
     pub px: Vector2<f32>,
     /// Shi-Tomasi score: the lesser eigenvalue of the structure tensor per pixel, squared grey levels per px².
     pub score: f32,
 }
 
-/// What is wanted of a detection.
+/// Demand on a detection.
 #[derive(Clone, Copy, Debug)]
 pub struct Demand {
     /// Points wanted in all, those that exist included.
@@ -67,7 +67,7 @@ pub struct CornerDetector {
     /// The cell to be visited next, and the way to the one after: coprime to the number of cells.
     next_cell: usize,
     stride: usize,
-    corners: Vec<Corner>,
+    corners: Vec<DetectedCorner>,
     map: ScoreMap,
     mask: Option<ImageMask>,
     /// Cells without a pixel that the mask leaves.
@@ -112,7 +112,12 @@ impl CornerDetector {
     }
 
     /// The best corners of the cells that hold none of `existing`, best first (ties: by row, then column).
-    pub fn detect(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], demand: &Demand) -> &[Corner] {
+    pub fn detect(
+        &mut self,
+        plane: &Plane<'_>,
+        existing: &[Vector2<f32>],
+        demand: &Demand,
+    ) -> &[DetectedCorner] {
         self.corners.clear();
         let max_new = demand.max_new.min(demand.wanted.saturating_sub(existing.len()));
         if max_new == 0 {
@@ -126,7 +131,7 @@ impl CornerDetector {
             if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS },
         );
         self.corners.sort_unstable_by(|a, b| {
-            let place = |c: &Corner| (c.px.y as u32, c.px.x as u32);
+            let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
             b.score.total_cmp(&a.score).then(place(a).cmp(&place(b)))
         });
         let strong = self.corners.partition_point(|c| c.score >= self.min_score);
@@ -176,7 +181,7 @@ impl CornerDetector {
         column: usize,
         row: usize,
         existing: &[Vector2<f32>],
-    ) -> Option<Corner> {
+    ) -> Option<DetectedCorner> {
         let span = |index: usize, size: usize| {
             let start = (index * self.cell_px).max(self.border_px);
             let end = ((index + 1) * self.cell_px).min(size.saturating_sub(self.border_px));
@@ -195,7 +200,7 @@ impl CornerDetector {
             is_far && !mask.is_some_and(|mask| mask.hides(x0 + x, y0 + y))
         };
         let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
-        Some(Corner { px: place(x, y), score })
+        Some(DetectedCorner { px: place(x, y), score })
     }
 }
 
@@ -293,7 +298,7 @@ impl ScoreMap {
         above
     }
 
-    /// Which scores of a vector at `x`, of the row below `y`, are local maxima above `limit`, one bit each.
+    /// Local maxima above `limit` among the scores of a vector at `x`, of the row below `y`, one bit each.
     fn maxima(&self, y: usize, x: usize, limit: f32) -> u32 {
         let [above, row, below] = [0, 1, 2].map(|dy| &self.scores[(y + dy) % 3][x..]);
         maxima(above, row, below, limit)
@@ -335,8 +340,8 @@ fn replace(new: [&[u8]; 3], old: [&[u8]; 3], xx: &mut [i32], xy: &mut [i32], yy:
     }
 }
 
-/// Whether a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater than the lesser
-/// entry of the diagonal. Most have none.
+/// True if a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater
+/// than the lesser entry of the diagonal. Most have none.
 #[inline(never)]
 fn are_promising(xx: &[i32], yy: &[i32], least: i32) -> bool {
     let [xx, yy] = [xx, yy].map(window_sums);
@@ -356,7 +361,7 @@ fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANE
     scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
-/// Which of a vector of scores, the second of `row` and those after, exceed `limit` and are no less than any neighbour.
+/// Local maxima of a vector of scores, the second of `row` and those after: above `limit` and no less than any neighbour.
 #[inline(never)]
 fn maxima(above: &[f32], row: &[f32], below: &[f32], limit: f32) -> u32 {
     let [above, row, below] = [above, row, below].map(|scores| &scores[..LANES + 2]);
@@ -391,7 +396,7 @@ mod tests {
     use crate::image::{Pyramid, synthetic::Texture};
     use plumbline_config::{GrayImage, Random};
 
-    fn detect(image: &GrayImage, existing: &[Vector2<f32>], demand: &Demand) -> Vec<Corner> {
+    fn detect(image: &GrayImage, existing: &[Vector2<f32>], demand: &Demand) -> Vec<DetectedCorner> {
         let mut pyramid = Pyramid::new(image.width(), image.height(), 1);
         assert!(pyramid.build(&image.view()));
         let mut detector = CornerDetector::new(image.width(), image.height(), 42, 8, 12.0);

@@ -17,11 +17,11 @@ const MAX_MOVE_PX: f32 = 7.0;
 const TOLERANCE_PX: (f32, f32) = (0.01, 0.04);
 /// Least correlation on a coarse level for its result to be used.
 const MIN_COARSE_ZNCC: f32 = 0.6;
-/// How far the patch may reach beyond the image on a coarse level, px: replicated pixels move with the
+/// Overhang of the patch beyond the image on a coarse level, px, at most: replicated pixels move with the
 /// frame and not with the scene.
 const MAX_OVERHANG_PX: f32 = 1.0;
 
-/// What the flow of one patch may cost and over which levels it runs.
+/// Work limit and levels of the flow of one patch.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowOptions {
     /// Coarsest level used.
@@ -72,7 +72,7 @@ pub fn track_patch(
     template.align(&to.plane(0), &px, &limits)
 }
 
-/// Whether a patch at `px` of `level` lies in the image but for [`MAX_OVERHANG_PX`].
+/// True if a patch at `px` of `level` lies in the image but for [`MAX_OVERHANG_PX`].
 fn is_inside(pyramid: &Pyramid, level: usize, px: &Vector2<f32>) -> bool {
     let (width, height) = pyramid.size(level);
     let margin = FRAMED as f32 / 2.0 - MAX_OVERHANG_PX;

@@ -254,7 +254,7 @@ mod tests {
         gyro_error: Vector3<f64>,
     }
 
-    /// How many good points were kept and how many bad ones, as shares.
+    /// Shares of the good and of the bad points that were kept.
     fn run(scene: &Scene, seed: u64) -> (f64, f64) {
         let mut random = Random::new(seed);
         let mut filter = OutlierFilter::new(150);

@@ -28,9 +28,9 @@ pub(super) struct Pairing<'a> {
     pub pair: StereoPair<'a>,
     pub max_epipolar_px: f64,
     pub border_px: f64,
-    /// Whether positions are refined against the reference.
+    /// Refine positions against the reference.
     pub use_reference: bool,
-    /// What the second camera does not look at.
+    /// Pixels of the second camera that are not looked at.
     pub mask: Option<&'a ImageMask>,
 }
 

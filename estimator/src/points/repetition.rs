@@ -27,7 +27,7 @@ const MAX_GAIN: f32 = 0.1;
 /// A last step longer than this means no convergence, px.
 const MAX_LAST_STEP_PX: f32 = 0.1;
 
-/// Whether the patch around `px` is seen again in its surroundings.
+/// True if the patch around `px` is seen again in its surroundings.
 pub(super) fn repeats(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
     let mut template = TranslationTemplate::empty();
     if !prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template) {

@@ -23,7 +23,7 @@ pub struct Prediction {
     pub warp: Matrix2<f32>,
 }
 
-/// What two views of a point say about its depth.
+/// Depth and epipolar error of a point by two views.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoGeometry {
     /// Inverse depth in the first camera, 1/m; negative when the rays diverge.

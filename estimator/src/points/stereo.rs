@@ -56,7 +56,7 @@ pub struct StereoPair<'a> {
     pub max_iterations: usize,
     /// Largest distance between a point and its return, px.
     pub max_return_px: f32,
-    /// Whether points are compared on the full image alone: on coarse levels fine repeated texture is aliased.
+    /// Compare points on the full image alone: on coarse levels fine repeated texture is aliased.
     pub is_unique_only: bool,
 }
 
@@ -96,7 +96,7 @@ impl StereoPair<'_> {
         (clear && self.returns(px, &best.px, &warp)).then_some(StereoMatch { px: best.px, warp })
     }
 
-    /// Whether the flow from `found` back to the first image ends at `px`.
+    /// True if the flow from `found` back to the first image ends at `px`.
     fn returns(&self, px: &Vector2<f32>, found: &Vector2<f32>, warp: &Matrix2<f32>) -> bool {
         let Some(back) = warp.try_inverse() else { return false };
         let options = FlowOptions { top_level: 0, max_iterations: self.max_iterations };

@@ -37,7 +37,7 @@ const MIN_NOISE: f32 = 1.0;
 /// Least energy of the template: as in [`super::align`], 0.7 grey levels.
 const MIN_ENERGY: f32 = 0.49 * AREA as f32;
 
-/// What a refinement found.
+/// Result of a refinement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
     /// Position in the current image, px.
@@ -72,7 +72,7 @@ pub struct RefineLimits {
 #[derive(Clone, Copy, Debug)]
 pub struct ReferencePatch {
     pixels: [u8; STORED_SIDE * STORED_SIDE],
-    /// Where the point lies between the stored pixels, from [`STORED_CENTRE`], px.
+    /// Place of the point between the stored pixels, from [`STORED_CENTRE`], px.
     fraction: Vector2<f32>,
 }
 
@@ -146,7 +146,7 @@ impl ReferencePatch {
     }
 }
 
-/// Whether a warp is one that a viewpoint may cause and the stored patch can serve.
+/// True if a change of viewpoint may cause the warp, and the stored patch can serve it.
 fn is_sound(warp: &Matrix2<f32>) -> bool {
     let area = warp.determinant();
     // |A|_F^2 / det = s + 1/s for singular values in the ratio s.

@@ -30,7 +30,7 @@ const RETURN_TOP_LEVEL: usize = 1;
 /// Random walk of the flow from frame to frame, px.
 const FLOW_SIGMA_PX: f32 = 0.1;
 
-/// Whether a patch is the reference seen again: correlated, or differing by no more than noise.
+/// True if a patch is the reference seen again: correlated, or differing by no more than noise.
 pub(super) fn is_recognised(zncc: f32, rms: f32, last_step_px: f32) -> bool {
     /// Correlation of a patch with clear texture.
     const MIN_ZNCC: f32 = 0.85;
@@ -54,13 +54,13 @@ pub(super) struct Transition<'a> {
     pub max_iterations: usize,
     pub max_return_px: f32,
     pub border_px: f64,
-    /// Whether positions are refined against the reference.
+    /// Refine positions against the reference.
     pub use_reference: bool,
-    /// Whether points are unique in their surroundings, and looked for on the full image alone.
+    /// Keep points that are unique in their surroundings only, and search on the full image alone.
     pub is_unique_only: bool,
 }
 
-/// What became of a track.
+/// Outcome of following a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Followed {
     /// Found, and the reference agrees.
@@ -193,7 +193,7 @@ impl Transition<'_> {
         })
     }
 
-    /// Whether the flow from `found` back to the previous image ends at `px`.
+    /// True if the flow from `found` back to the previous image ends at `px`.
     fn returns(&self, px: &Vector2<f32>, found: &Vector2<f32>, warp: &Matrix2<f32>) -> bool {
         let Some(back) = warp.try_inverse() else { return false };
         let options = FlowOptions { top_level: RETURN_TOP_LEVEL, max_iterations: self.max_iterations };

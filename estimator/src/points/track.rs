@@ -1,4 +1,4 @@
-//! What the tracker knows of one point.
+//! State of one tracked point.
 
 use super::template::ReferencePatch;
 use crate::image::Pyramid;
@@ -94,7 +94,7 @@ pub(super) struct Track {
     pub lost: bool,
 }
 
-/// What a stereo match leaves for the next frame.
+/// Memory of a stereo match for the next frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StereoMemory {
     /// Inverse depth, 1/m.
@@ -125,8 +125,8 @@ impl Track {
         }
     }
 
-    /// Where the camera by which the track came into this frame saw it before and sees it now (normalized
-    /// coordinates); `None` for the other camera.
+    /// Normalized coordinates in the camera by which the track came into this frame, before and now; `None` for the other
+    /// camera.
     pub fn step_in(&self, camera: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
         let (by, before) = self.came_by?;
         (by == camera).then_some((before, self.xy[camera]?))

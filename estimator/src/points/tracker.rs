@@ -77,9 +77,9 @@ struct View {
     /// Frames of the tracker that the two show, 0 for none.
     current_frame: u64,
     previous_frame: u64,
-    /// Whether `previous` holds an image.
+    /// True if `previous` holds an image.
     has_previous: bool,
-    /// Whether `current` holds an image of this frame.
+    /// True if `current` holds an image of this frame.
     is_new: bool,
     /// Frames since the previous image.
     frames: u32,

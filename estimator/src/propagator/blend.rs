@@ -20,9 +20,9 @@ use plumbline_config::Portable;
 
 /// Time constant of the decay, s: that of a frame at 20 Hz.
 const TIME_CONSTANT_S: f64 = 0.05;
-/// How fast at most the position is corrected, m/s: a millimetre from one sample to the next at 200 Hz, twice the noise
-/// that autopilots take for the velocity of a camera system by default (0.1 m/s). The largest correction seen with one
-/// camera, 6 cm, is in after a third of a second.
+/// Largest speed at which the position is corrected, m/s: a millimetre from one sample to the next at 200 Hz, twice the noise
+/// that autopilots take for the velocity of a camera system by default (0.1 m/s). The largest correction seen with one camera,
+/// 6 cm, is complete after a third of a second.
 pub const MAX_SPEED_M_S: f64 = 0.2;
 /// The attitude, rad/s: 0.03 degrees from sample to sample.
 pub const MAX_TURN_RAD_S: f64 = 0.1;
@@ -73,7 +73,7 @@ impl Blend {
         is_small
     }
 
-    /// What is to be told of a state.
+    /// State to be published for `nav`.
     #[must_use]
     pub fn told(&self, nav: &NavState) -> NavState {
         let mut step = SVector::<f64, FRAME_DIM>::zeros();

@@ -1,4 +1,4 @@
-//! What the walk of the biases adds to a motion that is joined of many.
+//! Covariance that the random walk of the biases adds to a motion that is joined of many.
 //!
 //! The factor takes the biases of its first frame for those of the whole motion. Over a fraction of a second that is as good as
 //! true; over seconds without a view they walk away from there, and the motion with them. With `x` the error of `dp`, `dR`,

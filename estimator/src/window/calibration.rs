@@ -1,4 +1,4 @@
-//! How well the rig is known: the covariance of its error state.
+//! Uncertainty of the rig: the covariance of its error state.
 
 use super::Window;
 use super::state::{GLOBAL_DIM, RIG_DIM, Rig};

@@ -39,7 +39,7 @@ impl Products {
         }
     }
 
-    /// Those by the motion, a whole symmetric block.
+    /// Products by the motion, a whole symmetric block.
     fn motion(&self) -> [[f64; POSE_DIM]; POSE_DIM] {
         std::array::from_fn(|i| std::array::from_fn(|k| self.0[i.min(k)][i.max(k)]))
     }
@@ -178,7 +178,7 @@ fn add_pair(
     }
 }
 
-/// What an observation tells of the time offset, or of the heading, alone.
+/// Adds the information of an observation about the time offset, or about the heading, alone.
 fn add_squares(equations: &mut MotionEquations, products: &Products, at: usize) {
     equations.rows[at][at] += products.0[AT_OTHER][AT_OTHER];
     equations.rows[at][RESIDUAL] += products.0[AT_OTHER][AT_RESIDUAL];

@@ -32,7 +32,7 @@ fn jacobians(seed: u32, lifts: &Lifts, host: usize, target: usize) -> Jacobians<
     j
 }
 
-/// What is in the fourth lane counts for nothing.
+/// Jacobian rows whose fourth lane must not count.
 fn rows(by: &SMatrix<f64, 6, 2>) -> MotionJacobian {
     std::array::from_fn(|d| [0, 3].map(|at| [by[(at, d)], by[(at + 1, d)], by[(at + 2, d)], 5.0]))
 }

@@ -25,8 +25,8 @@ impl Window {
         self.remove_what_does_not_fit(is_doubtful && self.doubted <= MAX_DOUBTED_FRAMES);
     }
 
-    /// Whether most of what the newest frame sees contradicts where it is taken to be, at the poses last linearized or
-    /// costed. One thing seen that does not fit is wrong; where most do not, the pose is.
+    /// True if most observations of the newest frame contradict its pose, at the poses last linearized or costed. If one
+    /// observation does not fit, the observation is wrong; if most do not, the pose is.
     #[must_use]
     pub fn is_newest_doubtful(&self) -> bool {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;

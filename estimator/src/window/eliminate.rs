@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, SVector};
 /// Most degrees of freedom of a landmark: those of a line.
 pub(super) const MAX_LANDMARK_DIM: usize = 4;
 
-/// What the elimination of a landmark leaves for its back-substitution.
+/// Remains of a landmark's elimination, for its back-substitution.
 #[derive(Clone, Debug)]
 pub struct Eliminated<const D: usize> {
     /// Factor `L` of the landmark's own block `LL'`.
@@ -17,7 +17,7 @@ pub struct Eliminated<const D: usize> {
     pub(super) rows: [MotionRow; D],
     /// The columns in use of the frames that see it.
     frames: (usize, usize),
-    /// Whether the landmark took part.
+    /// True if the landmark took part.
     pub is_used: bool,
 }
 

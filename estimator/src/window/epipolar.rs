@@ -1,4 +1,4 @@
-//! How far the right points of a frame are from the epipolar lines of the left ones, and how fast they move across them.
+//! Distances of a frame's right points from the epipolar lines of the left ones, and their velocities across them.
 
 use super::Window;
 use super::landmark::PointLandmark;
@@ -70,7 +70,7 @@ impl Window {
     }
 }
 
-/// What left and right camera of frame `index` measure of a landmark.
+/// Measurements of a landmark by the left and the right camera of frame `index`.
 fn pair_in(landmark: &PointLandmark, index: u8) -> Option<[&super::reprojection::PointMeasurement; 2]> {
     let [.., left, right] = &landmark.observations[..] else { return None };
     let is_pair = left.frame == index && right.frame == index && left.camera == 0 && right.camera == 1;

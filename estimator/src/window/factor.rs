@@ -1,4 +1,4 @@
-//! What all factors have in common: the request for Jacobians, and the robust kernel.
+//! Common parts of all factors: the request for Jacobians, and the robust kernel.
 //!
 //! A factor is one function. It gives the residual at the present states and, on request, the Jacobians at the
 //! states of linearization, which are others under first-estimates Jacobians (Huang et al. 2009).

@@ -161,7 +161,7 @@ fn order_of(dim: usize) -> impl Iterator<Item = usize> {
     moving.chain(0..GLOBAL_DIM.min(dim)).chain(parts(0, POSE_DIM)).chain(unknown_of_frame(before)..dim)
 }
 
-/// Whether four pivots have anything to do with a tile of columns.
+/// True if four pivots meet a tile of columns.
 fn is_met(pivots: &[[f64; COLUMNS]; LANES], tile: usize) -> bool {
     pivots.iter().any(|row| row.as_chunks::<LANES>().0[tile] != [0.0; LANES])
 }

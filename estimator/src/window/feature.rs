@@ -1,4 +1,4 @@
-//! What every kind of landmark has in common: parameters in the camera that hosts it, seen from another.
+//! Common parts of every kind of landmark: parameters in the camera that hosts it, seen from another.
 //!
 //! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`],
 //! [`super::line`]). A line along a direction of the Manhattan world has one more factor
@@ -86,7 +86,7 @@ pub type StructuralLinearization<'a, J> = Linearization<'a, &'a CameraPose, Stru
 
 /// Parameters of a landmark in its host camera.
 pub trait Feature: Copy + Debug + PartialEq {
-    /// What a camera measures of it.
+    /// Measurement of it by a camera.
     type Measurement: Copy + Debug;
     /// Derivatives of its residuals: [`Jacobians`].
     type Jacobians;

@@ -1,4 +1,4 @@
-//! How well the newest frame fits: what calibrations compare.
+//! Fit of the newest frame, by which calibrations are compared.
 
 use super::Window;
 use super::factor::RobustSum;
@@ -7,7 +7,7 @@ use super::problem::Problem;
 use super::reprojection::InversePoint;
 use plumbline_config::Portable;
 
-/// How well observations fit.
+/// Fit of observations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fit {
     /// Sum of the robust costs, in squared standard deviations.
@@ -17,7 +17,8 @@ pub struct Fit {
 }
 
 impl Window {
-    /// How well what the newest frame sees of points with a depth fits them. What was dropped costs what the gate allows.
+    /// Fit of the newest frame's observations of points with a depth. An observation that was dropped costs as much as the gate
+    /// allows.
     pub fn newest_fit(&mut self) -> Fit {
         let Self { rig, manhattan, frames, points, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);

@@ -15,9 +15,9 @@ pub struct Frame {
     pub nav: NavState,
     /// Where Jacobians are evaluated once the frame is in the prior (first estimates).
     pub linearization: NavState,
-    /// Whether the prior holds information about this frame.
+    /// True if the prior holds information about this frame.
     pub in_prior: bool,
-    /// Whether the frame is kept for its view.
+    /// True if the frame is kept for its view.
     pub is_keyframe: bool,
     /// The vehicle was at rest here: its velocity gets a zero-velocity update.
     pub is_still: bool,

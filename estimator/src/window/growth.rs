@@ -1,4 +1,4 @@
-//! How uncertainty grows while a state is carried forward by the inertial sensor alone.
+//! Growth of the uncertainty while a state is carried forward by the inertial sensor alone.
 //!
 //! With `x` the error of position, attitude and velocity, `b` that of the biases, which stay what they are but for their
 //! walk, and a motion of covariance `Q` whose derivative by the biases is `B`,
@@ -54,7 +54,7 @@ impl GrowingCovariance {
         all
     }
 
-    /// Whether all of it is finite.
+    /// True if all of it is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.nav.iter().chain(&self.with_biases).chain(&self.biases).all(|x| x.is_finite())

@@ -12,7 +12,7 @@ use std::f64::consts::FRAC_PI_2;
 const BINS: usize = 90;
 /// A peak is this many bins wide to either side.
 const HALF_WIDTH: usize = 1;
-/// What is left of a vote after a frame: half of it after 34 frames.
+/// Share of a vote that remains after a frame: half of it remains after 34 frames.
 const MEMORY: f64 = 0.98;
 /// A peak with this share of all votes, twelve times that of scattered ones, is a heading ...
 const MIN_SHARE: f64 = 0.4;

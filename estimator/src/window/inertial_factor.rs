@@ -21,7 +21,7 @@ use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use plumbline_config::Portable;
 
-/// How fast a vehicle turns and how much force it feels at most, whatever its sensor says.
+/// Largest rate and force of a vehicle, whatever its sensor says.
 const MOST_RATE_RAD_S: f64 = 10.0;
 const MOST_FORCE_M_S2: f64 = 50.0;
 /// Biases are taken for steady within a motion that is not longer than this, s. Frames that see something become keyframes

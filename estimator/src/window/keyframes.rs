@@ -13,8 +13,7 @@ const KEPT_KEYFRAMES: usize = 2;
 const DISTANCE_FLOOR_M: f64 = 1e-3;
 
 impl Window {
-    /// Whether the newest frame should become a keyframe, with `connected` of its `tracked` points linked
-    /// to landmarks.
+    /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks.
     #[must_use]
     pub fn needs_keyframe(&self, connected: usize, tracked: usize) -> bool {
         let Some(newest) = self.frames.last() else { return false };

@@ -33,7 +33,7 @@ pub struct Landmark<F: Feature> {
     pub host: u8,
     /// The host's camera.
     pub host_camera: u8,
-    /// Whether `feature` has been triangulated.
+    /// True if `feature` has been triangulated.
     pub is_triangulated: bool,
     /// Its parameters in the host camera.
     pub feature: F,

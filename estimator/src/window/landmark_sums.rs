@@ -56,7 +56,7 @@ impl Rows {
         }
     }
 
-    /// Those of a comparison with a direction of the Manhattan world, times `scale`.
+    /// Rows of a comparison with a direction of the Manhattan world, times `scale`.
     pub(super) fn structural<const D: usize>(
         StructuralJacobians { feature: j, heading }: &StructuralJacobians<Jacobians<D>>,
         r: &Vector2<f64>,

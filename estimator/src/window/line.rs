@@ -43,7 +43,7 @@ pub struct HostedLine {
     pub axis: Option<Axis>,
 }
 
-/// What a camera measured of a line.
+/// Measurement of a line by a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineMeasurement {
     /// Normalized coordinates of the end points, in the order of the edge's orientation.
@@ -52,7 +52,8 @@ pub struct LineMeasurement {
     pub rates: [f64; 2],
     /// Root of the information of the end points across the line: standard deviations per unit.
     pub weights: [f64; 2],
-    /// What the rows saw of the end points; [`Self::ends_xy`] are those without the way of the camera.
+    /// Observations of the end points by their rows; [`Self::ends_xy`] are corrected for the motion of the camera between row
+    /// and frame.
     pub rows: [SeenByRow; 2],
 }
 

@@ -24,7 +24,7 @@ use nalgebra::{SMatrix, Vector2};
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
-/// What the factors of a window are evaluated for.
+/// Purpose of evaluating the factors of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Purpose {
     /// Their cost alone.
@@ -59,7 +59,7 @@ impl FrameFactor {
         }
     }
 
-    /// Whether the factor of frame `index` is one of those that `purpose` needs.
+    /// True if `purpose` needs the factor of frame `index`.
     fn is_wanted(self, index: usize, purpose: Purpose) -> bool {
         let first = match self {
             Self::Motion => index.saturating_sub(1),
@@ -167,7 +167,7 @@ impl Linearizer {
         let target = (!is_cost).then_some(&mut self.equations);
         let prior = prior.evaluate((problem.rig, problem.manhattan), problem.frames, target);
         let landmarks = self.evaluate_landmarks(problem, purpose);
-        // Sums have the order that they always had: estimates are compared bit for bit.
+        // The digests of recorded flights hold this order of the sums.
         let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };
         for index in 0..problem.frames.len() {
             for factor in FrameFactor::all(purpose) {
@@ -232,9 +232,9 @@ impl Linearizer {
 /// Where landmarks go.
 #[derive(Clone, Debug)]
 struct LandmarkEquations {
-    /// What elimination takes away, and in the end all of it.
+    /// Terms that elimination subtracts, and in the end all of them.
     motions: MotionEquations,
-    /// What observations tell of the cameras.
+    /// Information of observations about the cameras.
     cameras: CameraSums,
     costs: RobustSum,
 }

@@ -28,8 +28,8 @@ pub struct StructuralLine<'a> {
     pub axis: Axis,
 }
 
-/// How far `line` is from its direction, in standard deviations, and on request its Jacobians. `None` while that
-/// direction is unknown or not used.
+/// Residual of `line` against its direction, in standard deviations, and on request its Jacobians. `None` while that direction
+/// is unknown or not used.
 #[must_use]
 pub fn residual(
     manhattan: &Manhattan,

@@ -1,4 +1,4 @@
-//! What leaves the window becomes part of the prior.
+//! Marginalization: what leaves the window becomes part of the prior.
 //!
 //! The landmarks of a frame that leaves are linearized with their observations in keyframes and with the
 //! frame's inertial factors, and everything that leaves is eliminated (Schur complement). A track that goes
@@ -39,7 +39,7 @@ impl Window {
         self.close_gap(index);
     }
 
-    /// Whether the prior holds information about frame `index`. Before anything has left the window it speaks of the origin
+    /// True if the prior holds information about frame `index`. Before anything has left the window it speaks of the origin
     /// alone, though its equations have room for the frames before that. (With one camera Jacobians are not fixed there: the
     /// start is left as it is.)
     fn is_in_prior(&self, index: usize) -> bool {

@@ -14,7 +14,8 @@
 //!   [`eliminate`], [`dense`], [`factorization`], [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
-//! - [`calibration`]: how well the rig is known; `rig_walk`: how slowly that is forgotten; [`growth`], `bias_walk`: how fast a state is forgotten without images
+//! - [`calibration`]: uncertainty of the rig; `rig_walk`: its slow growth; [`growth`], `bias_walk`: growth of a state's uncertainty
+//!   without images
 
 mod bias_walk;
 pub mod calibration;
@@ -112,7 +113,7 @@ pub struct Window {
     pub points: LandmarkStore<InversePoint>,
     /// Lines.
     pub lines: LandmarkStore<HostedLine>,
-    /// What has left the window.
+    /// Prior from all that has left the window.
     pub prior: Prior,
     /// Options.
     pub options: Options,
@@ -130,7 +131,7 @@ pub struct Window {
     moving_in_sight: u32,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
-    /// What a solution that ended before its time still asked of the newest frame: m, rad, m/s.
+    /// Step of the newest frame, m, rad, m/s, that a solution which ended early left undone.
     unfinished: Option<SVector<f64, 9>>,
     /// Damping after a rejected step.
     first_damping: f64,
@@ -150,7 +151,7 @@ struct Anchor {
 pub struct TrackMeasurement<M> {
     /// The track.
     pub track_id: u32,
-    /// What each camera saw.
+    /// Measurement of each camera.
     pub measured: [Option<M>; 2],
 }
 
@@ -235,9 +236,9 @@ impl Window {
         self.rig.clone_from(&self.configured_rig);
     }
 
-    /// Makes the newest frame the origin: the prior is that of the rig, and that this frame is where it is now, with
-    /// the standard deviations given and biases (gyroscope rad/s, accelerometer m/s²) about those given. Until something is marginalized the origin is linearized anew for every
-    /// solution, so that errors of the start leave no trace: until the first keyframe leaves.
+    /// Anchors the newest frame: its position and yaw define `O`. The prior holds the rig, this frame's state with the
+    /// standard deviations given, and biases (gyroscope rad/s, accelerometer m/s²) about those given. It is linearized again
+    /// for every solution until the first keyframe is marginalized, so that errors of the start leave no trace.
     pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
         self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
         self.refresh_anchor();

@@ -66,7 +66,7 @@ fn in_o(rot: &Matrix3<f64>, p: &Vector3<f64>) -> SMatrix<f64, POSE_DIM, POSE_DIM
     by
 }
 
-/// How motions follow from rig and frames, and those of cameras in `O` from those on their mounts: derivatives, in rows.
+/// Derivatives, in rows, of motions by rig and frames, and of cameras' motions in `O` by those of their mounts.
 #[derive(Clone, Debug)]
 pub struct Lifts {
     /// Motion of each camera in `O` by that on its mount; frame by frame, the left camera first.

@@ -79,7 +79,8 @@ impl Window {
             .and(tracks::judge_within(lines, poses, &problem, slack))
     }
 
-    /// How landmarks vote between the predicted pose of the newest frame and that which its images alone give, if they give one.
+    /// Votes of the landmarks between the predicted pose of the newest frame and the one that its images alone give, if they
+    /// give one.
     fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
         let predicted = self.frames.last().map(|frame| &frame.nav)?;
         let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
@@ -107,7 +108,7 @@ impl Window {
     }
 }
 
-/// Whether so many contradict that something moves, and so few that the rest tell how the vehicle does.
+/// True if so many contradict that something moves, and so few that the rest shows the motion of the vehicle.
 fn are_moving(verdict: Verdict, was_in_sight: bool, most: f64) -> bool {
     let (seen, wrong) = (verdict.seen as f64, verdict.wrong as f64);
     let do_others_agree = verdict.seen >= verdict.wrong + MIN_AGREEING && wrong <= most * seen;
@@ -122,26 +123,26 @@ struct Ballot {
 }
 
 impl Ballot {
-    /// What the sighted pose leaves unexplained.
+    /// Verdict on the sighted pose: observations that it leaves unexplained.
     fn sighted(self) -> Verdict {
         let Votes { sighted, both, all, .. } = self.votes;
         Verdict { seen: all, wrong: all - sighted - both }
     }
 
-    /// Whether the sighted pose outvotes the predicted one.
+    /// True if the sighted pose outvotes the predicted one.
     fn outvotes(self) -> bool {
         let Votes { predicted, sighted, all, .. } = self.votes;
         let share = if self.is_near && explains(self.sighted()) { MINORITY } else { MAJORITY };
         sighted as f64 >= share * all as f64 && sighted >= OUTVOTES * predicted
     }
 
-    /// Whether most of what contradicts the prediction does so because that is a little off.
+    /// True if most contradictions of the prediction are due to its being slightly off.
     fn is_slip(self) -> bool {
         self.sighted().wrong as f64 <= SLIP_SHARE * self.votes.all as f64
     }
 }
 
-/// Whether a pose explains what is seen.
+/// True if a pose explains the observations.
 fn explains(verdict: Verdict) -> bool {
     verdict.wrong as f64 <= UNEXPLAINED_SHARE * verdict.seen as f64
 }

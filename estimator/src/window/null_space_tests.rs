@@ -1,5 +1,5 @@
-//! What a window cannot know: its position, and its yaw about gravity. Four directions, no more and no less, before
-//! and after marginalization, by the analytic directions and by the eigenvalues.
+//! Null space of a window: its position, and its yaw about gravity. Four directions, no more and no less, before and after
+//! marginalization, by the analytic directions and by the eigenvalues.
 
 use super::Window;
 use super::state::{FRAME_DIM, HEADING, NavState, RIG_DIM, unknown_of_frame};

@@ -14,7 +14,7 @@ const MAX_SIGMA_RHO: f64 = 0.02;
 /// A point this close to where it is expected is no outlier however sharp its texture: after a gap in the samples the
 /// expectation is off by more than texture tells.
 const OUTLIER_PX: f64 = 2.4;
-/// What the zero-velocity detector may overlook ([`crate::odometry::zero_velocity`]).
+/// Speed that the zero-velocity detector may overlook, m/s ([`crate::odometry::zero_velocity`]).
 const STILL_SIGMA_M_S: f64 = 0.01;
 
 /// Options of the window.

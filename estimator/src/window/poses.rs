@@ -57,7 +57,8 @@ impl Poses {
         }
     }
 
-    /// How the motions of the first `frames` frames and of the cameras follow from frames and rig, at the states of the Jacobians.
+    /// Derivatives of the motions of the first `frames` frames and of the cameras by frames and rig, at the states of the
+    /// Jacobians.
     pub fn lift(&self, lifts: &mut Lifts, frames: usize, options: &Options) {
         let mounts = &self.mounts[..options.cameras];
         lifts.refresh(&self.first[..frames], mounts, &self.pivot_o, &options.rig_mask);

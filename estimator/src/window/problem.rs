@@ -6,7 +6,7 @@ use super::manhattan::Manhattan;
 use super::options::Options;
 use super::state::Rig;
 
-/// What is linearized.
+/// Problem to be linearized.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a> {
     /// Calibration.

@@ -20,7 +20,7 @@ pub(super) struct QuadMatrix {
 }
 
 impl QuadMatrix {
-    /// Those of `matrix`.
+    /// Columns and rows of `matrix`.
     pub(super) fn of(matrix: &Matrix3<f64>) -> Self {
         let column = |k: usize| [matrix[(0, k)], matrix[(1, k)], matrix[(2, k)], 0.0];
         let row = |k: usize| [matrix[(k, 0)], matrix[(k, 1)], matrix[(k, 2)], 0.0];

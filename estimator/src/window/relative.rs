@@ -1,4 +1,4 @@
-//! How well the window knows one of its frames against another: what a pose graph is told of the odometry.
+//! Uncertainty of one of the window's frames relative to another: the information that a pose graph gets of the odometry.
 //!
 //! Way and turn from frame `a` to frame `b`, in the axes of `O`, and how they follow the error states of both:
 //!

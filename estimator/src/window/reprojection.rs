@@ -47,7 +47,7 @@ pub struct PointMeasurement {
     pub xy_rate: Vector2<f64>,
     /// Square root of the information: from normalized coordinates to standard deviations.
     pub weight: Matrix2<f64>,
-    /// What the row saw of it; [`Self::xy`] is that without the way of the camera.
+    /// Observation by its row; [`Self::xy`] is corrected for the motion of the camera between row and frame.
     pub row: SeenByRow,
 }
 

@@ -25,7 +25,7 @@ const FLOORS: [(usize, usize, f64); 5] = [
     (Rig::TIME_OFFSET, 1, 3e-4),
 ];
 
-/// Whether and since when the rig walks.
+/// Random walk of the rig: its memory, and the time it has reached.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RigWalk {
     /// `rig.memory_s`; 0 for a rig that is a constant.

@@ -1,4 +1,4 @@
-//! What a row of a rolling shutter saw.
+//! Observations by a row of a rolling shutter.
 //!
 //! The front-end has turned it to the axes that the camera has at the time of the frame ([`crate::shutter`]). What is left is the
 //! way of the camera between row and frame, which moves a point of inverse depth `rho` by `rho way / z`: it is known once depth

@@ -48,7 +48,7 @@ pub struct Sighting {
     pub position_covariance: Matrix3<f64>,
     /// Covariance of the attitude in `B`, rad².
     pub rotation_covariance: Matrix3<f64>,
-    /// Whether it rests on known landmarks alone: then it is evidence against other sensors.
+    /// True if it rests on known landmarks alone: then it is evidence against other sensors.
     pub is_witness: bool,
 }
 
@@ -183,7 +183,7 @@ impl Window {
         rays
     }
 
-    /// Whether a landmark was hosted long enough ago, and seen between then and the newest frame.
+    /// True if a landmark was hosted long enough ago, and seen between then and the newest frame.
     fn is_known(&self, landmark: &PointLandmark) -> bool {
         let Some(newest) = self.frames.last() else { return false };
         let (host, last) = (usize::from(landmark.host), self.frames.len() - 1);

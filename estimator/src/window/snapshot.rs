@@ -1,5 +1,4 @@
-//! What the window believes the world around the vehicle looks like: keyframes and landmarks, for maps and
-//! for people. Nothing that is estimated depends on it.
+//! Snapshot of the window's keyframes and landmarks, for maps and for people. No estimate depends on it.
 
 use super::Window;
 use super::landmark::{LineLandmark, PointLandmark};

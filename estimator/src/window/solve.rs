@@ -26,7 +26,7 @@ const DAMPING_DECAY: f64 = 0.1;
 /// Position, attitude and velocity: the parts of a frame's state whose covariance is given out.
 const COVARIANCE_DIM: usize = NavState::BIAS_GYRO;
 
-/// How a solution went.
+/// Outcome of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Steps taken.

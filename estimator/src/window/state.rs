@@ -1,4 +1,4 @@
-//! What the window estimates: the navigation state of each frame, and the calibration of the rig.
+//! States of the window: the navigation state of each frame, and the calibration of the rig.
 //!
 //! Unknowns are steps of the error state, with right perturbations `R <- R Exp(dtheta)` (Forster et al. 2017,
 //! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), heading of
@@ -103,7 +103,7 @@ impl NavState {
         d
     }
 
-    /// Whether every component is a finite number.
+    /// True if every component is a finite number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let vectors = [&self.p_o_b, &self.v_o_b, &self.bias_gyro, &self.bias_accel];
@@ -208,7 +208,7 @@ impl Rig {
         d
     }
 
-    /// Whether every parameter that has a standard deviation is within `times` that of `origin`.
+    /// True if every parameter that has a standard deviation is within `times` that of `origin`.
     #[must_use]
     pub fn is_within(&self, times: f64, origin: &Self, sigmas: &SVector<f64, RIG_DIM>) -> bool {
         let offsets = self.minus(origin);

@@ -35,8 +35,8 @@ impl Window {
         }
     }
 
-    /// Whether more than one landmark line is vertical: a single one may be any edge that nearly is, and would tilt the
-    /// whole window.
+    /// True if more than one landmark line is vertical: a single one may be any edge that nearly is, and would tilt the whole
+    /// window.
     fn verticals_agree(&self) -> bool {
         self.verticals() >= MIN_VERTICALS
     }
@@ -46,8 +46,8 @@ impl Window {
         known.filter(|l| l.feature.axis == Some(Axis::Vertical)).count()
     }
 
-    /// Whether enough of the landmark lines that are not vertical lie along or across the heading: among edges of
-    /// all headings a few always do.
+    /// True if enough of the landmark lines that are not vertical lie along or across the heading: among edges of all headings
+    /// a few always do.
     fn horizontals_agree(&self) -> bool {
         let known = self.lines.all().iter().filter(|l| l.is_triangulated);
         let (mut members, mut others) = (0, 0);

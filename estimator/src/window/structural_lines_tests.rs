@@ -27,7 +27,7 @@ fn edges() -> Vec<[Vector3<f64>; 2]> {
     edges
 }
 
-/// What the camera at `pose_o_c` sees of an edge.
+/// Measurement of an edge by the camera at `pose_o_c`.
 fn measure(pose_o_c: &Isometry3<f64>, edge: &[Vector3<f64>; 2]) -> LineMeasurement {
     let ends_xy = edge.map(|p| {
         let q = pose_o_c.inverse() * nalgebra::Point3::from(p);

@@ -35,16 +35,16 @@ pub fn scatter_step<const N: usize>(seed: u32, scale: f64) -> SVector<f64, N> {
     SVector::from_fn(|k, _| scale * scatter(seed.wrapping_mul(1009).wrapping_add(k as u32)))
 }
 
-/// What is in the window.
+/// Contents of the test's window.
 #[derive(Clone, Copy)]
 pub struct Room {
     /// Frames, all of them keyframes.
     pub frames: usize,
-    /// Whether each camera sees a track in a frame.
+    /// Visibility of a track in a frame, by camera.
     pub sees: fn(track_id: u32, frame: usize) -> [bool; 2],
-    /// How far the states are from the truth, and the measurements with them, in standard deviations or so.
+    /// Errors of the states, and of the measurements with them, in standard deviations or so.
     pub disturbance: f64,
-    /// Whether the first pose is known.
+    /// True if the first pose is known.
     pub is_anchored: bool,
 }
 
@@ -176,7 +176,7 @@ impl Room {
         window
     }
 
-    /// What is seen in frame `k`, with noise.
+    /// Observations in frame `k`, with noise.
     pub fn tracks(&self, rig: &Rig, nav: &NavState, k: usize) -> (Vec<PointTrack>, Vec<LineTrack>) {
         let poses = [0, 1].map(|camera| nav.pose_o_b() * rig.pose_b_c(camera));
         let noise =

@@ -43,7 +43,7 @@ pub fn with_cameras<T>(
     use_it(CameraView { host: &host, target: &target })
 }
 
-/// What the cameras of random views are told relative to.
+/// Pivot of the cameras of random views.
 pub const PIVOT_O: Vector3<f64> = Vector3::new(0.7, -1.1, 0.4);
 
 /// Derivatives of a residual by host, observer and rig.
@@ -55,7 +55,7 @@ pub struct Lifted {
 }
 
 impl Lifted {
-    /// Those that follow from the derivatives `j` by motions; without an observer (`None`) the host's alone.
+    /// Lifted derivatives that follow from `j` by motions; without an observer (`None`) the host's alone.
     pub fn of<const D: usize>(
         j: &Jacobians<D>,
         rig: &Rig,

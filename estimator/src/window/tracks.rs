@@ -1,4 +1,4 @@
-//! How tracks become landmarks, and what happens to those that do not fit.
+//! Promotion of tracks to landmarks, and the fate of those that do not fit.
 
 use super::TrackMeasurement;
 use super::feature::Feature;
@@ -66,7 +66,7 @@ pub(super) fn host<F: Feature>(
     }
 }
 
-/// Whether a landmark stays after an attempt at triangulation; its track is an outlier if not.
+/// True if a landmark stays after an attempt at triangulation; its track is an outlier if not.
 pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>) -> bool {
     let is_good = result != Triangulation::Contradiction;
     if !is_good {
@@ -75,7 +75,7 @@ pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>
     is_good
 }
 
-/// How the observations of the newest frame fit their landmarks.
+/// Fit of the newest frame's observations to their landmarks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Verdict {
     /// Observations of landmarks with a depth.
@@ -90,7 +90,7 @@ impl Verdict {
         Self { seen: self.seen + other.seen, wrong: self.wrong + other.wrong }
     }
 
-    /// Whether most of enough witnesses contradict: then the frame is wrong, and not what was seen in it.
+    /// True if most of enough witnesses contradict: then the frame is wrong, and not the observations.
     pub(super) fn is_mistrial(self) -> bool {
         self.seen >= MIN_WITNESSES && 2 * self.wrong > self.seen
     }
@@ -120,7 +120,7 @@ pub(super) fn judge_within<F: Feature>(
     verdict
 }
 
-/// Whether an observation lies within [`Feature::outlier_sigmas`] of its landmark.
+/// True if an observation lies within [`Feature::outlier_sigmas`] of its landmark.
 fn fits<F: Feature>(
     poses: &Poses,
     problem: &Problem<'_>,
@@ -130,7 +130,7 @@ fn fits<F: Feature>(
     fits_within::<F>(poses, problem, placed, o, 1.0)
 }
 
-/// Whether it does within `slack` times that.
+/// True if an observation lies within `slack` times [`Feature::outlier_sigmas`] of its landmark.
 pub(super) fn fits_within<F: Feature>(
     poses: &Poses,
     problem: &Problem<'_>,

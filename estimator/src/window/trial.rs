@@ -27,7 +27,7 @@ const EXPLAINED_SHARE: f64 = 0.7;
 const BACKED_RAD: f64 = 1.5e-3;
 const BACKED_SIGMAS: f64 = 3.0;
 
-/// How well a frame is predicted.
+/// Uncertainty of a frame's prediction.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
     /// Standard deviation of the velocity before the frame, m/s.
@@ -47,24 +47,24 @@ pub struct Trial {
     off_m: f64,
     dt_s: f64,
     off_sigmas: f64,
-    /// Whether the turns agree.
+    /// True if the rotations agree.
     is_turn_backed: bool,
 }
 
 impl Trial {
-    /// Whether the prediction is wrong, and not what is seen.
+    /// True if the prediction is wrong, and not the observations.
     #[must_use]
     pub fn is_contradicted(&self) -> bool {
         self.is_off_by(CONTRADICTS_SIGMAS)
     }
 
-    /// Whether the prediction may be wrong: forces lose weight, and nothing is said.
+    /// True if the prediction may be wrong: forces lose weight, and nothing is reported.
     #[must_use]
     pub fn is_doubtful(&self) -> bool {
         self.is_off_by(DOUBTFUL_SIGMAS)
     }
 
-    /// Whether known landmarks are where the prediction has them: then all else that is elsewhere moves.
+    /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
     #[must_use]
     pub fn is_backed(&self) -> bool {
         let Votes { predicted, both, all, .. } = self.votes;
@@ -106,7 +106,7 @@ impl Window {
     }
 }
 
-/// Whether the predicted attitude is the sighted one.
+/// True if the predicted attitude is the sighted one.
 fn is_turn_backed(sighting: &Sighting, predicted: &NavState) -> bool {
     let off = log_so3(&(predicted.rot_o_b.inverse() * sighting.rot_o_b));
     let variance = variance_along(&sighting.rotation_covariance, &off);

@@ -19,7 +19,7 @@ const MIN_FORWARD: f64 = 0.1;
 /// (less than 1 in 700 by chance) a wrong track.
 const MAX_BEHIND_SIGMAS: f64 = 3.0;
 
-/// What became of an attempt at triangulation.
+/// Outcome of an attempt at triangulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Triangulation {
     /// It has one now.
@@ -30,7 +30,7 @@ pub enum Triangulation {
     Contradiction,
 }
 
-/// What is held fixed while a landmark is triangulated.
+/// State held fixed while a landmark is triangulated.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene<'a> {
     /// Frames in order of time.
@@ -124,7 +124,7 @@ pub fn triangulate(
     if fits { Triangulation::Done } else { Triangulation::Contradiction }
 }
 
-/// Whether every observation of the landmark agrees with its present parameters.
+/// True if every observation of the landmark agrees with its present parameters.
 pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) -> bool {
     landmark.observations.iter().all(|o| {
         scene.with_view(landmark, o, |view, step_s| {

@@ -18,7 +18,7 @@ pub fn zero_velocity(
     }
     let v = &frame.nav.v_o_b;
     let Some((equations, index)) = linearization else {
-        // Rounded otherwise than below, as it always was: estimates are compared bit for bit.
+        // Rounding differs from that below; the digests of recorded flights hold it.
         return 0.5 * v.norm_squared() / sigma_m_s.squared();
     };
     let information = 1.0 / (sigma_m_s * sigma_m_s);

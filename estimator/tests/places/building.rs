@@ -194,7 +194,7 @@ impl Building {
         building
     }
 
-    /// What a camera in a hall sees from `pose_m_c`.
+    /// Features that a camera in a hall sees from `pose_m_c`.
     pub fn seen(&self, hall: usize, pose_m_c: &Isometry3<f64>, random: &mut Random) -> Vec<Feature> {
         let mut best: Vec<Option<(f64, usize)>> = vec![None; CELLS[0] * CELLS[1]];
         let pose_c_m = pose_m_c.inverse();

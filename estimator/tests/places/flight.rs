@@ -46,7 +46,7 @@ impl Shot {
     }
 }
 
-/// What is seen at each stop of a way.
+/// Views at each stop of a path.
 pub fn shots(building: &Building, stops: &[Stop], seed: u64) -> Vec<Shot> {
     let mut random = Random::new(seed);
     let seen =
@@ -92,7 +92,7 @@ impl Times {
     }
 }
 
-/// What a flight holds.
+/// Map and locator of a flight.
 pub struct Mapper {
     pub map: PlaceMap,
     pub locator: Locator,
@@ -112,7 +112,7 @@ impl Mapper {
         }
     }
 
-    /// Where a shot was taken, by all keyframes but the newest.
+    /// Localization of a shot by all keyframes but the newest.
     pub fn locate(&mut self, number: usize, shot: &Shot) -> Option<Located> {
         let newest = (number as u32).saturating_sub(NEWEST);
         self.locator.locate(&self.map, &shot.query(number as u64), |k| k.id < newest)

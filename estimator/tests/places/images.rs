@@ -16,7 +16,7 @@ const LEVELS: usize = 3;
 /// A stereo pair.
 #[derive(Clone)]
 pub struct Pair {
-    /// Its truth.
+    /// Truth.
     pub keyframe: Keyframe,
     /// Patches turned by the true vertical.
     pub features: Vec<Feature>,

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 const VIEWS: usize = 24;
 /// Frames that are located.
 const FRAMES: usize = 100;
-/// Where the second room lies.
+/// Displacement of the second room.
 const AWAY: Vector3<f64> = Vector3::new(20.0, 0.0, 0.0);
 
 /// Frames in all directions from the middle of a room whose middle is at `centre`.
@@ -37,7 +37,7 @@ fn map_of(views: &[&[Shot]]) -> PlaceMap {
     map
 }
 
-/// What a locator says of frames: right, wrong, and nothing.
+/// Answers of a locator: right, wrong, and none.
 struct Said {
     right: usize,
     wrong: Vec<(usize, Located)>,

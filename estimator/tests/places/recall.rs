@@ -24,14 +24,14 @@ pub fn map_of(pairs: &[Pair], words: &IndexOptions) -> PlaceMap {
     map
 }
 
-/// How far off a pose is, m and degrees.
+/// Error of a pose, m and degrees.
 pub fn error(found: &Located, pair: &Pair) -> (f64, f64) {
     let truth = pair.keyframe.pose_m_b;
     let moved = (found.pose_m_b.translation.vector - truth.translation.vector).norm();
     (moved, found.pose_m_b.rotation.angle_to(&truth.rotation).to_degrees())
 }
 
-/// What became of all pairs.
+/// Outcome for all pairs.
 #[derive(Default)]
 struct Outcome {
     found: usize,
@@ -39,7 +39,7 @@ struct Outcome {
     errors_m: Vec<f64>,
     errors_deg: Vec<f64>,
     nees: Vec<f64>,
-    /// Why pairs were not found, by the group with most evidence.
+    /// Doubts of the pairs that were not found, by the group with most evidence.
     doubts: BTreeMap<String, usize>,
 }
 

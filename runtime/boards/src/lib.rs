@@ -15,7 +15,7 @@ use opencv::{aruco, calib3d, imgproc};
 use plumbline_config::ImageView;
 use std::error::Error;
 
-/// What OpenCV could not do.
+/// Error of OpenCV.
 pub type Fault = Box<dyn Error + Send + Sync>;
 
 /// A marker's number, and its corners clockwise, px.
@@ -76,9 +76,9 @@ pub fn chessboard(image: &ImageView<'_>, [columns, rows]: [usize; 2]) -> Result<
     Ok((is_found && corners.len() == columns * rows).then_some(corners))
 }
 
-/// Where the corners near `guesses_px` are to a fraction of a pixel, px: the points whose windows' gradients are all across
-/// the line to them (Förstner and Gülch 1987, in OpenCV `cornerSubPix`). The windows reach `half_window_px` to each side.
-/// A guess in whose window there is no corner is given back.
+/// Corners near `guesses_px` to a fraction of a pixel, px: the points whose windows' gradients are all across the line to them
+/// (Förstner and Gülch 1987, in OpenCV `cornerSubPix`). The windows reach `half_window_px` to each side. A guess in whose
+/// window there is no corner is given back.
 ///
 /// # Errors
 /// When OpenCV fails, as it does for a guess outside the image.

@@ -100,7 +100,7 @@ typedef uint32_t plumbline_record_kind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// How far the estimator is.
+// State of the estimator.
 enum plumbline_state
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint8_t
@@ -123,7 +123,7 @@ typedef uint8_t plumbline_state;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// How much a reset forgets.
+// Extent of a reset.
 enum plumbline_reset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -159,7 +159,7 @@ typedef struct plumbline_local plumbline_local;
 typedef struct plumbline_error {
   // Outcome of the call.
   plumbline_status status;
-  // What failed, why, and what to do: UTF-8, ends with a zero.
+  // Failure, cause and cure: UTF-8, ends with a zero.
   char text[1020];
 } plumbline_error;
 

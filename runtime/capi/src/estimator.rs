@@ -15,7 +15,7 @@ use std::ptr::without_provenance_mut;
 
 static ESTIMATORS: Registry<Core> = Registry::new();
 
-/// What a handle stands for.
+/// Object behind a handle.
 struct Core {
     estimator: plumbline_estimator::Estimator,
     sizes_px: Vec<(usize, usize)>,
@@ -94,7 +94,7 @@ impl ImuSample {
     }
 }
 
-/// Why a sample was refused.
+/// Failure for a sample that was refused.
 fn refusal(admission: ImuAdmission) -> Option<Failure> {
     let (status, text) = match admission {
         ImuAdmission::Accepted | ImuAdmission::ClockSet => return None,

@@ -56,11 +56,11 @@ pub enum Status {
 pub struct Error {
     /// Outcome of the call.
     pub status: Status,
-    /// What failed, why, and what to do: UTF-8, ends with a zero.
+    /// Failure, cause and cure: UTF-8, ends with a zero.
     pub text: [c_char; 1020],
 }
 
-/// Why a call fails.
+/// Reason why a call fails.
 #[derive(Debug)]
 pub struct Failure {
     pub(crate) status: Status,

@@ -1,4 +1,4 @@
-//! What the compiler does not hold: the header, and the structures that are records of the local socket.
+//! Checks beyond the compiler's: the header, and the structures that are records of the local socket.
 
 use crate::call::call;
 use crate::handles::Registry;

@@ -9,7 +9,7 @@ pub struct Frames;
 /// Inertial sensor that a program plays to a flight.
 pub struct Imu;
 
-/// How far the estimator is.
+/// State of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
@@ -23,7 +23,7 @@ pub enum State {
     Failed = 3,
 }
 
-/// How much a reset forgets.
+/// Extent of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Reset {

@@ -1,4 +1,4 @@
-//! Whether images are too dark or burnt out, and how much a turn would blur them.
+//! Exposure: images too dark or burnt out, and the blur of a turn.
 
 use crate::statistics::{median, quantile};
 use crate::thumbnail::Thumbnail;

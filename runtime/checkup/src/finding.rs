@@ -1,4 +1,5 @@
-//! What cannot be right about the data of a sensor, in words for people: the same in a checkup and in a flight.
+//! Findings about the data of a sensor that cannot be right, in plain words: the same in a checkup and in a
+//! flight.
 
 use crate::verdict::{Fitness, Measure};
 use serde::Serialize;
@@ -10,15 +11,15 @@ pub const UNITS_AND_COLUMNS: &str = "units and columns";
 /// Something that cannot be right, in words for people.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What cannot be right.
+    /// Finding: what cannot be right.
     pub what: String,
     /// The figures that show it.
     pub evidence: String,
-    /// What is probably the matter.
+    /// Probable cause.
     pub cause: String,
-    /// What to do.
+    /// Cure.
     pub cure: String,
-    /// How bad it is.
+    /// Severity for the flight.
     #[serde(skip)]
     pub fitness: Fitness,
 }

@@ -1,4 +1,4 @@
-//! What the health bits of a flight come to: counts, the line at the end, and warnings with causes and cures.
+//! Health bits of a whole flight: counts, the line at the end, and warnings with causes and cures.
 
 use crate::finding::Finding;
 use plumbline_estimator::HealthBits;
@@ -20,7 +20,7 @@ const LASTING: u64 = 60;
 /// Share of the frames from which a bit may be why there is no pose, and reasons that are given.
 const HINDERED: f64 = 0.1;
 const MAX_REASONS: usize = 3;
-/// What a flight with one camera needs.
+/// Cure for one camera that finds no scale.
 const ONE_CAMERA: &str = "one camera finds the scale by translation alone, not while it hovers or turns in place: move it sideways \
                           for two seconds, by a tenth of the distance to what it sees, or use two cameras";
 /// A bit that explains so many of the frames of another one is its cause.
@@ -142,7 +142,7 @@ impl HealthTally {
             .collect()
     }
 
-    /// Why no pose was found in a flight with so many cameras, as far as the health bits tell, and what to do.
+    /// Reason why no pose was found in a flight with so many cameras, by the health bits, with the cure.
     #[must_use]
     pub fn why_no_pose(&self, cameras: usize) -> String {
         if self.frames == 0 {
@@ -175,7 +175,8 @@ impl HealthTally {
         }
     }
 
-    /// Whether a bit only follows from another one: images that are missing, repeat or are dark have no points.
+    /// True if a bit only follows from another one: images that are missing, repeat or are dark have no
+    /// points.
     fn is_consequence(&self, held: &HeldBit) -> bool {
         let of_images = [
             HealthBits::LEFT_FROZEN,

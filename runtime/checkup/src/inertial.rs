@@ -1,5 +1,5 @@
-//! What an IMU says while the vehicle stands: gravity, its direction, the bias of the gyroscope. And axes that are stuck or at
-//! the end of their range.
+//! IMU at rest: gravity, its direction, the bias of the gyroscope, and axes that are stuck or at the end of
+//! their range.
 
 use crate::agreement::Turn;
 use crate::finding::Finding;
@@ -30,7 +30,7 @@ const AT_END: f64 = 0.995;
 /// Share of samples at the end of the range.
 const SATURATED: (f64, f64) = (0.0, 0.002);
 
-/// What was measured at rest.
+/// Measurements at rest.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rest {
     /// Time at rest, s.
@@ -110,7 +110,7 @@ fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
     (span_s >= 0.8 * PIECE_S && turning < STILL.0 && shaking < STILL.1).then_some((gyro, accel))
 }
 
-/// Whether images show motion within a piece of time.
+/// True if images show motion within an interval.
 fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
     let within = turns.iter().filter(|turn| turn.to > begin && turn.from < end);
     within
@@ -133,7 +133,7 @@ impl Rest {
         self.gravity_m_s2 += stand.gravity * PIECE_S;
     }
 
-    /// Whether the vehicle stood long enough for a verdict.
+    /// True if the vehicle stood long enough for a verdict.
     #[must_use]
     pub(crate) fn is_enough(&self) -> bool {
         self.seconds > 0.0 && self.seconds >= self.least_s
@@ -208,7 +208,7 @@ fn axis(sample: &ImuSample, axis: usize) -> f64 {
     if axis < 3 { sample.gyro[axis] } else { sample.accel[axis - 3] }
 }
 
-/// Whether every axis lives, and how often one is at the end of its range.
+/// Verdict on the axes: all alive, and how often one is at the end of its range.
 #[must_use]
 pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
     const NAME: &str = "IMU axes";
@@ -245,7 +245,7 @@ fn rate_hz(samples: &[ImuSample]) -> f64 {
     1.0 / median(&intervals).max(1e-6)
 }
 
-/// Whether an axis repeats itself for `longest` samples in which another of its sensor lives.
+/// True if an axis repeats itself for `longest` samples in which another of its sensor does not.
 fn is_stuck(samples: &[ImuSample], k: usize, longest: usize) -> bool {
     let others = if k < 3 { 0..3 } else { 3..6 };
     let mut run = 0;

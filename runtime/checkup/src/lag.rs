@@ -1,5 +1,6 @@
-//! Whether left and right are of one moment: where they do not agree, an image is matched with those of the other camera one to
-//! three frames before. A driver that pairs by arrival hands out one camera late by whole frames, under equal stamps.
+//! Simultaneity of left and right: where they do not agree, an image is matched with those of the other
+//! camera one to three frames before. A driver that pairs by arrival hands out one camera late by whole
+//! frames, under equal stamps.
 
 use crate::late_camera::Lag;
 use crate::pair::PairMatcher;

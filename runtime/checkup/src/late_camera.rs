@@ -12,7 +12,7 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// What was found.
+    /// Finding in words.
     #[must_use]
     pub fn words(&self) -> String {
         let (side, count) = (self.late(), self.frames.unsigned_abs());
@@ -24,7 +24,7 @@ impl Lag {
         )
     }
 
-    /// What to do.
+    /// Cure.
     pub(crate) fn cure(&self, config: &Config) -> String {
         let rate_hz = config.camera.first().map_or(f64::NAN, |camera| camera.rate_hz);
         format!(

@@ -1,4 +1,4 @@
-//! Whether the sensors of a rig are fit to fly, by what they deliver: a pure function of samples, images and configuration.
+//! Fitness of a rig's sensors for flight by their data: a pure function of samples, images and configuration.
 //!
 //! [`Checkup`] is given what a minute of data brings, in any order between the sensors, and [`Checkup::report`] says for each
 //! thing that can be wrong what was measured, how bad that is, and what to do:
@@ -17,8 +17,8 @@
 //! | [`health`] | the health bits of a flight: a line at its end, and warnings |
 //! | [`plausibility`] | units, columns, axes and sides that cannot be right; of a flight too, while it goes on |
 //!
-//! What cannot be measured, since the data do not hold it, is said to be so, and is no verdict. There is no clock and no random
-//! number here: the same data give the same report.
+//! A quantity that the data do not hold is reported as not measured, and is no verdict. There is no clock and
+//! no random number here: the same data give the same report.
 
 pub mod agreement;
 pub mod exposure;
@@ -96,14 +96,14 @@ pub struct Checkup {
     motion: Option<MotionFinder>,
     turns: Vec<Turn>,
     exposure_s: Option<f64>,
-    /// What the drivers of IMU and cameras report.
+    /// Troubles reported by the drivers of IMU and cameras.
     troubles: [Option<String>; 2],
     refused_samples: u64,
     /// Samples and frames out of order or of the same stamp.
     disordered: [u64; 2],
 }
 
-/// What cannot be right, and what it spoils.
+/// Findings that cannot be right, and the measurements that they spoil.
 struct Nonsense {
     findings: Vec<Finding>,
     are_samples_wrong: bool,
@@ -211,13 +211,13 @@ impl Checkup {
         }
     }
 
-    /// Whether images would be looked at that still come.
+    /// True if no further images are looked at.
     #[must_use]
     pub fn has_seen_enough(&self) -> bool {
         self.seen == MAX_SEEN
     }
 
-    /// What was measured so far, and how good it is.
+    /// Measurements so far with their verdicts.
     #[must_use]
     pub fn report(&self) -> CheckupReport {
         let imu = self.arrivals();
@@ -240,7 +240,7 @@ impl Checkup {
         CheckupReport { measures }
     }
 
-    /// When samples came.
+    /// Arrivals of the samples.
     fn arrivals(&self) -> Arrivals {
         let mut imu = Arrivals::default();
         imu.refused = self.refused_samples;
@@ -251,7 +251,7 @@ impl Checkup {
         imu
     }
 
-    /// What cannot be right.
+    /// Findings that cannot be right.
     fn nonsense(&self, rest: &Rest, turns: &GravityTurns) -> Nonsense {
         let config = &self.config;
         let mut magnitudes = Magnitudes::default();
@@ -326,8 +326,8 @@ impl Checkup {
         measures
     }
 
-    /// Whether images repeat, are of different moments or are measured through a wrong lens model, or the stamps of either stream are
-    /// mixed up: what images and samples say together is then no measurement.
+    /// True if images repeat, are of different moments or are measured through a wrong lens model, or the
+    /// stamps of either stream are mixed up. Comparisons of images and samples are then no measurement.
     fn are_images_wrong(&self, imu: &Arrivals) -> bool {
         let limit_px = f64::from(self.config.estimator.points.max_epipolar_px);
         let rate_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);

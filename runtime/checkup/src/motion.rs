@@ -1,5 +1,5 @@
-//! How the left camera moved from one image to the next: points with depth from the pair, followed by flow, and the pose that
-//! explains them.
+//! Motion of the left camera from one image to the next: points with depth from the pair, followed by flow,
+//! and the pose that explains them.
 //!
 //! Minimized over `R, t`: `sum rho(|pi(R p + t) - xy'|)` with the points `p` in the first camera, their normalized
 //! coordinates `xy'` in the second image, and the Cauchy kernel; Gauss-Newton with perturbations on the left.

@@ -1,4 +1,4 @@
-//! How the IMU is mounted in the vehicle: measured at rest, and by a nod.
+//! Mounting of the IMU in the vehicle: measured at rest, and by a nod.
 //!
 //! A level vehicle at rest shows where its vertical axis lies in the axes of the IMU: gravity says it, and that is roll and
 //! pitch of the mounting. A nod (the nose is lifted and put down again, the vehicle turns about its left axis alone) shows that
@@ -19,7 +19,7 @@ pub const HEADING_NAME: &str = "mounting heading";
 const TILT: (f64, f64) = (5.0, 20.0);
 /// A vehicle that is tilted by more, degrees, has no roll and pitch to be told.
 const STEEP_DEG: f64 = 45.0;
-/// What makes gravity point upwards.
+/// Causes of gravity that points upwards.
 pub const UPSIDE_DOWN_CAUSE: &str = "that the IMU is mounted upside down, or that the accelerometer is negated (at rest it reads +9.81 along the axis that points up)";
 /// Tilt of a vehicle that is upside down, degrees.
 const UPSIDE_DOWN_DEG: f64 = 150.0;
@@ -39,14 +39,14 @@ const STANDS_RAD_S: f64 = 0.02;
 const GRAVITY_M_S2: f64 = 0.4;
 /// Share of the turning that may be about other axes.
 const ASIDE: f64 = 0.35;
-/// What to do for a measurement.
+/// Instructions for a measurement.
 const NOD: &str = "put the vehicle level and still for three seconds, lift its nose by 30 degrees, put it down again, while \
                    `plumbline doctor --live` measures";
 
 /// A nod that was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nod {
-    /// How far the nose was lifted, degrees.
+    /// Angle by which the nose was lifted, degrees.
     pub degrees: f64,
     /// Rotation from the IMU to the vehicle that it shows.
     pub rot_v_b: UnitQuaternion<f64>,
@@ -89,7 +89,7 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
     None
 }
 
-/// Whether the vehicle stands still within a few seconds of the first sample.
+/// True if the vehicle stands still within a few seconds of the first sample.
 fn stands_soon(samples: &[ImuSample], rest: &Rest) -> bool {
     let end = samples[0].stamp.plus_seconds(STANDS_WITHIN_S);
     let soon = &samples[..samples.partition_point(|sample| sample.stamp < end)];

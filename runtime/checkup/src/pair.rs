@@ -178,7 +178,7 @@ impl PairMatcher {
         (best.0 >= MIN_ZNCC.0 && is_clear).then_some(best.1)
     }
 
-    /// What the calibration says of a match.
+    /// Geometry of a match by the calibration.
     fn geometry(&self, px: &Vector2<f32>, right: &Vector2<f32>) -> Option<PairMatch> {
         let xy = self.cameras[0].model.unproject(&px.cast())?;
         let (epipolar_px, inverse_depth) = self.of_views(0, px, right)?;
@@ -200,7 +200,7 @@ impl PairMatcher {
     }
 }
 
-/// What matches said of the calibration.
+/// Statistics of the matches against the calibration.
 #[derive(Clone, Debug, Default)]
 pub struct PairFigures {
     pairs: usize,
@@ -291,7 +291,7 @@ impl PairFigures {
         (part(&|radius| radius < MIDDLE), part(&|radius| radius > RIM))
     }
 
-    /// Whether the error grows towards the rim as one of the lens does.
+    /// True if the error grows towards the rim as a wrong lens model makes it grow.
     #[must_use]
     pub fn is_lens_in_doubt(&self, limit_px: f64) -> bool {
         let (inner, rim) = self.parts();

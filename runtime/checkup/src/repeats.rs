@@ -35,7 +35,7 @@ impl Repeats {
         }
     }
 
-    /// Whether so many images repeat that motion cannot be told from them.
+    /// True if so many images repeat that motion cannot be measured.
     pub(crate) fn is_grave(&self) -> bool {
         self.share() > SHARE.1
     }

@@ -44,10 +44,10 @@ struct Piece {
 
 /// Factor by which the images show the motion larger than the accelerometer, and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Factor {
+pub struct ScaleFactor {
     /// 1 where the distance between the cameras is right.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation.
     pub sigma: f64,
     /// Pieces that tell it, and their length, s.
     pub pieces: (usize, f64),
@@ -55,7 +55,7 @@ pub struct Factor {
 
 /// The factor; `None` where the vehicle hardly accelerated.
 #[must_use]
-pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<Factor> {
+pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<ScaleFactor> {
     let pose_b_c = config.camera.first()?.pose_b_c();
     let bias = bias(turns, samples, &pose_b_c, config.rig.time_offset_s)?;
     PIECES_S.into_iter().find_map(|piece_s| factor_of(turns, samples, (&pose_b_c, &bias), config, piece_s))
@@ -68,7 +68,7 @@ fn factor_of(
     (pose_b_c, bias): (&Isometry3<f64>, &Vector3<f64>),
     config: &Config,
     piece_s: f64,
-) -> Option<Factor> {
+) -> Option<ScaleFactor> {
     let mut pieces = Vec::new();
     let mut rest = turns;
     while let Some(first) = rest.first() {
@@ -94,7 +94,7 @@ fn factor_of(
     let left: f64 = pieces.iter().map(|piece| piece.uu - value * (2.0 * piece.wu - value * piece.ww)).sum();
     let count: f64 = pieces.iter().map(|piece| piece.count).sum();
     let sigma = by_pieces.max(INFLATED * (left.max(0.0) / count / ww).sqrt());
-    Some(Factor { value, sigma, pieces: (pieces.len(), piece_s) })
+    Some(ScaleFactor { value, sigma, pieces: (pieces.len(), piece_s) })
 }
 
 /// Bias of the gyroscope by what the images turn less, rad/s.
@@ -203,7 +203,7 @@ fn of_piece(
     Some(piece)
 }
 
-/// What a polynomial of second order leaves of the values.
+/// Residuals of the values from a polynomial of second order.
 fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
     let middle = 0.5 * (times_s.first()? + times_s.last()?);
     let powers = |t: f64| Vector3::new(1.0, t - middle, (t - middle) * (t - middle));
@@ -221,7 +221,7 @@ fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3
 pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Measure {
     const MOVE: &str =
         "fly, or move the vehicle by hand to and fro by half a metre, twice a second, for ten seconds";
-    let Some(Factor { value, sigma, pieces: (pieces, piece_s) }) = factor(turns, samples, config) else {
+    let Some(ScaleFactor { value, sigma, pieces: (pieces, piece_s) }) = factor(turns, samples, config) else {
         return Measure::missing(NAME, "the vehicle hardly accelerated while images showed its motion", MOVE);
     };
     let baseline = baseline_m(config);

@@ -30,13 +30,13 @@ const APART_S: f64 = 1.0;
 /// Share of frames that lack an image.
 const HALF_FRAMES: (f64, f64) = (0.005, 0.1);
 
-/// What is said of samples that several arrive at once.
+/// Finding about samples that several arrive at once.
 pub const BURSTS: &str = "come in bursts";
 
-/// What is said of stamps that scatter.
+/// Word for stamps that scatter.
 pub const JITTER_WORD: &str = "jitter";
 
-/// Which sensor is judged.
+/// Sensor that is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// The inertial one.
@@ -45,7 +45,7 @@ pub enum Sensor {
     Cameras,
 }
 
-/// When the samples of a sensor were measured, and their numbers.
+/// Stamps of a sensor's samples, and their numbers.
 #[derive(Clone, Debug, Default)]
 pub struct Arrivals {
     /// Measurement times, as they came.
@@ -77,7 +77,7 @@ const UNITS: [(&str, f64); 3] = [("microseconds", 1e3), ("milliseconds", 1e6), (
 /// A rate within this factor of one in another unit is in that unit.
 const UNIT_FACTOR: f64 = 3.0;
 
-/// What is the matter with a stream.
+/// Troubles of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Trouble {
     Rate,
@@ -119,8 +119,8 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     Measure::new(name, verdict, stream.value, cure, &stream.figures)
 }
 
-/// What cannot be right about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts or a wild
-/// jitter. Losses are told elsewhere.
+/// Finding about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts
+/// or a wild jitter. Losses are reported elsewhere.
 #[must_use]
 pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<Finding> {
     if arrivals.stamps.len() < MIN_STAMPS {
@@ -137,7 +137,7 @@ pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<F
     }
 }
 
-/// Whether the stamps of a stream run backwards or come in bursts, so that no moment is known.
+/// True if the stamps of a stream run backwards or come in bursts, so that no moment is known.
 pub(crate) fn is_mixed_up(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> bool {
     let is_judged = arrivals.stamps.len() >= MIN_STAMPS;
     let worst = is_judged.then(|| Stream::of(sensor, arrivals, nominal_hz).worst).flatten();
@@ -281,7 +281,7 @@ fn mean_interval(stamps: &[Timestamp]) -> f64 {
     ends.map_or(f64::NAN, |(first, last)| last.seconds_since(*first)) / (stamps.len().max(2) - 1) as f64
 }
 
-/// Whether frames and samples are of one time.
+/// Finding: frames and samples are stamped by different clocks.
 #[must_use]
 pub fn two_clocks(samples: &[Timestamp], frames: &[Timestamp]) -> Option<Finding> {
     let span = |stamps: &[Timestamp]| Some((*stamps.iter().min()?, *stamps.iter().max()?));

@@ -1,8 +1,8 @@
-//! What was measured, how bad it is, and what to do.
+//! Measurement, its verdict, and the cure.
 
 use std::fmt;
 
-/// How a measure came out, the mildest first.
+/// Verdict on a measurement, the mildest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fitness {
     /// The data do not hold it.
@@ -46,13 +46,13 @@ impl Fitness {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// Its name, always the same.
+    /// Name, always the same.
     pub name: &'static str,
-    /// What was measured, in words with units.
+    /// Measurement, in words with units.
     pub value: String,
-    /// How bad that is.
+    /// Verdict on it.
     pub verdict: Fitness,
-    /// What to do, in one line; empty where it is good.
+    /// Cure, in one line; empty where it is good.
     pub cure: String,
     /// Measured values as numbers; each name ends with its unit.
     pub figures: Vec<(&'static str, f64)>,
@@ -85,7 +85,7 @@ impl Measure {
     }
 }
 
-/// Everything that was looked at, in a fixed order.
+/// Measures, in a fixed order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckupReport {
     /// The measures.
@@ -93,7 +93,7 @@ pub struct CheckupReport {
 }
 
 impl CheckupReport {
-    /// Whether nothing speaks against a flight.
+    /// True if nothing speaks against a flight.
     #[must_use]
     pub fn is_fit(&self) -> bool {
         self.measures.iter().all(|measure| measure.verdict != Fitness::NotFit)
@@ -106,7 +106,7 @@ impl CheckupReport {
         self.measures.iter().filter(is_open).map(|measure| measure.name).collect()
     }
 
-    /// How many came out so.
+    /// Number of measures with this verdict.
     #[must_use]
     pub fn count(&self, verdict: Fitness) -> usize {
         self.measures.iter().filter(|measure| measure.verdict == verdict).count()

@@ -36,7 +36,7 @@ const NEAR_NYQUIST: f64 = 0.85;
 
 /// A line of the spectrum.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
+pub struct SpectralLine {
     /// Frequency as sampled, Hz.
     pub hz: f64,
     /// Root mean square over the axes together, in the sensor's unit.
@@ -116,7 +116,7 @@ impl Spectrum {
 
     /// The lines that stand out, the loudest first.
     #[must_use]
-    pub fn lines(&self) -> Vec<Line> {
+    pub fn lines(&self) -> Vec<SpectralLine> {
         let (first, band) = self.band();
         let floor = median(band);
         let mut found = Vec::new();
@@ -127,7 +127,7 @@ impl Spectrum {
                 && band[k + 1..(k + 3).min(band.len())].iter().all(|other| other <= level);
             if is_top && *level > LINE * floor {
                 let rms = (around.iter().sum::<f64>() * self.step_hz).sqrt();
-                found.push(Line { hz: self.step_hz * (first + k) as f64, rms });
+                found.push(SpectralLine { hz: self.step_hz * (first + k) as f64, rms });
             }
         }
         found.sort_by(|a, b| b.rms.total_cmp(&a.rms).then(a.hz.total_cmp(&b.hz)));
@@ -208,7 +208,7 @@ fn judge_one(
         cure += "; a line that moves against the throttle is an alias: filter in the sensor below half the rate, or \
                 sample faster";
     }
-    let loudest = lines.first().copied().unwrap_or(Line { hz: f64::NAN, rms: 0.0 });
+    let loudest = lines.first().copied().unwrap_or(SpectralLine { hz: f64::NAN, rms: 0.0 });
     let figures = [
         ("rms", spectrum.rms()),
         ("times_configured", ratio),

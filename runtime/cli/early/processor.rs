@@ -34,7 +34,7 @@ enum Register {
     Amd,
 }
 
-/// What the system has to keep when it switches threads (XCR0): nothing, 256-bit or 512-bit registers.
+/// Registers that the system has to keep when it switches threads (XCR0): none, 256-bit or 512-bit ones.
 const NONE: u64 = 0;
 const YMM: u64 = 0b110;
 const ZMM: u64 = 0b1110_0110;
@@ -86,7 +86,7 @@ static IS_NEEDED: [bool; FEATURES.len()] = {
     needed
 };
 
-/// Whether `word` stands in `list` between commas.
+/// True if `word` stands in `list` between commas.
 const fn is_in_list(word: &[u8], list: &[u8]) -> bool {
     let mut start = 0;
     while start + word.len() <= list.len() {
@@ -106,7 +106,7 @@ const fn is_in_list(word: &[u8], list: &[u8]) -> bool {
     false
 }
 
-/// What this processor, and the system on it, offer.
+/// Features of this processor, and of the system on it.
 struct Processor {
     basic: u32,
     extended: u32,

@@ -16,7 +16,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-/// What is compared: a name, and the changes of the configuration that make it.
+/// Variants compared: a name, and the changes of the configuration that make it.
 const VARIANTS: [(&str, &[&str]); 4] = [
     ("points", &["estimator.lines.enabled=false", NO_PLACES]),
     ("+ raw segments", &["estimator.lines.length_filter=false", "estimator.lines.merge=false", NO_PLACES]),
@@ -25,7 +25,7 @@ const VARIANTS: [(&str, &[&str]); 4] = [
 ];
 /// The odometry is the same without: only the last variant makes a map.
 const NO_PLACES: &str = "estimator.places.enabled=false";
-/// What the map of the last variant adds to its odometry. A pose as known at the end is one by later images too, loops or not.
+/// Contribution of the last variant's map to its odometry. A pose as known at the end uses later images too, loops or not.
 const LOOPS: [&str; 2] = ["+ loops, as flown", "as known at the end"];
 
 /// Arguments of `plumbline ablation`.
@@ -150,7 +150,7 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     Ok(args.choice.entries(&[])?.into_iter().map(simulated).collect())
 }
 
-/// Whether the errors of a flight are known.
+/// True if the errors of a flight are known.
 fn has_truth(row: &Row<'_>) -> bool {
     row.variants.iter().any(|(_, report)| report.ate_rmse_m.is_some())
 }

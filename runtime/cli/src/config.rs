@@ -122,7 +122,7 @@ pub fn warn_of_doubts(config: &Config) {
     config.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
 }
 
-/// What came out, so that a wrong unit or a wrong file meets the eye.
+/// Summary of the result, which makes a wrong unit or a wrong file visible.
 pub fn summary(config: &Config, out: &Path) -> String {
     let unset: Vec<String> = config
         .unset_keys()

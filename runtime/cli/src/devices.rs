@@ -19,7 +19,7 @@ pub struct DevicesArgs {
     pub json: bool,
 }
 
-/// What there is.
+/// Devices found.
 struct Found {
     cameras: Vec<CameraInfo>,
     /// Nodes of cameras that this user may not open.

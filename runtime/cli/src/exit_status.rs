@@ -18,7 +18,7 @@ use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::evaluate::EvaluateError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
-use plumbline_link::process::LinkError;
+use plumbline_link::process::NetworkProcessError;
 use std::error::Error;
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -72,7 +72,7 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     is_wrong_input(cause) || is_wrong_endpoint(cause)
 }
 
-/// Whether a recording, a device, images or a map cannot be what was meant.
+/// True if a recording, a device, images or a map cannot be what was meant.
 fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<DriverError>() {
         return matches!(
@@ -109,7 +109,7 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
     }
 }
 
-/// The same of what is made of flights and before them; `None` of other errors.
+/// Counterpart for the errors of the laboratory; `None` for other errors.
 #[cfg(feature = "lab")]
 fn is_wrong_input_of_lab(cause: &(dyn Error + 'static)) -> Option<bool> {
     use plumbline_lab::calibrate::camera::ImagesError;
@@ -130,7 +130,7 @@ fn is_wrong_input_of_lab(cause: &(dyn Error + 'static)) -> Option<bool> {
     })
 }
 
-/// Whether an endpoint or a key file cannot be what was meant.
+/// True if an endpoint or a key file cannot be what was meant.
 fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<NetError>() {
         return error.is_usage();
@@ -141,7 +141,7 @@ fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<LocalError>() {
         return !matches!(error, LocalError::Thread(_));
     }
-    if let Some(error) = cause.downcast_ref::<LinkError>() {
+    if let Some(error) = cause.downcast_ref::<NetworkProcessError>() {
         return error.is_usage();
     }
     match cause.downcast_ref::<KeysError>() {

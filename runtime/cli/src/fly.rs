@@ -188,7 +188,7 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
     Ok(named.to_owned())
 }
 
-/// What is to be said of the configuration before the first sample.
+/// Findings about the configuration before the first sample.
 fn findings(config: &ValidConfig) -> Vec<Finding> {
     let is_unknown = config.vehicle.rot_v_b().is_none();
     let mounting = || {
@@ -330,7 +330,7 @@ impl End {
         Ok(Self { cancel, thread })
     }
 
-    /// Whether the time was over before anything else ended the flight.
+    /// True if the time was over before anything else ended the flight.
     fn has_come(self) -> bool {
         drop(self.cancel);
         self.thread.join().unwrap_or(false)

@@ -1,5 +1,5 @@
-//! What `fly` says while it flies: a line that is drawn anew each second on a terminal; elsewhere a line of the log when tracking
-//! begins, stops or resumes, and once a minute.
+//! Status of `fly` during the flight: a line that is redrawn each second on a terminal; elsewhere a line of the log when
+//! tracking begins, stops or resumes, and once a minute.
 
 use super::progress::Glance;
 use plumbline_flight::flight::sensor_watch::SensorNotices;

@@ -19,9 +19,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Whether the command is over is looked at this often while the connection is opened.
+/// Period of the check for the command's end while the connection is opened.
 const LOOK: Duration = Duration::from_millis(100);
-/// What still goes on at the end may take this long.
+/// Timeout at the end for what still goes on.
 const END_PATIENCE: Duration = Duration::from_millis(300);
 /// Data that the process may have, bytes: 25 MB for each of 64 vehicles whose tracks and maps are full. Beyond it the process
 /// ends; its supervisor starts it again (docs/security.md).

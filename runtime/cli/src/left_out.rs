@@ -1,4 +1,4 @@
-//! What a build may leave out, by cargo features: whoever asks for it is told so, and what to do.
+//! Features that a build may leave out, by cargo features: a request for one is refused with the cure.
 
 use super::Usage;
 
@@ -18,7 +18,7 @@ const COMMANDS: &[(&str, &str, bool)] = &[
     ("config import", "yaml", cfg!(feature = "yaml")),
 ];
 
-/// What to say of arguments (without the name of the program) that ask for a command which this build leaves out.
+/// Refusal of arguments (without the name of the program) that ask for a command which this build leaves out.
 #[must_use]
 pub fn command(arguments: impl Iterator<Item = String>) -> Option<Usage> {
     let words: Vec<String> = arguments.skip_while(|word| word.starts_with('-')).take(2).collect();
@@ -28,7 +28,7 @@ pub fn command(arguments: impl Iterator<Item = String>) -> Option<Usage> {
     Some(refusal(name, feature))
 }
 
-/// That `what` needs a feature which this build has not.
+/// Refusal of `what`, which needs a feature that this build lacks.
 #[must_use]
 pub fn refusal(what: &str, feature: &str) -> Usage {
     Usage(format!(

@@ -187,7 +187,7 @@ enum Command {
 }
 
 impl Command {
-    /// Whether messages reach this process over Zenoh as long as it runs.
+    /// True if messages reach this process over Zenoh as long as it runs.
     fn has_network(&self) -> bool {
         #[cfg(feature = "ground")]
         if matches!(self, Self::Demo(_) | Self::Ground(_)) {

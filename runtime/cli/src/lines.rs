@@ -58,7 +58,7 @@ impl Layer {
     /// All of them, in the order of the extraction.
     pub const ALL: [Self; 3] = [Self::Raw, Self::Kept, Self::Merged];
 
-    /// What the tables, the captions and the arguments call it.
+    /// Name in tables, captions and arguments.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

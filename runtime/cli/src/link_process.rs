@@ -37,7 +37,7 @@ const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 /// At the end of the flight the process has so long to send what waits.
 const LAST_WORDS: Duration = Duration::from_secs(3);
-/// Whether it has ended is looked at this often.
+/// Period of the check for its end.
 const GLANCE: Duration = Duration::from_millis(10);
 
 /// Why a flight has no network.
@@ -132,7 +132,7 @@ impl Subscriber for LinkProcess {
     }
 }
 
-/// How the life of one process ended.
+/// End of a process.
 enum Life {
     /// The flight is over.
     Over,
@@ -255,7 +255,7 @@ impl Keeper {
     }
 }
 
-/// Whether an argument asks for more words: `-v`, `-vv` or `--verbose`.
+/// True if an argument raises the verbosity: `-v`, `-vv` or `--verbose`.
 fn is_verbosity(argument: &std::ffi::OsStr) -> bool {
     let is_short = |text: &str| {
         text.strip_prefix('-').is_some_and(|v| !v.is_empty() && v.bytes().all(|letter| letter == b'v'))

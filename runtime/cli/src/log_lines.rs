@@ -120,18 +120,18 @@ fn write(line: &[u8]) {
 }
 
 impl<'a> MakeWriter<'a> for LogLines {
-    type Writer = Line;
+    type Writer = LogLine;
 
-    fn make_writer(&'a self) -> Line {
-        Line(Vec::new())
+    fn make_writer(&'a self) -> LogLine {
+        LogLine(Vec::new())
     }
 }
 
 /// A line in the making, handed over when it goes.
 #[derive(Debug)]
-pub struct Line(Vec<u8>);
+pub struct LogLine(Vec<u8>);
 
-impl Write for Line {
+impl Write for LogLine {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.extend_from_slice(bytes);
         Ok(bytes.len())
@@ -142,7 +142,7 @@ impl Write for Line {
     }
 }
 
-impl Drop for Line {
+impl Drop for LogLine {
     fn drop(&mut self) {
         let (waiting, line) = (waiting(), std::mem::take(&mut self.0));
         if line.is_empty() {

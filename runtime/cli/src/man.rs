@@ -59,7 +59,7 @@ fn page(command: &Command) -> std::io::Result<Vec<u8>> {
     Ok(page)
 }
 
-/// What stands below the help. Lines that are indented are commands, and stay as they are; others are filled.
+/// Notes below the help. Lines that are indented are commands, and stay as they are; others are filled.
 fn notes(after_help: &str) -> Roff {
     const EXAMPLES: &str = "Examples:";
     let mut roff = Roff::new();

@@ -9,7 +9,7 @@ use plumbline_lab::sweep::{Axis, CellResult};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// What a campaign is compared with.
+/// Reference of a campaign.
 pub enum Against {
     /// Flights with these changes `key=value` on top.
     Changes(Vec<String>),
@@ -61,7 +61,7 @@ fn read(path: &Path) -> Result<Variant> {
     Ok(variant)
 }
 
-/// What a variant with these changes is called.
+/// Name of a variant with these changes.
 #[must_use]
 pub fn name(changes: &[String]) -> String {
     if changes.is_empty() { "as configured".into() } else { changes.join(" ") }

@@ -98,7 +98,7 @@ fn alignment(asked: Option<Align>, subject: &Subject) -> Alignment {
     }
 }
 
-/// What is to be shown, and its truth where that comes with it.
+/// Subject of the plot, with its truth where that comes with it.
 fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::StampedPose>)> {
     let path = Path::new(&args.estimate);
     let name = args.title.as_deref().unwrap_or(&args.estimate);

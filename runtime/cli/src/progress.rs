@@ -1,5 +1,5 @@
-//! What people see of a run while it goes on: drawn by a thread of its own from what a listener leaves in a ring. The
-//! threads of the run neither format nor print, and a terminal that stalls holds up nobody.
+//! Progress of a run for people: drawn by a thread of its own from what a listener leaves in a ring. The threads of the run
+//! neither format nor print, and a terminal that stalls blocks none of them.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Isometry3, Vector3};
@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// Estimates that wait to be drawn; what finds no room is not drawn.
 const RING: usize = 256;
 
-/// What is shown of an estimate.
+/// Part of an estimate that is shown.
 // The demo shows all of it.
 #[cfg_attr(not(feature = "ground"), allow(dead_code))]
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +27,7 @@ pub struct Glance {
     pub frames: u64,
     /// Measurement time.
     pub stamp: Timestamp,
-    /// Whether there is a pose.
+    /// True if there is a pose.
     pub has_pose: bool,
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,

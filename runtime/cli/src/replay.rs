@@ -372,7 +372,7 @@ fn start_network(
     Ok(Some(board))
 }
 
-/// Whether an autopilot is named that can be told: it flies in real time, or not at all.
+/// True if an autopilot is configured that can receive odometry: it flies in real time, or not at all.
 fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usage> {
     if config.autopilot.connect.is_empty() {
         return Ok(false);

@@ -145,7 +145,7 @@ impl FaultArgs {
         })
     }
 
-    /// Whether nothing goes wrong.
+    /// True if there are no faults.
     fn are_none(&self) -> bool {
         self.blackout.is_none()
             && self.lost_camera.is_none()

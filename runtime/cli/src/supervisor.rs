@@ -39,7 +39,7 @@ const GLANCE: Duration = Duration::from_secs(1);
 /// Ends the alternate screen of a terminal and shows its cursor, as a view does that ends by itself.
 const LEAVE_VIEW: &[u8] = b"\x1b[?1049l\x1b[?25h";
 
-/// Whether this process is a worker.
+/// True if this process is a worker.
 #[must_use]
 pub fn is_worker() -> bool {
     std::env::var_os(VARIABLE).is_some()

@@ -204,7 +204,7 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     Ok(plan)
 }
 
-/// What the argument `name` says to fly.
+/// Subject of a flight that the argument `name` names.
 pub(super) fn subject(name: &str, shared: Option<&Path>) -> Result<Subject> {
     let Some(simulated) = name.strip_prefix("sim:") else {
         let path = PathBuf::from(name);
@@ -309,7 +309,7 @@ pub(super) fn progress_bar(things: &str, of: usize, done: usize) -> ProgressBar 
     bar.with_style(ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// What became of a cell, in a few words.
+/// Outcome of a cell, in a few words.
 fn outcome(result: &CellResult) -> String {
     match (&result.figures, &result.error) {
         (_, Some(error)) => error.clone(),

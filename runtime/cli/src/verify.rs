@@ -92,7 +92,7 @@ pub(super) fn under_a_bar<T>(execute: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> 
     outcome
 }
 
-/// What is to be said against a log, if anything.
+/// Objection to a log, if any.
 pub(super) fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> {
     if let Some(difference) = &verified.difference {
         return Some(format!("not bit-identical: {difference}"));

@@ -1,4 +1,4 @@
-//! What may fail between a program and a flight.
+//! Failures between a program and a flight.
 
 use std::io;
 use std::path::PathBuf;

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
-/// What a sensor tells of itself: rate and ranges of `[imu]` in the configuration of the flight.
+/// Description that a sensor gives of itself: rate and ranges of `[imu]` in the configuration of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorAbout {
     /// Samples a second.

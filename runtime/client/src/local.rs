@@ -46,7 +46,7 @@ impl Local {
         Ok(local)
     }
 
-    /// Whether the flight takes commands of this program's user.
+    /// True if the flight takes commands of this program's user.
     #[must_use]
     pub fn may_command(&self) -> bool {
         self.may_command

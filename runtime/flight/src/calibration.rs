@@ -18,7 +18,8 @@ pub(crate) fn refused(
     })
 }
 
-/// Of a build without `yaml`: the pose of a sensor is not read, and its truth is refused rather than taken for that of the body.
+/// Stand-in of a build without `yaml`: the pose of a sensor is not read, and its truth is refused rather than taken for that of
+/// the body.
 #[cfg(not(feature = "yaml"))]
 pub(crate) fn euroc_pose(
     sensor: &std::path::Path,

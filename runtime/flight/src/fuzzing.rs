@@ -1,4 +1,4 @@
-//! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
+//! Entry points of the fuzzers (`fuzz/`): each function takes any bytes, and a panic is a finding.
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
@@ -86,7 +86,7 @@ fn log_message(channel: Channel, payload: &[u8]) {
     }
 }
 
-/// What is read of a message is written, read and written once more: both writings are the same.
+/// Asserts that a decoded message is the same after encoding and decoding it once more.
 fn again(decode: Decode, payload: &[u8]) {
     let written = |record: &dyn Parts| {
         let mut bytes = Vec::new();

@@ -11,8 +11,7 @@ const MAX_NOTICE_BYTES: usize = 400;
 /// State of live sensors.
 pub use plumbline_record::messages::SensorNews;
 
-/// Whether a reader has to be told of a state after another one: notices differ, or stamps went wrong. Frames that are sound are
-/// no news.
+/// True if a reader needs a state after another one: notices differ, or stamps went wrong. Sound frames are no news.
 fn is_news(news: &SensorNews, before: &SensorNews) -> bool {
     news.notices != before.notices
         || news.frames.bad() != before.frames.bad()
@@ -33,12 +32,12 @@ fn bounded(mut news: SensorNews) -> SensorNews {
 #[derive(Debug, Default)]
 pub(crate) struct SensorState(Mutex<Posted>);
 
-/// What was posted last.
+/// State posted last.
 #[derive(Debug, Default)]
 struct Posted {
     changes: u64,
     sensors: SensorNews,
-    /// What the flight's data show to be wrong, one line each.
+    /// Findings in the flight's data, one line each.
     findings: Vec<String>,
 }
 
@@ -68,7 +67,7 @@ impl SensorState {
     }
 }
 
-/// Where the state of live sensors and the findings of a flight are posted for the readers of the local socket.
+/// Board on which the state of live sensors and the findings of a flight are posted for the readers of the local socket.
 #[derive(Clone)]
 pub struct SensorBoard {
     state: Arc<SensorState>,

@@ -18,9 +18,9 @@ const MIN_TURNED_SHARE: f64 = 0.25;
 /// A message that took another route can have been published this much before the newest, ns.
 const LATEST_NS: i64 = 10_000_000_000;
 
-/// Where a message belongs in the sequence of its key.
+/// Place of a message in the sequence of its key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum SequencePlace {
     /// It is the newest.
     Next,
     /// A newer one has arrived already, by another route: its content is old.
@@ -42,7 +42,8 @@ pub struct Channel {
     pub bytes_per_s: f64,
     /// Share of the messages that arrived, over the last second with any.
     pub arrived: Option<f64>,
-    /// Whether two senders share the key, by the last second with any: their numbers go back and forth.
+    /// True if two senders share the key, by the last second with any messages: their numbers go back and
+    /// forth.
     pub is_shared: bool,
     /// Longest silence between two messages, s.
     pub longest_gap_s: f64,
@@ -76,12 +77,12 @@ struct Window {
 
 impl Channel {
     /// Counts a message of `bytes` that arrived at `now`.
-    pub fn receive(&mut self, sequence: u64, published_ns: i64, bytes: usize, now: Instant) -> Place {
+    pub fn receive(&mut self, sequence: u64, published_ns: i64, bytes: usize, now: Instant) -> SequencePlace {
         self.received += 1;
         self.bytes += bytes as u64;
         let place = self.place(sequence, published_ns);
         self.turns += u64::from(sequence < std::mem::replace(&mut self.last_sequence, sequence));
-        if place == Place::Late {
+        if place == SequencePlace::Late {
             self.lost = self.lost.saturating_sub(1);
         } else {
             let was_away = std::mem::take(&mut self.was_away);
@@ -111,15 +112,15 @@ impl Channel {
         place
     }
 
-    fn place(&self, sequence: u64, published_ns: i64) -> Place {
-        let Some(newest) = self.newest else { return Place::Next };
+    fn place(&self, sequence: u64, published_ns: i64) -> SequencePlace {
+        let Some(newest) = self.newest else { return SequencePlace::Next };
         if sequence > newest.sequence {
-            return Place::Next;
+            return SequencePlace::Next;
         }
         // A restarted sender publishes later, unless its clock was set back.
         let overtaken_by_ns = newest.published_ns.saturating_sub(published_ns);
         let is_late = !self.was_away && (0..LATEST_NS).contains(&overtaken_by_ns);
-        if is_late { Place::Late } else { Place::Restarted }
+        if is_late { SequencePlace::Late } else { SequencePlace::Restarted }
     }
 
     /// The sender was off the network: what it published meanwhile does not count as lost.
@@ -133,7 +134,7 @@ impl Channel {
         self.last.map(|last| now.saturating_duration_since(last))
     }
 
-    /// Whether the last message is older than [`STALE_AFTER`].
+    /// True if the last message is older than [`STALE_AFTER`].
     #[must_use]
     pub fn is_stale(&self, now: Instant) -> bool {
         self.age(now).is_none_or(|age| age > STALE_AFTER)
@@ -183,8 +184,8 @@ mod tests {
         }
         assert_eq!((channel.received, channel.lost), (4, 2));
         channel.reappear();
-        assert_eq!(channel.receive(1_000, 5, 10, start), Place::Next);
-        assert_eq!(channel.receive(0, 6, 10, start), Place::Restarted);
+        assert_eq!(channel.receive(1_000, 5, 10, start), SequencePlace::Next);
+        assert_eq!(channel.receive(0, 6, 10, start), SequencePlace::Restarted);
         assert_eq!(channel.lost, 2);
     }
 
@@ -192,11 +193,14 @@ mod tests {
     fn who_was_overtaken_on_another_way_is_late_and_not_lost() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         let mut receive = |sequence: u64, published_ns| channel.receive(sequence, published_ns, 10, start);
-        assert_eq!([receive(7, 70), receive(9, 90), receive(8, 80)], [Place::Next, Place::Next, Place::Late]);
-        assert_eq!(receive(10, 100), Place::Next);
+        assert_eq!(
+            [receive(7, 70), receive(9, 90), receive(8, 80)],
+            [SequencePlace::Next, SequencePlace::Next, SequencePlace::Late]
+        );
+        assert_eq!(receive(10, 100), SequencePlace::Next);
         assert_eq!(channel.lost, 0);
         channel.reappear();
-        assert_eq!(channel.receive(0, 50, 10, start), Place::Restarted, "its clock was set back");
+        assert_eq!(channel.receive(0, 50, 10, start), SequencePlace::Restarted, "its clock was set back");
     }
 
     #[test]
@@ -206,7 +210,7 @@ mod tests {
         channel.receive(0, 0, 10, at(0));
         channel.receive(2, 20, 10, at(2));
         assert_eq!(channel.lost, 1);
-        assert_eq!(channel.receive(1, 10, 10, at(4)), Place::Late);
+        assert_eq!(channel.receive(1, 10, 10, at(4)), SequencePlace::Late);
         assert_eq!((channel.lost, channel.arrived), (0, Some(1.0)));
     }
 

@@ -71,7 +71,7 @@ impl ClockEstimate {
         self.exchanges.len()
     }
 
-    /// Whether there was none.
+    /// True if there was no exchange.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.exchanges.is_empty()

@@ -26,7 +26,7 @@ const MAX_WORDS: usize = 400;
 const SILENCE: &str = "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
                        certificate or name)";
 
-/// How much a reset discards.
+/// Extent of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResetWords {
@@ -45,7 +45,7 @@ impl fmt::Display for ResetWords {
     }
 }
 
-/// Whether a vehicle is on the network; waits up to the timeout for it.
+/// True if a vehicle is on the network; waits up to the timeout for it.
 pub async fn find(session: &Session, vehicle: &str) -> bool {
     let key = format!("{ROOT}/{vehicle}/alive");
     let end = Instant::now() + PATIENCE;
@@ -106,7 +106,7 @@ async fn command<T: Record>(
     Err(refusal.unwrap_or_else(|| SILENCE.into()))
 }
 
-/// What a reply says; `None` when it is not the vehicle's, or none at all.
+/// Content of a reply; `None` when it is not the vehicle's, or holds none.
 fn read_reply<T: Record>(reply: &Reply, key: &str) -> Option<Result<T, String>> {
     match reply.result() {
         Ok(sample) if sample.key_expr().as_str() != key => None,

@@ -75,13 +75,13 @@ impl Connection {
     }
 }
 
-/// Whether there is another process at the end of any link.
+/// True if there is another process at the end of any link.
 async fn has_link(session: &Session) -> bool {
     let info = session.info();
     info.routers_zid().await.next().is_some() || info.peers_zid().await.next().is_some()
 }
 
-/// What a station does to reach its vehicles, for people.
+/// Description of how a station tries to reach its vehicles, in plain words.
 fn attempt(endpoints: &Endpoints, is_linked: bool, failure: Option<&str>) -> String {
     let (connect, listen) = (endpoints.connect.join(", "), endpoints.listen.join(", "));
     let vehicle = match endpoints.vehicle.as_str() {

@@ -1,4 +1,4 @@
-//! What a vehicle says of its map: where its odometry lies in it, and the corrected path with its loops.
+//! Map of a vehicle: the place of its odometry in it, and the corrected path with its loops.
 
 use nalgebra::{Isometry3, Vector3};
 use plumbline_estimator::places::mapper::path::PathPose;

@@ -1,4 +1,4 @@
-//! What a vehicle has to show in Foxglove: topics, their schemas, and what is new of each.
+//! Foxglove's view of a vehicle: topics, their schemas, and the news of each.
 
 use super::map::{MapKeyframe, Scene};
 use super::track::PoseSample;
@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_flight::log::drawn::{frame_transform, log_time, pose_in, timestamp};
 use plumbline_flight::log::foxglove;
-use plumbline_flight::log::scene::{self, Content, Landmarks};
+use plumbline_flight::log::scene::{self, Landmarks, SceneContent};
 use prost::Message;
 
 /// Poses of a path, at most.
@@ -17,9 +17,9 @@ const MAX_KEYFRAMES: usize = 100;
 /// The path is sent again when it is this much longer, ns.
 const PATH_NS: i64 = 1_000_000_000;
 
-/// What is shown of each vehicle.
+/// Topics of each vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Topic {
+pub enum DrawnTopic {
     /// Pose of the body.
     Pose,
     /// Transform from the odometry frame to the body.
@@ -32,7 +32,7 @@ pub enum Topic {
     Image,
 }
 
-impl Topic {
+impl DrawnTopic {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Pose, Self::Transform, Self::Path, Self::Scene, Self::Image];
 
@@ -77,7 +77,7 @@ pub fn body_frame(vehicle: &str) -> String {
 /// An encoded message and its time, ns.
 pub type Drawn = (u64, Vec<u8>);
 
-/// What a client has been sent of a topic of a vehicle.
+/// Position of a client in a topic of a vehicle: up to where it was sent.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sent {
     stamp_ns: Option<i64>,
@@ -86,8 +86,8 @@ pub struct Sent {
     version: u64,
 }
 
-impl Topic {
-    /// What is new of `vehicle` since `sent`, which is brought up to date.
+impl DrawnTopic {
+    /// News of `vehicle` since `sent`, which is brought up to date.
     pub fn news(self, name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
         match self {
             Self::Pose | Self::Transform => self.pose(name, vehicle, sent).into_iter().collect(),
@@ -141,7 +141,7 @@ fn path_news(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
 /// The scene of a keyframe.
 #[must_use]
 pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> foxglove::SceneEntity {
-    let content = Content::of_coordinates(&keyframe.points_o, &keyframe.lines_o, &[keyframe.pose_o_b]);
+    let content = SceneContent::of_coordinates(&keyframe.points_o, &keyframe.lines_o, &[keyframe.pose_o_b]);
     let (stamp, id) = (Timestamp::from_nanos(keyframe.stamp_ns), format!("keyframe {sequence}"));
     scene::entity(stamp, &odometry_frame(name), &id, &content, Landmarks::Kept)
 }
@@ -149,7 +149,7 @@ pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> foxglove::
 /// The window of a vehicle as it is now.
 #[must_use]
 pub fn window(name: &str, stamp: Timestamp, window: &Scene) -> foxglove::SceneEntity {
-    let content = Content::of_coordinates(&window.points_o, &window.lines_o, &window.keyframes);
+    let content = SceneContent::of_coordinates(&window.points_o, &window.lines_o, &window.keyframes);
     scene::entity(stamp, &odometry_frame(name), "window", &content, Landmarks::InWindow)
 }
 
@@ -205,15 +205,15 @@ mod tests {
         vehicle.map.insert(&heard(0, window(7, 0, 1)));
         vehicle.map.set_scene(&window(9, 0, 1));
         let mut sent = Sent::default();
-        let first = decoded(&Topic::Scene.news("drone", vehicle, &mut sent));
+        let first = decoded(&DrawnTopic::Scene.news("drone", vehicle, &mut sent));
         assert_eq!((first[0].deletions.len(), first.len()), (1, 2));
         let ids: Vec<_> = first[1].entities.iter().map(|entity| entity.id.as_str()).collect();
         assert_eq!(ids, ["keyframe 0", "window"]);
         assert_eq!(first[1].entities[0].frame_id, "drone/odom");
         assert_eq!(first[1].entities[0].timestamp.unwrap().nanos, 7);
-        assert!(Topic::Scene.news("drone", vehicle, &mut sent).is_empty());
+        assert!(DrawnTopic::Scene.news("drone", vehicle, &mut sent).is_empty());
         vehicle.map.clear();
-        let cleared = decoded(&Topic::Scene.news("drone", vehicle, &mut sent));
+        let cleared = decoded(&DrawnTopic::Scene.news("drone", vehicle, &mut sent));
         assert_eq!(cleared[0].deletions.len(), 1);
     }
 
@@ -224,7 +224,7 @@ mod tests {
         let vehicle = fleet.vehicles.get_mut("drone").unwrap();
         let mut sent = [Sent::default(); 2];
         let mut count = |vehicle: &Vehicle| {
-            let topics = [Topic::Pose, Topic::Transform].into_iter().zip(&mut sent);
+            let topics = [DrawnTopic::Pose, DrawnTopic::Transform].into_iter().zip(&mut sent);
             topics.map(|(topic, sent)| topic.news("drone", vehicle, sent).len()).sum::<usize>()
         };
         assert_eq!(count(vehicle), 0);

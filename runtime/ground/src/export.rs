@@ -1,6 +1,6 @@
 //! Poses as files: TUM, CSV, MCAP. The last holds the map too, as Foxglove draws it.
 
-use super::drawn::{self, Topic};
+use super::drawn::{self, DrawnTopic};
 use super::map::{MAX_KEYFRAMES, Map};
 use super::track::PoseSample;
 use mcap::McapError;
@@ -18,7 +18,7 @@ use std::io::Cursor;
 
 /// A format of files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum ExportFormat {
     /// `t[s] x y z qx qy qz qw`.
     Tum,
     /// With velocity, quality and resets.
@@ -27,7 +27,7 @@ pub enum Format {
     Mcap,
 }
 
-impl Format {
+impl ExportFormat {
     /// By the ending of a file.
     #[must_use]
     pub fn of(ending: &str) -> Option<Self> {
@@ -44,7 +44,7 @@ impl Format {
         }
     }
 
-    /// Its media type.
+    /// Media type.
     #[must_use]
     pub fn mime(self) -> &'static str {
         match self {
@@ -63,12 +63,12 @@ pub fn export(
     vehicle: &str,
     samples: &[PoseSample],
     map: &Map,
-    format: Format,
+    format: ExportFormat,
 ) -> Result<Vec<u8>, McapError> {
     match format {
-        Format::Tum => Ok(tum(samples).into_bytes()),
-        Format::Csv => Ok(csv(samples).into_bytes()),
-        Format::Mcap => mcap(vehicle, samples, map),
+        ExportFormat::Tum => Ok(tum(samples).into_bytes()),
+        ExportFormat::Csv => Ok(csv(samples).into_bytes()),
+        ExportFormat::Mcap => mcap(vehicle, samples, map),
     }
 }
 
@@ -121,9 +121,9 @@ fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, Mca
         topics::Topic::Odometry.row().message,
         &schema::descriptors(),
     )?;
-    let named = |topic: Topic| (topic.of(vehicle), topic.schema());
+    let named = |topic: DrawnTopic| (topic.of(vehicle), topic.schema());
     let [pose, transform, path, scene] =
-        [Topic::Pose, Topic::Transform, Topic::Path, Topic::Scene].map(named);
+        [DrawnTopic::Pose, DrawnTopic::Transform, DrawnTopic::Path, DrawnTopic::Scene].map(named);
     let pose = log.channel(&pose.0, pose.1, FOXGLOVE)?;
     let transform = log.channel(&transform.0, transform.1, FOXGLOVE)?;
     let path = log.channel(&path.0, path.1, FOXGLOVE)?;
@@ -142,11 +142,11 @@ fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, Mca
     for (sequence, sample) in (0..).zip(samples) {
         let stamp = Timestamp::from_nanos(sample.stamp_ns);
         log.put(odometry, sample.stamp_ns, &encode(&odom(sequence, sample)))?;
-        log.put(pose, sample.stamp_ns, &Topic::Pose.pose_message(vehicle, stamp, &sample.pose_o_b))?;
+        log.put(pose, sample.stamp_ns, &DrawnTopic::Pose.pose_message(vehicle, stamp, &sample.pose_o_b))?;
         log.put(
             transform,
             sample.stamp_ns,
-            &Topic::Transform.pose_message(vehicle, stamp, &sample.pose_o_b),
+            &DrawnTopic::Transform.pose_message(vehicle, stamp, &sample.pose_o_b),
         )?;
     }
     log.writer.finish()?;
@@ -214,10 +214,12 @@ mod tests {
     #[test]
     fn text_keeps_every_nanosecond() {
         let text =
-            String::from_utf8(export("drone", &samples(), &Map::default(), Format::Tum).unwrap()).unwrap();
+            String::from_utf8(export("drone", &samples(), &Map::default(), ExportFormat::Tum).unwrap())
+                .unwrap();
         assert!(text.starts_with("1403715273.262142976 0.000000000 0.500000000 -1.000000000 0.0"));
         let text =
-            String::from_utf8(export("drone", &samples(), &Map::default(), Format::Csv).unwrap()).unwrap();
+            String::from_utf8(export("drone", &samples(), &Map::default(), ExportFormat::Csv).unwrap())
+                .unwrap();
         assert_eq!(text.lines().count(), 4);
         assert!(text.lines().nth(2).unwrap().starts_with("1403715273267142976,1,0.5,-1,"));
     }
@@ -226,7 +228,7 @@ mod tests {
     fn a_log_is_read_back() {
         let mut map = Map::default();
         map.insert(&heard(0, window(samples()[1].stamp_ns, 0, 1)));
-        let bytes = export("drone", &samples(), &map, Format::Mcap).unwrap();
+        let bytes = export("drone", &samples(), &map, ExportFormat::Mcap).unwrap();
         let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
         let of = |topic: &str| {
             messages.iter().filter(|message| message.channel.topic == topic).collect::<Vec<_>>()

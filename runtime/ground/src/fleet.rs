@@ -1,4 +1,4 @@
-//! Everything received from all vehicles, in bounded memory.
+//! Data received from all vehicles, in bounded memory.
 
 use super::vehicle::Vehicle;
 use plumbline_estimator::Odometry;
@@ -17,7 +17,7 @@ pub const MAX_NAME: usize = 64;
 /// Events that are kept.
 const MAX_EVENTS: usize = 200;
 
-/// How much an event matters.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
@@ -51,9 +51,10 @@ pub struct Fleet {
     pub malformed: u64,
     /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
     pub refused: u64,
-    /// What the station does to reach its vehicles, for people; empty while nothing is known of it.
+    /// Description of how the station tries to reach its vehicles, in plain words; empty while nothing is
+    /// known of it.
     pub network: String,
-    /// When the station started.
+    /// Start of the station.
     pub start: Instant,
     arrivals: u64,
     events: VecDeque<FleetEvent>,
@@ -199,7 +200,7 @@ impl Fleet {
     }
 }
 
-/// Whether a vehicle can have this name: it is one part of a key, and is shown in terminals.
+/// True if a vehicle can have this name: it is one part of a key, and is shown in terminals.
 #[must_use]
 pub fn is_name(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
@@ -271,7 +272,7 @@ mod tests {
         map.set_scene(&window(0, reset_counter, 1));
     }
 
-    /// What is left of path, map and window after a reset at `x`, 5 ms after a pose at `before`.
+    /// Lengths of path, map and window after a reset at `x`, 5 ms after a pose at `before`.
     fn left_after_reset(before: f64, after: &Isometry3<f64>) -> [usize; 3] {
         let (mut fleet, now) = (Fleet::default(), Instant::now());
         for k in 0..100 {

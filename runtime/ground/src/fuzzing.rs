@@ -1,7 +1,7 @@
-//! What the fuzzers send to a ground station: messages of vehicles, and words of pages.
+//! Input of a ground station from the fuzzers: messages of vehicles, and requests of pages.
 
 use super::clock::Exchange;
-use super::export::{Format, export};
+use super::export::{ExportFormat, export};
 use super::fleet::Fleet;
 use super::fleet::lock;
 use super::foxglove;
@@ -22,7 +22,7 @@ pub fn network_messages(data: &[u8]) {
     show(&lock(&heard(data)));
 }
 
-/// What a station knows after these messages.
+/// State of a station after these messages.
 fn heard(data: &[u8]) -> Mutex<Fleet> {
     let fleet = Mutex::new(Fleet::default());
     let mut rest = data;
@@ -72,13 +72,13 @@ fn show(fleet: &Fleet) {
     }
     for (name, vehicle) in &fleet.vehicles {
         let _ = vehicle.map.missing(100);
-        for format in [Format::Tum, Format::Csv, Format::Mcap] {
+        for format in [ExportFormat::Tum, ExportFormat::Csv, ExportFormat::Mcap] {
             assert!(export(name, &vehicle.poses.to_vec(), &vehicle.map, format).is_ok());
         }
     }
 }
 
-/// What a page says: on its web socket, as the body of a request, and as the host it was opened by.
+/// Input from a page: on its web socket, as the body of a request, and as the host it was opened by.
 ///
 /// # Panics
 /// When the name of another host passes for this one.
@@ -86,9 +86,9 @@ pub fn web_socket(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let _ = socket::watched(text);
     let _ = foxglove::protocol::request(text);
-    let _ = serde_json::from_str::<api::Reset>(text);
-    let _ = serde_json::from_str::<api::Record>(text);
-    let _ = text.split_once('.').and_then(|(_, ending)| Format::of(ending));
+    let _ = serde_json::from_str::<api::ResetRequest>(text);
+    let _ = serde_json::from_str::<api::RecordRequest>(text);
+    let _ = text.split_once('.').and_then(|(_, ending)| ExportFormat::of(ending));
     if guard::is_loopback(text) {
         assert!(text.contains("localhost") || text.contains("127.") || text.contains("::"), "{text:?}");
     }

@@ -14,7 +14,7 @@ const MAX_NUMBERS: usize = 400_000;
 /// A keyframe with the landmarks that it hosts.
 #[derive(Clone, Debug)]
 pub struct MapKeyframe {
-    /// When it was taken, ns.
+    /// Time of the keyframe, ns.
     pub stamp_ns: i64,
     /// Resets before it.
     pub reset_counter: u32,
@@ -151,7 +151,7 @@ impl Map {
         self.keyframes.len()
     }
 
-    /// Whether there is none.
+    /// True if the map has no keyframes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.keyframes.is_empty()

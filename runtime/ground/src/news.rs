@@ -1,4 +1,4 @@
-//! When a change of a vehicle's state becomes an event: at once when it gets worse, after a second when it recovers.
+//! Timing of events about a vehicle's state: at once when it gets worse, after a second when it recovers.
 
 use std::time::{Duration, Instant};
 
@@ -25,7 +25,7 @@ impl Default for StateNews {
 }
 
 impl StateNews {
-    /// Whether `state`, valid at `now`, becomes an event; it then counts as reported.
+    /// True if `state`, valid at `now`, becomes an event; it then counts as reported.
     pub fn is_due(&mut self, state: &'static str, now: Instant) -> bool {
         if state == self.reported {
             self.well_since = None;

@@ -18,9 +18,9 @@ use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::ConsolidationMode;
 
-/// How often is looked what is missing.
+/// Period of the search for missing data.
 const PERIOD: Duration = Duration::from_millis(500);
-/// How long an answer may take.
+/// Timeout of an answer.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The clock is asked for this often once it is known.
 const CLOCK_PERIOD: Duration = Duration::from_secs(5);

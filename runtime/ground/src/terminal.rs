@@ -2,7 +2,7 @@
 
 use std::io::{self, ErrorKind};
 
-/// Whether an error of the output says that nobody reads it any more.
+/// True if an error of the output means that its reader is gone.
 #[must_use]
 pub fn is_gone(error: &io::Error) -> bool {
     let gone = [rustix::io::Errno::IO, rustix::io::Errno::NXIO, rustix::io::Errno::BADF];

@@ -118,7 +118,7 @@ impl Track {
         self.points.len()
     }
 
-    /// Whether there is none yet.
+    /// True if there are no points yet.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
@@ -167,13 +167,13 @@ impl Samples {
         self.samples.iter().copied().collect()
     }
 
-    /// How many there are.
+    /// Number of samples.
     #[must_use]
     pub fn len(&self) -> usize {
         self.samples.len()
     }
 
-    /// Whether there is none.
+    /// True if there are no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()

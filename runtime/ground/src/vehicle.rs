@@ -1,7 +1,7 @@
 //! The state of one vehicle at the ground station.
 
 use super::attitude::Attitude;
-use super::channel::{Channel, Delays, Place};
+use super::channel::{Channel, Delays, SequencePlace};
 use super::clock::ClockEstimate;
 use super::corrected::Corrected;
 use super::map::Map;
@@ -76,9 +76,9 @@ pub const fn state_words(state: TrackingState) -> &'static str {
 /// One vehicle.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
-    /// Whether its liveliness token is there.
+    /// True while its liveliness token is there.
     pub is_alive: bool,
-    /// Which vehicle it was that the station heard of, counted from its start.
+    /// Number of the vehicle in the order in which the station received them.
     pub arrival: u64,
     /// Counts appearances on the network: after each, its past is queried.
     pub appeared: u64,
@@ -94,10 +94,10 @@ pub struct Vehicle {
     pub stamp_ns: i64,
     /// Newest pose of the body in the odometry frame; `None` while there is no valid estimate, whose pose says nothing.
     pub pose_o_b: Option<Isometry3<f64>>,
-    /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
-    /// the vehicle has sent it.
+    /// Mounting of the IMU: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown
+    /// until the vehicle has sent it.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// Where the odometry lies in the map, and the corrected path.
+    /// Place of the odometry in the map, and the corrected path.
     pub corrected: Corrected,
     /// Newest velocity in O, m/s.
     pub v_o_b: Vector3<f64>,
@@ -111,7 +111,7 @@ pub struct Vehicle {
     pub quality: i32,
     /// Name of the tracking state.
     pub state_words: &'static str,
-    /// Which of its changes were reported.
+    /// Changes of the state that were reported.
     pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
@@ -119,7 +119,7 @@ pub struct Vehicle {
     pub bits: u32,
     /// Names of the bits that are set.
     pub health_words: Vec<String>,
-    /// What is wrong beyond the bits, and what to do.
+    /// Faults beyond the health bits, with cures.
     pub notices: Vec<String>,
     /// Frames stamped by their arrival, frames dropped and samples dropped for their stamps.
     pub bad_stamps: [u64; 3],
@@ -131,13 +131,13 @@ pub struct Vehicle {
     pub frame_rate_hz: f64,
     /// Messages that the vehicle dropped before the network.
     pub dropped: u64,
-    /// Whether the vehicle sends camera images to subscribers.
+    /// True if the vehicle sends camera images to subscribers.
     pub offers_camera: bool,
     /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
     pub latency_ms: Option<f64>,
     /// Offset of its clock against this host's.
     pub clock: ClockEstimate,
-    /// Its path.
+    /// Path.
     pub track: Track,
     /// It was reset, or restarted, since the newest valid pose.
     is_after_reset: bool,
@@ -145,9 +145,9 @@ pub struct Vehicle {
     last_motion: Option<Motion>,
     /// The count of resets at the start of the odometry frame is known.
     has_frame: bool,
-    /// Its poses.
+    /// Poses.
     pub poses: Samples,
-    /// Its map.
+    /// Map.
     pub map: Map,
     /// Newest message of each topic that has no place of its own.
     pub others: BTreeMap<Topic, Value>,
@@ -155,7 +155,7 @@ pub struct Vehicle {
     pub picture: Option<Picture>,
     /// The newest recording.
     pub recording: Option<Samples>,
-    /// Whether it is going on.
+    /// True while a recording goes on.
     pub is_recording: bool,
 }
 
@@ -178,8 +178,8 @@ struct Motion {
 }
 
 impl Motion {
-    /// Whether this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A hard reset
-    /// starts at the origin; a soft one goes on from the last pose, so that what was mapped stays valid.
+    /// True if this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A
+    /// hard reset starts at the origin; a soft one continues from the last pose, so that the map stays valid.
     fn is_in_another_frame(&self, last: &Self) -> bool {
         if self.stamp_ns < last.stamp_ns {
             return true;
@@ -254,10 +254,10 @@ impl Vehicle {
     pub fn apply_odom(&mut self, heard: &Heard<Odometry>, bytes: usize, now: Instant, now_ns: i64) {
         let Heard { envelope, message } = heard;
         let place = self.odom.receive(envelope.sequence, envelope.published_ns, bytes, now);
-        if place == Place::Late {
+        if place == SequencePlace::Late {
             return;
         }
-        self.is_after_reset |= place == Place::Restarted;
+        self.is_after_reset |= place == SequencePlace::Restarted;
         self.apply_envelope(envelope, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(envelope.published_ns);
@@ -276,8 +276,8 @@ impl Vehicle {
     pub fn apply_state(&mut self, heard: &Heard<FullEstimate>, bytes: usize, now: Instant) {
         let Heard { envelope, message: FullEstimate { estimate, .. } } = heard;
         let is_newest = envelope.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_after_reset |=
-            self.state.receive(envelope.sequence, envelope.published_ns, bytes, now) == Place::Restarted;
+        self.is_after_reset |= self.state.receive(envelope.sequence, envelope.published_ns, bytes, now)
+            == SequencePlace::Restarted;
         if is_newest {
             self.apply_envelope(envelope, estimate.state);
             self.apply_motion(&estimate.pose_o_b, &estimate.v_o_b);
@@ -386,7 +386,7 @@ impl Vehicle {
         });
     }
 
-    /// Whether two vehicles publish under its name.
+    /// True if two vehicles publish under its name.
     #[must_use]
     pub fn is_shared(&self) -> bool {
         self.odom.is_shared || self.state.is_shared
@@ -398,7 +398,7 @@ impl Vehicle {
         [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
     }
 
-    /// Its presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
+    /// Presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
     #[must_use]
     pub fn presence(&self, now: Instant) -> &'static str {
         let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
@@ -466,7 +466,7 @@ impl Vehicle {
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
-    /// Whether what it said last is what it says now: messages arrive, and with a pose where there was one.
+    /// True if its last state is its present one: messages arrive, with a pose if there was one.
     #[must_use]
     pub fn is_current(&self, now: Instant) -> bool {
         !["lost", "stale", "unknown"].contains(&self.presence(now))

@@ -1,5 +1,5 @@
-//! What the fuzzers send to a session: transport messages of Zenoh, as any peer can that is connected; and what clients of
-//! ROS 2 attach to a request.
+//! Input of a session from the fuzzers: transport messages of Zenoh, as any connected peer can send them, and
+//! the attachments of requests by clients of ROS 2.
 
 #[path = "../../../fuzz/hostile.rs"]
 pub mod hostile;

@@ -1,4 +1,5 @@
-//! What others can reach of a flight: [`net`] publishes it over Zenoh and answers questions, [`ros`] sends it to ROS 2.
+//! Access to a flight from other processes: [`net`] publishes it over Zenoh and answers queries, [`ros`]
+//! sends it to ROS 2.
 //!
 //! Both live in a process of their own ([`process`]), which reads the flight from its local socket and sends commands back.
 

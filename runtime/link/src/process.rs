@@ -24,7 +24,7 @@ const GLANCE: Duration = Duration::from_millis(50);
 /// somebody looks.
 const WANTED: Kinds = Kinds::SUBSCRIBABLE.without(Kind::Estimate);
 
-/// What the command line adds to the configuration of the flight.
+/// Options of the command line beside the configuration of the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkOptions {
     /// Endpoints to listen on besides `network.listen`.
@@ -37,14 +37,14 @@ pub struct LinkOptions {
     pub is_patient: bool,
 }
 
-/// Whether there is anything to publish over Zenoh.
+/// True if there is anything to publish over Zenoh.
 #[must_use]
 pub fn has_network(config: &NetworkConfig, options: &LinkOptions) -> bool {
     let endpoints = Endpoints::of(config).and(&options.listen, &options.connect);
     options.publish || !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting
 }
 
-/// How the service of a flight ended.
+/// End of a flight's service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// The flight is over, and everything was sent.
@@ -55,10 +55,10 @@ pub enum Ended {
     Stopped,
 }
 
-/// Why a flight cannot be served.
+/// Errors of the service of a flight.
 #[derive(Debug, Error)]
 #[non_exhaustive]
-pub enum LinkError {
+pub enum NetworkProcessError {
     /// The network cannot be used.
     #[error(transparent)]
     Net(#[from] NetError),
@@ -83,8 +83,8 @@ pub enum LinkError {
     Io(#[from] io::Error),
 }
 
-impl LinkError {
-    /// Whether another attempt with the same configuration cannot succeed.
+impl NetworkProcessError {
+    /// True if another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
         match self {
@@ -100,7 +100,11 @@ impl LinkError {
 ///
 /// # Errors
 /// When the flight cannot be understood, or the network not be used.
-pub fn serve(stream: UnixStream, options: &LinkOptions, stop: &AtomicBool) -> Result<Ended, LinkError> {
+pub fn serve(
+    stream: UnixStream,
+    options: &LinkOptions,
+    stop: &AtomicBool,
+) -> Result<Ended, NetworkProcessError> {
     stream.set_read_timeout(Some(GREETING_PATIENCE))?;
     let mut client = Client::new(stream.try_clone()?);
     let mut requests = client.requests()?;
@@ -173,11 +177,11 @@ impl Outputs {
         configuration: &Configuration,
         options: &LinkOptions,
         commands: &Arc<Commands>,
-    ) -> Result<Self, LinkError> {
+    ) -> Result<Self, NetworkProcessError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
         let rot_v_b = config.vehicle.rot_v_b();
         if config.ros.enabled && rot_v_b.is_none() {
-            return Err(LinkError::Mounting);
+            return Err(NetworkProcessError::Mounting);
         }
         let net = Self::start_net(&config, options, commands)?;
         let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
@@ -186,7 +190,7 @@ impl Outputs {
             .map(|rot_v_b| RosOutput::start(&config, rot_v_b, stamps, Arc::clone(commands)))
             .transpose()?;
         if net.is_none() && ros.is_none() {
-            return Err(LinkError::NoEndpoint);
+            return Err(NetworkProcessError::NoEndpoint);
         }
         Ok(Self { net, ros })
     }

@@ -1,7 +1,7 @@
 //! Arrays of numpy, by its array interface: no ABI of numpy is linked, so any version of it will do.
 //!
-//! What comes out is never copied: a [`Column`] owns numbers that an array views and keeps alive, and the arrays of an
-//! estimate view the estimate itself. What goes in is small and copied, but for [images](crate::image).
+//! Arrays without copies: a [`Column`] owns numbers that an array views and keeps alive, and the arrays of an
+//! estimate view the estimate itself. Input is small and copied, except for [images](crate::image).
 
 use crate::errors::Class;
 use nalgebra::Vector3;
@@ -83,7 +83,7 @@ pub struct Column {
     _owner: Owner,
 }
 
-/// What keeps the memory of a [`Column`].
+/// Owner of the memory of a [`Column`].
 enum Owner {
     Object(#[allow(dead_code)] Py<PyAny>),
     Numbers(#[allow(dead_code)] Box<dyn std::any::Any + Send + Sync>),

@@ -72,7 +72,7 @@ impl PyConfig {
         self.config.to_toml().map_err(|error| of_config(py, &error))
     }
 
-    /// What is valid, and yet probably a mistake: sentences.
+    /// Doubts: settings that are valid, and yet probably a mistake, as sentences.
     fn doubts(&self) -> Vec<String> {
         self.config.doubts().iter().map(ToString::to_string).collect()
     }

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// How often Ctrl-C is looked for.
+/// Period of the check for Ctrl-C.
 const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 /// Longest time that is waited for an answer, s.
 const ANSWER_LIMIT_S: f64 = 10.0;
@@ -63,7 +63,7 @@ fn known(header: &Header, content: &[u8]) -> Result<Known, &'static str> {
     })
 }
 
-/// What came, as Python is given it.
+/// Record received, as a Python object.
 #[derive(IntoPyObject)]
 enum Record {
     Odometry(PyOdometry),

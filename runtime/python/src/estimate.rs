@@ -1,4 +1,4 @@
-//! What the estimator says, as objects whose arrays view them.
+//! Output of the estimator as objects whose arrays view it.
 
 use crate::arrays::view;
 use nalgebra::{Isometry3, SMatrix, Vector3};
@@ -37,7 +37,7 @@ pub const fn state_name(state: TrackingState) -> &'static str {
     }
 }
 
-/// Whether there is a pose in this state.
+/// True if there is a pose in this state.
 pub const fn has_pose(state: TrackingState) -> bool {
     matches!(state, TrackingState::Tracking | TrackingState::Blind)
 }
@@ -69,7 +69,7 @@ impl PyEstimate {
         state_name(self.estimate.state)
     }
 
-    /// Whether pose, velocity, biases and covariance are valid.
+    /// True if pose, velocity, biases and covariance are valid.
     #[getter]
     fn has_pose(&self) -> bool {
         self.estimate.has_pose()
@@ -225,7 +225,7 @@ impl PyOdometry {
         state_name(self.odometry.state)
     }
 
-    /// Whether pose, velocity and covariance are valid.
+    /// True if pose, velocity and covariance are valid.
     #[getter]
     fn has_pose(&self) -> bool {
         has_pose(self.odometry.state)

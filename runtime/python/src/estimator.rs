@@ -13,7 +13,7 @@ use plumbline_record::digest::Digest;
 use pyo3::prelude::*;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-/// What a call works on.
+/// State of an estimator behind its lock.
 struct State {
     estimator: Estimator,
     digest: Digest,

@@ -1,4 +1,4 @@
-//! What a replay opens: a recording or a simulated flight, with the options of `plumbline replay`.
+//! Opening of a replay: a recording or a simulated flight, with the options of `plumbline replay`.
 
 use crate::config::config_of;
 use crate::errors::{Class, of_evaluation, of_flight};

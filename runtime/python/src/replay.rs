@@ -19,12 +19,12 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How often Ctrl-C is looked for.
+/// Period of the check for Ctrl-C.
 const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 /// Largest number of threads, as of the command line.
 const MAX_THREADS: usize = 8;
 
-/// What is kept of a flight.
+/// Parts of a flight that are kept.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Keep {
@@ -33,7 +33,7 @@ struct Keep {
     record: Option<PathBuf>,
 }
 
-/// What a flight came to.
+/// Result of a flight.
 struct Replayed {
     flown: Flown,
     estimates: Vec<Estimate>,

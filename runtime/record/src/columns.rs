@@ -39,7 +39,7 @@ const AXES: [(&str, &str); 9] = [
 const FIRST_COLUMNS: usize = 54;
 /// Bound of what is read: a larger number is no measurement, and cannot be drawn.
 const MAX_NUMBER: f64 = 1e15;
-/// How far a quaternion may be from length 1: it is written with all its digits.
+/// Deviation of a quaternion's length from 1, at most: it is written with all its digits.
 const QUATERNION_NORM_TOLERANCE: f64 = 1e-6;
 
 /// Variance of the attitude's error about the vertical of `O`, rad²: of the heading.

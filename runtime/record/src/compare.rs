@@ -18,9 +18,9 @@ pub struct Difference {
     pub stamp: String,
     /// The field with its index, such as `pose_o_b[2]`.
     pub field: String,
-    /// What the log says.
+    /// Value in the log.
     pub recorded: String,
-    /// What came out.
+    /// Value of the re-execution.
     pub executed: String,
 }
 
@@ -33,7 +33,7 @@ impl fmt::Display for Difference {
 
 /// An output that is recorded and executed again.
 pub trait Output: Record {
-    /// What it is called.
+    /// Name in messages.
     const OUTPUT: &'static str;
     /// Its number in its stream.
     fn sequence(&self) -> u64;
@@ -152,7 +152,7 @@ impl<T: Output> Pairing<T> {
         self.compare();
     }
 
-    /// What has no partner yet shall not be compared.
+    /// Discards the values without partner.
     pub fn forget(&mut self) {
         self.recorded.clear();
         self.executed.clear();

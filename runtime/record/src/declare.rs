@@ -1,4 +1,4 @@
-//! How the fields of a record are listed: `record!` for types of other crates, `message!` for a type that it defines besides.
+//! Lists of a record's fields: `record!` for types of other crates, `message!` for a type that it defines besides.
 
 /// A field by its path from the record; two numbers that are one field by both names.
 macro_rules! field {

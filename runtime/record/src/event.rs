@@ -6,7 +6,7 @@ use std::fmt::{self, Write as _};
 /// Longest text of an event, bytes.
 pub const MAX_EVENT_BYTES: usize = 120;
 
-/// How grave an event is.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
     /// Good to know.
@@ -22,9 +22,9 @@ pub enum Severity {
 pub struct Event {
     /// When it happened, in data time.
     pub stamp: Timestamp,
-    /// How grave it is.
+    /// Severity.
     pub severity: Severity,
-    /// What happened.
+    /// Description.
     pub text: heapless::String<MAX_EVENT_BYTES>,
 }
 

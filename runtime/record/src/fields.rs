@@ -109,11 +109,11 @@ pub struct Enumeration {
     pub first: i64,
     /// Names in the schema, from 0 on.
     pub names: &'static [&'static str],
-    /// What is said of each in the schema.
+    /// Comment of each in the schema.
     pub about: &'static [&'static str],
 }
 
-/// What the tables say of a field.
+/// Facts about a field in the tables.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
     /// Number in the messages of the log; 0 for a field of tables only, which follows from others.
@@ -122,7 +122,7 @@ pub struct About {
     pub name: &'static str,
     /// Name in the schema of the log.
     pub wire: &'static str,
-    /// What is said of it in the schema of the log.
+    /// Comment in the schema of the log.
     pub about: &'static str,
     /// Form.
     pub shape: Shape,
@@ -138,7 +138,7 @@ pub struct About {
 
 /// A field of `T`.
 pub struct Field<T: 'static> {
-    /// What the tables say of it.
+    /// Facts about it in the tables.
     pub about: About,
     /// Reads it.
     pub get: fn(&T) -> Value<'_>,
@@ -224,7 +224,7 @@ impl<T> Field<T> {
 pub trait Record: Sized + 'static {
     /// Name of its message in the schema of the log.
     const NAME: &'static str;
-    /// What is said of it in the schema of the log.
+    /// Comment in the schema of the log.
     const ABOUT: &'static str;
     /// Its fields, in the order of the schema.
     const FIELDS: &'static [Field<Self>];

@@ -1,4 +1,4 @@
-//! What a flight of Plumbline says, and every form that it is said in.
+//! Output of a flight, and every form that it takes.
 //!
 //! - [`said`] has the one type for inputs, orders, outputs and events; [`orders`] and [`event`] are what it holds besides
 //!   the types of drivers and estimator, [`parts`] what a log holds about images and about itself;

@@ -6,18 +6,18 @@
 
 use plumbline_estimator::ResetKind;
 
-/// What became of a frame.
+/// Order about a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameOrder {
     /// Sequence number of the frame.
     pub frame: u64,
     /// Inertial readings that the estimator had been given before it, counted from the start of the run.
     pub readings_before: u64,
-    /// How it was estimated, or that it was not.
+    /// Estimation of the frame, or its omission.
     pub verdict: Verdict,
 }
 
-/// Whether a frame was estimated.
+/// Estimation of a frame, or its omission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Estimated, at this level of the degradation ladder (0: everything).
@@ -43,7 +43,7 @@ pub struct CorrectionOrder {
 /// When a reset took effect that somebody asked for, or that a fault of ours made necessary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetOrder {
-    /// How much was forgotten.
+    /// Extent of the reset.
     pub kind: ResetKind,
     /// Sequence number of the first frame after it.
     pub before_frame: u64,
@@ -51,19 +51,19 @@ pub struct ResetOrder {
     pub is_renewal: bool,
 }
 
-/// What became of a frame that was to be given to the map.
+/// Order about a frame for the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapOrder {
     /// Sequence number of the frame.
     pub frame: u64,
-    /// What became of it.
+    /// Fate of the frame.
     pub verdict: MapVerdict,
 }
 
 /// When the map took effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MapVerdict {
-    /// What was found with the frame took effect with the estimate of frame `at_frame`.
+    /// The results of the frame took effect with the estimate of frame `at_frame`.
     Applied {
         /// Sequence number of that frame.
         at_frame: u64,

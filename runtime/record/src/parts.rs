@@ -1,4 +1,4 @@
-//! What a log says of images and of itself.
+//! Messages of a log about images and about itself.
 
 use crate::fields::{Enumeration, Part, Parts, Record as _, Shape, Value};
 use crate::said::Dropped;
@@ -31,7 +31,7 @@ pub struct FrameAbout {
 /// State of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Recording {
-    /// How it ends.
+    /// End of the recording.
     pub end: End,
     /// Running SHA-256 over the inputs and orders of the file.
     pub seal: Vec<u8>,
@@ -39,7 +39,7 @@ pub struct Recording {
     pub dropped: Dropped,
 }
 
-/// How a recording ends.
+/// End of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum End {
     /// It goes on.

@@ -1,4 +1,4 @@
-//! What the table of topics says of one: a row.
+//! Row of the table of topics.
 
 use crate::fields::{About, Enumeration, Parts, Record, Shape};
 use crate::protobuf::decode;
@@ -14,9 +14,9 @@ pub enum Priority {
     DataHigh,
     /// The map.
     Data,
-    /// What is only shown.
+    /// Display only.
     DataLow,
-    /// What fills the link.
+    /// Bulk data, as much as the link carries.
     Background,
 }
 
@@ -36,9 +36,9 @@ pub struct Key {
 pub struct Question {
     /// Key below `plumbline/<vehicle>/`.
     pub name: &'static str,
-    /// Whether something is done.
+    /// True for a command, false for a question.
     pub is_command: bool,
-    /// Whether answers have keys of their own below it.
+    /// True if answers have keys of their own below it.
     pub has_several: bool,
 }
 
@@ -69,7 +69,7 @@ pub struct Row {
     pub(crate) schema: Option<fn() -> Message>,
     /// Channel of the log.
     pub log: Option<&'static str>,
-    /// Whether a re-execution needs it.
+    /// True if a re-execution needs it.
     pub is_input: bool,
     /// Number of its kind on the local socket; 0 for none.
     pub kind: u16,

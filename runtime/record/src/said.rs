@@ -1,4 +1,4 @@
-//! What a flight says besides records of the estimator, and what is counted of entries that were not recorded.
+//! Messages of a flight besides records of the estimator, and counts of entries that were not recorded.
 
 use crate::event::Event;
 use crate::fields::{Parts, Record};

@@ -192,19 +192,19 @@ impl Topic {
         }
     }
 
-    /// Whether people look at it: its schema is one of Foxglove's.
+    /// True if people look at it: its schema is one of Foxglove's.
     #[must_use]
     pub fn is_drawn(self) -> bool {
         self.row().message.starts_with("foxglove.")
     }
 
-    /// Whether a re-execution needs it.
+    /// True if a re-execution needs it.
     #[must_use]
     pub const fn is_input(self) -> bool {
         self.row().is_input
     }
 
-    /// Whether it holds images of a log.
+    /// True if it holds images of a log.
     #[must_use]
     pub const fn is_image(self) -> bool {
         matches!(self, Self::Left | Self::Right)

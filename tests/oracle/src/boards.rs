@@ -23,7 +23,7 @@ pub struct Board {
     target: Target,
     /// For each marker its bits, row by row from the upper left one.
     markers: Vec<(usize, Vec<u8>)>,
-    /// Whether the first square of a ChArUco board is black.
+    /// True if the first square of a ChArUco board is black.
     black_first: bool,
 }
 

@@ -31,7 +31,7 @@ pub trait Flow {
     /// When OpenCV fails, as in [`Self::follow`].
     fn prepare(&mut self, image: &GrayImage) -> opencv::Result<Self::Prepared>;
 
-    /// Where the points of `from` are in `to`, those that come back to where they were.
+    /// Places in `to` of the points of `from`, for those that come back to where they were.
     ///
     /// # Errors
     /// When OpenCV fails.

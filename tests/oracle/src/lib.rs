@@ -1,5 +1,5 @@
-//! What the tests and benchmarks beside other libraries share: calibration boards, trackers of points, detectors of line segments,
-//! and the images to judge them by.
+//! Common parts of the tests and benchmarks beside other libraries: calibration boards, trackers of points, detectors of line
+//! segments, and the images to judge them by.
 
 pub mod boards;
 pub mod flow;

@@ -1,5 +1,5 @@
-//! What others' libraries say of ours, one module a behaviour: OpenCV of cameras, tracks, lines and calibrations, PX4's filter of our
-//! odometry.
+//! Comparison with other libraries, one module a behaviour: OpenCV for cameras, tracks, lines and calibrations, PX4's filter
+//! for our odometry.
 
 mod autopilot;
 mod calibration;

@@ -29,7 +29,7 @@ const IDLE: usize = 2_000;
 const MAX_DESCRIPTORS: usize = 250;
 /// An honest station hears the vehicle again within this time, s.
 pub const MAX_SILENCE_S: f64 = 2.0;
-/// What is malformed: pairs of declarations, each of which once ended the session of whoever read them.
+/// Malformed pairs of declarations, each of which once ended the session that read them.
 const MALFORMED: [[&str; 2]; 5] =
     [["$*$*", "a"], ["plumbline/$*$*x", "plumbline/drone"], ["a//b", "a"], ["/a", "a"], ["#", "a"]];
 
@@ -99,7 +99,7 @@ impl Stage {
     }
 }
 
-/// What became of the flights of an attack.
+/// Flights that survived an attack.
 #[derive(Debug, Default)]
 pub struct Survived {
     pub flights: u64,
@@ -213,7 +213,8 @@ async fn ask_everything(folder: PathBuf, endpoint: String, answers: Arc<AtomicU6
     }
 }
 
-/// What a viewer may do once ended the process within seconds: one connection of rustls was used by two threads.
+/// Regression: queries that a viewer may make ended the process within seconds, as one connection of rustls was used by two
+/// threads.
 #[test]
 #[ignore = "minutes: `make soak`"]
 fn soak_network_viewers_that_ask_for_everything_over_tls() {

@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
-/// How far the autopilot's clock is ahead of ours.
+/// Lead of the autopilot's clock over ours.
 const AHEAD_NS: i64 = 86_400_123_456_789;
 /// LOCAL_FRD, BODY_FRD and VIO in MAVLink's numbers.
 const FRAMES: [i64; 3] = [20, 12, 3];
@@ -53,7 +53,7 @@ impl Autopilot {
         Some(Self { child, said, url: format!("udp://127.0.0.1:{port}") })
     }
 
-    /// What it got, once the bridge has stopped.
+    /// Messages received, once the bridge has stopped.
     pub fn finish(mut self) -> Value {
         let mut text = String::new();
         self.said.read_to_string(&mut text).unwrap();
@@ -185,7 +185,7 @@ pub fn gaps_ms(odometry: &[Value]) -> Vec<f64> {
     gaps
 }
 
-/// What comes of `work`, and what a thread with the bridge's period and priority met meanwhile.
+/// Result of `work`, and the lateness meanwhile of a thread with the bridge's period and priority.
 fn beside_the_bridge<T>(work: impl FnOnce() -> T) -> (T, Host) {
     beside_bare_timers(Duration::from_millis(25), 70, work)
 }

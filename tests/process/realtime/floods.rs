@@ -41,7 +41,7 @@ fn resident_mb(process: u32) -> f64 {
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
 }
 
-/// What this host has sent to itself, bytes.
+/// Bytes that this host has sent to itself.
 fn looped_bytes() -> usize {
     let devices = std::fs::read_to_string("/proc/net/dev").unwrap();
     let lo = devices.lines().find_map(|line| line.trim().strip_prefix("lo:")).unwrap();

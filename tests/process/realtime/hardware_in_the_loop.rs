@@ -56,7 +56,7 @@ impl Rig {
         self.folder.path().join(name)
     }
 
-    /// Where all of it is.
+    /// Folder of all files.
     #[cfg(feature = "sabotage")]
     pub fn folder(&self) -> &std::path::Path {
         self.folder.path()
@@ -140,7 +140,7 @@ fn ate_m(estimate: &[StampedPose], truth: &[StampedPose]) -> f64 {
     evaluate(estimate, truth, &EvaluateOptions::default()).unwrap().ate_m.rmse
 }
 
-/// Those of `poses` that have one of `others` within 5 ms.
+/// Poses with a counterpart in `others` within 5 ms.
 fn common(poses: &[StampedPose], others: &[StampedPose]) -> Vec<StampedPose> {
     let has = |pose: &&StampedPose| {
         let k = others.partition_point(|other| other.stamp < pose.stamp);
@@ -151,7 +151,7 @@ fn common(poses: &[StampedPose], others: &[StampedPose]) -> Vec<StampedPose> {
     poses.iter().filter(has).cloned().collect()
 }
 
-/// What a flight in the loop came to.
+/// Result of a flight in the loop.
 struct Compared {
     report: Value,
     /// Poses that both have, of all frames that were sent.
@@ -280,7 +280,7 @@ fn what_is_flown_is_as_accurate_as_what_is_replayed_whatever_happens_on_the_line
     flown_and_replayed(&rig, end_s, &trouble()).assert_good();
 }
 
-/// What is lost on the line makes each flight a little better or worse by chance, so the ratio is that of three of them.
+/// Ratio over three flights: losses on the line make each flight a little better or worse by chance.
 #[test]
 #[ignore = "takes minutes: make soak"]
 fn soak_an_imu_at_1_khz_and_at_200_hz_in_the_loop_for_half_a_minute() {

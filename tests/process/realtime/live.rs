@@ -303,7 +303,7 @@ fn a_signal_stops_a_flight_gracefully_and_its_log_is_whole() {
     assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
 }
 
-/// What `doctor` said of a bare timer: how late its latest release was, ms.
+/// Largest lateness of a bare timer in the output of `doctor`, ms.
 fn largest_of(doctor: &str) -> f64 {
     let after = doctor.split("largest ").nth(1).unwrap_or_else(|| panic!("no timer in {doctor}"));
     after.split([';', '\n']).next().unwrap().trim().parse().unwrap()

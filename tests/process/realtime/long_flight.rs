@@ -31,15 +31,15 @@ const LOOK: Duration = Duration::from_secs(10);
 const SETTLED: f64 = 0.2;
 /// Growth from then on that counts as noise of the allocator, MB.
 const MAX_GROWTH_MB: f64 = 4.0;
-/// What the network process keeps besides for stations that come late, MB a minute: keyframes, up to 32 MB, and the poses of
-/// half an hour.
+/// Growth of the archive that the network process keeps for stations that come late, MB a minute: keyframes, up to 32 MB, and
+/// the poses of half an hour.
 const ARCHIVED_MB_A_MINUTE: f64 = 0.1;
 /// Samples go on for so long after what is watched, s.
 const END_S: f64 = 5.0;
 /// Largest median error of the stamps of a minute, us.
 const MAX_STAMP_ERROR_US: i64 = 200;
 
-/// What a process has at a time.
+/// Resources of a process at a time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Held {
     resident_mb: f64,
@@ -102,7 +102,7 @@ fn size_mb(log: &Path) -> f64 {
     parts.map(|file| file.metadata().unwrap().len() as f64 * 1e-6).sum()
 }
 
-/// What both processes and the log hold, over so many minutes.
+/// Resources of both processes and size of the log over `minutes`.
 fn watch(flying: &mut Flying, [log, said]: [&Path; 2], minutes: f64) -> Vec<Glance> {
     let (start, process) = (Instant::now(), flying.0.id());
     let mut glances = Vec::new();

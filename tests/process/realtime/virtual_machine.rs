@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 /// Slow enough for emulated processors on a busy host.
 const FRAME_RATE_HZ: f64 = 5.0;
 const IMU_RATE_HZ: i64 = 100;
-/// How long both cameras are unplugged, s.
+/// Duration for which both cameras are unplugged, s.
 const UNPLUGGED_S: f64 = 2.0;
 
-/// What the machine flies with: small images, and little work on them.
+/// Configuration of the machine: small images, and little work on them.
 fn config(folder: &Path) -> String {
     let preset = String::from_utf8(plumbline(&["config", "sim"]).stdout).unwrap();
     let mut text = String::new();

@@ -1,4 +1,4 @@
-//! What RViz 2 shows of a vehicle, and the services that reset it.
+//! RViz 2's view of a vehicle, and the services that reset it.
 
 use super::*;
 
@@ -180,7 +180,7 @@ fn services_of_ros_need_commands_from_anybody() {
     assert!(words.contains("`ros.reset`") && words.contains("network.commands"), "{words}");
 }
 
-/// What the configuration of RViz subscribes to is what a vehicle called `drone` publishes.
+/// Subscriptions in RViz's configuration name what a vehicle called `drone` publishes.
 #[test]
 fn the_configuration_of_rviz_names_what_is_published() {
     let Some(python) = interpreter("ruamel.yaml") else { return };

@@ -1,4 +1,4 @@
-//! What a flight does not wait for: a disk that is full or gone, a terminal that nobody reads, and those whom somebody else keeps
+//! Obstacles for which a flight does not wait: a disk that is full or gone, a terminal that nobody reads, and programs kept
 //! from running. Part of `make soak`.
 
 use super::survival::flight;
@@ -22,13 +22,13 @@ const FRAMES_S: f64 = 2.5;
 const EVENT_S: f64 = 6.5;
 /// Longest gap of odometry sent to the autopilot at 40 Hz, ms.
 const MAX_GAP_MS: f64 = 100.0;
-/// Where programs of real-time priority leave nothing, the kernel keeps a twentieth of each second for all others, ours among
-/// those who wait meanwhile; and some more, ms.
+/// Longest lateness, ms: where programs of real-time priority leave nothing, the kernel keeps a twentieth of each second for
+/// all others; and some more.
 const MAX_LATE_MS: f64 = 50.0 + 30.0;
-/// What was written before that is on the medium, s.
+/// Age from which everything written is on the medium, s.
 const MAX_LOST_S: f64 = 2.0;
 
-/// What the autopilot got, and how the flight ended.
+/// Messages to the autopilot, and the end of the flight.
 struct Flown {
     odometry: Vec<Value>,
     status: ExitStatus,

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 /// Start limit of a unit without StartLimitIntervalSec and StartLimitBurst: s, starts.
 const START_LIMIT: (f64, usize) = (10.0, 5);
 
-/// What the unit file says.
+/// Settings of the unit file.
 #[derive(Clone, Debug)]
 pub struct Unit {
     settings: BTreeMap<String, String>,
@@ -46,7 +46,7 @@ impl Unit {
         Some(Duration::from_secs_f64(seconds))
     }
 
-    /// Whether a process that ended with success, or not, is started again.
+    /// True if a process is restarted after its end, successful or not.
     fn restarts_after(&self, is_success: bool) -> bool {
         match self.get("Restart") {
             "always" => true,
@@ -55,7 +55,7 @@ impl Unit {
         }
     }
 
-    /// Whether these starts were too many.
+    /// True if these starts exceed the limit.
     fn gives_up(&self, starts: &[Instant]) -> bool {
         let interval = self.time("StartLimitIntervalSec").unwrap_or(Duration::from_secs_f64(START_LIMIT.0));
         let burst = self.get("StartLimitBurst").parse().unwrap_or(START_LIMIT.1);
@@ -63,7 +63,7 @@ impl Unit {
     }
 }
 
-/// What was seen of the command.
+/// Observations of the command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Seen {
     Started,

@@ -14,11 +14,11 @@ use std::time::Duration;
 
 /// Length of the rendered flight, s; no test flies it to its end but those of one process.
 const FLIGHT_S: u32 = 12;
-/// When the fault comes, in s of the process.
+/// Time of the fault, in s of the process.
 const FAULT_S: f64 = 3.5;
 /// From the death of the tick to the first odometry of the next process, s.
 const MAX_RESTART_S: f64 = 3.0;
-/// What the autopilot is told of while the estimator begins anew, s: the odometry goes on by the IMU.
+/// Longest gap of odometry with a pose at the autopilot while the estimator restarts, s: the odometry continues by the IMU.
 const MAX_BLIND_S: f64 = 0.5;
 
 /// A flight with faults, recorded beforehand and flown in real time.
@@ -32,10 +32,10 @@ pub fn flight(sabotage: &str, duration_s: u32, more: &[&str]) -> Command {
     command
 }
 
-/// What became of a flight that met a fault.
+/// Result of a flight that met a fault.
 struct Survived {
     story: Vec<Seen>,
-    /// What the autopilot was told.
+    /// Odometry messages to the autopilot.
     odometry: Vec<Value>,
     texts: Vec<String>,
     said: String,
@@ -56,7 +56,7 @@ impl Survived {
         all
     }
 
-    /// How often the process was started.
+    /// Number of starts of the process.
     fn starts(&self) -> usize {
         self.story.iter().filter(|seen| **seen == Seen::Started).count()
     }

@@ -74,7 +74,7 @@ impl Systemd {
         }
     }
 
-    /// What a command says there.
+    /// Output of a command run there.
     fn run(&self, command: &[&str]) -> String {
         let entered = ["-t", &self.pid, "-m", "-p", "-C", "-u", "-i", "-r", "-w"];
         let output = Command::new("nsenter").args(entered).args(command).output().unwrap();

@@ -1,4 +1,4 @@
-//! What the tests of all crates share: where the data are ([`shared`]), and what a test does that cannot run here
+//! Common parts of the tests of all crates: the places of the data ([`shared`]), and the skip of a test that cannot run here
 //! ([`skip()`]). Without dependencies, so that every crate can have it.
 
 pub mod skip;
@@ -27,8 +27,8 @@ pub fn python() -> PathBuf {
     folder(venv, ".venv").join("bin/python")
 }
 
-/// How long the long flight of the soak tests is, minutes, as `make soak SOAK_MINUTES=30` says. Below
-/// [`SOAK_IN_FULL_MIN`] the others do less too.
+/// Duration of the soak tests' long flight, minutes, as `make soak SOAK_MINUTES=30` sets it. Below [`SOAK_IN_FULL_MIN`] the
+/// others do less too.
 #[must_use]
 pub fn soak_minutes() -> u32 {
     std::env::var("PLUMBLINE_SOAK_MINUTES")

@@ -7,7 +7,7 @@
 use std::fmt::{self, Display};
 use std::io::Write as _;
 
-/// What a test may need that a host may not have.
+/// Requirements of a test that a host may not meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// The folder of shared data: clips of EuRoC, trajectories, York Urban.
@@ -68,7 +68,7 @@ impl Need {
         Self::Compiler,
     ];
 
-    /// Its name on the list of allowed skips.
+    /// Name on the list of allowed skips.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -122,7 +122,7 @@ pub fn skip(need: Need, because: impl Display) {
     }
 }
 
-/// Whether a skip for want of `need` may pass: `ci` and `named` as the variables say, `list` as the file.
+/// Checks that a skip for want of `need` may pass: `ci` and `named` as the variables say, `list` as the file.
 fn verdict(need: Need, ci: &str, named: &str, list: &str) -> Result<(), String> {
     let is_build_server = !matches!(ci, "" | "0" | "false");
     let is_named = named.split(',').any(|name| name.trim() == need.name());

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Folders that hold no documents of ours.
 const NOT_OURS: [&str; 6] = ["target", ".git", ".venv", "out", "corpus", "node_modules"];
-/// What stands in backticks and begins so is a path in the repository.
+/// Beginnings of texts in backticks that are paths in the repository.
 const ROOTS: [&str; 11] = [
     "config/",
     "estimator/",
@@ -115,7 +115,7 @@ fn without_targets(heading: &str) -> String {
     pieces.fold(first, |text, piece| text + piece.split_once(')').map_or("", |(_, after)| after))
 }
 
-/// What is wrong with a link of the document at `from`.
+/// Defect of a link of the document at `from`.
 fn broken(from: &Path, text: &str, target: &str) -> Option<String> {
     if target.contains("://") || target.starts_with("mailto:") {
         return None;
@@ -140,7 +140,7 @@ fn repository_path(code: &str) -> Option<&str> {
     (is_plain && ROOTS.iter().any(|root| path.starts_with(root))).then_some(path)
 }
 
-/// Everything that is wrong with the document at `path`.
+/// Complaints about the document at `path`.
 fn complaints(workspace: &Path, path: &Path, text: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (number, line) in prose(text) {

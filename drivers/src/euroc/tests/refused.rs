@@ -1,4 +1,4 @@
-//! What is no data set, and what the one line about it says.
+//! Folders that are no data set, and the one-line error for each.
 
 use super::*;
 use std::fs::{create_dir_all, remove_dir_all, remove_file};

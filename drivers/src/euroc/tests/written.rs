@@ -1,4 +1,4 @@
-//! What we write we read back.
+//! Round trips: a data set that was written is read back the same.
 
 use super::*;
 use crate::{ImuReading, StereoFrame};

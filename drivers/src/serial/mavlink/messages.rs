@@ -1,10 +1,10 @@
-//! What the messages say, in our units.
+//! Content of the messages, in SI units.
 //!
 //! Axes are the autopilot's: x forward, y right, z down; at rest z reads -9.81 m/s². They are the body's, `B`, of this
 //! configuration: extrinsics of cameras are to be given against them.
 
 use super::super::protocol::{Content, DeviceSample, vector};
-use super::wire::{Kind, MAX_PAYLOAD};
+use super::wire::{MAX_PAYLOAD, MessageKind};
 
 /// The g of MAVLink's thousandths, m/s².
 const G_M_S2: f64 = 9.80665;
@@ -36,11 +36,11 @@ impl Fields<'_> {
 }
 
 /// A sample of one of the IMU messages.
-pub fn sample(kind: Kind, payload: &[u8; MAX_PAYLOAD]) -> Content {
+pub fn sample(kind: MessageKind, payload: &[u8; MAX_PAYLOAD]) -> Content {
     let fields = Fields(payload);
     match kind {
-        Kind::HIGHRES_IMU => highres(&fields),
-        Kind::RAW_IMU => scaled(&fields, u64::from_le_bytes(fields.at(0)), 8, 27),
+        MessageKind::HIGHRES_IMU => highres(&fields),
+        MessageKind::RAW_IMU => scaled(&fields, u64::from_le_bytes(fields.at(0)), 8, 27),
         _ => scaled(&fields, u64::from(u32::from_le_bytes(fields.at(0))), 4, 22),
     }
 }
@@ -80,7 +80,7 @@ fn scaled(fields: &Fields<'_>, ticks: u64, place: usize, temperature: usize) -> 
     })
 }
 
-/// What TIMESYNC says.
+/// Content of a TIMESYNC message.
 pub fn timesync(payload: &[u8; MAX_PAYLOAD]) -> Timesync {
     let fields = Fields(payload);
     Timesync { tc1: i64::from_le_bytes(fields.at(0)), ts1: i64::from_le_bytes(fields.at(8)) }
@@ -94,7 +94,12 @@ pub fn ask_time(now_ns: i64) -> [u8; MAX_PAYLOAD] {
 }
 
 /// COMMAND_LONG with MAV_CMD_SET_MESSAGE_INTERVAL: the autopilot `system_id` is to send `kind` every `interval_us`.
-pub fn ask_for_messages(kind: Kind, interval_us: f32, system_id: u8, component_id: u8) -> [u8; MAX_PAYLOAD] {
+pub fn ask_for_messages(
+    kind: MessageKind,
+    interval_us: f32,
+    system_id: u8,
+    component_id: u8,
+) -> [u8; MAX_PAYLOAD] {
     const SET_MESSAGE_INTERVAL: u16 = 511;
     let mut payload = [0; MAX_PAYLOAD];
     payload[0..4].copy_from_slice(&(kind.id as f32).to_le_bytes());

@@ -13,7 +13,7 @@ mod wire;
 use super::framing::Scan;
 use super::protocol::{Answer, Content, Outgoing, Protocol, Questions, TimeUnit};
 use plumbline_config::options::MavlinkImu;
-use wire::{Frame, Kind, MAX_WRITTEN};
+use wire::{MAX_WRITTEN, MavlinkFrame, MessageKind};
 
 /// Our component ID in the vehicle's system: MAV_COMP_ID_ONBOARD_COMPUTER.
 const OUR_COMPONENT: u8 = 191;
@@ -25,14 +25,14 @@ const ENOUGH: f64 = 0.9;
 /// The IMU of an autopilot.
 #[derive(Debug)]
 pub struct Mavlink {
-    kind: Kind,
+    kind: MessageKind,
     rate_hz: f64,
     /// System and component that the samples come from: the first that was heard.
     autopilot: Option<(u8, u8)>,
     questions: Questions,
     sequence: u8,
     samples: u64,
-    /// When the rate was looked at, and how many samples there were.
+    /// Last check of the rate: its time, and the number of samples then.
     looked: Option<(i64, u64)>,
 }
 
@@ -41,11 +41,11 @@ impl Mavlink {
     #[must_use]
     pub fn new(message: MavlinkImu, rate_hz: f64) -> Self {
         let kind = match message {
-            MavlinkImu::HighresImu => Kind::HIGHRES_IMU,
-            MavlinkImu::RawImu => Kind::RAW_IMU,
-            MavlinkImu::ScaledImu => Kind::SCALED_IMU,
-            MavlinkImu::ScaledImu2 => Kind::SCALED_IMU2,
-            MavlinkImu::ScaledImu3 => Kind::SCALED_IMU3,
+            MavlinkImu::HighresImu => MessageKind::HIGHRES_IMU,
+            MavlinkImu::RawImu => MessageKind::RAW_IMU,
+            MavlinkImu::ScaledImu => MessageKind::SCALED_IMU,
+            MavlinkImu::ScaledImu2 => MessageKind::SCALED_IMU2,
+            MavlinkImu::ScaledImu3 => MessageKind::SCALED_IMU3,
         };
         Self {
             kind,
@@ -58,7 +58,7 @@ impl Mavlink {
         }
     }
 
-    fn answer(&mut self, frame: &Frame) -> Content {
+    fn answer(&mut self, frame: &MavlinkFrame) -> Content {
         let sync = messages::timesync(&frame.payload);
         // A question of the autopilot has tc1 = 0; an answer to somebody else another ts1.
         if sync.tc1 <= 0 || !self.questions.take(sync.ts1) {
@@ -67,14 +67,14 @@ impl Mavlink {
         Content::Answer(Answer { asked_ns: sync.ts1, device_received_ns: sync.tc1, device_sent_ns: sync.tc1 })
     }
 
-    fn say(&mut self, kind: Kind, payload: [u8; wire::MAX_PAYLOAD], into: &mut Outgoing) {
+    fn say(&mut self, kind: MessageKind, payload: [u8; wire::MAX_PAYLOAD], into: &mut Outgoing) {
         let system_id = self.autopilot.map_or(1, |(system, _)| system);
-        let frame = Frame { kind, system_id, component_id: OUR_COMPONENT, payload };
+        let frame = MavlinkFrame { kind, system_id, component_id: OUR_COMPONENT, payload };
         into.push(wire::write(&frame, self.sequence, &mut [0; MAX_WRITTEN]));
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    /// Whether samples are too few since the last look.
+    /// True if too few samples came since the last check.
     fn is_slow(&mut self, now_ns: i64) -> bool {
         let Some((since_ns, samples)) = self.looked else {
             self.looked = Some((now_ns, self.samples));
@@ -101,7 +101,7 @@ impl Protocol for Mavlink {
         if self.autopilot.is_some_and(|autopilot| autopilot != sender) {
             return Content::Other;
         }
-        if frame.kind == Kind::TIMESYNC {
+        if frame.kind == MessageKind::TIMESYNC {
             return self.answer(&frame);
         }
         if frame.kind != self.kind {
@@ -115,7 +115,7 @@ impl Protocol for Mavlink {
 
     fn time_unit(&self) -> TimeUnit {
         match self.kind {
-            Kind::HIGHRES_IMU | Kind::RAW_IMU => TimeUnit { bits: 64, tick_ns: 1_000 },
+            MessageKind::HIGHRES_IMU | MessageKind::RAW_IMU => TimeUnit { bits: 64, tick_ns: 1_000 },
             _ => TimeUnit { bits: 32, tick_ns: 1_000_000 },
         }
     }
@@ -126,13 +126,13 @@ impl Protocol for Mavlink {
 
     fn request(&mut self, now_ns: i64, into: &mut Outgoing) {
         if self.questions.is_due(now_ns) {
-            self.say(Kind::TIMESYNC, messages::ask_time(now_ns), into);
+            self.say(MessageKind::TIMESYNC, messages::ask_time(now_ns), into);
         }
         if self.is_slow(now_ns) {
             let (system, component) = self.autopilot.unwrap_or((1, 1));
             let interval_us = (1e6 / self.rate_hz).round() as f32;
             let asked = messages::ask_for_messages(self.kind, interval_us, system, component);
-            self.say(Kind::COMMAND_LONG, asked, into);
+            self.say(MessageKind::COMMAND_LONG, asked, into);
         }
     }
 
@@ -159,7 +159,7 @@ pub(crate) mod fixture {
             payload[8 + 4 * k..12 + 4 * k].copy_from_slice(&value.to_le_bytes());
         }
         payload[60..62].copy_from_slice(&[0x3F, 0]);
-        let frame = Frame { kind: Kind::HIGHRES_IMU, system_id: 1, component_id: 1, payload };
+        let frame = MavlinkFrame { kind: MessageKind::HIGHRES_IMU, system_id: 1, component_id: 1, payload };
         wire::write(&frame, 0, &mut [0; MAX_WRITTEN]).to_vec()
     }
 }

@@ -10,9 +10,9 @@
 use super::super::framing::{Scan, before_any};
 use crc::{CRC_16_MCRF4XX, Crc};
 
-/// What a frame of MAVLink 1 begins with.
+/// First byte of a MAVLink 1 frame.
 const MAGIC_1: u8 = 0xFE;
-/// What a frame of MAVLink 2 begins with.
+/// First byte of a MAVLink 2 frame.
 const MAGIC_2: u8 = 0xFD;
 /// Bytes before the payload, with the first.
 const HEADER_1: usize = 6;
@@ -30,8 +30,8 @@ static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
 
 /// A message that concerns us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kind {
-    /// Its number.
+pub struct MessageKind {
+    /// Number of the message.
     pub id: u32,
     /// The byte that its checksum covers besides.
     extra: u8,
@@ -39,7 +39,7 @@ pub struct Kind {
     lengths: [usize; 2],
 }
 
-impl Kind {
+impl MessageKind {
     pub const SCALED_IMU: Self = Self { id: 26, extra: 170, lengths: [22, 24] };
     pub const RAW_IMU: Self = Self { id: 27, extra: 144, lengths: [26, 29] };
     pub const COMMAND_LONG: Self = Self { id: 76, extra: 152, lengths: [33, 33] };
@@ -48,7 +48,7 @@ impl Kind {
     pub const SCALED_IMU2: Self = Self { id: 116, extra: 76, lengths: [22, 24] };
     pub const SCALED_IMU3: Self = Self { id: 129, extra: 46, lengths: [22, 24] };
 
-    /// Those that are received.
+    /// Messages that are received.
     const ALL: [Self; 6] = [
         Self::SCALED_IMU,
         Self::RAW_IMU,
@@ -65,20 +65,20 @@ impl Kind {
 
 /// A frame, taken apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frame {
-    pub kind: Kind,
+pub struct MavlinkFrame {
+    pub kind: MessageKind,
     pub system_id: u8,
     pub component_id: u8,
     /// Bytes that were not sent are zero, as the protocol has it.
     pub payload: [u8; MAX_PAYLOAD],
 }
 
-/// Where the parts of a frame lie, once its header is there and makes sense.
+/// Layout of a frame, once its header is there and makes sense.
 struct Layout {
-    kind: Kind,
+    kind: MessageKind,
     header: usize,
     payload: usize,
-    /// Its whole length, signature included.
+    /// Length of the whole frame, signature included.
     whole: usize,
 }
 
@@ -105,7 +105,7 @@ fn header(bytes: &[u8]) -> Header {
         }
         _ => return Header::Foreign,
     };
-    let Some(kind) = Kind::of(id) else { return Header::Foreign };
+    let Some(kind) = MessageKind::of(id) else { return Header::Foreign };
     let payload = usize::from(payload);
     // MAVLink 2 leaves zeros at the end of a payload out, but for the first byte.
     let is_possible = match header {
@@ -118,7 +118,7 @@ fn header(bytes: &[u8]) -> Header {
     }
 }
 
-/// What `bytes` begin with.
+/// Beginning of `bytes`: a frame, an incomplete one, or noise.
 pub fn scan(bytes: &[u8]) -> Scan {
     match header(bytes) {
         Header::Sensible(layout) if bytes.len() < layout.whole => Scan::More,
@@ -137,15 +137,15 @@ pub fn scan(bytes: &[u8]) -> Scan {
 }
 
 /// Takes a frame apart that [`scan`] has found.
-pub fn parse(bytes: &[u8]) -> Option<Frame> {
+pub fn parse(bytes: &[u8]) -> Option<MavlinkFrame> {
     let Header::Sensible(Layout { kind, header, payload: length, .. }) = header(bytes) else { return None };
     let mut payload = [0; MAX_PAYLOAD];
     payload[..length].copy_from_slice(bytes.get(header..header + length)?);
     let sender = if header == HEADER_1 { 3 } else { 5 };
-    Some(Frame { kind, system_id: bytes[sender], component_id: bytes[sender + 1], payload })
+    Some(MavlinkFrame { kind, system_id: bytes[sender], component_id: bytes[sender + 1], payload })
 }
 
-fn checksum(covered: &[u8], kind: Kind) -> u16 {
+fn checksum(covered: &[u8], kind: MessageKind) -> u16 {
     let mut digest = CRC.digest();
     digest.update(covered);
     digest.update(&[kind.extra]);
@@ -153,7 +153,7 @@ fn checksum(covered: &[u8], kind: Kind) -> u16 {
 }
 
 /// Writes a message of MAVLink 2; its bytes.
-pub fn write<'a>(frame: &Frame, sequence: u8, into: &'a mut [u8; MAX_WRITTEN]) -> &'a [u8] {
+pub fn write<'a>(frame: &MavlinkFrame, sequence: u8, into: &'a mut [u8; MAX_WRITTEN]) -> &'a [u8] {
     let whole = &frame.payload[..frame.kind.lengths[1]];
     let length = whole.iter().rposition(|byte| *byte != 0).map_or(1, |last| last + 1);
     let id = frame.kind.id.to_le_bytes();

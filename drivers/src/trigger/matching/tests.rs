@@ -33,7 +33,7 @@ fn rig(late_ms: i64, jitter_ms: i64) -> Rig {
     }
 }
 
-/// When trigger `n` was given.
+/// Time of trigger `n`.
 fn edge_ns(n: i64) -> i64 {
     1_000_000 * MS + n * PERIOD_NS
 }

@@ -4,7 +4,7 @@
 #[cfg(not(target_pointer_width = "64"))]
 compile_error!("the layout of these structs is that of 64-bit systems");
 
-/// What a struct holds before the call.
+/// All-zero value of a struct before the call.
 pub(crate) trait Zero: Copy {
     const ZERO: Self;
 }

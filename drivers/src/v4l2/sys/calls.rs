@@ -42,7 +42,7 @@ fn call<const OPCODE: Opcode, T: Copy>(fd: BorrowedFd<'_>, value: &mut T) -> Res
     }
 }
 
-/// What the device is and can do.
+/// Queries the capabilities of the device.
 pub(crate) fn capability(fd: BorrowedFd<'_>) -> Result<Capability, Errno> {
     let mut value = Capability::ZERO;
     call::<QUERY_CAPABILITY, _>(fd, &mut value).map(|()| value)
@@ -165,7 +165,7 @@ fn extension_call(fd: BorrowedFd<'_>, query: ExtensionQuery, bytes: &mut [u8]) -
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferState {
     pub(crate) index: u32,
-    /// Where it is in the device's memory, and how long, bytes.
+    /// Offset in the device's memory, bytes, and length.
     pub(crate) offset: u32,
     pub(crate) length: u32,
     /// Bytes that hold data, and where the image begins in them.
@@ -177,7 +177,7 @@ pub(crate) struct BufferState {
     pub(crate) stamp: (i64, i64),
 }
 
-/// Where the buffer of this index is.
+/// State of the buffer of this index.
 pub(crate) fn query_buffer(fd: BorrowedFd<'_>, kind: u32, index: u32) -> Result<BufferState, Errno> {
     buffer_call::<QUERY_BUFFER>(fd, kind, index)
 }

@@ -74,7 +74,7 @@ pub(crate) struct Filled {
 }
 
 impl Filled {
-    /// Whether the driver says that data are damaged.
+    /// True if the driver marks the data as damaged.
     pub(crate) fn is_damaged(&self) -> bool {
         self.flags & FLAG_ERROR != 0
     }
@@ -147,7 +147,7 @@ impl Queue {
         }))
     }
 
-    /// What the driver wrote into a buffer; never more than it says, or than there is.
+    /// Bytes that the driver wrote into a buffer: never more than it states, or than there are.
     #[allow(unsafe_code)]
     pub(crate) fn bytes(&self, filled: &Filled) -> &[u8] {
         assert_eq!(filled.queue, self.id, "the token is of another queue");

@@ -1,10 +1,10 @@
-//! Whether two loops can both be true: with the odometry between their ends they make a circle, and the way around it
-//! must end where it began, as far as the odometry may have drifted on it.
+//! Consistency of two loops: with the odometry between their ends they form a cycle, which must close within
+//! the drift of the odometry.
 
 use super::edge::{Edge, Node, turn, wrapped};
 use nalgebra::Vector3;
 
-/// What odometry drifts by, m per root of a metre of way.
+/// Drift of the odometry, m per root of a metre of path.
 const DRIFT_M: f64 = 0.02;
 /// Drift of the odometry's heading, rad per root of a metre of way.
 const DRIFT_RAD: f64 = 0.002;
@@ -27,8 +27,8 @@ impl Between {
     }
 }
 
-/// Whether two loops agree. Two that were closed from nearly one place do not support each other: what deceived the one
-/// deceives the other. Nor do two whose ends no odometry joins.
+/// True if two loops agree. Loops closed from nearly the same place do not support each other: one deception
+/// explains both. Nor do loops whose ends no odometry joins.
 #[must_use]
 pub fn agree(nodes: &[Node], a: &Edge, b: &Edge) -> bool {
     let is_joined = |i: usize, j: usize| {

@@ -1,9 +1,9 @@
-//! Whether the odometry speaks against a loop: the way around, from the one end along the flight to the other, must lead
-//! where the loop says, as far as the odometry can have drifted.
+//! Consistency of a loop with the odometry: the path along the flight from one end to the other must lead
+//! where the loop says, within the drift of the odometry.
 //!
-//! What a place looks like proves nothing where another one looks the same, and poses found in a look-alike room agree
-//! with each other as well as true ones do. So this comes before any agreement of loops: what it refuses does not count,
-//! however many say the same.
+//! Appearance proves nothing where another place looks the same, and poses found in a look-alike room agree
+//! with each other as well as true ones do. This check therefore comes before any agreement of loops: a loop
+//! that it refuses does not count, however many agree with it.
 //!
 //! Between two keyframes of one piece of unbroken odometry the way is the odometry's own, and its covariance is that of
 //! its steps, one after the other, each larger than the window says by a factor that was measured, and by a walk that
@@ -17,11 +17,11 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 /// Errors of steps add up to so much more than the covariances that the window gives them, as a factor on the standard
 /// deviation: neighbouring steps share landmarks and biases. See `docs/lab/places.md`.
 const INFLATION: f64 = 3.0;
-/// What odometry drifts by beside that, m per root of a metre of way.
+/// Further drift of the odometry, m per root of a metre of path.
 const DRIFT_M: f64 = 0.02;
 /// Drift of the odometry's heading, rad per root of a metre of way.
 const DRIFT_RAD: f64 = 0.002;
-/// What the ends of any way are out by, however short it is, m and rad: the first poses of a flight are known less well
+/// Error of the ends of any path, however short, m and rad: the first poses of a flight are known less well
 /// than the window says.
 const ENDS: (f64, f64) = (0.01, 0.002);
 /// Square of the Mahalanobis distance that is refused: one in ten thousand of four Gaussian components.
@@ -29,7 +29,7 @@ const GATE: f64 = 23.5;
 /// A loop between pieces of odometry is confirmed when so many others agree with it.
 const CONFIRMED: usize = 2;
 
-/// What is known of the way from one node to another.
+/// Path from one node to another with its covariance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Way {
     /// In the odometry frame of the first, m.
@@ -124,7 +124,7 @@ pub(super) fn distance2(nodes: &[Node], edges: &[Edge], of: &Edge) -> Option<f64
     Some(there.then(&Way::of_loop(over)?).then(&back).distance2(of))
 }
 
-/// Whether the odometry speaks against a loop. A distance that is no number does.
+/// True if the odometry contradicts a loop. A distance that is not a number does.
 pub(super) fn contradicts(nodes: &[Node], edges: &[Edge], of: &Edge) -> bool {
     distance2(nodes, edges, of).is_some_and(|distance2| {
         let is_possible = distance2 <= GATE;

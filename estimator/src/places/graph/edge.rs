@@ -11,11 +11,11 @@ pub struct Node {
     pub p_m_b: Vector3<f64>,
     /// Heading of the odometry frame in the map, rad.
     pub yaw: f64,
-    /// Whether it stays where it is.
+    /// True if it stays where it is.
     pub is_fixed: bool,
-    /// Which piece of unbroken odometry it belongs to: edges of the odometry join nodes of one segment.
+    /// Piece of unbroken odometry: edges of the odometry join nodes of one segment.
     pub segment: u32,
-    /// Whether it is known where the segment lies in the map.
+    /// True if the place of its segment in the map is known.
     pub is_placed: bool,
 }
 
@@ -49,7 +49,7 @@ impl Node {
     }
 }
 
-/// Where an edge comes from.
+/// Origin of an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EdgeKind {
     /// The odometry.
@@ -74,7 +74,7 @@ pub struct Edge {
     pub turn: f64,
     /// Information about way and turn.
     pub information: Matrix4<f64>,
-    /// What it rests on.
+    /// Origin of the measurement.
     pub kind: EdgeKind,
     /// Weight, 0 to 1.
     pub weight: f64,
@@ -88,7 +88,7 @@ pub(super) struct Linearized {
 }
 
 impl Edge {
-    /// What the odometry measured between two keyframes of one odometry frame.
+    /// Edge measured by the odometry between two keyframes of one odometry frame.
     #[must_use]
     pub fn of_odometry(nodes: &[Node], from: usize, to: usize, information: Matrix4<f64>) -> Self {
         let place = |i: usize| nodes.get(i).map_or_else(Vector3::zeros, |n| n.pose_o_b.translation.vector);
@@ -158,7 +158,7 @@ impl Edge {
         self.information.cholesky().map(|c| c.inverse())
     }
 
-    /// Whether it counts at all: a loop that nothing agrees with does not.
+    /// True if it counts: a loop without supporters does not.
     #[must_use]
     pub fn is_supported(&self) -> bool {
         self.kind != EdgeKind::Loop { supporters: 0 }

@@ -34,7 +34,7 @@ const TOLERANCE: f64 = 1e-5;
 /// The newest loops that a new one is compared with.
 const MAX_COMPARED: usize = 64;
 
-/// What a graph may hold.
+/// Limits of a graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GraphLimits {
     /// Nodes at most.
@@ -43,7 +43,7 @@ pub struct GraphLimits {
     pub loops: usize,
 }
 
-/// Why a loop was not added.
+/// Reason why a loop was not added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopRefused {
     /// The graph holds as many as it can, or has no such nodes.
@@ -63,12 +63,12 @@ impl std::fmt::Display for LoopRefused {
 
 impl std::error::Error for LoopRefused {}
 
-/// What a call of [`PoseGraph::optimize`] did.
+/// Result of a call of [`PoseGraph::optimize`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
+pub struct OptimizationProgress {
     /// Steps taken.
     pub steps: usize,
-    /// Whether there is nothing left to do.
+    /// True if the optimization has finished.
     pub is_done: bool,
     /// Loops with a weight of more than a half.
     pub loops_used: usize,
@@ -132,8 +132,8 @@ impl PoseGraph {
         fits
     }
 
-    /// Whether the odometry speaks against a loop: it says something else than that, and cannot have drifted so far.
-    /// The work is that of a walk along all edges.
+    /// True if the odometry contradicts a loop beyond its possible drift. The work is that of a walk along
+    /// all edges.
     #[must_use]
     pub fn contradicts(&self, edge: &Edge) -> bool {
         self.joins_nodes(edge) && drift::contradicts(&self.nodes, &self.edges, edge)
@@ -261,8 +261,8 @@ impl PoseGraph {
     }
 
     /// Goes on with the optimization for at most `steps` steps.
-    pub fn optimize(&mut self, steps: usize) -> Progress {
-        let mut progress = Progress::default();
+    pub fn optimize(&mut self, steps: usize) -> OptimizationProgress {
+        let mut progress = OptimizationProgress::default();
         while progress.steps < steps && !self.is_done {
             progress.steps += 1;
             let largest = self.solver.step(&mut self.nodes, &self.edges);
@@ -292,7 +292,7 @@ impl PoseGraph {
         }
     }
 
-    /// What a pose of the odometry is in the map, by the correction of a node: `T_MO` times it.
+    /// Correction of a node: `T_MO`, which takes poses of the odometry into the map.
     #[must_use]
     pub fn correction(&self, node: usize) -> Option<Isometry3<f64>> {
         self.nodes.get(node).map(Node::pose_m_o)

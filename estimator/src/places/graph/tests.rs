@@ -99,7 +99,7 @@ fn information(sigma_m: f64, sigma_rad: f64) -> Matrix4<f64> {
 }
 
 /// Steps until there is nothing left to do; fewer than a hundred are needed.
-fn settle(graph: &mut PoseGraph) -> Progress {
+fn settle(graph: &mut PoseGraph) -> OptimizationProgress {
     let progress = graph.optimize(100);
     assert!(progress.is_done, "{progress:?}");
     progress

@@ -1,4 +1,4 @@
-//! What was found, what speaks for it, and why it was not believed.
+//! Pose that was found, with its evidence, and the reason why it was not believed.
 
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Portable;
@@ -28,7 +28,7 @@ pub struct Located {
 }
 
 impl Located {
-    /// What speaks for the pose: inliers found without knowing where to look, and a quarter of those found with it.
+    /// Evidence for the pose: inliers found without guidance, and a quarter of those found with it.
     #[must_use]
     pub fn evidence(&self) -> f64 {
         evidence(self.first_inliers, self.inliers)
@@ -47,12 +47,12 @@ impl Located {
     }
 }
 
-/// Why a pose was not believed, or none was found.
+/// Reason why a pose was not believed, or none was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// No pose agrees with enough matches.
     NoPose,
-    /// What fits after guided matching does not determine a pose.
+    /// The matches after guided matching do not determine a pose.
     Undetermined,
     /// Too few inliers.
     Inliers,
@@ -70,12 +70,12 @@ pub enum Doubt {
     Rival,
 }
 
-/// What became of a group that was verified.
+/// Result of verifying a group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
     /// Number of its keyframe.
     pub keyframe_id: u32,
-    /// How much it looks like the frame.
+    /// Similarity to the frame.
     pub score: f32,
     /// Matches before guiding.
     pub matches: usize,
@@ -85,12 +85,12 @@ pub struct Attempt {
     pub inliers: usize,
     /// The pose of the body in the map, where one was found.
     pub pose_m_b: Option<Isometry3<f64>>,
-    /// Why it was not believed; `None` when it was.
+    /// Reason why it was not believed; `None` when it was.
     pub doubt: Option<Doubt>,
 }
 
 impl Attempt {
-    /// What speaks for its pose.
+    /// Evidence for its pose.
     #[must_use]
     pub fn evidence(&self) -> f64 {
         evidence(self.first_inliers, self.inliers)

@@ -1,4 +1,4 @@
-//! Where in the map was this frame taken? Precision before recall: what is not certain is not said.
+//! Localization of a frame in the map. Precision before recall: what is not certain is not reported.
 //!
 //! Keyframes that look alike are grouped with their neighbours; the features of a group are matched, a pose is found
 //! and refined, and then tried: with it, far more points of the map must be where it says than chance allows. What is
@@ -19,7 +19,7 @@ use super::index::{Candidate, Votes};
 use super::map::{Keyframe, MAX_NEIGHBOUR_DISTANCE, PlaceMap, view_distance_within};
 use super::matching::{Match, Matcher};
 use super::ransac::Ransac;
-use super::refine::{Gravity, Problem, Refined};
+use super::refine::{Gravity, PoseProblem, Refined};
 use nalgebra::{Isometry3, Matrix6};
 
 /// Keyframes of a group at most: the candidate and its neighbours.
@@ -32,7 +32,7 @@ const SPREAD: [usize; 2] = [4, 3];
 /// A frame to be located.
 #[derive(Clone, Copy)]
 pub struct Query<'a> {
-    /// Its features.
+    /// Features.
     pub features: &'a [Feature],
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
@@ -72,7 +72,7 @@ impl Group {
         Self { slots, score: candidate.score }
     }
 
-    /// Whether it shows what is seen from a pose that was found: it would say the same, and is no rival.
+    /// True if the group shows the view from a pose that was found: it would say the same, and is no rival.
     fn is_near(&self, map: &PlaceMap, found: &Located, query: &Query<'_>) -> bool {
         let pose_m_c = found.pose_m_b * query.pose_b_c;
         let keyframe = self.slots.first().and_then(|slot| map.keyframe(*slot));
@@ -147,7 +147,7 @@ impl Locator {
         }
     }
 
-    /// Whether a group speaks for another place, with at least this share of the evidence of the best.
+    /// True if a group speaks for another place, with at least this share of the evidence of the best.
     fn has_rival(&self, best: &Located, share: f64) -> bool {
         let limit = share * best.evidence();
         self.attempts.iter().any(|a| a.doubt.is_none() && !a.agrees_with(best) && a.evidence() >= limit)
@@ -198,7 +198,7 @@ impl Locator {
     fn verify(&mut self, query: &Query<'_>, keyframe_id: u32) -> Result<Located, Doubt> {
         self.matcher.match_features(query.features);
         let matches = self.matcher.matches();
-        let problem = Problem {
+        let problem = PoseProblem {
             query: query.features,
             points: self.matcher.points(),
             pose_b_c: query.pose_b_c,
@@ -233,7 +233,7 @@ impl Locator {
         covariance
     }
 
-    /// Why a pose is not to be believed, if so.
+    /// Doubt about the pose, if any.
     fn doubt(&self, found: &Located) -> Option<Doubt> {
         let options = &self.options;
         // Written so that a NaN is doubted.

@@ -1,6 +1,6 @@
-//! What is asked of a pose, and the work that is spent.
+//! Requirements of a pose, and limits of the work.
 
-/// What is asked of a pose before it is believed, and the work that is spent.
+/// Requirements of a pose before it is believed, and limits of the work.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LocatorOptions {
     /// Groups that are verified at most.

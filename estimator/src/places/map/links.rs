@@ -1,5 +1,4 @@
-//! Which keyframe covers which, and which are neighbours: by where they are, found out when they are added, and again
-//! when they have moved.
+//! Cover and neighbours of keyframes by their places, computed when they are added, and again when they have moved.
 
 use super::{MAX_NEIGHBOUR_DISTANCE, MAX_NEIGHBOURS, PlaceMap, view_distance_within};
 
@@ -104,7 +103,7 @@ impl PlaceMap {
         }
     }
 
-    /// How much two keyframes share, by the one that shares less, if that is at least so much.
+    /// Number of points that two keyframes share, by the one that shares less, if it is at least `least`.
     fn shared_at_least(&self, least: usize, a: usize, b: usize) -> Option<usize> {
         let forth = self.shared(a, b);
         if forth < least {
@@ -127,7 +126,7 @@ impl PlaceMap {
         }
     }
 
-    /// How many of a sample of the points of one keyframe lie in the view of another.
+    /// Number of sampled points of one keyframe that lie in the view of another.
     fn shared(&self, of: usize, within: usize) -> usize {
         let Some(b) = self.keyframe(within) else { return 0 };
         let pose = self.poses_m_c[within].inverse() * self.poses_m_c[of];

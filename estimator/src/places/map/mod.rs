@@ -25,7 +25,7 @@ const TURN_PER_METRE: f64 = 0.52;
 /// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
 pub(super) const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
 
-/// How much a map may hold.
+/// Limits of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapLimits {
     /// Keyframes at most.
@@ -41,7 +41,7 @@ pub struct Keyframe {
     pub id: u32,
     /// Flight it comes from.
     pub session: u32,
-    /// When it was taken.
+    /// Time of the keyframe.
     pub stamp: Timestamp,
     /// Pose of the body in the map.
     pub pose_m_b: Isometry3<f64>,
@@ -74,7 +74,7 @@ impl Keyframe {
     }
 }
 
-/// How different the views of two keyframes are: the way between them and the turn, as a length in metres.
+/// Distance between the views of two keyframes: translation and rotation, as a length in metres.
 #[must_use]
 pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
     view_distance_within(&a.pose_m_c(), &b.pose_m_c(), f64::INFINITY).unwrap_or(f64::INFINITY)
@@ -105,9 +105,9 @@ pub struct PlaceMap {
     index: Index,
     /// Distance to the most similar other keyframe, and its slot, for the rule of forgetting.
     covered: Vec<(f64, usize)>,
-    /// Where cover and neighbours of each were found out: the pose of its left camera in the map.
+    /// Poses of the left cameras in the map at which cover and neighbours were computed.
     linked_at: Vec<Isometry3<f64>>,
-    /// Where the search goes on for keyframes that have moved since.
+    /// Next keyframe to be checked for having moved.
     next_tended: usize,
     next_id: u32,
     len: usize,
@@ -149,7 +149,7 @@ impl PlaceMap {
         }
     }
 
-    /// How much it may hold.
+    /// Limits of the map.
     #[must_use]
     pub fn limits(&self) -> MapLimits {
         self.limits
@@ -161,7 +161,7 @@ impl PlaceMap {
         self.len
     }
 
-    /// Whether it holds nothing.
+    /// True if the map is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0

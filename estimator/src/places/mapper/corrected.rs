@@ -7,23 +7,23 @@ use plumbline_config::Timestamp;
 /// A pose on the way of the body, as it was known when its frame came.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passing {
-    /// When.
+    /// Time.
     pub stamp: Timestamp,
-    /// Where, in the odometry frame of that time.
+    /// Pose in the odometry frame of that time.
     pub pose_o_b: Isometry3<f64>,
     /// Resets up to then.
     pub reset_counter: u32,
 }
 
-/// What a node makes of the causal pose at its time.
+/// Correction by a node of the causal pose at its time.
 struct Correction {
     stamp: Timestamp,
     pose_m_o: Isometry3<f64>,
 }
 
 impl Mapper {
-    /// Where the body was in the map; `None` where that is not known. Between two keyframes their corrections are
-    /// blended, before the first and after the last of a segment the nearest one holds.
+    /// Pose of the body in the map; `None` where it is not known. `None` where that is not known. Between two keyframes their
+    /// corrections are blended, before the first and after the last of a segment the nearest one holds.
     #[must_use]
     pub fn corrected(&self, passing: &Passing) -> Option<Isometry3<f64>> {
         let nodes = self.graph.nodes().iter().zip(&self.infos);

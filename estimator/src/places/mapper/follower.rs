@@ -12,7 +12,7 @@ use plumbline_config::{Portable, Timestamp};
 /// Time in which two thirds of a correction are taken up, s.
 const TIME_CONSTANT_S: f64 = 1.0;
 
-/// Where the odometry frame lies in the map, for one frame.
+/// Pose of the odometry frame in the map, for one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapEstimate {
     /// Sequence number of the frame.

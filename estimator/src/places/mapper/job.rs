@@ -1,18 +1,18 @@
-//! What a call of the mapper needs, and what it found.
+//! Input and result of a call of the mapper.
 
 use crate::exchange::{Feedback, SolvedFrame};
 use crate::places::images::FrameImages;
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidSetup};
 
-/// What a call needs: a solved frame and its images.
+/// Input of a call: a solved frame and its images.
 #[derive(Clone, Debug)]
 pub struct PlaceJob {
     /// The frame.
     pub solved: SolvedFrame,
     /// Extrinsics of the cameras as they were known.
     pub pose_b_c: [Isometry3<f64>; 2],
-    /// Its images.
+    /// Images.
     pub images: FrameImages,
 }
 
@@ -39,7 +39,7 @@ impl PlaceJob {
 pub struct Sighting {
     /// Number of the keyframe that was seen again.
     pub keyframe_id: u32,
-    /// When that was taken.
+    /// Time of the keyframe.
     pub keyframe_stamp: Timestamp,
     /// Matches that agree.
     pub inliers: u32,
@@ -49,20 +49,20 @@ pub struct Sighting {
     pub pose_k_b: Isometry3<f64>,
 }
 
-/// What a call found.
+/// Result of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapUpdate {
-    /// Which frame of the window it is about, counted from 0.
+    /// Number of the frame in the window, counted from 0.
     pub index: u64,
-    /// Its sequence number.
+    /// Sequence number.
     pub sequence: u64,
-    /// When it was taken.
+    /// Time of the frame.
     pub stamp: Timestamp,
     /// Resets of the odometry up to it: the update is about the odometry frame of these.
     pub reset_counter: u32,
     /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
     pub pose_m_o: Option<Isometry3<f64>>,
-    /// Whether the frame was searched for at all: others add nothing to those before.
+    /// True if the frame was searched for; otherwise the result adds nothing to those before.
     pub is_searched: bool,
     /// The place that was seen again, if one was.
     pub sighting: Option<Sighting>,

@@ -116,7 +116,7 @@ impl Mapper {
         mapper
     }
 
-    /// How much the map of a setup may hold.
+    /// Limits of the map of a setup.
     #[must_use]
     pub fn limits(setup: &ValidSetup) -> MapLimits {
         let places = &setup.estimator.places;
@@ -225,7 +225,7 @@ impl Mapper {
         }
     }
 
-    /// Whether a frame is taken: it shows something new, or nobody knows yet where this is.
+    /// True if a frame is taken: it shows something new, or the place of its segment is not known yet.
     fn is_wanted(&self, segment: &Segment, solved: &SolvedFrame, pose_o_b: &Isometry3<f64>) -> bool {
         if !solved.is_keyframe && segment.is_placed {
             return false;

@@ -9,10 +9,10 @@ use crate::window::snapshot::SnapshotKeyframe;
 use nalgebra::{Isometry3, Matrix4};
 use plumbline_config::Timestamp;
 
-/// Where segments that are not placed wait, far from everything, m.
+/// Distance at which segments that are not placed wait, far from everything, m.
 const WAITING_ROOM_M: f64 = 1e6;
 
-/// What belongs to a node of the graph.
+/// Data of a node of the graph.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NodeInfo {
     pub(super) stamp: Timestamp,
@@ -64,7 +64,7 @@ impl Mapper {
         Some(index)
     }
 
-    /// What the window knows better by now of keyframes that are nodes.
+    /// Takes over the improved poses that the window has of keyframes that are nodes.
     pub(super) fn refresh(&mut self, solved: &SolvedFrame) {
         for keyframe in &solved.keyframes {
             let known = self

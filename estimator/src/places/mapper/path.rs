@@ -11,7 +11,7 @@ const COUNTS: f64 = 0.5;
 /// A keyframe on the corrected path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPose {
-    /// When it was taken.
+    /// Time of the pose.
     pub stamp: Timestamp,
     /// Resets of the odometry up to then: poses of one count are joined by unbroken odometry.
     pub reset_counter: u32,
@@ -22,7 +22,7 @@ pub struct PathPose {
 /// One end of a loop: a keyframe of this flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopEnd {
-    /// When it was taken.
+    /// Time of the end.
     pub stamp: Timestamp,
     /// Position of the body in the map, m.
     pub p_m_b: Vector3<f64>,
@@ -35,8 +35,8 @@ pub struct MapPath {
     pub poses: Vec<PathPose>,
     /// The newest loops that count, between keyframes of this flight: the one that was seen again, and the one that saw it.
     pub loops: Vec<[LoopEnd; 2]>,
-    /// How far the odometry would have put the newest keyframe from where the map has it, counted from the beginning of
-    /// its piece of unbroken odometry, m. `None` where its place in the map is not known.
+    /// Distance between the odometry's position of the newest keyframe and that in the map, counted from the
+    /// beginning of its piece of unbroken odometry, m. `None` where its place in the map is not known.
     pub drift_m: Option<f64>,
     limit: usize,
 }
@@ -93,7 +93,7 @@ impl Mapper {
     }
 }
 
-/// Whether a node is a keyframe of this flight, not the origin of the map.
+/// True if a node is a keyframe of this flight, not the origin of the map.
 fn is_flown(stamp: Timestamp) -> bool {
     stamp != Timestamp::MIN
 }

@@ -6,7 +6,7 @@ use crate::places::graph::edge::chained;
 use nalgebra::{Isometry3, Matrix4, Vector4};
 use plumbline_config::{Portable, Timestamp};
 
-/// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
+/// Drift assumed of the odometry where the window gave none: m per root of a metre, and least.
 const DRIFT_M: (f64, f64) = (0.02, 0.005);
 /// Assumed drift of the heading where the window reported none, rad per root of a metre, and least.
 const DRIFT_RAD: (f64, f64) = (0.002, 0.001);

@@ -50,7 +50,7 @@ impl Mapper {
         }
     }
 
-    /// Whether the map has nearly the same view from where a frame was located.
+    /// True if the map has nearly the same view from where a frame was located.
     pub(super) fn has_view(&self, found: &Located, keyframe: &Keyframe) -> bool {
         let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id);
         seen.is_some_and(|(_, seen)| {

@@ -9,7 +9,7 @@ use plumbline_config::CameraModel;
 use plumbline_config::options::PointsConfig;
 use std::collections::BTreeMap;
 
-/// Everything seen in a clip, by frame.
+/// Observations in a clip, by frame.
 struct Run {
     frames: Vec<Vec<PointObservation>>,
     figures: Vec<TrackerFigures>,

@@ -33,7 +33,7 @@ impl Scene {
         Self { noise, ..self }
     }
 
-    /// Where the ray of a pixel meets the plane.
+    /// Intersection of a pixel's ray with the plane.
     pub(super) fn point(&self, pose_w_c: &Isometry3<f64>, px: &Vector2<f64>) -> Point3<f64> {
         let model = model();
         let xy = (px - model.centre_px).component_div(&model.focal_px);
@@ -87,11 +87,11 @@ pub(super) struct Flight {
     last_pose_w_b: Isometry3<f64>,
 }
 
-/// What a frame of a flight is like.
+/// Conditions of a frame of a flight.
 #[derive(Clone, Copy)]
 pub(super) struct Shot {
     pub pose_w_b: Isometry3<f64>,
-    /// Which images arrive.
+    /// Images that arrive.
     pub arrives: [bool; 2],
     pub gain: f64,
     pub offset: f64,

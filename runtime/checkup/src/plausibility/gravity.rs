@@ -1,4 +1,4 @@
-//! How gravity turns in the accelerometer against how the gyroscope turns.
+//! Rotation of gravity in the accelerometer against that of the gyroscope.
 //!
 //! The mean of the specific force over two seconds is gravity, but for what the vehicle accelerates. Turned back by the
 //! gyroscope, the means of a few seconds are one vector where both sensors have the same axes. With another assignment of the
@@ -16,9 +16,9 @@ use plumbline_config::{ImuSample, Timestamp};
 
 /// Name of the measure.
 pub const NAME: &str = "accelerometer axes";
-/// What is said of columns of the accelerometer.
+/// Finding about columns of the accelerometer.
 pub const DISAGREE: &str = "gyroscope and accelerometer disagree on how gravity turns";
-/// What is said of a vehicle that is upside down all the time.
+/// Finding about a vehicle that is upside down all the time.
 pub const UPSIDE_DOWN: &str = "gravity points upwards in the vehicle";
 /// Length of a mean, s.
 const MEAN_S: f64 = 2.0;
@@ -115,7 +115,7 @@ impl GravityTurns {
         self.sum.1 += 1.0;
     }
 
-    /// What a sample adds to a mean.
+    /// Contribution of a sample to a mean.
     fn contribution(&self, accel: &Vector3<f64>) -> Mean {
         let rotation = self.rot_0_b.to_rotation_matrix();
         Mean::from_columns(&std::array::from_fn::<_, 36, _>(|column| {
@@ -171,8 +171,8 @@ impl GravityTurns {
         all.map(|axes| (self.scatter_m_s2(&axes), axes))
     }
 
-    /// Whether another assignment of the accelerometer's columns explains how gravity turns, for an IMU that is mounted so in
-    /// its vehicle.
+    /// Finding: another assignment of the accelerometer's columns explains how gravity turns, for an IMU with
+    /// this mounting.
     #[must_use]
     pub fn finding(&self, rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
         let configured = self.scatter_m_s2(&Matrix3::identity());
@@ -202,7 +202,7 @@ impl GravityTurns {
         ))
     }
 
-    /// Whether the vehicle would be upside down all the time.
+    /// Finding: the vehicle would be upside down all the time.
     #[must_use]
     pub fn upside_down(&self, rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
         let (force, seconds) = self.force;
@@ -220,7 +220,7 @@ impl GravityTurns {
         })
     }
 
-    /// How well gravity turns as the gyroscope does, where nothing is wrong.
+    /// Agreement of gravity's rotation with the gyroscope, where nothing is wrong.
     #[must_use]
     pub fn judge(&self) -> Measure {
         let configured = self.scatter_m_s2(&Matrix3::identity());

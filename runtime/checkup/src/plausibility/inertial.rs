@@ -57,7 +57,7 @@ impl Zeros {
         self.is_within = is_zero;
     }
 
-    /// Whether zeros and measurements alternate, among so many samples.
+    /// True if zeros and measurements alternate among `all` samples.
     fn alternate(&self, all: u64) -> bool {
         let share = self.samples as f64 / all.max(1) as f64;
         (ALTERNATING.start..ALTERNATING.end).contains(&share)
@@ -163,8 +163,8 @@ impl Magnitudes {
         })
     }
 
-    /// Whether the accelerometer, whose median magnitude is `accel`, measures a vector of nearly constant length and direction, as
-    /// gravity is in any unit.
+    /// True if the accelerometer, whose median magnitude is `accel`, measures a vector of nearly constant
+    /// length and direction, as gravity is in any unit.
     fn is_steady(&self, accel: f64) -> bool {
         let sum: f64 = self.accel.iter().sum();
         self.force.norm() >= STEADY.0 * sum && quantile(&self.accel, 0.05) >= STEADY.1 * accel

@@ -1,4 +1,4 @@
-//! Whether what a flight is given can be right: units, columns, extrinsics, sides, focal lengths.
+//! Plausibility of a flight's input: units, columns, extrinsics, sides, focal lengths.
 //!
 //! An estimator takes nonsense for motion and goes on. What is looked at here are the data alone, in a bounded number
 //! of samples and of shrunken images from the beginning of a flight: the magnitudes of the inertial samples
@@ -24,7 +24,7 @@ use inertial::Magnitudes;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
-use rotation::{Agreement, RotationPair};
+use rotation::{RotationAgreement, RotationPair};
 use std::collections::VecDeque;
 use stereo::Sides;
 
@@ -55,7 +55,7 @@ const MIN_BRIGHT: usize = 40;
 /// Bits of gaps, which stamps that cannot be right seem to have.
 const GAPS: HealthBits = HealthBits(HealthBits::IMU_GAP.0 | HealthBits::FRAME_GAP.0);
 
-/// What is said of a reset.
+/// Finding about a reset.
 pub const GIVEN_UP: &str = "the estimate was discarded";
 
 /// A frame, shrunken.
@@ -65,7 +65,7 @@ pub struct Glimpse {
     pub stamp: Timestamp,
     /// Left and right image.
     pub images: [Thumbnail; 2],
-    /// Which of them arrived.
+    /// Images that arrived.
     pub valid: [bool; 2],
 }
 
@@ -85,7 +85,7 @@ pub(crate) struct Seen {
     rate_c: Vector3<f64>,
 }
 
-/// What images alone show, frame by frame.
+/// Evidence of the images alone, frame by frame.
 pub(crate) struct Sight {
     finder: Option<RotationFinder>,
     sides: Option<Sides>,
@@ -129,8 +129,8 @@ impl Sight {
 }
 
 /// Rotations of the images with the mean rate of the gyroscope at the same times.
-pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]) -> Agreement {
-    let mut agreement = Agreement::of(config);
+pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]) -> RotationAgreement {
+    let mut agreement = RotationAgreement::of(config);
     for Seen { from, to, rate_c } in seen {
         let begin = samples.partition_point(|sample| sample.stamp <= *from);
         let end = samples.partition_point(|sample| sample.stamp <= *to).max(begin);
@@ -148,7 +148,7 @@ pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]
 pub(crate) fn nonsense(
     magnitudes: &Magnitudes,
     (gravity, rot_v_b): (&GravityTurns, Option<UnitQuaternion<f64>>),
-    agreement: &Agreement,
+    agreement: &RotationAgreement,
     sight: &Sight,
 ) -> Vec<Finding> {
     let mut findings = magnitudes.nonsense();
@@ -173,7 +173,7 @@ pub struct Plausibility {
     rot_v_b: Option<UnitQuaternion<f64>>,
     arrivals: [Arrivals; 2],
     sight: Sight,
-    agreement: Agreement,
+    agreement: RotationAgreement,
     waiting: VecDeque<Seen>,
     rates: VecDeque<(Timestamp, Vector3<f64>)>,
     health: HealthTally,
@@ -199,7 +199,7 @@ impl Plausibility {
             rot_v_b: config.vehicle.rot_v_b(),
             arrivals: Default::default(),
             sight: Sight::new(config),
-            agreement: Agreement::of(config),
+            agreement: RotationAgreement::of(config),
             waiting: VecDeque::with_capacity(MAX_WAITING),
             rates: VecDeque::with_capacity(MAX_RATES),
             health: HealthTally::default(),
@@ -213,7 +213,7 @@ impl Plausibility {
         }
     }
 
-    /// Whether further frames would be of no use.
+    /// True if further frames would be of no use.
     #[must_use]
     pub fn has_seen_enough(&self) -> bool {
         self.agreement.len() >= MAX_PAIRS
@@ -309,13 +309,13 @@ impl Plausibility {
         timing.into_iter().flatten().chain(clocks).collect()
     }
 
-    /// What cannot be right, by all that was given so far, the most probable cause first.
+    /// Findings by all data so far, the most probable cause first.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
         self.findings_of(false)
     }
 
-    /// What cannot be right about the whole flight, at its end.
+    /// Findings about the whole flight, at its end.
     #[must_use]
     pub fn final_findings(&self) -> Vec<Finding> {
         self.findings_of(true)
@@ -367,9 +367,9 @@ impl Plausibility {
     }
 }
 
-/// What to do about a camera that is missing: a live one.
+/// Cure for a missing live camera.
 const CONNECT: &str = "connect it, or remove the second [[camera]] from the configuration";
-/// What to do about a camera that a recording lacks.
+/// Cure for a camera that a recording lacks.
 pub const COPY: &str = "copy cam1 too, or remove the second [[camera]] from the configuration, as `plumbline replay --mono` does";
 
 /// The right camera of the configuration delivers nothing.

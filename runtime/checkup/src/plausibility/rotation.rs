@@ -43,12 +43,12 @@ pub struct RotationPair {
 
 /// Rotations of a flight.
 #[derive(Clone, Debug)]
-pub struct Agreement {
+pub struct RotationAgreement {
     rot_c_b: Matrix3<f64>,
     pairs: Vec<RotationPair>,
 }
 
-impl Agreement {
+impl RotationAgreement {
     /// For a left camera with this rotation in the body.
     #[must_use]
     pub fn new(rot_b_c: UnitQuaternion<f64>) -> Self {
@@ -68,7 +68,7 @@ impl Agreement {
         self.pairs.len()
     }
 
-    /// Whether there is none yet.
+    /// True if there are no pairs.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
@@ -79,7 +79,7 @@ impl Agreement {
         self.pairs.push(pair);
     }
 
-    /// What cannot be right.
+    /// Finding, the most convincing first.
     #[must_use]
     pub fn finding(&self) -> Option<Finding> {
         if let Some(finding) = self.degrees_finding() {
@@ -108,8 +108,8 @@ impl Agreement {
         if score(&self.rot_c_b) < DOUBTFUL { self.axes_finding(score) } else { self.focal_finding(&centred) }
     }
 
-    /// Whether single rotations that images clearly show are those of a gyroscope in degrees: a driver drops its fastest samples
-    /// as impossible, and the slow ones that are left show the factor still.
+    /// Finding: single rotations that images clearly show are those of a gyroscope in degrees. A driver drops
+    /// its fastest samples as impossible; the slow ones that are left still show the factor.
     fn degrees_finding(&self) -> Option<Finding> {
         let clear: Vec<&RotationPair> =
             self.pairs.iter().filter(|pair| pair.rate_c.norm() > CLEAR_RATE_RAD_S).collect();
@@ -129,8 +129,8 @@ impl Agreement {
         self.pairs.iter().map(centre).collect()
     }
 
-    /// Whether another assignment of axes than the configured one explains the images, by the correlation that `score`
-    /// gives a rotation.
+    /// Finding: another assignment of axes than the configured one explains the images, by the correlation
+    /// that `score` gives a rotation.
     fn axes_finding(&self, score: impl Fn(&Matrix3<f64>) -> f64) -> Option<Finding> {
         let configured = score(&self.rot_c_b);
         let convincing = CONVINCING.max(configured + BETTER);
@@ -170,7 +170,7 @@ impl Agreement {
         })
     }
 
-    /// Whether images turn much faster or slower than the gyroscope: a matter of the focal length.
+    /// Finding: images turn much faster or slower than the gyroscope, as with a wrong focal length.
     fn focal_finding(&self, centred: &[RotationPair]) -> Option<Finding> {
         let ratio = |pair: &RotationPair| {
             let (images, gyro) = (pair.rate_c.xy(), (self.rot_c_b * pair.gyro_b).xy());
@@ -197,9 +197,9 @@ fn rates(gyro: f64, images: f64) -> String {
     format!("rate {gyro:.2} by the gyroscope, {images:.3} rad/s by the images")
 }
 
-/// What is said of columns of the gyroscope or of extrinsics.
+/// Finding about columns of the gyroscope or about extrinsics.
 pub const OTHER_AXES: &str = "the gyroscope and the images turn about different axes";
-/// What is said of a gyroscope in degrees.
+/// Finding about a gyroscope in degrees.
 pub const IN_DEGREES: &str = "the gyroscope turns faster than a vehicle can, or than the images";
 
 /// The gyroscope is in degrees.
@@ -225,19 +225,20 @@ pub(super) fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
     })
 }
 
-/// How uncommon a mistake of the whole sensor is: that of its columns, but half a turn of the mounting is common.
+/// Rarity of a mistake of the whole sensor: that of its columns, but half a turn of the mounting is common.
 fn rarity_of_sensor(axes: &Matrix3<f64>) -> f64 {
     let is_half_turn = axes.trace() == -1.0 && axes.diagonal().iter().all(|x| *x != 0.0);
     if is_half_turn { 0.5 } else { rarity(axes) }
 }
 
-/// How uncommon a mistake of columns is: the number of signs that it changes, and half of one when no axis stays in its place.
+/// Rarity of a mistake of columns: the number of signs that it changes, and half of one when no axis stays in
+/// its place.
 pub(super) fn rarity(axes: &Matrix3<f64>) -> f64 {
     let stays = axes.diagonal().iter().any(|x| *x != 0.0);
     axes.iter().filter(|x| **x < 0.0).count() as f64 + if stays { 0.0 } else { 0.5 }
 }
 
-/// Where x, y and z of the body stand in what is delivered, such as `y x z`.
+/// Columns in which x, y and z of the body are delivered, such as `y x z`.
 pub(super) fn names(axes: &Matrix3<f64>) -> String {
     let name = |column: usize| {
         let row = (0..3).find(|row| axes[(*row, column)] != 0.0).unwrap_or(column);

@@ -26,7 +26,7 @@ const MIN_SPREAD: f64 = 4.0;
 const MIN_VOTES: u32 = 30;
 const MAJORITY: u32 = 3;
 
-/// What is said of exchanged cameras, and what to do.
+/// Cause for exchanged cameras.
 pub const SWAPPED: &str = "that left and right camera are swapped";
 /// See [`SWAPPED`].
 pub const CURE: &str =
@@ -115,7 +115,7 @@ impl Sides {
         self.wrong += u32::from(swapped > SAME && swapped > configured + BETTER);
     }
 
-    /// Whether left and right are swapped.
+    /// Finding: left and right are swapped.
     #[must_use]
     pub fn finding(&self) -> Option<Finding> {
         (self.wrong >= MIN_VOTES && self.wrong > MAJORITY * self.right).then(|| {

@@ -10,7 +10,7 @@ use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
 
-/// What sensors delivered.
+/// Sensor data of a test.
 #[derive(Clone)]
 struct Data {
     config: Config,
@@ -35,7 +35,7 @@ impl Data {
         checkup
     }
 
-    /// What comes of another configuration, or of other data.
+    /// Copy with another configuration, or other data.
     fn with(&self, change: impl FnOnce(&mut Self)) -> Self {
         let mut changed = self.clone();
         change(&mut changed);
@@ -91,7 +91,8 @@ fn told(report: &CheckupReport) -> String {
     report.measures.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// That a fault is found under this name, with these words in value or cure, and how bad it is.
+/// Asserts that a fault is found under this name, with these words in value or cure, and at least this
+/// severity.
 #[track_caller]
 fn assert_found(report: &CheckupReport, name: &str, at_least: Fitness, words: &str) {
     let found = measure(report, name);

@@ -143,18 +143,18 @@ fn detector() -> Result<Detector> {
 }
 
 impl CameraArgs {
-    /// Whether the images come from cameras.
+    /// True if the images come from cameras.
     fn is_live(&self) -> bool {
         self.source.as_os_str() == LIVE
     }
 
-    /// What is asked of live cameras.
+    /// Request to live cameras.
     fn wanted<'a>(&'a self, detector: &'a Detector) -> live::Wanted<'a> {
         let (kind, most) = (self.lens.into(), self.max_images as usize);
         live::Wanted { target: &self.target, kind, detector, mono: self.mono, most }
     }
 
-    /// What all that is not calibrated is taken from.
+    /// Base of the configuration: all that is not calibrated is taken from it.
     fn base_name(&self) -> PathBuf {
         let named = self.base.as_ref().or(self.live.config.as_ref());
         named.cloned().unwrap_or_else(|| PathBuf::from(DEFAULT_BASE))

@@ -31,7 +31,7 @@ pub(super) struct LiveArgs {
     pub images: Option<PathBuf>,
 }
 
-/// What is asked of a calibration of any images.
+/// Request to a calibration of any images.
 pub(super) struct Wanted<'a> {
     pub target: &'a Target,
     pub kind: LensKind,

@@ -131,7 +131,7 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
     Ok(config.validated(&args.out.display().to_string())?)
 }
 
-/// What the noise densities are good for.
+/// Validity of the noise densities.
 fn noise_in_words(inflate: f64) -> String {
     match inflate > 1.0 {
         true => format!("noise       white noise of the files times {inflate}"),

@@ -1,4 +1,4 @@
-//! Whether the autopilot answers.
+//! Check that the autopilot answers.
 
 use super::verdict::CheckVerdict;
 use mavlink::MavHeader;

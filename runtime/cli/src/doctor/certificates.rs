@@ -1,4 +1,4 @@
-//! Whether certificates and keys can be used, today and for a while.
+//! Check that certificates and keys can be used, today and for a while.
 
 use super::verdict::CheckVerdict;
 use plumbline_config::options::TlsConfig;
@@ -11,12 +11,12 @@ use std::time::SystemTime;
 /// A certificate that ends sooner is told of, days.
 const SOON_DAYS: i64 = 30;
 const DAY_S: i64 = 86_400;
-/// What is done about a certificate that ends, and about an authority.
+/// Cure for a certificate, and for an authority, that expires.
 const RENEW: &str = "renew it with `plumbline keys FOLDER --renew`";
 const BEGIN_ANEW: &str = "make another authority, with new certificates, by `plumbline keys NEW_FOLDER`";
 /// Longest file that is read, bytes.
 const MAX_BYTES: u64 = 65_536;
-/// What others may do with a file.
+/// Permission bits of other users.
 const OTHERS: u32 = 0o077;
 
 /// Looks at the files that `network.tls` names.

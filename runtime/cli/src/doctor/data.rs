@@ -1,4 +1,4 @@
-//! What a source delivers, given to the checkup: samples and frames are read on threads of their own.
+//! Data of a source for the checkup: samples and frames are read on threads of their own.
 
 use super::super::scenario::parse_scene;
 use anyhow::{Result, anyhow};
@@ -50,23 +50,23 @@ pub(super) fn open(
     Ok(open_recording(Path::new(source), config, topics, cut, false)?)
 }
 
-/// What is examined.
+/// Streams to be examined.
 pub(super) struct Streams {
     config: ValidConfig,
     imu: Box<dyn ImuSource>,
     stereo: Box<dyn StereoSource>,
     live: Option<Live>,
-    /// What is wrong with the recording as a whole.
+    /// Defects of the recording as a whole.
     findings: Vec<Finding>,
     /// Rows and images that cannot be read.
     file_defects: FileDefects,
 }
 
-/// What belongs to live sensors.
+/// Parts of live sensors only.
 struct Live {
     /// For how long they are read.
     length: Duration,
-    /// What ends them.
+    /// Flag that stops them.
     stop: StopFlag,
     sensors: LiveSensors,
     /// Logs what is wrong with them as soon as it shows, as a flight does, until they are stopped.
@@ -98,7 +98,7 @@ struct Seen {
     images: [Option<GrayImage>; 2],
 }
 
-/// That a frame came, and which of its images.
+/// Note of a frame that came, and which of its images.
 type Note = (u64, Timestamp, [bool; 2]);
 
 /// Reads streams to their end, and says how fit their sensors are. Live ones are read at their pace: a frame that comes while
@@ -227,7 +227,7 @@ impl Countdown {
     }
 }
 
-/// What a thread brought.
+/// Result of a thread.
 fn ended<T>(thread: ScopedJoinHandle<'_, Result<T, DriverError>>) -> Result<T> {
     Ok(thread.join().map_err(|_| anyhow!("a thread that reads a sensor panicked"))??)
 }

@@ -1,4 +1,4 @@
-//! Whether a folder has room for recordings, and takes them as fast as they come.
+//! Check that a folder has room for recordings, and takes them as fast as they come.
 
 use super::verdict::CheckVerdict;
 use plumbline_config::Config;
@@ -12,7 +12,7 @@ use std::time::Instant;
 /// Written to find the speed, MB: more than a card takes into its own memory.
 const TRIAL_MB: usize = 64;
 const MB: usize = 1_000_000;
-/// What the compressed image of a camera has of the plain one: noise does not compress.
+/// Size of a camera's compressed image relative to the plain one: noise does not compress.
 const PNG_SHARE: f64 = 0.7;
 /// All but images, MB/s.
 const REST_MB_S: f64 = 0.3;
@@ -21,7 +21,7 @@ const LEAST_S: f64 = 60.0;
 /// The disk should be so many times as fast as the recording: cards stall.
 const RESERVE: f64 = 2.0;
 
-/// What a recording takes, MB/s.
+/// Data rate of a recording, MB/s.
 fn rate_mb_s(config: &Config) -> f64 {
     let of_camera = |camera: &CameraConfig| (camera.width_px * camera.height_px) as f64 * camera.rate_hz;
     let images = config.camera.iter().map(of_camera).sum::<f64>() / MB as f64;

@@ -1,10 +1,10 @@
-//! Whether this host and this configuration are fit for a flight.
+//! Checks that this host and this configuration are fit for a flight.
 
 use super::verdict::{Check, CheckVerdict};
 use plumbline_config::Config;
 use plumbline_config::options::VehicleConfig;
 use plumbline_flight::schedule::bare_timer;
-use plumbline_flight::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
+use plumbline_flight::schedule::host::{HostRefusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use plumbline_flight::schedule::tasks::{TaskId, TaskTable};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -93,7 +93,7 @@ fn line_of(path: &str) -> Option<String> {
 }
 
 /// In a virtual machine even the shallowest sleep is left only when its host gets round to it.
-fn sleep(config: &Config, refusal: Option<&Refusal>) -> CheckVerdict {
+fn sleep(config: &Config, refusal: Option<&HostRefusal>) -> CheckVerdict {
     let us = config.runtime.idle_latency_us;
     let is_virtual = line_of("/sys/devices/system/cpu/cpuidle/current_driver").as_deref() == Some("haltpoll");
     match refusal {

@@ -127,7 +127,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
 }
 
-/// What was found of the host, and of the sensors of a source.
+/// Prints the findings about the host, and about the sensors of a source.
 fn tell(
     args: &DoctorArgs,
     host: Option<(Vec<Check>, TaskTable)>,
@@ -182,7 +182,7 @@ fn fit(to_mend: &[&str], has_host: bool, sensors: Option<&(String, CheckupReport
     format!("{what}{mend}, as far as was looked at. Not looked at: {}.", open.join(", "))
 }
 
-/// What a verdict does not cover.
+/// Subjects that a verdict does not cover.
 fn not_looked_at(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
     let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
     let live = sensors.is_none().then_some("the sensors (--live)");

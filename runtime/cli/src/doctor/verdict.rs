@@ -1,12 +1,12 @@
-//! How a check of the host or of its equipment came out.
+//! Verdicts of the checks of the host and its equipment.
 
-/// How a check came out.
+/// Verdict of a check.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum CheckVerdict {
     Fine(String),
     /// A flight is possible, with this against it.
     Poor(String),
-    /// What was configured for a flight cannot be had.
+    /// A part of the configured flight is unavailable.
     NotFit(String),
 }
 

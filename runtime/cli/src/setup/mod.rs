@@ -74,7 +74,7 @@ pub struct SetupOptions {
 }
 
 impl SetupOptions {
-    /// Whether devices of this computer are meant, and may be changed.
+    /// True if devices of this computer are meant, and may be changed.
     fn is_live(&self) -> bool {
         self.recorded.is_none()
     }
@@ -111,13 +111,13 @@ impl SetupOptions {
 struct Found {
     /// Name of the device, such as `RealSense D435i 123 (USB 3)`.
     device: String,
-    /// Whether it was detected; a device that the kernel does not know cannot be.
+    /// True if it was detected; a device that the kernel does not know cannot be.
     is_detected: bool,
     /// Configuration of the rig.
     config: Config,
     /// Where the values come from, and what is left to do; a line each.
     notes: Vec<String>,
-    /// What is set on the device, in words.
+    /// Settings of the device, in words.
     settings: Vec<String>,
 }
 

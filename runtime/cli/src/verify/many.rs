@@ -13,13 +13,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// What became of one log.
+/// Result for one log.
 #[derive(Debug, Serialize)]
 struct Row {
     log: PathBuf,
     /// Identical, and complete or accepted as it is.
     ok: bool,
-    /// What is to be said against it.
+    /// Objection to it.
     #[serde(skip_serializing_if = "Option::is_none")]
     objection: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]

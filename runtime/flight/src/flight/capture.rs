@@ -1,4 +1,4 @@
-//! What live sensors brought: sources that are watched while they are read, and the figures of that after the flight.
+//! Capture of live sensors: sources that are watched while they are read, and their figures after the flight.
 //!
 //! A watched source counts and times what it hands out on the thread that reads it, in memory that stands since before the
 //! flight, and counts what that thread allocates.
@@ -16,18 +16,18 @@ const GAP_PERIODS: f64 = 1.5;
 /// Allocations count from this much data time on, as those of the estimator do, ns.
 const WARM_UP_NS: i64 = 2_000_000_000;
 
-/// What a source brought.
+/// Figures of a source.
 #[derive(Clone, Debug, Serialize)]
 pub struct StreamFigures {
     /// Samples, or frames.
     pub count: u64,
     /// Missing by their numbers.
     pub missing: u64,
-    /// How often there was nothing for more than one and a half periods.
+    /// Number of gaps longer than one and a half periods.
     pub gaps: u64,
     /// The longest of these times, ms.
     pub longest_gap_ms: f64,
-    /// How many a second, from the first to the last.
+    /// Rate from the first to the last, Hz.
     pub rate_hz: f64,
     /// From the time of measurement to when it was handed out, ms.
     pub age_ms: Percentiles,
@@ -104,7 +104,7 @@ impl Meter {
 #[derive(Clone, Debug)]
 pub struct SharedMeter(Arc<Mutex<(Meter, Pairs)>>);
 
-/// Which images frames had.
+/// Counts of frames by the images they had.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Pairs {
     /// Both.

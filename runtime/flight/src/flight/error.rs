@@ -1,4 +1,4 @@
-//! Why a flight cannot be opened or flown.
+//! Errors of a flight that cannot be opened or flown.
 
 use super::truth::TruthError;
 use crate::autopilot::BridgeError;
@@ -9,11 +9,11 @@ use plumbline_drivers::DriverError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a flight cannot be opened or flown. Every message names the file, the key or the device.
+/// Errors of a flight that cannot be opened or flown. Every message names the file, the key or the device.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FlightError {
-    /// What was asked for makes no sense: a name, a path, a number; the message says what to give.
+    /// The request is invalid: a name, a path, a number; the message says what to give.
     #[error("{0}")]
     Invalid(String),
     /// The configuration is refused.
@@ -36,7 +36,7 @@ pub enum FlightError {
     Cache {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A file of rendered frames does not hold all of them.
@@ -63,7 +63,7 @@ impl From<TruthError> for FlightError {
 }
 
 impl FlightError {
-    /// Whether what was asked for is wrong, rather than what happened.
+    /// True if the request is wrong, rather than the flight.
     #[must_use]
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::Invalid(_) | Self::Autopilot(BridgeError::Mounting))

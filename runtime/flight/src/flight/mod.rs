@@ -1,7 +1,7 @@
 //! A flight: what is flown, opened and ready to run ([`open`]), and the run of it with those who listen ([`run`]).
 //!
-//! What comes out is data: the outcome of the run and the causal trajectory. Reports are made of it further up. What a
-//! flight is handed to while it goes on (recorder, autopilot, what the caller adds) is put together in [`outputs`].
+//! The output is data: the outcome of the run and the causal trajectory. Reports are made of it further up. What a flight is
+//! handed to while it goes on (recorder, autopilot, what the caller adds) is put together in [`outputs`].
 
 mod cache;
 pub mod capture;
@@ -45,7 +45,7 @@ use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, InjectedFault, Ste
 
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
-    /// What the estimator believes of the rig.
+    /// Configuration of the estimator.
     pub config: ValidConfig,
     /// Inertial samples.
     pub imu: Box<dyn ImuSource>,
@@ -53,11 +53,11 @@ pub struct Flight {
     pub stereo: Box<dyn StereoSource>,
     /// Ground truth, where there is one.
     pub truth: Truth,
-    /// What is flown, in a few words.
+    /// Short name of the flight.
     pub name: String,
     /// Findings of the input check.
     pub findings: Vec<plausibility::Finding>,
-    /// How the log that is replayed ends; `None` for other inputs.
+    /// End of the log that is replayed; `None` for other inputs.
     pub log_end: Option<LogEnd>,
     /// Rows and images of the data set that cannot be read: grows while it is read.
     pub file_defects: FileDefects,

@@ -79,7 +79,7 @@ pub fn open_dataset(
     Ok(Flight { truth, findings, file_defects: dataset.file_defects(), ..flight })
 }
 
-/// That the truth of a data set is left alone.
+/// Finding: the truth of a data set has no attitudes and is not used.
 fn of_positions(table: &Path) -> Finding {
     Finding::new(
         "the ground truth has no attitudes",
@@ -90,13 +90,13 @@ fn of_positions(table: &Path) -> Finding {
     .mild()
 }
 
-/// What is wrong with a recording, as a finding.
+/// Finding about a defect of a recording.
 fn of_defect(defect: &Defect) -> Finding {
     let finding = Finding::new(&defect.what, &defect.evidence, &defect.cause, &defect.cure);
     if defect.is_grave { finding } else { finding.mild() }
 }
 
-/// Whether `path` is that of a flight log.
+/// True if `path` is that of a flight log.
 #[must_use]
 pub fn is_log(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "mcap") && !path.is_dir()
@@ -124,7 +124,7 @@ pub fn open_log(
     Ok(Flight { log_end: Some(end), ..Flight::new(config, imu, stereo, path.display().to_string()) })
 }
 
-/// What a recording is.
+/// Kind of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingKind {
     /// A EuRoC data set, or nothing that is known.
@@ -135,7 +135,7 @@ pub enum RecordingKind {
     Bag,
 }
 
-/// What is at `path`: an .mcap file is one of our logs where it says so, else a bag.
+/// Kind of the recording at `path`: an .mcap file is one of our logs if it says so, else a bag.
 #[must_use]
 pub fn recording_kind(path: &Path) -> RecordingKind {
     let is_dataset = ["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir());
@@ -216,7 +216,7 @@ pub fn open_bag(
     Ok(Flight { findings, ..Flight::new(config, Box::new(bag.imu()), Box::new(bag.stereo()), name) })
 }
 
-/// That no ROS bag can be opened here.
+/// Error: this build opens no ROS bags.
 ///
 /// # Errors
 /// Always.
@@ -258,7 +258,7 @@ pub fn inertial_samples(
     Ok((samples, Some(LogReader::open(path)?.about().config.clone())))
 }
 
-/// Whether there can be a data set at `path` at all.
+/// Checks that there can be a data set at `path`.
 fn check_dataset(path: &Path) -> Result<(), FlightError> {
     let message = if !path.exists() {
         "does not exist; give the directory of a EuRoC data set, or a flight log or ROS bag (.mcap, .db3, .bag). Without data, \

@@ -1,4 +1,4 @@
-//! What a flight is handed to while it goes on: autopilot, map file, recorder, and what the caller brings, such as the network
+//! Outputs of a flight while it goes on: autopilot, map file, recorder, and those of the caller, such as the network
 //! ([`Output`]). Each listens to the run on the threads that produce, and has a thread of its own for the rest.
 
 use super::{Flight, FlightError};
@@ -17,7 +17,7 @@ pub trait Output: Subscriber {
     fn stop(self: Box<Self>);
 }
 
-/// Those who listen to a flight.
+/// Outputs of a flight.
 #[derive(Default)]
 pub struct Outputs {
     bridge: Option<Bridge>,
@@ -26,12 +26,12 @@ pub struct Outputs {
     recorder: Option<Recorder>,
 }
 
-/// What became of what was handed over.
+/// Figures of the outputs.
 #[derive(Default)]
 pub struct OutputFigures {
-    /// What the autopilot was told, where there was one.
+    /// Figures of the autopilot's bridge, if there is one.
     pub autopilot: Option<BridgeFigures>,
-    /// What the recorder wrote, where there was one.
+    /// Summary of the recorder, if there is one.
     pub recording: Option<RecorderSummary>,
 }
 

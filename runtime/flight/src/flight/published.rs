@@ -1,7 +1,7 @@
-//! What a flight published of its states, kept to be judged by the truth: every estimate, every few samples of odometry,
-//! and how well each is known against the one a second before.
+//! Published states of a flight, kept to be judged by the truth: every estimate, every few samples of odometry, and the
+//! uncertainty of each relative to the one a second before.
 
-use super::trajectory::{Lent, MAX_RESERVED_FRAMES, Storage};
+use super::trajectory::{EntryStorage, Lent, MAX_RESERVED_FRAMES};
 use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Timestamp, ValidConfig};
@@ -32,7 +32,7 @@ pub struct PublishedState {
     pub quality: i8,
 }
 
-/// What a flight published of a frame, with a pose or without.
+/// Published status of a frame, with a pose or without.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameStatus {
     /// Time on the IMU's axis.
@@ -72,10 +72,10 @@ pub struct Published {
 /// Keeps what a flight publishes.
 #[derive(Debug)]
 pub struct PublishedStates {
-    estimates: Storage<PublishedState>,
-    odometry: Storage<PublishedState>,
-    steps: Storage<StepCovariance>,
-    frames: Storage<FrameStatus>,
+    estimates: EntryStorage<PublishedState>,
+    odometry: EntryStorage<PublishedState>,
+    steps: EntryStorage<StepCovariance>,
+    frames: EntryStorage<FrameStatus>,
     /// One of so many samples of odometry is kept.
     one_of: u64,
 }
@@ -90,15 +90,15 @@ impl PublishedStates {
         // Half of the frames may be missing, and neither rate is exact; nothing for a stream whose length is not known.
         let kept = (frames as f64 * imu_hz / camera_hz / one_of * 2.1).ceil() as usize;
         Self {
-            estimates: Storage::with_room_for(frames, PublishedState::blank()),
-            odometry: Storage::with_room_for(kept, PublishedState::blank()),
-            steps: Storage::with_room_for(frames, StepCovariance::default()),
-            frames: Storage::with_room_for(frames, FrameStatus::default()),
+            estimates: EntryStorage::with_room_for(frames, PublishedState::blank()),
+            odometry: EntryStorage::with_room_for(kept, PublishedState::blank()),
+            steps: EntryStorage::with_room_for(frames, StepCovariance::default()),
+            frames: EntryStorage::with_room_for(frames, FrameStatus::default()),
             one_of: one_of as u64,
         }
     }
 
-    /// What was kept, after the run.
+    /// States kept, after the run.
     #[must_use]
     pub fn into_published(self) -> Published {
         Published {

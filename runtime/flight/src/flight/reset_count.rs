@@ -132,7 +132,7 @@ fn keep(shared: &Shared) {
     }
 }
 
-/// What the file holds: the number, and a sum by which damage shows.
+/// Content of the file: the number, and a checksum.
 fn line(next: u32) -> String {
     format!("{next} {:08x}\n", crc32fast::hash(&next.to_le_bytes()))
 }

@@ -9,13 +9,13 @@ use plumbline_config::ValidConfig;
 use plumbline_drivers::{InjectedFault, StampedPose};
 use plumbline_estimator::places::mapper::Passing;
 
-/// What a flight came to.
+/// Result of a flight.
 pub struct Flown {
-    /// What was flown.
+    /// Short name of the flight.
     pub name: String,
-    /// What the estimator believed of the rig.
+    /// Configuration of the estimator.
     pub config: ValidConfig,
-    /// Where the vehicle really was.
+    /// True states of the vehicle.
     pub truth: Truth,
     /// Threads of the run.
     pub threads: usize,

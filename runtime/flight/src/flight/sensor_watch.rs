@@ -25,7 +25,7 @@ const STAMP_LOOKS: usize = 10;
 /// Clock that frames are stamped by, as messages name it.
 const FRAME_CLOCK: &str = "the middle of the exposure in ns of CLOCK_MONOTONIC";
 
-/// What is wrong with the sensors now, one line each; for whoever shows it.
+/// Present faults of the sensors, one line each, for display.
 #[derive(Clone, Debug, Default)]
 pub struct SensorNotices(Arc<Mutex<Vec<String>>>);
 
@@ -42,12 +42,12 @@ impl SensorNotices {
     }
 }
 
-/// What is wrong with one sensor now.
+/// Present faults of one sensor.
 #[derive(Clone, Debug, Default)]
 pub struct SensorTrouble {
-    /// Why it brings nothing.
+    /// Reason why it brings nothing.
     pub missing: Option<String>,
-    /// What is wrong with its stamps.
+    /// Defect of its stamps.
     pub stamps: Option<String>,
 }
 
@@ -87,13 +87,13 @@ impl SensorWatch {
         Ok(Self { is_over, troubles, notices, thread: Some(thread) })
     }
 
-    /// What is wrong with the sensors.
+    /// Present faults of the sensors.
     #[must_use]
     pub fn notices(&self) -> SensorNotices {
         self.notices.clone()
     }
 
-    /// What is wrong with the inertial sensor and with the cameras, by the last look.
+    /// Faults of the inertial sensor and of the cameras at the last check.
     #[must_use]
     pub fn troubles(&self) -> [SensorTrouble; 2] {
         self.troubles.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -109,7 +109,7 @@ impl Drop for SensorWatch {
     }
 }
 
-/// What has been told.
+/// Faults reported so far.
 #[derive(Default)]
 struct Told {
     cameras: [Option<String>; 2],
@@ -146,7 +146,7 @@ impl Told {
         SensorNews { notices: self.notices(), frames, samples }
     }
 
-    /// What is wrong with the inertial sensor and with the cameras.
+    /// Faults of the inertial sensor and of the cameras.
     fn troubles(&self) -> [SensorTrouble; 2] {
         let [frames, samples] = self.stamps.clone();
         let [left, right] = &self.cameras;
@@ -156,7 +156,7 @@ impl Told {
         ]
     }
 
-    /// What is wrong now.
+    /// Present faults.
     fn notices(&self) -> Vec<String> {
         let all = self.cameras.iter().chain([&self.imu, &self.triggers]).chain(&self.stamps);
         all.flatten().cloned().collect()
@@ -194,7 +194,7 @@ struct StampLooks {
 }
 
 impl StampLooks {
-    /// What is wrong with the stamps of the last second, if that concerns half of what came.
+    /// Defect of the stamps of the last second, if it concerns at least half of them.
     fn look(&mut self, figures: StampFigures) -> Option<StampProblem> {
         let now = (figures.used, figures.bad());
         let before = std::mem::replace(&mut self.counts[self.next], now);
@@ -228,7 +228,7 @@ fn without_digits(words: &str) -> impl Iterator<Item = char> {
     words.chars().filter(|c| !c.is_ascii_digit())
 }
 
-/// When samples came last, and what came since.
+/// Progress of the samples: their counts, and the time since which nothing came.
 #[derive(Default)]
 struct Bringing {
     samples: u64,
@@ -252,7 +252,7 @@ impl Bringing {
     }
 }
 
-/// What is wrong with samples whose values make no sense, which are as many of so many.
+/// Warning of `malformed` samples without sensible values beside `samples` good ones.
 fn unusable(malformed: u64, samples: u64) -> String {
     format!(
         "{malformed} of {} samples of the IMU in a second are unusable (NaN, infinite or beyond its range) and were dropped; \
@@ -266,7 +266,7 @@ fn out_of_order(figures: &ImuFigures) -> u64 {
     figures.disordered + figures.clock.refused
 }
 
-/// Why the inertial sensor brings nothing, if it does not.
+/// Reason why the inertial sensor brings nothing, if it does not.
 fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> Option<String> {
     let since = *bringing.since.get_or_insert(now);
     let is_moving = (figures.samples, figures.settling) != (bringing.samples, bringing.settling);

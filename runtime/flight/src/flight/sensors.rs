@@ -10,31 +10,31 @@ use plumbline_drivers::{
     open_imu,
 };
 
-/// What is known of the sensors of a flight while it goes on, and after it.
+/// Sensors of a flight: views to be read during the flight and after it.
 #[derive(Clone, Debug)]
 pub struct LiveSensors {
     /// The inertial sensor.
     pub imu: SensorView<ImuMonitor>,
     /// The cameras.
     pub cameras: SensorView<CameraMonitor>,
-    /// How their frames are stamped, where a microcontroller triggers them.
+    /// Stamping of the frames, where a microcontroller triggers them.
     pub triggers: Option<TriggerMonitor>,
     /// Stamps that the inertial sensor is expected to send, in words.
     pub sample_clock: &'static str,
 }
 
-/// What is known of one of them.
+/// View of one sensor.
 #[derive(Clone, Debug)]
 pub struct SensorView<M> {
-    /// Where it is, as the configuration has it.
+    /// Address, as the configuration has it.
     pub name: String,
-    /// What its driver counts.
+    /// Counts of its driver.
     pub monitor: M,
     meter: SharedMeter,
 }
 
 impl<M> SensorView<M> {
-    /// What it brought; to be asked after the flight.
+    /// Figures of its stream, complete after the flight.
     #[must_use]
     pub fn figures(&self) -> (StreamFigures, Pairs) {
         self.meter.figures()

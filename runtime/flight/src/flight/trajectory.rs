@@ -39,7 +39,7 @@ pub struct CausalPose {
 /// Keeps the pose of every frame.
 #[derive(Debug)]
 pub struct CausalTrajectory {
-    storage: Storage<CausalPose>,
+    storage: EntryStorage<CausalPose>,
     most: usize,
 }
 
@@ -54,7 +54,7 @@ impl CausalTrajectory {
             reset_counter: 0,
             pose_m_o: None,
         };
-        Self { storage: Storage::with_room_for(frames, blank), most: usize::MAX }
+        Self { storage: EntryStorage::with_room_for(frames, blank), most: usize::MAX }
     }
 
     /// Creates a trajectory that keeps the first `frames` poses of a flight of any length.
@@ -114,13 +114,13 @@ impl CausalListener {
 
 /// Keeps everything that the estimates hold, a row a frame.
 #[derive(Debug)]
-pub struct KeptStates(Storage<Estimate>);
+pub struct KeptStates(EntryStorage<Estimate>);
 
 impl KeptStates {
     /// With room for so many frames.
     #[must_use]
     pub fn with_room_for(frames: usize) -> Self {
-        Self(Storage::with_room_for(frames, Estimate::default()))
+        Self(EntryStorage::with_room_for(frames, Estimate::default()))
     }
 
     /// With room for the frames of `flight`.
@@ -156,14 +156,14 @@ impl Listener for Lent<Estimate> {
 
 /// Keeps the pose of every odometry, at the rate of the IMU.
 #[derive(Debug)]
-pub struct OdometryTrajectory(Storage<StampedPose>);
+pub struct OdometryTrajectory(EntryStorage<StampedPose>);
 
 impl OdometryTrajectory {
     /// With room for so many poses.
     #[must_use]
     pub fn with_room_for(readings: usize) -> Self {
         let blank = StampedPose { stamp: Timestamp::default(), pose: Isometry3::identity() };
-        Self(Storage::with_room_for(readings, blank))
+        Self(EntryStorage::with_room_for(readings, blank))
     }
 
     /// The poses in order, after the run.
@@ -192,13 +192,13 @@ impl Listener for Lent<StampedPose> {
 
 /// Keeps everything that the odometry holds, a row an inertial sample.
 #[derive(Debug)]
-pub struct KeptOdometry(Storage<Odometry>);
+pub struct KeptOdometry(EntryStorage<Odometry>);
 
 impl KeptOdometry {
     /// With room for the odometry of `flight`.
     #[must_use]
     pub fn for_flight(flight: &Flight) -> Self {
-        Self(Storage::with_room_for(flight.expected_readings().min(LIVE_READINGS), Odometry::default()))
+        Self(EntryStorage::with_room_for(flight.expected_readings().min(LIVE_READINGS), Odometry::default()))
     }
 
     /// The rows in order, after the run.
@@ -225,11 +225,11 @@ impl Listener for Lent<Odometry> {
     }
 }
 
-/// Where entries are before and after the run.
+/// Storage of entries before and after the run.
 #[derive(Debug)]
-pub(super) struct Storage<T>(Arc<Mutex<Vec<T>>>);
+pub(super) struct EntryStorage<T>(Arc<Mutex<Vec<T>>>);
 
-impl<T: Clone> Storage<T> {
+impl<T: Clone> EntryStorage<T> {
     pub(super) fn with_room_for(count: usize, blank: T) -> Self {
         // Written once, so that every page is there.
         let mut entries = vec![blank; count];

@@ -1,4 +1,4 @@
-//! Where the vehicle really was, and how fast.
+//! Ground truth: positions and velocities of the vehicle.
 
 use crate::calibration::euroc_pose;
 use nalgebra::{Isometry3, Vector3};
@@ -34,7 +34,7 @@ impl From<StampedPose> for TrueState {
     }
 }
 
-/// Why a table of the truth cannot be used.
+/// Errors of a table of the truth that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
     /// The table cannot be read.
@@ -65,7 +65,7 @@ pub fn read_truth(table: &Path) -> Result<Vec<TruthState>, TruthError> {
     Ok(states)
 }
 
-/// Where the vehicle really was.
+/// Ground truth of the vehicle's states.
 pub enum Truth {
     /// Unknown.
     None,

@@ -1,5 +1,4 @@
-//! What stands at the beginning of every part of a log: which flight and which part it is, the
-//! configuration, its hash, and the build.
+//! Beginning of every part of a log: the flight and the part, the configuration, its hash, and the build.
 
 use super::LogError;
 use super::build_id::BuildId;
@@ -33,13 +32,13 @@ pub struct About {
     pub config: ValidConfig,
     /// SHA-256 of the configuration.
     pub config_hash: String,
-    /// How images are kept.
+    /// Recording of images.
     pub images: ImageRecording,
     /// SHA-256 of the map that the flight went on with, where it did.
     pub known_map: Option<String>,
     /// Resets were counted from here on.
     pub first_reset_counter: u32,
-    /// What wrote the log.
+    /// Build that wrote the log.
     pub build: BuildId,
 }
 
@@ -63,7 +62,7 @@ impl About {
         })
     }
 
-    /// As metadata.
+    /// Metadata of the log.
     ///
     /// # Errors
     /// When the configuration cannot be written as text.

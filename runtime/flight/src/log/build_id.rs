@@ -1,4 +1,4 @@
-//! Which build wrote a log: bits are promised for the same sources, on x86-64 and aarch64.
+//! Identity of the build that wrote a log: bits are promised for the same sources, on x86-64 and aarch64.
 
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
@@ -43,7 +43,7 @@ impl BuildId {
         })
     }
 
-    /// Whether both are the same executable; not if it is unknown.
+    /// True if both are the same executable; false if either is unknown.
     #[must_use]
     pub fn is_same_executable(&self, other: &Self) -> bool {
         self.executable == other.executable && self.executable != UNKNOWN

@@ -1,4 +1,4 @@
-//! What a re-execution puts out, against what the log says.
+//! Comparison of the output of a re-execution with the log.
 
 use super::LogError;
 use super::channel::Channel;

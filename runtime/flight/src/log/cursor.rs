@@ -1,7 +1,7 @@
 //! Hands out the messages of a log kind by kind, though they stand in it as the threads of the run came.
 //!
-//! What is read on the way to a message waits in a queue of its kind. In a log of one run the kinds are
-//! never further apart than the recorder's queue was long; a log in which they are is refused.
+//! Messages read on the way to another one wait in a queue of their kind. In a log of one run the kinds are never further apart
+//! than the recorder's queue was long; a log in which they are is refused.
 
 use super::channel::Channel;
 use super::reader::LogReader;
@@ -26,7 +26,7 @@ pub struct Cursor {
     wanted: &'static [Channel],
     waiting: [VecDeque<Vec<u8>>; Channel::LOGGED.len()],
     waiting_bytes: usize,
-    /// What is wrong with the log where it ceases to be whole.
+    /// Damage of the log, at the place where it ceases to be whole.
     damage: Option<String>,
 }
 
@@ -40,7 +40,7 @@ impl Cursor {
         Ok(Self { reader, wanted, waiting: Default::default(), waiting_bytes: 0, damage: None })
     }
 
-    /// What is wrong with the log where it ceased to be whole, if it did: nothing after that is handed out.
+    /// Damage of the log where it ceased to be whole, if it did: nothing after that is handed out.
     #[must_use]
     pub fn damage(&self) -> Option<&str> {
         self.damage.as_deref()
@@ -85,7 +85,7 @@ impl Cursor {
         bytes.map(|b| decode::<FrameOrder>(b).map_err(|e| self.bad(Channel::FrameOrder, e))).transpose()
     }
 
-    /// Whether a later order says that `frame`, whose order was just handed out, was lost by a fault: at most one more frame is
+    /// True if a later order says that `frame`, whose order was just handed out, was lost by a fault. At most one more frame is
     /// taken before it says so.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! What a log holds for people to look at: transforms, poses and events as Foxglove draws them.
+//! Drawings in a log: transforms, poses and events as Foxglove draws them.
 
 use super::foxglove;
 use nalgebra::Isometry3;
@@ -44,7 +44,7 @@ fn drawn_pose(pose: &Isometry3<f64>) -> (foxglove::Vector3, foxglove::Quaternion
     (foxglove::Vector3 { x: p.x, y: p.y, z: p.z }, foxglove::Quaternion { x: q.x, y: q.y, z: q.z, w: q.w })
 }
 
-/// Where the body is, as a transform to be drawn, under the names of ROS.
+/// Pose of the body, as a transform to be drawn, under the names of ROS.
 #[must_use]
 pub fn transform(e: &Estimate, names: &RosConfig) -> foxglove::FrameTransform {
     frame_transform(e.stamp, &names.odom_frame, &names.body_frame, &e.pose_o_b)
@@ -63,7 +63,7 @@ pub fn pose_in(stamp: Timestamp, frame: &str, of: &Isometry3<f64>) -> foxglove::
     foxglove::PoseInFrame { timestamp: timestamp(stamp), frame_id: frame.to_owned(), pose: Some(pose(of)) }
 }
 
-/// Where the body is, as a pose to be drawn.
+/// Pose of the body, to be drawn.
 #[must_use]
 pub fn pose_in_frame(e: &Estimate, names: &RosConfig) -> foxglove::PoseInFrame {
     pose_in(e.stamp, &names.odom_frame, &e.pose_o_b)

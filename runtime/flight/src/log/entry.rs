@@ -1,4 +1,4 @@
-//! What the recorder is given: owned entries of fixed size, made without allocation.
+//! Entries of the recorder: owned, of fixed size, made without allocation.
 
 use plumbline_drivers::StereoFrame;
 use plumbline_record::{Kind, Said};
@@ -15,7 +15,7 @@ pub enum LogEntry {
 }
 
 impl LogEntry {
-    /// Its kind.
+    /// Kind of the entry.
     #[must_use]
     pub fn kind(&self) -> Kind {
         match self {

@@ -19,7 +19,7 @@ use plumbline_drivers::{ImuReading, StereoSource};
 use plumbline_record::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
 use std::collections::VecDeque;
 
-/// What comes next.
+/// Next step of the execution.
 #[derive(Clone, Copy)]
 enum Step {
     /// Another reading for the odometry, with all that it brings.
@@ -34,7 +34,7 @@ enum Step {
     Over,
 }
 
-/// What following a frame comes to.
+/// Outcome of following a frame.
 enum Followed {
     /// Something before it.
     Before(Order<'static>),
@@ -65,7 +65,7 @@ pub struct LogOrders<'a> {
     reset: Option<ResetOrder>,
     /// First and last reading.
     span: Option<(Timestamp, Timestamp)>,
-    /// What the recorder says is missing.
+    /// Gap that the recorder reports.
     gap: Option<String>,
     /// Frames that were refused in flight.
     pub refused: u64,
@@ -145,7 +145,7 @@ impl<'a> LogOrders<'a> {
         self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 
-    /// Why the execution ended before the log, if it did.
+    /// Reason why the execution ended before the log, if it did.
     #[must_use]
     pub fn break_off(&self) -> Option<&str> {
         self.gap.as_deref().or(self.log.damage())

@@ -10,7 +10,7 @@ use super::channel::{Channel, FOXGLOVE};
 use super::drawn::log_time;
 use super::known::KnownMap;
 use super::reader::LogReader;
-use super::scene::{self, Content, Landmarks};
+use super::scene::{self, Landmarks, SceneContent};
 use super::verify::{Verification, verify_before};
 use crate::pipeline::listener::{Listener, Producer, Solved, Subscriber, View};
 use mcap::records::MessageHeader;
@@ -39,14 +39,14 @@ const POSE_NS: i64 = 200_000_000;
 const LEAST_GROWTH: usize = 10;
 const GROWTH_PART: usize = 8;
 
-/// What an export came to.
+/// Result of an export.
 #[derive(Clone, Debug)]
 pub struct Exported {
     /// Keyframes in the scene.
     pub keyframes: u64,
     /// Messages in the file.
     pub messages: u64,
-    /// What the execution that the scene was taken from came to.
+    /// Verification by the execution from which the scene was taken.
     pub verification: Verification,
 }
 
@@ -193,7 +193,7 @@ impl Drawing {
         }
         if now.stamp >= self.window_due {
             self.window_due = now.stamp.plus_nanos(WINDOW_NS);
-            let content = Content::of_window(&now);
+            let content = SceneContent::of_window(&now);
             let entity = scene::entity(now.stamp, &self.frame, "window", &content, Landmarks::InWindow);
             self.put_scene(now.stamp, &scene::update(vec![entity]));
         }
@@ -202,7 +202,7 @@ impl Drawing {
 
     fn kept(&self, last: &MapSnapshot, stamp: Timestamp) -> super::foxglove::SceneEntity {
         let id = format!("keyframe {}", stamp.as_nanos());
-        scene::entity(stamp, &self.frame, &id, &Content::of_keyframe(last, stamp), Landmarks::Kept)
+        scene::entity(stamp, &self.frame, &id, &SceneContent::of_keyframe(last, stamp), Landmarks::Kept)
     }
 
     /// Draws the path up to an estimate. After a reset it begins anew, in an empty scene.

@@ -12,7 +12,7 @@ use std::io::Cursor;
 
 /// Sides of an image that is read, px: what the configuration admits.
 const MAX_SIDE_PX: u32 = 4096;
-/// What the decoder of a compressed image may allocate for itself, bytes.
+/// Memory limit of the decoder of a compressed image, bytes.
 const MAX_DECODER_BYTES: usize = 64 << 20;
 
 /// SHA-256 of the pixels.
@@ -118,7 +118,7 @@ pub fn decode(
     check(image, description)
 }
 
-/// Whether `image` is the one described.
+/// Checks that `image` is the one described.
 ///
 /// # Errors
 /// When it is another: what is wrong, in words.

@@ -1,4 +1,4 @@
-//! What is in a log, without executing it.
+//! Contents of a log, without executing it.
 
 use super::LogError;
 use super::channel::Channel;
@@ -7,23 +7,23 @@ use plumbline_record::Dropped;
 
 /// Messages of one channel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Content {
-    /// How many.
+pub struct ChannelContent {
+    /// Number of messages.
     pub messages: u64,
     /// Bytes of their payloads.
     pub bytes: u64,
 }
 
-/// What a log holds.
+/// Contents of a log.
 #[derive(Clone, Debug)]
 pub struct Inventory {
     /// By channel, in their order.
-    pub contents: [Content; Channel::LOGGED.len()],
+    pub contents: [ChannelContent; Channel::LOGGED.len()],
     /// From the first to the last inertial sample or frame, s.
     pub duration_s: f64,
-    /// How the log ends.
+    /// End of the log.
     pub ending: Ending,
-    /// What it says was dropped.
+    /// Number of entries that were dropped, by the log itself.
     pub dropped: Dropped,
     /// An input is not the one that was recorded.
     pub inputs_changed: bool,
@@ -34,7 +34,7 @@ pub struct Inventory {
 /// # Errors
 /// When it cannot be read or is damaged.
 pub fn take(reader: &mut LogReader) -> Result<Inventory, LogError> {
-    let mut contents = [Content::default(); Channel::LOGGED.len()];
+    let mut contents = [ChannelContent::default(); Channel::LOGGED.len()];
     let mut span_ns: Option<(u64, u64)> = None;
     while let Some(message) = reader.next_message()? {
         let content = &mut contents[message.channel as usize];

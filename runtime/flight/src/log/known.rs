@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// A map from a file.
 pub struct KnownMap {
-    /// Its keyframes, in a map of the limits of the flight's configuration.
+    /// Keyframes, in a map of the limits of the flight's configuration.
     pub map: PlaceMap,
     /// SHA-256 of the file.
     pub sha256: String,

@@ -54,7 +54,7 @@ pub mod foxglove {
     include!("../../generated/foxglove.rs");
 }
 
-/// Why a log cannot be written or read. Every message names the file and the cure.
+/// Errors of a log that cannot be written or read. Every message names the file and the cure.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LogError {
@@ -63,7 +63,7 @@ pub enum LogError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// There is a log of that name.
@@ -77,7 +77,7 @@ pub enum LogError {
     NotALog {
         /// The file.
         path: PathBuf,
-        /// What is missing, and what to do.
+        /// Missing item and cure.
         reason: String,
     },
     /// The bytes are not those that were written.
@@ -87,7 +87,7 @@ pub enum LogError {
         path: PathBuf,
         /// Bytes read so far.
         offset: u64,
-        /// What does not fit.
+        /// Mismatch.
         reason: String,
     },
     /// The files have reached the size that the configuration allows.
@@ -103,7 +103,7 @@ pub enum LogError {
     Unusable {
         /// The file.
         path: PathBuf,
-        /// What is missing, and what to do.
+        /// Missing item and cure.
         reason: String,
     },
     /// The configuration cannot be written down so that it comes back.

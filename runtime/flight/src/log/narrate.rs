@@ -11,7 +11,7 @@ pub struct Narrator {
 }
 
 impl Narrator {
-    /// What has changed with `estimate`, if anything has.
+    /// Event of a changed state or a reset in `estimate`, if any.
     pub fn notice(&mut self, estimate: &Estimate) -> Option<Event> {
         let is_reset = estimate.reset_counter != self.reset_counter;
         let is_changed = self.state != Some(estimate.state);

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 const CHUNK_BYTES: u64 = 1 << 20;
 /// And when its first message is this much older than its last, ns.
 const CHUNK_NS: u64 = 500_000_000;
-/// What a message takes beside its payload, and in the index of its chunk, bytes.
+/// Overhead of a message beside its payload, with its share of the chunk's index, bytes.
 const MESSAGE_OVERHEAD: u64 = 64;
 /// Kept free in a part for the summary at its end, bytes: schemas and statistics, and for each chunk its
 /// index.
@@ -86,19 +86,19 @@ impl Part {
         self.complete_bytes + self.chunk_bytes + message + chunk_end + summary
     }
 
-    /// Whether it holds more than its beginning.
+    /// True if it holds more than its beginning.
     #[must_use]
     pub fn has_data(&self) -> bool {
         self.chunks > 1 || self.has_chunk()
     }
 
-    /// Whether there is a chunk in the making.
+    /// True if a chunk has been begun.
     #[must_use]
     pub fn has_chunk(&self) -> bool {
         self.chunk_since_ns.is_some()
     }
 
-    /// Whether the chunk is to be completed after a message of `time_ns`.
+    /// True if the chunk must be completed after a message of `time_ns`.
     #[must_use]
     pub fn is_chunk_due(&self, time_ns: u64) -> bool {
         let age_ns = self.chunk_since_ns.map_or(0, |since| time_ns.saturating_sub(since));

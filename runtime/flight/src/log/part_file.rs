@@ -8,18 +8,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What failed for want of descriptors or of room is tried again this often.
+/// Period of retries after a failure for want of descriptors or of room.
 const RETRY: Duration = Duration::from_millis(100);
 
-/// What a part is written to.
+/// Medium of a part.
 pub trait Medium: Write + Send {
     /// Shortens it to `bytes`.
     ///
     /// # Errors
     /// When the system refuses.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
-    /// What waits, on another thread, until everything that was written before is on the medium itself, the name of the file
-    /// included.
+    /// Syncer which waits, on another thread, until everything written before is on the medium, the name of the file included.
     ///
     /// # Errors
     /// When the system refuses.
@@ -81,7 +80,7 @@ impl Syncer for FileSyncer {
 /// Makes the medium of a path.
 type Open = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send>;
 
-/// What a system lacks that others may give back.
+/// Resource that is lacking and that others may give back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lack {
     Descriptors,
@@ -132,7 +131,7 @@ impl Patience {
             && (lack == Lack::Descriptors || self.waits_for_room.load(Ordering::Relaxed))
     }
 
-    /// Whether the oldest part has made room.
+    /// Deletes the oldest part to make room, and returns true if there was one.
     fn makes_room(&self) -> io::Result<bool> {
         self.room.as_ref().map_or(Ok(false), |room| room.delete_oldest().map_err(|(_, error)| error))
     }
@@ -230,7 +229,7 @@ impl OpenPart {
         self.patience.clone()
     }
 
-    /// What waits for the medium of the part that was opened last; once for each part.
+    /// Syncer of the part that was opened last; once for each part.
     pub fn take_syncer(&mut self) -> Option<Box<dyn Syncer>> {
         self.newest.take()
     }

@@ -29,15 +29,15 @@ const MAX_CHANNELS: usize = 1024;
 /// A message as it stands in the log.
 #[derive(Clone, Copy, Debug)]
 pub struct RawMessage<'a> {
-    /// Its channel.
+    /// Channel.
     pub channel: Channel,
-    /// Its time, ns.
+    /// Time, ns.
     pub time_ns: u64,
-    /// Its encoded content.
+    /// Encoded content.
     pub payload: &'a [u8],
 }
 
-/// How a log ends.
+/// End of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Not read that far yet.
@@ -91,7 +91,7 @@ impl LogReader {
         })
     }
 
-    /// What the log says of itself.
+    /// Beginning of the log: flight, configuration, build.
     #[must_use]
     pub fn about(&self) -> &About {
         &self.about
@@ -121,19 +121,19 @@ impl LogReader {
         self.read_bytes + self.part.read_bytes
     }
 
-    /// How it ends; known once [`Self::next_message`] has returned `None`.
+    /// End of the log; known once [`Self::next_message`] has returned `None`.
     #[must_use]
     pub fn ending(&self) -> Ending {
         self.ending
     }
 
-    /// What was dropped, by what was read so far.
+    /// Entries dropped, by the part read so far.
     #[must_use]
     pub fn dropped(&self) -> Dropped {
         self.dropped
     }
 
-    /// Whether an input is not the one that was recorded, by what was read so far.
+    /// True if an input differs from the recorded one, by the part read so far.
     #[must_use]
     pub fn is_seal_broken(&self) -> bool {
         self.is_seal_broken
@@ -204,7 +204,7 @@ impl LogReader {
     }
 }
 
-/// What a record was.
+/// Record that was read.
 enum Step {
     Message { channel: Channel, time_ns: u64 },
     Other,

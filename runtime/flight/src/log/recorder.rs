@@ -34,7 +34,7 @@ const WAIT: Duration = Duration::from_micros(200);
 /// A chunk is completed at the latest after this time, also when no data come.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 
-/// Whether the file is still there is looked at this often.
+/// Period of the check that the file still exists.
 const LOOK_PERIOD: Duration = Duration::from_millis(500);
 /// The end of a flight waits so long for the disk to take what is in the queue.
 const LAST_WRITES: Duration = Duration::from_secs(20);
@@ -48,16 +48,16 @@ const ENTRIES_PER_FRAME: f64 = 8.0;
 /// And some more.
 const MARGIN: usize = 64;
 
-/// What becomes of an entry that finds the queue full.
+/// Policy for an entry that finds the queue full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhenFull {
     /// It is dropped and counted: for live runs.
     Drop,
-    /// Its producer waits: for runs in virtual time.
+    /// The producer waits: for runs in virtual time.
     Wait,
 }
 
-/// What producers and recorder have in common.
+/// State shared by producers and recorder.
 struct Shared {
     entries: Queue<LogEntry>,
     /// Filled by the recorder's thread, emptied by the front-end.
@@ -138,7 +138,7 @@ impl FrameKeeper for RecorderHandle {
     }
 }
 
-/// What a recording came to.
+/// Summary of a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct RecorderSummary {
     /// The first file.
@@ -153,9 +153,9 @@ pub struct RecorderSummary {
     pub not_recorded: u64,
     /// Entries that were not recorded, as text.
     pub not_recorded_words: String,
-    /// Why recording ended before the flight, if it did.
+    /// Reason why recording ended before the flight, if it did.
     pub ended_early: Option<String>,
-    /// Whether that is a failure: of the disk, not the end of the room that the configuration gives.
+    /// True if that is a failure of the disk, rather than the end of the room that the configuration gives.
     pub has_failed: bool,
     /// Processor time of the recorder's thread, s.
     pub cpu_s: f64,

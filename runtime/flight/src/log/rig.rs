@@ -14,7 +14,7 @@ use prost::Message as _;
 
 /// Names of the cameras' frames: x right, y down, z forward.
 pub const CAMERA_FRAMES: [&str; 2] = ["left", "right"];
-/// What the messages take, bytes at most: the names of three frames have up to 64 each.
+/// Bound on the size of the messages, bytes: the names of three frames have up to 64 each.
 pub const MAX_BYTES: u64 = 2_048;
 
 /// The messages of a rig of up to two cameras.

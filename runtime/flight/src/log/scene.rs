@@ -21,18 +21,18 @@ const KEPT: [f64; 3] = [0.35, 0.6, 0.95];
 /// Colours of x, y and z.
 const AXES: [[f64; 3]; 3] = [[0.9, 0.2, 0.2], [0.2, 0.8, 0.2], [0.25, 0.4, 1.0]];
 
-/// Whether landmarks may still move.
+/// Kinds of landmarks: those in the window may still move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Landmarks {
-    /// Those of the window.
+    /// Landmarks in the window.
     InWindow,
-    /// Those of a keyframe that has left the window.
+    /// Landmarks of a keyframe that has left the window.
     Kept,
 }
 
-/// What a part of a scene is made of.
+/// Content of a part of a scene.
 #[derive(Clone, Debug, Default)]
-pub struct Content {
+pub struct SceneContent {
     /// Points.
     pub points: Vec<Vector3<f64>>,
     /// Lines by their ends.
@@ -41,7 +41,7 @@ pub struct Content {
     pub keyframes: Vec<Isometry3<f64>>,
 }
 
-impl Content {
+impl SceneContent {
     /// All of a window.
     #[must_use]
     pub fn of_window(snapshot: &MapSnapshot) -> Self {
@@ -86,7 +86,7 @@ pub fn entity(
     stamp: Timestamp,
     frame: &str,
     id: &str,
-    content: &Content,
+    content: &SceneContent,
     which: Landmarks,
 ) -> foxglove::SceneEntity {
     let colour = colour(if which == Landmarks::InWindow { WINDOW } else { KEPT });
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn points_lines_and_axes_are_where_they_were() {
-        let content = Content::of_coordinates(
+        let content = SceneContent::of_coordinates(
             &[1.0, 2.0, 3.0, 4.0],
             &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
             &[Isometry3::translation(5.0, 0.0, 0.0)],
@@ -188,7 +188,8 @@ mod tests {
         );
         assert_eq!((made.lines[1].points[0].x, made.lines[1].points[1].x), (5.0, 5.0 + AXIS_M));
         assert_eq!(made.timestamp.unwrap().nanos, 500_000_000);
-        let empty = entity(Timestamp::from_nanos(0), "odom", "window", &Content::default(), Landmarks::Kept);
+        let empty =
+            entity(Timestamp::from_nanos(0), "odom", "window", &SceneContent::default(), Landmarks::Kept);
         assert!(empty.spheres.is_empty() && empty.lines.is_empty());
     }
 }

@@ -11,12 +11,12 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// How a log that is flown ends, once it was read that far: nothing when with the flight.
+/// End of a log that is flown, once it was read that far: nothing if it ends with the flight.
 #[derive(Clone, Debug, Default)]
 pub struct LogEnd(Arc<Mutex<Option<String>>>);
 
 impl LogEnd {
-    /// Where and why it breaks off, in words.
+    /// Place and reason of the break, in words.
     #[must_use]
     pub fn words(&self) -> Option<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -26,7 +26,7 @@ impl LogEnd {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(words);
     }
 
-    /// What was read, where damage counts as the end of the log.
+    /// Result of a read, where damage counts as the end of the log.
     fn or_end<T>(
         &self,
         cursor: &Cursor,

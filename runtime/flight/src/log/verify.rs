@@ -20,7 +20,7 @@ use plumbline_record::{Dropped, Kind};
 use serde::Serialize;
 use std::path::Path;
 
-/// What an execution with the log's own images reads.
+/// Channels read by an execution with the log's own images.
 const WITH_IMAGES: &[Channel] = &[
     Channel::Imu,
     Channel::Left,
@@ -34,7 +34,7 @@ const WITH_IMAGES: &[Channel] = &[
     Channel::Estimate,
     Channel::Odometry,
 ];
-/// What one with the images of a data set reads.
+/// Channels read by an execution with the images of a data set.
 const WITHOUT_IMAGES: &[Channel] = &[
     Channel::Imu,
     Channel::Frame,
@@ -47,7 +47,7 @@ const WITHOUT_IMAGES: &[Channel] = &[
     Channel::Odometry,
 ];
 
-/// What a verification came to.
+/// Result of a verification.
 #[derive(Clone, Debug, Serialize)]
 pub struct Verification {
     /// Every output that was compared is the same in every bit, and every input is the one recorded.
@@ -84,7 +84,7 @@ pub struct Verification {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry of the execution, as in a report.
     pub odometry_digest: String,
-    /// Whether the map was executed up to a fault of the program alone.
+    /// True if the map was executed only up to a fault of the program.
     pub map_ends_at_fault: bool,
     /// SHA-256 over the bits of the pose of the odometry in the map, as in a report; `None` where places were off, or where
     /// the map ends at a fault.

@@ -23,17 +23,17 @@ use prost::Message;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-/// What a part has without any message: configuration, schemas, summary.
+/// Size of a part without any message, bytes: configuration, schemas, summary.
 const NEW_PART_BYTES: u64 = 128 << 10;
 
-/// How much is written.
+/// Limits of the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Largest size of a part, bytes.
     pub part_bytes: u64,
     /// Largest size of all parts together, bytes.
     pub total_bytes: u64,
-    /// What to do at the limit.
+    /// Policy at the limit.
     pub keep: KeepPolicy,
 }
 
@@ -340,12 +340,12 @@ impl LogWriter {
         self.sound(flushed)
     }
 
-    /// What waits for the medium of the part under way; once for each part.
+    /// Syncer of the part under way; once for each part.
     pub fn take_syncer(&mut self) -> Option<Box<dyn Syncer>> {
         self.open.take_syncer()
     }
 
-    /// What waits for descriptors and room; its end ends the waiting.
+    /// Patience of the writer in waiting for descriptors and room; ending it ends the wait.
     #[must_use]
     pub fn patience(&self) -> Patience {
         self.open.patience()

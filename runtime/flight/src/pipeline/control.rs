@@ -1,4 +1,4 @@
-//! What somebody outside may ask of a run: to end, to start the estimate anew, or to keep the map.
+//! Requests from outside of a run: stop it, reset the estimate, save the map.
 
 use super::map_saves::MapSaves;
 use plumbline_estimator::ResetKind;
@@ -48,7 +48,7 @@ impl Control {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the run is to end.
+    /// True if the run is to stop.
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)

@@ -1,4 +1,4 @@
-//! What a run counts and times.
+//! Counts and times of a run.
 
 use super::clock::Stopwatch;
 use crate::schedule::times::{Percentiles, Times};
@@ -62,7 +62,7 @@ impl StageProbe for StageTimes {
     }
 }
 
-/// Everything a run counts and times.
+/// Counts and times of a run.
 #[derive(Clone, Debug)]
 pub struct Figures {
     /// Frames taken.
@@ -75,7 +75,7 @@ pub struct Figures {
     pub imu_refused: u64,
     /// Resets.
     pub resets: u32,
-    /// Where they are counted from.
+    /// First value of the reset counter.
     pub first_reset_counter: u32,
     /// Allocations and frees while estimating, after the warm-up.
     pub hot_path_allocations: u64,

@@ -50,13 +50,13 @@ pub trait Subscriber {
 
 /// Takes what one thread of a run produces. What a listener does not ask for passes by.
 pub trait Listener: Send {
-    /// Whether [`Solved::step`] is wanted, which costs the window a few percent of a frame. Asked once, before the run.
+    /// Requests [`Solved::step`], which costs the window a few percent of a frame. Asked once, before the run.
     fn keeps_steps(&self) -> bool {
         false
     }
     /// Something that the flight says: an input, an order, an output or an event.
     fn said(&mut self, _said: &Said) {}
-    /// What the thread works on, to be copied from now or never.
+    /// Shows the data of the thread, to be copied now or never.
     fn shown(&mut self, _view: View<'_>) {}
 }
 
@@ -66,10 +66,10 @@ pub trait FrameKeeper: Send {
     fn keep(&mut self, frame: &mut StereoFrame);
 }
 
-/// What a thread works on.
+/// Data of a thread.
 #[derive(Clone, Copy)]
 pub enum View<'a> {
-    /// What was tracked in a frame that is about to be done with.
+    /// Tracks of a frame whose images are about to be released.
     Tracked(&'a Tracked),
     /// A frame that is done with, taken or refused.
     Frame(&'a StereoFrame),
@@ -81,7 +81,7 @@ pub enum View<'a> {
     Blind(&'a Odometry),
 }
 
-/// What the window holds after an estimate.
+/// Window after an estimate.
 pub struct Solved<'a> {
     /// The estimate.
     pub estimate: &'a Estimate,
@@ -100,7 +100,7 @@ impl Solved<'_> {
 /// The map after a frame.
 #[derive(Clone, Copy)]
 pub struct Mapped<'a> {
-    /// What was found.
+    /// Result of the mapper.
     pub update: &'a MapUpdate,
     /// Keyframes, graph and loops.
     pub mapper: &'a Mapper,

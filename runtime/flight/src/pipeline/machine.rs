@@ -24,7 +24,7 @@ use plumbline_estimator::{Estimate, Feedback, Fork};
 use plumbline_record::{MapOrder, MapVerdict, ResetOrder};
 use std::collections::VecDeque;
 
-/// What a machine is to do next.
+/// Next action of a machine.
 pub enum Order<'f> {
     /// Give the estimator a reading.
     Feed(ImuReading),
@@ -38,13 +38,13 @@ pub enum Order<'f> {
     Reset(ResetOrder),
     /// Correct the odometry by the estimate of this frame, which waits.
     Correct(u64),
-    /// What becomes of a frame for the map.
+    /// Use of a frame for the map.
     Map(MapOrder),
 }
 
-/// Where orders come from.
+/// Source of orders.
 pub trait Orders {
-    /// Why there can be no more.
+    /// Error that ends the orders.
     type Error;
 
     /// The order that `machine` is given next; `None` after the last.
@@ -66,7 +66,7 @@ pub struct Machine<'a> {
     is_in_flight: bool,
     /// Room for the frame after it.
     next: Job,
-    /// What was found with the frame that was solved last, if `is_feedback_due`: the front-end has yet to hear it.
+    /// Feedback of the frame that was solved last, if `is_feedback_due`: the front-end has yet to receive it.
     feedback: Feedback,
     is_feedback_due: bool,
     newest_imu: Timestamp,
@@ -82,7 +82,7 @@ struct Places {
 }
 
 impl<'a> Machine<'a> {
-    /// Everything allocated for the configuration. The map goes on with the keyframes of `known`.
+    /// Machine with everything allocated for the configuration. The map goes on with the keyframes of `known`.
     #[must_use]
     pub fn new(
         config: &ValidConfig,
@@ -232,7 +232,7 @@ impl<'a> Machine<'a> {
         self.is_in_flight.then_some(self.in_flight.tracked.time.stamp)
     }
 
-    /// What the whole counted and timed, and the map.
+    /// Counts and times of the whole run, and the map.
     #[must_use]
     pub fn into_end(self) -> (Figures, Option<PlacesEnd>) {
         let figures = stages::total(&self.front, &self.window, &self.tick, self.team);

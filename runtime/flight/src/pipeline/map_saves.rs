@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What became of the last request: keyframes that were written, or why none were. `None` before the first.
+/// Result of the last request: keyframes that were written, or the reason why none were. `None` before the first.
 pub type MapSaved = Option<Result<u32, String>>;
 
 /// A request to keep the map: how often it had been kept before.
@@ -15,7 +15,7 @@ pub struct MapRequest(u64);
 pub struct MapSaves {
     is_open: AtomicBool,
     is_asked: AtomicBool,
-    /// How often a request has ended, and what became of the last.
+    /// Number of requests that have ended, and the result of the last.
     saved: Mutex<(u64, MapSaved)>,
 }
 
@@ -35,14 +35,14 @@ impl MapSaves {
         Some(request)
     }
 
-    /// What became of a request: `None` as long as nothing did. It does not wait.
+    /// Result of a request: `None` until it has ended. Does not wait.
     #[must_use]
     pub fn outcome(&self, request: MapRequest) -> MapSaved {
         let saved = self.saved();
         if saved.0 == request.0 { None } else { saved.1.clone() }
     }
 
-    /// Whether the map was asked for since the last call.
+    /// True if the map was requested since the last call.
     pub fn take(&self) -> bool {
         self.is_asked.swap(false, Ordering::Relaxed)
     }

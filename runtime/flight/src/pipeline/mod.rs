@@ -40,7 +40,7 @@ use stages::WindowStage;
 use std::sync::Arc;
 use team::Team;
 
-/// How a run goes.
+/// Options of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunOptions {
     /// Multiple of real time; `None` for as fast as it goes.
@@ -89,7 +89,7 @@ impl PlacesEnd {
     }
 }
 
-/// What a run came to.
+/// Outcome of a run.
 pub struct Outcome {
     /// Times and counts.
     pub figures: Figures,
@@ -97,15 +97,15 @@ pub struct Outcome {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry.
     pub odometry_digest: String,
-    /// What the drivers survived.
+    /// Faults survived by the drivers.
     pub faults: DriverFaults,
     /// The map; `None` where places are switched off.
     pub places: Option<PlacesEnd>,
-    /// What only a live run has.
+    /// Figures of a live run only.
     pub live: Option<LiveFigures>,
 }
 
-/// What the drivers of a run survived.
+/// Faults survived by the drivers of a run.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct DriverFaults {
     /// The inertial driver.
@@ -114,7 +114,7 @@ pub struct DriverFaults {
     pub cameras: Faults,
 }
 
-/// Why a run ended early.
+/// Reason why a run ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A driver cannot go on.
@@ -132,7 +132,7 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Whether the same run, started again, may go on: the fault lies in the program, and not in what it was given.
+    /// True if the same run, started again, may succeed: the fault lies in the program, and not in its input.
     #[must_use]
     pub fn is_fault(&self) -> bool {
         matches!(self, Self::Fault(_) | Self::Stalled(_))

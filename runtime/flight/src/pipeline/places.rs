@@ -1,9 +1,9 @@
 //! The stage of places: keyframes in, what the map knows out. It works beside the flight, and nothing of the odometry
 //! depends on it.
 //!
-//! What was begun with frame `k` takes effect [`PLACES_DELAY_FRAMES`] frames later, however early it was ready, so that
-//! every executor gives the same bits. In a live run it may come later still, or be passed over when the one before is
-//! not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
+//! Results for frame `k` take effect [`PLACES_DELAY_FRAMES`] frames later, however early they were ready, so that every
+//! executor gives the same bits. In a live run they may take effect later still, or the frame be passed over when the one
+//! before is not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
 
 use super::clock::Stopwatch;
 use super::effect::Effect;
@@ -22,14 +22,14 @@ pub const PLACES_DELAY_FRAMES: u64 = 6;
 /// Updates that wait to take effect, at most.
 const MAX_PENDING: usize = 16;
 
-/// Which frames are given to the map, by what the window says of them.
+/// Choice of the frames that are given to the map, by the window's feedback.
 #[derive(Debug, Default)]
 pub struct PlaceChoice {
     last: Option<u64>,
 }
 
 impl PlaceChoice {
-    /// Whether the frame that `feedback` is about is one: a keyframe, or the first for a while.
+    /// True if the frame of `feedback` is one: a keyframe, or the first for a while.
     pub fn takes(&mut self, feedback: &Feedback) -> bool {
         let solved = &feedback.solved;
         let is_due = self.last.is_none_or(|last| solved.index >= last + SEARCH_EVERY_FRAMES);
@@ -41,7 +41,7 @@ impl PlaceChoice {
     }
 }
 
-/// What the stage counts and times.
+/// Counts and times of the stage.
 #[derive(Clone, Debug)]
 pub struct PlacesFigures {
     /// Computation of each call, ms of wall time.
@@ -93,7 +93,7 @@ pub struct PlacesStage {
 }
 
 impl PlacesStage {
-    /// Everything allocated for the configuration; `None` where places are switched off.
+    /// Stage with everything allocated for the configuration; `None` where places are switched off.
     #[must_use]
     pub fn new(config: &ValidConfig, known: Option<PlaceMap>, listener: Box<dyn Listener>) -> Option<Self> {
         config.estimator.places.enabled.then(|| Self {
@@ -125,7 +125,7 @@ pub struct MapStage {
     follower: MapFollower,
     effect: Effect,
     pending: VecDeque<MapUpdate>,
-    /// What takes effect by order: frame, and the frame with whose estimate it does.
+    /// Results that take effect by order: their frame, and the frame with whose estimate they do.
     ordered: VecDeque<(u64, u64)>,
     /// A frame that took effect by order, and was not given to the map.
     missing: Option<u64>,
@@ -156,7 +156,7 @@ impl MapStage {
         }
     }
 
-    /// What was found with `frame` takes effect with the estimate of `at_frame`.
+    /// Orders the results of `frame` to take effect with the estimate of `at_frame`.
     pub fn apply_by(&mut self, frame: u64, at_frame: u64) {
         self.ordered.push_back((frame, at_frame));
     }
@@ -218,7 +218,7 @@ impl MapStage {
         listener.said(&Said::MapEstimate(map_estimate));
     }
 
-    /// What the whole came to, with the times of the map.
+    /// Figures of the whole stage, with the times of the map.
     #[must_use]
     pub fn figures(&self, times_ms: Times, passed_over: u64, mapper: &Mapper) -> PlacesFigures {
         PlacesFigures {

@@ -20,11 +20,11 @@ use plumbline_record::{Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Said
 /// A tracked frame on its way to the window.
 #[derive(Clone, Debug)]
 pub struct Job {
-    /// What the front-end made of it.
+    /// Output of the front-end.
     pub tracked: Tracked,
-    /// What that took.
+    /// Cost of the front-end.
     pub cost: Cost,
-    /// Whether the window is to be made anew before it: front-end or window ended by a fault of its own.
+    /// True if the window must be rebuilt before it: front-end or window ended by a fault of its own.
     pub is_after_fault: bool,
 }
 
@@ -63,7 +63,7 @@ pub struct FrontStage {
 }
 
 impl FrontStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, subscriber: &mut dyn Subscriber) -> Self {
         Self {
@@ -88,7 +88,7 @@ impl FrontStage {
         is_accepted
     }
 
-    /// Whether a frame of `image_stamp` is worth waiting for its readings.
+    /// True if a frame of `image_stamp` is worth waiting for its readings.
     #[must_use]
     pub fn expects(&self, image_stamp: Timestamp) -> bool {
         self.front_end.expects(image_stamp)
@@ -189,7 +189,7 @@ pub struct WindowStage {
     first: Option<Timestamp>,
     resets: u32,
     map: Option<MapStage>,
-    /// What was counted and timed of frames so far.
+    /// Counts and times of frames so far.
     pub figures: Figures,
     /// The time of each stage.
     pub times: StageTimes,
@@ -198,7 +198,7 @@ pub struct WindowStage {
 }
 
 impl WindowStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         let mut odometer = Odometer::new(config.setup());
@@ -226,7 +226,7 @@ impl WindowStage {
         }
     }
 
-    /// What was found with `frame` takes effect with the estimate of `at_frame`, by order.
+    /// Orders the results of `frame` to take effect with the estimate of `at_frame`.
     pub fn apply_to_map(&mut self, frame: u64, at_frame: u64) {
         if let Some(map) = &mut self.map {
             map.apply_by(frame, at_frame);
@@ -311,7 +311,7 @@ impl WindowStage {
     }
 }
 
-/// Everything that the stages of a run counted and timed, after their end.
+/// Counts and times of all stages of a run, after their end.
 #[must_use]
 pub fn total(front: &FrontStage, window: &WindowStage, tick: &TickStage, team: &Team) -> Figures {
     let mut figures = window.figures.clone();

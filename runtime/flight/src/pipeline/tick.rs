@@ -27,11 +27,11 @@ const MAX_WAIT_NS: i64 = 1_000_000_000;
 
 /// Without a reading for so long, the odometry of a live flight is blind, ns: longer than a line or a host holds readings up.
 const BLIND_NS: i64 = 200_000_000;
-/// What a vehicle may do meanwhile, beside what is known: turn by so much, rad/s, and accelerate by so much, m/s².
+/// Agility assumed of a vehicle while nothing is measured: angular rate, rad/s, and acceleration, m/s².
 const UNSEEN_RATE: f64 = 2.0;
 const UNSEEN_ACCELERATION: f64 = 10.0;
 
-/// What the tick counts and times.
+/// Counts and times of the tick.
 #[derive(Clone, Debug)]
 pub struct TickFigures {
     /// From being given a reading to its odometry, microseconds.
@@ -56,12 +56,12 @@ pub struct TickStage {
     listener: Box<dyn Listener>,
     /// The last odometry.
     last: Option<Odometry>,
-    /// What was counted and timed so far.
+    /// Counts and times so far.
     pub figures: TickFigures,
 }
 
 impl TickStage {
-    /// Everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         Self {
@@ -133,7 +133,7 @@ impl TickStage {
         }
     }
 
-    /// Whether a reading follows those before it. One that does not is refused, whenever it comes.
+    /// True if a reading follows those before it. One that does not is refused, whenever it comes.
     #[must_use]
     pub fn expects(&self, reading: &ImuReading) -> bool {
         self.propagator.expects(&reading.sample)
@@ -171,7 +171,7 @@ impl TickStage {
         self.pending.iter().map(|estimate| estimate.frame_sequence).find(|waiting| *waiting >= frame)
     }
 
-    /// Whether the estimates of two more frames, one of them in flight, find room among those that wait.
+    /// True if the estimates of two more frames, one of them in flight, find room among those that wait.
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.pending.len() + 2 <= MAX_PENDING

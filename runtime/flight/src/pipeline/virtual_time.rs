@@ -40,7 +40,7 @@ pub fn run(
     Ok(Outcome { figures, estimate_digest, odometry_digest, faults, places, live: None })
 }
 
-/// What comes next.
+/// Next step of the run.
 #[derive(Clone, Copy)]
 enum Step {
     /// Another frame.

@@ -10,7 +10,7 @@ use plumbline_estimator::places::{Keyframe, Located, Locator, LocatorOptions, Ma
 /// Poses further apart than this are not interpolated between, s.
 const MAX_POSE_GAP_S: f64 = 0.06;
 
-/// What becomes a keyframe.
+/// Options of building a map: the choice of keyframes, and its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuildOptions {
     /// A frame becomes a keyframe when its view differs by this much from all others, m; a turn of 30 degrees counts
@@ -20,7 +20,7 @@ pub struct BuildOptions {
     pub limits: MapLimits,
 }
 
-/// What a map was made of.
+/// Figures of building a map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BuildFigures {
     /// Frames looked at.
@@ -70,11 +70,11 @@ pub fn build(
 /// A frame and where it was found.
 #[derive(Clone, Debug)]
 pub struct LocatedFrame {
-    /// When it was taken.
+    /// Time of the frame.
     pub stamp: Timestamp,
-    /// Its features.
+    /// Number of features.
     pub features: usize,
-    /// Where it was found, if it was.
+    /// Pose that was found, if any.
     pub located: Option<Located>,
 }
 

@@ -38,7 +38,7 @@ const MAX_POSITION_M: f64 = 1e7;
 /// By how much the length of a quaternion may differ from 1.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// Why bytes are no map.
+/// Defects of the bytes of a map.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MapDefect {
     /// It does not begin as a map does.
@@ -49,7 +49,7 @@ pub enum MapDefect {
         "is a map of format {found}, and this program reads format {VERSION}; build it again, or use the program that wrote it"
     )]
     Version {
-        /// What the file says.
+        /// Version in the file.
         found: u32,
     },
     /// Shorter or longer than it says.
@@ -75,19 +75,19 @@ pub enum MapDefect {
 pub struct StoredKeyframe {
     /// Flight it comes from.
     pub session: u32,
-    /// When it was taken.
+    /// Time of the keyframe.
     pub stamp: Timestamp,
     /// Pose of the body in the map.
     pub pose_m_b: Isometry3<f64>,
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
-    /// Its features.
+    /// Features.
     pub features: Vec<Feature>,
-    /// Its lines.
+    /// Lines.
     pub lines: Vec<MapLine>,
 }
 
-/// What a map file holds.
+/// Contents of a map file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapContents {
     /// Keyframes in the order in which they were added.
@@ -123,7 +123,7 @@ impl MapContents {
         self.keyframes.iter().map(|k| k.lines.len()).sum()
     }
 
-    /// What a map needs to hold these.
+    /// Limits of a map that holds these.
     #[must_use]
     pub fn limits(&self) -> MapLimits {
         let features = self.keyframes.iter().map(|k| k.features.len()).max().unwrap_or(0);
@@ -272,13 +272,13 @@ fn decode_keyframes(mut reader: Reader<'_>, counts: Counts) -> Result<MapContent
     Ok(MapContents { keyframes })
 }
 
-/// What is left after `count` were taken, of which there can be `most`.
+/// Rest after `count` of at most `most` were taken; `None` if there are fewer.
 fn take(left: usize, count: u32, most: usize) -> Option<usize> {
     let count = usize::try_from(count).ok().filter(|count| *count <= most)?;
     left.checked_sub(count)
 }
 
-/// What a file holds, by its header.
+/// Counts in the header of a file.
 #[derive(Clone, Copy)]
 struct Counts {
     version: u32,

@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 
 /// Files longer than this are not read, bytes: twice the largest map.
 const MAX_FILE_BYTES: u64 = 8 << 30;
-/// What is read first, bytes: the header says how long a map is.
+/// Length of the header, read first, bytes: it gives the length of the map.
 const START_BYTES: u64 = 32;
 
-/// Why a map cannot be read or written.
+/// Errors of a map that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
     /// The file cannot be read.
@@ -26,7 +26,7 @@ pub enum MapFileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The file cannot be written.
@@ -34,7 +34,7 @@ pub enum MapFileError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The file is no map, or a damaged one.
@@ -42,7 +42,7 @@ pub enum MapFileError {
     Defect {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Defect.
         defect: MapDefect,
     },
 }

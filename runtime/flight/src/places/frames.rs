@@ -15,7 +15,7 @@ use std::path::Path;
 /// Pyramid levels of an image: patches of 48 px radius need the third.
 const LEVELS: usize = 3;
 
-/// Why no map can be made or searched.
+/// Reason why no map can be made or searched.
 #[derive(Debug, thiserror::Error)]
 pub enum PlacesError {
     /// The data set cannot be read.
@@ -27,12 +27,12 @@ pub enum PlacesError {
     /// The map cannot be read or written.
     #[error(transparent)]
     Map(#[from] MapFileError),
-    /// What was asked for leads to nothing.
+    /// The request yields nothing.
     #[error("{0}")]
     Nothing(String),
 }
 
-/// Which frames of a data set are used.
+/// Choice of a data set's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Every so many; at least 1.
@@ -45,7 +45,7 @@ impl Choice {
     /// All frames.
     pub const ALL: Self = Self { every: 1, offset: 0 };
 
-    /// Whether frame `number` is one of them.
+    /// True if frame `number` is chosen.
     #[must_use]
     pub fn holds(&self, number: usize) -> bool {
         number.checked_sub(self.offset).is_some_and(|n| n.is_multiple_of(self.every.max(1)))
@@ -129,7 +129,7 @@ impl Frames {
         &self.rig[0]
     }
 
-    /// Whether there are two cameras.
+    /// True if there are two cameras.
     #[must_use]
     pub fn is_stereo(&self) -> bool {
         self.rig.len() == 2

@@ -12,12 +12,12 @@ use plumbline_estimator::places::{Locator, LocatorOptions, MapLimits, PlaceMap, 
 pub const MIN_AGREEING: usize = 3;
 /// Transforms agree within this, m and rad.
 const MAX_DIFFERENCE: (f64, f64) = (0.25, 0.05);
-/// What a map knows of its vertical, rad.
+/// Uncertainty of a map's vertical, rad.
 const SIGMA_VERTICAL_RAD: f64 = 0.01;
 
-/// How two maps fit together.
+/// Alignment of two maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fit {
+pub struct MapFit {
     /// Takes coordinates of the second map to the first.
     pub pose_a_b: Isometry3<f64>,
     /// Keyframes of the second map that were located in the first.
@@ -29,7 +29,7 @@ pub struct Fit {
 /// Finds how the second map lies in the first; `None` when too few of its keyframes are found there, or they
 /// contradict each other.
 #[must_use]
-pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<Fit> {
+pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<MapFit> {
     let limits = second.limits();
     let mut locator = Locator::new(&LocatorOptions::default(), first.limits().keyframes, limits.features);
     let mut transforms = Vec::new();
@@ -56,12 +56,12 @@ pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<Fit> {
         return None;
     }
     let chosen: Vec<_> = transforms.iter().filter(|b| agree(best, b)).collect();
-    Some(Fit { pose_a_b: mean(&chosen), located: transforms.len(), agreeing: count })
+    Some(MapFit { pose_a_b: mean(&chosen), located: transforms.len(), agreeing: count })
 }
 
 /// The second map's keyframes in the first, those of the second as later flights.
 #[must_use]
-pub fn merged(first: MapContents, second: MapContents, fit: &Fit, limits: MapLimits) -> PlaceMap {
+pub fn merged(first: MapContents, second: MapContents, fit: &MapFit, limits: MapLimits) -> PlaceMap {
     let sessions = first.keyframes.iter().map(|k| k.session + 1).max().unwrap_or(0);
     let mut all = first;
     all.keyframes.extend(second.keyframes.into_iter().map(|mut k| {

@@ -6,10 +6,10 @@ use crate::schedule::times::Times;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How a bare timer fared.
+/// Timing of a bare timer.
 #[derive(Clone, Debug)]
 pub struct BareTimer {
-    /// How late its releases were, ms.
+    /// Lateness of its releases, ms.
     pub late_ms: Times,
     /// Releases that passed unseen.
     pub missed: u64,

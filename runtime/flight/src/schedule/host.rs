@@ -1,7 +1,7 @@
-//! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do
-//! not sleep deeply. Each is asked for once, and what is refused is told once, with what to do about it.
+//! Means of the host for a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do not sleep
+//! deeply. Each is requested once; a refusal is reported once, with the cure.
 
-use super::tasks::{Place, Task};
+use super::tasks::{ProcessorSet, Task};
 use plumbline_config::options::RuntimeConfig;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};
@@ -14,7 +14,7 @@ use thread_priority::{
     thread_native_id,
 };
 
-/// Where the kernel takes requests for short wake-ups; they hold as long as the file is open.
+/// File of requests for short wake-ups; they hold as long as it is open.
 const IDLE_LATENCY: &str = "/dev/cpu_dma_latency";
 
 /// Stack that every task touches before its first release, bytes.
@@ -22,7 +22,7 @@ const PREFAULTED_STACK: usize = 256 * 1024;
 
 /// Something the host would not grant.
 #[derive(Clone, Debug, thiserror::Error)]
-pub enum Refusal {
+pub enum HostRefusal {
     /// No priority above others.
     #[error(
         "no real-time priority ({0}): ticks may be late under load; grant CAP_SYS_NICE, or set LimitRTPRIO=99 \
@@ -81,8 +81,8 @@ impl Host {
             tracing::warn!("{refusal}");
         }
         let cpus = match task.place {
-            Place::Tick => &self.wants.tick_cpus,
-            Place::Work => &self.wants.work_cpus,
+            ProcessorSet::Tick => &self.wants.tick_cpus,
+            ProcessorSet::Work => &self.wants.work_cpus,
         };
         if let Err(refusal) = pin(cpus)
             && self.affinity.set(()).is_ok()
@@ -96,8 +96,8 @@ impl Host {
 ///
 /// # Errors
 /// When the host does not allow it.
-pub fn raise_priority(priority: u8) -> Result<(), Refusal> {
-    let refused = |reason: String| Refusal::Priority(reason);
+pub fn raise_priority(priority: u8) -> Result<(), HostRefusal> {
+    let refused = |reason: String| HostRefusal::Priority(reason);
     let value = priority.try_into().map_err(|_| refused(format!("{priority} is not a priority")))?;
     set_thread_priority_and_policy(
         thread_native_id(),
@@ -111,10 +111,10 @@ pub fn raise_priority(priority: u8) -> Result<(), Refusal> {
 ///
 /// # Errors
 /// When the host does not allow it.
-pub fn lock_memory() -> Result<(), Refusal> {
+pub fn lock_memory() -> Result<(), HostRefusal> {
     // Not the whole stack of every thread of every library: what is never touched need not be there.
     let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
-    mlockall(flags).map_err(|error| Refusal::Memory(error.to_string()))
+    mlockall(flags).map_err(|error| HostRefusal::Memory(error.to_string()))
 }
 
 /// Keeps all processors from idle states that take longer than this to leave, as long as the file is held; a negative
@@ -122,7 +122,7 @@ pub fn lock_memory() -> Result<(), Refusal> {
 ///
 /// # Errors
 /// When the host does not allow it.
-pub fn limit_idle_latency(us: i64) -> Result<Option<File>, Refusal> {
+pub fn limit_idle_latency(us: i64) -> Result<Option<File>, HostRefusal> {
     if us < 0 {
         return Ok(None);
     }
@@ -132,23 +132,23 @@ pub fn limit_idle_latency(us: i64) -> Result<Option<File>, Refusal> {
         file.write_all(&request)?;
         Ok(Some(file))
     };
-    ask().map_err(|error: std::io::Error| Refusal::Idle(error.to_string()))
+    ask().map_err(|error: std::io::Error| HostRefusal::Idle(error.to_string()))
 }
 
 /// Keeps the calling thread on `cpus`; on any, if none is named.
 ///
 /// # Errors
 /// When one of them is not there.
-pub fn pin(cpus: &[usize]) -> Result<(), Refusal> {
+pub fn pin(cpus: &[usize]) -> Result<(), HostRefusal> {
     let Some(first) = cpus.first() else { return Ok(()) };
     let mut set = CpuSet::new();
     for &cpu in cpus {
         if cpu >= CpuSet::MAX_CPU {
-            return Err(Refusal::Affinity("this computer has fewer".into(), cpu));
+            return Err(HostRefusal::Affinity("this computer has fewer".into(), cpu));
         }
         set.set(cpu);
     }
-    sched_setaffinity(None, &set).map_err(|error| Refusal::Affinity(error.to_string(), *first))
+    sched_setaffinity(None, &set).map_err(|error| HostRefusal::Affinity(error.to_string(), *first))
 }
 
 #[inline(never)]

@@ -20,7 +20,7 @@ const PREMATURE_WITHIN: u32 = 100;
 /// Frames from one that is taken to the next, on the rung of keyframes alone.
 const KEYFRAME_STRIDE: u64 = 4;
 
-/// What is left out. Each rung leaves out what those above it do, and more.
+/// Rungs of degradation. Each rung leaves out what those above it do, and more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rung {
     /// Nothing.
@@ -87,7 +87,7 @@ impl Rung {
         }
     }
 
-    /// Whether frame `sequence` is taken at all.
+    /// True if frame `sequence` is processed.
     #[must_use]
     pub const fn admits(self, sequence: u64) -> bool {
         match self {

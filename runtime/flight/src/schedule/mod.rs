@@ -1,5 +1,5 @@
-//! What makes a run a real-time one: the task table, priorities and locked memory, absolute deadlines,
-//! rings between threads, the degradation ladder and the watchdog.
+//! Real-time execution of a run: the task table, priorities and locked memory, absolute deadlines, rings between threads, the
+//! degradation ladder and the watchdog.
 //!
 //! Nothing here knows what the tasks compute; [`crate::pipeline`] puts both together.
 

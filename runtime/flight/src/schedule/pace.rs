@@ -20,7 +20,7 @@ impl Pace {
         Self { period_ns: (rate_hz > 0.0).then(|| (1e9 / rate_hz) as i64), due: None }
     }
 
-    /// Whether the message of `stamp` goes.
+    /// True if the message of `stamp` is sent.
     pub fn admits(&mut self, stamp: Timestamp) -> bool {
         let Some(period_ns) = self.period_ns else { return false };
         let due = *self.due.get_or_insert(stamp);

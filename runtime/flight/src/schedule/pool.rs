@@ -21,7 +21,7 @@ struct Slot<T> {
 }
 
 impl<T> Slot<T> {
-    /// Whether there is something to read.
+    /// Number of the entry.
     fn number(&self) -> u64 {
         self.number.load(Ordering::Acquire)
     }

@@ -82,13 +82,13 @@ impl<T> Writer<T> {
         self.refused
     }
 
-    /// Whether the reader has gone: nobody will take what is written.
+    /// True if the reader has gone: nothing reads what is written.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.ring.is_abandoned()
     }
 
-    /// Whether an entry would find room.
+    /// True if an entry would find room.
     #[must_use]
     pub fn has_room(&self) -> bool {
         !self.ring.is_full()
@@ -126,7 +126,7 @@ impl<T> Reader<T> {
         self.deepest
     }
 
-    /// Whether the writer has gone and nothing is left.
+    /// True if the writer has gone and nothing is left.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.ring.is_abandoned() && self.ring.is_empty()

@@ -8,7 +8,7 @@ use super::ticker::Monotonic;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Where the faults stand.
+/// Variable that holds the faults.
 const VARIABLE: &str = "PLUMBLINE_SABOTAGE";
 
 /// Faults of one task.

@@ -10,13 +10,13 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
-/// Where the supervisor listens.
+/// Variable that names the supervisor's socket.
 const SOCKET: &str = "NOTIFY_SOCKET";
 /// After which silence it acts, us, and of which process.
 const PATIENCE_US: &str = "WATCHDOG_USEC";
 const PROCESS: &str = "WATCHDOG_PID";
 
-/// What a supervisor is told.
+/// Message to a supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Word {
     /// The start is over.
@@ -58,7 +58,7 @@ impl Supervisor {
         Self { socket, patience }
     }
 
-    /// How long it waits for a sign of life.
+    /// Timeout of the supervisor for a sign of life.
     #[must_use]
     pub fn patience(&self) -> Option<Duration> {
         self.patience

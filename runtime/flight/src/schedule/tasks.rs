@@ -57,10 +57,10 @@ impl TaskId {
     ];
 }
 
-/// What a task does when it is late.
+/// Policy for a late task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overrun {
-    /// What is due is done at once, one after the other; the ticks missed are counted.
+    /// Runs everything due at once, one after the other; the ticks missed are counted.
     CatchUp,
     /// The newest frame is taken, older ones that wait are refused.
     Shed,
@@ -72,7 +72,7 @@ pub enum Overrun {
     PassOver,
 }
 
-/// What its death does to a flight.
+/// Consequence of a task's death for a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loss {
     /// The process ends, to be started again: nothing here can replace it.
@@ -85,7 +85,7 @@ pub enum Loss {
 
 /// On which of the configured processors a task runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum ProcessorSet {
     /// On `runtime.tick_cpus`: what must not wait for frames.
     Tick,
     /// On `runtime.work_cpus`: what a frame needs.
@@ -95,14 +95,14 @@ pub enum Place {
 /// One row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Task {
-    /// Which task.
+    /// Identity of the task.
     pub id: TaskId,
-    /// Its name, also that of its thread.
+    /// Name, also that of its thread.
     pub name: &'static str,
     /// SCHED_FIFO priority, 1 to 99; `None` for normal scheduling.
     pub priority: Option<u8>,
-    /// Where it runs.
-    pub place: Place,
+    /// Processors on which it runs.
+    pub place: ProcessorSet,
     /// Time from one release to the next.
     pub period: Duration,
     /// Computation that one release should need at most.
@@ -113,9 +113,9 @@ pub struct Task {
     pub stall: Duration,
     /// Silence after which the process ends: a thread cannot be stopped from outside. `None` for optional tasks.
     pub patience: Option<Duration>,
-    /// What its death does to a flight.
+    /// Consequence of its death for a flight.
     pub loss: Loss,
-    /// What it does when it is late.
+    /// Policy when it is late.
     pub overrun: Overrun,
 }
 
@@ -137,7 +137,11 @@ impl TaskTable {
             id,
             name,
             priority,
-            place: if matches!(id, TaskId::Imu | TaskId::Tick) { Place::Tick } else { Place::Work },
+            place: if matches!(id, TaskId::Imu | TaskId::Tick) {
+                ProcessorSet::Tick
+            } else {
+                ProcessorSet::Work
+            },
             period,
             budget,
             deadline,

@@ -50,9 +50,9 @@ pub struct Ticker {
 /// One release.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Release {
-    /// When it was due.
+    /// Time at which it was due.
     pub due: Monotonic,
-    /// How late the thread came, ms.
+    /// Lateness of the thread, ms.
     pub late_ms: f64,
     /// Releases that passed unseen since the last.
     pub missed: u64,
@@ -65,7 +65,7 @@ impl Ticker {
         Self { next: first, period_ns: i64::try_from(period.as_nanos()).unwrap_or(i64::MAX).max(1) }
     }
 
-    /// When the next release is due.
+    /// Time at which the next release is due.
     #[must_use]
     pub fn due(&self) -> Monotonic {
         self.next

@@ -22,9 +22,9 @@ pub struct Pulse {
     deaths: AtomicU32,
 }
 
-/// What a heartbeat says.
+/// Meaning of a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sign {
+pub enum TaskSign {
     /// The task waits, or is over.
     Idle,
     /// It has been at work for so long without a sign of life.
@@ -70,19 +70,19 @@ impl Pulse {
         self.deaths.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How often it has ended so.
+    /// Number of times it has ended by a fault.
     #[must_use]
     pub fn deaths(&self) -> u32 {
         self.deaths.load(Ordering::Relaxed)
     }
 
-    /// How it is at `now`.
+    /// Sign at `now`.
     #[must_use]
-    pub fn sign(&self, now: Monotonic) -> Sign {
+    pub fn sign(&self, now: Monotonic) -> TaskSign {
         match self.beat.load(Ordering::Relaxed) {
-            IDLE => Sign::Idle,
-            DEAD => Sign::Dead,
-            since => Sign::Busy(Duration::from_nanos((now.0 - since).max(0) as u64)),
+            IDLE => TaskSign::Idle,
+            DEAD => TaskSign::Dead,
+            since => TaskSign::Busy(Duration::from_nanos((now.0 - since).max(0) as u64)),
         }
     }
 }
@@ -139,7 +139,7 @@ pub enum TaskEvent {
     Recovered(TaskId),
 }
 
-/// What is known of one task.
+/// State of one task.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     is_stalled: bool,
@@ -176,9 +176,9 @@ impl Watchdog {
                 tell(TaskEvent::Died(id));
             }
             let sign = pulse.sign(now);
-            let silence = if let Sign::Busy(silence) = sign { silence } else { Duration::ZERO };
+            let silence = if let TaskSign::Busy(silence) = sign { silence } else { Duration::ZERO };
             let before = *task;
-            (task.is_stalled, task.is_dead) = (silence > row.stall - WATCH_PERIOD, sign == Sign::Dead);
+            (task.is_stalled, task.is_dead) = (silence > row.stall - WATCH_PERIOD, sign == TaskSign::Dead);
             task.stalled_looks = if task.is_stalled { task.stalled_looks + 1 } else { 0 };
             if task.is_stalled && !before.is_stalled {
                 self.stalls += 1;
@@ -195,7 +195,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether there is no odometry because of a task that is stalled or dead: systemd is told nothing then.
+    /// True if there is no odometry because a task is stalled or dead: systemd then gets no sign of life.
     #[must_use]
     pub fn is_critical(&self) -> bool {
         [TaskId::Imu, TaskId::Tick]
@@ -226,7 +226,7 @@ mod tests {
         TaskTable::new(&Config::preset("sim").unwrap(), 1.0)
     }
 
-    /// What looks every 10 ms find, and when, ms.
+    /// Findings of checks every 10 ms, and their times, ms.
     fn findings(heartbeats: &Heartbeats, watchdog: &mut Watchdog, looks: i64) -> Vec<(i64, TaskEvent)> {
         let (table, start, mut found) = (table(), Monotonic::now(), Vec::new());
         for look in 0..looks {
@@ -253,10 +253,10 @@ mod tests {
     fn a_task_that_does_not_wake_up_for_its_work_is_silent_from_then_on() {
         let heartbeats = Heartbeats::default();
         let later = Monotonic::now().plus_nanos(1_000_000_000);
-        assert_eq!(heartbeats.of(TaskId::Window).sign(later), Sign::Idle);
+        assert_eq!(heartbeats.of(TaskId::Window).sign(later), TaskSign::Idle);
         heartbeats.give(TaskId::Window);
         let sign = heartbeats.of(TaskId::Window).sign(later);
-        assert!(matches!(sign, Sign::Busy(silence) if silence > Duration::from_millis(900)), "{sign:?}");
+        assert!(matches!(sign, TaskSign::Busy(silence) if silence > Duration::from_millis(900)), "{sign:?}");
     }
 
     #[test]

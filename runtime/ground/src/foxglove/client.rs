@@ -1,11 +1,11 @@
 //! One client of the live server.
 
-use super::super::drawn::{Sent, Topic};
+use super::super::drawn::{DrawnTopic, Sent};
 use super::super::fleet::{FleetEvent, Severity, lock};
 use super::super::listen::watch_camera;
 use super::Server;
-use super::places::Place;
-use super::protocol::{self, Advertised, Level, Request};
+use super::places::Seat;
+use super::protocol::{self, Advertised, ClientRequest, Level};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
 use plumbline_flight::log::drawn::{log_time, timestamp};
@@ -30,13 +30,13 @@ const MAX_CAMERAS: usize = 4;
 /// Number of the channel of events; those of vehicles follow.
 const EVENTS: u32 = 1;
 
-/// What a channel shows.
-type Shown = (String, Topic);
+/// Content of a channel: vehicle and topic.
+type Shown = (String, DrawnTopic);
 
 /// The state of one connection.
 pub(super) struct Client<'a> {
     server: &'a Server,
-    place: &'a Place,
+    place: &'a Seat,
     pinged: Instant,
     channels: BTreeMap<u32, Shown>,
     next_channel: u32,
@@ -52,7 +52,7 @@ pub(super) struct Client<'a> {
 struct Gone;
 
 impl<'a> Client<'a> {
-    pub(super) fn new(server: &'a Server, place: &'a Place) -> Self {
+    pub(super) fn new(server: &'a Server, place: &'a Seat) -> Self {
         Self {
             server,
             place,
@@ -139,7 +139,7 @@ impl<'a> Client<'a> {
                 continue;
             }
             let mut offered = Vec::new();
-            for topic in Topic::ALL {
+            for topic in DrawnTopic::ALL {
                 let id = self.next_channel;
                 // Vehicles are few and evicted slowly: four billion channels are not reached.
                 self.next_channel = id.wrapping_add(1).max(EVENTS + 1);
@@ -161,7 +161,7 @@ impl<'a> Client<'a> {
         send(socket, Message::binary(protocol::time(time_ns))).await
     }
 
-    /// What is new for a subscription.
+    /// News for a subscription.
     fn news(&mut self, number: u32) -> Vec<Message> {
         let Some((channel, sent)) = self.subscriptions.get_mut(&number) else { return Vec::new() };
         let fleet = lock(&self.server.fleet);
@@ -184,7 +184,7 @@ impl<'a> Client<'a> {
 
     async fn receive(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
         match protocol::request(text) {
-            Some(Request::Subscribe { subscriptions }) => {
+            Some(ClientRequest::Subscribe { subscriptions }) => {
                 for wanted in subscriptions {
                     if let Err(reason) = self.subscribe(wanted).await {
                         send(socket, refusal(&reason)).await?;
@@ -192,17 +192,17 @@ impl<'a> Client<'a> {
                 }
                 Ok(())
             }
-            Some(Request::Unsubscribe { subscription_ids }) => {
+            Some(ClientRequest::Unsubscribe { subscription_ids }) => {
                 self.subscriptions.retain(|number, _| !subscription_ids.contains(number));
                 self.forget_cameras();
                 Ok(())
             }
-            Some(Request::Other) => send(socket, refusal("this server has topics alone")).await,
+            Some(ClientRequest::Other) => send(socket, refusal("this server has topics alone")).await,
             None => send(socket, refusal("the message is no request of the protocol")).await,
         }
     }
 
-    async fn subscribe(&mut self, wanted: protocol::Subscription) -> Result<(), String> {
+    async fn subscribe(&mut self, wanted: protocol::ClientSubscription) -> Result<(), String> {
         let (number, channel) = (wanted.id, wanted.channel_id);
         let shown = self.channels.get(&channel).cloned();
         if channel != EVENTS && shown.is_none() {
@@ -214,7 +214,7 @@ impl<'a> Client<'a> {
         if self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
             return Err(format!("there are {MAX_SUBSCRIPTIONS} subscriptions already"));
         }
-        if let Some((name, Topic::Image)) = shown {
+        if let Some((name, DrawnTopic::Image)) = shown {
             self.watch(name).await?;
         }
         self.subscriptions.insert(number, (channel, Sent::default()));
@@ -241,7 +241,7 @@ impl<'a> Client<'a> {
         let (subscriptions, channels) = (&self.subscriptions, &self.channels);
         let is_watched = |name: &String| {
             subscriptions.values().any(|(channel, _)| {
-                channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == Topic::Image)
+                channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == DrawnTopic::Image)
             })
         };
         self.cameras.retain(|name, _| is_watched(name));

@@ -19,7 +19,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use places::Places;
+use places::Seats;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Instant, SystemTime};
@@ -27,18 +27,18 @@ use tokio::net::TcpListener;
 
 /// Names of the protocol: the present one, and the one before, which is the same in what is used here.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Where Foxglove is served from; its desktop program names a file, or nothing.
+/// Origins of Foxglove's pages; its desktop program names a file, or nothing.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
-/// Why the server is not there.
+/// Reason why the server is not there.
 #[derive(Debug, thiserror::Error)]
 pub enum FoxgloveError {
     /// The address cannot be had.
     #[error("cannot serve Foxglove at {address}; give another address with --foxglove")]
     Address {
-        /// Where it was to be served.
+        /// Address on which it was to be served.
         address: SocketAddr,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The system refuses the socket.
@@ -46,7 +46,7 @@ pub enum FoxgloveError {
     Socket(#[from] std::io::Error),
 }
 
-/// What the clients share.
+/// State shared by the clients.
 struct Server {
     fleet: Arc<Mutex<Fleet>>,
     connection: Connection,
@@ -54,7 +54,7 @@ struct Server {
     names: Vec<String>,
     /// Tells this run of the station from others.
     session: String,
-    clients: Arc<Places>,
+    clients: Arc<Seats>,
 }
 
 /// Takes the address of the server.
@@ -123,7 +123,7 @@ async fn upgrade(State(server): State<Arc<Server>>, upgrade: WebSocketUpgrade) -
         let words = "this server speaks foxglove.sdk.v1: open it in Foxglove as a Foxglove WebSocket\n";
         return (StatusCode::BAD_REQUEST, words).into_response();
     }
-    let Some(place) = Places::take(&server.clients, Instant::now()) else {
+    let Some(place) = Seats::take(&server.clients, Instant::now()) else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close one\n").into_response();
     };
     upgrade

@@ -12,23 +12,23 @@ const SILENT: Duration = Duration::from_secs(5);
 
 /// The places that are taken.
 #[derive(Debug, Default)]
-pub struct Places(Mutex<Taken>);
+pub struct Seats(Mutex<Taken>);
 
 #[derive(Debug, Default)]
 struct Taken {
     next: u64,
-    clients: BTreeMap<u64, Arc<Sign>>,
+    clients: BTreeMap<u64, Arc<ClientSign>>,
 }
 
-/// What is known of a client.
+/// Signs of life of a client.
 #[derive(Debug)]
-pub struct Sign {
+pub struct ClientSign {
     heard: Mutex<Instant>,
     /// It is to leave.
     pub leave: Notify,
 }
 
-impl Sign {
+impl ClientSign {
     fn heard(&self) -> MutexGuard<'_, Instant> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -36,37 +36,37 @@ impl Sign {
 
 /// One of the places; it is free again when this is dropped.
 #[derive(Debug)]
-pub struct Place {
-    places: Arc<Places>,
+pub struct Seat {
+    places: Arc<Seats>,
     number: u64,
     /// Sign of life of its client.
-    pub sign: Arc<Sign>,
+    pub sign: Arc<ClientSign>,
 }
 
-impl Place {
+impl Seat {
     /// The client has said something, or has answered a ping.
     pub fn hear(&self, now: Instant) {
         *self.sign.heard() = now;
     }
 }
 
-impl Drop for Place {
+impl Drop for Seat {
     fn drop(&mut self) {
         self.places.lock().clients.remove(&self.number);
     }
 }
 
-impl Places {
+impl Seats {
     fn lock(&self) -> MutexGuard<'_, Taken> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes a place. Where there is none, the client that has been silent for longest has to leave its own, if it has been for
     /// long; `None` if none has.
-    pub fn take(this: &Arc<Self>, now: Instant) -> Option<Place> {
+    pub fn take(this: &Arc<Self>, now: Instant) -> Option<Seat> {
         let mut taken = this.lock();
         if taken.clients.len() >= MAX_CLIENTS {
-            let heard = |sign: &Sign| *sign.heard();
+            let heard = |sign: &ClientSign| *sign.heard();
             let (number, silent) = taken.clients.iter().min_by_key(|(_, sign)| heard(sign))?;
             if now.saturating_duration_since(heard(silent)) < SILENT {
                 return None;
@@ -80,9 +80,9 @@ impl Places {
         }
         let number = taken.next;
         taken.next += 1;
-        let sign = Arc::new(Sign { heard: Mutex::new(now), leave: Notify::new() });
+        let sign = Arc::new(ClientSign { heard: Mutex::new(now), leave: Notify::new() });
         taken.clients.insert(number, Arc::clone(&sign));
-        Some(Place { places: Arc::clone(this), number, sign })
+        Some(Seat { places: Arc::clone(this), number, sign })
     }
 }
 
@@ -92,14 +92,14 @@ mod tests {
 
     #[test]
     fn a_silent_client_makes_way_and_one_that_answers_does_not() {
-        let (places, start) = (Arc::<Places>::default(), Instant::now());
+        let (places, start) = (Arc::<Seats>::default(), Instant::now());
         let at = |s: u64| start + Duration::from_secs(s);
-        let held: Vec<Place> = (0..MAX_CLIENTS).map(|_| Places::take(&places, start).unwrap()).collect();
-        assert!(Places::take(&places, at(4)).is_none(), "all may be alive");
+        let held: Vec<Seat> = (0..MAX_CLIENTS).map(|_| Seats::take(&places, start).unwrap()).collect();
+        assert!(Seats::take(&places, at(4)).is_none(), "all may be alive");
         held.iter().filter(|place| place.number != 7).for_each(|place| place.hear(at(6)));
-        let newer = Places::take(&places, at(8)).unwrap();
+        let newer = Seats::take(&places, at(8)).unwrap();
         assert!(!places.lock().clients.contains_key(&7), "the silent one");
-        assert!(Places::take(&places, at(8)).is_none());
+        assert!(Seats::take(&places, at(8)).is_none());
         // The end of the one that was sent away frees no place of another.
         drop(held);
         assert_eq!(places.lock().clients.len(), 1);

@@ -12,7 +12,7 @@ pub const MAX_REQUEST_BYTES: usize = 256 << 10;
 const MESSAGE_DATA: u8 = 1;
 const TIME: u8 = 2;
 
-/// How grave a status is.
+/// Severity of a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Something is missing.
@@ -26,13 +26,13 @@ pub enum Level {
 pub struct Advertised {
     /// Number of the channel on this connection.
     pub id: u32,
-    /// Its topic.
+    /// Topic.
     pub topic: String,
     /// Name of its schema.
     pub schema: &'static str,
 }
 
-/// What a server says of itself first.
+/// First message of a server, which describes it.
 #[must_use]
 pub fn server_info(session: &str) -> String {
     json!({
@@ -88,14 +88,14 @@ pub fn time(time_ns: u64) -> Vec<u8> {
     [&[TIME][..], &time_ns.to_le_bytes()].concat()
 }
 
-/// What a client asks for.
+/// Requests of a client.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
-pub enum Request {
+pub enum ClientRequest {
     /// Messages of channels.
     Subscribe {
         /// The channels, with the numbers that the client gives.
-        subscriptions: Vec<Subscription>,
+        subscriptions: Vec<ClientSubscription>,
     },
     /// No more of them.
     Unsubscribe {
@@ -110,8 +110,8 @@ pub enum Request {
 
 /// A subscription.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-pub struct Subscription {
-    /// Its number, which the client gives.
+pub struct ClientSubscription {
+    /// Number, which the client gives.
     pub id: u32,
     /// Number of the channel.
     #[serde(rename = "channelId")]
@@ -120,7 +120,7 @@ pub struct Subscription {
 
 /// The request in `text`; `None` where it is none.
 #[must_use]
-pub fn request(text: &str) -> Option<Request> {
+pub fn request(text: &str) -> Option<ClientRequest> {
     serde_json::from_str(text).ok()
 }
 
@@ -131,11 +131,11 @@ mod tests {
     #[test]
     fn requests_are_understood_or_refused() {
         let subscribe = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":3}]}"#;
-        let subscription = Subscription { id: 7, channel_id: 3 };
-        assert_eq!(request(subscribe), Some(Request::Subscribe { subscriptions: vec![subscription] }));
+        let subscription = ClientSubscription { id: 7, channel_id: 3 };
+        assert_eq!(request(subscribe), Some(ClientRequest::Subscribe { subscriptions: vec![subscription] }));
         let unsubscribe = r#"{"op":"unsubscribe","subscriptionIds":[7]}"#;
-        assert_eq!(request(unsubscribe), Some(Request::Unsubscribe { subscription_ids: vec![7] }));
-        assert_eq!(request(r#"{"op":"getParameters","parameterNames":[]}"#), Some(Request::Other));
+        assert_eq!(request(unsubscribe), Some(ClientRequest::Unsubscribe { subscription_ids: vec![7] }));
+        assert_eq!(request(r#"{"op":"getParameters","parameterNames":[]}"#), Some(ClientRequest::Other));
         for bad in
             ["", "{}", "[1]", r#"{"op":"subscribe"}"#, r#"{"op":"subscribe","subscriptions":[{"id":-1}]}"#]
         {

@@ -80,7 +80,7 @@ fn corrected_path(vehicle: &Vehicle) -> Vec<(f64, f64)> {
     places.map(|p| (p.x, p.y)).collect()
 }
 
-/// What is in view, m.
+/// Part of the plane in view, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct View {
     x: [f64; 2],

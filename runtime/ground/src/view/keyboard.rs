@@ -10,7 +10,7 @@ use std::io::{self, IsTerminal};
 use std::os::fd::AsFd as _;
 use std::time::Duration;
 
-/// Where keys come from: standard input, or the terminal of the process where that is none.
+/// Source of keys: standard input, or the terminal of the process where that is none.
 pub struct Keyboard(Option<File>);
 
 impl Keyboard {

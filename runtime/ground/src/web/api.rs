@@ -1,7 +1,7 @@
 //! HTTP requests of the page: resets, recordings, downloads.
 
 use super::super::command::{self, ResetWords};
-use super::super::export::{Format, export};
+use super::super::export::{ExportFormat, export};
 use super::super::fleet::Severity;
 use super::super::fleet::lock;
 use super::super::map::Map;
@@ -18,13 +18,13 @@ use tokio::sync::OwnedSemaphorePermit;
 
 /// Body of a reset request.
 #[derive(Deserialize)]
-pub struct Reset {
+pub struct ResetRequest {
     kind: ResetWords,
 }
 
 /// Body of a request to start or stop a recording.
 #[derive(Deserialize)]
-pub struct Record {
+pub struct RecordRequest {
     on: bool,
 }
 
@@ -45,7 +45,7 @@ fn off() -> Response {
 pub async fn reset(
     State(station): State<Arc<Station>>,
     Path(vehicle): Path<String>,
-    Json(reset): Json<Reset>,
+    Json(reset): Json<ResetRequest>,
 ) -> Response {
     if !station.commands {
         return off();
@@ -70,7 +70,7 @@ pub async fn reset(
 pub async fn record(
     State(station): State<Arc<Station>>,
     Path(vehicle): Path<String>,
-    Json(record): Json<Record>,
+    Json(record): Json<RecordRequest>,
 ) -> Response {
     if !station.commands {
         return off();
@@ -99,7 +99,8 @@ pub async fn download(
     State(station): State<Arc<Station>>,
     Path((vehicle, file)): Path<(String, String)>,
 ) -> Response {
-    let Some((what, format)) = file.split_once('.').and_then(|(what, end)| Some((what, Format::of(end)?)))
+    let Some((what, format)) =
+        file.split_once('.').and_then(|(what, end)| Some((what, ExportFormat::of(end)?)))
     else {
         return answer(
             StatusCode::NOT_FOUND,
@@ -120,7 +121,7 @@ pub async fn download(
             _ => None,
         };
         // Text has no room for a map.
-        let map = if format == Format::Mcap { found.map.clone() } else { Map::default() };
+        let map = if format == ExportFormat::Mcap { found.map.clone() } else { Map::default() };
         samples.map(|samples| (samples, map))
     };
     let Some((samples, map)) = found else {

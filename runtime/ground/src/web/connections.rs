@@ -53,7 +53,7 @@ pub(crate) async fn serve(listener: TcpListener, app: Router) {
 /// A connection that goes on.
 struct Connection {
     peer: IpAddr,
-    /// Whether a whole request has come.
+    /// True once a whole request has come.
     has_asked: Arc<AtomicBool>,
     task: AbortHandle,
 }

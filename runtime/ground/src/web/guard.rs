@@ -1,4 +1,4 @@
-//! What a browser may be made to do: pages of other origins get nothing, and nothing changes by a link.
+//! Protection against browsers: pages of other origins get nothing, and nothing changes by a link.
 
 use super::Station;
 use axum::extract::{Request, State};
@@ -55,13 +55,13 @@ fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) 
     (*method == Method::POST && !is_json).then_some("send application/json\n")
 }
 
-/// Whether no other origin is named; one that cannot be read is another.
+/// True if no other origin is named; one that cannot be read is another.
 fn is_same_origin(headers: &HeaderMap, host: &str) -> bool {
     let ours = format!("http://{host}");
     headers.get_all(header::ORIGIN).iter().all(|origin| origin.as_bytes() == ours.as_bytes())
 }
 
-/// Whether a browser says that the request comes from another site, as it does also where it names no origin.
+/// True if a browser marks the request as coming from another site, as it does even where it names no origin.
 fn is_cross_site(headers: &HeaderMap) -> bool {
     let own = ["same-origin", "none"];
     headers
@@ -74,13 +74,13 @@ fn text<'a>(headers: &'a HeaderMap, name: &header::HeaderName) -> Option<&'a str
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// Whether a Host header such as `localhost:8080` names this host.
+/// True if a Host header such as `localhost:8080` names this host.
 pub fn is_loopback(host: &str) -> bool {
     plumbline_link::net::security::is_loopback(host)
         || plumbline_link::net::security::is_loopback(&format!("{host}:80"))
 }
 
-/// Whether a Host header such as `192.168.1.7:8080` is an address, or one of these names.
+/// True if a Host header such as `192.168.1.7:8080` is an address, or one of these names.
 pub fn is_ours(host: &str, names: &[String]) -> bool {
     let is_port = |port: &str| port.bytes().all(|c| c.is_ascii_digit());
     let name = host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name);

@@ -20,19 +20,19 @@ use std::sync::{Arc, Mutex};
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 
-/// What the handlers share.
+/// State shared by the handlers.
 pub struct Station {
-    /// What is known.
+    /// Vehicles known.
     pub fleet: Arc<Mutex<Fleet>>,
     /// To the vehicles.
     pub connection: Connection,
-    /// Whether the page may give commands.
+    /// True if the page may give commands.
     pub commands: bool,
     /// Messages of pages that could not be understood.
     pub malformed: AtomicU64,
     /// Pages that are open.
     pub pages: Arc<AtomicU64>,
-    /// Where it is served.
+    /// Address on which it is served.
     pub address: SocketAddr,
     /// Names by which the page may be opened, beside the station's addresses.
     pub names: Vec<String>,
@@ -43,15 +43,15 @@ pub struct Station {
 /// Downloads at a time.
 const MAX_DOWNLOADS: usize = 2;
 
-/// Why the page is not served.
+/// Reason why the page is not served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The address cannot be had.
     #[error("cannot serve the page at {address}; give another address with --http, or --no-http for none")]
     Address {
-        /// Where it was to be served.
+        /// Address on which it was to be served.
         address: SocketAddr,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The system refuses the socket.

@@ -69,9 +69,9 @@ enum PageMessage {
     Watch { camera: Vec<String> },
 }
 
-/// What a page has received of a vehicle.
+/// Position of a page in the data of a vehicle: up to where it was sent.
 #[derive(Clone, Copy, Default)]
-struct Place {
+struct SentUpTo {
     track: Option<u64>,
     track_next: u64,
     map: Option<u64>,
@@ -84,7 +84,7 @@ struct Place {
 /// One open page.
 struct Page {
     station: Arc<Station>,
-    places: BTreeMap<String, Place>,
+    places: BTreeMap<String, SentUpTo>,
     events: u64,
     cameras: BTreeMap<String, Subscriber<()>>,
 }
@@ -173,7 +173,7 @@ impl Page {
         (news, fleet.vehicles.keys().cloned().collect())
     }
 
-    /// What is new of a part of a vehicle.
+    /// News of a part of a vehicle.
     fn part(&mut self, name: &str, part: Part) -> Option<Message> {
         let place = self.places.entry(name.to_owned()).or_default();
         let fleet = lock(&self.station.fleet);
@@ -194,18 +194,18 @@ fn figures(fleet: &Fleet, malformed: u64, events: u64, now: Instant) -> Vec<Mess
     news
 }
 
-/// Everything that a page which has just been opened is told of every vehicle.
+/// Messages about every vehicle for a page that has just been opened.
 #[cfg(any(test, feature = "fuzzing"))]
 pub fn everything(fleet: &Fleet) -> Vec<Message> {
     let mut news = figures(fleet, 0, 0, Instant::now());
     for (name, vehicle) in &fleet.vehicles {
-        let mut place = Place::default();
+        let mut place = SentUpTo::default();
         news.extend(PARTS.iter().filter_map(|part| part.news(name, vehicle, &mut place)));
     }
     news
 }
 
-/// What a page is told of a vehicle beside its figures, each in a message of its own.
+/// Parts of a vehicle that a page gets beside its figures, each in a message of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Track,
@@ -219,8 +219,8 @@ enum Part {
 const PARTS: [Part; 5] = [Part::Track, Part::Map, Part::Corrected, Part::Scene, Part::Picture];
 
 impl Part {
-    /// What is new to a page that was told everything up to `place`.
-    fn news(self, name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+    /// News for a page that has everything up to `place`.
+    fn news(self, name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
         match self {
             Self::Track => track(name, vehicle, place),
             Self::Map => map(name, vehicle, place),
@@ -237,12 +237,12 @@ impl Part {
     }
 }
 
-/// Whether a version is another than the last one, which it becomes.
+/// True if a version differs from the last one, which it becomes.
 fn is_newer(last: &mut u64, version: u64) -> bool {
     std::mem::replace(last, version) != version
 }
 
-fn track(name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+fn track(name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
     let is_new = place.track != Some(vehicle.track.epoch);
     let (first, points) = vehicle.track.since(if is_new { 0 } else { place.track_next }, MAX_TRACK);
     if !is_new && points.is_empty() {
@@ -253,7 +253,7 @@ fn track(name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
     Some(Message::text(messages::track(name, is_new, &points)))
 }
 
-fn map(name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+fn map(name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
     let is_new = place.map != Some(vehicle.map.epoch);
     let (next, keyframes) = vehicle.map.since(if is_new { 0 } else { place.map_next }, MAX_KEYFRAMES);
     if !is_new && keyframes.is_empty() {
@@ -294,7 +294,7 @@ mod tests {
         let mut fleet = Fleet::default();
         fleet.alive("drone", true);
         let vehicle = &fleet.vehicles["drone"];
-        let mut place = Place::default();
+        let mut place = SentUpTo::default();
         let mut told = || PARTS.iter().filter_map(|part| part.news("drone", vehicle, &mut place)).count();
         // An empty path and an empty map begin what was there before.
         assert_eq!((told(), told()), (2, 0));

@@ -1,4 +1,4 @@
-//! What was refused to whom, and which of it is worth telling.
+//! Refused requests by peer, and the choice of those worth reporting.
 //!
 //! Zenoh's access control decides on much that nobody has attempted ([`super::decision`]): somebody who only watches may
 //! not publish under the keys that it listens to, and hears so in advance. An attempt is a message that came in and was
@@ -22,10 +22,10 @@ const MAX_KEY: usize = 200;
 
 /// Something that was refused.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Refusal {
+pub struct AccessRefusal {
     /// Peer, action and key, as text.
     pub words: String,
-    /// Whether a peer attempted something; otherwise it is Zenoh's bookkeeping about subscriptions.
+    /// True if a peer attempted something; otherwise it is Zenoh's bookkeeping about subscriptions.
     pub is_attempt: bool,
 }
 
@@ -39,7 +39,7 @@ impl Ahead {
         self.0 = Some((flow_and_key, 0));
     }
 
-    /// Whether a decision is the next of them.
+    /// True if a decision is the next of them.
     fn goes_on_with(&mut self, decision: &Decision<'_>) -> bool {
         let Some((flow_and_key, newest)) = &mut self.0 else { return false };
         let goes_on =
@@ -52,16 +52,16 @@ impl Ahead {
     }
 }
 
-/// What was refused, and has not been told yet.
+/// Refusals that have not been reported yet.
 #[derive(Debug, Default)]
 pub struct Refusals {
     /// Peers by their sessions, the oldest first.
     peers: VecDeque<(String, String)>,
     /// Refusals since the last look. One of them may be lifted yet, by the next subject that fits.
-    fresh: BTreeSet<Refusal>,
-    /// Those that were there at the last look.
-    ripe: BTreeSet<Refusal>,
-    told: BTreeMap<Refusal, Instant>,
+    fresh: BTreeSet<AccessRefusal>,
+    /// Refusals that were there at the last check.
+    ripe: BTreeSet<AccessRefusal>,
+    told: BTreeMap<AccessRefusal, Instant>,
 }
 
 impl Refusals {
@@ -90,16 +90,16 @@ impl Refusals {
     /// Notes somebody who was not let in.
     pub fn hear_handshake(&mut self, reason: &str) {
         let words = format!("a TLS handshake failed: {reason}");
-        self.note(Refusal { words, is_attempt: true });
+        self.note(AccessRefusal { words, is_attempt: true });
     }
 
     /// Notes that all of so many sessions are taken.
     pub fn hear_full(&mut self, places: &str) {
         let words = format!("no place for another session: all {places} are taken; close other sessions");
-        self.note(Refusal { words, is_attempt: true });
+        self.note(AccessRefusal { words, is_attempt: true });
     }
 
-    fn note(&mut self, refusal: Refusal) {
+    fn note(&mut self, refusal: AccessRefusal) {
         if self.fresh.len() < MAX_WAITING {
             self.fresh.insert(refusal);
         }
@@ -115,7 +115,7 @@ impl Refusals {
         self.peers.push_back((session.to_owned(), decision::plain_peer(peer)));
     }
 
-    fn refusal(&self, decision: &Decision<'_>) -> Refusal {
+    fn refusal(&self, decision: &Decision<'_>) -> AccessRefusal {
         let session = decision.session;
         // A key may hold anything, and this goes into a log.
         let key: String = super::plain(decision.key).chars().take(MAX_KEY).collect();
@@ -126,11 +126,12 @@ impl Refusals {
             true => format!("{peer} may not {deed} {key}{}", advice(&peer, &key)),
             false => format!("{peer} is not sent: {deed} {key}"),
         };
-        Refusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
+        AccessRefusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
     }
 
-    /// What is to be told now: what nothing has lifted since the last look, each once in [`AGAIN_AFTER`].
-    pub fn take(&mut self, now: Instant) -> Vec<Refusal> {
+    /// Refusals to be reported now: those that nothing has lifted since the last check, each once in
+    /// [`AGAIN_AFTER`].
+    pub fn take(&mut self, now: Instant) -> Vec<AccessRefusal> {
         self.told.retain(|_, at| now.saturating_duration_since(*at) < AGAIN_AFTER);
         let mut refusals = Vec::new();
         for refusal in std::mem::replace(&mut self.ripe, std::mem::take(&mut self.fresh)) {
@@ -143,7 +144,7 @@ impl Refusals {
     }
 }
 
-/// What to do about a vehicle that is refused what is its own.
+/// Cure for a vehicle that is refused its own key.
 fn advice(peer: &str, key: &str) -> String {
     let holder = peer.split(' ').next().and_then(certificate::parse).map(|(holder, _)| holder);
     let name = holder.and_then(certificate::vehicle_of);
@@ -180,7 +181,7 @@ mod tests {
             self.line(&format!("{SESSION} on {NAMED} is {verb} to {action} on {key}"));
         }
 
-        /// What Zenoh writes when a key is named whose deeds are all refused, by two subjects.
+        /// Log lines of Zenoh for a key of which all actions are refused, by two subjects.
         fn named(&mut self, flow: &str, key: &str) {
             self.line(&format!("ACL ({flow}): caching permissions for `{key}` ..."));
             for action in [
@@ -199,7 +200,7 @@ mod tests {
             }
         }
 
-        fn told(&mut self) -> Vec<Refusal> {
+        fn told(&mut self) -> Vec<AccessRefusal> {
             self.refusals.take(self.now);
             self.refusals.take(self.now)
         }

@@ -44,7 +44,7 @@ const MAX_STEP_MS: i64 = 3_600_000;
 /// Keyframes in one answer to a question.
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
 
-/// What queries are answered from, filled by the publisher.
+/// Data from which queries are answered, filled by the publisher.
 #[derive(Debug)]
 pub struct Archive {
     poses: VecDeque<PastPose>,
@@ -96,7 +96,7 @@ impl Archive {
     }
 }
 
-/// What the answers are made of.
+/// Sources of the answers.
 pub struct Answers {
     /// Vehicle that answers.
     pub vehicle: Arc<Vehicle>,
@@ -169,7 +169,7 @@ fn answer_questions(
     Ok(())
 }
 
-/// What is answered at once, by a thread of its own.
+/// Queries answered at once, by a thread of their own.
 enum Short {
     Time { query: Query, key: Arc<str>, received_ns: i64 },
     Busy(Query),
@@ -207,7 +207,7 @@ async fn obey(answers: Arc<Answers>, mut given: mpsc::Receiver<(Topic, Query)>) 
     }
 }
 
-/// Where answers to a question may be sent.
+/// Keys under which answers to a query may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Room {
     /// Each under a key of its own.
@@ -295,7 +295,7 @@ impl Answers {
         Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
     }
 
-    /// Whether a command may be carried out; the error is the reason as text.
+    /// Checks that a command may be carried out; the error is the reason as text.
     fn check_command(&self, query: &Query, key: &str) -> Result<(), String> {
         if query.key_expr().as_str() != key {
             // A pattern would pass rules that name the command.

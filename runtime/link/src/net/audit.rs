@@ -2,7 +2,7 @@
 //! them there ([`super::access`] knows which of them matter), and the owner of a session logs them ([`log_refusals`],
 //! [`diagnosis::report_failures`]).
 
-use super::access::{Ahead, Refusal, Refusals};
+use super::access::{AccessRefusal, Ahead, Refusals};
 use super::{decision, diagnosis};
 use std::cell::RefCell;
 use std::fmt::{Debug, Write as _};
@@ -21,13 +21,13 @@ pub const TARGETS: [(&str, LevelFilter); 4] = [
     ("zenoh::net::runtime::orchestrator", LevelFilter::DEBUG),
     ("zenoh_transport::unicast::manager", LevelFilter::TRACE),
 ];
-/// What the second of them adds to every handshake that failed, whatever the reason was.
+/// Words that the second of them adds to every failed handshake, whatever the reason.
 const HINT: &str = ". Hint: increase the system open file limit";
 /// The reason of a handshake whose certificate has no place.
 const NO_PLACE: &str = "ApplicationVerificationFailure";
-/// How the third begins when an attempt to connect has failed, the longer one first.
+/// Beginnings of the third when an attempt to connect has failed, the longer one first.
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
-/// How the fourth says that all sessions are taken, before their number.
+/// Words of the fourth when all sessions are taken, before their number.
 const FULL: &str = "Max transports reached (";
 /// Longest line that is looked at, bytes.
 const MAX_LINE: usize = 1_024;
@@ -43,7 +43,7 @@ fn refusals() -> MutexGuard<'static, Refusals> {
 /// Logs what was refused up to the last call: attempts as warnings, what Zenoh decides without one for those who debug.
 pub fn log_refusals() {
     let told = refusals().take(Instant::now());
-    for Refusal { words, is_attempt } in told {
+    for AccessRefusal { words, is_attempt } in told {
         match is_attempt {
             true => tracing::warn!("access refused: {words}"),
             false => tracing::debug!("access: {words}"),

@@ -12,7 +12,7 @@ pub const MAX_NUMBER: u32 = 24;
 pub const DEFAULT_VEHICLE: &str = "drone";
 /// The holder that gives commands.
 pub const OPERATOR: &str = "operator";
-/// How holders begin that are vehicles.
+/// Prefix of certificate holders that are vehicles.
 const VEHICLE: &str = "vehicle:";
 
 /// The holder that the vehicle of a name is.

@@ -97,7 +97,7 @@ async fn connected(endpoints: &Endpoints, stream: &Session) -> Session {
     }
 }
 
-/// Those that were not needed.
+/// Closes the sessions that were not needed.
 async fn close_all(mut attempts: JoinSet<Result<Session, super::NetError>>) {
     while let Some(attempt) = attempts.join_next().await {
         if let Ok(Ok(session)) = attempt {

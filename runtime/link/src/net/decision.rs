@@ -1,5 +1,5 @@
-//! What Zenoh's access control writes to its log: a line for each decision and each subject of the rules that fits the peer,
-//! at the lowest level.
+//! Log lines of Zenoh's access control: one for each decision and each subject of the rules that fits the
+//! peer, at the lowest level.
 //!
 //! - `SESSION on PEER is (un)authorized to ACTION (FLOW) on KEY`, a decision made now: of several about one message, one
 //!   that allows is enough.
@@ -7,12 +7,12 @@
 //!   before. It was made then: `ACL (FLOW): caching permissions for KEY ...` is followed by a decision of the first kind on
 //!   **every** action there is, though nobody has asked for any of them.
 
-/// How decisions read.
+/// Words of a decision to allow.
 const ALLOWED: &str = "is authorized to ";
 const REFUSED: &str = "is unauthorized to ";
-/// What comes before one that is older than its message.
+/// Prefix of a decision that is older than its message.
 const KNOWN: &str = "Using cached result: ";
-/// Everything that may be asked for, in the order in which Zenoh decides on it in advance, and what it is in plain words.
+/// Requests in the order in which Zenoh decides on them in advance, with their names in plain words.
 const ACTIONS: [(&str, &str); 9] = [
     ("Query", "query"),
     ("Reply", "answer queries on"),
@@ -27,7 +27,7 @@ const ACTIONS: [(&str, &str); 9] = [
 /// Actions below this number do something, the others only prepare to listen or to be listened to.
 pub const DEEDS: usize = 4;
 
-/// Whether a line says that a message passes, as most lines do: not worth a look.
+/// True if a line says that a message passes. Most lines do, and are not worth a look.
 #[must_use]
 pub fn is_passed(line: &str) -> bool {
     let verdict = line.strip_prefix(KNOWN).and_then(|rest| rest.split_once(' '));
@@ -41,11 +41,11 @@ pub struct Decision<'a> {
     pub session: &'a str,
     /// Interface, names and protocol, as Zenoh writes them; missing in a decision made before.
     pub peer: Option<&'a str>,
-    /// What was decided.
+    /// Decision.
     pub is_allowed: bool,
     /// Number of the action, as they are decided on in advance.
     pub action: usize,
-    /// Whether the message comes from the peer.
+    /// True if the message comes from the peer.
     pub is_incoming: bool,
     /// Key expression, as the peer wrote it.
     pub key: &'a str,

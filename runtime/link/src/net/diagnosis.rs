@@ -1,4 +1,4 @@
-//! Why a connection cannot be made, in words with a cure.
+//! Reason why a connection cannot be made, in words with a cure.
 //!
 //! [`check`] refuses an endpoint that cannot work before a session is opened. What Zenoh says of an attempt that failed
 //! reaches [`record`] by way of its log messages ([`super::audit`]); [`explain`] puts it into words, and
@@ -16,7 +16,8 @@ use std::time::Duration;
 
 /// Protocols that this build can speak.
 const PROTOCOLS: [&str; 3] = ["tcp", "tls", "udp"];
-/// What an endpoint may say behind `#`. Zenoh knows more there: keys, and that nobody needs a certificate.
+/// Settings that an endpoint may have behind `#`. Zenoh knows more: keys, and the switch that waives
+/// certificates.
 const SETTINGS: [&str; 5] = ["iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp"];
 /// Failed attempts that wait to be logged.
 const MAX_WAITING: usize = 64;
@@ -98,7 +99,7 @@ pub fn check_listener(endpoint: &str) -> Result<(), NetError> {
     })
 }
 
-/// What Zenoh says without the places of its sources: `words at /path/file.rs:12. - Caused by ...`.
+/// Message of Zenoh without the places in its sources: `words at /path/file.rs:12. - Caused by ...`.
 #[must_use]
 pub fn plain_words(message: &str) -> String {
     let mut words = String::new();
@@ -177,7 +178,7 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     }
 }
 
-/// Whether somebody answers a byte that is no TLS with a TLS alert.
+/// True if the endpoint answers a byte that is no TLS with a TLS alert.
 fn speaks_tls(endpoint: &str) -> bool {
     let probe = || {
         let address = address_of(endpoint).to_socket_addrs().ok()?.next()?;
@@ -201,7 +202,7 @@ pub fn record(endpoint: &str, reason: &str) {
     waiting().force_push((security::as_given(endpoint).to_owned(), reason.to_owned()));
 }
 
-/// What Zenoh said of the newest attempt to connect to `endpoint` that waits to be logged.
+/// Message of Zenoh about the newest attempt to connect to `endpoint` that waits to be logged.
 #[must_use]
 pub fn newest_attempt(endpoint: &str) -> Option<String> {
     let mut newest = None;
@@ -215,7 +216,7 @@ pub fn newest_attempt(endpoint: &str) -> Option<String> {
     newest
 }
 
-/// What was logged so far, and the newest of it.
+/// Reasons logged so far, and the newest of them.
 #[derive(Default)]
 struct Logged {
     reasons: BTreeSet<(String, String)>,
@@ -280,7 +281,7 @@ impl DroppedRoutes {
     }
 }
 
-/// Why the last attempt failed, if one did.
+/// Reason of the last failed attempt, if one failed.
 #[must_use]
 pub fn newest_failure() -> Option<String> {
     logged().newest.clone()

@@ -41,9 +41,9 @@ pub struct Endpoints {
     pub scouting: bool,
     /// A router exchanges routes with other routers.
     pub routes: bool,
-    /// What the link can carry.
+    /// Capacity of the link.
     pub link: Link,
-    /// What a vehicle's session may hold in memory, MB (10^6 bytes).
+    /// Memory limit of a vehicle's session, MB (10^6 bytes).
     pub max_memory_mb: u32,
     /// Clients that may give commands.
     pub commands: Commands,
@@ -81,7 +81,7 @@ impl Endpoints {
         }
     }
 
-    /// Whether this is a vehicle's own session.
+    /// True if this is a vehicle's own session.
     #[must_use]
     pub fn is_vehicle(&self) -> bool {
         self.hears.is_empty()
@@ -95,8 +95,8 @@ impl Endpoints {
         self
     }
 
-    /// Those that take streams, for everything, and those that begin with `udp/`, for odometry alone ([`datagrams`]);
-    /// where there are only such, they are for everything.
+    /// Endpoints with streams, for everything, and those that begin with `udp/`, for odometry alone
+    /// ([`datagrams`]). If all are of the latter kind, they are for everything.
     ///
     /// [`datagrams`]: super::datagrams
     ///
@@ -135,7 +135,7 @@ pub(super) fn is_udp(endpoint: &str) -> bool {
     endpoint.starts_with("udp/")
 }
 
-/// Whether an endpoint such as `tcp/127.0.0.1:7447` is this host's alone.
+/// True if an endpoint such as `tcp/127.0.0.1:7447` is this host's alone.
 #[must_use]
 pub fn is_loopback(endpoint: &str) -> bool {
     let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);

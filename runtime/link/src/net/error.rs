@@ -1,20 +1,20 @@
-//! Why the network cannot be used.
+//! Errors of the network.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why the network cannot be used.
+/// Errors of the network.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum NetError {
     /// A session cannot be opened.
     #[error("{}: {message}", connect.iter().chain(listen).cloned().collect::<Vec<_>>().join(", "))]
     Open {
-        /// Where it was to listen.
+        /// Endpoints on which it was to listen.
         listen: Vec<String>,
-        /// Where it was to connect.
+        /// Endpoints to which it was to connect.
         connect: Vec<String>,
-        /// Why, and what to do.
+        /// Reason and cure.
         message: String,
     },
     /// An endpoint that cannot work.
@@ -22,7 +22,7 @@ pub enum NetError {
     Endpoint {
         /// The endpoint.
         endpoint: String,
-        /// What is wrong, and what to do.
+        /// Reason and cure.
         reason: String,
     },
     /// The port is already in use.
@@ -46,7 +46,7 @@ pub enum NetError {
         path: PathBuf,
         /// The key of the configuration, or the option, that names it.
         key: &'static str,
-        /// What is wrong, and what to do.
+        /// Reason and cure.
         message: String,
     },
     /// Datagrams where they cannot be.
@@ -54,7 +54,7 @@ pub enum NetError {
     Datagrams {
         /// The endpoint.
         endpoint: String,
-        /// What is wrong, and what to do.
+        /// Reason and cure.
         cure: &'static str,
     },
     /// The network's own thread cannot be started.
@@ -63,7 +63,7 @@ pub enum NetError {
 }
 
 impl NetError {
-    /// Whether another attempt with the same configuration cannot succeed.
+    /// True if another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::Endpoint { .. } | Self::File { .. } | Self::Datagrams { .. })

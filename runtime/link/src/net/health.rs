@@ -6,10 +6,10 @@ use plumbline_estimator::Estimate;
 use plumbline_record::messages::{Envelope, Health, Ladder, SensorNews};
 use std::time::{Duration, Instant};
 
-/// How much of a new frame rate enters the smoothed one.
+/// Weight of a new frame rate in the smoothed one.
 const SMOOTHING: f64 = 0.1;
 
-/// What a health message reports beside the estimate.
+/// Content of a health message beside the estimate.
 #[derive(Clone, Debug)]
 pub struct Circumstances {
     /// Messages dropped because the network was slower than the vehicle.
@@ -20,7 +20,7 @@ pub struct Circumstances {
     pub keyframes: u64,
     /// Corrected paths so far.
     pub paths: u64,
-    /// Whether camera images are offered.
+    /// True if camera images are offered.
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
     pub rot_v_b: Option<UnitQuaternion<f64>>,

@@ -26,10 +26,11 @@ pub const DEFAULT_HOSTS: [&str; 2] = ["localhost", "127.0.0.1"];
 pub const AUTHORITY: &str = "authority.pem";
 /// File of the authority's private key.
 pub const AUTHORITY_KEY: &str = "authority.key";
-/// How long an authority lasts, days: renewal leaves it as it is, so that who has its certificate needs nothing new.
+/// Validity of an authority, days. Renewal leaves it as it is, so that the holders of its certificate need
+/// nothing new.
 const AUTHORITY_DAYS: u32 = 3650;
 
-/// Why there are no keys.
+/// Errors of keys and certificates.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum KeysError {
@@ -38,7 +39,7 @@ pub enum KeysError {
     File {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         error: std::io::Error,
     },
     /// There is a certificate already.
@@ -70,9 +71,9 @@ pub enum KeysError {
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
     Certificate {
-        /// What it was for.
+        /// Certificate or request concerned.
         about: String,
-        /// What is wrong.
+        /// Error of the certificate.
         error: rcgen::Error,
     },
 }
@@ -80,7 +81,7 @@ pub enum KeysError {
 /// Longest name of a vehicle, characters.
 pub const MAX_NAME: usize = 40;
 
-/// What is made.
+/// Keys and certificates to be made.
 #[derive(Clone, Debug)]
 pub struct Request<'a> {
     /// Folder of the files.
@@ -118,7 +119,7 @@ impl Holder {
         Ok(Self { role: "vehicle".into(), vehicle: Some(name.to_owned()) })
     }
 
-    /// Its name without the number.
+    /// Name without the number.
     fn name(&self) -> String {
         match (self.role.as_str(), &self.vehicle) {
             ("vehicle", name) => certificate::vehicle(name.as_deref().unwrap_or(DEFAULT_VEHICLE)),
@@ -126,7 +127,7 @@ impl Holder {
         }
     }
 
-    /// Its files without their ending.
+    /// File name without its ending.
     fn stem(&self) -> String {
         self.vehicle.as_ref().map_or_else(|| self.role.clone(), |name| format!("{}-{name}", self.role))
     }

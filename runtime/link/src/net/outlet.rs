@@ -16,7 +16,7 @@ use zenoh::qos::{CongestionControl, Priority};
 
 /// A key that a vehicle publishes.
 pub struct Outlet {
-    /// Its publisher.
+    /// Publisher.
     pub publisher: Publisher<'static>,
     /// Lets through what the link can carry.
     pub pace: Pace,
@@ -48,7 +48,7 @@ impl Outlet {
         Ok(Self { publisher, pace: Pace::new(topic.rate_hz(link)), sequence: 0 })
     }
 
-    /// Whether a message of this time goes.
+    /// True if a message of this time is sent.
     pub fn admits(&mut self, stamp: Timestamp) -> bool {
         self.pace.admits(stamp)
     }

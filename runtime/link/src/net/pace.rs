@@ -1,5 +1,5 @@
-//! What is published over which link: what is too much for it is left out at the source. Rates of keys are in the table of
-//! topics.
+//! Rates of publishing by link: the excess over its capacity is left out at the source. Rates of keys are in
+//! the table of topics.
 
 use plumbline_config::options::Link;
 use plumbline_record::topics::Topic;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 pub use plumbline_flight::schedule::pace::Pace;
 
-/// What is published over a link.
+/// Rates of publishing over a link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     /// The link.
@@ -23,7 +23,7 @@ pub struct Rates {
 }
 
 impl Rates {
-    /// Those for a link.
+    /// Rates for a link.
     #[must_use]
     pub fn of(link: Link) -> Self {
         match link {

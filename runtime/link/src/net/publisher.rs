@@ -119,7 +119,7 @@ impl Publisher {
     }
 }
 
-/// What the network's thread begins with.
+/// Initial state of the network's thread.
 struct Start {
     endpoints: Endpoints,
     vehicle: Arc<Vehicle>,

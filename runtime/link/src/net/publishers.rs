@@ -1,8 +1,8 @@
 //! The keys that a vehicle publishes, by the table of topics: each with the quality of service that it needs.
 //!
-//! What finds no room on the link is dropped: of odometry the next one is 5 ms away (in datagrams where they are to be had,
-//! [`super::datagrams`]), health comes again soon, and what is missing of the map is asked for ([`super::answers`]): waiting would
-//! hold up the others.
+//! Messages without room on the link are dropped, since waiting would hold up the others. The next odometry
+//! is 5 ms away (in datagrams where available, [`super::datagrams`]), health comes again soon, and missing
+//! parts of the map are queried ([`super::answers`]).
 
 use super::answers::{self, Answers, Archive, lock};
 use super::commands::Commands;

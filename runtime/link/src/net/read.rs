@@ -18,7 +18,7 @@ const MAX_TEXT: usize = 512;
 const MAX_TOML: usize = MAX_MESSAGE_BYTES;
 /// Largest number of single precision that is accepted: coordinates of landmarks, m or px.
 const MAX_PLACE: f64 = 1e6;
-/// How far a quaternion may be from length 1.
+/// Deviation of a quaternion's length from 1, at most.
 const NORM_TOLERANCE: f64 = 1e-3;
 
 /// Message of a key with its envelope.
@@ -48,7 +48,7 @@ pub fn decode<T: Record>(payload: &[u8]) -> Option<T> {
     protobuf::decode::<T>(payload).ok().filter(|record| is_sound(record))
 }
 
-/// Whether all numbers of a record are finite, its rotations are such, and its lists and texts within bounds.
+/// True if all numbers of a record are finite, its rotations are such, and its lists and texts within bounds.
 #[must_use]
 pub fn is_sound(record: &dyn Parts) -> bool {
     let mut is_so = true;

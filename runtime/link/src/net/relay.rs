@@ -22,7 +22,7 @@ const PICTURES: usize = 2;
 pub struct Relayed {
     /// The record.
     pub record: Record,
-    /// Its message.
+    /// Message.
     pub message: Vec<u8>,
 }
 

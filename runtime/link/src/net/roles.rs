@@ -1,9 +1,10 @@
 //! Permissions of the roles: the rules of Zenoh's access control.
 //!
-//! What no rule allows is refused, in both directions. A rule matches a key expression only if it includes all of it, so
-//! `**` and `*/drone/odom` match none and are refused. With certificates the role of a peer is the name of its certificate
-//! ([`super::certificate`]), and a vehicle's is bound to its own keys. Zenoh's rules name certificates one by one, so a session
-//! has to know the vehicles that it listens to ([`Endpoints::hears`]).
+//! Default of the rules: what none allows is refused, in both directions. A rule matches a key expression
+//! only if it includes all of it, so `**` and `*/drone/odom` match none and are refused. With certificates
+//! the role of a peer is the name of its certificate ([`super::certificate`]), and a vehicle's is bound to
+//! its own keys. Zenoh's rules name certificates one by one, so a session has to know the vehicles that it
+//! listens to ([`Endpoints::hears`]).
 //!
 //! The table in `docs/security.md` is what comes of these rules; `tests/process/roles.rs` tries every field of it.
 
@@ -51,9 +52,9 @@ fn to(messages: &'static [&'static str], keys: &[String]) -> Right {
 struct Keys {
     /// Everything of ours.
     all: Vec<String>,
-    /// What may be asked without doing anything to a vehicle.
+    /// Queries that leave a vehicle unchanged.
     questions: Vec<String>,
-    /// What a vehicle obeys.
+    /// Commands that a vehicle obeys.
     commands: Vec<String>,
 }
 
@@ -90,7 +91,7 @@ pub fn access(endpoints: &Endpoints) -> Value {
     table.settings()
 }
 
-/// What each role may do. Of several subjects that fit a peer one that allows is enough.
+/// Grants each role its rights. If several subjects fit a peer, one that allows is enough.
 fn grant_certificates(table: &mut Table, endpoints: &Endpoints, keys: &Keys) {
     let mut grant = |holder: &str, rights: &[Right]| {
         let names = certificate::believed(holder, &endpoints.tls.excluded);
@@ -116,7 +117,7 @@ fn grant_certificates(table: &mut Table, endpoints: &Endpoints, keys: &Keys) {
     }
 }
 
-/// What passes between us and a router: everything but commands to us.
+/// Rights between us and a router: everything but commands to us.
 fn passing(endpoints: &Endpoints, keys: &Keys) -> Vec<Right> {
     let mut rights = vec![
         from(LISTEN, &keys.all),

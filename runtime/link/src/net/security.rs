@@ -117,7 +117,7 @@ pub fn as_given(endpoint: &str) -> &str {
     at.map_or(endpoint, |at| &endpoint[..at])
 }
 
-/// Why commands are refused whoever gives them; `None` when who may is left to the access rules.
+/// Reason why commands are refused whoever gives them; `None` when the access rules decide.
 #[must_use]
 pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
     match commands {
@@ -145,7 +145,7 @@ pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
     })
 }
 
-/// What others can read, and do, over plain TCP and UDP; `None` where there is nothing of that.
+/// Warning of what others can read and do over plain TCP and UDP; `None` if there is nothing of that kind.
 #[must_use]
 pub fn exposure(endpoints: &Endpoints) -> Option<String> {
     let mut all = endpoints.listen.iter().chain(&endpoints.connect);

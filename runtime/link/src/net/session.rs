@@ -120,7 +120,7 @@ impl Endpoints {
         }
     }
 
-    /// Why a session cannot be opened: by its last attempt to connect where there was one, else as Zenoh says.
+    /// Error of a session that cannot be opened: by its last attempt to connect where there was one, else as Zenoh says.
     fn failed(&self, message: &str) -> NetError {
         let attempt = self.connect.first().and_then(|endpoint| diagnosis::newest_attempt(endpoint));
         let message = match (attempt, self.connect.first()) {

@@ -1,22 +1,22 @@
-//! What queries to a vehicle are answered from.
+//! Facts about a vehicle from which queries are answered.
 
 use super::commands::Commands;
 use nalgebra::UnitQuaternion;
 use plumbline_record::messages::Configuration;
 use std::sync::Arc;
 
-/// What queries to a vehicle are answered from.
+/// Facts about a vehicle from which queries are answered.
 #[derive(Debug)]
 pub struct Vehicle {
-    /// Its name in the keys.
+    /// Name in the keys.
     pub name: String,
     /// The configuration in force.
     pub configuration: Configuration,
-    /// Whether camera images are offered.
+    /// True if camera images are offered.
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// Why commands are refused, if they are.
+    /// Reason why commands are refused, if they are.
     pub refusal: Option<String>,
     /// Way of commands to the flight.
     pub commands: Arc<Commands>,

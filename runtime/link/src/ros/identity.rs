@@ -1,4 +1,4 @@
-//! Which vehicle ROS 2 sees.
+//! Identity of the vehicle in ROS 2.
 
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
@@ -15,6 +15,6 @@ pub struct Identity {
     pub rot_v_b: UnitQuaternion<f64>,
     /// Clock domain of the stamps.
     pub stamps: Stamps,
-    /// Whether the flight keeps a map.
+    /// True if the flight keeps a map.
     pub has_map: bool,
 }

@@ -27,7 +27,7 @@ struct Keyframe {
 
 /// Points, and both ends of lines, in the map frame, m.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Landmarks {
+pub struct MapLandmarks {
     /// Points.
     pub points: Vec<Vector3<f32>>,
     /// Lines.
@@ -99,9 +99,9 @@ impl LandmarkMap {
     /// Landmarks in the map frame: those of keyframes by the corrected path, those of the window by the newest pose of the
     /// odometry frame in the map. Keyframes between resets of which the path has none are left out.
     #[must_use]
-    pub fn corrected(&self, path: &MapPath, estimate: Option<&MapEstimate>) -> Landmarks {
+    pub fn corrected(&self, path: &MapPath, estimate: Option<&MapEstimate>) -> MapLandmarks {
         let corrections = self.corrections(path);
-        let mut landmarks = Landmarks::default();
+        let mut landmarks = MapLandmarks::default();
         for keyframe in &self.keyframes {
             let Some(pose_m_o) = nearest(&corrections, keyframe) else { continue };
             let pose_m_b = (pose_m_o * keyframe.pose_o_b).cast::<f32>();
@@ -228,7 +228,7 @@ mod tests {
         assert_eq!(landmarks.points, [0.0, 1.0].map(|x| Vector3::new(x, 5.0, 1.0)));
         assert_eq!(landmarks.lines.len(), 2);
         // A correction of the frame before a reset says nothing of this one.
-        assert_eq!(map.corrected(&path(&[]), Some(&estimate(0))), Landmarks::default());
+        assert_eq!(map.corrected(&path(&[]), Some(&estimate(0))), MapLandmarks::default());
     }
 
     #[test]

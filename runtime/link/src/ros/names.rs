@@ -1,10 +1,10 @@
-//! How `rmw_zenoh` names things: keys of topics, liveliness tokens, and what is attached to a sample.
+//! Names of `rmw_zenoh`: keys of topics, liveliness tokens, and attachments of samples.
 
 use super::interface::InterfaceType;
 use plumbline_config::options::RosDistribution;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// What stands in keys for the hash of a type in a release that has none.
+/// Placeholder in keys for the hash of a type in a release that has none.
 const NO_HASH: &str = "TypeHashNotSupported";
 /// Bytes attached to every sample, request and response.
 pub const ATTACHMENT_BYTES: usize = 33;
@@ -13,7 +13,7 @@ const GID_BYTES: usize = 16;
 
 /// Topic that is published, or service that is offered.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Topic {
+pub struct RosTopic {
     /// Fully qualified name, such as `/drone/odom`.
     pub name: String,
     /// Type of its messages, or of the service.
@@ -42,7 +42,7 @@ impl Endpoint {
 
 /// A node on a session of Zenoh.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Node {
+pub struct NodeName {
     /// `ROS_DOMAIN_ID`.
     pub domain_id: u32,
     /// The release whose names are used.
@@ -55,7 +55,7 @@ pub struct Node {
     pub name: String,
 }
 
-impl Node {
+impl NodeName {
     /// A name in the node's namespace, fully qualified.
     #[must_use]
     pub fn qualified(&self, name: &str) -> String {
@@ -64,7 +64,7 @@ impl Node {
 
     /// Key on which messages of a topic go out, and on which a service is called.
     #[must_use]
-    pub fn key(&self, topic: &Topic) -> String {
+    pub fn key(&self, topic: &RosTopic) -> String {
         let name = topic.name.trim_matches('/');
         format!("{}/{name}/{}", self.domain_id, self.type_chunks(topic))
     }
@@ -77,7 +77,7 @@ impl Node {
 
     /// Token by which an endpoint of this node is listed; `entity` is its number in the node, from 1.
     #[must_use]
-    pub fn endpoint_token(&self, endpoint: Endpoint, entity: u32, topic: &Topic) -> String {
+    pub fn endpoint_token(&self, endpoint: Endpoint, entity: u32, topic: &RosTopic) -> String {
         let token = self.token_of(&format!("{entity}/{}", endpoint.code()));
         format!("{token}/{}/{}/{}", mangled(&topic.name), self.type_chunks(topic), qos(topic))
     }
@@ -89,7 +89,7 @@ impl Node {
         format!("@ros2_lv/{domain_id}/{session}/0/{entity_and_kind}/%/{namespace}/{name}")
     }
 
-    fn type_chunks(&self, topic: &Topic) -> String {
+    fn type_chunks(&self, topic: &RosTopic) -> String {
         let InterfaceType { dds_name, hash, .. } = &topic.interface;
         let hash = if self.distribution == RosDistribution::Humble { NO_HASH } else { hash };
         format!("{dds_name}/{hash}")
@@ -103,7 +103,7 @@ fn mangled(name: &str) -> String {
 
 /// Quality of service: `reliability:durability:history,depth:deadline:lifespan:liveliness`, and nothing where it
 /// is the default of `rmw_zenoh`: reliable, volatile, keep last.
-fn qos(topic: &Topic) -> String {
+fn qos(topic: &RosTopic) -> String {
     format!("::,{}:,:,:,,", topic.depth)
 }
 
@@ -152,8 +152,8 @@ impl Attachment {
 mod tests {
     use super::*;
 
-    fn node(domain_id: u32, session: &str, namespace: &str, name: &str) -> Node {
-        Node {
+    fn node(domain_id: u32, session: &str, namespace: &str, name: &str) -> NodeName {
+        NodeName {
             domain_id,
             distribution: RosDistribution::Jazzy,
             session: session.into(),
@@ -162,10 +162,10 @@ mod tests {
         }
     }
 
-    fn topic(node: &Node, name: &str, depth: u32) -> Topic {
+    fn topic(node: &NodeName, name: &str, depth: u32) -> RosTopic {
         let hash = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
         let interface = InterfaceType::new("std_msgs/msg/String", hash);
-        Topic { name: node.qualified(name), interface, depth }
+        RosTopic { name: node.qualified(name), interface, depth }
     }
 
     /// The examples of `docs/design.md` of `rmw_zenoh`, letter by letter.
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn humble_has_no_hashes() {
-        let node = Node { distribution: RosDistribution::Humble, ..node(0, "1", "/", "talker") };
+        let node = NodeName { distribution: RosDistribution::Humble, ..node(0, "1", "/", "talker") };
         let chatter = topic(&node, "chatter", 7);
         assert_eq!(node.key(&chatter), "0/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported");
         assert!(node.endpoint_token(Endpoint::Publisher, 1, &chatter).contains("/TypeHashNotSupported/"));
@@ -208,7 +208,7 @@ mod tests {
         let node = node(2, "f1eec80b0794deb18ff9ee5a0182029d", "/", "server");
         let hash = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a";
         let interface = InterfaceType::new("example_interfaces/srv/AddTwoInts", hash);
-        let service = Topic { name: node.qualified("add_two_ints"), interface, depth: 10 };
+        let service = RosTopic { name: node.qualified("add_two_ints"), interface, depth: 10 };
         // The example of `docs/design.md`, and the token that such a server declares.
         assert_eq!(
             node.key(&service),

@@ -4,7 +4,7 @@ use super::frames::Frames;
 use super::identity::Identity;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
-use super::names::{Node, Topic};
+use super::names::{NodeName, RosTopic};
 use super::reset::{ResetServices, Resets};
 use super::scene::Scene;
 use super::topic::{Declaring, TopicPublisher, declare_token};
@@ -46,7 +46,7 @@ impl RosNode {
     /// When Zenoh refuses a key.
     pub async fn declare(session: &Session, identity: &Identity, resets: &Resets) -> Result<Self, NetError> {
         let options = &identity.options;
-        let node = Node {
+        let node = NodeName {
             domain_id: options.domain_id,
             distribution: options.distribution,
             session: session.zid().to_string(),
@@ -134,7 +134,7 @@ async fn declare<T: Interface>(
     name: String,
     depth: u32,
 ) -> Result<TopicPublisher, NetError> {
-    let topic = Topic { name, interface: InterfaceType::of::<T>(), depth };
+    let topic = RosTopic { name, interface: InterfaceType::of::<T>(), depth };
     TopicPublisher::declare(declaring, topic, Priority::DataHigh).await
 }
 

@@ -38,7 +38,7 @@ pub struct RosPublisher {
     state: State,
     /// Failure that was logged last.
     failure: String,
-    /// What has been received so far.
+    /// Scene received so far.
     pub scene: Scene,
 }
 

@@ -4,7 +4,7 @@
 use super::cdr;
 use super::interface::InterfaceType;
 use super::messages::{Trigger, TriggerResponse};
-use super::names::{Attachment, Endpoint, Topic};
+use super::names::{Attachment, Endpoint, RosTopic};
 use super::topic::Declaring;
 use crate::net::commands::reset_words;
 use crate::net::{Commands, NetError, now_ns};
@@ -22,14 +22,14 @@ const DEPTH: u32 = 10;
 /// Names of the services.
 const SERVICES: [(&str, ResetKind); 2] = [("reset", ResetKind::Soft), ("reset_hard", ResetKind::Hard)];
 
-/// Where resets go, and who may ask for them.
+/// Channel of resets, with the permission to request them.
 #[derive(Clone, Debug)]
 pub struct Resets {
     /// Way of commands to the flight.
     pub commands: Arc<Commands>,
     /// Newest count of resets.
     pub count: watch::Receiver<u32>,
-    /// Why commands are refused, if they are.
+    /// Reason why commands are refused, if they are.
     pub refusal: Option<String>,
 }
 
@@ -55,7 +55,7 @@ impl ResetServices {
         let mut services = Vec::new();
         for (name, kind) in SERVICES {
             let name = declaring.node().qualified(name);
-            let topic = Topic { name, interface: InterfaceType::of::<Trigger>(), depth: DEPTH };
+            let topic = RosTopic { name, interface: InterfaceType::of::<Trigger>(), depth: DEPTH };
             let key = declaring.node().key(&topic);
             let (requests, own) = (requests.clone(), key.clone());
             let queryable = declaring

@@ -1,4 +1,4 @@
-//! What the views of RViz 2 are made of. It is kept from the start of the flight, whenever the router appears.
+//! Scene for the views of RViz 2. It is kept from the start of the flight, whenever the router appears.
 
 use super::landmarks::LandmarkMap;
 use super::path::PathHistory;
@@ -33,7 +33,7 @@ impl Scene {
         }
     }
 
-    /// Whether [`Scene::take`] has a use for a record.
+    /// True if [`Scene::take`] has a use for a record.
     #[must_use]
     pub fn draws(record: &Record) -> bool {
         matches!(record, Record::MapEstimate(_) | Record::Window(_) | Record::Path(_))

@@ -2,7 +2,7 @@
 
 use super::cdr;
 use super::interface::Interface;
-use super::names::{self, Attachment, Endpoint, Node, Topic};
+use super::names::{self, Attachment, Endpoint, NodeName, RosTopic};
 use crate::net::NetError;
 use serde::Serialize;
 use zenoh::Session;
@@ -13,7 +13,7 @@ use zenoh::qos::{CongestionControl, Priority};
 /// Declares endpoints of a node on its session.
 pub struct Declaring<'a> {
     session: &'a Session,
-    node: &'a Node,
+    node: &'a NodeName,
     /// Number of the newest endpoint in the node.
     entity: u32,
 }
@@ -21,7 +21,7 @@ pub struct Declaring<'a> {
 impl<'a> Declaring<'a> {
     /// Declares for `node`, which has no endpoints yet.
     #[must_use]
-    pub fn new(session: &'a Session, node: &'a Node) -> Self {
+    pub fn new(session: &'a Session, node: &'a NodeName) -> Self {
         Self { session, node, entity: 0 }
     }
 
@@ -33,7 +33,7 @@ impl<'a> Declaring<'a> {
 
     /// Node of the endpoints.
     #[must_use]
-    pub fn node(&self) -> &'a Node {
+    pub fn node(&self) -> &'a NodeName {
         self.node
     }
 
@@ -44,7 +44,7 @@ impl<'a> Declaring<'a> {
     pub async fn token(
         &mut self,
         endpoint: Endpoint,
-        topic: &Topic,
+        topic: &RosTopic,
     ) -> Result<(LivelinessToken, String), NetError> {
         self.entity += 1;
         let key = self.node.endpoint_token(endpoint, self.entity, topic);
@@ -77,7 +77,7 @@ impl TopicPublisher {
     /// When Zenoh refuses a key.
     pub async fn declare(
         declaring: &mut Declaring<'_>,
-        topic: Topic,
+        topic: RosTopic,
         priority: Priority,
     ) -> Result<Self, NetError> {
         let key = declaring.node().key(&topic);
@@ -94,7 +94,7 @@ impl TopicPublisher {
         Ok(Self { publisher, interface, gid: names::gid(&text), sequence: 0, _token: token })
     }
 
-    /// Whether there are subscribers.
+    /// True if there are subscribers.
     pub async fn has_subscribers(&self) -> bool {
         self.publisher.matching_status().await.is_ok_and(|status| status.matching())
     }

@@ -3,7 +3,7 @@
 use super::frames::Frames;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{CompressedImage, Header, Image, MarkerArray, Path, PointCloud2, Time};
-use super::names::Topic;
+use super::names::RosTopic;
 use super::picture::Drawing;
 use super::scene::Scene;
 use super::topic::{Declaring, TopicPublisher};
@@ -218,6 +218,6 @@ async fn declare<T: Interface>(
     priority: Priority,
 ) -> Result<TopicPublisher, NetError> {
     let name = declaring.node().qualified(name);
-    let topic = Topic { name, interface: InterfaceType::of::<T>(), depth: DEPTH };
+    let topic = RosTopic { name, interface: InterfaceType::of::<T>(), depth: DEPTH };
     TopicPublisher::declare(declaring, topic, priority).await
 }

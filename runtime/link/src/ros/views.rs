@@ -1,8 +1,8 @@
-//! What RViz 2 draws: paths, clouds of points, and markers.
+//! Views for RViz 2: paths, clouds of points, and markers.
 
 use super::frames::Frames;
 use super::interface::Bytes;
-use super::landmarks::Landmarks;
+use super::landmarks::MapLandmarks;
 use super::messages::{
     ColorRgba, CompressedImage, Duration, Header, Marker, MarkerArray, MeshFile, Path, Point, PointCloud2,
     PointField, Pose, PoseStamped, Time, Vector3,
@@ -86,7 +86,7 @@ pub fn lines<'a>(
 
 /// Keyframes, loops and lines in the map as three markers.
 #[must_use]
-pub fn map<'a>(header: &Header<'a>, path: &MapPath, landmarks: &Landmarks) -> MarkerArray<'a> {
+pub fn map<'a>(header: &Header<'a>, path: &MapPath, landmarks: &MapLandmarks) -> MarkerArray<'a> {
     let keyframes = path.poses.iter().map(|at| at.pose_m_b.translation.vector.into()).collect();
     let loops = path.loops.iter().flatten().map(|end| end.p_m_b.into()).collect();
     let lines = landmarks.lines.iter().flatten().map(|end| end.cast::<f64>().into()).collect();
@@ -173,7 +173,7 @@ mod tests {
         let header = Header { stamp: TIME, frame_id: "map" };
         let ends = [nalgebra::Vector3::x(), nalgebra::Vector3::y()];
         assert_eq!(lines(&header, [ends, ends]).markers[0].points.len(), 4);
-        let landmarks = Landmarks { lines: vec![ends.map(|end| end.cast())], ..Landmarks::default() };
+        let landmarks = MapLandmarks { lines: vec![ends.map(|end| end.cast())], ..MapLandmarks::default() };
         let markers = map(&header, &MapPath::new(0), &landmarks).markers;
         let shown: Vec<_> = markers.iter().map(|m| (m.ns, m.points.len())).collect();
         assert_eq!(shown, [("keyframes", 0), ("loops", 0), ("lines", 2)]);

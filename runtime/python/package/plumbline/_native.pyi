@@ -57,7 +57,7 @@ class Config:
     def to_toml(self) -> str:
         """The whole configuration as TOML, defaults included."""
     def doubts(self) -> List[str]:
-        """What is valid, and yet probably a mistake: sentences."""
+        """Doubts: settings that are valid, and yet probably a mistake, as sentences."""
     @property
     def hash(self) -> str:
         """SHA-256 of the configuration, as reports and flight logs state it."""
@@ -88,7 +88,7 @@ class Estimate:
         """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
     @property
     def has_pose(self) -> bool:
-        """Whether pose, velocity, biases and covariance are valid."""
+        """True if pose, velocity, biases and covariance are valid."""
     @property
     def position(self) -> _Floats:
         """Position of B in O, m, shape (3,)."""
@@ -156,7 +156,7 @@ class Odometry:
         """State of the estimate that it rests on: "initialising", "tracking", "blind" or "failed"."""
     @property
     def has_pose(self) -> bool:
-        """Whether pose, velocity and covariance are valid."""
+        """True if pose, velocity and covariance are valid."""
     @property
     def position(self) -> _Floats:
         """Position of B in O, m, shape (3,)."""

@@ -1,4 +1,4 @@
-"""Whether this processor has the instructions that the native module is compiled for."""
+"""Check that this processor has the instructions that the native module is compiled for."""
 
 import platform
 from typing import Optional, Set

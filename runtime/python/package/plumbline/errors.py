@@ -30,9 +30,9 @@ class Violation(NamedTuple):
     line: Optional[int]
     """Line of the file, from 1; ``None`` if the value does not come from a file."""
     reason: str
-    """What is wrong with the value."""
+    """Defect of the value."""
     cure: str
-    """What to do about it."""
+    """Cure."""
 
 
 class ConfigError(PlumblineError, ValueError):

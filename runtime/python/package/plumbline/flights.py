@@ -40,7 +40,7 @@ class Event(NamedTuple):
     level: str
     """"info", "warning" or "error"."""
     text: str
-    """What happened."""
+    """Description."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +48,7 @@ class Replay:
     """A flight that was replayed."""
 
     name: str
-    """What was flown."""
+    """Short name of the flight."""
     config: Config
     """Configuration of the estimator."""
     estimates: Estimates
@@ -101,7 +101,7 @@ class Log:
     dropped: int
     """Number of entries that the recorder dropped."""
     inputs_changed: bool
-    """Whether an input differs from the one that was recorded."""
+    """True if an input differs from the recorded one."""
 
     def __repr__(self) -> str:
         return f"<plumbline.Log of {len(self.estimates)} frames and {len(self.imu)} inertial samples, ending: {self.ending}>"
@@ -233,7 +233,7 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """What it is."""
+        """Description."""
         return self._native.name
 
     def __iter__(self) -> Iterator[Frame]:

@@ -23,7 +23,7 @@ class Connection:
 
     @property
     def may_command(self) -> bool:
-        """Whether the flight takes commands of this program's user."""
+        """True if the flight takes commands of this program's user."""
         return self._native.may_command
 
     def __iter__(self) -> Iterator[Union[Odometry, Estimate]]:

@@ -63,7 +63,7 @@ impl Kinds {
         self.0
     }
 
-    /// Whether the set has this kind.
+    /// True if the set has this kind.
     #[must_use]
     pub const fn has(self, kind: Kind) -> bool {
         kind.kind() > 0 && self.0 & (1 << kind.kind()) != 0

@@ -19,7 +19,7 @@ mod number {
     pub const ALIVE: u16 = 18;
 }
 
-/// What a reader asks for.
+/// Request of a reader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Kinds of records to send from now on.
@@ -41,7 +41,7 @@ pub enum Request {
 /// Why the network process cannot start.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// Whether another attempt with the same configuration cannot succeed.
+    /// True if another attempt with the same configuration cannot succeed.
     pub is_usage: bool,
     /// Reason, as text.
     pub words: String,

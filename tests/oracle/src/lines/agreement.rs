@@ -1,4 +1,4 @@
-//! How far two sets of segments of one image agree.
+//! Agreement of two sets of segments of one image.
 
 use super::Line;
 use nalgebra::Vector2;

@@ -16,7 +16,7 @@ type Find = Box<dyn FnMut(&GrayImage) -> opencv::Result<Vec<Line>>>;
 
 /// A detector of line segments, set up for images of one size.
 pub struct Detector {
-    /// What it is called in tables.
+    /// Name in tables.
     pub name: &'static str,
     find: Find,
 }

@@ -28,9 +28,9 @@ pub fn left_images(dataset: &Path) -> Result<Vec<GrayImage>, DriverError> {
 pub struct MarkedImage {
     /// Name of the image.
     pub name: String,
-    /// Its pixels.
+    /// Pixels.
     pub image: GrayImage,
-    /// Its marked segments.
+    /// Marked segments.
     pub marked: Vec<Line>,
 }
 

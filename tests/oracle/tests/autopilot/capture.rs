@@ -1,5 +1,5 @@
-//! What the bridge to the autopilot sends in a flight, by data time: the bridge's own choice and contents of messages, its
-//! thread replaced by the stamps of the inertial samples. So a capture is the same on every run, and takes no real time.
+//! Capture of the messages to the autopilot in a flight, by data time: the bridge's own choice and contents of messages, its
+//! thread replaced by the stamps of the inertial samples. A capture is therefore the same on every run, and takes no real time.
 
 use mavlink::dialects::common::ODOMETRY_DATA;
 use nalgebra::UnitQuaternion;
@@ -18,10 +18,10 @@ use plumbline_record::Said;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-/// Everything that an autopilot on board would have had.
+/// Inputs of an autopilot on board.
 pub struct Captured {
     pub config: ValidConfig,
-    /// Where the vehicle really was.
+    /// Ground truth of the vehicle.
     pub simulator: Simulator,
     /// Inertial samples, in the axes of the IMU.
     pub samples: Vec<ImuSample>,

@@ -24,7 +24,7 @@ const LATER_US: i64 = 100_000_000;
 #[derive(Clone, Copy, Debug)]
 pub struct Judged {
     pub stamp: Timestamp,
-    /// Whether messages that track come: the newest one that was sent said so.
+    /// True while messages that track come, by the newest one sent.
     pub is_tracked: bool,
     /// Error of the velocity in the axes of the body, m/s.
     pub velocity_m_s: f64,
@@ -121,7 +121,7 @@ fn stamp_us(stamp: Timestamp) -> u64 {
     (stamp.as_nanos() / 1000 + LATER_US) as u64
 }
 
-/// What PX4 makes of a message before it reaches EKF2: variances are at least the noise of the parameters.
+/// Sample that PX4 makes of a message before EKF2: variances are at least the noise of the parameters.
 fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
     let at_least =
         |covariance: &[f32], places: [usize; 3], floor: f32| places.map(|k| covariance[k].max(floor));

@@ -1,4 +1,4 @@
-//! What an autopilot makes of our odometry: PX4's own filter, fed by the messages of the bridge and the IMU of the flight.
+//! Our odometry in an autopilot: PX4's own filter, fed by the messages of the bridge and the IMU of the flight.
 
 mod capture;
 mod ekf2;
@@ -11,7 +11,7 @@ use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use plumbline_estimator::TrackingState;
 use plumbline_tests::shared;
 
-/// How long the flight goes on after that, s.
+/// Duration of the flight after that, s.
 const AFTER_S: f64 = 6.0;
 
 /// A flight whose images are black in full motion, from `dark_s.0` on for `dark_s.1`, s.

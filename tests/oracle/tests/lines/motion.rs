@@ -74,7 +74,7 @@ impl<'a> View<'a> {
         Some(straight(self.model, &(p_c.coords.xy() / p_c.z)))
     }
 
-    /// Where a segment of this view is in `next`; `None` when it leaves the image.
+    /// Image of a segment of this view in `next`; `None` when it leaves the image.
     fn transfer(&self, line: &Line, next: &Self) -> Option<Line> {
         let along = line.direction();
         let across = Vector2::new(-along.y, along.x);
@@ -95,7 +95,7 @@ fn normalized(model: &CameraModel, px: &Vector2<f64>) -> Vector2<f64> {
     (px - model.centre_px).component_div(&model.focal_px)
 }
 
-/// What became of the segments of all first frames.
+/// Fate of the segments of all first frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     found: usize,

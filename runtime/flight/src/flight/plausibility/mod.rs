@@ -1,5 +1,4 @@
-//! Whether what a flight is given can be right: the judge is [`plumbline_checkup::plausibility`], fed while a flight goes on
-//! ([`watch`]).
+//! Plausibility of a flight's input: the judge is [`plumbline_checkup::plausibility`], fed while a flight goes on ([`watch`]).
 
 pub mod watch;
 
@@ -9,7 +8,8 @@ pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
 pub use plumbline_checkup::timing::{BURSTS, JITTER_WORD};
 use plumbline_drivers::Faults;
 
-/// What the drivers survived, where that is worth a word; `files` names the files of a recording, `None` is a live flight.
+/// Finding about the faults that the drivers survived, if they are worth a word; `files` names the files of a recording, `None`
+/// is a live flight.
 #[must_use]
 pub fn of_faults(imu: Faults, cameras: Faults, files: Option<&[String]>) -> Option<Finding> {
     let counts = [

@@ -55,7 +55,7 @@ impl Shared {
         }
     }
 
-    /// What `get` gives, in a run that may wait as soon as it gives something.
+    /// Result of `get`; a run that may wait calls it until there is one.
     fn await_room<R>(&self, mut get: impl FnMut() -> Option<R>) -> Option<R> {
         loop {
             match get() {
@@ -201,7 +201,7 @@ fn look(
     }
 }
 
-/// What was warned of so far.
+/// Findings reported so far.
 struct Told {
     findings: Vec<Finding>,
     /// Each finding in the words of its warning, which later figures do not change.

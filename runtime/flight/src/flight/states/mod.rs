@@ -1,5 +1,5 @@
-//! Everything an estimate holds, a row a frame: kept during a flight, written as CSV, read back for figures. The columns are
-//! those of [`plumbline_record::columns`].
+//! Table of states: all values of an estimate, a row a frame, kept during a flight, written as CSV, read back for figures. The
+//! columns are those of [`plumbline_record::columns`].
 
 mod read;
 

@@ -10,7 +10,7 @@ use thiserror::Error;
 /// The longest line that is read, bytes; a real one has about 1,600.
 const MAX_LINE_BYTES: u64 = 1 << 14;
 
-/// Why a table of states cannot be read.
+/// Errors of reading a table of states.
 #[derive(Debug, Error)]
 pub enum StatesError {
     /// The file cannot be read.
@@ -18,7 +18,7 @@ pub enum StatesError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A line is not one that was written by `--states`.
@@ -28,12 +28,12 @@ pub enum StatesError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// Defect.
         reason: String,
     },
 }
 
-/// Whether the first line of the file at `path` is that of a table of states, so that other tables can be told apart.
+/// True if the first line of the file at `path` is that of a table of states, which distinguishes it from other tables.
 #[must_use]
 pub fn is_states(path: &Path) -> bool {
     let Ok(file) = File::open(path) else { return false };

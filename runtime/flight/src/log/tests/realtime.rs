@@ -1,4 +1,4 @@
-//! What a power failure leaves of a log: the file as far as it had been brought to the medium.
+//! Log after a power failure: the file as far as it had been brought to the medium.
 
 use super::super::inventory;
 use super::super::part_file::{Medium, Syncer};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// What is older than this has to be there, s.
+/// Age from which everything must be there, s.
 const OLD_S: f64 = 2.0;
 
 /// A file that remembers how much of it a power failure would leave.

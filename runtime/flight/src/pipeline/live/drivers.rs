@@ -61,7 +61,7 @@ impl ImuTask {
     }
 }
 
-/// What the task of the camera leaves.
+/// Result of the camera's task.
 pub struct CameraEnd {
     pub faults: Faults,
     pub figures: CameraFigures,
@@ -73,18 +73,18 @@ pub struct CameraTask {
     pub empty: Reader<StereoFrame>,
     pub arrivals: Writer<Arrival>,
     pub bell: Bell,
-    /// How the source kept its time.
+    /// Timing of the source.
     pub kept: CameraFigures,
     /// The stamps of the frames: one that does not follow is not waited for.
     pub stamps: StampGate,
 }
 
-/// How a source of frames kept its time.
+/// Timing of a source of frames.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CameraFigures {
     /// Frames that it brought late.
     pub late: u64,
-    /// How late the latest was, ms.
+    /// Lateness of the latest frame, ms.
     pub latest_ms: f64,
     /// Frames that it passed over to be in time again.
     pub overdue: u64,

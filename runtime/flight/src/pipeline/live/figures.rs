@@ -1,4 +1,4 @@
-//! What only a live run counts and times.
+//! Counts and times of a live run only.
 
 use super::Ended;
 use crate::schedule::ladder::Rung;
@@ -6,14 +6,14 @@ use crate::schedule::times::{Percentiles, Times};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// How a live run kept its time.
+/// Timing of a live run.
 #[derive(Clone, Debug, Serialize)]
 pub struct LiveFigures {
     /// Releases of the tick.
     pub ticks: u64,
     /// Releases that passed unseen.
     pub ticks_missed: u64,
-    /// How late releases were, ms.
+    /// Lateness of releases, ms.
     pub tick_late_ms: Percentiles,
     /// From the time of an inertial sample to its odometry, ms.
     pub sample_to_odometry_ms: Latency,
@@ -29,7 +29,7 @@ pub struct LiveFigures {
     pub frames_short_of_samples: u64,
     /// Frames that the source itself brought late.
     pub frames_late_at_source: u64,
-    /// How late the source brought a frame at most, ms.
+    /// Largest lateness of a frame from the source, ms.
     pub frame_latest_at_source_ms: f64,
     /// Frames that the source passed over because they were overdue.
     pub frames_overdue_at_source: u64,

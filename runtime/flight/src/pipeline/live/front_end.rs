@@ -21,10 +21,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 pub const JOB_POOL: usize = 3;
 /// Frames after one that waited for samples in vain, whose successors were not refused for being slow.
 const GRACE_FRAMES: u32 = 20;
-/// How often [`NAP`] a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches up.
+/// Number of [`NAP`]s for which a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches
+/// up.
 const SAMPLE_NAPS: u32 = 6;
 
-/// What the task counts and times.
+/// Counts and times of the task.
 pub struct FrontEndFigures {
     /// Frames refused because a newer one was there.
     pub shed: u64,
@@ -57,13 +58,13 @@ impl FrontEndFigures {
     }
 }
 
-/// What the task leaves.
+/// Result of the task.
 pub struct FrontEndEnd {
     pub stage: FrontStage,
     pub figures: FrontEndFigures,
 }
 
-/// What joins the front-end to the other tasks.
+/// Rings between the front-end and the other tasks.
 pub struct FrontEndRings {
     pub arrivals: Reader<Arrival>,
     /// Frames that are done with, to the camera.
@@ -81,7 +82,7 @@ pub struct FrontEndRings {
 /// The front-end as a task.
 pub struct FrontEndTask {
     stage: FrontStage,
-    /// Where places are switched on.
+    /// Rings of places; `None` while these are switched off.
     places: Option<PlacesRings>,
     rings: FrontEndRings,
     ladder: Ladder,
@@ -107,7 +108,7 @@ pub struct FrontEndTask {
     figures: FrontEndFigures,
 }
 
-/// How the task goes on.
+/// Next step of the task.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Step {
     /// With the next frame.

@@ -52,7 +52,7 @@ use watchdog_thread::{WatchdogFigures, WatchdogThread};
 use window::WindowEnd;
 use wiring::{Sensors, Stages, Tasks};
 
-/// How long a thread sleeps before it looks whether the run has been stopped.
+/// Sleep of a thread between checks for a stop.
 const NAP: Duration = Duration::from_millis(50);
 
 /// A live run of one estimator, allocated and ready to start.
@@ -68,8 +68,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// Everything allocated for the configuration; `helpers` threads share the work on a frame. The map goes on with the
-    /// keyframes of `known`.
+    /// Stages with everything allocated for the configuration; `helpers` threads share the work on a frame. `helpers` threads
+    /// share the work on a frame. The map goes on with the keyframes of `known`.
     ///
     /// # Errors
     /// When the system refuses a thread.
@@ -166,12 +166,12 @@ fn run_tasks(
     })
 }
 
-/// What a task left; a task that ended by a fault has been told already.
+/// Result of a task; a fault that ended the task has been reported already.
 fn joined<T>(handle: ScopedJoinHandle<'_, Option<T>>, name: &'static str) -> Result<T, RunError> {
     handle.join().ok().flatten().ok_or(RunError::Fault(name))
 }
 
-/// What the tasks left.
+/// Results of the tasks.
 struct Ended {
     tick: TickEnd,
     front_end: FrontEndEnd,

@@ -1,4 +1,4 @@
-//! What all tasks of a live run share: the time of data on the clock, signs of life, and who ends the run.
+//! State shared by all tasks of a live run: the time of data on the clock, signs of life, and the end of the run.
 
 use super::super::{Control, RunError, Stamps};
 use crate::schedule::host::Host;
@@ -15,12 +15,12 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 /// From the start of the threads to the first release, ns.
 const START_DELAY_NS: i64 = 50_000_000;
 
-/// Where the time of data and that of the clock meet.
+/// Origin of the relation between the time of data and that of the clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     /// The time of the first sample.
     pub stamp: Timestamp,
-    /// When it is due.
+    /// Time on the clock.
     pub due: Monotonic,
 }
 
@@ -37,25 +37,25 @@ impl Origin {
     }
 }
 
-/// How the time of data follows that of the clock.
+/// Relation between the time of data and that of the clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
-    /// Where both times meet.
+    /// Origin of both times.
     pub origin: Origin,
     /// Multiple of real time.
     pub speed: f64,
 }
 
-/// What all tasks of a run share.
+/// State shared by all tasks of a run.
 pub struct Shared<'a> {
     pub table: TaskTable,
     pub heartbeats: Heartbeats,
     pub control: &'a Control,
     pub pace: Pace,
     host: Arc<Host>,
-    /// What the window took for its last frame, ms, as the bits of an `f64`.
+    /// Time that the window took for its last frame, ms, as the bits of an `f64`.
     window_ms: AtomicU64,
     /// Level of the rung of the ladder.
     rung: AtomicU8,
@@ -86,7 +86,7 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// When data of `stamp` are due.
+    /// Time on the clock at which data of `stamp` are due.
     pub fn due(&self, stamp: Timestamp) -> Monotonic {
         let Pace { stamps, origin, speed } = self.pace;
         match stamps {
@@ -97,7 +97,7 @@ impl<'a> Shared<'a> {
         }
     }
 
-    /// Whether samples come from sensors: what is there is due, however their clocks were guessed.
+    /// True if samples come from sensors. They are then due on arrival, whatever is known of their clocks.
     pub fn is_of_sensors(&self) -> bool {
         self.pace.stamps == Stamps::OfHost
     }

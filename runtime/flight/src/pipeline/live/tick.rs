@@ -14,7 +14,7 @@ use plumbline_estimator::Estimate;
 /// Releases are this much after the grid of the samples, so that each finds the sample of its own time, ns.
 const PHASE_NS: i64 = 150_000;
 
-/// What the task counts and times.
+/// Counts and times of the task.
 pub struct TickTaskFigures {
     /// Releases.
     pub ticks: u64,
@@ -22,7 +22,7 @@ pub struct TickTaskFigures {
     pub missed: u64,
     /// Readings whose odometry was later than the task's deadline.
     pub deadline_misses: u64,
-    /// How late releases were, ms.
+    /// Lateness of releases, ms.
     pub late_ms: Times,
     /// From the time of a reading to its odometry, ms.
     pub latency_ms: Times,
@@ -30,7 +30,7 @@ pub struct TickTaskFigures {
     pub deepest: usize,
 }
 
-/// What the task leaves.
+/// Result of the task.
 pub struct TickEnd {
     pub stage: TickStage,
     pub figures: TickTaskFigures,
@@ -40,12 +40,12 @@ pub struct TickEnd {
 pub struct TickTask {
     stage: TickStage,
     rings: TickRings,
-    /// When the last reading came.
+    /// Arrival of the last reading.
     arrived: Monotonic,
     figures: TickTaskFigures,
 }
 
-/// What joins the tick to the other tasks.
+/// Rings between the tick and the other tasks.
 pub struct TickRings {
     pub readings: Reader<ImuReading>,
     pub corrections: Reader<Estimate>,

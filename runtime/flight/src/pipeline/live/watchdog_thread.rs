@@ -23,7 +23,7 @@ const MEMORY_PERIOD: Duration = Duration::from_secs(1);
 /// News that wait for their words.
 const NEWS: usize = 64;
 
-/// What the watchdog saw in a run.
+/// Findings of the watchdog in a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WatchdogFigures {
     /// Stalls named.
@@ -110,7 +110,7 @@ impl WatchdogThread {
     }
 }
 
-/// What the watchdog has found.
+/// Findings of the watchdog to be reported.
 #[derive(Clone, Copy, Debug)]
 enum News {
     Task(TaskEvent),

@@ -9,14 +9,14 @@ use plumbline_estimator::places::MapUpdate;
 use plumbline_estimator::{Estimate, Feedback};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What the task leaves.
+/// Result of the task.
 pub struct WindowEnd {
     pub stage: WindowStage,
     /// Most frames that ever waited for it.
     pub deepest_frames: usize,
 }
 
-/// What joins the window to the other tasks.
+/// Rings between the window and the other tasks.
 pub struct WindowRings {
     pub jobs: Reader<Job>,
     pub spare: Writer<Job>,

@@ -31,10 +31,10 @@ const CORRECTION_RING: usize = 64;
 
 /// Frames on their way to the map: one that it works on, and one that waits.
 const PLACE_POOL: usize = 2;
-/// What the map found, and the window has not heard yet.
+/// Length of the ring of map updates that the window has not taken yet.
 const MAP_UPDATE_RING: usize = 16;
 
-/// Where the data of a run come from.
+/// Sources of a run's data.
 pub struct Sensors {
     pub imu: Box<dyn ImuSource>,
     /// The first reading, which has been taken from it.
@@ -42,12 +42,12 @@ pub struct Sensors {
     pub stereo: Box<dyn StereoSource>,
 }
 
-/// What is computed.
+/// Stages of the computation.
 pub struct Stages {
     pub front: FrontStage,
     pub window: WindowStage,
     pub tick: TickStage,
-    /// Where places are switched on.
+    /// Stage of places; `None` while these are switched off.
     pub places: Option<PlacesStage>,
 }
 
@@ -61,7 +61,7 @@ pub struct Tasks {
     pub places: Option<PlacesTask>,
 }
 
-/// What each thread sleeps on.
+/// Bells on which the threads sleep.
 #[derive(Default)]
 struct Bells {
     tick: Bell,
@@ -117,7 +117,7 @@ struct Rings {
 }
 
 impl Rings {
-    /// Everything allocated for the configuration.
+    /// Rings with everything allocated for the configuration.
     fn new(config: &ValidConfig, bells: &Bells) -> Self {
         let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
         let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
