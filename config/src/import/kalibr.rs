@@ -64,7 +64,10 @@ const IN_IMU: [(&str, &str); 5] = [
     ("imu.accel_noise_density", "accelerometer_noise_density"),
     ("imu.accel_bias_walk", "accelerometer_random_walk"),
 ];
-const IN_CAMERA: [(&str, &str); 6] = [
+const IN_CAMERA: [(&str, &str); 9] = [
+    ("distortion.xi", "intrinsics"),
+    ("distortion.alpha", "intrinsics"),
+    ("distortion.beta", "intrinsics"),
     ("width_px", "resolution"),
     ("height_px", "resolution"),
     ("focal_px", "intrinsics"),

@@ -15,7 +15,7 @@ use super::{Calibration, camera_of, rigid, whole_size};
 use crate::camera::Distortion;
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
+use nalgebra::Isometry3;
 use std::path::Path;
 
 const MODELS: &str = "PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI";
@@ -80,15 +80,8 @@ fn pose(root: &Node<'_>, index: usize) -> Result<Isometry3<f64>, ConfigError> {
     let rows = rotation.matrix3()?;
     let translation = root.get("extrinsicTranslation")?;
     let [x, y, z]: [f64; 3] = translation.optional("data").unwrap_or(translation).numbers()?;
-    let rows4: [[f64; 4]; 4] = std::array::from_fn(|i| {
-        std::array::from_fn(|j| {
-            rows.get(i).map_or(f64::from(u8::from(j == 3)), |row| row.get(j).copied().unwrap_or_default())
-        })
-    });
-    rigid(&rotation, rows4)?;
-    let matrix = Matrix3::from_fn(|i, j| rows[i][j]);
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
-    Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
+    let [[a, b, c], [d, e, f], [g, h, i]] = rows;
+    rigid(&rotation, [[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
 }
 
 fn camera(root: &Node<'_>, rate_hz: f64, pose_b_c: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
