@@ -33,11 +33,11 @@ fn is_positive_bernstein<const N: usize>(b: &[f64; N], halvings: usize) -> bool 
         return false;
     }
     let (mut left, mut right) = (*b, *b);
-    for i in 1..N {
+    for (i, left) in left.iter_mut().enumerate().skip(1) {
         for j in 0..N - i {
             right[j] = 0.5 * (right[j] + right[j + 1]);
         }
-        left[i] = right[0];
+        *left = right[0];
     }
     is_positive_bernstein(&left, halvings - 1) && is_positive_bernstein(&right, halvings - 1)
 }
