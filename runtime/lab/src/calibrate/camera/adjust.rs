@@ -471,7 +471,7 @@ mod tests {
             let covariance = covariance(&points(), &sights, &adjusted);
             assert!(covariance.is_some(), "{kind:?}: not determined");
             let found = &adjusted.cameras.models[0];
-            for (x, y) in [(60.0, 60.0), (690.0, 60.0), (376.0, 240.0), (60.0, 420.0), (690.0, 420.0)] {
+            for (x, y) in [(120.0, 100.0), (640.0, 100.0), (376.0, 240.0), (120.0, 400.0), (640.0, 400.0)] {
                 let px = Vector2::new(x, y);
                 let ray = model.unproject(&px).expect("a pixel of the image").push(1.0);
                 let off_px = (found.project(&ray).expect("seen") - px).norm();
