@@ -5,6 +5,7 @@ mod clips;
 mod clocks;
 mod determinism;
 mod faults;
+mod lenses;
 mod loops;
 mod places;
 mod soak;

@@ -71,6 +71,7 @@ fn other_model(camera: &mut CameraConfig) {
     camera.distortion = match camera.distortion {
         Distortion::RadialTangential { k1, k2, p1, p2 } => Distortion::Equidistant { k1, k2, k3: p1, k4: p2 },
         Distortion::Equidistant { k1, k2, k3, k4 } => Distortion::RadialTangential { k1, k2, p1: k3, p2: k4 },
+        lens => panic!("the rig has a lens of four coefficients, no {lens:?}"),
     };
 }
 
