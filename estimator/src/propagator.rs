@@ -137,6 +137,7 @@ impl Propagator {
         if let (Some(history), Some(nav)) = (&mut self.history, &self.nav) {
             history.begin(Base {
                 stamp: estimate.stamp,
+                estimated: estimate.stamp,
                 nav: nav.clone(),
                 covariance: self.covariance.clone(),
                 rate_b: self.rate_b,
@@ -168,6 +169,24 @@ impl Propagator {
         }
     }
 
+    /// Keeps the state for the history, if no estimate has come for long.
+    fn mark(&mut self) {
+        if let (Some(history), Some(nav)) = (&mut self.history, &self.nav)
+            && history.wants_mark(self.stamp)
+        {
+            history.begin(Base {
+                stamp: self.stamp,
+                estimated: self.estimated,
+                nav: nav.clone(),
+                covariance: self.covariance.clone(),
+                rate_b: self.rate_b,
+                state: self.state,
+                quality: self.quality,
+                reset_counter: self.reset_counter,
+            });
+        }
+    }
+
     /// State at `stamp`, which may lie between two samples, by the estimates before and after it: see [`history`].
     ///
     /// # Errors
@@ -175,6 +194,12 @@ impl Propagator {
     pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
         let history = self.history.as_ref().ok_or(NoInstant::NoPose)?;
         history.at(stamp, &self.samples, &self.carrier)
+    }
+
+    /// Whether the samples have reached `stamp`.
+    #[must_use]
+    pub fn has_reached(&self, stamp: Timestamp) -> bool {
+        self.samples.back().is_some_and(|newest| newest.sample.stamp >= stamp)
     }
 
     /// Whether what is said of `stamp` cannot get better: there is an estimate after it, or none is to be expected any more.
@@ -259,6 +284,7 @@ impl Propagator {
             // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
             self.end();
         }
+        self.mark();
         let (told, stamp) = self.told()?;
         if sample.stamp < stamp {
             return None;

@@ -5,6 +5,7 @@ mod clips;
 mod clocks;
 mod determinism;
 mod faults;
+mod instants;
 mod loops;
 mod places;
 mod soak;

@@ -20,6 +20,8 @@ use std::collections::VecDeque;
 
 /// Instants of the last seconds are answered, s.
 pub const HISTORY_S: f64 = 3.0;
+/// While no estimates come, the state is kept again after so long, s: the work on an answer is bounded.
+const MARK_S: f64 = 0.25;
 /// Estimates may come at more than the camera's rate: after a fault, in a burst.
 const SPARE_BASES: usize = 8;
 
@@ -64,6 +66,8 @@ pub enum NoInstant {
 pub struct Base {
     /// Its time.
     pub stamp: Timestamp,
+    /// Time of the estimate: earlier where the state was carried on since.
+    pub estimated: Timestamp,
     /// Its state.
     pub nav: NavState,
     /// Its covariance.
@@ -85,8 +89,9 @@ pub struct History {
     capacity: usize,
     /// Ends of the poses: no instant between one and the next estimate has a state.
     ends: VecDeque<Timestamp>,
-    /// Newest estimate that was forgotten: instants before the oldest that is kept are too old, or from before the first pose.
+    /// Whether an estimate was forgotten: instants before the oldest that is kept are too old, or from before the first pose.
     has_forgotten: bool,
+    newest: Option<Timestamp>,
 }
 
 impl History {
@@ -100,11 +105,19 @@ impl History {
             capacity,
             ends: VecDeque::with_capacity(capacity),
             has_forgotten: false,
+            newest: None,
         }
     }
 
-    /// An estimate takes effect. One that is not newer than those before it takes their place.
+    /// Whether the state of `stamp` is to be kept, though it is no estimate.
+    #[must_use]
+    pub fn wants_mark(&self, stamp: Timestamp) -> bool {
+        self.bases.back().is_some_and(|last| stamp.seconds_since(last.stamp) > MARK_S)
+    }
+
+    /// An estimate takes effect, or a state is kept that was carried on from one. It takes the place of those that are not older.
     pub fn begin(&mut self, base: Base) {
+        self.newest = Some(base.estimated);
         while self.bases.pop_back_if(|last| last.stamp >= base.stamp).is_some() {}
         if self.bases.len() == self.capacity {
             self.bases.pop_front();
@@ -128,13 +141,13 @@ impl History {
     pub fn clear(&mut self) {
         self.bases.clear();
         self.ends.clear();
-        self.has_forgotten = false;
+        (self.has_forgotten, self.newest) = (false, None);
     }
 
     /// Whether there is an estimate at or after `stamp`.
     #[must_use]
     pub fn reaches(&self, stamp: Timestamp) -> bool {
-        self.bases.back().is_some_and(|newest| newest.stamp >= stamp)
+        self.newest.is_some_and(|newest| newest >= stamp)
     }
 
     /// State at `stamp` by the samples, which are in order of time.
@@ -164,13 +177,15 @@ impl History {
         let mut carried = Carried::from(base);
         carried.carry_until(stamp, samples, carrier);
         let mut told = carried.told(base, samples);
+        told.is_settled = self.reaches(stamp);
         let after = self.bases.get(next).filter(|after| {
-            after.reset_counter == base.reset_counter
+            after.estimated == after.stamp
+                && after.reset_counter == base.reset_counter
                 && !self.ends.iter().any(|end| (stamp..after.stamp).contains(end))
         });
-        if base.stamp == stamp {
-            told.is_settled = true;
-        } else if let Some(after) = after {
+        if base.stamp < stamp
+            && let Some(after) = after
+        {
             let share = stamp.seconds_since(base.stamp) / after.stamp.seconds_since(base.stamp);
             let nav = carried.nav.clone();
             carried.carry_until(after.stamp, samples, carrier);
@@ -217,7 +232,7 @@ impl Carried {
 
     /// What is said of the present time.
     fn told(&self, base: &Base, samples: &VecDeque<BelievedSample>) -> Instant {
-        let is_stale = self.stamp.seconds_since(base.stamp) > STALE_S;
+        let is_stale = self.stamp.seconds_since(base.estimated) > STALE_S;
         Instant {
             stamp: self.stamp,
             pose_o_b: self.nav.pose_o_b(),
@@ -227,7 +242,7 @@ impl Carried {
             state: if is_stale { TrackingState::Blind } else { base.state },
             quality: if is_stale { base.quality.min(0) } else { base.quality },
             reset_counter: base.reset_counter,
-            estimated: base.stamp,
+            estimated: base.estimated,
             is_settled: false,
         }
     }
@@ -260,7 +275,7 @@ impl Instant {
         let mixed = ours * (1.0 - share) + theirs * share;
         self.covariance = mixed + between * between.transpose() * (share * (1.0 - share));
         self.angular_rate_b += nav.bias_gyro - after.nav.bias_gyro.lerp(&nav.bias_gyro, 1.0 - share);
-        (self.pose_o_b, self.v_o_b, self.is_settled) = (told.pose_o_b(), told.v_o_b, true);
+        (self.pose_o_b, self.v_o_b) = (told.pose_o_b(), told.v_o_b);
     }
 }
 

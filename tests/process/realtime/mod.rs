@@ -5,6 +5,7 @@ pub mod autopilot;
 mod floods;
 pub mod hardware_in_the_loop;
 mod hostile;
+mod instants;
 mod links;
 pub mod live;
 mod long_flight;
