@@ -39,6 +39,9 @@ const MAX_READS: usize = 64;
 const MAX_ANSWERS: usize = 8;
 /// The state at a trigger is waited for so long, ns: a stamp that is later is of another clock.
 const TRIGGER_PATIENCE_NS: i64 = 500_000_000;
+/// Triggers that follow each other faster are passed over, ns: no camera is as fast, and whoever forges them gets no more of the
+/// odometry's thread.
+const TRIGGER_PERIOD_NS: i64 = 8_000_000;
 
 /// How the bridge fared.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -110,6 +113,8 @@ pub struct Sender {
     instants: Option<Arc<Instants>>,
     /// Time of the host less that of the data, ns, once there was odometry.
     host_ahead_ns: Option<i64>,
+    /// When the last trigger came.
+    triggered: Monotonic,
 }
 
 impl Sender {
@@ -133,6 +138,7 @@ impl Sender {
             figures: BridgeFigures::default(),
             instants: None,
             host_ahead_ns: None,
+            triggered: Monotonic(i64::MIN),
         }
     }
 
@@ -303,6 +309,10 @@ impl Sender {
         let (Some(instants), Some((autopilot_ahead_ns, host_ahead_ns))) = (&self.instants, clocks) else {
             return;
         };
+        if now.0.saturating_sub(self.triggered.0) < TRIGGER_PERIOD_NS {
+            return;
+        }
+        self.triggered = now;
         let stamp_ns = i64::try_from(trigger.time_usec).unwrap_or(i64::MAX).saturating_mul(1_000);
         let stamp_ns = stamp_ns.saturating_sub(autopilot_ahead_ns).saturating_sub(host_ahead_ns);
         let request = InstantRequest {
@@ -405,13 +415,13 @@ mod tests {
         sender.instants = Some(Arc::clone(&instants));
         let mut desk = InstantDesk::new(instants);
         let mut next = || desk.next(&mut 0, |_| Standing { is_reached: true, is_settled: true });
-        let mut trigger = |sender: &mut Sender, component_id: u8, time_usec: u64| {
+        let mut trigger = |sender: &mut Sender, component_id: u8, time_usec: u64, ms: i64| {
             let trigger = Some(CAMERA_TRIGGER_DATA { time_usec, seq: 17 });
             let received = Received { system_id: 1, component_id, timesync: None, trigger };
-            sender.take(&received, sender.began, &mut 0);
+            sender.take(&received, sender.began.plus_nanos(ms * 1_000_000), &mut 0);
             next()
         };
-        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000), None, "no clock is known");
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 0), None, "no clock is known");
         sender.host_ahead_ns = Some(-700);
         // The autopilot's clock is 2 s ahead of the host's, which is 700 ns behind that of the data.
         for k in 0..8 {
@@ -421,13 +431,10 @@ mod tests {
         }
         let stamp = Timestamp::from_nanos(3_000_000_700);
         let expected = Some((InstantSource::Trigger, 17, stamp));
-        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000), expected);
-        assert_eq!(
-            trigger(&mut sender, 100, 5_000_000),
-            None,
-            "the trigger of a camera is not the autopilot's"
-        );
-        assert!(trigger(&mut sender, AUTOPILOT, u64::MAX).is_some());
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 10), expected);
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 17), None, "faster than any camera");
+        assert_eq!(trigger(&mut sender, 100, 5_000_000, 20), None, "of a camera, not of the autopilot");
+        assert!(trigger(&mut sender, AUTOPILOT, u64::MAX, 20).is_some());
         assert_eq!(sender.figures.triggers, 2);
     }
 }

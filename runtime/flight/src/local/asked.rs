@@ -7,7 +7,7 @@ use crate::pipeline::{InstantRequest, Instants};
 use crate::schedule::ticker::Monotonic;
 use plumbline_record::{InstantAnswer, InstantSource, layout};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Requests that wait for their instants at a time, and those of one reader.
 const MAX_WAITING: usize = 64;
@@ -15,6 +15,8 @@ const MAX_OF_A_READER: usize = 32;
 /// Answers a second in all, and those of one reader: the thread of the odometry gives them.
 const RATE: f64 = 2_000.0;
 const RATE_OF_A_READER: f64 = 1_000.0;
+/// An answer comes this long after the patience at most.
+const LOST: Duration = Duration::from_secs(2);
 /// So many may come at once, s of them.
 const BURST_S: f64 = 0.2;
 
@@ -54,6 +56,8 @@ struct Waiting {
     place: usize,
     /// Number of the reader.
     number: u64,
+    /// An answer that has not come by then is lost.
+    end: Instant,
 }
 
 /// Requests that wait.
@@ -73,6 +77,8 @@ impl Asked {
 
     /// Passes on the request of the reader at `place`; the answer if it is refused.
     pub fn ask(&mut self, place: usize, reader: &mut Reader, number: u64, at: At) -> Option<Answer> {
+        let now = Instant::now();
+        self.waiting.retain(|waiting| waiting.end > now);
         let refused =
             |words: &str| Some(Answer { number, status: Status::Failed, value: 0, words: words.into() });
         let of_reader = self.waiting.iter().filter(|waiting| waiting.place == place).count();
@@ -86,7 +92,8 @@ impl Asked {
         self.next += 1;
         let until = Monotonic::now().plus_nanos(i64::from(at.patience_ms) * 1_000_000);
         let request = InstantRequest { number: flight, stamp: at.stamp, until, is_settled: at.is_settled };
-        self.waiting.push(Waiting { flight, place, number });
+        let end = now + Duration::from_millis(at.patience_ms.into()) + LOST;
+        self.waiting.push(Waiting { flight, place, number, end });
         if !self.door.ask(InstantSource::Request, request) {
             self.waiting.pop();
             return refused("busy: the flight takes no more requests at present; ask again");
@@ -119,7 +126,7 @@ mod tests {
         let mut allowance = Allowance::of_a_reader();
         let taken = (0..1_000).filter(|_| allowance.take()).count();
         assert!((200..300).contains(&taken), "{taken}");
-        allowance.since -= std::time::Duration::from_millis(100);
+        allowance.since -= Duration::from_millis(100);
         let taken = (0..1_000).filter(|_| allowance.take()).count();
         assert!((100..200).contains(&taken), "{taken}");
     }

@@ -122,12 +122,17 @@ impl InstantDesk {
         if let Some((row, stamp)) = self.list.pop_front_if(|(_, stamp)| standing(*stamp).is_settled) {
             return Some((InstantSource::List, row, stamp));
         }
-        while self.waiting.len() < WAITING
-            && let Some(request) = self.door.next()
-        {
-            let _ = self.waiting.push(request);
+        if *answered == ANSWERS {
+            return None;
         }
-        if self.waiting.is_empty() || *answered == ANSWERS {
+        while let Some(request) = self.door.next() {
+            // One for which there is no room waits no longer: the door is never left full.
+            if let Err((source, request)) = self.waiting.push(request) {
+                *answered += 1;
+                return Some((source, request.number, request.stamp));
+            }
+        }
+        if self.waiting.is_empty() {
             return None;
         }
         let now = Monotonic::now();
@@ -168,4 +173,54 @@ pub fn outcome(refusal: NoInstant) -> InstantOutcome {
 /// Order of a request that is answered after so many readings.
 pub fn order((source, number, stamp): (InstantSource, u64, Timestamp), readings_before: u64) -> InstantOrder {
     InstantOrder { number, stamp, readings_before, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(number: u64, stamp_ns: i64) -> InstantRequest {
+        let until = Monotonic::now().plus_nanos(60_000_000_000);
+        InstantRequest { number, stamp: Timestamp::from_nanos(stamp_ns), until, is_settled: false }
+    }
+
+    fn ahead(_: Timestamp) -> Standing {
+        Standing { is_reached: false, is_settled: false }
+    }
+
+    #[test]
+    fn requests_without_room_wait_no_longer_and_the_door_is_never_left_full() {
+        let door = Arc::new(Instants::default());
+        let mut desk = InstantDesk::new(Arc::clone(&door));
+        let mut refused = 0;
+        for k in 0..10 * WAITING as u64 {
+            assert!(door.ask(InstantSource::Request, request(k, 5)), "{k}");
+            refused += u64::from(desk.next(&mut 0, ahead).is_some());
+            assert!(!door.is_waiting());
+        }
+        assert_eq!(refused, 9 * WAITING as u64);
+    }
+
+    #[test]
+    fn a_live_run_answers_two_at_a_time_and_a_list_all_at_once() {
+        let door = Arc::new(Instants::default());
+        door.expect([30, 10, 20].map(Timestamp::from_nanos).into());
+        let mut desk = InstantDesk::new(Arc::clone(&door));
+        for k in 0..3 {
+            door.ask(InstantSource::Request, request(k, 5));
+        }
+        let settled = |stamp: Timestamp| {
+            let is_reached = stamp.as_nanos() < 25;
+            Standing { is_reached, is_settled: is_reached }
+        };
+        let mut answered = 0;
+        let mut served = std::iter::from_fn(|| desk.next(&mut answered, settled));
+        let numbers: Vec<(InstantSource, u64)> =
+            served.by_ref().map(|(source, number, _)| (source, number)).collect();
+        let (list, program) = (InstantSource::List, InstantSource::Request);
+        assert_eq!(numbers, [(list, 1), (list, 2), (program, 0), (program, 1)]);
+        let rest: Vec<_> =
+            std::iter::from_fn(|| desk.rest()).map(|(source, number, _)| (source, number)).collect();
+        assert_eq!(rest, [(list, 0), (program, 2)]);
+    }
 }
