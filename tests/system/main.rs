@@ -5,6 +5,7 @@ mod clips;
 mod clocks;
 mod determinism;
 mod faults;
+mod instants;
 mod lenses;
 mod loops;
 mod places;

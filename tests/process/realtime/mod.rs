@@ -6,6 +6,7 @@ mod disks;
 mod floods;
 pub mod hardware_in_the_loop;
 mod hostile;
+mod instants;
 mod links;
 pub mod live;
 mod long_flight;
