@@ -42,6 +42,7 @@ mod ros;
 mod sabotage;
 mod security;
 mod setup;
+mod shuttle;
 mod supervised;
 mod sweep;
 mod terminal;

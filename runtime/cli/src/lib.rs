@@ -50,6 +50,8 @@ mod reset;
 mod router;
 pub mod scenario;
 mod setup;
+#[cfg(feature = "lab")]
+pub mod shuttle;
 mod signals;
 pub mod simulate;
 mod supervisor;
@@ -129,6 +131,9 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
+    /// Measure the drift of a recording without ground truth: fly it there and back.
+    #[cfg(feature = "lab")]
+    Shuttle(Box<shuttle::ShuttleArgs>),
     /// Draw a flight: path over the truth, errors, covariance, velocity and biases over time.
     #[cfg(feature = "lab")]
     Plot(plot::PlotArgs),
@@ -260,6 +265,8 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        #[cfg(feature = "lab")]
+        Command::Shuttle(args) => shuttle::run(&args),
         #[cfg(feature = "lab")]
         Command::Plot(args) => plot::run(&args),
         #[cfg(feature = "lab")]

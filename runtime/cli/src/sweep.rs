@@ -166,7 +166,7 @@ fn named_folder(args: &SweepArgs) -> Option<PathBuf> {
 }
 
 /// The folder for files that an interrupted command goes on from; the present one where the user has none.
-fn cache_folder() -> PathBuf {
+pub(super) fn cache_folder() -> PathBuf {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let of_user = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")));
     of_user.map(|folder| folder.join("plumbline")).unwrap_or_default()
