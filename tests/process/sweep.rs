@@ -206,8 +206,7 @@ fn the_open_table_of_a_folder_has_medians_sources_and_what_is_missing() {
         assert!(times[0] > 0.0 && times[0] <= times[1] && times[1] <= times[2], "{row:?}");
         assert_eq!(row[column("digest")].len(), 16);
     }
-    // Stereo alone has a map, and so a final trajectory.
-    assert!(!rows[1][column("ate_final_m")].is_empty() && rows[2][column("ate_final_m")].is_empty());
+    assert!(rows[1..].iter().all(|row| row[column("ate_final_m")].parse::<f64>().is_ok()));
     assert!(read(&tex).contains("V1\\_02\\_medium & 3 & "));
     // Spread over machines, cell by cell, it is the same table.
     let again = at("again.csv");

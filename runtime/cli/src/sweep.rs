@@ -404,7 +404,8 @@ fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<()> {
     say(table.text(Format::Markdown));
     for path in &args.tables {
         let format = Format::of(path).unwrap_or(Format::Markdown);
-        std::fs::write(path, table.text(format) + "\n").with_context(|| path.display().to_string())?;
+        std::fs::write(path, table.text(format).trim_end().to_owned() + "\n")
+            .with_context(|| path.display().to_string())?;
     }
     Ok(())
 }
