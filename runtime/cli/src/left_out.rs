@@ -10,6 +10,7 @@ const COMMANDS: &[(&str, &str, bool)] = &[
     ("campaign", "lab", cfg!(feature = "lab")),
     ("lines", "lab", cfg!(feature = "lab")),
     ("plot", "lab", cfg!(feature = "lab")),
+    ("report", "lab", cfg!(feature = "lab")),
     ("shuttle", "lab", cfg!(feature = "lab")),
     ("sweep", "lab", cfg!(feature = "lab")),
     ("demo", "ground", cfg!(feature = "ground")),

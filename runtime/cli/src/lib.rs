@@ -45,6 +45,8 @@ mod progress;
 #[cfg(feature = "ground")]
 mod remote;
 pub mod replay;
+#[cfg(feature = "lab")]
+pub mod report;
 #[cfg(feature = "ground")]
 mod reset;
 mod router;
@@ -131,6 +133,9 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
+    /// Pack what is known of a flight into one archive, to send with a question: without keys, addresses, names and images.
+    #[cfg(feature = "lab")]
+    Report(report::ReportArgs),
     /// Measure the drift of a recording without ground truth: fly it there and back.
     #[cfg(feature = "lab")]
     Shuttle(Box<shuttle::ShuttleArgs>),
@@ -265,6 +270,8 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        #[cfg(feature = "lab")]
+        Command::Report(args) => report::run(&args),
         #[cfg(feature = "lab")]
         Command::Shuttle(args) => shuttle::run(&args),
         #[cfg(feature = "lab")]
