@@ -14,6 +14,7 @@ mod doctor;
 mod errors;
 mod example;
 mod exit_status;
+mod firmware;
 mod foxglove;
 mod hardware;
 mod host;
