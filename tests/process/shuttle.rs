@@ -76,7 +76,7 @@ fn soak_eight_of_ten_shuttles_are_within_a_factor_of_two_of_the_truth() {
         println!("{flight}: true {there:.3} % and {back:.3} %, told {ratio:.2} times that");
         ratio
     };
-    let ratios: Vec<f64> = FLIGHTS.iter().map(|flight| of(&flight)).collect();
+    let ratios: Vec<f64> = FLIGHTS.iter().map(of).collect();
     let within = ratios.iter().filter(|ratio| (0.5..2.0).contains(*ratio)).count();
     assert!(within >= 8, "{ratios:?}");
 }
