@@ -5,7 +5,7 @@
 //! That is [`Drift`] over parts of 10 % to 50 % of the path (Zhang and Scaramuzza 2018), with the way back in the place of the truth.
 //!
 //! The error at the end ([`Closure`]) is one draw of a random variable, and errors that are even in time cancel in it. It is the
-//! figure that others report. On the flights of the tests it is down to a fifth of the true drift (docs/experiments.md).
+//! figure that others report. On the flights of the tests it is down to a fifth of the true one (docs/experiments.md).
 //!
 //! What both ways share is in neither figure: errors of the scale, of the lenses and of the baseline.
 
