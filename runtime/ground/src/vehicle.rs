@@ -299,7 +299,7 @@ impl Vehicle {
     pub fn apply_health(&mut self, heard: &Heard<Health>, bytes: usize, now: Instant) {
         let Heard { envelope, message } = heard;
         let place = self.health.receive(envelope.sequence, envelope.published_ns, bytes, now);
-        if place == Place::Late {
+        if place == SequencePlace::Late {
             return;
         }
         // Odometry is newer than the frame of this message: taking both, the state would alternate.
@@ -316,7 +316,7 @@ impl Vehicle {
         self.dropped = message.dropped;
         self.offers_camera = message.offers_camera;
         self.rot_v_b = message.rot_v_b;
-        self.map.announce(message.keyframes, envelope.published_ns, place == Place::Restarted);
+        self.map.announce(message.keyframes, envelope.published_ns, place == SequencePlace::Restarted);
         self.corrected.announce(message.paths);
     }
 

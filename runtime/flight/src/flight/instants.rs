@@ -1,6 +1,6 @@
 //! States at the instants of a list: read before the flight, kept during it, written as CSV.
 
-use super::trajectory::{Lent, Storage};
+use super::trajectory::{EntryStorage, Lent};
 use crate::pipeline::Control;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_config::Timestamp;
@@ -103,14 +103,14 @@ fn stamp_of(cell: &str) -> Option<Timestamp> {
 /// Answers to a list, kept during a flight.
 #[derive(Debug)]
 pub struct KeptInstants {
-    answers: Storage<InstantAnswer>,
+    answers: EntryStorage<InstantAnswer>,
 }
 
 impl KeptInstants {
     /// Has the run of `control` asked for the states at `stamps`.
     #[must_use]
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
-        let answers = Storage::with_room_for(stamps.len(), InstantAnswer::default());
+        let answers = EntryStorage::with_room_for(stamps.len(), InstantAnswer::default());
         control.keep_instants().expect(stamps);
         Self { answers }
     }

@@ -6,7 +6,7 @@
 
 use super::interface::InterfaceType;
 use super::messages::Header;
-use super::names::{Endpoint, Topic};
+use super::names::{Endpoint, RosTopic};
 use super::node::from_system_clock;
 use super::topic::Declaring;
 use crate::net::{Commands, NetError, now_ns};
@@ -76,7 +76,7 @@ impl TriggerSubscription {
         commands: Arc<Commands>,
     ) -> Result<Self, NetError> {
         let name = declaring.node().qualified("trigger");
-        let topic = Topic { name, interface: InterfaceType::of::<Header<'_>>(), depth: DEPTH };
+        let topic = RosTopic { name, interface: InterfaceType::of::<Header<'_>>(), depth: DEPTH };
         let key = declaring.node().key(&topic);
         let subscriber = declaring
             .session()
