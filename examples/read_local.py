@@ -26,25 +26,31 @@ def receive(flight, count):
     return data
 
 
+def records(flight, kind):
+    """Odometry as it comes, until the end of the flight."""
+    # Request 1: these kinds alone. Without a request odometry and estimates come.
+    flight.sendall(HEADER.pack(1, 1, 8, 1) + struct.pack("<Q", 1 << kind))
+    while header := receive(flight, HEADER.size):
+        came, _, length, _ = HEADER.unpack(header)
+        content = receive(flight, length) if length else b""
+        if came == HELLO and content[:8] != b"PLMBLCL1":
+            sys.exit("not the local socket of a flight")
+        elif came == LOST:
+            print(f"lost {struct.unpack('<Q', content[:8])[0]}", flush=True)
+        elif came == kind:
+            # Later versions append fields.
+            yield ODOMETRY.unpack(content[: ODOMETRY.size])
+        elif came == END:
+            return
+
+
 def main():
     flight = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     flight.connect(sys.argv[1])
-    # Request 1: odometry alone. Without a request odometry and estimates come.
-    flight.sendall(HEADER.pack(1, 1, 8, 1) + struct.pack("<Q", 1 << KIND_ODOMETRY))
-    while header := receive(flight, HEADER.size):
-        kind, _, length, _ = HEADER.unpack(header)
-        content = receive(flight, length) if length else b""
-        if kind == HELLO and content[:8] != b"PLMBLCL1":
-            sys.exit("not the local socket of a flight")
-        elif kind == LOST:
-            print(f"lost {struct.unpack('<Q', content[:8])[0]}", flush=True)
-        elif kind == KIND_ODOMETRY:
-            # Later versions append fields.
-            o = ODOMETRY.unpack(content[: ODOMETRY.size])
-            stamp_s, position, state, quality = o[0] * 1e-9, o[3:6], STATES[o[-3]], o[-2]
-            print("%.3f s  %.3f %.3f %.3f m  %s  quality %d" % (stamp_s, *position, state, quality), flush=True)
-        elif kind == END:
-            break
+    for o in records(flight, KIND_ODOMETRY):
+        stamp_s, position, state, quality = o[0] * 1e-9, o[3:6], STATES[o[-3]], o[-2]
+        print("%.3f s  %.3f %.3f %.3f m  %s  quality %d" % (stamp_s, *position, state, quality), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -17,11 +17,13 @@ impl Config {
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts: Vec<String> = self.camera.iter().enumerate().flat_map(of_camera).collect();
         if let [left, right, ..] = self.camera.as_slice() {
-            let ratio = left.focal_px[0] / right.focal_px[0];
-            if differs(ratio) {
+            // Where images are compared: near the axis.
+            let [left_px, right_px] =
+                [left, right].map(|c| c.focal_px[0] * c.distortion.distort(&Vector2::zeros()).1.m11);
+            if differs(left_px / right_px) {
                 doubts.push(format!(
                     "camera[..].focal_px: the left camera has {:.1} px, the right one {:.1}; are both of this rig?",
-                    left.focal_px[0], right.focal_px[0]
+                    left_px, right_px
                 ));
             }
         }

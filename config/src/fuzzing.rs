@@ -2,7 +2,7 @@
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
-use crate::import::{euroc_texts, kalibr_texts};
+use crate::import::{euroc_texts, kalibr_texts, rig_text};
 use crate::options::{AutopilotEndpoint, ImuEndpoint, SerialLine};
 use crate::validate::is_endpoint;
 use crate::{Config, ConfigError, ValidConfig};
@@ -78,6 +78,16 @@ pub fn import_zed(data: &[u8]) {
     check(crate::import::zed_text_into(base, text, "fuzz").and_then(|config| config.validated("fuzz")));
 }
 
+/// Calibration of another program, and the camera file that it names.
+///
+/// # Panics
+/// As [`config_toml`].
+pub fn import_rig(data: &[u8]) {
+    let Some((rig, camera)) = two_texts(data) else { return };
+    let base = Config::preset("euroc").expect("is a preset").into_inner();
+    check(rig_text(base, rig, camera).map(|rig| rig.config));
+}
+
 fn two_texts(data: &[u8]) -> Option<(&str, &str)> {
     std::str::from_utf8(data).ok()?.split_once(BETWEEN_FILES)
 }
@@ -128,6 +138,11 @@ mod tests {
     #[test]
     fn fuzz_import_kalibr() {
         over_seeds_and_mutations("import_kalibr", 2000, super::import_kalibr);
+    }
+
+    #[test]
+    fn fuzz_import_rig() {
+        over_seeds_and_mutations("import_rig", 2000, super::import_rig);
     }
 
     #[test]

@@ -14,7 +14,8 @@
 //! File formats are optional, so that who puts a setup together in code links no parser:
 //!
 //! - `toml` (default): `Config::load`, `Config::from_toml_str`, the presets;
-//! - `yaml` (default): the module `import`, which reads calibrations of EuRoC data sets and of Kalibr.
+//! - `yaml` (default): the module `import`, which reads calibrations of EuRoC data sets, of Kalibr and of other
+//!   programs.
 //!
 //! # Example
 //!

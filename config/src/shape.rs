@@ -5,7 +5,7 @@
 
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
-use crate::options::{Mask, Mounting};
+use crate::options::{CameraConfig, Mask, Mounting};
 use crate::text::{Lines, line_and_column};
 use crate::{Config, presets};
 use serde::Deserialize;
@@ -266,11 +266,20 @@ fn article(kind: &str) -> String {
     format!("{} {kind}", if an { "an" } else { "a" })
 }
 
-/// A configuration with every key there is: two cameras, one of each distortion model, no list empty.
+/// A configuration with every key there is: a camera of each distortion model, no list empty.
 fn sample() -> Table {
     let text = presets::preset_text("euroc").expect("the preset exists");
     let mut config: Config = toml::from_str(text).expect("the presets are tested");
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
+    for distortion in [
+        Distortion::Rational { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
+        Distortion::Omni { xi: 0.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+        Distortion::Eucm { alpha: 0.5, beta: 1.0 },
+        Distortion::DoubleSphere { xi: 0.0, alpha: 0.5 },
+    ] {
+        let camera = CameraConfig { distortion, ..config.camera[1].clone() };
+        config.camera.push(camera);
+    }
     for camera in &mut config.camera {
         camera.exposure_s = 0.005;
         camera.mask = Some(Mask::Picture("mask.png".into()));

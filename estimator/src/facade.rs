@@ -10,6 +10,7 @@ use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
 use crate::propagator::Propagator;
+use crate::propagator::history::{Instant, NoInstant};
 use crate::window::{Fit, RigEstimate};
 use crate::work_budget::{InTurn, WorkBudget};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
@@ -95,6 +96,21 @@ impl Estimator {
     /// As [`Self::propagate`], with what became of the sample.
     pub fn propagate_admitted(&mut self, sample: &ImuSample) -> (ImuAdmission, Option<Odometry>) {
         (self.add_imu(sample), self.propagator.tick(sample))
+    }
+
+    /// Keeps the last seconds from now on, for [`Self::at`]. Call it before the first sample: it allocates.
+    pub fn keep_history(&mut self, setup: &ValidSetup) {
+        self.propagator = Propagator::with_history(setup);
+    }
+
+    /// State at an instant of the last seconds, such as that of a trigger: by the estimates before and after it and the
+    /// inertial samples between ([`crate::propagator::history`]). Needs [`Self::keep_history`], and every sample by
+    /// [`Self::propagate`].
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
+        self.propagator.at(stamp)
     }
 
     /// Inertial samples up to this time must have been added before the frame of `image_stamp` is: the stamp on

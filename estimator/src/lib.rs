@@ -85,7 +85,9 @@ pub use input::{FrameInput, ImuAdmission, ResetKind};
 pub use odometry::Odometer;
 pub use origin::OriginUncertainty;
 pub use propagator::Propagator;
+pub use propagator::history::{Instant, NoInstant};
 pub use window::snapshot::MapSnapshot;
+pub use window::trail::{Trail, TrailState};
 pub use window::{Fit, RigCovariance, RigEstimate};
 pub use work_budget::{Fork, InTurn, WorkBudget};
 

@@ -7,18 +7,22 @@
 //! it is large, at once ([`blend`]).
 
 pub mod blend;
+pub mod carry;
+pub mod history;
 
 use crate::admission::ImuDoor;
 use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
 use crate::geometry::log_so3;
-use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits, StuckWatch, Unmeasured};
+use crate::inertial::{BelievedSample, StuckWatch, Unmeasured};
 use crate::input::ImuAdmission;
 use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use blend::Blend;
+use carry::Carrier;
+use history::{Base, History, Instant, NoInstant};
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
+use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use std::collections::VecDeque;
 
 /// Samples are kept this long, s: an estimate must arrive within it.
@@ -29,12 +33,13 @@ const STALE_S: f64 = 0.5;
 /// Carries the newest estimate forward at IMU rate. Belongs to the tick thread; allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Propagator {
-    noise: ImuNoise,
-    limits: SensorLimits,
-    gravity_o: Vector3<f64>,
+    carrier: Carrier,
     door: ImuDoor,
     samples: VecDeque<BelievedSample>,
+    /// Samples that estimates may reach back to; the history may hold more.
+    reach: usize,
     capacity: usize,
+    history: Option<History>,
     nav: Option<NavState>,
     covariance: GrowingCovariance,
     origin: OriginUncertainty,
@@ -61,14 +66,24 @@ impl Propagator {
     /// A propagator without a state.
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
-        let capacity = (MEMORY_S * setup.imu.rate_hz).ceil() as usize + 2;
+        let reach = samples_in(MEMORY_S, setup);
+        Self::with_capacity(setup, reach, None)
+    }
+
+    /// As [`Self::new`], with the memory that [`Self::at`] answers from. The odometry has the same bits.
+    #[must_use]
+    pub fn with_history(setup: &ValidSetup) -> Self {
+        Self::with_capacity(setup, samples_in(history::HISTORY_S, setup), Some(History::new(setup)))
+    }
+
+    fn with_capacity(setup: &ValidSetup, capacity: usize, history: Option<History>) -> Self {
         Self {
-            noise: ImuNoise::of(&setup.imu),
-            limits: SensorLimits::of(&setup.imu),
-            gravity_o: Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2),
+            carrier: Carrier::new(setup),
             door: ImuDoor::of(&setup.imu),
             samples: VecDeque::with_capacity(capacity),
+            reach: samples_in(MEMORY_S, setup),
             capacity,
+            history,
             nav: None,
             covariance: GrowingCovariance::new(NavCovariance::zeros(), &BiasVariances::zeros()),
             origin: OriginUncertainty::default(),
@@ -103,7 +118,7 @@ impl Propagator {
         self.quality = estimate.quality;
         self.reset_counter = estimate.reset_counter;
         if !estimate.has_pose() || !self.reaches_back_to(estimate.stamp) {
-            self.nav = None;
+            self.end();
             return;
         }
         self.nav = Some(NavState {
@@ -116,8 +131,20 @@ impl Propagator {
         self.covariance = GrowingCovariance::new(estimate.covariance, &estimate.bias_variances);
         self.origin.clone_from(&estimate.origin);
         if !self.is_finite() {
-            self.nav = None;
+            self.end();
             return;
+        }
+        if let (Some(history), Some(nav)) = (&mut self.history, &self.nav) {
+            history.begin(Base {
+                stamp: estimate.stamp,
+                estimated: estimate.stamp,
+                nav: nav.clone(),
+                covariance: self.covariance.clone(),
+                rate_b: self.rate_b,
+                state: estimate.state,
+                quality: estimate.quality,
+                reset_counter: estimate.reset_counter,
+            });
         }
         self.stamp = estimate.stamp;
         self.estimated = estimate.stamp;
@@ -132,6 +159,55 @@ impl Propagator {
             self.advance(&believed);
         }
         self.begin_blend(told);
+    }
+
+    /// There is no state any more.
+    fn end(&mut self) {
+        self.nav = None;
+        if let Some(history) = &mut self.history {
+            history.end(self.samples.back().map(|newest| newest.sample.stamp));
+        }
+    }
+
+    /// Keeps the state for the history, if no estimate has come for long.
+    fn mark(&mut self) {
+        if let (Some(history), Some(nav)) = (&mut self.history, &self.nav)
+            && history.wants_mark(self.stamp)
+        {
+            history.begin(Base {
+                stamp: self.stamp,
+                estimated: self.estimated,
+                nav: nav.clone(),
+                covariance: self.covariance.clone(),
+                rate_b: self.rate_b,
+                state: self.state,
+                quality: self.quality,
+                reset_counter: self.reset_counter,
+            });
+        }
+    }
+
+    /// State at `stamp`, which may lie between two samples, by the estimates before and after it: see [`history`].
+    ///
+    /// # Errors
+    /// When there is none; always where no history is kept.
+    pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
+        let history = self.history.as_ref().ok_or(NoInstant::NoPose)?;
+        history.at(stamp, &self.samples, &self.carrier)
+    }
+
+    /// Whether the samples have reached `stamp`.
+    #[must_use]
+    pub fn has_reached(&self, stamp: Timestamp) -> bool {
+        self.samples.back().is_some_and(|newest| newest.sample.stamp >= stamp)
+    }
+
+    /// Whether what is said of `stamp` cannot get better: there is an estimate after it, or none is to be expected any more.
+    #[must_use]
+    pub fn is_settled(&self, stamp: Timestamp) -> bool {
+        let is_old =
+            self.samples.back().is_some_and(|newest| newest.sample.stamp.seconds_since(stamp) > STALE_S);
+        is_old || self.history.as_ref().is_none_or(|history| history.reaches(stamp))
     }
 
     /// Follows the rate of the estimates, which stands in for that of a gyroscope that does not measure.
@@ -176,7 +252,8 @@ impl Propagator {
 
     /// True if the samples kept continue from `stamp`.
     fn reaches_back_to(&self, stamp: Timestamp) -> bool {
-        self.samples.front().is_none_or(|first| first.sample.stamp.seconds_since(stamp) <= STALE_S)
+        let first = self.samples.get(self.samples.len().saturating_sub(self.reach));
+        first.is_none_or(|first| first.sample.stamp.seconds_since(stamp) <= STALE_S)
     }
 
     /// Advances to an inertial sample; the odometry at its time, once there has been an estimate with a pose.
@@ -189,6 +266,9 @@ impl Propagator {
                 self.samples.clear();
                 self.watch.clear();
                 (self.nav, self.newest) = (None, None);
+                if let Some(history) = &mut self.history {
+                    history.clear();
+                }
             }
             _ => return None,
         }
@@ -202,8 +282,9 @@ impl Propagator {
         self.blend.advance(self.stamp.seconds_since(before));
         if !self.is_finite() {
             // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
-            self.nav = None;
+            self.end();
         }
+        self.mark();
         let (told, stamp) = self.told()?;
         if sample.stamp < stamp {
             return None;
@@ -238,7 +319,7 @@ impl Propagator {
                 believed.distrust(stuck.at(believed.sample.stamp));
             }
         }
-        let mut believed = self.limits.believe(sample, self.samples.back());
+        let mut believed = self.carrier.limits.believe(sample, self.samples.back());
         believed.distrust(stuck.unmeasured().or(self.distrusted));
         believed
     }
@@ -251,33 +332,20 @@ impl Propagator {
     /// Integrates from the present time to that of `next`.
     fn advance(&mut self, next: &BelievedSample) {
         let last = self.newest.unwrap_or(*next);
-        let (from, to) = (&last.sample, &next.sample);
-        let dt = to.stamp.seconds_since(self.stamp);
-        if dt > 0.0
+        let until = next.sample.stamp;
+        if until > self.stamp
             && let Some(nav) = &mut self.nav
         {
-            // The estimate may lie anywhere between two samples.
-            let apart = to.stamp.seconds_since(from.stamp).at_least(dt);
-            let saturated = last.saturated.or(next.saturated);
-            let noise = self.limits.noise_of_step(&self.noise, dt, apart, saturated);
-            let unmeasured = last.unmeasured.or(next.unmeasured);
-            let noise = unmeasured.noise(noise);
-            let (mut gyro, mut accels) = ((from.gyro + to.gyro) * 0.5, [from.accel, to.accel]);
-            if unmeasured.gyro {
-                gyro = self.rate_b + nav.bias_gyro;
-            }
-            if unmeasured.accel {
-                // A steady velocity.
-                accels = [nav.rot_o_b.inverse() * -self.gravity_o + nav.bias_accel; 2];
-            }
-            let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
-            step.integrate(dt, &gyro, &accels[0], &accels[1], &noise);
-            self.covariance.grow(nav, &step, &self.noise);
-            *nav = nav.after(&step, &self.gravity_o);
-            self.stamp = to.stamp;
+            self.carrier.carry((nav, &mut self.covariance), (self.stamp, until), (&last, next), &self.rate_b);
+            self.stamp = until;
         }
         self.newest = Some(*next);
     }
+}
+
+/// Samples of so long, s, and both ends.
+fn samples_in(seconds: f64, setup: &ValidSetup) -> usize {
+    (seconds * setup.imu.rate_hz).ceil() as usize + 2
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::{plumbline, stderr};
 
 /// Every command that takes an input, with one that is not there.
-const MISSING: [&[&str]; 22] = [
+const MISSING: [&[&str]; 23] = [
     &["replay", "/nowhere/flight"],
     &["replay", "/nowhere/flight.mcap"],
     &["replay", "sim:room", "--path", "/nowhere/path.tum"],
@@ -15,6 +15,7 @@ const MISSING: [&[&str]; 22] = [
     &["verify", "/nowhere/flight.mcap"],
     &["log", "/nowhere/flight.mcap"],
     &["evaluate", "/nowhere/a.tum", "/nowhere/b.tum"],
+    &["shuttle", "/nowhere/flight"],
     &["lines", "/nowhere/image.png"],
     &["config", "/nowhere/config.toml"],
     &["doctor", "--config", "/nowhere/config.toml"],

@@ -215,6 +215,33 @@ impl Microcontroller {
         Self { master, receiver: Receiver::new(), is_heard: false }
     }
 
+    /// Another program in its place, `program` on a board that is this host: it plays the samples of `which` in real time, from a
+    /// file in `folder`.
+    pub fn played_by(
+        &self,
+        program: &Path,
+        folder: &Path,
+        recording: &Recording,
+        epoch: Epoch,
+        which: Range<usize>,
+    ) -> std::process::Child {
+        let mut bytes = Vec::new();
+        for reading in &recording.readings[which] {
+            bytes.extend(epoch.host(reading.sample.stamp.as_nanos()).to_ne_bytes());
+            bytes.extend((reading.sequence as u32).to_ne_bytes());
+            let values = reading.sample.gyro.iter().chain(reading.sample.accel.iter());
+            values.for_each(|value| bytes.extend((*value as f32).to_ne_bytes()));
+        }
+        let samples = folder.join("samples");
+        std::fs::write(&samples, &bytes).unwrap();
+        let last_ns =
+            recording.readings.last().map_or(0, |reading| epoch.host(reading.sample.stamp.as_nanos()));
+        let seconds = (last_ns - monotonic_ns()) as f64 * 1e-9 + 0.1;
+        let line = || self.master.try_clone().unwrap();
+        let mut command = std::process::Command::new(program);
+        command.arg(samples).arg(seconds.to_string()).stdin(line()).stdout(line()).spawn().unwrap()
+    }
+
     /// At the other end of a socket, as a virtual machine's serial port is.
     pub fn at(socket: UnixStream) -> Self {
         socket.set_nonblocking(true).unwrap();

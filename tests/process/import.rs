@@ -110,6 +110,69 @@ fn a_euroc_data_set_is_imported_too() {
     assert!(plumbline(&["config", &out]).status.success());
 }
 
+/// A simulated data set states its lens as Kalibr does, and gives it back with all its digits.
+#[test]
+fn every_lens_goes_through_a_data_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let preset = plumbline_config::preset_text("sim").unwrap();
+    let lenses = [
+        "model = \"rational\"\nk1 = 0.626\nk2 = 0.466\np1 = -0.00019\np2 = -4.3e-5\nk3 = 0.0042\nk4 = 0.894\nk5 = 0.543\nk6 = 0.066\n",
+        "model = \"omni\"\nxi = 0.8\nk1 = -0.335\nk2 = 0.132\np1 = 0.00056\np2 = 0.00058\n",
+        "model = \"eucm\"\nalpha = 0.629\nbeta = 1.042\n",
+        "model = \"double-sphere\"\nxi = -0.241\nalpha = 0.567\n",
+    ];
+    for (k, lens) in lenses.iter().enumerate() {
+        let (rig, flight, out) =
+            (at(&format!("rig{k}.toml")), at(&format!("flight{k}")), at(&format!("{k}.toml")));
+        // The tables of both cameras begin with their model and end before the next table.
+        let mut parts = preset.split("[camera.distortion]\n");
+        let mut text = parts.next().unwrap().to_owned();
+        for part in parts {
+            let next = part.find("\n[").or_else(|| part.find("\n# ---")).unwrap();
+            text = format!("{text}[camera.distortion]\n{lens}{}", &part[next..]);
+        }
+        std::fs::write(&rig, &text).unwrap();
+        let simulated =
+            plumbline(&["simulate", &flight, "--duration", "0.2", "--scale", "0.5", "--config", &rig]);
+        assert!(simulated.status.success(), "{}", stderr(&simulated));
+        let imported = plumbline(&["config", "import", "--euroc", &flight, "--base", "sim", "--out", &out]);
+        assert!(imported.status.success(), "{}", stderr(&imported));
+        let written = std::fs::read_to_string(&out).unwrap();
+        let lines = lens.lines().filter(|line| written.matches(line).count() == 2).count();
+        assert_eq!(lines, lens.lines().count(), "{written}");
+    }
+}
+
+/// Basalt's calibration of EuRoC, its numbers rounded.
+#[test]
+fn the_calibration_of_another_program_is_imported_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (rig, out) = (at("calibration.json"), at("my.toml"));
+    let text = "{\"value0\": {\"T_imu_cam\": [{\"px\": -0.0168, \"py\": -0.0689, \"pz\": 0.0051, \"qx\": -0.00724, \"qy\": 0.00754, \
+                \"qz\": 0.70178, \"qw\": 0.71231}], \"intrinsics\": [{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 349.76, \"fy\": \
+                348.72, \"cx\": 365.89, \"cy\": 249.33, \"xi\": -0.24096, \"alpha\": 0.567}}], \"resolution\": [[752, 480]], \
+                \"imu_update_rate\": 200.0, \"accel_noise_std\": 0.016, \"gyro_noise_std\": 0.000282, \"accel_bias_std\": 0.001, \
+                \"gyro_bias_std\": 0.0001, \"cam_time_offset_ns\": 0}}";
+    std::fs::write(&rig, text).unwrap();
+    let import = ["config", "import", "--rig", &rig, "--imu-to-vehicle", "unknown", "--out", &out];
+    let imported = plumbline(&[&import[..], &["--inflate", "2"]].concat());
+    assert!(imported.status.success(), "{}", stderr(&imported));
+    let written = std::fs::read_to_string(&out).unwrap();
+    assert!(
+        written.contains("double-sphere") && written.contains("gyro_noise_density = 0.000564"),
+        "{written}"
+    );
+    assert!(written.contains("calibration.json"), "{written}");
+    assert!(plumbline(&["config", &out]).status.success());
+    std::fs::write(&rig, text.replace("\"ds\"", "\"fov\"")).unwrap();
+    fails(&[&import[..], &["--overwrite"]].concat(), 2, &["calibration.json", "camera_type", "eucm"]);
+    std::fs::write(&rig, "a: 1\n").unwrap();
+    fails(&[&import[..], &["--overwrite"]].concat(), 2, &["calibration.json", "ORB-SLAM3", "TUM-VI"]);
+    fails(&["config", "import", "--out", &out], 2, &["--rig"]);
+}
+
 #[test]
 fn what_cannot_be_imported_is_named_with_file_key_and_cure() {
     let folder = tempfile::tempdir().unwrap();

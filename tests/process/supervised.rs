@@ -373,6 +373,20 @@ fn network_datagrams_of_junk_leave_an_endpoint_open() {
 }
 
 #[test]
+fn network_empty_datagrams_leave_an_endpoint_open() {
+    let port = free_udp_port();
+    let endpoint = format!("udp/127.0.0.1:{port}");
+    let runtime = runtime();
+    let _vehicle = plain_vehicle(&runtime, &endpoint);
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    // More than the socket holds.
+    for _ in 0..1_000 {
+        let _ = socket.send_to(&[], ("127.0.0.1", port));
+    }
+    assert!(try_session(&runtime, &endpoint).is_some());
+}
+
+#[test]
 fn network_plain_connections_that_say_nothing_keep_nobody_out() {
     let port = free_port();
     let endpoint = format!("tcp/127.0.0.1:{port}");

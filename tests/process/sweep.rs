@@ -154,3 +154,75 @@ fn what_cannot_be_swept_is_said_before_anything_is_flown() {
     refused(&["sim:room", "--cell", "7"], &["no cell 7", "0 to 0"]);
     assert!(!Path::new(&cells).join("cell-0.json").exists());
 }
+
+/// Clips of EuRoC, beside a simulated flight under the name of a sequence.
+#[test]
+fn the_open_table_of_a_folder_has_medians_sources_and_what_is_missing() {
+    let Some(clips) = plumbline_test_support::shared("euroc/MH_05_mono_clip") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let written = plumbline(&[
+        "simulate",
+        &at("sets/V1_02_medium"),
+        "--start",
+        "5",
+        "--duration",
+        "6",
+        "--scale",
+        "0.4",
+    ]);
+    assert!(written.status.success(), "{}", stderr(&written));
+    std::os::unix::fs::symlink(&clips, folder.path().join("sets/MH_05_mono_clip")).unwrap();
+    let (sets, cells) = (at("sets"), at("cells"));
+    let flown = ["sweep", "--folder", &sets, "--starts", "0,0.5,1", "--cells", &cells];
+    let [markdown, csv, tex] = ["table.md", "table.csv", "table.tex"].map(at);
+    let text = succeeds(&plumbline(
+        &[&flown[..], &["--table", &markdown, "--table", &csv, "--table", &tex]].concat(),
+    ));
+    println!("{text}");
+    let read = |path: &str| std::fs::read_to_string(path).unwrap();
+    assert_eq!(read(&markdown), text);
+    for words in [
+        "| V1_02_medium ",
+        "| MH_05_mono_clip ",
+        "| mean of 1 of 11 ",
+        "arXiv:2510.04612",
+        "10.3929/ethz-b-000690084",
+        "V2_03_difficult (10 of 11)",
+    ] {
+        assert!(text.contains(words), "'{words}' is missing in {text}");
+    }
+    let rows: Vec<Vec<String>> =
+        read(&csv).lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let column = |name: &str| rows[0].iter().position(|n| n == name).unwrap();
+    assert_eq!(rows.len(), 3);
+    for row in &rows[1..] {
+        let figure = |name: &str| row[column(name)].parse::<f64>().unwrap();
+        assert_eq!((figure("flights"), figure("failed")), (3.0, 0.0), "{row:?}");
+        let ate = [figure("ate_causal_min_m"), figure("ate_causal_m"), figure("ate_causal_max_m")];
+        assert!(ate[0] > 0.0 && ate[0] < ate[1] && ate[1] < ate[2], "{row:?}");
+        assert!(figure("rpe_1s_m") > 0.0 && figure("coverage_percent") > 50.0 && figure("nees_tilt") > 0.0);
+        let times = ["frame_cpu_ms_p50", "frame_cpu_ms_p99", "frame_cpu_ms_max"].map(figure);
+        assert!(times[0] > 0.0 && times[0] <= times[1] && times[1] <= times[2], "{row:?}");
+        assert_eq!(row[column("digest")].len(), 16);
+    }
+    assert!(rows[1..].iter().all(|row| row[column("ate_final_m")].parse::<f64>().is_ok()));
+    assert!(read(&tex).contains("V1\\_02\\_medium & 3 & "));
+    // Spread over machines, cell by cell, it is the same table.
+    let again = at("again.csv");
+    succeeds(&plumbline(&["sweep", "--collect", &cells, "--table", &again]));
+    assert_eq!(read(&again), read(&csv));
+}
+
+#[test]
+fn a_table_is_refused_before_the_flights() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    fails(&["sweep", "--folder", &at("")], 2, &["no data set", "mav0/cam0"]);
+    fails(&["sweep", "--folder", "/nowhere"], 2, &["--folder /nowhere"]);
+    fails(&["sweep", "sim:room?duration=1", "--table", &at("t.xls")], 2, &["t.xls", ".md, .csv or .tex"]);
+    let two = ["--set", "estimator.lines.enabled=true,false"];
+    let table = at("t.md");
+    let several = [&["sweep", "sim:room?duration=1"], &two[..], &["--table", &table]].concat();
+    fails(&several, 2, &["--table", "--set makes 2"]);
+}

@@ -1,7 +1,8 @@
 //! Real vehicles for network tests: replays in real time of a simulated flight, rendered once beforehand.
 
-use std::io::{BufRead, BufReader, Read};
-use std::net::TcpListener;
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::OnceLock;
@@ -75,6 +76,66 @@ fn keep(stderr: ChildStderr, words: &Mutex<String>) {
     let mut line = String::new();
     while lines.read_line(&mut line).is_ok_and(|count| count > 0) {
         words.lock().unwrap().push_str(&std::mem::take(&mut line));
+    }
+}
+
+/// What a station's page shows of its vehicles, read at its web socket.
+pub struct Page {
+    socket: TcpStream,
+    bytes: Vec<u8>,
+    fleet: Value,
+}
+
+impl Page {
+    /// Opens the socket of the station whose page is at `address`, once it is served.
+    pub fn open(address: &str) -> Self {
+        let mut socket = None;
+        eventually("the page is served", Duration::from_secs(30), || {
+            socket = TcpStream::connect(address).ok();
+            socket.is_some()
+        });
+        let mut socket = socket.unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        write!(
+            socket,
+            "GET /ws HTTP/1.1\r\nHost: {address}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        .unwrap();
+        Self { socket, bytes: Vec::new(), fleet: Value::Null }
+    }
+
+    /// The newest message on the fleet; `Null` before the first.
+    pub fn fleet(&mut self) -> &Value {
+        let mut some = [0; 1 << 16];
+        while let Ok(count @ 1..) = self.socket.read(&mut some) {
+            self.bytes.extend_from_slice(&some[..count]);
+            self.keep_newest();
+        }
+        &self.fleet
+    }
+
+    /// Frames of the server are not masked, so that messages are there as they are.
+    fn keep_newest(&mut self) {
+        const BEGIN: &[u8] = b"{\"malformed\":";
+        let find = |bytes: &[u8]| bytes.windows(BEGIN.len()).position(|window| window == BEGIN);
+        while let Some(begin) = find(&self.bytes) {
+            self.bytes.drain(..begin);
+            let mut messages = serde_json::Deserializer::from_slice(&self.bytes).into_iter();
+            match messages.next() {
+                Some(Ok(fleet)) => self.fleet = fleet,
+                Some(Err(error)) if error.is_eof() => return,
+                _ => {}
+            }
+            self.bytes.drain(..BEGIN.len());
+        }
+        let kept = self.bytes.len().saturating_sub(BEGIN.len());
+        self.bytes.drain(..kept);
+    }
+
+    /// Waits until `ready` for the newest message on the fleet.
+    pub fn wait(&mut self, what: &str, patience: Duration, ready: impl Fn(&Value) -> bool) {
+        eventually(what, patience, || ready(self.fleet()));
     }
 }
 

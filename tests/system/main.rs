@@ -5,6 +5,8 @@ mod clips;
 mod clocks;
 mod determinism;
 mod faults;
+mod instants;
+mod lenses;
 mod loops;
 mod places;
 mod soak;

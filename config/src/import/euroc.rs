@@ -4,7 +4,7 @@
 //! IMU's own `T_BS` is not the identity, the cameras are moved by its inverse.
 
 use super::yaml::{Document, Node};
-use super::{Calibration, distortion, is_identity, pinhole, rigid, size_px};
+use super::{Calibration, camera_of, is_identity, lens, rigid, size_px};
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config, Mounting, rows_from_isometry};
 use crate::valid::ValidConfig;
@@ -131,20 +131,9 @@ fn camera(sensor: &Node<'_>, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig
     } else {
         rows_from_isometry(&(pose_b_imu.inverse() * pose_b_c))
     };
-    let [width_px, height_px] = size_px(sensor)?;
-    let (focal_px, centre_px) = pinhole(sensor)?;
-    Ok(CameraConfig {
-        width_px,
-        height_px,
-        rate_hz: sensor.get("rate_hz")?.number()?,
-        readout_s: 0.0,
-        exposure_s: 0.0,
-        mask: None,
-        focal_px,
-        centre_px,
-        distortion: distortion(sensor, "distortion_coefficients")?,
-        pose_b_c: rows,
-    })
+    let (size, rate_hz) = (size_px(sensor)?, sensor.get("rate_hz")?.number()?);
+    let lens = lens::kalibr(sensor, "distortion_coefficients")?;
+    Ok(CameraConfig { pose_b_c: rows, ..camera_of(lens, size, rate_hz, &pose_b_c) })
 }
 
 fn inertial(sensor: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {

@@ -9,9 +9,9 @@
 
 use super::whose;
 use super::yaml::{Document, Node};
-use super::{Calibration, agree, distortion, is_identity, pinhole, rigid, size_px};
+use super::{Calibration, agree, camera_of, is_identity, lens, rigid, size_px};
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, Config, rows_from_isometry};
+use crate::options::{CameraConfig, Config};
 use crate::valid::ValidConfig;
 use nalgebra::Isometry3;
 use std::path::Path;
@@ -50,6 +50,12 @@ pub fn kalibr_into(
     config.validated(camchain.origin()).map_err(|error| by_file(error, &camchain, &imu))
 }
 
+/// Calibration of both files.
+pub(super) fn read(camchain: &Path, imu: &Path, camera_rate_hz: f64) -> Result<Calibration, ConfigError> {
+    let (camchain, imu) = (whose::read(camchain, CAMCHAIN)?, whose::read(imu, IMU)?);
+    convert(&camchain, &imu, camera_rate_hz)
+}
+
 /// Names of values in the files, by their keys in the configuration.
 const IN_IMU: [(&str, &str); 5] = [
     ("imu.rate_hz", "update_rate"),
@@ -58,7 +64,10 @@ const IN_IMU: [(&str, &str); 5] = [
     ("imu.accel_noise_density", "accelerometer_noise_density"),
     ("imu.accel_bias_walk", "accelerometer_random_walk"),
 ];
-const IN_CAMERA: [(&str, &str); 6] = [
+const IN_CAMERA: [(&str, &str); 9] = [
+    ("distortion.xi", "intrinsics"),
+    ("distortion.alpha", "intrinsics"),
+    ("distortion.beta", "intrinsics"),
     ("width_px", "resolution"),
     ("height_px", "resolution"),
     ("focal_px", "intrinsics"),
@@ -211,20 +220,10 @@ fn check_shifts(second: &Node<'_>, first_shift_s: f64) -> Result<(), ConfigError
 }
 
 fn camera(node: &Node<'_>, pose_c_b: &Isometry3<f64>, rate_hz: f64) -> Result<CameraConfig, ConfigError> {
-    let [width_px, height_px] = size_px(node)?;
-    let (focal_px, centre_px) = pinhole(node)?;
-    Ok(CameraConfig {
-        width_px,
-        height_px,
-        rate_hz: node.optional("rate_hz").map_or(Ok(rate_hz), |own| own.number())?,
-        readout_s: 0.0,
-        exposure_s: 0.0,
-        mask: None,
-        focal_px,
-        centre_px,
-        distortion: distortion(node, "distortion_coeffs")?,
-        pose_b_c: rows_from_isometry(&pose_c_b.inverse()),
-    })
+    let size = size_px(node)?;
+    let rate_hz = node.optional("rate_hz").map_or(Ok(rate_hz), |own| own.number())?;
+    let lens = lens::kalibr(node, "distortion_coeffs")?;
+    Ok(camera_of(lens, size, rate_hz, &pose_c_b.inverse()))
 }
 
 /// Intrinsics of the IMU that OpenVINS and Kalibr write, and whether the neutral value is the identity (else zero). Where an entry

@@ -1,7 +1,8 @@
 //! Importers: calibration files of EuRoC data sets (ASL `sensor.yaml`) and of Kalibr to a
-//! [`ValidConfig`](crate::ValidConfig); the factory file of a ZED into the configuration of its rig ([`zed_into`]).
+//! [`ValidConfig`](crate::ValidConfig); those of Basalt, VINS-Fusion, ORB-SLAM3, OpenVINS and TUM-VI into a configuration
+//! ([`rig_into`]); the factory file of a ZED into the configuration of its rig ([`zed_into`]).
 //!
-//! Both take over the cameras, their extrinsics and the rate of the IMU. The plain importers [`euroc`] and
+//! All take over the cameras, their extrinsics and the rate of the IMU. The plain importers [`euroc`] and
 //! [`kalibr`] take the noise densities as the files say and the defaults for the rest. Those of a data
 //! sheet hold for a sensor at rest and are too small in flight; [`euroc_into`] and [`kalibr_into`] keep
 //! the noise model of a base configuration, such as the preset `euroc`, whose white noises are those of
@@ -10,14 +11,20 @@
 //! Files are bounded in size before they are read; a file that cannot be used is refused with its name,
 //! the key, and the cure.
 
+mod basalt;
 mod euroc;
 mod kalibr;
+mod lens;
+mod orb_slam;
+mod rig;
+mod vins;
 mod whose;
 mod yaml;
 mod zed;
 
 pub use euroc::{euroc, euroc_cameras_into, euroc_into, euroc_mounting, euroc_pose};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
+pub use rig::{RigFormat, RigImport, rig_into};
 pub use zed::zed_into;
 
 #[cfg(any(test, feature = "fuzzing"))]
@@ -25,12 +32,16 @@ pub(crate) use euroc::from_texts as euroc_texts;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use kalibr::from_texts as kalibr_texts;
 #[cfg(any(test, feature = "fuzzing"))]
+pub(crate) use rig::from_text as rig_text;
+#[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use zed::zed_text_into;
 
-use crate::camera::Distortion;
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, Config, ImuConfig, Mounting, VehicleConfig, isometry_from_rows};
+use crate::options::{
+    CameraConfig, Config, ImuConfig, Mounting, VehicleConfig, isometry_from_rows, rows_from_isometry,
+};
 use crate::validate::pose_problem;
+use lens::Lens;
 use nalgebra::{Isometry3, Vector3};
 use yaml::Node;
 
@@ -79,39 +90,37 @@ impl Calibration {
     }
 }
 
-/// `[fx, fy]` and `[cx, cy]` of a pinhole's `[fx, fy, cx, cy]`.
-fn pinhole(camera: &Node<'_>) -> Result<([f64; 2], [f64; 2]), ConfigError> {
-    if let Some(model) = camera.optional("camera_model")
-        && model.text()? != "pinhole"
-    {
-        return Err(model.refuse("is no pinhole", "calibrate with the pinhole model"));
-    }
-    let [fx, fy, cx, cy] = camera.get("intrinsics")?.numbers()?;
-    Ok(([fx, fy], [cx, cy]))
-}
-
 fn size_px(camera: &Node<'_>) -> Result<[usize; 2], ConfigError> {
     let node = camera.get("resolution")?;
-    let size: [f64; 2] = node.numbers()?;
+    whole_size(&node, node.numbers()?)
+}
+
+/// Image size of two numbers that `node` gives.
+fn whole_size(node: &Node<'_>, size: [f64; 2]) -> Result<[usize; 2], ConfigError> {
     if size.iter().any(|s| !(1.0..=65_535.0).contains(s) || s.fract() != 0.0) {
-        return Err(node.refuse("is no image size", "give [width, height] in whole pixels"));
+        return Err(node.refuse("is no image size", "give width and height in whole pixels"));
     }
     Ok(size.map(|s| s as usize))
 }
 
-/// The distortion of a camera, whichever way the format names the models.
-fn distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Distortion, ConfigError> {
-    let model = camera.get("distortion_model")?;
-    let four = || camera.get(coefficients_key)?.numbers();
-    match model.text()? {
-        "radial-tangential" | "radtan" => {
-            four().map(|[k1, k2, p1, p2]| Distortion::RadialTangential { k1, k2, p1, p2 })
-        }
-        "equidistant" => four().map(|[k1, k2, k3, k4]| Distortion::Equidistant { k1, k2, k3, k4 }),
-        "none" => Ok(Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 }),
-        _ => {
-            Err(model.refuse("is no known model", "calibrate with radtan (radial-tangential) or equidistant"))
-        }
+/// A camera of a file: its lens, image size and pose.
+fn camera_of(
+    lens: Lens,
+    [width_px, height_px]: [usize; 2],
+    rate_hz: f64,
+    pose_b_c: &Isometry3<f64>,
+) -> CameraConfig {
+    CameraConfig {
+        width_px,
+        height_px,
+        rate_hz,
+        readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
+        focal_px: lens.focal_px,
+        centre_px: lens.centre_px,
+        distortion: lens.distortion,
+        pose_b_c: rows_from_isometry(pose_b_c),
     }
 }
 

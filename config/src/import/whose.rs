@@ -13,7 +13,7 @@ const KEYS: [(&str, &str); 33] = [
     ("extrinsicRotation", VINS),
     ("projection_parameters", "a camera file of camodocal (VINS-Fusion, VINS-Mono)"),
     ("mirror_parameters", "a camera file of camodocal (VINS-Fusion, VINS-Mono)"),
-    ("value0", "a calibration of Basalt"),
+    ("value0", BASALT),
     ("Camera.type", ORB_SLAM),
     ("Camera1.*", ORB_SLAM),
     ("Camera.*", ORB_SLAM),
@@ -29,7 +29,7 @@ const KEYS: [(&str, &str); 33] = [
     ("K1", OPENCV),
     ("T_BS", ASL),
     ("T_SC", ASL),
-    ("relative_config_imu", "the estimator_config.yaml of OpenVINS, which names the two files to give"),
+    ("relative_config_imu", OPENVINS),
     ("cameras", "a camera rig of maplab, OKVIS or Kimera"),
     ("target_type", "Kalibr's description of its target"),
     ("Gyr", "a result of imu_utils"),
@@ -42,6 +42,8 @@ const KEYS: [(&str, &str); 33] = [
     ("P_rect_00", "a calibration of KITTI's raw data"),
 ];
 const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
+const BASALT: &str = "a calibration of Basalt";
+const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
 const ORB_SLAM: &str = "a settings file of ORB-SLAM";
 const OPENCV: &str = "a calibration of OpenCV";
 const ASL: &str = "a sensor.yaml of a data set (EuRoC, Kimera); give its folder with --euroc";
@@ -111,6 +113,9 @@ pub(super) fn check(document: &Document, expected: &str) -> Result<(), ConfigErr
 
 fn refuse(origin: &str, whose: &str, expected: &str) -> ConfigError {
     let cure = match whose {
+        VINS | ORB_SLAM | BASALT | OPENVINS => {
+            format!("`plumbline config import --rig` takes it as it is; otherwise give {expected}")
+        }
         DSO_CAMERA => "TUM-VI has camchain.yaml and imu_config.yaml beside it".to_owned(),
         _ => format!(
             "give {expected}; calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: \

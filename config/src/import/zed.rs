@@ -4,6 +4,7 @@
 //! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the manufacturer does not document its
 //! direction, and the flight refines it.
 
+use super::lens::brown;
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
 use crate::options::{CameraConfig, Config, rows_from_isometry};
@@ -16,8 +17,6 @@ const SIZES: [((usize, usize), &str); 4] =
     [((672, 376), "VGA"), ((1280, 720), "HD"), ((1920, 1080), "FHD"), ((2208, 1242), "2K")];
 /// Baselines of the manufacturer's cameras, mm.
 const BASELINE_MM: std::ops::RangeInclusive<f64> = 20.0..=300.0;
-/// Largest third radial coefficient that counts as none: half a pixel in the corner of a wide image is 0.002.
-const NO_K3: f64 = 1e-3;
 
 /// `base`, whose cameras have the calibration of the file in their size.
 ///
@@ -75,17 +74,12 @@ impl Sections<'_> {
         let optional = |key| self.number(&section, key).map(|number| number.unwrap_or(0.0));
         camera.focal_px = [required("fx")?, required("fy")?];
         camera.centre_px = [required("cx")?, required("cy")?];
-        camera.distortion = Distortion::RadialTangential {
-            k1: required("k1")?,
-            k2: required("k2")?,
-            p1: optional("p1")?,
-            p2: optional("p2")?,
+        let (k1, k2, p1, p2) = (required("k1")?, required("k2")?, optional("p1")?, optional("p2")?);
+        let [k3, k4, k5, k6] = [optional("k3")?, optional("k4")?, optional("k5")?, optional("k6")?];
+        camera.distortion = match [k4, k5, k6] {
+            [0.0, 0.0, 0.0] => brown(k1, k2, p1, p2, k3),
+            _ => Distortion::Rational { k1, k2, p1, p2, k3, k4, k5, k6 },
         };
-        if optional("k3")?.abs() > NO_K3 {
-            let reason = "is a term that the lens model here lacks";
-            let cure = "calibrate the camera: plumbline calibrate camera";
-            return Err(Violation::new(format!("{section}.k3"), reason, cure));
-        }
         Ok(())
     }
 
@@ -146,6 +140,17 @@ mod tests {
     }
 
     #[test]
+    fn more_radial_coefficients_make_a_rational_lens() {
+        let lens = |k: &str| {
+            let config = zed_text_into(base(), &FILE.replace("k3=0", k), "SN1.conf").unwrap();
+            config.validated("SN1.conf").unwrap().camera[1].distortion
+        };
+        assert!(matches!(lens("k3=0.02"), Distortion::Rational { k3: 0.02, k4: 0.0, .. }));
+        let wide = lens("k3=0.02\nk4=0.1\nk5=-0.02\nk6=0.003");
+        assert!(matches!(wide, Distortion::Rational { k3: 0.02, k4: 0.1, k5: -0.02, k6: 0.003, .. }));
+    }
+
+    #[test]
     fn missing_and_wrong_keys_are_named() {
         let refused = |text: &str| zed_text_into(base(), text, "SN1.conf").unwrap_err().to_string();
         let missing = refused(&FILE.replace("cx=331.039\n", ""));
@@ -153,7 +158,7 @@ mod tests {
         let wrong = refused(&FILE.replace("62.981", "sixty"));
         assert!(wrong.contains("STEREO.Baseline") && wrong.contains("line 21"), "{wrong}");
         assert!(refused(&FILE.replace("62.981", "0.0629")).contains("millimetres"));
-        assert!(refused(&FILE.replace("k3=0", "k3=0.02")).contains("RIGHT_CAM_VGA.k3"));
+        assert!(refused(&FILE.replace("k3=0", "k3=no")).contains("RIGHT_CAM_VGA.k3"));
         assert!(refused("").contains("STEREO.Baseline"));
         let mut other = base();
         other.camera[0].width_px = 640;

@@ -50,6 +50,9 @@ pub struct RosConfig {
     pub tracks: RosPictures,
     /// Offer the services `reset` (keeps the pose) and `reset_hard` (starts at the origin).
     pub reset: bool,
+    /// Take stamps on the topic `trigger` (`std_msgs/msg/Header`), and publish the state at each on `odom_at`; also those at camera
+    /// triggers of the autopilot.
+    pub trigger: bool,
 }
 
 /// Format of pictures for ROS 2.
@@ -112,6 +115,7 @@ impl Default for RosConfig {
             map: true,
             tracks: RosPictures::Off,
             reset: false,
+            trigger: false,
         }
     }
 }

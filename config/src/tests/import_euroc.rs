@@ -120,7 +120,7 @@ fn what_is_wrong_is_named_by_file_and_key() {
         ("intrinsics: [458.654", "intrinsics: [.nan", "cam0: line 15, column 14: non-finite float"),
         ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),
         ("radial-tangential", "fov", "`distortion_model`: is no known model"),
-        ("pinhole", "omni", "`camera_model`: is no pinhole"),
+        ("pinhole", "omni", "`intrinsics`: has 4 numbers; camera_model omni has 5: [xi, fu, fv, pu, pv]"),
         ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is not a rotation"),
         ("[0.0148655429818,", "[", "`T_BS.data`: has 15 numbers; give exactly 16"),
         ("-0.0216401454975", "-21.6401454975", "`T_BS`: the camera is 21.640 m from the IMU"),

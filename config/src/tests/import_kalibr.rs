@@ -162,7 +162,16 @@ fn what_is_wrong_is_named_by_file_and_key() {
             "has 2 rows, 4 expected",
         ),
         ("cam0:", "cam:", "`cam0`: missing"),
-        ("pinhole", "ds", "`cam0.camera_model`: is no pinhole"),
+        (
+            "pinhole",
+            "ds",
+            "`cam0.intrinsics`: has 4 numbers; camera_model ds has 6: [xi, alpha, fu, fv, pu, pv]",
+        ),
+        (
+            "pinhole",
+            "scaramuzza",
+            "`cam0.camera_model`: is no known projection; calibrate with one of pinhole, omni, eucm, ds",
+        ),
     ] {
         let message = kalibr_texts(&with(RADTAN, from, to), IMU).expect_err("is refused").to_string();
         assert!(message.contains(says), "{to}: {message}");

@@ -3,6 +3,7 @@
 mod camera;
 mod import_euroc;
 mod import_kalibr;
+mod import_rig;
 mod loading;
 mod presets;
 mod rigs;

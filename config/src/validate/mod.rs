@@ -31,6 +31,9 @@ pub const MAX_WINDOW_FRAMES: usize = 15;
 const MAX_PROCESSOR: usize = 1023;
 /// Least share of an image that a mask must leave.
 const MIN_SEEN_SHARE: f64 = 0.05;
+/// Angle from the optical axis, rad (85 degrees), beyond which the fold of a lens may lie within the edges of the image: of a
+/// fisheye of more than 170 degrees little is lost, and fits end about there.
+const WIDE_FOLD_RAD: f64 = 1.48;
 /// Side of the smallest pyramid level, px: below it a patch covers the whole image.
 const MIN_LEVEL_PX: usize = 16;
 
@@ -129,18 +132,17 @@ fn check_mask(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
 }
 
 fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
-    let coefficients = match camera.distortion {
-        Distortion::RadialTangential { k1, k2, p1, p2 } => [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)],
-        Distortion::Equidistant { k1, k2, k3, k4 } => [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)],
-    };
-    for (name, value) in coefficients {
-        if !(-100.0..=100.0).contains(&value) {
-            let reason = format!("{value} is outside -100 to 100");
-            found.push(Violation::new(
-                format!("{key}.distortion.{name}"),
-                reason,
-                "calibrate the camera again",
-            ));
+    for (name, value) in camera.distortion.coefficients() {
+        let (low, high) = range_of_coefficient(&camera.distortion, name);
+        if !(low..=high).contains(&value) {
+            let reason = format!("{value} is outside {low} to {high}");
+            let cure = match camera.distortion {
+                Distortion::RadialTangential { .. } | Distortion::Equidistant { .. } => {
+                    "calibrate the camera again".to_owned()
+                }
+                lens => format!("check the model ({}) and the order of the coefficients", lens.model()),
+            };
+            found.push(Violation::new(format!("{key}.distortion.{name}"), reason, cure));
         }
     }
     if found.iter().any(|violation| violation.key.starts_with(key)) {
@@ -151,16 +153,32 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
     let (right, bottom) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
     let [cx, cy] = camera.centre_px;
     let edges = [(0.0, cy), (right, cy), (cx, 0.0), (cx, bottom)];
-    if edges.iter().any(|(x, y)| !model.has_direction(&Vector2::new(*x, *y))) {
-        let at = match camera.distortion.fold_rad() {
+    let fold_rad = camera.distortion.fold_rad();
+    let is_wide = fold_rad.is_some_and(|fold_rad| fold_rad > WIDE_FOLD_RAD);
+    if !is_wide && edges.iter().any(|(x, y)| !model.has_direction(&Vector2::new(*x, *y))) {
+        let at = match fold_rad {
             Some(fold_rad) => format!(" {:.0} degrees from the optical axis", fold_rad.to_degrees()),
             None => String::new(),
         };
         let reason =
             format!("the lens model folds back within the image{at}, so pixels there have no direction");
-        let cure =
-            "check the model (radial-tangential or equidistant) and the signs and order of the coefficients";
+        let cure = format!(
+            "check the model (known: {}) and the signs and order of the coefficients",
+            Distortion::MODELS.join(", ")
+        );
         found.push(Violation::new(format!("{key}.distortion"), reason, cure));
+    }
+}
+
+/// What a coefficient of a lens may be. Those of a rational model nearly cancel each other, so that they may be large.
+fn range_of_coefficient(lens: &Distortion, name: &str) -> (f64, f64) {
+    match (lens, name) {
+        (Distortion::Rational { .. }, name) if name.starts_with('k') => (-1e5, 1e5),
+        (Distortion::Omni { .. }, "xi") => (-0.99, 100.0),
+        (Distortion::DoubleSphere { .. }, "xi") => (-0.99, 1.0),
+        (_, "alpha") => (0.0, 1.0),
+        (_, "beta") => (0.01, 100.0),
+        _ => (-100.0, 100.0),
     }
 }
 

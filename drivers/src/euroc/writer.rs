@@ -267,26 +267,32 @@ fn write_text(path: &Path, text: &str) -> Result<(), DriverError> {
     fs::write(path, text).map_err(|e| DriverError::io(path, e))
 }
 
+/// Lenses as Kalibr names them; the rational one, which it lacks, as ROS does.
 fn camera_yaml(index: usize, camera: &CameraConfig) -> String {
-    let (model, k) = match camera.distortion {
-        Distortion::RadialTangential { k1, k2, p1, p2 } => ("radial-tangential", [k1, k2, p1, p2]),
-        Distortion::Equidistant { k1, k2, k3, k4 } => ("equidistant", [k1, k2, k3, k4]),
+    let (model, first, lens, rest) = match camera.distortion {
+        Distortion::RadialTangential { .. } => ("pinhole", 0, "radial-tangential", "fu, fv, cu, cv"),
+        Distortion::Equidistant { .. } => ("pinhole", 0, "equidistant", "fu, fv, cu, cv"),
+        Distortion::Rational { .. } => ("pinhole", 0, "rational_polynomial", "fu, fv, cu, cv"),
+        Distortion::Omni { .. } => ("omni", 1, "radial-tangential", "xi, fu, fv, cu, cv"),
+        Distortion::Eucm { .. } => ("eucm", 2, "none", "alpha, beta, fu, fv, cu, cv"),
+        Distortion::DoubleSphere { .. } => ("ds", 2, "none", "xi, alpha, fu, fv, cu, cv"),
     };
-    let ([fu, fv], [cu, cv]) = (camera.focal_px, camera.centre_px);
+    let numbers = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let coefficients: Vec<f64> = camera.distortion.coefficients().iter().map(|(_, k)| *k).collect();
+    let (of_projection, of_distortion) = coefficients.split_at(first);
+    let intrinsics = [of_projection, &camera.focal_px, &camera.centre_px].concat();
     format!(
         "# General sensor definitions.\nsensor_type: camera\ncomment: cam{index}\n\n\
          # Sensor extrinsics wrt. the body-frame.\n{}\n\
-         # Camera specific definitions.\nrate_hz: {}\nresolution: [{}, {}]\ncamera_model: pinhole\n\
-         intrinsics: [{fu}, {fv}, {cu}, {cv}] #fu, fv, cu, cv\ndistortion_model: {model}\n\
-         distortion_coefficients: [{}, {}, {}, {}]\n",
+         # Camera specific definitions.\nrate_hz: {}\nresolution: [{}, {}]\ncamera_model: {model}\n\
+         intrinsics: [{}] #{rest}\ndistortion_model: {lens}\n\
+         distortion_coefficients: [{}]\n",
         extrinsics_yaml(&camera.pose_b_c),
         camera.rate_hz,
         camera.width_px,
         camera.height_px,
-        k[0],
-        k[1],
-        k[2],
-        k[3],
+        numbers(&intrinsics),
+        numbers(of_distortion),
     )
 }
 

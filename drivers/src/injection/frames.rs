@@ -182,6 +182,10 @@ impl Slot {
         let slot = match change {
             ImageChange::Late | ImageChange::Repeat => (self.count - 1) % self.kept.len(),
             ImageChange::Freeze if acts && !self.is_frozen => 0,
+            ImageChange::Freeze if !acts => {
+                self.is_frozen = false;
+                return;
+            }
             _ => return,
         };
         self.is_frozen = true;

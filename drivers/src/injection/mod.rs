@@ -1,5 +1,5 @@
 //! Faults that are injected on purpose into the streams of a flight, recorded or simulated, or into the calibration that its
-//! estimator is given: `KIND[:TARGET][:DOSE...][@FROM[+DURATION]]`, such as `accel-pulse:x:30@6+0.1`.
+//! estimator is given: `KIND[:TARGET][:DOSE...][@FROM[+DURATION[/PERIOD]]]`, such as `accel-pulse:x:30@6+0.1`.
 //!
 //! [`kinds`] is the table of what there is: to add a kind, add a row, and do what it says in [`imu`], [`frames`] or [`rig`].
 //! Faults act in the order in which they are given. Every draw is a pure function of the seed, of the fault's place in that order
@@ -32,6 +32,8 @@ pub struct InjectedFault {
     doses: [f64; DOSES],
     from_s: f64,
     lasts_s: f64,
+    /// It begins anew after this time, s; infinite if it acts once.
+    period_s: f64,
 }
 
 impl InjectedFault {
@@ -49,7 +51,8 @@ impl InjectedFault {
     /// `kind` with its defaults.
     fn of(kind: &'static FaultKind) -> Self {
         let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
-        Self { kind, target: kind.target, doses, from_s: kind.from_s, lasts_s: kind.lasts_s }
+        let (from_s, lasts_s) = (kind.from_s, kind.lasts_s);
+        Self { kind, target: kind.target, doses, from_s, lasts_s, period_s: f64::INFINITY }
     }
 
     /// Kind of the fault.
@@ -58,7 +61,7 @@ impl InjectedFault {
         self.kind
     }
 
-    /// Time in which it acts, s after the first frame.
+    /// Time in which it acts for the first time, s after the first frame.
     #[must_use]
     pub fn span_s(&self) -> Range<f64> {
         self.from_s..self.from_s + self.lasts_s
@@ -110,7 +113,12 @@ impl InjectedFault {
     }
 
     fn acts_at(&self, time_s: f64) -> bool {
-        self.span_s().contains(&time_s)
+        let rounds = match self.period_s.is_finite() && time_s > self.from_s {
+            true => ((time_s - self.from_s) / self.period_s).floor(),
+            false => 0.0,
+        };
+        let begin_s = if rounds > 0.0 { self.from_s + rounds * self.period_s } else { self.from_s };
+        (begin_s..begin_s + self.lasts_s).contains(&time_s)
     }
 }
 
@@ -155,7 +163,7 @@ impl FromStr for InjectedFault {
 }
 
 impl InjectedFault {
-    /// Reads `FROM` or `FROM+DURATION`.
+    /// Reads `FROM`, `FROM+DURATION` or `FROM+DURATION/PERIOD`.
     fn set_time(&mut self, time: &str) -> Result<(), String> {
         if self.is_of_rig() {
             return Err(
@@ -166,11 +174,20 @@ impl InjectedFault {
             let value = text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
             value.ok_or_else(|| format!("'{text}' is not a number of seconds from 0; write @FROM or @FROM+DURATION, such as @6+0.1"))
         };
-        match time.split_once('+') {
+        let (span, period) = time.split_once('/').map_or((time, None), |(span, period)| (span, Some(period)));
+        match span.split_once('+') {
             Some((from, lasts)) => (self.from_s, self.lasts_s) = (seconds(from)?, seconds(lasts)?),
-            None => self.from_s = seconds(time)?,
+            None => self.from_s = seconds(span)?,
         }
-        Ok(())
+        let Some(period) = period else { return Ok(()) };
+        self.period_s = seconds(period)?;
+        match span.contains('+') && self.period_s > self.lasts_s {
+            true => Ok(()),
+            false => Err(format!(
+                "a fault that repeats needs a duration that is shorter than its period; write @FROM+DURATION/PERIOD, such as @5+0.5/10, \
+                 instead of '@{time}'"
+            )),
+        }
     }
 }
 
@@ -182,7 +199,10 @@ impl fmt::Display for InjectedFault {
             return Ok(());
         }
         write!(f, "@{}", self.from_s)?;
-        if self.lasts_s.is_finite() { write!(f, "+{}", self.lasts_s) } else { Ok(()) }
+        if self.lasts_s.is_finite() {
+            write!(f, "+{}", self.lasts_s)?;
+        }
+        if self.period_s.is_finite() { write!(f, "/{}", self.period_s) } else { Ok(()) }
     }
 }
 

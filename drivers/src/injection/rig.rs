@@ -24,9 +24,13 @@ fn scale_baseline(config: &mut Config, factor: f64) {
     place(right, &pose);
 }
 
-/// Coefficients of the other model, given the same four numbers.
+/// Coefficients of the other model, given the same four numbers; of a lens that has others, a fisheye without any.
 fn renamed(lens: Distortion) -> Distortion {
     match lens {
+        Distortion::Rational { .. }
+        | Distortion::Omni { .. }
+        | Distortion::Eucm { .. }
+        | Distortion::DoubleSphere { .. } => Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },
         Distortion::RadialTangential { k1, k2, p1, p2 } => Distortion::Equidistant { k1, k2, k3: p1, k4: p2 },
         Distortion::Equidistant { k1, k2, k3, k4 } => Distortion::RadialTangential { k1, k2, p1: k3, p2: k4 },
     }

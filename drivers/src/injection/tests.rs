@@ -394,3 +394,23 @@ fn what_cannot_be_read_is_refused_with_the_cure() {
         assert!(message.contains(cure), "{text}: {message}");
     }
 }
+
+#[test]
+fn a_fault_with_a_period_acts_again_and_again() {
+    let sound = frames(&[], 1);
+    let dark = frames(&["image-black:both:0@0.25+0.2/0.5"], 1);
+    for (k, frame) in dark.iter().enumerate() {
+        // 20 Hz: frames 5 to 8, 15 to 18 and so on.
+        let is_dark = k % 10 >= 5 && k % 10 < 9;
+        assert_eq!(frame.images != sound[k].images, is_dark, "{k}");
+    }
+    // Each time the image of its own beginning freezes.
+    let frozen = frames(&["image-frozen:both:0@0.25+0.2/0.5"], 1);
+    assert!(frozen[8].images == sound[5].images && frozen[18].images == sound[15].images);
+    assert!(frozen[9].images == sound[9].images);
+    let again = "accel-step:x:1@0.5+0.1/0.4".parse::<InjectedFault>().unwrap();
+    assert_eq!(again.to_string().parse(), Ok(again));
+    for bad in ["image-black@5/10", "image-black@5+2/1", "image-black@5+2/x", "rig-lens@1+1/2"] {
+        assert!(bad.parse::<InjectedFault>().is_err(), "{bad}");
+    }
+}

@@ -6,13 +6,12 @@
 
 use crate::shutter::RowTurns;
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use plumbline_config::camera::MAX_THETA_RAD;
 use plumbline_config::{CameraModel, Portable};
 
 /// Normalized coordinates this much further out than the image's corners are not projected: there the
 /// distortion polynomial may fold back into the image.
 const FIELD_MARGIN: f64 = 1.15;
-/// Field radius assumed when the corners of the image cannot be undistorted (about 70 degrees).
-const DEFAULT_FIELD: f64 = 2.8;
 
 /// A position predicted by geometry, and the local map of the pixels around it.
 #[derive(Clone, Copy, Debug)]
@@ -51,15 +50,17 @@ impl RigCamera {
     pub fn new(model: CameraModel) -> Self {
         let (right, bottom) = (model.width_px as f64 - 1.0, model.height_px as f64 - 1.0);
         let corners = [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]];
+        // A corner without direction lies beyond the fold of the lens, or further aside than directions are used.
+        let reach = libm::tan(model.distortion.fold_rad().unwrap_or(MAX_THETA_RAD));
         let field = corners
             .iter()
-            .map(|&c| model.unproject(&Vector2::from(c)).map_or(DEFAULT_FIELD, |xy| xy.norm()))
+            .map(|&c| model.unproject(&Vector2::from(c)).map_or(reach, |xy| xy.norm() * FIELD_MARGIN))
             .fold(0.0, |most, x: f64| x.at_least(most));
         Self {
             model,
             pose_b_c: Isometry3::identity(),
             rows: RowTurns::default(),
-            field: field * FIELD_MARGIN,
+            field: field.at_most(reach),
         }
     }
 

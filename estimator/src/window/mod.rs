@@ -67,6 +67,7 @@ mod test_room;
 mod test_views;
 mod tiles;
 mod tracks;
+pub mod trail;
 pub mod trial;
 pub mod triangulate;
 pub mod triangulate_line;

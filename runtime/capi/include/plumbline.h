@@ -369,6 +369,17 @@ plumbline_status plumbline_local_read(struct plumbline_local *local,
                                       struct plumbline_record *record,
                                       struct plumbline_error *error);
 
+// Writes the state at the instant `stamp_ns` of the last three seconds, such as that of a camera's trigger, by the clock of the
+// odometry. The flight waits at most `patience_ms`, up to 2000, for its inertial samples to reach the instant; where
+// `settled` is not 0, for the estimate after it too. Returns PLUMBLINE_STATUS_NO_POSE where there is no state: outcome says
+// why. Records go on coming.
+plumbline_status plumbline_local_at(struct plumbline_local *local,
+                                    int64_t stamp_ns,
+                                    uint32_t patience_ms,
+                                    uint32_t settled,
+                                    InstantState *instant,
+                                    struct plumbline_error *error);
+
 // Resets the estimator of the flight before its next frame; `kind` is a plumbline_reset. Records go on coming.
 plumbline_status plumbline_local_reset(struct plumbline_local *local,
                                        uint32_t kind,

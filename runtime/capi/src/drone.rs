@@ -6,11 +6,15 @@ use crate::estimator::reset_kind;
 use crate::handles::Registry;
 use crate::pointers::{self, Out, out};
 use crate::status::{Error, Failure, Status};
-use crate::types::{Frame, Frames, Imu, ImuAbout, ImuSample, Local, Record, RecordContent, RecordKind};
+use crate::types::{
+    Frame, Frames, Imu, ImuAbout, ImuSample, Instant as InstantState, Local, Record, RecordContent,
+    RecordKind,
+};
 use plumbline_client::{FrameSender, ImuLine, SensorAbout, monotonic_ns};
 use plumbline_config::Timestamp;
+use plumbline_record::layout;
 use plumbline_record::local::record::Kind;
-use plumbline_record::local::request::{Answer, Request, Status as Verdict};
+use plumbline_record::local::request::{Answer, At, MAX_PATIENCE_MS, Request, Status as Verdict};
 use std::ffi::c_char;
 use std::ptr::without_provenance_mut;
 use std::time::{Duration, Instant};
@@ -88,6 +92,36 @@ fn read(local: &mut plumbline_client::Local, timeout: Duration, to: Out<Record>)
         return Ok(Status::Ok);
     }
     Ok(Status::Timeout)
+}
+
+/// Writes the state at the instant `stamp_ns` of the last three seconds, such as that of a camera's trigger, by the clock of the
+/// odometry. The flight waits at most `patience_ms`, up to 2000, for its inertial samples to reach the instant; where
+/// `settled` is not 0, for the estimate after it too. Returns PLUMBLINE_STATUS_NO_POSE where there is no state: outcome says
+/// why. Records go on coming.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plumbline_local_at(
+    local: *mut Local,
+    stamp_ns: i64,
+    patience_ms: u32,
+    settled: u32,
+    instant: *mut InstantState,
+    error: *mut Error,
+) -> Status {
+    call(error, || {
+        let to = out(instant, "the place for the state")?;
+        if patience_ms > MAX_PATIENCE_MS || settled > 1 {
+            let text = format!("patience_ms is at most {MAX_PATIENCE_MS}, and settled 0 or 1");
+            return Err(Failure::new(Status::BadArgument, text));
+        }
+        let stamp = Timestamp::from_nanos(stamp_ns);
+        let at = At { stamp, patience_ms, is_settled: settled == 1 };
+        let told = LOCALS.with(local.addr(), |local| Ok(local.at(at)?))?;
+        let bytes = told.map_err(|answer| Failure::new(Status::Refused, answer.words))?;
+        let foreign = |what: &str| Failure::new(Status::Foreign, what);
+        let (answer, _) = layout::instant(&bytes).map_err(foreign)?;
+        to.write(pointers::from_record(&bytes).ok_or_else(|| foreign("a state at an instant is too short"))?);
+        Ok(if answer.outcome.refusal().is_none() { Status::Ok } else { Status::NoPose })
+    })
 }
 
 /// Resets the estimator of the flight before its next frame; `kind` is a plumbline_reset. Records go on coming.

@@ -4,7 +4,7 @@ use crate::call::call;
 use crate::handles::Registry;
 use crate::pointers::from_record;
 use crate::status::{Error, Failure, Status};
-use crate::types::{Estimate, Odometry};
+use crate::types::{Estimate, Instant, Odometry};
 use crate::version::PLUMBLINE_ABI;
 use plumbline_record::fields::Record;
 use plumbline_record::layout;
@@ -58,6 +58,11 @@ fn structures_have_the_layout_of_the_records() {
         "time_offset_s" is time_offset_s, "quality" is quality, "health" is health, "reset_counter" is reset_counter);
     assert_eq!(places::<plumbline_estimator::Estimate>(), estimate);
     assert_eq!((size_of::<Estimate>(), offset_of!(Estimate, rotation_xyzw)), (layout::ESTIMATE_BYTES, 48));
+    let instant = places_of!(Instant: "number" is number, "outcome" is outcome, "stamp" is stamp_ns, "pose_o_b" is position_m,
+        "v_o_b" is velocity_m_s, "angular_rate_b" is rate_rad_s, "covariance" is covariance, "state" is state, "quality" is quality,
+        "reset_counter" is reset_counter, "estimated" is estimated_ns, "is_settled" is is_settled);
+    assert_eq!(places::<plumbline_record::InstantAnswer>(), instant);
+    assert_eq!((size_of::<Instant>(), offset_of!(Instant, rotation_xyzw)), (layout::INSTANT_BYTES, 48));
 }
 
 #[test]

@@ -105,6 +105,42 @@ pub struct Estimate {
     pub reserved: [u8; 5],
 }
 
+/// State at an instant: record 27 of the local socket.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Instant {
+    /// The instant, ns.
+    pub stamp_ns: i64,
+    /// Time of the hand-over by the flight, ns since 1970.
+    pub handed_over_ns: i64,
+    /// Number of the request.
+    pub number: u64,
+    /// Position of B in O, m.
+    pub position_m: [f64; 3],
+    /// Rotation that takes coordinates from B to O: quaternion x y z w.
+    pub rotation_xyzw: [f64; 4],
+    /// Velocity of B in O, m/s.
+    pub velocity_m_s: [f64; 3],
+    /// Angular rate of B, bias removed, rad/s.
+    pub rate_rad_s: [f64; 3],
+    /// Covariance of position, attitude and velocity: upper triangle of the 9 x 9 matrix by rows.
+    pub covariance: [f64; 45],
+    /// Time of the estimate before the instant, ns.
+    pub estimated_ns: i64,
+    /// Number of resets until then.
+    pub reset_counter: u32,
+    /// A plumbline_state.
+    pub state: u8,
+    /// 0 to 100.
+    pub quality: i8,
+    /// 0 answered, 1 there was no pose, 2 longer ago than is kept, 3 later than the newest inertial sample.
+    pub outcome: u8,
+    /// 1 if there is an estimate after the instant too: the answer would not change any more.
+    pub is_settled: u8,
+    /// Zero.
+    pub reserved: [u8; 8],
+}
+
 /// Structure of numbers alone, without padding: any bytes are a value of it.
 ///
 /// # Safety
@@ -118,6 +154,9 @@ unsafe impl Numbers for Odometry {}
 #[allow(unsafe_code)]
 // SAFETY: numbers alone; a test of the crate compares the places of the fields with the tables of the records.
 unsafe impl Numbers for Estimate {}
+#[allow(unsafe_code)]
+// SAFETY: numbers alone; a test of the crate compares the places of the fields with the tables of the records.
+unsafe impl Numbers for Instant {}
 
 /// Inertial sample.
 #[derive(Clone, Copy, Debug)]

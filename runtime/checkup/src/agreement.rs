@@ -1,12 +1,13 @@
-//! Time offset and rotation between camera and IMU, by the rotation that images show.
+//! Time offset and rotation between camera and IMU, and the focal lengths, by the rotation that images show.
 //!
 //! Between two images the camera turned by `omega_c`, the mean rate in its own axes; with the configured extrinsics that is
 //! `omega_b = R_bc omega_c`. The gyroscope's mean over the same time, moved by `tau`, is `g(tau)`. With its bias `b` and a
 //! small rotation `phi` of the extrinsics:
 //!
-//! `omega_b = g(tau) - b + phi x g(tau) + n`
+//! `R_bc diag(1 + k, 1 + k, 1) omega_c = g(tau) - b + phi x g(tau) + n`
 //!
-//! `tau` is sought on a grid, then all seven unknowns by Gauss-Newton with the Cauchy kernel. Their covariance says whether the
+//! With focal lengths that are too long by the share `k`, images show less turning by it, but about the optical axis.
+//! `tau` is sought on a grid, then all eight unknowns by Gauss-Newton with the Cauchy kernel. Their covariance says whether the
 //! motion was enough to know them.
 
 use crate::statistics::median;
@@ -24,9 +25,9 @@ const STEP_S: f64 = 0.002;
 const STEPS: usize = 10;
 /// Known to this standard deviation they are judged: s, rad.
 const KNOWN: (f64, f64) = (0.002, 0.006);
-/// Significance limit: an offset of this many standard deviations is judged, however large these are.
+/// What is off by this many standard deviations is judged, however large these are.
 const SIGNIFICANT: f64 = 5.0;
-/// A rotation beyond every limit is judged from this many standard deviations on.
+/// A rotation beyond its limit is minded from this many standard deviations on.
 const GROSS: f64 = 3.0;
 /// No mounting is off by more, rad.
 const MAX_MOUNTING_RAD: f64 = 0.35;
@@ -39,7 +40,12 @@ const INFLATED: f64 = 2.0;
 const OFFSET: (f64, f64, f64) = (1.0, 2.0, 0.002);
 /// Limits of the rotation, in the order of [`OFFSET`]; the third in rad.
 const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
-/// Share of the scatter that the configured extrinsics may leave: above it they are not those of the rig.
+/// Limits of the focal lengths' error: doubtful beyond the first, bad beyond the second. Gyroscopes have scales that are up to
+/// 3 % off.
+const FOCAL: (f64, f64) = (0.03, 0.06);
+/// Known to this standard deviation the focal lengths are judged.
+const KNOWN_FOCAL: f64 = 0.015;
+/// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
 const UNEXPLAINED: f64 = 0.5;
 /// Least scatter of the rates that is a motion, rad/s.
 const MIN_SCATTER: f64 = 0.05;
@@ -106,14 +112,16 @@ impl Gyro {
     }
 }
 
-/// Offset and rotation of best agreement.
+/// What agrees best.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
     /// `t_imu = t_camera + offset`, s, and its standard deviation.
     pub offset_s: (f64, f64),
     /// Rotation that the configured extrinsics lack, in the body's axes, rad, and the standard deviation of the worst axis.
     pub rotation_b: (Vector3<f64>, f64),
-    /// Residual of the configured extrinsics at the best offset, rad/s, median.
+    /// Share by which the configured focal lengths are too long, and its standard deviation.
+    pub focal: (f64, f64),
+    /// What the configured extrinsics leave at the best offset, rad/s, median.
     pub residual_rad_s: f64,
     /// Scatter of the rates, rad/s.
     pub scatter_rad_s: f64,
@@ -121,7 +129,7 @@ pub struct Agreement {
     pub least_scatter_rad_s: f64,
 }
 
-type Normal = (SMatrix<f64, 7, 7>, SVector<f64, 7>, f64, f64);
+type Normal = (SMatrix<f64, 8, 8>, SVector<f64, 8>, f64, f64);
 
 struct Problem<'a> {
     turns: &'a [Turn],
@@ -130,16 +138,18 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Residuals `omega_b - (g - b + phi x g)` at `x = (phi, b, tau)` with their derivatives.
-    fn residuals(&self, x: &SVector<f64, 7>) -> Vec<(Vector3<f64>, SMatrix<f64, 3, 7>)> {
+    /// Residuals `omega_b - (g - b + phi x g)` at `x = (phi, b, tau, k)` with their derivatives.
+    fn residuals(&self, x: &SVector<f64, 8>) -> Vec<(Vector3<f64>, SMatrix<f64, 3, 8>)> {
         let (phi, bias) = (x.fixed_rows::<3>(0).into_owned(), x.fixed_rows::<3>(3).into_owned());
         let residual = |turn: &Turn| {
             let (rate, by_tau) = self.gyro.during(turn, x[6])?;
-            let r = self.rot_b_c * turn.rate_c - (rate - bias + phi.cross(&rate));
-            let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
+            let across_c = Vector3::new(turn.rate_c.x, turn.rate_c.y, 0.0);
+            let r = self.rot_b_c * (turn.rate_c + across_c * x[7]) - (rate - bias + phi.cross(&rate));
+            let mut jacobian = SMatrix::<f64, 3, 8>::zeros();
             jacobian.fixed_columns_mut::<3>(0).copy_from(&skew(&rate));
             jacobian.fixed_columns_mut::<3>(3).copy_from(&Matrix3::identity());
             jacobian.fixed_columns_mut::<1>(6).copy_from(&-(by_tau + phi.cross(&by_tau)));
+            jacobian.fixed_columns_mut::<1>(7).copy_from(&(self.rot_b_c * across_c));
             Some((r, jacobian))
         };
         self.turns.iter().filter_map(residual).collect()
@@ -147,7 +157,7 @@ impl Problem<'_> {
 
     /// Bias and cost (median of the residuals' norms) for no rotation and this offset.
     fn cost(&self, tau_s: f64) -> Option<(f64, Vector3<f64>)> {
-        let mut x = SVector::<f64, 7>::zeros();
+        let mut x = SVector::<f64, 8>::zeros();
         x[6] = tau_s;
         let residuals = self.residuals(&x);
         if residuals.len() < MIN_TURNS {
@@ -160,7 +170,7 @@ impl Problem<'_> {
     }
 
     /// Normal equations, the scale of the residuals, and the sum of weights.
-    fn linearize(&self, x: &SVector<f64, 7>) -> Normal {
+    fn linearize(&self, x: &SVector<f64, 8>) -> Normal {
         let residuals = self.residuals(x);
         let sizes: Vec<f64> = residuals.iter().map(|(r, _)| r.norm()).collect();
         let scale = (2.0 * median(&sizes)).max(1e-4);
@@ -197,7 +207,7 @@ pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Opti
         }
     }
     let (cost, tau_s, bias) = best?;
-    let mut x = SVector::<f64, 7>::zeros();
+    let mut x = SVector::<f64, 8>::zeros();
     x.fixed_rows_mut::<3>(3).copy_from(&bias);
     x[6] = tau_s;
     for _ in 0..STEPS {
@@ -211,6 +221,7 @@ pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Opti
     Some(Agreement {
         offset_s: (x[6], covariance[(6, 6)].max(0.0).sqrt()),
         rotation_b: (x.fixed_rows::<3>(0).into_owned(), rotation.max(0.0).sqrt()),
+        focal: (x[7], covariance[(7, 7)].max(0.0).sqrt()),
         residual_rad_s: cost,
         scatter_rad_s: scatter,
         least_scatter_rad_s: least_scatter(turns),
@@ -225,10 +236,10 @@ fn least_scatter(turns: &[Turn]) -> f64 {
     covariance.symmetric_eigenvalues().min().max(0.0).sqrt()
 }
 
-/// Judges both.
+/// Judges all three.
 #[must_use]
 pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Measure> {
-    const NAMES: [&str; 2] = ["time offset", "camera-IMU rotation"];
+    const NAMES: [&str; 3] = ["time offset", "camera-IMU rotation", "focal length"];
     const CURE: &str =
         "turn the vehicle by hand about all three axes for ten seconds, in front of something with texture";
     let Some(found) = agreement(turns, samples, config) else {
@@ -247,7 +258,31 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
         let figures = [("residual_rad_s", found.residual_rad_s), ("scatter_rad_s", found.scatter_rad_s)];
         return NAMES.map(|name| Measure::new(name, Fitness::NotFit, value.clone(), cure, &figures)).to_vec();
     }
-    vec![offset(NAMES[0], &found, config, CURE), rotation(NAMES[1], &found, config, CURE)]
+    vec![
+        offset(NAMES[0], &found, config, CURE),
+        rotation(NAMES[1], &found, config, CURE),
+        focal(NAMES[2], &found, CURE),
+    ]
+}
+
+fn focal(name: &'static str, found: &Agreement, more: &str) -> Measure {
+    let (share, sigma) = found.focal;
+    let (size, direction) = (100.0 * share.abs(), if share > 0.0 { "less" } else { "more" });
+    let value =
+        format!("images turn by {size:.1} % {direction} than the gyroscope, within {:.1}", 100.0 * sigma);
+    let figures = [("too_long_percent", 100.0 * share), ("sigma_percent", 100.0 * sigma)];
+    let noise = 2.0 * sigma;
+    let verdict = Fitness::within(share.abs(), FOCAL.0 + noise, FOCAL.1 + noise);
+    let is_known = sigma <= KNOWN_FOCAL || verdict > Fitness::Good && share.abs() > SIGNIFICANT * sigma;
+    if !is_known {
+        return Measure::new(name, Fitness::Uncertain, value, more, &figures);
+    }
+    let length = if share > 0.0 { "long" } else { "short" };
+    let cure = format!(
+        "calibrate the cameras again (`plumbline calibrate rig`): the focal lengths of `camera` are {size:.0} % too {length}, or its lens \
+         model is another's; a gyroscope's scale that is so far off does the same"
+    );
+    Measure::new(name, verdict, value, cure, &figures)
 }
 
 fn offset(name: &'static str, found: &Agreement, config: &Config, more: &str) -> Measure {
@@ -267,14 +302,30 @@ fn offset(name: &'static str, found: &Agreement, config: &Config, more: &str) ->
     if !is_known {
         return Measure::new(name, Fitness::Uncertain, value, more, &figures);
     }
+    if verdict > Fitness::Good && is_turned(found, config) {
+        let cure = "correct the camera-IMU rotation first: while the vehicle turns about one axis, turned axes look like a delay";
+        return Measure::new(name, Fitness::Uncertain, value, cure, &figures);
+    }
     let cure = format!("set `rig.time_offset_s = {offset_s:.4}`, or find out which stamp is of the arrival");
     Measure::new(name, verdict, value, cure, &figures)
+}
+
+/// Verdict on the rotation by its size alone.
+fn size_of_rotation(found: &Agreement, config: &Config) -> Fitness {
+    let (phi, sigma) = found.rotation_b;
+    let prior = config.rig.camera_imu_rotation_sigma_rad.max(ROTATION.2);
+    Fitness::within(phi.norm(), ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma)
+}
+
+/// Whether camera and gyroscope turn about different axes, though not known how different.
+fn is_turned(found: &Agreement, config: &Config) -> bool {
+    let (phi, sigma) = found.rotation_b;
+    sigma > KNOWN.1 && phi.norm() > GROSS * sigma && size_of_rotation(found, config) > Fitness::Good
 }
 
 fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) -> Measure {
     let (phi, sigma) = found.rotation_b;
     let angle = phi.norm();
-    let prior = config.rig.camera_imu_rotation_sigma_rad.max(ROTATION.2);
     let value = format!(
         "off by {:.2} degrees within {:.2} (about the body's axes {:.2} {:.2} {:.2})",
         angle.to_degrees(),
@@ -284,7 +335,7 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
         phi.z.to_degrees()
     );
     let figures = [("off_deg", angle.to_degrees()), ("sigma_deg", sigma.to_degrees())];
-    let verdict = Fitness::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
+    let verdict = size_of_rotation(found, config);
     if verdict == Fitness::NotFit && angle > MAX_MOUNTING_RAD && angle > GROSS * sigma {
         let cure = "this is more than any mounting error: look at columns and signs of the gyroscope, and at the axes \
                     of `camera.pose_b_c`";
@@ -294,14 +345,23 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
     let is_known = sigma <= KNOWN.1 || verdict > Fitness::Good && angle > SIGNIFICANT * sigma;
     if !is_known && found.least_scatter_rad_s > ALL_AXES_RAD_S {
         let value = format!("{value}, though the vehicle turned about all axes");
-        let cure = "more turning will not help: look at focal lengths and lens model of `camera`, and calibrate again";
+        let cure = "more turning will not help: look at principal points (`camera.centre_px`), focal lengths and lens model, and \
+                    calibrate again";
         let verdict = if verdict == Fitness::Good { Fitness::Uncertain } else { Fitness::Mind };
         return Measure::new(name, verdict, value, cure, &figures);
     }
+    let focal_px = config.camera.first().map_or(0.0, |camera| camera.focal_px[0]);
+    let cure = format!(
+        "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned, or the principal points \
+         (`camera.centre_px`) are off by {:.0} px",
+        focal_px * angle.tan()
+    );
     if !is_known {
-        return Measure::new(name, Fitness::Uncertain, value, more, &figures);
+        let is_turned = is_turned(found, config);
+        let (verdict, cure) =
+            if is_turned { (Fitness::Mind, cure.as_str()) } else { (Fitness::Uncertain, more) };
+        return Measure::new(name, verdict, value, cure, &figures);
     }
-    let cure = "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned";
     Measure::new(name, verdict, value, cure, &figures)
 }
 
@@ -314,12 +374,60 @@ mod tests {
         let found = Agreement {
             offset_s: (0.0, 0.001),
             rotation_b: (Vector3::new(off_deg.to_radians(), 0.0, 0.0), sigma_deg.to_radians()),
+            focal: (0.0, 0.001),
             residual_rad_s: 0.05,
             scatter_rad_s: 0.5,
             least_scatter_rad_s,
         };
         let measure = rotation("camera-IMU rotation", &found, &Config::preset("sim").unwrap(), "turn more");
         (measure.verdict, measure.cure)
+    }
+
+    /// Turns about all axes as a camera shows them whose configured focal lengths are too long by a share; a gyroscope with this scale.
+    fn seen(too_long: f64, gyro_scale: f64) -> (Vec<Turn>, Vec<ImuSample>, Config) {
+        let config = Config::preset("sim").unwrap().into_inner();
+        let rot_c_b = config.camera[0].pose_b_c().rotation.inverse();
+        let rate_b = |t_s: f64| Vector3::new((1.3 * t_s).sin(), (1.7 * t_s).cos(), 0.6 * (0.9 * t_s).sin());
+        let at = |t_s: f64| Timestamp::from_nanos((t_s * 1e9) as i64);
+        let sample = |k: i32| {
+            let t_s = f64::from(k) / 200.0;
+            ImuSample { stamp: at(t_s), gyro: rate_b(t_s) * gyro_scale, accel: Vector3::zeros() }
+        };
+        let turn = |k: i32| {
+            let t_s = 0.5 + f64::from(k) / 20.0;
+            let mut rate_c = rot_c_b * rate_b(t_s + 0.025);
+            rate_c.x /= 1.0 + too_long;
+            rate_c.y /= 1.0 + too_long;
+            Turn { from: at(t_s), to: at(t_s + 0.05), rate_c, velocity_c: Vector3::zeros() }
+        };
+        ((0..160).map(turn).collect(), (0..2_000).map(sample).collect(), config)
+    }
+
+    #[test]
+    fn focal_lengths_that_are_off_are_told_with_their_size() {
+        let verdicts = |too_long: f64| {
+            let (turns, samples, config) = seen(too_long, 1.0);
+            judge(&turns, &samples, &config)
+        };
+        for (too_long, verdict, words) in [
+            (0.0, Fitness::Good, ""),
+            (0.01, Fitness::Good, ""),
+            (0.05, Fitness::Mind, "5 % too long"),
+            (0.1, Fitness::NotFit, "10 % too long"),
+            (-0.1, Fitness::NotFit, "10 % too short"),
+        ] {
+            let measures = verdicts(too_long);
+            let focal = measures.iter().find(|measure| measure.name == "focal length").unwrap();
+            assert!(focal.verdict == verdict && focal.cure.contains(words), "{too_long}: {measures:?}");
+            let others = measures.iter().filter(|measure| measure.name != "focal length");
+            assert!(others.clone().all(|measure| measure.verdict == Fitness::Good), "{measures:?}");
+        }
+        let (turns, samples, config) = seen(0.0, 1.08);
+        let measures = judge(&turns, &samples, &config);
+        assert!(
+            measures[2].verdict > Fitness::Good && measures[2].cure.contains("gyroscope's scale"),
+            "{measures:?}"
+        );
     }
 
     #[test]
@@ -332,7 +440,12 @@ mod tests {
     #[test]
     fn a_rotation_that_turning_about_all_axes_leaves_uncertain_points_at_the_lens() {
         let (verdict, cure) = judged(8.41, 2.86, 0.3);
-        assert!(verdict == Fitness::Mind && cure.contains("focal lengths and lens model"), "{cure}");
+        assert!(
+            verdict == Fitness::Mind
+                && cure.contains("focal lengths and lens model")
+                && cure.contains("centre_px"),
+            "{cure}"
+        );
         assert_eq!(judged(8.41, 2.86, 0.05), (Fitness::Uncertain, "turn more".to_owned()));
     }
 }

@@ -364,8 +364,8 @@ impl Checkup {
 pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 
 /// Measures that need two cameras.
-const OF_PAIRS: [&str; 5] =
-    ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation", scale::NAME];
+const OF_PAIRS: [&str; 6] =
+    ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation", "focal length", scale::NAME];
 /// Measures of the inertial samples alone.
 const OF_SAMPLES: [&str; 9] = [
     "IMU axes",
@@ -383,4 +383,4 @@ const OF_IMAGES: [&str; 3] = ["stereo pairs", "exposure", "epipolar error"];
 /// Measures of the columns of the inertial samples.
 const OF_COLUMNS: [&str; 3] = [gravity::NAME, mounting::NAME, mounting::HEADING_NAME];
 /// Measures of images and samples together.
-const OF_BOTH: [&str; 3] = ["time offset", "camera-IMU rotation", scale::NAME];
+const OF_BOTH: [&str; 4] = ["time offset", "camera-IMU rotation", "focal length", scale::NAME];

@@ -253,7 +253,7 @@ impl PairFigures {
         } else if are_exchanged {
             format!("{} (or they squint); {}", stereo::SWAPPED, stereo::CURE)
         } else if is_lens {
-            "the error grows towards the rim: correct lens model (`distortion`) or focal lengths of `camera`, or calibrate the cameras \
+            "the error grows towards the rim: correct lens model (`distortion`), focal lengths or principal points (`camera.centre_px`), or calibrate the cameras \
              again (`plumbline calibrate camera`)"
                 .to_owned()
         } else {

@@ -215,7 +215,7 @@ fn start_outputs(
     }
     let (mut outputs, mut board) = (Outputs::default(), None);
     if !config.autopilot.connect.is_empty() {
-        outputs.pilot(flight)?;
+        outputs.pilot(flight, control)?;
     }
     if let Some(path) = log {
         record(&mut outputs, path, flight)?;

@@ -45,11 +45,15 @@ mod progress;
 #[cfg(feature = "ground")]
 mod remote;
 pub mod replay;
+#[cfg(feature = "lab")]
+pub mod report;
 #[cfg(feature = "ground")]
 mod reset;
 mod router;
 pub mod scenario;
 mod setup;
+#[cfg(feature = "lab")]
+pub mod shuttle;
 mod signals;
 pub mod simulate;
 mod supervisor;
@@ -129,6 +133,12 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
+    /// Pack what is known of a flight into one archive, to send with a question: without keys, addresses, names and images.
+    #[cfg(feature = "lab")]
+    Report(report::ReportArgs),
+    /// Measure the drift of a recording without ground truth: fly it there and back.
+    #[cfg(feature = "lab")]
+    Shuttle(Box<shuttle::ShuttleArgs>),
     /// Draw a flight: path over the truth, errors, covariance, velocity and biases over time.
     #[cfg(feature = "lab")]
     Plot(plot::PlotArgs),
@@ -260,6 +270,10 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        #[cfg(feature = "lab")]
+        Command::Report(args) => report::run(&args),
+        #[cfg(feature = "lab")]
+        Command::Shuttle(args) => shuttle::run(&args),
         #[cfg(feature = "lab")]
         Command::Plot(args) => plot::run(&args),
         #[cfg(feature = "lab")]

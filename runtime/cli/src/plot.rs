@@ -147,7 +147,7 @@ pub(super) fn flown_subject(
 }
 
 /// The estimates that a flight log holds, as they were recorded.
-fn logged_states(path: &Path) -> Result<Vec<Estimate>> {
+pub(super) fn logged_states(path: &Path) -> Result<Vec<Estimate>> {
     let mut log = Cursor::open(path, &[Channel::Estimate])?;
     let mut rows = Vec::new();
     while let Some(estimate) = log.next::<Estimate>(Channel::Estimate)? {

@@ -20,8 +20,8 @@ use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
-    CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
-    open_recording, open_simulation, with_overrides,
+    CausalPose, Cut, Flight, Flown, KeptInstants, KeptStates, OdometryTrajectory, Outputs, Truth, fly,
+    is_log, open_recording, open_simulation, read_stamps, with_overrides, write_instants,
 };
 use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::WhenFull;
@@ -31,6 +31,7 @@ use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::{Report, late_findings};
 use plumbline_link::process::{LinkOptions, has_network};
+use plumbline_record::InstantAnswer;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -48,7 +49,7 @@ const COVARIANCE_HEADER: &str = "#timestamp [ns], 6x6 covariance by rows: positi
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
-    /// sim:low-texture.
+    /// sim:low-texture, sim:far.
     pub dataset: String,
     /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the
     /// configuration of the log, or the preset `sim`.
@@ -97,6 +98,14 @@ pub struct ReplayArgs {
     /// extrinsics, statistics. Column names end with the unit.
     #[arg(long, value_name = "OUT.csv")]
     pub states: Option<PathBuf>,
+    /// Write the state at each of these instants (CSV: nanoseconds, or seconds with a decimal point, by the IMU's clock, in the
+    /// first column), such as those of a camera's trigger: pose, velocity and covariance, by the estimates before and after
+    /// the instant and the inertial samples between. See --at-out.
+    #[arg(long, value_name = "STAMPS.csv")]
+    pub at: Option<PathBuf>,
+    /// With --at: the file to write. Default: STAMPS_states.csv, beside STAMPS.csv.
+    #[arg(long, value_name = "OUT.csv", requires = "at")]
+    pub at_out: Option<PathBuf>,
     /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
@@ -161,7 +170,12 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
     let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
-    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record]).flatten())?;
+    let at_out = args.at_out();
+    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
+    if at_out.is_some() && at_out == args.at {
+        return Err(Usage("--at-out: is the list itself; name another file".into()).into());
+    }
+    let stamps = args.at.as_deref().map(read_stamps).transpose().map_err(|e| Usage(format!("--at: {e}")))?;
     if let Some(path) = &args.plot {
         check_plot(path)?;
     }
@@ -169,6 +183,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let flight = prepared(open(args)?, args)?;
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
+    let mut instants = stamps.map(|stamps| KeptInstants::of(stamps, &control));
     let (mut outputs, board) = start_outputs(args, &flight, &control)?;
     let mut odometry = args
         .odometry
@@ -189,6 +204,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(states) = &mut states {
         subscribers.push(states);
     }
+    subscribers.extend(instants.as_mut().map(|instants| instants as _));
     subscribers.push(&mut watch);
     // The outputs end at once, or an autopilot would be told that the estimator is silent; also of a flight with a fault.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
@@ -202,12 +218,43 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(states) = states {
         write_state_outputs(args, &states.into_rows(), &flown.truth)?;
     }
+    if let (Some(instants), Some(path)) = (instants, &at_out) {
+        write_answers(path, &instants.into_rows())?;
+    }
     let json = serde_json::to_string_pretty(&report)?;
     if let Some(path) = &args.report {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
     say(if args.json { json } else { report.summary() });
     judge(&args.dataset, &report)
+}
+
+impl ReplayArgs {
+    /// Where the states at instants go.
+    fn at_out(&self) -> Option<PathBuf> {
+        let at = self.at.as_deref()?;
+        let beside = || {
+            let name = at.file_stem().unwrap_or_default().to_string_lossy();
+            at.with_file_name(format!("{name}_states.csv"))
+        };
+        Some(self.at_out.clone().unwrap_or_else(beside))
+    }
+}
+
+/// Writes the states at instants, and says which there are not.
+fn write_answers(path: &Path, rows: &[InstantAnswer]) -> Result<()> {
+    write_instants(path, rows).with_context(|| format!("{}", path.display()))?;
+    let refused = || rows.iter().filter_map(|row| Some((row, row.outcome.refusal()?)));
+    if let Some((first, why)) = refused().next() {
+        tracing::warn!(
+            "--at: {} of {} instants have no state; the first, {}: {why}",
+            refused().count(),
+            rows.len(),
+            first.instant.stamp.as_nanos()
+        );
+    }
+    tracing::info!("--at: states written to {}", path.display());
+    Ok(())
 }
 
 /// Fails where a flight has no pose, or its recording failed.
@@ -321,7 +368,7 @@ fn start_outputs(
     let config = &flight.config;
     let mut outputs = Outputs::default();
     if wants_autopilot(config, args)? {
-        outputs.pilot(flight)?;
+        outputs.pilot(flight, control)?;
     }
     if let Some(path) = &args.record {
         if !is_log(path) {

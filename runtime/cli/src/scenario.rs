@@ -37,8 +37,8 @@ pub fn condition_help() -> String {
 pub fn fault_help() -> String {
     let kinds = InjectedFault::help().replace('\n', "\n  ");
     format!(
-        "Fault to inject, such as accel-pulse:x:30@6+0.1: kind, axes or cameras, doses, @ when it begins, + how long it lasts (seconds \
-         since the first frame). What is left out has the default in brackets; without a duration a fault lasts to the end. May be \
+        "Fault to inject, such as accel-pulse:x:30@6+0.1: kind, axes or cameras, doses, @ when it begins, + how long it lasts, / after what time it \
+         acts again (seconds since the first frame). What is left out has the default in brackets; without a duration a fault lasts to the end. May be \
          repeated: faults act in the order given.\n\n  {kinds}"
     )
 }
@@ -121,7 +121,7 @@ pub struct FaultArgs {
     pub flicker: bool,
     /// Fault to inject, such as accel-pulse:x:30@6+0.1 or stamp-jitter:2; --help lists the kinds with units and
     /// defaults. May be repeated.
-    #[arg(long, value_name = "KIND[:AXES|CAMERA][:DOSE...][@FROM[+DURATION]]", value_delimiter = ',', long_help = fault_help())]
+    #[arg(long, value_name = "KIND[:AXES|CAMERA][:DOSE...][@FROM[+DURATION[/PERIOD]]]", value_delimiter = ',', long_help = fault_help())]
     pub fault: Vec<InjectedFault>,
 }
 

@@ -12,22 +12,31 @@ use plumbline_drivers::simulator::FlightPath;
 use plumbline_flight::flight::with_overrides;
 use plumbline_lab::campaign::PATHS;
 use plumbline_lab::evaluate::load_trajectory;
-use plumbline_lab::sweep::{Axis, Cell, CellResult, Common, Plan, Subject, cell, run, table};
+use plumbline_lab::sweep::open_table::{Format, OpenTable};
+use plumbline_lab::sweep::{Axis, Cell, CellResult, Common, Plan, Subject, cell, folder, run, table};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Starts of the data sets of a folder, s: the median of five flights is that of the open table.
+const FOLDER_STARTS_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
 
 const EXAMPLES: &str = "Examples:
   plumbline sweep --set estimator.points.sigma_px=0.3,0.4,0.5 V1_01_easy MH_05_difficult --out results.csv
   plumbline sweep --set estimator.lines.enabled=true,false 'sim:room?path=demo&duration=10' --seeds 1..8 --paired
   plumbline sweep MH_05_mono_clip --starts 0,0.5,1,1.5,2,2.5,3,3.5,4
 
+The open table of EuRoC or TUM-VI: errors as flown and as known at the end, coverage, RPE, NEES, times of a frame and digests, \
+medians over five starts, published figures of others beside, and what is missing:
+  plumbline sweep --folder euroc/ --table table.md --table table.csv --table table.tex
+  plumbline sweep --folder tum-vi/ --config tum-vi.toml --table table.md
+
 As an array of jobs, on any batch system (see docs/at-scale.md):
   plumbline sweep ... --list                       print the cells, one per line, numbered from 0
   plumbline sweep ... --cell 4 --cells FOLDER      fly one cell, and write FOLDER/cell-4.json
   plumbline sweep --collect FOLDER                 print the table of all finished cells
 
-Simulated flights are sim:room, sim:hall and sim:low-texture. After ? append options of `plumbline replay` without their \
+Simulated flights are sim:room, sim:hall, sim:low-texture and sim:far. After ? append options of `plumbline replay` without their \
 dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur. \
 Finished cells are not flown again: after an interruption, repeat the same command.";
 
@@ -37,8 +46,16 @@ Finished cells are not flown again: after an interruption, repeat the same comma
 pub struct SweepArgs {
     /// EuRoC data sets, flight logs (.mcap), ROS bags (with --config), or simulated flights
     /// (sim:room?path=demo&duration=10).
-    #[arg(required_unless_present = "collect", value_name = "DATASET")]
+    #[arg(required_unless_present_any = ["collect", "folder"], value_name = "DATASET")]
     pub datasets: Vec<String>,
+    /// Fly all data sets in this folder and below (EuRoC, TUM-VI), each from 0, 1, 2, 3 and 4 s unless --starts says
+    /// otherwise.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "collect")]
+    pub folder: Option<PathBuf>,
+    /// Write the open table: a row for each data set with the median over its starts, published figures beside it, and the
+    /// sequences that are missing, with their DOI. Markdown (.md), CSV (.csv) or LaTeX (.tex); may be repeated.
+    #[arg(long = "table", value_name = "OUT.md|OUT.csv|OUT.tex")]
+    pub tables: Vec<PathBuf>,
     /// Key of the configuration with its values; may be repeated. All combinations of the values are flown.
     #[arg(long = "set", value_name = "KEY=VALUE,VALUE...")]
     pub axes: Vec<String>,
@@ -128,11 +145,15 @@ fn parse_seeds(text: &str) -> Result<Seeds, String> {
 /// # Errors
 /// When an argument makes no sense, a cell cannot be flown or written, or cells are missing.
 pub fn run(args: &SweepArgs) -> Result<()> {
-    check_outputs(args.out.iter().chain(&args.paired_json))?;
+    check_outputs(args.out.iter().chain(&args.paired_json).chain(&args.tables))?;
+    if let Some(path) = args.tables.iter().find(|path| Format::of(path).is_none()) {
+        bail!(Usage(format!("--table {}: name the file with the ending .md, .csv or .tex", path.display())));
+    }
     if let Some(folder) = &args.collect {
         return sum_up(&cell::collect(folder)?, args);
     }
     let plan = plan(args)?;
+    check_tables(args, plan.settings().len())?;
     let cells = plan.cells();
     if args.list {
         cells.iter().for_each(|cell| say(format_args!("{}\t{}", cell.index, cell.describe())));
@@ -166,7 +187,7 @@ fn named_folder(args: &SweepArgs) -> Option<PathBuf> {
 }
 
 /// The folder for files that an interrupted command goes on from; the present one where the user has none.
-fn cache_folder() -> PathBuf {
+pub(super) fn cache_folder() -> PathBuf {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let of_user = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")));
     of_user.map(|folder| folder.join("plumbline")).unwrap_or_default()
@@ -176,8 +197,11 @@ fn cache_folder() -> PathBuf {
 fn plan(args: &SweepArgs) -> Result<Plan> {
     let axes = args.axes.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>();
     let axes = axes.map_err(|e| Usage(e.to_string()))?;
-    let subjects =
+    let mut subjects =
         args.datasets.iter().map(|name| subject(name, args.shared.as_deref())).collect::<Result<Vec<_>>>()?;
+    if let Some(folder) = &args.folder {
+        subjects.extend(in_folder(folder)?);
+    }
     let seeds = args.seeds.as_ref().map_or_else(Vec::new, |seeds| seeds.0.clone());
     if !seeds.is_empty() && !subjects.iter().any(|s| matches!(s, Subject::Simulated { .. })) {
         bail!(Usage(
@@ -197,11 +221,35 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
         bail!(Usage(format!("--starts: {start_s} is not a start time; give seconds from the first frame")));
     }
     let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
-    let plan = plan.from_starts(args.starts.clone());
+    let starts = match (&args.folder, args.starts.is_empty()) {
+        (Some(_), true) => FOLDER_STARTS_S.to_vec(),
+        _ => args.starts.clone(),
+    };
+    let plan = plan.from_starts(starts);
     for setting in plan.settings() {
         with_overrides(&base, setting)?;
     }
     Ok(plan)
+}
+
+/// Data sets of a folder; what is left out is logged.
+fn in_folder(path: &Path) -> Result<Vec<Subject>> {
+    ensure!(path.is_dir(), Usage(format!("--folder {}: is not a directory", path.display())));
+    let found = folder::data_sets(path).map_err(|e| Usage(e.to_string()))?;
+    for (path, why) in &found.left_out {
+        tracing::warn!("{}: left out, because {why}", path.display());
+    }
+    Ok(found.data_sets.into_iter().map(|path| Subject::Recorded { path }).collect())
+}
+
+/// Refuses a table of several settings: a row has one.
+fn check_tables(args: &SweepArgs, settings: usize) -> Result<(), Usage> {
+    match !args.tables.is_empty() && settings > 1 {
+        true => Err(Usage(format!(
+            "--table: has one setting, and --set makes {settings}; give one value of each key, or fly one table for each setting"
+        ))),
+        false => Ok(()),
+    }
 }
 
 /// Subject of a flight that the argument `name` names.
@@ -325,7 +373,11 @@ fn outcome(result: &CellResult) -> String {
 
 /// Prints the table, writes the list, and says what is missing or failed.
 fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
-    say(table::table(results));
+    if args.folder.is_some() || !args.tables.is_empty() {
+        write_tables(results, args)?;
+    } else {
+        say(table::table(results));
+    }
     if args.paired || args.paired_json.is_some() {
         let comparisons = paired::with_first(&paired::variants(results));
         paired::say_and_write(&comparisons, args.paired_json.as_deref())?;
@@ -340,6 +392,20 @@ fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
     let failed: Vec<&CellResult> = results.iter().filter(|result| result.error.is_some()).collect();
     if let Some(first) = failed.first() {
         bail!("{} of {of} cells could not be flown; cell {}: {}", failed.len(), first.cell, outcome(first));
+    }
+    Ok(())
+}
+
+/// Prints the open table, and writes it to the files that are named.
+fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<()> {
+    let settings = results.iter().filter(|result| result.setting != results[0].setting).count();
+    check_tables(args, 1 + settings)?;
+    let table = OpenTable::new(results);
+    say(table.text(Format::Markdown));
+    for path in &args.tables {
+        let format = Format::of(path).unwrap_or(Format::Markdown);
+        std::fs::write(path, table.text(format).trim_end().to_owned() + "\n")
+            .with_context(|| path.display().to_string())?;
     }
     Ok(())
 }

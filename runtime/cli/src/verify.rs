@@ -143,6 +143,9 @@ fn summary(v: &Verification) -> String {
         ),
     ];
     let mut note = |name: &str, words: String| lines.push(format!("{name:<18}{words}"));
+    if v.instants_identical > 0 {
+        note("instants", format!("{} states identical", v.instants_identical));
+    }
     if v.frames_refused > 0 {
         note("refused in flight", format!("{} frames", v.frames_refused));
     }

@@ -2,15 +2,18 @@
 
 use crate::error::ClientError;
 use crate::socket::{Deadline, connect, receive, send_all};
+use plumbline_record::layout::INSTANT_BYTES;
 use plumbline_record::local::incoming::Incoming;
 use plumbline_record::local::record::{Header, Kind, Kinds, MAGIC};
-use plumbline_record::local::request::{Answer, Request};
+use plumbline_record::local::request::{Answer, At, Request};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Time within which a flight takes a request.
 const SEND_LIMIT: Duration = Duration::from_secs(2);
+/// Time within which a flight answers for an instant that it does not wait for.
+const INSTANT_LIMIT: Duration = Duration::from_secs(2);
 /// Time within which a flight greets.
 const GREETING_LIMIT: Duration = Duration::from_secs(5);
 
@@ -22,6 +25,8 @@ pub struct Local {
     incoming: Incoming,
     may_command: bool,
     requests: u64,
+    /// Connection that asks for states at instants, once one was asked for.
+    asking: Option<Box<Self>>,
 }
 
 impl Local {
@@ -33,7 +38,7 @@ impl Local {
         let path = path.as_ref().to_owned();
         let stream = connect(&path, patience)?;
         let incoming = Incoming::default();
-        let mut local = Self { path, stream, incoming, may_command: false, requests: 0 };
+        let mut local = Self { path, stream, incoming, may_command: false, requests: 0, asking: None };
         match local.next_header(Some(GREETING_LIMIT))? {
             Some(Header { kind, .. }) if kind == Kind::Hello.kind() => {}
             Some(_) => return Err(ClientError::Foreign("no greeting came")),
@@ -101,6 +106,41 @@ impl Local {
             }
         }
         Err(ClientError::Silent(timeout.as_secs_f64()))
+    }
+
+    /// State at an instant, as the bytes of its record; or the answer of a flight that takes no more requests at present. The
+    /// first call makes a connection of its own for this and those that follow: the records of this one are left alone.
+    ///
+    /// # Errors
+    /// When the flight has gone, or does not answer.
+    pub fn at(&mut self, at: At) -> Result<Result<[u8; INSTANT_BYTES], Answer>, ClientError> {
+        let mut other = match self.asking.take() {
+            Some(other) => other,
+            None => {
+                let mut other = Box::new(Self::connect(&self.path, Duration::ZERO)?);
+                other.subscribe(Kinds::default())?;
+                other
+            }
+        };
+        let limit = Duration::from_millis(at.patience_ms.into()) + INSTANT_LIMIT;
+        let deadline = Deadline::after(Some(limit));
+        let number = other.request(&Request::At(at))?;
+        while let Some(header) = other.next_header(deadline.left())? {
+            if header.sequence != number {
+                continue;
+            }
+            let told = if header.kind == Kind::Instant.kind() {
+                let short = ClientError::Foreign("a state at an instant is too short");
+                Ok(*other.content().first_chunk().ok_or(short)?)
+            } else if header.kind == Kind::Result.kind() {
+                Err(Answer::decode(number, other.content()).map_err(ClientError::Foreign)?)
+            } else {
+                continue;
+            };
+            self.asking = Some(other);
+            return Ok(told);
+        }
+        Err(ClientError::Silent(limit.as_secs_f64()))
     }
 
     fn request(&mut self, request: &Request) -> Result<u64, ClientError> {

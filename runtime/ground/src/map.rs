@@ -56,6 +56,8 @@ pub struct Map {
     pub arrived: u64,
     /// Keyframes that the vehicle has, as it reports.
     pub announced: u64,
+    /// When that number was published, ns by the vehicle's clock.
+    announced_ns: i64,
     /// Counts how often the map was cleared.
     pub epoch: u64,
     /// Resets at the start of the present odometry frame: what is older lies in a frame that is gone.
@@ -72,7 +74,7 @@ impl Map {
         let (sequence, stamp_ns, reset_counter) =
             (envelope.sequence, envelope.stamp_ns, envelope.reset_counter);
         let Some(pose_o_b) = message.keyframes.first().map(|keyframe| keyframe.pose_o_b) else { return };
-        self.announced = self.announced.max(sequence.saturating_add(1));
+        self.raise(sequence.saturating_add(1), envelope.published_ns);
         if reset_counter < self.since_reset {
             self.first = self.first.max(sequence.saturating_add(1));
             return;
@@ -90,6 +92,21 @@ impl Map {
             if let Some(gone) = self.keyframes.remove(&oldest) {
                 self.numbers -= gone.points_o.len() + gone.lines_o.len();
             }
+        }
+    }
+
+    /// Applies the number of keyframes in a health message published at `published_ns`. A smaller one than before is that of a
+    /// vehicle that has restarted, whose map is new, unless a keyframe has overtaken the message.
+    pub fn announce(&mut self, keyframes: u64, published_ns: i64, has_restarted: bool) {
+        if keyframes < self.announced && (has_restarted || published_ns >= self.announced_ns) {
+            self.clear();
+        }
+        self.raise(keyframes, published_ns);
+    }
+
+    fn raise(&mut self, keyframes: u64, published_ns: i64) {
+        if keyframes > self.announced {
+            (self.announced, self.announced_ns) = (keyframes, published_ns);
         }
     }
 
@@ -222,6 +239,27 @@ mod tests {
         assert_eq!(map.missing(64), Some(2..4));
         map.announced = 12;
         assert_eq!(map.missing(64), Some(10..12));
+    }
+
+    #[test]
+    fn a_message_that_a_keyframe_has_overtaken_clears_no_map() {
+        let published = |sequence, published_ns| {
+            let mut message = keyframe(sequence, 1);
+            message.envelope.published_ns = published_ns;
+            message
+        };
+        let mut map = Map::default();
+        (0..3).for_each(|sequence| map.insert(&published(sequence, 10 + sequence as i64)));
+        map.announce(2, 11, false);
+        assert_eq!((map.len(), map.announced), (3, 3), "it was published before the third keyframe");
+        map.announce(5, 13, false);
+        map.insert(&published(3, 12));
+        assert_eq!((map.len(), map.missing(64)), (4, Some(4..5)));
+        let mut restarted = map.clone();
+        restarted.announce(1, 14, false);
+        assert_eq!((restarted.len(), restarted.missing(64)), (0, Some(0..1)), "the vehicle has restarted");
+        map.announce(1, 3, true);
+        assert_eq!((map.len(), map.announced), (0, 1), "and its clock was set back");
     }
 
     #[test]

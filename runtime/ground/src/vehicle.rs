@@ -298,7 +298,10 @@ impl Vehicle {
     /// Applies a health message of `bytes`.
     pub fn apply_health(&mut self, heard: &Heard<Health>, bytes: usize, now: Instant) {
         let Heard { envelope, message } = heard;
-        self.health.receive(envelope.sequence, envelope.published_ns, bytes, now);
+        let place = self.health.receive(envelope.sequence, envelope.published_ns, bytes, now);
+        if place == SequencePlace::Late {
+            return;
+        }
         // Odometry is newer than the frame of this message: taking both, the state would alternate.
         if self.odom.is_stale(now) {
             self.state_words = state_words(message.state);
@@ -313,10 +316,7 @@ impl Vehicle {
         self.dropped = message.dropped;
         self.offers_camera = message.offers_camera;
         self.rot_v_b = message.rot_v_b;
-        if message.keyframes < self.map.announced {
-            self.map.clear();
-        }
-        self.map.announced = self.map.announced.max(message.keyframes);
+        self.map.announce(message.keyframes, envelope.published_ns, place == SequencePlace::Restarted);
         self.corrected.announce(message.paths);
     }
 

@@ -279,8 +279,10 @@ mod tests {
         // Without a mounting there is no attitude, and the operator learns why, once.
         let notices = vec!["mounting unknown: set it".to_owned()];
         (health.message.rot_v_b, health.message.sensors.notices) = (None, notices);
-        fleet.health("drone", &health, 100, now);
-        fleet.health("drone", &health, 100, now);
+        for sequence in [2, 3] {
+            health.envelope.sequence = sequence;
+            fleet.health("drone", &health, 100, now);
+        }
         let shown = text(&fleet, now);
         assert!(
             shown.contains("attitude  unknown") && shown.contains("few features, mounting unknown"),

@@ -2,6 +2,7 @@
 //!
 //! - [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many, a [`sweep`] flies many
 //!   settings, a [`mod@bench`] measures what they cost;
+//! - a [`shuttle`] tells the drift of a recording without ground truth;
 //! - a [`plot`] draws a flight, a [`picture`] what was found in an image;
 //! - [`calibrate`] finds out about the sensors before a flight.
 //!
@@ -19,5 +20,7 @@ pub mod picture;
 #[cfg(feature = "full")]
 pub mod plot;
 pub mod report;
+#[cfg(feature = "full")]
+pub mod shuttle;
 #[cfg(feature = "full")]
 pub mod sweep;

@@ -22,7 +22,7 @@ const GREETING_PATIENCE: Duration = Duration::from_secs(5);
 const GLANCE: Duration = Duration::from_millis(50);
 /// Records that the network needs: all but the main part of estimates, which are complete in others. Pictures are asked for while
 /// somebody looks.
-const WANTED: Kinds = Kinds::SUBSCRIBABLE.without(Kind::Estimate);
+const WANTED: Kinds = Kinds::SUBSCRIBABLE.without(Kind::Estimate).without(Kind::Trail);
 
 /// Options of the command line beside the configuration of the flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

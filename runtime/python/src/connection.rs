@@ -3,10 +3,12 @@
 use crate::errors::Class;
 use crate::estimate::{PyEstimate, PyOdometry};
 use crate::estimator::reset_kind;
+use crate::instant::PyInstant;
 use plumbline_client::{ClientError, Local};
+use plumbline_config::Timestamp;
 use plumbline_record::layout;
 use plumbline_record::local::record::{Header, Kind, Kinds};
-use plumbline_record::local::request::{Request, Status};
+use plumbline_record::local::request::{At, MAX_PATIENCE_MS, Request, Status};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
 use pyo3::prelude::*;
@@ -146,6 +148,26 @@ impl Connection {
                 Known::End => return Ok(None),
                 Known::Other => {}
             }
+        }
+    }
+
+    /// State at an instant.
+    fn at(&self, py: Python<'_>, stamp_ns: i64, patience_s: f64, settled: bool) -> PyResult<PyInstant> {
+        let patience_ms = seconds(py, "patience_s", patience_s)?.as_millis();
+        let patience_ms = u32::try_from(patience_ms).ok().filter(|ms| *ms <= MAX_PATIENCE_MS);
+        let patience_ms = patience_ms.ok_or_else(|| {
+            let most = f64::from(MAX_PATIENCE_MS) * 1e-3;
+            Class::Argument.error(py, format!("patience_s: expected {most} at most, got {patience_s}"))
+        })?;
+        let at = At { stamp: Timestamp::from_nanos(stamp_ns), patience_ms, is_settled: settled };
+        let mut guard = self.lock(py)?;
+        let local = guard.as_mut().ok_or_else(|| closed(py))?;
+        let told = py.detach(|| local.at(at)).map_err(|error| lost(py, &error))?;
+        let bytes = told.map_err(|answer| Class::Run.error(py, answer.words))?;
+        let (answer, _) = layout::instant(&bytes).map_err(|what| lost(py, &ClientError::Foreign(what)))?;
+        match answer.outcome.refusal() {
+            None => Ok(PyInstant { instant: answer.instant }),
+            Some(why) => Err(Class::Run.error(py, format!("no state at {stamp_ns} ns: {why}"))),
         }
     }
 

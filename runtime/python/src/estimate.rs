@@ -8,21 +8,27 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// Numbers of an array that views an object, with its shape.
-fn vector<'py>(owner: &Bound<'py, PyAny>, numbers: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn vector<'py>(owner: &Bound<'py, PyAny>, numbers: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
     view(owner, numbers.as_slice(), &[3], None)
 }
 
-fn orientation<'py>(owner: &Bound<'py, PyAny>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn orientation<'py>(
+    owner: &Bound<'py, PyAny>,
+    pose: &Isometry3<f64>,
+) -> PyResult<Bound<'py, PyAny>> {
     view(owner, pose.rotation.coords.as_slice(), &[4], None)
 }
 
-fn covariance<'py>(owner: &Bound<'py, PyAny>, matrix: &NavCovariance) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn covariance<'py>(
+    owner: &Bound<'py, PyAny>,
+    matrix: &NavCovariance,
+) -> PyResult<Bound<'py, PyAny>> {
     // It lies by columns.
     view(owner, matrix.as_slice(), &[9, 9], Some(&[1, 9]))
 }
 
 /// 4x4 matrix of a pose, row by row.
-fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
     let rows: SMatrix<f64, 4, 4> = pose.to_homogeneous().transpose();
     crate::arrays::block(py, rows.as_slice().to_vec(), &[4, 4])
 }

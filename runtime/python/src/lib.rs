@@ -16,6 +16,7 @@ mod estimate;
 mod estimator;
 mod evaluate;
 mod image;
+mod instant;
 mod log;
 mod opening;
 mod recording;
@@ -51,6 +52,8 @@ mod _native {
     use super::evaluate::{evaluate_trajectories, read_trajectory};
     #[pymodule_export]
     use super::health_bits;
+    #[pymodule_export]
+    use super::instant::PyInstant;
     #[pymodule_export]
     use super::log::read_log;
     #[pymodule_export]

@@ -6,6 +6,8 @@
 //! are Hamilton, columns in the order x y z w. A frame without a pose has empty cells where real numbers would stand.
 
 use crate::fields::{About, Parts as _, Record as _, Shape, Value};
+pub mod instants;
+
 use nalgebra::Vector3;
 use plumbline_estimator::Estimate;
 use std::fmt::Write as _;
@@ -77,11 +79,14 @@ fn off_diagonal() -> impl Iterator<Item = (usize, usize)> {
 pub fn names() -> Vec<String> {
     let blank = Estimate::blank();
     let named = fields(&blank).into_iter().flat_map(|(_, about, _)| about.columns.1).map(|n| (*n).to_owned());
-    let covariances = off_diagonal().map(|(row, column)| {
+    named.chain(covariance_names()).collect()
+}
+
+fn covariance_names() -> impl Iterator<Item = String> {
+    off_diagonal().map(|(row, column)| {
         let [(a, unit_a), (b, unit_b)] = [AXES[row], AXES[column]];
         format!("cov_{a}_{b}_{unit_a}_{unit_b}")
-    });
-    named.chain(covariances).collect()
+    })
 }
 
 /// Name of an enumerator in a table.

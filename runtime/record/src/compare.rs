@@ -1,6 +1,7 @@
 //! Recorded outputs against those of a re-execution, bit for bit.
 
 use crate::fields::{Parts, Record, Value};
+use crate::orders::InstantAnswer;
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
@@ -55,6 +56,18 @@ macro_rules! outputs {
             }
         }
     )*};
+}
+
+impl Output for InstantAnswer {
+    const OUTPUT: &'static str = "state at instant";
+
+    fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    fn stamp(&self) -> Timestamp {
+        self.instant.stamp
+    }
 }
 
 outputs! {

@@ -7,6 +7,7 @@
 //! ([`compare`](crate::compare)), the columns of a table ([`columns`](crate::columns)), the fixed layouts of the local
 //! socket ([`layout`](crate::layout)).
 
+use crate::orders::{InstantOutcome, InstantSource};
 use nalgebra::{Isometry3, Quaternion, SVector, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::{BiasVariances, HealthBits, NavCovariance, ResetKind, TrackingState};
@@ -371,6 +372,45 @@ enumeration!(
     },
     "an unknown kind of reset",
     [Soft, Hard]
+);
+enumeration!(
+    InstantSource,
+    Enumeration {
+        name: "InstantOrder.Source",
+        first: 1,
+        names: &["SOURCE_UNSPECIFIED", "SOURCE_REQUEST", "SOURCE_TRIGGER", "SOURCE_LIST"],
+        about: &[
+            "",
+            "A program, over the local socket.",
+            "The autopilot, which triggered a camera.",
+            "A list that was given before the flight.",
+        ],
+    },
+    "an unknown source",
+    [Request, Trigger, List]
+);
+enumeration!(
+    InstantOutcome,
+    Enumeration {
+        name: "Instant.Outcome",
+        first: 1,
+        names: &[
+            "OUTCOME_UNSPECIFIED",
+            "OUTCOME_ANSWERED",
+            "OUTCOME_NO_POSE",
+            "OUTCOME_TOO_OLD",
+            "OUTCOME_AHEAD"
+        ],
+        about: &[
+            "",
+            "",
+            "There was no pose then.",
+            "It is longer ago than is kept.",
+            "It is later than the newest inertial sample.",
+        ],
+    },
+    "an unknown outcome",
+    [Answered, NoPose, TooOld, Ahead]
 );
 
 impl Part for f64 {

@@ -1,17 +1,22 @@
 //! Fixed layouts of odometry and of the main part of an estimate on the local socket (`docs/local-socket.md`). Numbers are
 //! little endian; what [`tables`](crate::tables) gives no byte is zero.
 
-use crate::fields::{About, Parts, Record as _, Shape, Value};
+use crate::fields::{About, Parts, Record, Shape, Value};
+use crate::orders::{InstantAnswer, InstantSource};
 use plumbline_estimator::{Estimate, NavCovariance, Odometry};
 
 /// Bytes of odometry.
 pub const ODOMETRY_BYTES: usize = 504;
 /// Bytes of the main part of an estimate.
 pub const ESTIMATE_BYTES: usize = 536;
+/// Bytes of a state at an instant.
+pub const INSTANT_BYTES: usize = 512;
 /// First byte of the time of the hand-over, ns since 1970 (i64).
 const HANDED_OVER: usize = 8;
 /// First byte of the health bits of the newest estimate in odometry (u32).
 const HEALTH_OF_ODOMETRY: usize = 488;
+/// Byte of the source in a state at an instant.
+const SOURCE: usize = 504;
 /// Rows and columns of a covariance: position, attitude, velocity.
 const ROWS: usize = 9;
 
@@ -30,6 +35,27 @@ pub fn put_estimate(e: &Estimate, handed_over_ns: i64, to: &mut Vec<u8>) {
     put(e, &mut bytes);
     write(&mut bytes, HANDED_OVER, &handed_over_ns.to_le_bytes());
     to.extend(bytes);
+}
+
+/// Appends a state at an instant that was handed over at `handed_over_ns` (since 1970).
+pub fn put_instant(answer: &InstantAnswer, handed_over_ns: i64, to: &mut Vec<u8>) {
+    let mut bytes = [0; INSTANT_BYTES];
+    put(answer, &mut bytes);
+    write(&mut bytes, HANDED_OVER, &handed_over_ns.to_le_bytes());
+    bytes[SOURCE] = answer.source as u8;
+    to.extend(bytes);
+}
+
+/// State at an instant and the time it was handed over, ns since 1970. Bytes beyond the layout belong to a later version.
+///
+/// # Errors
+/// When the bytes are none.
+pub fn instant(bytes: &[u8]) -> Result<(InstantAnswer, i64), &'static str> {
+    let bytes = bytes.first_chunk::<INSTANT_BYTES>().ok_or("a state at an instant is too short")?;
+    let mut answer: InstantAnswer = taken(bytes)?;
+    let sources = [InstantSource::Request, InstantSource::Trigger, InstantSource::List];
+    answer.source = *sources.get(usize::from(bytes[SOURCE])).ok_or("an unknown source")?;
+    Ok((answer, i64::from_le_bytes(read(bytes, HANDED_OVER))))
 }
 
 /// Writes every field that has a byte.
@@ -84,8 +110,14 @@ fn upper_triangle() -> impl Iterator<Item = (usize, usize)> {
 /// When the bytes are none.
 pub fn odometry(bytes: &[u8]) -> Result<(Odometry, i64), &'static str> {
     let bytes = bytes.first_chunk::<ODOMETRY_BYTES>().ok_or("odometry is too short")?;
-    let mut odometry = Odometry::blank();
-    for field in Odometry::FIELDS {
+    let odometry = taken(bytes)?;
+    Ok((odometry, i64::from_le_bytes(read(bytes, HANDED_OVER))))
+}
+
+/// Reads every field that has a byte.
+fn taken<T: Record>(bytes: &[u8]) -> Result<T, &'static str> {
+    let mut record = T::blank();
+    for field in T::FIELDS {
         let Some(at) = field.about.at else { continue };
         let from = &bytes[at..];
         match field.about.shape {
@@ -95,16 +127,16 @@ pub fn odometry(bytes: &[u8]) -> Result<(Odometry, i64), &'static str> {
                     let value = f64::from_le_bytes(read(from, 8 * k));
                     (covariance[(row, column)], covariance[(column, row)]) = (value, value);
                 }
-                (field.set)(&mut odometry, Value::floats(covariance.as_slice()))?;
+                (field.set)(&mut record, Value::floats(covariance.as_slice()))?;
             }
             Shape::Floats => {
-                let count = match (field.get)(&odometry) {
+                let count = match (field.get)(&record) {
                     Value::Floats([first, second]) => first.len() + second.len(),
                     _ => 0,
                 };
                 let numbers: heapless::Vec<f64, ROWS> =
                     (0..count).map(|k| f64::from_le_bytes(read(from, 8 * k))).collect();
-                (field.set)(&mut odometry, Value::floats(&numbers))?;
+                (field.set)(&mut record, Value::floats(&numbers))?;
             }
             shape => {
                 let mut number = [0; 8];
@@ -113,11 +145,11 @@ pub fn odometry(bytes: &[u8]) -> Result<(Odometry, i64), &'static str> {
                     Shape::Sint32 => i64::from(number[0] as i8),
                     _ => i64::from_le_bytes(number),
                 };
-                (field.set)(&mut odometry, Value::Whole(number))?;
+                (field.set)(&mut record, Value::Whole(number))?;
             }
         }
     }
-    Ok((odometry, i64::from_le_bytes(read(bytes, HANDED_OVER))))
+    Ok(record)
 }
 
 fn read(from: &[u8], at: usize) -> [u8; 8] {

@@ -36,6 +36,9 @@ mod tests;
 pub mod topics;
 
 pub use event::{Event, Severity};
-pub use orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+pub use orders::{
+    CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, InstantOutcome, InstantSource, MapOrder,
+    MapVerdict, ResetOrder, Verdict,
+};
 pub use said::{Dropped, Kind};
 pub use topics::Said;

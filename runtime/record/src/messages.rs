@@ -9,7 +9,7 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::places::mapper::path::{LoopEnd, MapPath, PathPose};
 use plumbline_estimator::window::snapshot::{MapSnapshot, SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{HealthBits, TrackingState};
+use plumbline_estimator::{HealthBits, TrackingState, Trail, TrailState};
 
 message! {
     /// What every message on a key of the network comes in. The message itself is that of log or local socket, byte by byte.
@@ -103,6 +103,25 @@ record! {
     3 keyframes as "keyframes", [.at_most(64)];
     4 points as "points", [.at_most(10_000)];
     5 lines as "lines", [.at_most(5_000)];
+}
+
+record! {
+    /// A state of the trail.
+    TrailState as "TrailState",
+    blank Self { stamp: Timestamp::default(), pose_o_b: Isometry3::identity(), v_o_b: Vector3::zeros() };
+    1 stamp as "stamp_ns";
+    /// Body in O: x y z qx qy qz qw.
+    2 pose_o_b as "pose_o_b";
+    /// m/s, in O.
+    3 v_o_b as "velocity_o_b";
+}
+
+record! {
+    /// Trail of the last seconds: the states of the frames in the window as they are known now, oldest first.
+    Trail as "Trail", blank Self::default();
+    1 stamp as "stamp_ns";
+    2 reset_counter as "reset_counter";
+    3 states as "states", [.at_most(64)];
 }
 
 record! {

@@ -4,7 +4,8 @@
 //! refused under overload, an estimate that came late), so they are inputs of the estimate like any sample:
 //! the flight log holds them, and a re-execution follows the log instead of the rule.
 
-use plumbline_estimator::ResetKind;
+use plumbline_config::Timestamp;
+use plumbline_estimator::{Instant, ResetKind};
 
 /// Order about a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,4 +71,75 @@ pub enum MapVerdict {
     },
     /// The map never saw the frame: it was not done with the one before.
     PassedOver,
+}
+
+/// Who asked for the state at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum InstantSource {
+    /// A program, over the local socket.
+    #[default]
+    Request,
+    /// The autopilot, which triggered a camera.
+    Trigger,
+    /// A list that was given before the flight.
+    List,
+}
+
+/// When the state at an instant was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InstantOrder {
+    /// Number of the request; of a trigger, the autopilot's; of a list, the row, from 0.
+    pub number: u64,
+    /// The instant, on the IMU's clock.
+    pub stamp: Timestamp,
+    /// Inertial readings that the odometry had been given before, counted from the start of the run.
+    pub readings_before: u64,
+    /// Who asked.
+    pub source: InstantSource,
+}
+
+/// What became of a request for the state at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum InstantOutcome {
+    /// It was answered.
+    #[default]
+    Answered,
+    /// There was no pose then.
+    NoPose,
+    /// It is longer ago than is kept.
+    TooOld,
+    /// It is later than the newest inertial sample.
+    Ahead,
+}
+
+impl InstantOutcome {
+    /// Why there is no answer, in words; none where there is.
+    #[must_use]
+    pub const fn refusal(self) -> Option<&'static str> {
+        match self {
+            Self::Answered => None,
+            Self::NoPose => Some("there was no pose at this instant"),
+            Self::TooOld => {
+                Some("the instant is longer ago than the flight keeps (3 s), or from another clock")
+            }
+            Self::Ahead => Some(
+                "the instant is later than the newest inertial sample; wait for it, and stamp by the clock of the odometry",
+            ),
+        }
+    }
+}
+
+/// Answer to an [`InstantOrder`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InstantAnswer {
+    /// Counts the answers of the flight.
+    pub sequence: u64,
+    /// Number of the order.
+    pub number: u64,
+    /// Who asked. The order holds it.
+    pub source: InstantSource,
+    /// What became of it.
+    pub outcome: InstantOutcome,
+    /// The state; of a refusal only the stamp counts.
+    pub instant: Instant,
 }

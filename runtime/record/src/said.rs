@@ -49,11 +49,13 @@ pub enum Kind {
     Event,
     /// Poses of the odometry in the map.
     MapEstimate,
+    /// States at instants.
+    Instant,
 }
 
 impl Kind {
     /// All kinds with their names.
-    pub const NAMES: [(Self, &'static str); 7] = [
+    pub const NAMES: [(Self, &'static str); 8] = [
         (Self::Imu, "inertial samples"),
         (Self::Frame, "frames"),
         (Self::Order, "orders"),
@@ -61,6 +63,7 @@ impl Kind {
         (Self::Odometry, "odometry"),
         (Self::Event, "events"),
         (Self::MapEstimate, "poses in the map"),
+        (Self::Instant, "states at instants"),
     ];
 }
 

@@ -10,7 +10,10 @@
 
 use crate::columns::VARIANCES;
 use crate::fields::{Field, Part, Shape, Value};
-use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use crate::orders::{
+    CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, InstantSource, MapOrder, MapVerdict,
+    ResetOrder, Verdict,
+};
 use crate::parts::{End, FrameAbout, ImageAbout, Recording};
 use crate::said::{Dropped, FullEstimate, Kind};
 use nalgebra::Vector3;
@@ -157,6 +160,43 @@ record! {
 }
 
 record! {
+    /// /order/instant: when the state at an instant was asked for.
+    InstantOrder as "InstantOrder",
+    blank InstantOrder {
+        number: 0, stamp: Timestamp::default(), readings_before: 0, source: InstantSource::Request,
+    };
+    /// Of the request; of a trigger, the autopilot's; of a list, the row, from 0.
+    1 number as "number";
+    /// The instant, on the IMU's clock.
+    2 stamp as "stamp_ns";
+    /// Inertial samples that the odometry had been given before, since the start.
+    3 readings_before as "readings_before";
+    4 source as "source";
+}
+
+record! {
+    /// /output/instant: the state at an instant that was asked for.
+    InstantAnswer as "Instant", blank InstantAnswer::default();
+    /// Counts the answers of the flight.
+    1 sequence as "sequence";
+    /// Number of the order.
+    2 number as "number", [.at(16)];
+    3 outcome as "outcome", [.at(502)];
+    // That of the order.
+    besides { source: _, instant: _ };
+    more field!((4, "stamp", "stamp_ns", "The instant."), instant.stamp).at(0);
+    more field!((5, "pose_o_b", "pose_o_b", "Body in O: x y z qx qy qz qw. Like all below, without meaning where it was refused."), instant.pose_o_b).at(24);
+    more field!((6, "v_o_b", "velocity_o_b", "m/s, in O."), instant.v_o_b).at(80);
+    more field!((7, "angular_rate_b", "angular_rate_b", "rad/s, bias removed, in B."), instant.angular_rate_b).at(104);
+    more field!((8, "covariance", "covariance", "9x9 by columns: position (m), attitude (rad), velocity (m/s)."), instant.covariance).at(128);
+    more field!((9, "state", "state", ""), instant.state).at(500);
+    more field!((10, "quality", "quality", ""), instant.quality).at(501);
+    more field!((11, "reset_counter", "reset_counter", ""), instant.reset_counter).at(496);
+    more field!((12, "estimated", "estimated_ns", "Time of the estimate before the instant."), instant.estimated).at(488);
+    more field!((13, "is_settled", "settled", "There is an estimate after the instant too: the answer would not change any more."), instant.is_settled).at(503);
+}
+
+record! {
     /// Work and outcome of one frame.
     FrameFigures as "Figures", blank FrameFigures::default();
     1 points_tracked as "points_tracked", [.columns(14, &["points_tracked"])];
@@ -286,4 +326,5 @@ record! {
     more dropped!(7, Odometry, "odometry_dropped", "");
     more dropped!(8, Event, "events_dropped", "");
     more dropped!(9, MapEstimate, "map_estimates_dropped", "");
+    more dropped!(10, Instant, "instants_dropped", "");
 }

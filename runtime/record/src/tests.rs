@@ -5,6 +5,7 @@ use crate::digest::Digest;
 use crate::fields::{Parts, Record, Shape, Value};
 use crate::layout;
 use crate::messages::{Picture, SensorNews};
+use crate::orders::{InstantAnswer, InstantOrder, InstantOutcome, InstantSource};
 use crate::parts::{FrameAbout, ImageAbout, Recording};
 use crate::protobuf::{decode, encode};
 use crate::said::FullEstimate;
@@ -55,6 +56,8 @@ fn numbers_of_fields_have_no_gap_and_no_double() {
     check_table::<CorrectionOrder>();
     check_table::<ResetOrder>();
     check_table::<MapOrder>();
+    check_table::<InstantOrder>();
+    check_table::<InstantAnswer>();
     check_table::<FrameFigures>();
     check_table::<Estimate>();
     check_table::<FullEstimate>();
@@ -95,6 +98,41 @@ fn messages_of_earlier_builds_come_back_byte_for_byte() {
         read += 1;
     }
     assert_eq!(read, 18);
+}
+
+#[test]
+fn a_state_at_an_instant_comes_back_from_log_and_socket() {
+    let odometry = fixture::odometry();
+    for (source, outcome) in [
+        (InstantSource::Request, InstantOutcome::Answered),
+        (InstantSource::Trigger, InstantOutcome::Ahead),
+        (InstantSource::List, InstantOutcome::NoPose),
+    ] {
+        let instant = plumbline_estimator::Instant {
+            stamp: odometry.stamp,
+            pose_o_b: odometry.pose_o_b,
+            v_o_b: odometry.v_o_b,
+            angular_rate_b: odometry.angular_rate_b,
+            covariance: odometry.covariance + odometry.covariance.transpose(),
+            state: odometry.state,
+            quality: -1,
+            reset_counter: 7,
+            estimated: odometry.stamp.plus_nanos(-3),
+            is_settled: outcome == InstantOutcome::Answered,
+        };
+        let answer = InstantAnswer { sequence: 4, number: 9, source, outcome, instant };
+        // The order has the source.
+        let logged = InstantAnswer { source: InstantSource::Request, ..answer.clone() };
+        assert_eq!(decode(&encode(&answer)), Ok(logged));
+        let mut bytes = Vec::new();
+        layout::put_instant(&answer, 11, &mut bytes);
+        assert_eq!(bytes.len(), layout::INSTANT_BYTES);
+        // The number on a socket is the order's; the header has the sequence.
+        assert_eq!(layout::instant(&bytes), Ok((InstantAnswer { sequence: 0, ..answer }, 11)));
+        assert!(layout::instant(&bytes[..511]).is_err());
+        bytes[504] = 3;
+        assert!(layout::instant(&bytes).is_err());
+    }
 }
 
 #[test]
@@ -317,6 +355,8 @@ fn rows_of_earlier_builds_are_read_without_the_newer_columns() {
 fn the_schema_in_logs_begins_as_that_of_earlier_builds() {
     let mut set = FileDescriptorSet::decode(&*schema::descriptors()).unwrap();
     set.file[0].message_type.truncate(12);
+    // The last of them has a count more since then.
+    assert_eq!(set.file[0].message_type[11].field.pop().unwrap().name(), "instants_dropped");
     let hash = crate::digest::hash_of_bytes(&set.encode_to_vec());
     assert_eq!(hash, "867ccf0743c615f774ea43909faa3c82b4ebae064097114b7f6ebb83779c88de");
 }

@@ -69,12 +69,12 @@ macro_rules! topics {
 /// Types of the messages.
 mod records {
     pub use crate::messages::*;
-    pub use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+    pub use crate::orders::{CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, MapOrder, ResetOrder};
     pub use crate::parts::{FrameAbout, Recording};
     pub use crate::said::FullEstimate;
     pub use plumbline_drivers::ImuReading;
     pub use plumbline_estimator::places::{MapEstimate, MapPath};
-    pub use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+    pub use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Trail};
 }
 
 use crate::row::ALL_OF_IT;
@@ -119,6 +119,10 @@ topics! {
     RightCalibration = "foxglove.CameraCalibration".log("/calibration/right");
     /// Where cameras and vehicle are on the body.
     Mounting = "foxglove.FrameTransforms".log("/tf_static");
+    /// When states at instants were asked for.
+    InstantOrder (InstantOrder: records::InstantOrder) = "plumbline.v1.log.InstantOrder".record::<records::InstantOrder>().log("/order/instant").input();
+    /// State at an instant that was asked for: to the one who asked, and on subscription those of camera triggers.
+    Instant (Instant: records::InstantAnswer) = "plumbline.v1.log.Instant".record::<records::InstantAnswer>().log("/output/instant").kind(27, Asked);
 
     /// Greeting, first on every connection.
     Hello = "".kind(1, Other);
@@ -142,6 +146,8 @@ topics! {
     End = "".kind(25, Other);
     /// State of live sensors, on subscription and on change: clocks of the stamps, faults, what the data show to be wrong.
     Sensors = "plumbline.v1.Sensors".record::<records::SensorNews>().kind(26, Asked);
+    /// Trail of the last seconds, smoothed: the poses of the window as they are known now, after each frame.
+    Trail = "plumbline.v1.Trail".record::<records::Trail>().kind(28, Asked);
 
     /// Health: state, bits, rates, notices; also on change.
     Health = "plumbline.v1.Health".record::<records::Health>().key("health", InteractiveHigh, [5.0, 5.0, 1.0]);
@@ -243,7 +249,12 @@ impl Said {
     pub fn kind(&self) -> Kind {
         match self {
             Self::Imu(_) => Kind::Imu,
-            Self::Order(_) | Self::Correction(_) | Self::Reset(_) | Self::MapOrder(_) => Kind::Order,
+            Self::Order(_)
+            | Self::Correction(_)
+            | Self::Reset(_)
+            | Self::MapOrder(_)
+            | Self::InstantOrder(_) => Kind::Order,
+            Self::Instant(_) => Kind::Instant,
             Self::Estimate(_) => Kind::Estimate,
             Self::Odometry(_) => Kind::Odometry,
             Self::MapEstimate(_) => Kind::MapEstimate,

@@ -23,6 +23,8 @@ const MAX_ATE_RATIO: f64 = 1.1;
 /// Frames are sent once the clock of the sensor is known, s.
 const CONVERGED_S: f64 = 3.0;
 const FRAME_RATE_HZ: f64 = 20.0;
+/// Largest difference of the position error over the firmware in C to that over the device of these tests, relative.
+const FIRMWARE_TOLERANCE: f64 = 0.02;
 
 /// A simulated flight as a data set with its configuration, and where `fly` finds its sensors.
 pub struct Rig {
@@ -163,6 +165,15 @@ struct Compared {
 
 /// Flies from [`CONVERGED_S`] on, and compares with `replay` of the same frames.
 fn flown_and_replayed(rig: &Rig, end_s: f64, trouble: &Trouble) -> Compared {
+    compared(rig, end_s, |imu, epoch, samples| imu.play(&rig.recording, epoch, samples, trouble))
+}
+
+/// Flies with the samples that `play` sends; it returns the numbers of those that were hit on the way.
+fn compared(
+    rig: &Rig,
+    end_s: f64,
+    play: impl FnOnce(&mut Microcontroller, Epoch, Range<usize>) -> Vec<usize>,
+) -> Compared {
     let recording = &rig.recording;
     let (log, poses) = (rig.at("flight.mcap"), rig.at("flown.tum"));
     let recorder = ["--set", "recorder.images=raw", "--set", "recorder.queue_frames=40"];
@@ -172,7 +183,7 @@ fn flown_and_replayed(rig: &Rig, end_s: f64, trouble: &Trouble) -> Compared {
     let frames = rig.frames(CONVERGED_S..end_s - 0.2);
     let hit = std::thread::scope(|scope| {
         scope.spawn(|| send_frames(&rig.path("frames"), recording, epoch, frames.clone()));
-        imu.play(recording, epoch, rig.samples(0.0..end_s), trouble)
+        play(&mut imu, epoch, rig.samples(0.0..end_s))
     });
     std::thread::sleep(Duration::from_millis(300));
     flying.ends_by("-INT");
@@ -278,6 +289,30 @@ fn what_is_flown_is_as_accurate_as_what_is_replayed_whatever_happens_on_the_line
     let end_s = 7.2;
     let rig = Rig::new(end_s, &["--scale", "0.5"]);
     flown_and_replayed(&rig, end_s, &trouble()).assert_good();
+}
+
+/// The firmware in C in the place of the device of these tests, on the same flight without trouble on the line.
+#[test]
+fn the_firmware_in_c_flies_as_the_device_of_these_tests() {
+    let end_s = 7.2;
+    let rig = Rig::new(end_s, &["--scale", "0.5"]);
+    let folder = tempfile::tempdir().unwrap();
+    let Some(program) = crate::firmware::on_host(folder.path()) else { return };
+    let usual = flown_and_replayed(&rig, end_s, &Trouble::none());
+    // A log is never overwritten.
+    std::fs::remove_file(rig.path("flight.mcap")).unwrap();
+    let firmware = compared(&rig, end_s, |imu, epoch, samples| {
+        let mut child = imu.played_by(&program, folder.path(), &rig.recording, epoch, samples);
+        assert!(child.wait().unwrap().success());
+        Vec::new()
+    });
+    usual.assert_sound();
+    firmware.assert_sound();
+    let ratio = firmware.ate_m / usual.ate_m;
+    println!("ATE over the firmware {ratio:.4} times that over the device of the tests");
+    assert!((ratio - 1.0).abs() <= FIRMWARE_TOLERANCE, "{ratio}");
+    let imu = &firmware.report["sensors"]["imu"];
+    assert_eq!(imu["stream"]["missing"].as_u64().or(imu["missing"].as_u64()), Some(0), "{imu}");
 }
 
 /// Ratio over three flights: losses on the line make each flight a little better or worse by chance.

@@ -3,6 +3,7 @@
 
 use super::survival::flight;
 use crate::hardware::{Epoch, Microcontroller, Trouble, send_frames};
+use crate::mounted::Mounted;
 use crate::realtime::autopilot::{Autopilot, gaps_ms, is_tracking, list};
 use crate::realtime::hardware_in_the_loop::Rig;
 use crate::{plumbline, stderr};
@@ -86,28 +87,6 @@ impl Flown {
             self.status
         );
         assert!(tracking.len() > 150 && longest_ms < MAX_GAP_MS, "{} {longest_ms}", tracking.len());
-    }
-}
-
-/// A file system of the test's own, unmounted with it.
-struct Mounted(PathBuf);
-
-impl Mounted {
-    /// `None`, told, where that is not allowed.
-    fn with(arguments: &[&str], at: PathBuf) -> Option<Self> {
-        std::fs::create_dir_all(&at).unwrap();
-        let mounted = Command::new("mount").args(arguments).arg(&at).output().unwrap();
-        if !mounted.status.success() {
-            skip(Need::Mounts, stderr(&mounted).trim());
-            return None;
-        }
-        Some(Self(at))
-    }
-}
-
-impl Drop for Mounted {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg(&self.0).status();
     }
 }
 

@@ -44,11 +44,13 @@ pub enum Need {
     OtherUser,
     /// A compiler for C (`cc`).
     Compiler,
+    /// A compiler for microcontrollers (`gcc-arm-none-eabi` with newlib).
+    ArmCompiler,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -66,6 +68,7 @@ impl Need {
         Self::RealtimePriority,
         Self::OtherUser,
         Self::Compiler,
+        Self::ArmCompiler,
     ];
 
     /// Name on the list of allowed skips.
@@ -89,6 +92,7 @@ impl Need {
             Self::RealtimePriority => "realtime-priority",
             Self::OtherUser => "other-user",
             Self::Compiler => "compiler",
+            Self::ArmCompiler => "arm-compiler",
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{ALL, Data, FEW, assert_found, flight, lively, measure, told};
 use crate::scale;
-use crate::{Fitness, NAMED_ABOVE};
+use crate::{CheckupReport, Fitness, NAMED_ABOVE};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::{CameraConfig, rows_from_isometry};
 
@@ -71,6 +71,7 @@ fn other_model(camera: &mut CameraConfig) {
     camera.distortion = match camera.distortion {
         Distortion::RadialTangential { k1, k2, p1, p2 } => Distortion::Equidistant { k1, k2, k3: p1, k4: p2 },
         Distortion::Equidistant { k1, k2, k3, k4 } => Distortion::RadialTangential { k1, k2, p1: k3, p2: k4 },
+        lens => panic!("the rig has a lens of four coefficients, no {lens:?}"),
     };
 }
 
@@ -110,4 +111,41 @@ fn images_and_samples_that_repeat_are_told_with_their_keys() {
     });
     assert_found(&held.report(), "repeated data", Fitness::NotFit, "imu.stuck_after_s");
     assert!(flight(FEW).report().measure("repeated data").is_none());
+}
+
+/// A rig whose two cameras are calibrated with focal lengths that are wrong by a factor, and with principal points moved by px.
+fn misjudged(data: &Data, focal: f64, moved_px: [f64; 2]) -> CheckupReport {
+    let wrong = data.with(|data| {
+        for camera in &mut data.config.camera {
+            camera.focal_px = camera.focal_px.map(|px| px * focal);
+            camera.centre_px = [0, 1].map(|k| camera.centre_px[k] + moved_px[k]);
+        }
+    });
+    wrong.report()
+}
+
+#[test]
+fn focal_lengths_that_are_off_are_named_and_no_time_offset_is_advised() {
+    let Some(lively) = lively() else { return };
+    for (factor, words) in [(1.1, "too long"), (0.9, "too short")] {
+        let report = misjudged(&lively, factor, [0.0; 2]);
+        println!("{factor}\n{}", told(&report));
+        assert_found(&report, "focal length", Fitness::NotFit, words);
+        assert!(!told(&report).contains("set `rig.time_offset_s"), "{}", told(&report));
+    }
+}
+
+#[test]
+fn principal_points_that_are_off_are_named_and_no_time_offset_is_advised() {
+    let Some(lively) = lively() else { return };
+    for (moved_px, name) in [
+        ([20.0, 0.0], "camera-IMU rotation"),
+        ([-20.0, 0.0], "camera-IMU rotation"),
+        ([0.0, 20.0], "epipolar error"),
+    ] {
+        let report = misjudged(&lively, 1.0, moved_px);
+        println!("{moved_px:?}\n{}", told(&report));
+        assert_found(&report, name, Fitness::Mind, "camera.centre_px");
+        assert!(!told(&report).contains("set `rig.time_offset_s"), "{}", told(&report));
+    }
 }

@@ -87,6 +87,14 @@ enum Lens {
     Radtan,
     /// Fisheye.
     Equidistant,
+    /// OpenCV's rational model (eight coefficients): wide lenses up to about 130 degrees.
+    Rational,
+    /// Unified model with radial and tangential distortion (Kalibr's omni-radtan): fisheye.
+    Omni,
+    /// Enhanced unified model: fisheye, by two coefficients.
+    Eucm,
+    /// Double sphere: fisheye, by two coefficients.
+    DoubleSphere,
 }
 
 impl From<Lens> for LensKind {
@@ -94,6 +102,10 @@ impl From<Lens> for LensKind {
         match lens {
             Lens::Radtan => Self::RadialTangential,
             Lens::Equidistant => Self::Equidistant,
+            Lens::Rational => Self::Rational,
+            Lens::Omni => Self::Omni,
+            Lens::Eucm => Self::Eucm,
+            Lens::DoubleSphere => Self::DoubleSphere,
         }
     }
 }

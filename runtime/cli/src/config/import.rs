@@ -13,20 +13,22 @@ const EXAMPLES: &str = "Examples:
   plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --inflate 10 --imu-to-vehicle 180,0,0 --out my.toml
   plumbline config import --euroc V1_01_easy --inflate 10 --imu-to-vehicle 180,-70.3,0 --out my.toml
   plumbline config import --euroc V1_01_easy --inflate 10 --imu-to-vehicle unknown --out my.toml
+  plumbline config import --rig calibration.json --imu-to-vehicle unknown --out my.toml
   plumbline replay V1_01_easy --config my.toml
 
 Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward, \
 y right, z down. With `unknown` neither autopilot nor ROS 2 is served; `plumbline doctor --live` measures the mounting.
 
 Noise densities from a data sheet or an Allan plot hold for a sensor at rest, and are too small in flight. If your files contain \
-such values, use --inflate 10 (as Kalibr recommends; the preset euroc has 10 and 8).";
+such values, use --inflate 10 (as Kalibr recommends; the preset euroc has 10 and 8). VINS-Fusion, ORB-SLAM3 and Basalt have densities \
+that were tuned for them: use --noise base where they are refused or do not fit.";
 
 /// Arguments of `plumbline config import`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ImportArgs {
     /// Kalibr's cameras, extrinsics and time offset: camchain-imucam.yaml.
-    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present = "euroc")]
+    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present_any = ["euroc", "rig"])]
     camchain: Option<PathBuf>,
     /// Kalibr's rate and noise of the IMU: imu.yaml.
     #[arg(long, value_name = "IMU.yaml", requires = "camchain")]
@@ -34,6 +36,10 @@ pub struct ImportArgs {
     /// A EuRoC data set, or a folder with its sensor.yaml files.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["camchain", "imu"])]
     euroc: Option<PathBuf>,
+    /// Calibration of another program: Basalt's calibration.json, a configuration of VINS-Fusion, VINS-Mono or OpenVINS
+    /// (estimator_config.yaml), settings of ORB-SLAM3, or a folder of TUM-VI.
+    #[arg(long, value_name = "FILE|FOLDER", conflicts_with_all = ["camchain", "imu", "euroc"])]
+    rig: Option<PathBuf>,
     /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
@@ -46,8 +52,8 @@ pub struct ImportArgs {
     /// Factor for the white noise densities of the files.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     inflate: f64,
-    /// Frame rate of the cameras, Hz. Kalibr's files do not contain it. Default: the rate in --base.
-    #[arg(long, value_name = "HZ", requires = "camchain")]
+    /// Frame rate of the cameras, Hz. Files of Kalibr, Basalt and VINS do not contain it. Default: the rate in --base.
+    #[arg(long, value_name = "HZ", conflicts_with = "euroc")]
     camera_rate: Option<f64>,
     /// Mounting of the IMU in the vehicle: rotation from its axes to forward, left, up, degrees
     /// (vehicle.imu_to_vehicle_deg). Required, unless the data set states it.
@@ -112,21 +118,33 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
     if let Some(rate_hz) = args.camera_rate {
         base.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
     }
-    let (config, own) = match (&args.camchain, &args.imu, &args.euroc) {
-        (Some(camchain), Some(imu), _) => {
-            (import::kalibr_into(base, camchain, imu)?, import::kalibr(camchain, imu)?)
+    let noise_of = |config: &ValidConfig| {
+        let imu = &config.imu;
+        [imu.gyro_noise_density, imu.gyro_bias_walk, imu.accel_noise_density, imu.accel_bias_walk]
+    };
+    let (config, noise) = match (&args.camchain, &args.imu, &args.euroc, &args.rig) {
+        (Some(camchain), Some(imu), ..) => {
+            (import::kalibr_into(base, camchain, imu)?, noise_of(&import::kalibr(camchain, imu)?))
         }
-        (_, _, Some(folder)) => (import::euroc_into(base, folder)?, import::euroc(folder)?),
-        _ => return Err(Usage("config import: give --camchain and --imu, or --euroc".into()).into()),
+        (_, _, Some(folder), _) => (import::euroc_into(base, folder)?, noise_of(&import::euroc(folder)?)),
+        (.., Some(rig)) => {
+            let rig = import::rig_into(base, rig)?;
+            (rig.config, rig.noise)
+        }
+        _ => {
+            let message = "config import: give --camchain and --imu, --euroc, or --rig";
+            return Err(Usage(message.into()).into());
+        }
     };
     let mut config = config.into_inner();
     config.vehicle = VehicleConfig { imu_to_vehicle_deg: mounting };
     if args.noise == Noise::Files {
         let imu = &mut config.imu;
-        imu.gyro_noise_density = rounded(own.imu.gyro_noise_density * args.inflate);
-        imu.accel_noise_density = rounded(own.imu.accel_noise_density * args.inflate);
-        imu.gyro_bias_walk = own.imu.gyro_bias_walk;
-        imu.accel_bias_walk = own.imu.accel_bias_walk;
+        let [gyro_noise, gyro_walk, accel_noise, accel_walk] = noise;
+        imu.gyro_noise_density = rounded(gyro_noise * args.inflate);
+        imu.accel_noise_density = rounded(accel_noise * args.inflate);
+        imu.gyro_bias_walk = gyro_walk;
+        imu.accel_bias_walk = accel_walk;
     }
     Ok(config.validated(&args.out.display().to_string())?)
 }
@@ -143,7 +161,7 @@ fn noise_in_words(inflate: f64) -> String {
 
 /// Says in the file where it comes from.
 fn header(args: &ImportArgs) -> String {
-    let files = [&args.camchain, &args.imu, &args.euroc].into_iter().flatten();
+    let files = [&args.camchain, &args.imu, &args.euroc, &args.rig].into_iter().flatten();
     let mut text = String::from("# Made by `plumbline config import` of:\n");
     for file in files {
         let _ = writeln!(text, "#   {}", file.display());

@@ -16,6 +16,10 @@ use anyhow::{Result, bail};
 use clap::Args;
 use plumbline_checkup::{CheckupReport, Fitness, Measure, NAMED_ABOVE};
 use plumbline_config::Config;
+#[cfg(feature = "lab")]
+use plumbline_config::ValidConfig;
+#[cfg(feature = "lab")]
+use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
 use serde_json::{Value, json};
@@ -127,7 +131,23 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
 }
 
-/// Prints the findings about the host, and about the sensors of a source.
+/// Findings about the data of a recording, in lines.
+///
+/// # Errors
+/// When the source cannot be used.
+#[cfg(feature = "lab")]
+pub(super) fn of_recording(
+    source: &str,
+    config: ValidConfig,
+    topics: &BagTopics,
+    seconds: f64,
+) -> Result<Vec<String>> {
+    let flight = data::open(source, Some(config), topics, seconds)?;
+    let name = flight.name.clone();
+    Ok(lines(&name, &data::examine(flight.into())?))
+}
+
+/// Lines of the findings about the host, and about the sensors of a source.
 fn tell(
     args: &DoctorArgs,
     host: Option<(Vec<Check>, TaskTable)>,
@@ -200,20 +220,25 @@ fn print_host(checks: &[Check], table: &TaskTable) {
 
 /// A line for each measure, and its cure below it; one for all that something else makes worthless.
 fn print(name: &str, report: &CheckupReport) {
-    say(format_args!("{name}:"));
+    lines(name, report).into_iter().for_each(say);
+}
+
+fn lines(name: &str, report: &CheckupReport) -> Vec<String> {
+    let mut lines = vec![format!("{name}:")];
     let (worthless, judged): (Vec<&Measure>, Vec<&Measure>) =
         report.measures.iter().partition(|measure| measure.cure == NAMED_ABOVE);
     for measure in judged {
-        say(format_args!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+        lines.push(format!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
         if !measure.cure.is_empty() {
-            say(format_args!("{:<13} {:<31} -> {}", "", "", measure.cure));
+            lines.push(format!("{:<13} {:<31} -> {}", "", "", measure.cure));
         }
     }
     if !worthless.is_empty() {
         let names: Vec<&str> = worthless.iter().map(|measure| measure.name).collect();
-        say(format_args!("{:<13} {}", Fitness::NotMeasured, names.join(", ")));
-        say(format_args!("{:<13} {:<31} -> {NAMED_ABOVE}", "", ""));
+        lines.push(format!("{:<13} {}", Fitness::NotMeasured, names.join(", ")));
+        lines.push(format!("{:<13} {:<31} -> {NAMED_ABOVE}", "", ""));
     }
+    lines
 }
 
 fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, CheckupReport)>) -> Value {

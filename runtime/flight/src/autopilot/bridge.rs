@@ -5,8 +5,8 @@ use super::frames::Frames;
 use super::handover::{Handover, Signals, handover_ring};
 use super::link::{Link, LinkError};
 use super::sender::{BridgeFigures, Sender};
-use crate::pipeline::Stamps;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::pipeline::{Instants, Stamps};
 use crate::schedule::host::raise_priority;
 use crate::schedule::ring::Writer;
 use crate::schedule::tasks::TaskId;
@@ -103,6 +103,11 @@ impl Bridge {
         })?;
         let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
         Ok(Self { signals, thread: Some(thread), pulse, tick: Some(tick) })
+    }
+
+    /// Asks `instants` for the state at each CAMERA_TRIGGER of the autopilot from now on.
+    pub fn ask_at_triggers(&self, instants: &Arc<Instants>) {
+        let _ = self.signals.instants.set(Arc::clone(instants));
     }
 
     /// Says that there will be no more odometry, and ends. The counts, unless the thread ended by a fault.

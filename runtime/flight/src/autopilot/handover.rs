@@ -1,10 +1,12 @@
 //! What the tick and the autopilot's thread share. Nobody waits for anybody.
 
+use crate::pipeline::Instants;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crate::schedule::ticker::Monotonic;
 use nalgebra::UnitQuaternion;
 use plumbline_estimator::Odometry;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
 
 /// Odometry that waits for the autopilot's thread, which takes the newest: a third of a second at 200 Hz.
 const RING: usize = 64;
@@ -34,10 +36,12 @@ pub struct Signals {
     pub has_pose: AtomicBool,
     /// Set once, at the end.
     pub stop: AtomicBool,
+    /// Where states at camera triggers are asked for, if the flight answers.
+    pub instants: OnceLock<Arc<Instants>>,
 }
 
 impl Default for Signals {
     fn default() -> Self {
-        Self { has_pose: AtomicBool::new(true), stop: AtomicBool::new(false) }
+        Self { has_pose: AtomicBool::new(true), stop: AtomicBool::new(false), instants: OnceLock::new() }
     }
 }

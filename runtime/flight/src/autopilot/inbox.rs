@@ -1,6 +1,6 @@
 //! What comes in: bytes from outside become the few messages that concern us, in bounded memory.
 
-use mavlink::dialects::common::{MavMessage, TIMESYNC_DATA};
+use mavlink::dialects::common::{CAMERA_TRIGGER_DATA, MavMessage, TIMESYNC_DATA};
 use mavlink::error::MessageReadError;
 use mavlink::{MAVLinkMessageRaw, MavlinkReader, MessageData};
 use std::io::{ErrorKind, Read};
@@ -17,6 +17,8 @@ pub struct Received {
     pub component_id: u8,
     /// What it says of time; `None` for a message of any other kind.
     pub timesync: Option<TIMESYNC_DATA>,
+    /// Trigger of a camera; `None` for a message of any other kind.
+    pub trigger: Option<CAMERA_TRIGGER_DATA>,
 }
 
 /// Counts of what came in.
@@ -110,12 +112,15 @@ impl Inbox {
 
 /// What of a message concerns us; `None` when its fields make no sense.
 fn received(message: &MAVLinkMessageRaw) -> Option<Received> {
-    let timesync = if message.message_id() == TIMESYNC_DATA::ID {
-        Some(TIMESYNC_DATA::deser(message.version(), message.payload()).ok()?)
-    } else {
-        None
-    };
-    Some(Received { system_id: message.system_id(), component_id: message.component_id(), timesync })
+    let (version, payload) = (message.version(), message.payload());
+    let (mut timesync, mut trigger) = (None, None);
+    match message.message_id() {
+        TIMESYNC_DATA::ID => timesync = Some(TIMESYNC_DATA::deser(version, payload).ok()?),
+        CAMERA_TRIGGER_DATA::ID => trigger = Some(CAMERA_TRIGGER_DATA::deser(version, payload).ok()?),
+        _ => {}
+    }
+    let (system_id, component_id) = (message.system_id(), message.component_id());
+    Some(Received { system_id, component_id, timesync, trigger })
 }
 
 #[cfg(test)]

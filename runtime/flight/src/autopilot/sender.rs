@@ -9,17 +9,21 @@ use super::message;
 use super::status::{Announcer, Condition};
 use super::timesync::TimeSync;
 use super::words::{News, teller};
+use crate::pipeline::{InstantRequest, Instants};
 use crate::schedule::ring::{Reader, Writer};
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::{Percentiles, Times};
 use crate::schedule::watchdog::Pulse;
 use mavlink::dialects::common::{
-    HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    CAMERA_TRIGGER_DATA, HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use plumbline_config::Timestamp;
 use plumbline_config::options::{AutopilotClock, AutopilotConfig};
+use plumbline_record::InstantSource;
 use serde::Serialize;
 use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// We are this component of the vehicle.
@@ -33,6 +37,11 @@ const SILENCE_NS: i64 = 5_000_000_000;
 /// Reads and answers between two deadlines, at most: who floods the line gets no more of the processor.
 const MAX_READS: usize = 64;
 const MAX_ANSWERS: usize = 8;
+/// The state at a trigger is waited for so long, ns: a stamp that is later is of another clock.
+const TRIGGER_PATIENCE_NS: i64 = 500_000_000;
+/// Triggers that follow each other faster are passed over, ns: no camera is as fast, and whoever forges them gets no more of the
+/// odometry's thread.
+const TRIGGER_PERIOD_NS: i64 = 8_000_000;
 
 /// How the bridge fared.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -57,6 +66,8 @@ pub struct BridgeFigures {
     pub clock_offset_ms: Option<f64>,
     /// The quickest round trip of the last ones, ms.
     pub round_trip_ms: Option<f64>,
+    /// Camera triggers whose state was asked for.
+    pub triggers: u64,
 }
 
 impl fmt::Display for BridgeFigures {
@@ -98,6 +109,12 @@ pub struct Sender {
     began: Monotonic,
     late_ms: Times,
     figures: BridgeFigures,
+    /// Where states at triggers are asked for.
+    instants: Option<Arc<Instants>>,
+    /// Time of the host less that of the data, ns, once there was odometry.
+    host_ahead_ns: Option<i64>,
+    /// When the last trigger came.
+    triggered: Monotonic,
 }
 
 impl Sender {
@@ -119,6 +136,9 @@ impl Sender {
             began: Monotonic::now(),
             late_ms: Times::of_ms(),
             figures: BridgeFigures::default(),
+            instants: None,
+            host_ahead_ns: None,
+            triggered: Monotonic(i64::MIN),
         }
     }
 
@@ -138,7 +158,12 @@ impl Sender {
             pulse.busy();
             self.figures.missed += release.missed;
             self.late_ms.record(release.late_ms);
+            if self.instants.is_none() {
+                self.instants = signals.instants.get().cloned();
+            }
             while let Some(newer) = waiting.pop() {
+                let stamp_ns = newer.odometry.stamp.as_nanos();
+                self.host_ahead_ns = Some(newer.measured.0.saturating_sub(stamp_ns));
                 self.feed.take(newer);
             }
             let now = Monotonic::now();
@@ -265,6 +290,9 @@ impl Sender {
                 self.announcer.repeat();
             }
             (self.heard, self.is_heard) = (Some(now), true);
+            if let Some(trigger) = &received.trigger {
+                self.ask_at(trigger, now);
+            }
         }
         let Some(timesync) = received.timesync.as_ref().filter(|t| self.is_for_us(t)) else { return };
         if timesync.tc1 != 0 {
@@ -273,6 +301,27 @@ impl Sender {
             *answers += 1;
             self.answer(timesync.ts1, sender);
         }
+    }
+
+    /// Asks for the state at a trigger. Its stamp is of the autopilot's clock.
+    fn ask_at(&mut self, trigger: &CAMERA_TRIGGER_DATA, now: Monotonic) {
+        let clocks = self.timesync.offset_ns().zip(self.host_ahead_ns);
+        let (Some(instants), Some((autopilot_ahead_ns, host_ahead_ns))) = (&self.instants, clocks) else {
+            return;
+        };
+        if now.0.saturating_sub(self.triggered.0) < TRIGGER_PERIOD_NS {
+            return;
+        }
+        self.triggered = now;
+        let stamp_ns = i64::try_from(trigger.time_usec).unwrap_or(i64::MAX).saturating_mul(1_000);
+        let stamp_ns = stamp_ns.saturating_sub(autopilot_ahead_ns).saturating_sub(host_ahead_ns);
+        let request = InstantRequest {
+            number: trigger.seq.into(),
+            stamp: Timestamp::from_nanos(stamp_ns),
+            until: now.plus_nanos(TRIGGER_PATIENCE_NS),
+            is_settled: true,
+        };
+        self.figures.triggers += u64::from(instants.ask(InstantSource::Trigger, request));
     }
 
     fn is_for_us(&self, t: &TIMESYNC_DATA) -> bool {
@@ -326,6 +375,7 @@ fn stamp_ns(clock: AutopilotClock, timesync: &TimeSync, at: Monotonic) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::instants::{InstantDesk, Standing};
     use plumbline_config::options::AutopilotEndpoint;
 
     #[test]
@@ -338,7 +388,7 @@ mod tests {
         let began = sender.began;
         let at = |s: i64| Monotonic(began.0 + s * 1_000_000_000);
         let hear = |sender: &mut Sender, system_id: u32, component_id: u8, s: i64| {
-            sender.take(&Received { system_id, component_id, timesync: None }, at(s), &mut 0);
+            sender.take(&Received { system_id, component_id, timesync: None, trigger: None }, at(s), &mut 0);
             sender.watch(at(s));
             sender.is_heard
         };
@@ -353,5 +403,38 @@ mod tests {
         assert!(!hear(&mut sender, 1, 100, 6), "silence is told after five seconds, whoever else talks");
         assert!(hear(&mut sender, 1, 1, 7), "the autopilot ends it");
         assert!(hear(&mut sender, 77, 1, 11) && !hear(&mut sender, 77, 1, 13), "and may fall silent again");
+    }
+
+    #[test]
+    fn the_state_at_a_trigger_is_asked_for_by_the_clock_of_the_data() {
+        let config = AutopilotConfig { connect: "udp://127.0.0.1:9".into(), ..AutopilotConfig::default() };
+        let endpoint = AutopilotEndpoint::parse(&config.connect).unwrap();
+        let frames = Frames::new(&nalgebra::UnitQuaternion::identity());
+        let mut sender = Sender::new(&config, Link::open(&endpoint).unwrap(), frames);
+        let instants = Arc::new(Instants::default());
+        sender.instants = Some(Arc::clone(&instants));
+        let mut desk = InstantDesk::new(instants);
+        let mut next = || desk.next(&mut 0, |_| Standing { is_reached: true, is_settled: true });
+        let mut trigger = |sender: &mut Sender, component_id: u8, time_usec: u64, ms: i64| {
+            let trigger = Some(CAMERA_TRIGGER_DATA { time_usec, seq: 17 });
+            let received = Received { system_id: 1, component_id, timesync: None, trigger };
+            sender.take(&received, sender.began.plus_nanos(ms * 1_000_000), &mut 0);
+            next()
+        };
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 0), None, "no clock is known");
+        sender.host_ahead_ns = Some(-700);
+        // The autopilot's clock is 2 s ahead of the host's, which is 700 ns behind that of the data.
+        for k in 0..8 {
+            let at = sender.began.plus_nanos(k * 200_000_000);
+            let asked = sender.timesync.request(at).unwrap();
+            sender.timesync.answer(asked + 2_000_000_000, asked, at);
+        }
+        let stamp = Timestamp::from_nanos(3_000_000_700);
+        let expected = Some((InstantSource::Trigger, 17, stamp));
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 10), expected);
+        assert_eq!(trigger(&mut sender, AUTOPILOT, 5_000_000, 17), None, "faster than any camera");
+        assert_eq!(trigger(&mut sender, 100, 5_000_000, 20), None, "of a camera, not of the autopilot");
+        assert!(trigger(&mut sender, AUTOPILOT, u64::MAX, 20).is_some());
+        assert_eq!(sender.figures.triggers, 2);
     }
 }

@@ -7,6 +7,7 @@ mod cache;
 pub mod capture;
 pub mod error;
 mod injected;
+pub mod instants;
 pub mod open;
 pub mod outputs;
 pub mod overrides;
@@ -23,6 +24,7 @@ pub mod trajectory;
 pub mod truth;
 
 pub use error::FlightError;
+pub use instants::{KeptInstants, StampsError, read_stamps, write_instants};
 pub use open::{
     Cut, RecordingKind, inertial_samples, is_log, open_bag, open_dataset, open_log, open_recording,
     open_simulation, preset_for, recording_kind, scenario_config,

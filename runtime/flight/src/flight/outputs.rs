@@ -37,14 +37,18 @@ pub struct OutputFigures {
 
 impl Outputs {
     /// Sends odometry to the autopilot that the flight's configuration names; in one with live sensors, as soon as that can be
-    /// done.
+    /// done. In one with a local socket, the states at the camera triggers of the autopilot are asked of `control`.
     ///
     /// # Errors
     /// When the address or device cannot be used.
-    pub fn pilot(&mut self, flight: &Flight) -> Result<(), FlightError> {
+    pub fn pilot(&mut self, flight: &Flight, control: &Control) -> Result<(), FlightError> {
         let (config, stamps) = (&flight.config, flight.stamps);
         let (autopilot, vehicle) = (&config.autopilot, &config.vehicle);
         let bridge = Bridge::start(autopilot, vehicle, stamps, config.runtime.realtime)?;
+        // Where there is nobody else to ask, and nobody to tell, nothing is kept.
+        if !config.local.path.is_empty() {
+            bridge.ask_at_triggers(&control.keep_instants());
+        }
         self.bridge = Some(bridge);
         Ok(())
     }

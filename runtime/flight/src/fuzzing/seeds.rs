@@ -22,7 +22,8 @@ use plumbline_record::parts::Recording;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{
-    CorrectionOrder, Dropped, Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Severity, Verdict,
+    CorrectionOrder, Dropped, Event, FrameOrder, InstantAnswer, InstantOrder, InstantSource, MapOrder,
+    MapVerdict, ResetOrder, Severity, Verdict,
 };
 use prost::Message as _;
 use std::collections::BTreeMap;
@@ -59,7 +60,7 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         loops_used: 2,
     };
     let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
-    let dropped = Dropped([2, 0, 0, 0, 0, 0, 0]);
+    let dropped = Dropped([2, 0, 0, 0, 0, 0, 0, 0]);
     let recording = Recording { dropped, seal: vec![7; 32], ..Recording::default() };
     vec![
         (Channel::Imu, encode(&imu())),
@@ -73,6 +74,16 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
             encode(&ResetOrder { kind: ResetKind::Soft, before_frame: 3, is_renewal: true }),
         ),
         (Channel::MapOrder, encode(&map_order)),
+        (
+            Channel::InstantOrder,
+            encode(&InstantOrder {
+                number: 3,
+                stamp: STAMP,
+                readings_before: 9,
+                source: InstantSource::List,
+            }),
+        ),
+        (Channel::Instant, encode(&InstantAnswer { number: 3, ..InstantAnswer::default() })),
         (Channel::MapEstimate, encode(&map_estimate)),
         (Channel::Estimate, encode(&estimate())),
         (Channel::Odometry, encode(&odometry())),

@@ -5,7 +5,8 @@ use super::record::{Header, Kind, MAGIC};
 use super::request::{Answer, Request};
 use crate::sensor_board::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
-use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Trail};
+use plumbline_record::InstantAnswer;
 use plumbline_record::layout;
 use plumbline_record::local::incoming::{Incoming, TooLong};
 use plumbline_record::messages::{Configuration, Ladder, Picture};
@@ -35,6 +36,10 @@ pub enum Record {
     MapEstimate(MapEstimate),
     /// Keyframes and landmarks of the window.
     Window(MapSnapshot),
+    /// State at an instant, and the time it was handed over, ns since 1970; the number is that of the request.
+    Instant(Box<InstantAnswer>, i64),
+    /// Smoothed trail of the last seconds.
+    Trail(Trail),
     /// Corrected path.
     Path(MapPath),
     /// Rung of the degradation ladder.
@@ -124,6 +129,12 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
             let (odometry, handed_over_ns) = layout::odometry(content)?;
             Record::Odometry(Box::new(odometry), handed_over_ns)
         }
+        Kind::Instant => {
+            let (mut answer, handed_over_ns) = layout::instant(content)?;
+            answer.sequence = header.sequence;
+            Record::Instant(Box::new(answer), handed_over_ns)
+        }
+        Kind::Trail => Record::Trail(decode(content)?),
         Kind::Configuration => Record::Configuration(decode(content)?),
         Kind::FullEstimate => {
             let FullEstimate { estimate, frame_ms } = decode(content)?;

@@ -64,7 +64,7 @@ impl Commands {
                 reader.pictures_mhz = mhz.min(MAX_PICTURES_MHZ);
                 answer(Status::Done, "")
             }
-            Request::Subscribe(_) | Request::Ready | Request::Failed(_) | Request::Alive => {
+            Request::Subscribe(_) | Request::At(_) | Request::Ready | Request::Failed(_) | Request::Alive => {
                 answer(Status::Refused, "only the network process of the flight reports")
             }
         }

@@ -13,9 +13,9 @@ use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorState;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_estimator::places::MapPath;
-use plumbline_estimator::{MapSnapshot, Odometry, Tracked};
+use plumbline_estimator::{MapSnapshot, Odometry, Tracked, Trail};
 use plumbline_record::said::FullEstimate;
-use plumbline_record::{FrameOrder, Said, Verdict};
+use plumbline_record::{FrameOrder, InstantAnswer, InstantSource, Said, Verdict};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -24,6 +24,10 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const ODOMETRY_LANE: usize = 50;
 /// Estimates that wait for the socket: two seconds.
 const ESTIMATE_LANE: usize = 40;
+/// States at instants that wait for the socket: as many as may be asked for at a time.
+const INSTANT_LANE: usize = 256;
+/// Trails that are filled, wait or are read.
+const TRAILS: usize = 8;
 /// Snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
 const SNAPSHOTS: usize = 8;
 /// Corrected paths that are filled, wait or are read: only the newest counts.
@@ -45,6 +49,7 @@ pub type Handed<T> = (T, i64);
 #[derive(Debug)]
 pub struct Writers {
     pub odometry: LaneWriter<Handed<Odometry>>,
+    pub instants: LaneWriter<Handed<InstantAnswer>>,
     pub estimates: LaneWriter<Handed<FullEstimate>>,
     pub others: LaneWriter<Said>,
 }
@@ -53,6 +58,7 @@ pub struct Writers {
 #[derive(Debug)]
 pub struct Waiting {
     pub odometry: LaneReader<Handed<Odometry>>,
+    pub instants: LaneReader<Handed<InstantAnswer>>,
     pub estimates: LaneReader<Handed<FullEstimate>>,
     pub others: LaneReader<Said>,
 }
@@ -72,6 +78,8 @@ pub struct Shared {
     pub sensors: Arc<SensorState>,
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
+    /// The trail, after each frame.
+    pub trails: Pool<Trail>,
     /// The corrected path, after each keyframe of the map.
     pub paths: Pool<MapPath>,
     /// Pictures.
@@ -80,7 +88,7 @@ pub struct Shared {
     wanted: AtomicU64,
     /// Highest rate of pictures that a reader wants, mHz.
     pictures_mhz: AtomicU32,
-    losses: [LaneLosses; 3],
+    losses: [LaneLosses; 4],
 }
 
 impl Shared {
@@ -90,6 +98,7 @@ impl Shared {
     /// When the system has no more file descriptors.
     pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, Waiting)> {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
+        let (instants_in, instants, instant_losses) = lane(INSTANT_LANE);
         let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
         let (others_in, others, other_losses) = lane(ESTIMATE_LANE);
         let shared = Self {
@@ -99,14 +108,20 @@ impl Shared {
             rung: AtomicU8::new(0),
             sensors: Arc::default(),
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
+            trails: Pool::new(TRAILS, Trail::with_room),
             paths: Pool::new(PATHS, || MapPath::new(PATH_POSES)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             wanted: AtomicU64::new(0),
             pictures_mhz: AtomicU32::new(0),
-            losses: [odometry_losses, estimate_losses, other_losses],
+            losses: [odometry_losses, instant_losses, estimate_losses, other_losses],
         };
-        let writers = Writers { odometry: odometry_in, estimates: estimates_in, others: others_in };
-        Ok((shared, writers, Waiting { odometry, estimates, others }))
+        let writers = Writers {
+            odometry: odometry_in,
+            instants: instants_in,
+            estimates: estimates_in,
+            others: others_in,
+        };
+        Ok((shared, writers, Waiting { odometry, instants, estimates, others }))
     }
 
     /// Sets what the readers want, and the highest rate of pictures among them, mHz.
@@ -117,7 +132,9 @@ impl Shared {
 
     /// Records lost between the run and the socket's thread.
     pub fn lost(&self) -> u64 {
-        self.losses.iter().map(LaneLosses::count).sum::<u64>() + self.snapshots.dropped()
+        self.losses.iter().map(LaneLosses::count).sum::<u64>()
+            + self.snapshots.dropped()
+            + self.trails.dropped()
     }
 
     fn wants(&self, kind: Kind) -> bool {
@@ -130,17 +147,22 @@ impl Shared {
     }
 }
 
-/// Copies odometry.
+/// Copies odometry, and states at instants.
 pub struct TickListener {
     shared: Arc<Shared>,
     odometry: LaneWriter<Handed<Odometry>>,
+    instants: LaneWriter<Handed<InstantAnswer>>,
     /// Newest stamp that went out blind: what a sensor brings late is older, and stamps rise.
     blind: Timestamp,
 }
 
 impl TickListener {
-    pub fn new(shared: Arc<Shared>, odometry: LaneWriter<Handed<Odometry>>) -> Self {
-        Self { shared, odometry, blind: Timestamp::MIN }
+    pub fn new(
+        shared: Arc<Shared>,
+        odometry: LaneWriter<Handed<Odometry>>,
+        instants: LaneWriter<Handed<InstantAnswer>>,
+    ) -> Self {
+        Self { shared, odometry, instants, blind: Timestamp::MIN }
     }
 
     fn copy(&mut self, odometry: &Odometry) {
@@ -153,8 +175,15 @@ impl TickListener {
 
 impl Listener for TickListener {
     fn said(&mut self, said: &Said) {
-        if let Said::Odometry(odometry) = said {
-            self.copy(odometry);
+        match said {
+            Said::Odometry(odometry) => self.copy(odometry),
+            Said::Instant(answer)
+                if answer.source == InstantSource::Request || self.shared.wants(Kind::Instant) =>
+            {
+                self.instants.push((answer.clone(), now_ns()));
+                self.shared.wake();
+            }
+            _ => {}
         }
     }
 
@@ -179,6 +208,10 @@ impl Listener for WindowListener {
         let is_news = solved.estimate.figures.is_keyframe && solved.estimate.has_pose();
         if is_news && self.shared.wants(Kind::Window) {
             self.shared.snapshots.fill(|snapshot| solved.copy_to(snapshot));
+        }
+        if solved.estimate.has_pose() && self.shared.wants(Kind::Trail) {
+            self.shared.trails.fill(|trail| solved.trail_to(trail));
+            self.shared.wake();
         }
     }
 

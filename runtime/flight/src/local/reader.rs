@@ -1,5 +1,6 @@
 //! One reader of the socket: what it wants, what waits for it, and what it asks for.
 
+use super::asked::Allowance;
 use super::outbox::Outbox;
 use super::record::{Kind, Kinds, MAGIC, encoded};
 use super::request::{Inbox, Numbered, Request, TooLong};
@@ -61,6 +62,8 @@ pub struct Reader {
     /// Rate of the pictures that it wants, mHz.
     pub pictures_mhz: u32,
     pub rights: Rights,
+    /// States at instants that it may ask for.
+    pub allowance: Allowance,
     /// User of its process, where that is known.
     pub user: Option<u32>,
     /// When it came, or sent its last request.
@@ -99,6 +102,7 @@ impl Reader {
             kinds: Kinds::DEFAULT,
             pictures_mhz: 0,
             rights,
+            allowance: Allowance::of_a_reader(),
             user,
             heard: Instant::now(),
             has_asked: false,

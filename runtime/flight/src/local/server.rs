@@ -1,6 +1,7 @@
 //! The socket's thread: encodes what the run hands over, once, and serves the readers. It waits for nobody.
 
 use super::LocalError;
+use super::asked::Asked;
 use super::commands::Commands;
 use super::door::Door;
 use super::listener::{Shared, Waiting, now_ns};
@@ -13,7 +14,7 @@ use crate::pipeline::Control;
 use crate::schedule::ladder::Rung;
 use plumbline_estimator::places::MapPath;
 use plumbline_record::messages::{Configuration, Ladder, Picture};
-use plumbline_record::{layout, protobuf};
+use plumbline_record::{InstantSource, layout, protobuf};
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
 use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
@@ -63,6 +64,7 @@ pub struct Server {
     /// Bytes of the pictures that wait for one reader.
     picture_bytes: usize,
     commands: Commands,
+    asked: Asked,
     configuration: Arc<[u8]>,
     newest_path: Option<MapPath>,
     health_bits: u32,
@@ -103,6 +105,7 @@ impl Server {
             admissions,
             readers: Vec::new(),
             picture_bytes: OUTBOX_PICTURES * picture_bytes,
+            asked: Asked::new(control.keep_instants()),
             commands: Commands::new(control),
             configuration: configuration.into(),
             newest_path: None,
@@ -220,7 +223,7 @@ impl Server {
             );
         }
         self.readers[place] = None;
-        self.commands.forget(place);
+        self.forget(place);
         true
     }
 
@@ -260,7 +263,7 @@ impl Server {
         if is_there {
             self.readers[place] = Some(reader);
         } else {
-            self.commands.forget(place);
+            self.forget(place);
         }
         if has_changed {
             self.note_wants();
@@ -289,11 +292,22 @@ impl Server {
             if let Rights::Link(words) = &reader.rights {
                 words.tell(LinkWord::Begun);
             }
-        } else if let Some(answer) = self.commands.obey(place, reader, number, request) {
+            return;
+        }
+        let answer = match request {
+            Some(Request::At(at)) => self.asked.ask(place, reader, number, at),
+            request => self.commands.obey(place, reader, number, request),
+        };
+        if let Some(answer) = answer {
             reader.outbox.push_kept(answer.encode());
             let pictures = if reader.pictures_mhz > 0 { self.picture_bytes } else { 0 };
             reader.outbox.bound(OUTBOX_BYTES + pictures);
         }
+    }
+
+    fn forget(&mut self, place: usize) {
+        self.commands.forget(place);
+        self.asked.forget(place);
     }
 
     /// Tells the run what is wanted.
@@ -318,6 +332,7 @@ impl Server {
             if !is_there {
                 *slot = None;
                 self.commands.forget(place);
+                self.asked.forget(place);
                 has_gone = true;
             }
         }
@@ -335,6 +350,15 @@ impl Server {
             });
             self.offer(Kind::Odometry, record);
         }
+        while let Some((answer, handed_over_ns)) = self.waiting.instants.pop() {
+            if answer.source != InstantSource::Request {
+                self.send(Kind::Instant, |to| layout::put_instant(&answer, handed_over_ns, to));
+            } else if let Some((place, record)) = self.asked.answered(&answer, handed_over_ns)
+                && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
+            {
+                reader.outbox.push_kept(record);
+            }
+        }
         while let Some((full, handed_over_ns)) = self.waiting.estimates.pop() {
             self.health_bits = full.estimate.health.0;
             self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
@@ -347,6 +371,8 @@ impl Server {
         }
         let shared = Arc::clone(&self.shared);
         while shared.snapshots.read(|s| self.send(Kind::Window, |to| protobuf::append(s, to))).is_some() {}
+        while shared.trails.read(|trail| self.send(Kind::Trail, |to| protobuf::append(trail, to))).is_some() {
+        }
         while shared
             .shots
             .read(|s| self.send(Kind::Picture, |to| protobuf::append(&Picture::from(&*s), to)))

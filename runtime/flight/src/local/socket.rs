@@ -16,10 +16,10 @@ use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_record::Said;
 use plumbline_record::digest::config_hash;
 use plumbline_record::messages::Configuration;
 use plumbline_record::said::FullEstimate;
+use plumbline_record::{InstantAnswer, Said};
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -48,12 +48,15 @@ impl LinkDoor {
 pub struct LocalSocket {
     shared: Arc<Shared>,
     /// Taken by the listeners of the run.
-    odometry: Option<LaneWriter<Handed<Odometry>>>,
+    odometry: Option<OdometryWriters>,
     estimates: Option<EstimateWriters>,
     shot: Option<Shot>,
     admissions: Sender<Admission>,
     thread: Option<JoinHandle<()>>,
 }
+
+/// Writing ends of the tick's thread.
+type OdometryWriters = (LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>);
 
 /// Writing ends of the window's thread.
 type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<Said>);
@@ -83,10 +86,10 @@ impl LocalSocket {
                 theirs.pulse.die();
             }
         })?;
-        let Writers { odometry, estimates, others } = writers;
+        let Writers { odometry, instants, estimates, others } = writers;
         Ok(Self {
             shared,
-            odometry: Some(odometry),
+            odometry: Some((odometry, instants)),
             estimates: Some((estimates, others)),
             shot: Some(shot),
             admissions,
@@ -133,7 +136,7 @@ impl Subscriber for LocalSocket {
         let shared = Arc::clone(&self.shared);
         match producer {
             Producer::Tick => match self.odometry.take() {
-                Some(odometry) => Box::new(TickListener::new(shared, odometry)),
+                Some((odometry, instants)) => Box::new(TickListener::new(shared, odometry, instants)),
                 None => Box::new(()),
             },
             Producer::Window => match self.estimates.take() {

@@ -1,17 +1,18 @@
 //! The socket as its readers see it.
 
 use super::record::{Header, Kind, Kinds, encoded};
-use super::request::{Answer, Failure, Request, Status};
+use super::request::{Answer, At, Failure, Request, Status};
 use super::{Client, ClientError, LinkWord, LocalSocket, Record};
 use crate::flight::Output as _;
 use crate::fuzzing::fixture;
+use crate::pipeline::instants::{InstantDesk, Standing};
 use crate::pipeline::listener::{Listener, Producer, Subscriber as _, View};
 use crate::pipeline::{Control, Stamps};
-use plumbline_config::{Config, ValidConfig};
+use plumbline_config::{Config, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimate, Odometry, ResetKind, TrackingState};
-use plumbline_record::Said;
 use plumbline_record::messages::Ladder;
 use plumbline_record::said::FullEstimate;
+use plumbline_record::{InstantAnswer, InstantSource, Said};
 use std::io::Write as _;
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
@@ -286,4 +287,92 @@ fn odometry_goes_on_blind_and_late_readings_are_left_out() {
     assert_eq!(next(), (at(300), TrackingState::Blind, 0));
     assert_eq!(next(), (at(305), last.state, last.quality));
     flight.end();
+}
+
+fn at(stamp_ns: i64, patience_ms: u32) -> Request {
+    Request::At(At { stamp: Timestamp::from_nanos(stamp_ns), patience_ms, is_settled: false })
+}
+
+#[test]
+fn a_state_at_an_instant_goes_to_the_one_who_asked() {
+    let mut flight = Flight::start();
+    let mut desk = InstantDesk::new(flight.control.keep_instants());
+    let [mut first, mut second] = [flight.reader(), flight.reader()];
+    let numbers: Vec<u64> =
+        [&first, &second].map(|reader| reader.requests().unwrap().send(&at(7, 500)).unwrap()).into();
+    assert_eq!(numbers, [1, 1], "readers number their requests themselves");
+    let mut next = |is_reached| desk.next(&mut 0, |_| Standing { is_reached, is_settled: false });
+    let mut asked = Vec::new();
+    let end = Instant::now() + PATIENCE;
+    while asked.len() < 2 && Instant::now() < end {
+        asked.extend(next(true));
+    }
+    for (source, number, stamp) in asked.into_iter().rev() {
+        let mut answer = InstantAnswer { number, source, ..InstantAnswer::default() };
+        (answer.instant.stamp, answer.instant.quality) = (stamp, number as i8);
+        flight.tick.said(&Said::Instant(answer));
+    }
+    for (reader, quality) in [&mut first, &mut second].into_iter().zip([0, 1]) {
+        let Record::Instant(answer, _) = reader.next_record().unwrap() else { panic!("no answer") };
+        assert_eq!((answer.sequence, answer.number, answer.instant.quality), (1, 1, quality));
+        assert_eq!((answer.source, answer.instant.stamp.as_nanos()), (InstantSource::Request, 7));
+    }
+}
+
+#[test]
+fn an_instant_that_does_not_come_is_refused_when_the_patience_ends() {
+    let flight = Flight::start();
+    let mut desk = InstantDesk::new(flight.control.keep_instants());
+    let reader = flight.reader();
+    let begin = Instant::now();
+    reader.requests().unwrap().send(&at(7, 60)).unwrap();
+    let mut next = || desk.next(&mut 0, |_| Standing { is_reached: false, is_settled: false });
+    while next().is_none() {
+        assert!(begin.elapsed() < PATIENCE);
+    }
+    assert!(begin.elapsed() >= Duration::from_millis(60));
+}
+
+#[test]
+fn states_at_triggers_go_to_those_who_subscribed() {
+    let mut flight = Flight::start();
+    let [mut wants, mut does_not] = [flight.reader(), flight.reader()];
+    wants.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Instant]))).unwrap();
+    let end = Instant::now() + PATIENCE;
+    let trigger =
+        |number| InstantAnswer { number, source: InstantSource::Trigger, ..InstantAnswer::default() };
+    // Until the subscription has arrived.
+    for number in 1.. {
+        flight.tick.said(&Said::Instant(trigger(number)));
+        std::thread::sleep(Duration::from_millis(5));
+        if number > 20 || Instant::now() > end {
+            break;
+        }
+    }
+    let Record::Instant(answer, _) = wants.next_record().unwrap() else { panic!("no answer") };
+    assert_eq!(answer.source, InstantSource::Trigger);
+    flight.end();
+    assert_eq!(does_not.next_record().unwrap(), Record::End);
+}
+
+#[test]
+fn more_requests_than_are_answered_are_refused_and_cost_nobody_else() {
+    let flight = Flight::start();
+    let mut desk = InstantDesk::new(flight.control.keep_instants());
+    let mut greedy = flight.reader();
+    let mut requests = greedy.requests().unwrap();
+    for _ in 0..100 {
+        requests.send(&at(i64::MAX, 2_000)).unwrap();
+    }
+    for _ in 0..100 - 32 {
+        let Record::Answer(answer) = greedy.next_record().unwrap() else { panic!("no answer") };
+        assert!(answer.status == Status::Failed && answer.words.starts_with("busy"), "{answer:?}");
+    }
+    let modest = flight.reader();
+    modest.requests().unwrap().send(&at(7, 2_000)).unwrap();
+    let end = Instant::now() + PATIENCE;
+    let reached = |stamp: Timestamp| Standing { is_reached: stamp.as_nanos() == 7, is_settled: false };
+    while desk.next(&mut 0, reached).is_none() {
+        assert!(Instant::now() < end);
+    }
 }

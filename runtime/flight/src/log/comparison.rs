@@ -7,7 +7,7 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::compare::{Difference, Pairing};
-use plumbline_record::{ResetOrder, Said};
+use plumbline_record::{InstantAnswer, ResetOrder, Said};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Outputs of log and re-execution.
@@ -19,6 +19,8 @@ pub struct Outputs {
     pub odometry: Pairing<Odometry>,
     /// Poses of the odometry in the map.
     pub map: Pairing<MapEstimate>,
+    /// States at instants.
+    pub instants: Pairing<InstantAnswer>,
     /// The map was executed up to a fault of the program alone.
     pub map_ends_at_fault: bool,
 }
@@ -27,8 +29,9 @@ impl Outputs {
     /// The first output that differs.
     #[must_use]
     pub fn difference(&self) -> Option<&Difference> {
-        let Self { estimates, odometry, map, .. } = self;
-        estimates.difference.as_ref().or(odometry.difference.as_ref()).or(map.difference.as_ref())
+        let Self { estimates, odometry, map, instants, .. } = self;
+        let of_map = map.difference.as_ref().or(instants.difference.as_ref());
+        estimates.difference.as_ref().or(odometry.difference.as_ref()).or(of_map)
     }
 
     /// Nothing more will come.
@@ -36,6 +39,7 @@ impl Outputs {
         self.estimates.finish(is_log_complete);
         self.odometry.finish(is_log_complete);
         self.map.finish(is_log_complete);
+        self.instants.finish(is_log_complete);
     }
 
     /// Takes the recorded outputs that were read.
@@ -54,6 +58,9 @@ impl Outputs {
                 self.map.recorded(output);
             }
         }
+        while let Some(answer) = log.next_waiting(Channel::Instant)? {
+            self.instants.recorded(answer);
+        }
         Ok(())
     }
 
@@ -62,6 +69,7 @@ impl Outputs {
             Said::Estimate(full) => self.estimates.executed(full.estimate.clone()),
             Said::Odometry(odometry) => self.odometry.executed(odometry.clone()),
             Said::MapEstimate(estimate) => self.map.executed(estimate.clone()),
+            Said::Instant(answer) => self.instants.executed(answer.clone()),
             Said::Reset(ResetOrder { is_renewal: true, .. }) => {
                 self.map_ends_at_fault = true;
                 self.map.forget();

@@ -16,7 +16,7 @@ use crate::pipeline::machine::{Machine, Order, Orders};
 use crate::schedule::ladder::Rung;
 use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoSource};
-use plumbline_record::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
+use plumbline_record::{CorrectionOrder, FrameOrder, InstantOrder, MapOrder, ResetOrder, Verdict};
 use std::collections::VecDeque;
 
 /// Next step of the execution.
@@ -63,6 +63,7 @@ pub struct LogOrders<'a> {
     has_ended: bool,
     correction: Option<CorrectionOrder>,
     reset: Option<ResetOrder>,
+    instant: Option<InstantOrder>,
     /// First and last reading.
     span: Option<(Timestamp, Timestamp)>,
     /// Gap that the recorder reports.
@@ -121,6 +122,7 @@ impl<'a> LogOrders<'a> {
             has_ended: false,
             correction: None,
             reset: None,
+            instant: None,
             span: None,
             gap: None,
             refused: 0,
@@ -188,6 +190,14 @@ impl<'a> LogOrders<'a> {
             ));
         }
         self.gap.is_some()
+    }
+
+    /// A request that was answered after the last reading, before the corrections that came with the next.
+    fn next_instant(&mut self) -> Result<Option<Order<'static>>, LogError> {
+        if self.instant.is_none() {
+            self.instant = self.log.next_waiting(Channel::InstantOrder)?;
+        }
+        Ok(self.instant.take_if(|order| order.readings_before <= self.ticked).map(Order::Instant))
     }
 
     /// A correction that comes before the next reading: it takes effect once its frame is estimated.
@@ -300,6 +310,11 @@ impl Orders for LogOrders<'_> {
                     Followed::Frame(rung) => return Ok(Some(Order::Track(self.frames.found(), rung))),
                     Followed::Nothing => continue,
                 }
+            }
+            if matches!(self.step, Step::Corrections(_) | Step::Rest)
+                && let Some(order) = self.next_instant()?
+            {
+                return Ok(Some(order));
             }
             match self.step {
                 Step::Reading => self.step = self.next_reading()?,

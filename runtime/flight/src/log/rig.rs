@@ -6,7 +6,7 @@
 use super::channel::Channel;
 use super::drawn::{frame_transform, timestamp};
 use super::foxglove;
-use nalgebra::{Isometry3, Translation3};
+use nalgebra::{Isometry3, Translation3, Vector2};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::CameraConfig;
 use plumbline_config::{Config, Timestamp};
@@ -31,9 +31,22 @@ pub fn messages(config: &Config, stamp: Timestamp) -> Vec<(Channel, Vec<u8>)> {
 /// Intrinsics and distortion. Images are as the camera delivers them: rectification changes nothing.
 fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove::CameraCalibration {
     let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.centre_px);
-    let (model, coefficients) = match camera.distortion {
-        Distortion::RadialTangential { k1, k2, p1, p2 } => ("plumb_bob", vec![k1, k2, p1, p2, 0.0]),
-        Distortion::Equidistant { k1, k2, k3, k4 } => ("kannala_brandt", vec![k1, k2, k3, k4]),
+    let mut coefficients: Vec<f64> = camera.distortion.coefficients().iter().map(|(_, k)| *k).collect();
+    let (mut fx, mut fy) = (fx, fy);
+    let model = match camera.distortion {
+        Distortion::RadialTangential { .. } => {
+            coefficients.push(0.0);
+            "plumb_bob"
+        }
+        Distortion::Equidistant { .. } => "kannala_brandt",
+        Distortion::Rational { .. } => "rational_polynomial",
+        // Viewers have no word for these: they are told the pinhole that the lens is near its axis.
+        Distortion::Omni { .. } | Distortion::Eucm { .. } | Distortion::DoubleSphere { .. } => {
+            let (_, by_xy) = camera.distortion.distort(&Vector2::zeros());
+            (fx, fy) = (fx * by_xy.m11, fy * by_xy.m22);
+            coefficients.clear();
+            ""
+        }
     };
     foxglove::CameraCalibration {
         timestamp: timestamp(stamp),
@@ -104,6 +117,29 @@ mod tests {
             (message.distortion_model.as_str(), message.d),
             ("kannala_brandt", vec![0.1, 0.2, 0.3, 0.4])
         );
+        camera.distortion =
+            Distortion::Rational { k1: 1.0, k2: 2.0, p1: 3.0, p2: 4.0, k3: 5.0, k4: 6.0, k5: 7.0, k6: 8.0 };
+        let message = calibration(&camera, "left", Timestamp::default());
+        assert_eq!(message.distortion_model, "rational_polynomial");
+        assert_eq!(message.d, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
+    }
+
+    #[test]
+    fn a_lens_without_a_name_is_told_as_the_pinhole_near_its_axis() {
+        let mut camera = config().camera.remove(0);
+        for distortion in [
+            Distortion::Omni { xi: 1.2, k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0 },
+            Distortion::Eucm { alpha: 0.6, beta: 1.1 },
+            Distortion::DoubleSphere { xi: -0.2, alpha: 0.6 },
+        ] {
+            camera.distortion = distortion;
+            let message = calibration(&camera, "left", Timestamp::default());
+            assert_eq!((message.distortion_model.as_str(), message.d.len()), ("", 0));
+            let p_c = Vector3::new(1e-4, -2e-4, 1.0);
+            let seen = Matrix3::from_row_slice(&message.k) * p_c;
+            let expected = camera.model().project(&p_c).unwrap();
+            assert!((seen.xy() - expected).norm() < 1e-6, "{distortion:?}");
+        }
     }
 
     #[test]

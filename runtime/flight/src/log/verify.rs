@@ -19,6 +19,7 @@ use plumbline_record::compare::Difference;
 use plumbline_record::{Dropped, Kind};
 use serde::Serialize;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Channels read by an execution with the log's own images.
 const WITH_IMAGES: &[Channel] = &[
@@ -30,7 +31,9 @@ const WITH_IMAGES: &[Channel] = &[
     Channel::CorrectionOrder,
     Channel::ResetOrder,
     Channel::MapOrder,
+    Channel::InstantOrder,
     Channel::MapEstimate,
+    Channel::Instant,
     Channel::Estimate,
     Channel::Odometry,
 ];
@@ -42,7 +45,9 @@ const WITHOUT_IMAGES: &[Channel] = &[
     Channel::CorrectionOrder,
     Channel::ResetOrder,
     Channel::MapOrder,
+    Channel::InstantOrder,
     Channel::MapEstimate,
+    Channel::Instant,
     Channel::Estimate,
     Channel::Odometry,
 ];
@@ -68,6 +73,8 @@ pub struct Verification {
     pub odometry_identical: u64,
     /// Poses in the map that are the same in every bit.
     pub map_poses_identical: u64,
+    /// States at instants that are the same in every bit.
+    pub instants_identical: u64,
     /// Outputs of the execution that are not in the log.
     pub not_recorded: u64,
     /// Outputs of the log whose inputs it does not hold.
@@ -136,7 +143,8 @@ pub fn verify_before(
     let (team, mut comparison) = (Team::default(), Comparison::default());
     let compared = comparison.clone();
     let mut listeners = Several(vec![&mut comparison, witness]);
-    let mut machine = Machine::new(&about.config, known, Effect::ByOrder, &team, &mut listeners);
+    let mut machine =
+        Machine::new(&about.config, (known, Some(Arc::default())), Effect::ByOrder, &team, &mut listeners);
     let mut orders = LogOrders::new(log, images, compared.clone(), progress);
     machine.run(&mut orders, about.first_reset_counter)?;
     orders.read_to_end()?;
@@ -157,9 +165,9 @@ fn summed_up(
     // Where outputs differ the execution ended, and the others have no partners for it.
     let first = outputs.difference().cloned();
     outputs.finish(is_log_complete);
-    let Outputs { estimates, odometry, map, map_ends_at_fault } = &*outputs;
+    let Outputs { estimates, odometry, map, instants, map_ends_at_fault } = &*outputs;
     let difference = first.or_else(|| outputs.difference().cloned());
-    let not_recorded = estimates.missing + odometry.missing + map.missing;
+    let not_recorded = estimates.missing + odometry.missing + map.missing + instants.missing;
     let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);
     Verification {
         identical: difference.is_none() && !inputs_changed && !unexplained,
@@ -170,10 +178,11 @@ fn summed_up(
         estimates_identical: estimates.identical,
         odometry_identical: odometry.identical,
         map_poses_identical: map.identical,
+        instants_identical: instants.identical,
         map_ends_at_fault: *map_ends_at_fault && machine.window().map().is_some(),
         map_digest: machine.window().map().and_then(MapStage::digest),
         not_recorded,
-        not_executed: estimates.left_over() + odometry.left_over() + map.left_over(),
+        not_executed: estimates.left_over() + odometry.left_over() + map.left_over() + instants.left_over(),
         truncated: ending == Ending::Truncated,
         executed_s: orders.span_s(),
         damage,
@@ -188,5 +197,6 @@ fn summed_up(
 
 /// Outputs that the recorder itself says are missing.
 fn dropped_outputs(dropped: &Dropped) -> u64 {
-    dropped.of(Kind::Estimate) + dropped.of(Kind::Odometry) + dropped.of(Kind::MapEstimate)
+    let outputs = [Kind::Estimate, Kind::Odometry, Kind::MapEstimate, Kind::Instant];
+    outputs.iter().map(|kind| dropped.of(*kind)).sum()
 }

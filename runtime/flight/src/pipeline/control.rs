@@ -1,9 +1,10 @@
 //! Requests from outside of a run: stop it, reset the estimate, save the map.
 
+use super::instants::Instants;
 use super::map_saves::MapSaves;
 use plumbline_estimator::ResetKind;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, OnceLock};
 
 const NONE: u8 = 0;
 const SOFT: u8 = 1;
@@ -15,6 +16,7 @@ pub struct Control {
     stop: Arc<AtomicBool>,
     reset: AtomicU8,
     map_saves: MapSaves,
+    instants: OnceLock<Arc<Instants>>,
     has_given_up: AtomicBool,
     last_resort: Option<fn()>,
 }
@@ -58,6 +60,17 @@ impl Control {
     #[must_use]
     pub fn map_saves(&self) -> &MapSaves {
         &self.map_saves
+    }
+
+    /// Makes a run that has not begun keep its last seconds, and returns where states at instants are asked for.
+    pub fn keep_instants(&self) -> Arc<Instants> {
+        Arc::clone(self.instants.get_or_init(Arc::default))
+    }
+
+    /// Where states at instants are asked for; `None` where the run does not keep its last seconds.
+    #[must_use]
+    pub fn instants(&self) -> Option<&Arc<Instants>> {
+        self.instants.get()
     }
 
     /// Asks for a reset before the next frame.

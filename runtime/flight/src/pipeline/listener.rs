@@ -14,7 +14,7 @@ use plumbline_drivers::StereoFrame;
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::places::{MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
-use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked, Trail};
 use plumbline_record::Said;
 use std::sync::Arc;
 
@@ -91,6 +91,11 @@ pub struct Solved<'a> {
 }
 
 impl Solved<'_> {
+    /// Copies the states of the window into `trail`, which has room for them.
+    pub fn trail_to(&self, trail: &mut Trail) {
+        self.window.trail(self.estimate, trail);
+    }
+
     /// Copies keyframes and landmarks into `snapshot`, which has room for them.
     pub fn copy_to(&self, snapshot: &mut MapSnapshot) {
         self.window.snapshot(self.estimate, snapshot);

@@ -9,6 +9,7 @@
 //! hears it when it has tracked one more, always.
 
 use super::effect::Effect;
+use super::instants::Instants;
 use super::listener::{Producer, Subscriber};
 use super::places::{PlaceChoice, PlacesStage};
 use super::stages::{FrontStage, Job, WindowStage};
@@ -21,8 +22,9 @@ use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback, Fork};
-use plumbline_record::{MapOrder, MapVerdict, ResetOrder};
+use plumbline_record::{InstantOrder, MapOrder, MapVerdict, ResetOrder};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Next action of a machine.
 pub enum Order<'f> {
@@ -40,6 +42,8 @@ pub enum Order<'f> {
     Correct(u64),
     /// Use of a frame for the map.
     Map(MapOrder),
+    /// Answer what was asked for.
+    Instant(InstantOrder),
 }
 
 /// Source of orders.
@@ -82,11 +86,12 @@ struct Places {
 }
 
 impl<'a> Machine<'a> {
-    /// Machine with everything allocated for the configuration. The map goes on with the keyframes of `known`.
+    /// Machine with everything allocated for the configuration. The map goes on with the keyframes of `known`; with `instants` the last
+    /// seconds are kept.
     #[must_use]
     pub fn new(
         config: &ValidConfig,
-        known: Option<PlaceMap>,
+        (known, instants): (Option<PlaceMap>, Option<Arc<Instants>>),
         effect: Effect,
         team: &'a Team,
         subscriber: &mut dyn Subscriber,
@@ -101,7 +106,7 @@ impl<'a> Machine<'a> {
             }),
             front: FrontStage::new(config, subscriber),
             window: WindowStage::new(config, effect, subscriber.listener(Producer::Window)),
-            tick: TickStage::new(config, effect, subscriber.listener(Producer::Tick)),
+            tick: TickStage::new(config, effect, subscriber.listener(Producer::Tick), instants),
             team,
             in_flight: Job::new(config),
             is_in_flight: false,
@@ -132,7 +137,11 @@ impl<'a> Machine<'a> {
                     self.newest_imu = reading.sample.stamp;
                 }
             }
-            Order::Tick(reading) => self.tick.take(&reading),
+            Order::Tick(reading) => {
+                self.tick.take(&reading);
+                self.tick.serve_instants();
+            }
+            Order::Instant(order) => self.tick.answer(order),
             Order::Track(frame, rung) => {
                 self.work(Some((frame, rung)));
                 self.front.release(frame);
@@ -230,6 +239,11 @@ impl<'a> Machine<'a> {
     #[must_use]
     pub fn unsolved(&self) -> Option<Timestamp> {
         self.is_in_flight.then_some(self.in_flight.tracked.time.stamp)
+    }
+
+    /// Answers what is left.
+    pub fn finish_instants(&mut self) {
+        self.tick.finish_instants();
     }
 
     /// Counts and times of the whole run, and the map.

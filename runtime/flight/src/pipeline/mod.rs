@@ -13,6 +13,7 @@ pub mod clock;
 mod control;
 pub(crate) mod effect;
 pub mod figures;
+pub mod instants;
 pub mod listener;
 mod live;
 pub(crate) mod machine;
@@ -24,6 +25,7 @@ mod tick;
 mod virtual_time;
 
 pub use control::Control;
+pub use instants::{InstantRequest, Instants};
 pub use live::LiveFigures;
 pub use map_saves::{MapRequest, MapSaved, MapSaves};
 pub use tick::CORRECTION_DELAY_NS;
@@ -160,7 +162,9 @@ pub fn run(
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));
-            Live::new(config, speed, helpers, host, streams.map.take(), subscriber)?.run(streams, control)
+            let instants = control.instants().cloned();
+            Live::new(config, speed, (helpers, host), (streams.map.take(), instants), subscriber)?
+                .run(streams, control)
         }
     }
 }

@@ -2,16 +2,18 @@
 
 use super::effect::Effect;
 use super::figures::StageTimes;
+use super::instants::{self, InstantDesk, Instants, Standing};
 use super::listener::{Listener, View};
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
-use plumbline_estimator::{Estimate, Odometry, Propagator, Stage, StageProbe, TrackingState};
+use plumbline_estimator::{Estimate, Instant, Odometry, Propagator, Stage, StageProbe, TrackingState};
 use plumbline_record::digest::Digest;
-use plumbline_record::{CorrectionOrder, Said};
+use plumbline_record::{CorrectionOrder, InstantAnswer, InstantOrder, InstantOutcome, Said};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
 /// slowest frame may take, shorter than a frame period.
@@ -56,18 +58,32 @@ pub struct TickStage {
     listener: Box<dyn Listener>,
     /// The last odometry.
     last: Option<Odometry>,
+    /// History of the last seconds, if it is kept.
+    desk: Option<InstantDesk>,
+    /// States at instants so far.
+    answers: u64,
     /// Counts and times so far.
     pub figures: TickFigures,
 }
 
 impl TickStage {
-    /// Stage with everything allocated for the configuration.
+    /// Stage with everything allocated for the configuration. With `instants` it keeps the last seconds, and answers.
     #[must_use]
-    pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
+    pub fn new(
+        config: &ValidConfig,
+        effect: Effect,
+        listener: Box<dyn Listener>,
+        instants: Option<Arc<Instants>>,
+    ) -> Self {
         Self {
             listener,
             effect,
-            propagator: Propagator::new(config.setup()),
+            propagator: match instants {
+                Some(_) => Propagator::with_history(config.setup()),
+                None => Propagator::new(config.setup()),
+            },
+            desk: instants.map(InstantDesk::new),
+            answers: 0,
             pending: VecDeque::with_capacity(MAX_PENDING),
             readings: 0,
             first: None,
@@ -122,6 +138,45 @@ impl TickStage {
         }
         self.listener.said(&Said::Imu(*reading));
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
+    }
+
+    /// Answers requests of states at instants, as far as their time has come.
+    pub fn serve_instants(&mut self) {
+        let mut answered = 0;
+        while let Some(desk) = &mut self.desk {
+            let propagator = &self.propagator;
+            let standing = |stamp| Standing {
+                is_reached: propagator.has_reached(stamp),
+                is_settled: propagator.is_settled(stamp),
+            };
+            let Some(request) = desk.next(&mut answered, standing) else { return };
+            self.answer(instants::order(request, self.readings));
+        }
+    }
+
+    /// Answers what is left, at the end of the run.
+    pub fn finish_instants(&mut self) {
+        while let Some(request) = self.desk.as_mut().and_then(InstantDesk::rest) {
+            self.answer(instants::order(request, self.readings));
+        }
+    }
+
+    /// Whether a request waits for [`Self::serve_instants`], and whom to ring.
+    pub fn instants(&self) -> Option<&Arc<Instants>> {
+        self.desk.as_ref().map(InstantDesk::door)
+    }
+
+    /// Answers a request.
+    pub fn answer(&mut self, order: InstantOrder) {
+        let InstantOrder { number, stamp, source, .. } = order;
+        let (outcome, instant) = match self.propagator.at(stamp) {
+            Ok(instant) => (InstantOutcome::Answered, instant),
+            Err(refusal) => (instants::outcome(refusal), Instant { stamp, ..Instant::default() }),
+        };
+        let answer = InstantAnswer { sequence: self.answers, number, source, outcome, instant };
+        self.answers += 1;
+        self.listener.said(&Said::InstantOrder(order));
+        self.listener.said(&Said::Instant(answer));
     }
 
     /// Shows the last odometry, blind, if no reading has come for so long, ns: its pose, of which less and less is known, with

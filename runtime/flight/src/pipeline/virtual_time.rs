@@ -31,9 +31,11 @@ pub fn run(
     team: &Team,
     subscriber: &mut dyn Subscriber,
 ) -> Result<Outcome, RunError> {
-    let mut machine = Machine::new(config, map, Effect::ByRule, team, subscriber);
+    let mut machine =
+        Machine::new(config, (map, control.instants().cloned()), Effect::ByRule, team, subscriber);
     let mut orders = VirtualTime::new(config, imu, stereo, options, control)?;
     team.lead(|| machine.run(&mut orders, first_reset_counter))?;
+    machine.finish_instants();
     let (estimate_digest, odometry_digest) = (machine.window().digest(), machine.tick().digest());
     let (figures, places) = machine.into_end();
     let faults = DriverFaults { imu: orders.imu.faults(), cameras: orders.stereo.faults() };

@@ -51,6 +51,12 @@ impl<T> Queue<T> {
         }
     }
 
+    /// Whether no entry is whole.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.whole.load(Ordering::Acquire) == 0
+    }
+
     /// Takes the oldest entry that is whole. For one thread: two would give back each other's places.
     pub fn pop(&self) -> Option<T> {
         self.whole.fetch_update(Ordering::AcqRel, Ordering::Relaxed, |whole| whole.checked_sub(1)).ok()?;

@@ -71,6 +71,12 @@ impl Ticker {
         self.next
     }
 
+    /// Time until the next release.
+    #[must_use]
+    pub fn until_next(&self) -> Duration {
+        Duration::from_nanos(u64::try_from(self.next.0 - Monotonic::now().0).unwrap_or(0))
+    }
+
     /// Sleeps until the next release. One that is more than a period late stands for those it missed.
     pub fn wait(&mut self) -> Release {
         self.next.sleep_until();

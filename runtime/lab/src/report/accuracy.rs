@@ -2,7 +2,8 @@
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{
-    AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min,
+    AlignmentMode, Delta, Pairs, align, aligned, nees, path_length_m, pose_error, relative_errors,
+    yaw_drift_deg_per_min,
 };
 use nalgebra::Isometry3;
 use plumbline_drivers::StampedPose;
@@ -25,6 +26,8 @@ pub struct Accuracy {
     pub max_error_m: f64,
     /// Scale of the similarity that fits best, against 1, percent.
     pub scale_error_percent: f64,
+    /// Root mean square translation error over each second, m; `None` for a flight that is shorter.
+    pub rpe_1s_m: Option<f64>,
     /// Growth of the yaw error.
     pub yaw_drift_deg_per_min: Option<f64>,
     /// Mean normalized squared error of the whole pose, as its covariance is published, over its expectation; the truth is
@@ -62,6 +65,7 @@ impl Accuracy {
             ate_percent: 100.0 * ate_rmse_m / distance_m.max(1e-9),
             max_error_m: errors.iter().copied().fold(0.0, f64::max),
             scale_error_percent: 100.0 * (1.0 / scale - 1.0),
+            rpe_1s_m: relative_errors(&pairs, Delta::Seconds(1.0), true).ok().map(|e| e.translation_m.rmse),
             yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
             nees_ratio: consistency.nees_ratio,
             final_error_m: consistency.final_error_m,

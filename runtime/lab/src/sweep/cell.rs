@@ -79,6 +79,15 @@ pub struct Figures {
     pub ate_rmse_m: Option<f64>,
     /// Root mean square position error over the distance, percent.
     pub ate_percent: Option<f64>,
+    /// Root mean square position error of the trajectory as known at the end, after SE(3) alignment, m.
+    #[serde(default)]
+    pub ate_final_m: Option<f64>,
+    /// Length of the true path, m.
+    #[serde(default)]
+    pub distance_m: Option<f64>,
+    /// Root mean square translation error over each second, m.
+    #[serde(default)]
+    pub rpe_1s_m: Option<f64>,
     /// Growth of the yaw error, degrees a minute.
     pub yaw_drift_deg_per_min: Option<f64>,
     /// NEES over its expectation, of estimates and odometry.
@@ -87,6 +96,9 @@ pub struct Figures {
     pub frame_cpu_ms_p50: f64,
     /// Computation of a frame, 99th percentile, ms of processor time.
     pub frame_cpu_ms_p99: f64,
+    /// Computation of a frame, largest, ms of processor time.
+    #[serde(default)]
+    pub frame_cpu_ms_max: Option<f64>,
     /// SHA-256 over the bits of all estimates.
     pub estimate_digest: String,
 }
@@ -101,10 +113,14 @@ impl Figures {
             first_pose_s: report.first_pose_s,
             ate_rmse_m: accuracy.map(|a| a.ate_rmse_m),
             ate_percent: accuracy.map(|a| a.ate_percent),
+            ate_final_m: report.places.as_ref().and_then(|places| places.ate_final_rmse_m),
+            distance_m: accuracy.map(|a| a.distance_m),
+            rpe_1s_m: accuracy.and_then(|a| a.rpe_1s_m),
             yaw_drift_deg_per_min: accuracy.and_then(|a| a.yaw_drift_deg_per_min),
             consistency: report.consistency.clone(),
             frame_cpu_ms_p50: report.frame_cpu_ms.p50,
             frame_cpu_ms_p99: report.frame_cpu_ms.p99,
+            frame_cpu_ms_max: Some(report.frame_cpu_ms.max),
             estimate_digest: report.estimate_digest.clone(),
         }
     }
@@ -307,10 +323,14 @@ pub(super) mod tests {
             first_pose_s: Some(0.5),
             ate_rmse_m: Some(ate_rmse_m),
             ate_percent: Some(10.0 * ate_rmse_m),
+            ate_final_m: None,
+            distance_m: Some(10.0),
+            rpe_1s_m: Some(0.01),
             yaw_drift_deg_per_min: Some(0.1),
             consistency: None,
             frame_cpu_ms_p50: 7.0,
             frame_cpu_ms_p99: 11.0,
+            frame_cpu_ms_max: Some(20.0),
             estimate_digest: "ab".into(),
         };
         CellResult {

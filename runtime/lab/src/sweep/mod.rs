@@ -6,7 +6,10 @@
 //! on with the cells that are not there yet. The [`table`] sums up what was flown.
 
 pub mod cell;
+pub mod folder;
+pub mod open_table;
 pub mod plan;
+pub mod published;
 pub mod run;
 pub mod subject;
 pub mod table;
@@ -59,6 +62,15 @@ pub enum SweepError {
     )]
     OtherSweep {
         /// The file.
+        path: PathBuf,
+    },
+    /// There is no data set in a folder.
+    #[error(
+        "{}: holds no data set with mav0/cam0 and mav0/imu0; unpack the archives of EuRoC or TUM-VI (export euroc) into it",
+        path.display()
+    )]
+    NoDataSets {
+        /// The folder.
         path: PathBuf,
     },
     /// The folder holds no cell.

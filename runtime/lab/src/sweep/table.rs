@@ -52,7 +52,7 @@ impl Means {
 }
 
 /// The figure `k` of [`Nees::NAMES`].
-fn ratio(figures: &Figures, of: Output, k: usize) -> Option<f64> {
+pub(super) fn ratio(figures: &Figures, of: Output, k: usize) -> Option<f64> {
     figures.consistency.as_ref().and_then(|consistency| of(consistency).ratios()[k])
 }
 
@@ -150,7 +150,7 @@ fn by_subject(
 }
 
 /// A table whose first `words` columns are set to the left, the others to the right, in columns of even width.
-fn markdown(head: &[String], words: usize, rows: impl Iterator<Item = Vec<String>>) -> String {
+pub(super) fn markdown(head: &[String], words: usize, rows: impl Iterator<Item = Vec<String>>) -> String {
     let rows: Vec<Vec<String>> = rows.collect();
     let width = |column: usize| {
         let cells = rows.iter().map(|row| row[column].chars().count());
@@ -237,7 +237,7 @@ pub fn csv(results: &[CellResult]) -> String {
 }
 
 /// A cell of a CSV, in quotes where it must be.
-fn quoted(cell: &str) -> String {
+pub(super) fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", cell.replace('"', "\"\""))
     } else {
@@ -256,7 +256,7 @@ fn values(setting: &[String]) -> impl Iterator<Item = String> {
     setting.iter().map(|change| change.split_once('=').map_or("", |(_, value)| value).to_owned())
 }
 
-fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+pub(super) fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
     items.fold(Vec::new(), |mut found, item| {
         if !found.contains(&item) {
             found.push(item);
@@ -265,7 +265,7 @@ fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
     })
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
 }
 

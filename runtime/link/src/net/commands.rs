@@ -2,7 +2,7 @@
 
 use plumbline_estimator::ResetKind;
 use plumbline_flight::local::client::Requests;
-use plumbline_flight::local::request::{Answer, Request, Status};
+use plumbline_flight::local::request::{Answer, At, Request, Status};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -109,6 +109,11 @@ impl Commands {
         let [network, ros] = state.watched_hz;
         let fastest = if network > ros { network } else { ros };
         state.send(&Request::Watch((fastest * 1e3) as u32));
+    }
+
+    /// Asks for the state at an instant; the number that its answer carries.
+    pub fn ask_at(&self, at: At) -> Option<u64> {
+        self.state().send(&Request::At(at))
     }
 
     /// Reports to whoever started this process.

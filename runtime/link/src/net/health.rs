@@ -88,12 +88,12 @@ impl HealthFeed {
         Some(self.sending(Envelope::around(e, Vec::new(), 0, 0), health))
     }
 
-    /// The message to send while no estimate comes, once a period: the last one with the present state of the sensors. Its time
-    /// of measurement stays, so a station tells a silent estimator from a bad link.
-    pub fn renew(&mut self, sensors: &SensorNews, paths: u64) -> Option<(Envelope, Health)> {
+    /// The message to send while no estimate comes, once a period: the last one with the present state of the sensors and size of
+    /// the map. Its time of measurement stays, so a station tells a silent estimator from a bad link.
+    pub fn renew(&mut self, sensors: &SensorNews, keyframes: u64, paths: u64) -> Option<(Envelope, Health)> {
         let (envelope, last) = self.last.as_ref().filter(|_| self.sent.elapsed() >= self.period)?;
         let sensors = noticed(last.rot_v_b.is_some(), sensors);
-        let (envelope, health) = (envelope.clone(), Health { sensors, paths, ..last.clone() });
+        let (envelope, health) = (envelope.clone(), Health { sensors, keyframes, paths, ..last.clone() });
         Some(self.sending(envelope, health))
     }
 
@@ -128,17 +128,17 @@ mod tests {
             rot_v_b: None,
             sensors: SensorNews::default(),
         };
-        assert_eq!(feed.renew(&around.sensors, 0), None, "nothing was sent yet");
+        assert_eq!(feed.renew(&around.sensors, 0, 0), None, "nothing was sent yet");
         let (before, first) = feed.update(&estimate(), 1.0, &around).unwrap();
         assert!(first.rot_v_b.is_none() && first.sensors.notices[0].starts_with("mounting unknown: set it"));
-        let (now, again) = feed.renew(&around.sensors, 3).unwrap();
-        assert_eq!((now, again.paths), (before, 3), "it goes on");
-        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&around.sensors, 3), None);
+        let (now, again) = feed.renew(&around.sensors, 2, 3).unwrap();
+        assert_eq!((now, again.keyframes, again.paths), (before, 2, 3), "it goes on");
+        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&around.sensors, 2, 3), None);
         let mut feed = HealthFeed::new(Duration::ZERO);
         feed.update(&estimate(), 1.0, &around).unwrap();
         let frames = StampFigures { refused: 7, ..StampFigures::default() };
         let news = SensorNews { notices: vec!["stamps repeat".into()], frames, ..SensorNews::default() };
-        let (_, renewed) = feed.renew(&news, 0).unwrap();
+        let (_, renewed) = feed.renew(&news, 0, 0).unwrap();
         assert_eq!((renewed.sensors.frames.refused, renewed.sensors.notices.len()), (7, 2));
     }
 }

@@ -170,7 +170,8 @@ impl Publishers {
             self.relay(shared, relayed).await;
         }
         // A change of the sensors is told also while there are no frames.
-        if let Some(health) = self.health.renew(&self.sensors, self.map.paths()) {
+        let keyframes = lock(&self.archive).keyframes.count();
+        if let Some(health) = self.health.renew(&self.sensors, keyframes, self.map.paths()) {
             self.send_health(health).await;
         }
         self.map.send_path().await;

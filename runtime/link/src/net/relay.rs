@@ -103,6 +103,8 @@ impl Feed {
             Record::Picture(_)
             | Record::Hello(_)
             | Record::Answer(_)
+            | Record::Instant(..)
+            | Record::Trail(_)
             | Record::Configuration(_)
             | Record::End => {}
             record => {

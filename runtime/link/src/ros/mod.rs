@@ -35,6 +35,7 @@ pub mod publisher;
 pub mod reset;
 pub mod scene;
 pub mod topic;
+pub mod trigger;
 pub mod view_topics;
 pub mod views;
 

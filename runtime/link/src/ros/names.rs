@@ -27,6 +27,8 @@ pub struct RosTopic {
 pub enum Endpoint {
     /// Publisher of a topic.
     Publisher,
+    /// Subscription to a topic.
+    Subscription,
     /// Server of a service.
     Service,
 }
@@ -35,6 +37,7 @@ impl Endpoint {
     fn code(self) -> &'static str {
         match self {
             Self::Publisher => "MP",
+            Self::Subscription => "MS",
             Self::Service => "SS",
         }
     }

@@ -8,6 +8,7 @@ use super::names::{NodeName, RosTopic};
 use super::reset::{ResetServices, Resets};
 use super::scene::Scene;
 use super::topic::{Declaring, TopicPublisher, declare_token};
+use super::trigger::{TriggerSubscription, Triggers};
 use super::view_topics::{Clock, ViewTopics};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
@@ -17,6 +18,8 @@ use plumbline_estimator::{Odometry, TrackingState};
 use plumbline_flight::local::Shot;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::ticker::Monotonic;
+use plumbline_record::{InstantAnswer, InstantOutcome};
+use std::sync::Arc;
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::Priority;
@@ -35,8 +38,16 @@ pub struct RosNode {
     tf: Option<TopicPublisher>,
     views: ViewTopics,
     pace: Pace,
+    at: Option<AtTriggers>,
     _reset: Option<ResetServices>,
     _node: LivelinessToken,
+}
+
+/// States at instants: where they go, and what was asked for.
+struct AtTriggers {
+    odom: TopicPublisher,
+    triggers: Triggers,
+    _subscription: TriggerSubscription,
 }
 
 impl RosNode {
@@ -67,10 +78,22 @@ impl RosNode {
             true => Some(ResetServices::declare(&mut declaring, resets.clone()).await?),
             false => None,
         };
+        let at = match options.trigger {
+            true => {
+                let odom =
+                    declare::<OdometryMessage<'_>>(&mut declaring, node.qualified("odom_at"), DEPTH).await?;
+                let (triggers, commands) = (Triggers::default(), Arc::clone(&resets.commands));
+                let asking = triggers.clone();
+                let subscription =
+                    TriggerSubscription::declare(&mut declaring, asking, identity.stamps, commands).await?;
+                Some(AtTriggers { odom, triggers, _subscription: subscription })
+            }
+            false => None,
+        };
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
         let pace = Pace::new(rate_hz);
-        Ok(Self { identity: identity.clone(), odom, pose, tf, views, pace, _reset: reset, _node: token })
+        Ok(Self { identity: identity.clone(), odom, pose, tf, views, pace, at, _reset: reset, _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then
@@ -91,6 +114,35 @@ impl RosNode {
             }
         }
         self.views.send(scene, &frames, odometry.stamp, &clock).await;
+    }
+
+    /// Publishes the state at an instant, if there is one. A trigger without one is told in the log.
+    pub async fn instant(&mut self, answer: &InstantAnswer) {
+        let Some(at) = &mut self.at else { return };
+        let asked_ns = at.triggers.asked(answer);
+        let instant = &answer.instant;
+        if answer.outcome != InstantOutcome::Answered {
+            let why = answer.outcome.refusal().unwrap_or_default();
+            return tracing::warn!("no state at the trigger of {} ns: {why}", instant.stamp.as_nanos());
+        }
+        let now_ns = now_ns();
+        let stamp_ns =
+            asked_ns.unwrap_or_else(|| on_system_clock(self.identity.stamps, instant.stamp, now_ns));
+        let odometry = Odometry {
+            stamp: instant.stamp,
+            pose_o_b: instant.pose_o_b,
+            v_o_b: instant.v_o_b,
+            angular_rate_b: instant.angular_rate_b,
+            covariance: instant.covariance,
+            state: instant.state,
+            quality: instant.quality,
+            reset_counter: instant.reset_counter,
+            ..Odometry::default()
+        };
+        if is_worth_sending(&odometry) {
+            let message = self.identity.frames().odometry(&odometry, Time::from_nanos(stamp_ns));
+            at.odom.put(&message, now_ns).await;
+        }
     }
 
     /// Publishes a picture, if it is due.
@@ -127,6 +179,14 @@ fn on_system_clock(stamps: Stamps, measured: Timestamp, now_ns: i64) -> i64 {
         Stamps::OfHost => now_ns.saturating_sub(Monotonic::now().0.saturating_sub(measured.as_nanos())),
         Stamps::Replayed => measured.as_nanos(),
     }
+}
+
+/// Time of a measurement whose stamp in ROS is `stamp_ns`: the inverse of [`on_system_clock`].
+pub(super) fn from_system_clock(stamps: Stamps, stamp_ns: i64, now_ns: i64) -> Timestamp {
+    Timestamp::from_nanos(match stamps {
+        Stamps::OfHost => Monotonic::now().0.saturating_sub(now_ns.saturating_sub(stamp_ns)),
+        Stamps::Replayed => stamp_ns,
+    })
 }
 
 async fn declare<T: Interface>(

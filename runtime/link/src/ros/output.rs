@@ -12,6 +12,7 @@ use plumbline_estimator::Odometry;
 use plumbline_flight::local::{Record, Shot};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
+use plumbline_record::InstantAnswer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -22,6 +23,8 @@ const ODOMETRY_RING: usize = 50;
 const SCENE_RING: usize = 32;
 /// Pictures that wait: only the newest counts.
 const PICTURE_RING: usize = 2;
+/// States at instants that wait.
+const INSTANT_RING: usize = 64;
 
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
@@ -96,15 +99,22 @@ struct Waiting {
     odometry: LaneReader<Odometry>,
     scene: LaneReader<Record>,
     shots: LaneReader<Shot>,
+    instants: LaneReader<InstantAnswer>,
 }
 
 fn rings(shared: &Arc<Shared>) -> (RosFeed, Waiting) {
     let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
     let (scene_in, scene, _) = lane(SCENE_RING);
     let (shots_in, shots, _) = lane(PICTURE_RING);
-    let feed =
-        RosFeed { shared: Arc::clone(shared), odometry: odometry_in, scene: scene_in, shots: shots_in };
-    (feed, Waiting { odometry, scene, shots })
+    let (instants_in, instants, _) = lane(INSTANT_RING);
+    let feed = RosFeed {
+        shared: Arc::clone(shared),
+        odometry: odometry_in,
+        scene: scene_in,
+        shots: shots_in,
+        instants: instants_in,
+    };
+    (feed, Waiting { odometry, scene, shots, instants })
 }
 
 async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Shared) {
@@ -120,6 +130,9 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Sha
         }
         while let Some(odometry) = waiting.odometry.pop() {
             publisher.odometry(&odometry).await;
+        }
+        while let Some(answer) = waiting.instants.pop() {
+            publisher.instant(&answer).await;
         }
         while let Some(shot) = waiting.shots.pop() {
             publisher.picture(&shot).await;
@@ -138,6 +151,7 @@ pub struct RosFeed {
     odometry: LaneWriter<Odometry>,
     scene: LaneWriter<Record>,
     shots: LaneWriter<Shot>,
+    instants: LaneWriter<InstantAnswer>,
 }
 
 impl RosFeed {
@@ -146,6 +160,10 @@ impl RosFeed {
         match record {
             Record::Odometry(odometry, _) => {
                 self.odometry.push((**odometry).clone());
+                self.shared.bell.ring();
+            }
+            Record::Instant(answer, _) => {
+                self.instants.push((**answer).clone());
                 self.shared.bell.ring();
             }
             Record::Picture(shot) => {

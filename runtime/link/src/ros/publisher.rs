@@ -12,6 +12,7 @@ use crate::net::commands::Watcher;
 use crate::net::{Commands, NetError};
 use plumbline_estimator::Odometry;
 use plumbline_flight::local::Shot;
+use plumbline_record::InstantAnswer;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
@@ -124,6 +125,13 @@ impl RosPublisher {
         }
         if let State::Connected(_, node) = &mut self.state {
             node.odometry(odometry, &self.scene).await;
+        }
+    }
+
+    /// Publishes the state at an instant.
+    pub async fn instant(&mut self, answer: &InstantAnswer) {
+        if let State::Connected(_, node) = &mut self.state {
+            node.instant(answer).await;
         }
     }
 

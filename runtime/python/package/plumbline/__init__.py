@@ -19,7 +19,7 @@ _check_processor()
 # The names below need it.
 # ruff: noqa: E402
 from plumbline._native import VERSION as __version__
-from plumbline._native import Config, Estimate, Estimator, Odometry
+from plumbline._native import Config, Estimate, Estimator, Instant, Odometry
 from plumbline.arrays import Estimates, Imu, MapPoses, Odometries, Poses
 from plumbline.errors import (
     ArgumentError,
@@ -58,6 +58,7 @@ __all__ = [
     "Frame",
     "Health",
     "Imu",
+    "Instant",
     "Log",
     "MapPoses",
     "Odometries",

@@ -185,6 +185,46 @@ class Odometry:
         """Pose of B in O as a matrix, shape (4, 4), m."""
 
 @final
+class Instant:
+    """State at an instant that was asked for. Frames as in `Estimate`. Arrays are read-only views of the object."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The instant, ns."""
+    @property
+    def estimated_ns(self) -> int:
+        """Time of the estimate before it, ns."""
+    @property
+    def settled(self) -> bool:
+        """Whether there is an estimate after it too: the answer would not change any more."""
+    @property
+    def state(self) -> str:
+        """State of the estimate before it: "tracking" or "blind"."""
+    @property
+    def position(self) -> _Floats:
+        """Position of B in O, m, shape (3,)."""
+    @property
+    def orientation(self) -> _Floats:
+        """Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,)."""
+    @property
+    def velocity(self) -> _Floats:
+        """Velocity of B in O, m/s, shape (3,)."""
+    @property
+    def angular_rate(self) -> _Floats:
+        """Angular rate of B in B, bias removed, rad/s, shape (3,)."""
+    @property
+    def covariance(self) -> _Floats:
+        """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
+    @property
+    def quality(self) -> int:
+        """Quality of the estimate before it: 0 to 100."""
+    @property
+    def reset_counter(self) -> int:
+        """Number of resets until then."""
+    def matrix(self) -> _Floats:
+        """Pose of B in O as a matrix, shape (4, 4), m."""
+
+@final
 class Estimator:
     """The estimator: a function of its configuration and the ordered list of its inputs. Two runs with the same inputs give the
     same bits.
@@ -250,5 +290,6 @@ class Connection:
     @property
     def may_command(self) -> bool: ...
     def next(self, timeout_s: Optional[float], losses: int) -> Optional[Tuple[Union[Odometry, Estimate, None], int]]: ...
+    def at(self, stamp_ns: int, patience_s: float, settled: bool) -> Instant: ...
     def reset(self, kind: str, timeout_s: float) -> str: ...
     def close(self) -> None: ...

@@ -4,7 +4,7 @@ from types import TracebackType
 from typing import Iterator, Optional, Type, Union
 
 from plumbline import _native
-from plumbline._native import Estimate, Odometry
+from plumbline._native import Estimate, Instant, Odometry
 from plumbline.flights import Path
 
 
@@ -43,6 +43,14 @@ class Connection:
             return None
         record, self._losses = came
         return record
+
+    def at(self, stamp_ns: int, *, patience_s: float = 0.1, settled: bool = False) -> Instant:
+        """State at an instant of the last three seconds, such as that of a camera's trigger, by the clock of the odometry.
+
+        The flight waits at most `patience_s`, s (up to 2), for its inertial samples to reach the instant; with `settled`, for the
+        estimate after it too, from when on the answer stays the same. Raises `RunError` where there is no state, with the reason.
+        """
+        return self._native.at(stamp_ns, patience_s, settled)
 
     def reset(self, kind: str = "soft", *, timeout_s: float = 2.0) -> str:
         """Resets the estimator of the flight, and returns its answer. "soft" keeps the pose, "hard" begins at the origin.

@@ -1,6 +1,7 @@
 //! Requests of a reader, and their answers.
 
 use super::record::{Header, Kind, Kinds, encoded};
+use plumbline_config::Timestamp;
 use plumbline_estimator::ResetKind;
 
 /// Longest content of a request, bytes.
@@ -8,12 +9,16 @@ pub const MAX_REQUEST_BYTES: usize = 512;
 /// Longest text of an answer or report, bytes.
 pub const MAX_WORDS: usize = 400;
 
+/// Longest wait for an instant, ms.
+pub const MAX_PATIENCE_MS: u32 = 2_000;
+
 /// Numbers of the requests.
 mod number {
     pub const SUBSCRIBE: u16 = 1;
     pub const RESET: u16 = 2;
     pub const SAVE_MAP: u16 = 3;
     pub const WATCH: u16 = 4;
+    pub const AT: u16 = 5;
     pub const READY: u16 = 16;
     pub const FAILED: u16 = 17;
     pub const ALIVE: u16 = 18;
@@ -30,12 +35,25 @@ pub enum Request {
     SaveMap,
     /// Camera pictures at this rate, mHz; zero for none any more.
     Watch(u32),
+    /// State at an instant.
+    At(At),
     /// Network process only: others can reach the vehicle.
     Ready,
     /// Network process only: it cannot start.
     Failed(Failure),
     /// Network process only: sign of life.
     Alive,
+}
+
+/// Request of the state at an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct At {
+    /// The instant, on the clock of the odometry.
+    pub stamp: Timestamp,
+    /// How long the flight may wait for it, ms, at most [`MAX_PATIENCE_MS`].
+    pub patience_ms: u32,
+    /// Whether it is to wait for the estimate after the instant, as long as that.
+    pub is_settled: bool,
 }
 
 /// Why the network process cannot start.
@@ -65,6 +83,7 @@ impl Request {
             Self::Reset(_) => number::RESET,
             Self::SaveMap => number::SAVE_MAP,
             Self::Watch(_) => number::WATCH,
+            Self::At(_) => number::AT,
             Self::Ready => number::READY,
             Self::Failed(_) => number::FAILED,
             Self::Alive => number::ALIVE,
@@ -74,6 +93,11 @@ impl Request {
             Self::Reset(ResetKind::Soft) => to.extend(1u32.to_le_bytes()),
             Self::Reset(ResetKind::Hard) => to.extend(2u32.to_le_bytes()),
             Self::Watch(mhz) => to.extend(mhz.to_le_bytes()),
+            Self::At(at) => {
+                to.extend(at.stamp.as_nanos().to_le_bytes());
+                to.extend(at.patience_ms.to_le_bytes());
+                to.extend(u32::from(at.is_settled).to_le_bytes());
+            }
             Self::Failed(failure) => {
                 to.extend(u32::from(failure.is_usage).to_le_bytes());
                 to.extend(shortened(&failure.words).bytes());
@@ -97,6 +121,18 @@ impl Request {
             },
             number::SAVE_MAP => is_empty.then_some(Self::SaveMap),
             number::WATCH => word().map(Self::Watch),
+            number::AT => {
+                let (stamp, rest) = content.split_first_chunk::<8>()?;
+                let (patience, flags) = rest.split_first_chunk::<4>()?;
+                let is_settled = match u32::from_le_bytes(flags.try_into().ok()?) {
+                    0 => false,
+                    1 => true,
+                    _ => return None,
+                };
+                let patience_ms = u32::from_le_bytes(*patience);
+                let stamp = Timestamp::from_nanos(i64::from_le_bytes(*stamp));
+                (patience_ms <= MAX_PATIENCE_MS).then_some(Self::At(At { stamp, patience_ms, is_settled }))
+            }
             number::READY => is_empty.then_some(Self::Ready),
             number::ALIVE => is_empty.then_some(Self::Alive),
             number::FAILED => {
@@ -244,6 +280,8 @@ mod tests {
             Request::Reset(ResetKind::Hard),
             Request::SaveMap,
             Request::Watch(5_000),
+            Request::At(At { stamp: Timestamp::from_nanos(-7), patience_ms: 20, is_settled: true }),
+            Request::At(At { stamp: Timestamp::MIN, patience_ms: MAX_PATIENCE_MS, is_settled: false }),
             Request::Ready,
             Request::Failed(Failure { is_usage: true, words: "port already in use".into() }),
             Request::Alive,
@@ -261,8 +299,16 @@ mod tests {
         let unknown = encoded(999, 4, |_| {});
         let short = encoded(number::SUBSCRIBE, 5, |to| to.push(1));
         let odd = encoded(number::RESET, 6, |to| to.extend(3u32.to_le_bytes()));
-        let got = received(&[unknown, short, odd].concat(), 11).unwrap();
-        let expected: Vec<_> = [4, 5, 6].map(|number| Numbered { number, request: None }).into();
+        let at = |number, patience: u32, flags: u32, rest: &[u8]| {
+            encoded(number::AT, number, |to| {
+                to.extend(0i64.to_le_bytes());
+                to.extend([patience.to_le_bytes(), flags.to_le_bytes()].concat());
+                to.extend(rest);
+            })
+        };
+        let instants = [at(7, MAX_PATIENCE_MS + 1, 0, &[]), at(8, 0, 2, &[]), at(9, 0, 0, &[0])].concat();
+        let got = received(&[unknown, short, odd, instants].concat(), 11).unwrap();
+        let expected: Vec<_> = [4, 5, 6, 7, 8, 9].map(|number| Numbered { number, request: None }).into();
         assert_eq!(got, expected);
         let long = Header { kind: 1, length: 513, ..Header::default() }.encode();
         assert_eq!(received(&long, 16), Err(TooLong));

@@ -29,6 +29,7 @@ mod wiring;
 pub use figures::LiveFigures;
 
 use super::effect::Effect;
+use super::instants::Instants;
 use super::listener::{Listener, Producer, Subscriber};
 use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
@@ -68,17 +69,16 @@ pub struct Live {
 }
 
 impl Live {
-    /// Stages with everything allocated for the configuration; `helpers` threads share the work on a frame. `helpers` threads
-    /// share the work on a frame. The map goes on with the keyframes of `known`.
+    /// Stages with everything allocated for the configuration; `helpers` threads share the work on a frame. The map goes on with the
+    /// keyframes of `known`; with `instants` the last seconds are kept.
     ///
     /// # Errors
     /// When the system refuses a thread.
     pub fn new(
         config: &ValidConfig,
         speed: f64,
-        helpers: usize,
-        host: Arc<Host>,
-        known: Option<PlaceMap>,
+        (helpers, host): (usize, Arc<Host>),
+        (known, instants): (Option<PlaceMap>, Option<Arc<Instants>>),
         subscriber: &mut dyn Subscriber,
     ) -> Result<Self, RunError> {
         let table = TaskTable::new(config, speed);
@@ -88,7 +88,7 @@ impl Live {
         let stages = Stages {
             front: FrontStage::new(config, subscriber),
             window: WindowStage::new(config, Effect::ByRule, subscriber.listener(Producer::Window)),
-            tick: TickStage::new(config, Effect::ByRule, subscriber.listener(Producer::Tick)),
+            tick: TickStage::new(config, Effect::ByRule, subscriber.listener(Producer::Tick), instants),
             places: PlacesStage::new(config, known, subscriber.listener(Producer::Places)),
         };
         let listener = subscriber.listener(Producer::Watchdog);

@@ -10,9 +10,14 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::Times;
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::Estimate;
+use std::time::Duration;
 
 /// Releases are this much after the grid of the samples, so that each finds the sample of its own time, ns.
 const PHASE_NS: i64 = 150_000;
+
+/// A tick that answers requests sleeps on its bell until so long before a release: from then on on the release itself, which
+/// is more exact.
+const BEFORE_RELEASE: Duration = Duration::from_micros(300);
 
 /// Counts and times of the task.
 pub struct TickTaskFigures {
@@ -70,10 +75,15 @@ impl TickTask {
 
     /// Ticks until the readings end.
     pub fn run(mut self, shared: &Shared<'_>) -> TickEnd {
+        if let Some(instants) = self.stage.instants() {
+            self.rings.bell.listen();
+            instants.ring_with(&self.rings.bell);
+        }
         match shared.is_of_sensors() {
             true => self.tick_on_arrival(shared),
             false => self.tick_on_grid(shared),
         }
+        self.stage.finish_instants();
         self.figures.deepest = self.rings.readings.deepest();
         TickEnd { stage: self.stage, figures: self.figures }
     }
@@ -82,6 +92,7 @@ impl TickTask {
         let first = shared.pace.origin.due.plus_nanos(PHASE_NS);
         let mut ticker = Ticker::new(first, shared.table.row(TaskId::Tick).period);
         while !shared.is_stopped() && !self.rings.readings.is_closed() {
+            self.answer_until(&ticker, shared);
             let release = ticker.wait();
             shared.heartbeats.busy(TaskId::Tick);
             self.figures.ticks += 1;
@@ -97,12 +108,24 @@ impl TickTask {
         self.rings.bell.listen();
         let period = shared.table.row(TaskId::Tick).period;
         while !shared.is_stopped() && !self.rings.readings.is_closed() {
-            let TickRings { bell, readings, .. } = &self.rings;
-            let _ = bell.wait(period, || readings.peek().map(drop));
+            let (TickRings { bell, readings, .. }, instants) = (&self.rings, self.stage.instants());
+            let is_asked = || instants.is_some_and(|instants| instants.is_waiting());
+            let _ = bell.wait(period, || (readings.peek().is_some() || is_asked()).then_some(()));
             shared.heartbeats.busy(TaskId::Tick);
             self.figures.ticks += 1;
             self.take_due(shared);
             self.stage.show_blind(Monotonic::now().0.saturating_sub(self.arrived.0));
+        }
+    }
+
+    /// Answers what is asked for before the next release.
+    fn answer_until(&mut self, ticker: &Ticker, shared: &Shared<'_>) {
+        while let Some(instants) = self.stage.instants()
+            && let Some(patience) = ticker.until_next().checked_sub(BEFORE_RELEASE)
+            && self.rings.bell.wait(patience, || instants.is_waiting().then_some(())).is_some()
+        {
+            shared.heartbeats.busy(TaskId::Tick);
+            self.stage.serve_instants();
         }
     }
 
@@ -126,5 +149,6 @@ impl TickTask {
             // Full, it is a minute behind: the front-end is gone, and has been named by the watchdog.
             let _ = self.rings.samples.push(reading);
         }
+        self.stage.serve_instants();
     }
 }

@@ -35,12 +35,15 @@ pub fn first_guess(
 
 fn camera(kind: LensKind, (width_px, height_px): (usize, usize), focal_px: f64) -> CameraModel {
     let middle = |side: usize| 0.5 * (side as f64 - 1.0);
+    let distortion = kind.initial();
+    // The focal length is that of the pinhole that the lens is near its axis.
+    let paraxial = distortion.distort(&Vector2::zeros()).1.m11;
     CameraModel {
         width_px,
         height_px,
-        focal_px: Vector2::repeat(focal_px),
+        focal_px: Vector2::repeat(focal_px / paraxial),
         centre_px: Vector2::new(middle(width_px), middle(height_px)),
-        distortion: kind.distortion([0.0; 4]),
+        distortion,
     }
 }
 
@@ -100,20 +103,28 @@ mod tests {
     }
 
     #[test]
-    fn the_focal_length_is_guessed_to_a_fifth_for_either_lens() {
+    fn the_focal_length_is_guessed_to_a_fifth_for_every_lens() {
         let points: Vec<Vector2<f64>> =
             (0..48).map(|k| Vector2::new(f64::from(k % 8) * 0.08, f64::from(k / 8) * 0.08)).collect();
-        for (kind, focal_px, k) in [
-            (LensKind::RadialTangential, 458.0, [-0.28, 0.07, 0.0, 0.0]),
-            (LensKind::RadialTangential, 1400.0, [0.05, 0.0, 0.0, 0.0]),
-            (LensKind::Equidistant, 290.0, [-0.01, 0.02, 0.0, 0.0]),
-        ] {
+        let lenses: [(LensKind, f64, &[f64]); 7] = [
+            (LensKind::RadialTangential, 458.0, &[-0.28, 0.07]),
+            (LensKind::RadialTangential, 1400.0, &[0.05]),
+            (LensKind::Equidistant, 290.0, &[-0.01, 0.02]),
+            (LensKind::Rational, 400.0, &[0.3, -0.1, 0.0, 0.0, 0.02, 0.6, 0.1, 0.03]),
+            (LensKind::Omni, 290.0, &[1.4, -0.1]),
+            (LensKind::Eucm, 290.0, &[0.6, 1.1]),
+            (LensKind::DoubleSphere, 290.0, &[-0.2, 0.6]),
+        ];
+        for (kind, focal_px, k) in lenses {
             let mut model = camera(kind, (752, 480), focal_px);
             model.distortion = kind.distortion(k);
+            // As many pixels to a radian near the axis.
+            model.focal_px = Vector2::repeat(focal_px / model.distortion.distort(&Vector2::zeros()).1.m11);
             let views = views(&model, &points);
             let views: Vec<&[Corner]> = views.iter().map(Vec::as_slice).collect();
             let guess = first_guess(kind, (752, 480), &points, &views).unwrap();
-            let ratio = guess.focal_px.x / focal_px;
+            let near_axis = guess.focal_px.x * guess.distortion.distort(&Vector2::zeros()).1.m11;
+            let ratio = near_axis / focal_px;
             assert!((0.8..1.25).contains(&ratio), "{kind:?} {focal_px}: {ratio}");
         }
     }

@@ -1,17 +1,16 @@
-//! The intrinsics of a camera as eight unknowns, and a projection with its derivatives by them.
+//! The intrinsics of a camera as unknowns, and a projection with its derivatives by them.
 //!
-//! `(fx, fy, cx, cy)` and the four coefficients of the distortion, for both models of [`plumbline_config::camera`].
+//! `(fx, fy, cx, cy)` and the coefficients of the lens, for all models of [`plumbline_config::camera`]. Unknowns that a model
+//! lacks stand at the end; nothing depends on them.
 
 use nalgebra::Matrix2x3;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use plumbline_config::CameraModel;
-use plumbline_config::camera::Distortion;
+use plumbline_config::camera::{Distortion, MAX_COEFFICIENTS};
 
-/// Unknowns of a camera.
-pub const LENS: usize = 8;
-/// What the unknowns are called, by the model of the distortion.
-const RADTAN_NAMES: [&str; LENS] = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"];
-const EQUIDISTANT_NAMES: [&str; LENS] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"];
+/// Unknowns of a camera, of the lens with the most.
+pub const LENS: usize = INTRINSICS + MAX_COEFFICIENTS;
+const INTRINSICS: usize = 4;
 /// Closest point that has a pixel, m.
 const MIN_DEPTH_M: f64 = 1e-3;
 
@@ -22,51 +21,83 @@ pub enum LensKind {
     RadialTangential,
     /// Fisheye lenses.
     Equidistant,
+    /// OpenCV's rational model: wide lenses up to some 130 degrees.
+    Rational,
+    /// Unified model with radial and tangential distortion: fisheye and mirrors.
+    Omni,
+    /// Enhanced unified model: fisheye lenses, by two coefficients.
+    Eucm,
+    /// Double sphere: fisheye lenses, by two coefficients.
+    DoubleSphere,
 }
 
 impl LensKind {
-    /// The model with these coefficients.
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::RadialTangential,
+        Self::Equidistant,
+        Self::Rational,
+        Self::Omni,
+        Self::Eucm,
+        Self::DoubleSphere,
+    ];
+
+    /// The lens from which a calibration begins.
     #[must_use]
-    pub fn distortion(self, [a, b, c, d]: [f64; 4]) -> Distortion {
+    pub fn initial(self) -> Distortion {
         match self {
-            Self::RadialTangential => Distortion::RadialTangential { k1: a, k2: b, p1: c, p2: d },
-            Self::Equidistant => Distortion::Equidistant { k1: a, k2: b, k3: c, k4: d },
+            Self::RadialTangential => Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+            Self::Equidistant => Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },
+            Self::Rational => Distortion::Rational {
+                k1: 0.0,
+                k2: 0.0,
+                p1: 0.0,
+                p2: 0.0,
+                k3: 0.0,
+                k4: 0.0,
+                k5: 0.0,
+                k6: 0.0,
+            },
+            Self::Omni => Distortion::Omni { xi: 1.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+            Self::Eucm => Distortion::Eucm { alpha: 0.5, beta: 1.0 },
+            Self::DoubleSphere => Distortion::DoubleSphere { xi: 0.0, alpha: 0.5 },
         }
+    }
+
+    /// The model with these coefficients, in the order of [`Distortion::coefficients`]; those that are not given are 0.
+    #[must_use]
+    pub fn distortion(self, coefficients: impl AsRef<[f64]>) -> Distortion {
+        self.initial().with_coefficients(coefficients.as_ref())
     }
 }
 
 /// What the unknowns of a camera are called.
 #[must_use]
-pub fn names(model: &CameraModel) -> [&'static str; LENS] {
-    match model.distortion {
-        Distortion::RadialTangential { .. } => RADTAN_NAMES,
-        Distortion::Equidistant { .. } => EQUIDISTANT_NAMES,
-    }
+pub fn names(model: &CameraModel) -> Vec<&'static str> {
+    let of_lens = model.distortion.coefficients().into_iter().map(|(name, _)| name);
+    ["fx", "fy", "cx", "cy"].into_iter().chain(of_lens).collect()
 }
 
-/// The unknowns of a camera.
+/// The unknowns of a camera; 0 for those that its lens lacks.
 #[must_use]
 pub fn unknowns(model: &CameraModel) -> SVector<f64, LENS> {
-    let k = match model.distortion {
-        Distortion::RadialTangential { k1, k2, p1, p2 } => [k1, k2, p1, p2],
-        Distortion::Equidistant { k1, k2, k3, k4 } => [k1, k2, k3, k4],
-    };
-    let (f, c) = (model.focal_px, model.centre_px);
-    SVector::from([f.x, f.y, c.x, c.y, k[0], k[1], k[2], k[3]])
+    let mut all: SVector<f64, LENS> = SVector::zeros();
+    all.fixed_rows_mut::<2>(0).copy_from(&model.focal_px);
+    all.fixed_rows_mut::<2>(2).copy_from(&model.centre_px);
+    for (k, (_, value)) in model.distortion.coefficients().into_iter().enumerate() {
+        all[INTRINSICS + k] = value;
+    }
+    all
 }
 
 /// The camera with its unknowns changed by `step`.
 #[must_use]
 pub fn stepped(model: &CameraModel, step: &SVector<f64, LENS>) -> CameraModel {
     let u = unknowns(model) + step;
-    let kind = match model.distortion {
-        Distortion::RadialTangential { .. } => LensKind::RadialTangential,
-        Distortion::Equidistant { .. } => LensKind::Equidistant,
-    };
     CameraModel {
         focal_px: Vector2::new(u[0], u[1]),
         centre_px: Vector2::new(u[2], u[3]),
-        distortion: kind.distortion([u[4], u[5], u[6], u[7]]),
+        distortion: model.distortion.with_coefficients(&u.as_slice()[INTRINSICS..]),
         ..*model
     }
 }
@@ -98,30 +129,11 @@ pub fn project(model: &CameraModel, p_c: &Vector3<f64>) -> Option<Projection> {
     by_lens[(1, 1)] = distorted.y;
     by_lens[(0, 2)] = 1.0;
     by_lens[(1, 3)] = 1.0;
-    for (k, by) in distorted_by_coefficients(&model.distortion, &xy).iter().enumerate() {
-        by_lens[(0, 4 + k)] = model.focal_px.x * by.x;
-        by_lens[(1, 4 + k)] = model.focal_px.y * by.y;
+    for (k, by) in model.distortion.by_coefficients(&xy).iter().enumerate() {
+        by_lens[(0, INTRINSICS + k)] = model.focal_px.x * by.x;
+        by_lens[(1, INTRINSICS + k)] = model.focal_px.y * by.y;
     }
     Some(Projection { px, by_point: by_xy * xy_by_point, by_lens })
-}
-
-fn distorted_by_coefficients(distortion: &Distortion, xy: &Vector2<f64>) -> [Vector2<f64>; 4] {
-    let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
-    match distortion {
-        Distortion::RadialTangential { .. } => [
-            xy * r2,
-            xy * (r2 * r2),
-            Vector2::new(2.0 * x * y, r2 + 2.0 * y * y),
-            Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y),
-        ],
-        Distortion::Equidistant { .. } => {
-            let r = r2.sqrt();
-            let theta = r.atan();
-            // Near the axis theta³ / r vanishes.
-            let unit = if r < 1e-8 { Vector2::zeros() } else { xy / r };
-            [3, 5, 7, 9].map(|power| unit * theta.powi(power))
-        }
-    }
 }
 
 #[cfg(test)]
@@ -130,20 +142,28 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_differences() {
-        for kind in [LensKind::RadialTangential, LensKind::Equidistant] {
+        let coefficients: [&[f64]; 6] = [
+            &[-0.2, 0.05, 0.001, -0.002],
+            &[-0.2, 0.05, 0.001, -0.002],
+            &[0.3, -0.1, 0.001, -0.002, 0.02, 0.6, 0.1, 0.03],
+            &[1.4, -0.2, 0.05, 0.001, -0.002],
+            &[0.6, 1.1],
+            &[-0.2, 0.6],
+        ];
+        for (kind, k) in LensKind::ALL.into_iter().zip(coefficients) {
             let model = CameraModel {
                 width_px: 640,
                 height_px: 480,
                 focal_px: Vector2::new(410.0, 405.0),
                 centre_px: Vector2::new(311.0, 245.0),
-                distortion: kind.distortion([-0.2, 0.05, 0.001, -0.002]),
+                distortion: kind.distortion(k),
             };
             for p_c in
                 [Vector3::new(0.3, -0.4, 1.1), Vector3::new(-0.7, 0.2, 0.9), Vector3::new(0.0, 1e-3, 2.0)]
             {
                 let at = project(&model, &p_c).unwrap();
                 assert!((at.px - model.project(&p_c).unwrap()).norm() < 1e-12);
-                for k in 0..LENS {
+                for k in 0..names(&model).len() {
                     let mut step = SVector::zeros();
                     step[k] = 1e-6;
                     let px = |s: &SVector<f64, LENS>| project(&stepped(&model, s), &p_c).unwrap().px;

@@ -34,7 +34,8 @@ pub struct Residual {
 pub struct CameraResult {
     /// Its calibration.
     pub model: CameraModel,
-    /// Standard deviations of focal lengths, principal point (px) and the four coefficients.
+    /// Standard deviations of focal lengths, principal point (px) and the coefficients; 0 for unknowns that the lens
+    /// lacks.
     pub sigmas: [f64; LENS],
     /// Root of the mean squared distance of its corners, px.
     pub rms_px: f64,

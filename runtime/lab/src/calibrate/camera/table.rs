@@ -75,7 +75,7 @@ fn camera_lines(index: usize, camera: &CameraResult) -> [String; 3] {
     };
     [
         format!("camera[{index}]  {} px", part(0..4)),
-        format!("           {}", part(4..8)),
+        format!("           {}", part(4..names.len())),
         format!(
             "           {} corners in {} views, {:.3} px RMS, covering {:.0} % of the image",
             camera.residuals.len(),

@@ -127,7 +127,9 @@ fn recv_with_dst_inner(
     };
 
     let bytes_recv = unsafe { libc::recvmsg(fd, &mut mhdr as *mut libc::msghdr, 0) };
-    if bytes_recv <= 0 {
+    // PLUMBLINE: a datagram may be empty. Taken for an error, it was whatever the thread's last error was: no data, so that the
+    // listener waited for a full queue to become fuller, or one for which the listener paused.
+    if bytes_recv < 0 {
         return Err(Error::last_os_error());
     }
 

@@ -1,0 +1,351 @@
+//! Camera models: a lens maps ideal normalized coordinates to distorted ones, and intrinsics map those to pixels.
+//!
+//! Frames and spaces: a point `p_c` in the camera frame `C` (z forward, x right, y down, metres) has the
+//! normalized coordinates `(x, y) = (p_c.x / p_c.z, p_c.y / p_c.z)`; distortion maps those to distorted
+//! normalized coordinates; the intrinsics map these to pixels, with the centre of the first pixel at
+//! `(0, 0)`.
+//!
+//! Each lens model has a file of its own with its notation, source and domain: `radial_tangential`, `equidistant`,
+//! `rational`, `omni`, `eucm`, `double_sphere`.
+//!
+//! Normalized coordinates tell directions before the camera, so no ray at or beyond a right angle is used, whatever the lens
+//! sees: points there have no pixel, and pixels further than 89.4 degrees from the axis have no direction.
+//!
+//! All is `#[inline]`: this crate is compiled for a short build, its callers for speed.
+
+mod double_sphere;
+mod equidistant;
+mod eucm;
+mod newton;
+mod omni;
+mod polynomial;
+mod radial_tangential;
+mod rational;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Closest depth that is still projected, in metres.
+const MIN_DEPTH_M: f64 = 1e-6;
+/// Square of the largest distance from the optical axis in normalized coordinates, 89.9 degrees: beyond, no
+/// lens has an image and the powers of the radius overflow.
+const MAX_RADIUS_SQUARED: f64 = 1e6;
+/// Largest angle from the optical axis that a fisheye pixel is unprojected to, rad (89.4 degrees): beyond,
+/// normalized coordinates lose their meaning.
+pub const MAX_THETA_RAD: f64 = 1.56;
+/// Its cosine.
+const MIN_COS: f64 = 0.010_796_117_058_267_392;
+/// Most coefficients that a lens model has.
+pub const MAX_COEFFICIENTS: usize = 8;
+/// Angles at which a fold is looked for: a tenth of a degree apart.
+const FOLD_ANGLES: usize = 900;
+
+/// How a lens bends the ideal pinhole image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Distortion {
+    /// Brown's model: `r2 = x² + y²`, radial `1 + k1 r2 + k2 r2²`, tangential `p1`, `p2`.
+    RadialTangential {
+        /// First radial coefficient.
+        k1: f64,
+        /// Second radial coefficient.
+        k2: f64,
+        /// First tangential coefficient.
+        p1: f64,
+        /// Second tangential coefficient.
+        p2: f64,
+    },
+    /// Fisheye: `theta_d = theta (1 + k1 theta² + k2 theta⁴ + k3 theta⁶ + k4 theta⁸)`.
+    Equidistant {
+        /// Coefficient of `theta³`.
+        k1: f64,
+        /// Coefficient of `theta⁵`.
+        k2: f64,
+        /// Coefficient of `theta⁷`.
+        k3: f64,
+        /// Coefficient of `theta⁹`.
+        k4: f64,
+    },
+    /// OpenCV's rational model: radial `(1 + k1 r2 + k2 r2² + k3 r2³) / (1 + k4 r2 + k5 r2² + k6 r2³)`, tangential `p1`, `p2`.
+    Rational {
+        /// Coefficient of `r2` above.
+        k1: f64,
+        /// Coefficient of `r2²` above.
+        k2: f64,
+        /// First tangential coefficient.
+        p1: f64,
+        /// Second tangential coefficient.
+        p2: f64,
+        /// Coefficient of `r2³` above.
+        k3: f64,
+        /// Coefficient of `r2` below.
+        k4: f64,
+        /// Coefficient of `r2²` below.
+        k5: f64,
+        /// Coefficient of `r2³` below.
+        k6: f64,
+    },
+    /// Unified model: `(x, y) / (1 + xi sqrt(1 + r2))`, then as [`Self::RadialTangential`].
+    Omni {
+        /// Distance of the centre of projection from that of the unit sphere.
+        xi: f64,
+        /// First radial coefficient.
+        k1: f64,
+        /// Second radial coefficient.
+        k2: f64,
+        /// First tangential coefficient.
+        p1: f64,
+        /// Second tangential coefficient.
+        p2: f64,
+    },
+    /// Enhanced unified model: `(x, y) / (alpha sqrt(1 + beta r2) + 1 - alpha)`.
+    Eucm {
+        /// Share of the ellipsoid, 0 (pinhole) to 1.
+        alpha: f64,
+        /// Shape of the ellipsoid; 1 is a sphere.
+        beta: f64,
+    },
+    /// Double sphere: `(x, y) / (alpha d2 + (1 - alpha) (xi d1 + 1))`, `d1 = sqrt(r2 + 1)`, `d2 = sqrt(r2 + (xi d1 + 1)²)`.
+    DoubleSphere {
+        /// Distance of the second sphere from the first.
+        xi: f64,
+        /// Share of the second sphere, 0 (pinhole) to 1.
+        alpha: f64,
+    },
+}
+
+impl Distortion {
+    /// Names of the models, as configurations have them.
+    pub const MODELS: [&'static str; 6] =
+        ["radial-tangential", "equidistant", "rational", "omni", "eucm", "double-sphere"];
+
+    /// Distorted normalized coordinates of the ideal ones, and the derivative of the former by the latter.
+    #[must_use]
+    #[inline]
+    pub fn distort(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        match *self {
+            Self::RadialTangential { k1, k2, p1, p2 } => radial_tangential::distort(xy, k1, k2, p1, p2),
+            Self::Equidistant { k1, k2, k3, k4 } => equidistant::distort(xy, [k1, k2, k3, k4]),
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                rational::distort(xy, [k1, k2, p1, p2, k3, k4, k5, k6])
+            }
+            Self::Omni { xi, k1, k2, p1, p2 } => omni::distort(xy, [xi, k1, k2, p1, p2]),
+            Self::Eucm { alpha, beta } => eucm::distort(xy, [alpha, beta]),
+            Self::DoubleSphere { xi, alpha } => double_sphere::distort(xy, [xi, alpha]),
+        }
+    }
+
+    /// Ideal normalized coordinates of distorted ones; `None` where the model has no inverse on the branch that holds the image,
+    /// or one further than 89.4 degrees from the optical axis.
+    #[must_use]
+    #[inline]
+    pub fn undistort(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
+        match *self {
+            Self::RadialTangential { k1, k2, p1, p2 } => {
+                radial_tangential::undistort(target, [k1, k2, p1, p2])
+            }
+            Self::Equidistant { k1, k2, k3, k4 } => equidistant::undistort(target, [k1, k2, k3, k4]),
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                rational::undistort(target, [k1, k2, p1, p2, k3, k4, k5, k6])
+            }
+            Self::Omni { xi, k1, k2, p1, p2 } => omni::undistort(target, [xi, k1, k2, p1, p2]),
+            Self::Eucm { alpha, beta } => eucm::undistort(target, [alpha, beta]),
+            Self::DoubleSphere { xi, alpha } => double_sphere::undistort(target, [xi, alpha]),
+        }
+    }
+
+    /// Whether ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
+    /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
+    /// beyond the image; what lies there would be projected into the image falsely.
+    #[must_use]
+    #[inline]
+    pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
+        let r2 = xy.norm_squared();
+        match *self {
+            Self::RadialTangential { k1, k2, .. } => r2 < radial_tangential::regular_radius_squared(k1, k2),
+            Self::Equidistant { k1, k2, k3, k4 } => equidistant::is_regular(r2, [k1, k2, k3, k4]),
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                rational::is_regular(r2, [k1, k2, p1, p2, k3, k4, k5, k6])
+            }
+            Self::Omni { xi, k1, k2, p1, p2 } => omni::is_regular(xy, [xi, k1, k2, p1, p2]),
+            Self::Eucm { alpha, beta } => eucm::is_regular(r2, [alpha, beta]),
+            Self::DoubleSphere { xi, alpha } => double_sphere::is_regular(r2, [xi, alpha]),
+        }
+    }
+
+    /// Angle from the optical axis beyond which the model folds back or ends, rad; `None` where it grows as far as pixels are
+    /// unprojected.
+    #[must_use]
+    pub fn fold_rad(&self) -> Option<f64> {
+        match *self {
+            Self::Equidistant { k1, k2, k3, k4 } => equidistant::fold_rad([k1, k2, k3, k4]),
+            Self::DoubleSphere { xi, alpha } if double_sphere::fold_rad([xi, alpha]).is_some() => {
+                double_sphere::fold_rad([xi, alpha]).filter(|fold_rad| *fold_rad < MAX_THETA_RAD)
+            }
+            _ => {
+                let mut angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
+                angles.find(|theta| !self.is_regular(&Vector2::new(libm::tan(*theta), 0.0)))
+            }
+        }
+    }
+
+    /// Name of the model, as configurations have it.
+    #[must_use]
+    pub fn model(&self) -> &'static str {
+        let index = match self {
+            Self::RadialTangential { .. } => 0,
+            Self::Equidistant { .. } => 1,
+            Self::Rational { .. } => 2,
+            Self::Omni { .. } => 3,
+            Self::Eucm { .. } => 4,
+            Self::DoubleSphere { .. } => 5,
+        };
+        Self::MODELS[index]
+    }
+
+    /// Coefficients with their names, in the order in which the literature and calibration files list them.
+    #[must_use]
+    pub fn coefficients(&self) -> Vec<(&'static str, f64)> {
+        match *self {
+            Self::RadialTangential { k1, k2, p1, p2 } => {
+                vec![("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)]
+            }
+            Self::Equidistant { k1, k2, k3, k4 } => vec![("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)],
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => vec![
+                ("k1", k1),
+                ("k2", k2),
+                ("p1", p1),
+                ("p2", p2),
+                ("k3", k3),
+                ("k4", k4),
+                ("k5", k5),
+                ("k6", k6),
+            ],
+            Self::Omni { xi, k1, k2, p1, p2 } => {
+                vec![("xi", xi), ("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)]
+            }
+            Self::Eucm { alpha, beta } => vec![("alpha", alpha), ("beta", beta)],
+            Self::DoubleSphere { xi, alpha } => vec![("xi", xi), ("alpha", alpha)],
+        }
+    }
+
+    /// The same model with other coefficients, in the order of [`Self::coefficients`]; those that are not given are 0.
+    #[must_use]
+    pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
+        let [a, b, c, d, e, f, g, h] =
+            std::array::from_fn(|i| coefficients.get(i).copied().unwrap_or_default());
+        match self {
+            Self::RadialTangential { .. } => Self::RadialTangential { k1: a, k2: b, p1: c, p2: d },
+            Self::Equidistant { .. } => Self::Equidistant { k1: a, k2: b, k3: c, k4: d },
+            Self::Rational { .. } => {
+                Self::Rational { k1: a, k2: b, p1: c, p2: d, k3: e, k4: f, k5: g, k6: h }
+            }
+            Self::Omni { .. } => Self::Omni { xi: a, k1: b, k2: c, p1: d, p2: e },
+            Self::Eucm { .. } => Self::Eucm { alpha: a, beta: b },
+            Self::DoubleSphere { .. } => Self::DoubleSphere { xi: a, alpha: b },
+        }
+    }
+
+    /// Derivatives of the distorted coordinates by the coefficients, in the order of [`Self::coefficients`].
+    #[must_use]
+    pub fn by_coefficients(&self, xy: &Vector2<f64>) -> Vec<Vector2<f64>> {
+        match *self {
+            Self::RadialTangential { .. } => radial_tangential::by_coefficients(xy).to_vec(),
+            Self::Equidistant { .. } => equidistant::by_coefficients(xy).to_vec(),
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                rational::by_coefficients(xy, [k1, k2, p1, p2, k3, k4, k5, k6]).to_vec()
+            }
+            Self::Omni { xi, k1, k2, p1, p2 } => omni::by_coefficients(xy, [xi, k1, k2, p1, p2]).to_vec(),
+            Self::Eucm { alpha, beta } => eucm::by_coefficients(xy, [alpha, beta]).to_vec(),
+            Self::DoubleSphere { xi, alpha } => double_sphere::by_coefficients(xy, [xi, alpha]).to_vec(),
+        }
+    }
+}
+
+/// A calibrated camera: image size, intrinsics and distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraModel {
+    /// Image width in pixels.
+    pub width_px: usize,
+    /// Image height in pixels.
+    pub height_px: usize,
+    /// Focal lengths `(fx, fy)` in pixels.
+    pub focal_px: Vector2<f64>,
+    /// Principal point `(cx, cy)` in pixels.
+    pub centre_px: Vector2<f64>,
+    /// Lens distortion.
+    pub distortion: Distortion,
+}
+
+impl CameraModel {
+    /// Pixel of a point in the camera frame; `None` behind or on the camera's plane, and further from the
+    /// optical axis than the lens model reaches (see [`Distortion::is_regular`]). The pixel may lie outside the image: see [`Self::contains`].
+    #[must_use]
+    #[inline]
+    pub fn project(&self, p_c: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.project_with_jacobian(p_c).map(|(px, _)| px)
+    }
+
+    /// As [`Self::project`], with the derivative of the pixel by the point (px/m).
+    #[must_use]
+    #[inline]
+    pub fn project_with_jacobian(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        if p_c.z.is_nan() || p_c.z < MIN_DEPTH_M {
+            return None;
+        }
+        let inv_z = 1.0 / p_c.z;
+        let xy = Vector2::new(p_c.x * inv_z, p_c.y * inv_z);
+        if !self.distortion.is_regular(&xy) {
+            return None;
+        }
+        let (px, px_by_xy) = self.project_normalized(&xy);
+        let xy_by_p = Matrix2x3::new(inv_z, 0.0, -xy.x * inv_z, 0.0, inv_z, -xy.y * inv_z);
+        Some((px, px_by_xy * xy_by_p))
+    }
+
+    /// Pixel of ideal normalized coordinates, with its derivative (px per unit); as the formula says, also
+    /// beyond the reach of the lens model.
+    #[must_use]
+    #[inline]
+    pub fn project_normalized(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let (distorted, jacobian) = self.distortion.distort(xy);
+        let px = distorted.component_mul(&self.focal_px) + self.centre_px;
+        (px, Matrix2::from_diagonal(&self.focal_px) * jacobian)
+    }
+
+    /// Ideal normalized coordinates of a pixel; `None` where the model has no inverse on the branch that
+    /// holds the image (see [`Distortion::is_regular`]), and of a pixel that is not a number.
+    #[must_use]
+    #[inline]
+    pub fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
+        self.distortion.undistort(&(px - self.centre_px).component_div(&self.focal_px))
+    }
+
+    /// Whether a pixel has a direction by the lens model, although one further than 89.4 degrees from the optical axis is not
+    /// used. Where the model folds back, pixels have none.
+    #[must_use]
+    pub fn has_direction(&self, px: &Vector2<f64>) -> bool {
+        if self.unproject(px).is_some() {
+            return true;
+        }
+        if matches!(self.distortion, Distortion::RadialTangential { .. } | Distortion::Rational { .. }) {
+            return false;
+        }
+        let target = (px - self.centre_px).component_div(&self.focal_px);
+        let radius = target.norm();
+        let (edge, _) = self.distortion.distort(&(target * (libm::tan(MAX_THETA_RAD) / radius)));
+        radius >= edge.norm() && self.distortion.fold_rad().is_none()
+    }
+
+    /// Whether a pixel lies inside the image, at least `border_px` from its edge.
+    #[must_use]
+    #[inline]
+    pub fn contains(&self, px: &Vector2<f64>, border_px: f64) -> bool {
+        px.x >= border_px
+            && px.y >= border_px
+            && px.x <= self.width_px as f64 - 1.0 - border_px
+            && px.y <= self.height_px as f64 - 1.0 - border_px
+    }
+}

@@ -1,0 +1,808 @@
+//! Calibrations of public rigs, in the form of the program that each was made for. The numbers are facts of the rigs; the
+//! source of each stands beside it.
+
+use super::{euroc, with};
+use crate::camera::Distortion;
+use crate::import::{self, RigFormat, RigImport, kalibr_texts, rig_text};
+use crate::{CameraModel, ValidConfig};
+use nalgebra::{Isometry3, Vector2};
+
+const NO_FILE: &str = "";
+const IMU: &str = super::import_kalibr::IMU;
+
+/// UZ-SLAMLab/ORB_SLAM3, `Examples/Stereo-Inertial/TUM-VI.yaml`.
+const TUM_VI_ORB_SLAM: &str = "%YAML:1.0
+File.version: \"1.0\"
+Camera.type: \"KannalaBrandt8\"
+Camera1.fx: 190.97847715128717
+Camera1.fy: 190.9733070521226
+Camera1.cx: 254.93170605935475
+Camera1.cy: 256.8974428996504
+Camera1.k1: 0.0034823894022493434
+Camera1.k2: 0.0007150348452162257
+Camera1.k3: -0.0020532361418706202
+Camera1.k4: 0.00020293673591811182
+Camera2.fx: 190.44236969414825
+Camera2.fy: 190.4344384721956
+Camera2.cx: 252.59949716835982
+Camera2.cy: 254.91723064636983
+Camera2.k1: 0.0034003170790442797
+Camera2.k2: 0.001766278153469831
+Camera2.k3: -0.00266312569781606
+Camera2.k4: 0.0003299517423931039
+Stereo.T_c1_c2: !!opencv-matrix
+  rows: 4
+  cols: 4
+  dt: f
+  data: [0.999999445773493, 0.000791687752817, 0.000694034010224, 0.101063427414194,
+         -0.000823363992158, 0.998899461915674, 0.046895490788700, 0.001946204678584,
+         -0.000656143613644, -0.046896036240590, 0.998899560146304, 0.001015350132563,
+         0.0, 0.0, 0.0, 1.0]
+Camera1.overlappingBegin: 0
+Camera.width: 512
+Camera.height: 512
+Camera.fps: 20
+IMU.T_b_c1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: f
+   data: [-0.9995250378696743, 0.0075019185074052044, -0.02989013031643309, 0.045574835649698026,
+          0.029615343885863205, -0.03439736061393144, -0.998969345370175, -0.071161801837997044,
+         -0.008522328211654736, -0.9993800792498829, 0.03415885127385616, -0.044681254117144367,
+          0.0, 0.0, 0.0, 1.0]
+IMU.NoiseGyro: 0.00016 # rad/s^0.5
+IMU.NoiseAcc: 0.0028
+IMU.GyroWalk: 0.000022
+IMU.AccWalk: 0.00086
+IMU.Frequency: 200.0
+ORBextractor.nFeatures: 1000
+";
+/// The same, `Examples/Stereo-Inertial/RealSense_D435i.yaml`.
+const D435I_ORB_SLAM: &str = "%YAML:1.0
+File.version: \"1.0\"
+Camera.type: \"Rectified\"
+Camera1.fx: 382.613
+Camera1.fy: 382.613
+Camera1.cx: 320.183
+Camera1.cy: 236.455
+Stereo.b: 0.0499585
+Camera.width: 640
+Camera.height: 480
+Camera.fps: 30
+IMU.T_b_c1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: f
+   data: [1.0, 0.0, 0.0, -0.005,
+          0.0, 1.0, 0.0, -0.005,
+          0.0, 0.0, 1.0, 0.0117,
+          0.0, 0.0, 0.0, 1.0]
+IMU.NoiseGyro: 1e-3
+IMU.NoiseAcc: 1e-2
+IMU.GyroWalk: 1e-6
+IMU.AccWalk: 1e-4
+IMU.Frequency: 200.0
+";
+/// HKUST-Aerial-Robotics/VINS-Fusion, `config/mynteye/mynteye_stereo_imu_config.yaml`, `left_mei.yaml` and `right_mei.yaml`.
+const MYNT_EYE_VINS: &str = "%YAML:1.0
+imu: 1
+num_of_cam: 2
+cam0_calib: \"left_mei.yaml\"
+cam1_calib: \"right_mei.yaml\"
+image_width: 752
+image_height: 480
+estimate_extrinsic: 0
+body_T_cam0: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: d
+   data: [4.2812441490024389e-03, -9.9997001507473682e-01,
+       -6.4528985710044385e-03, 5.2583356071589790e-05,
+       9.9996900935734523e-01, 4.2384270612576547e-03,
+       6.6344601088757426e-03, -4.2174706544162562e-02,
+       -6.6069110351583190e-03, -6.4811023350536514e-03,
+       9.9995717110239080e-01, 1.9238715201769417e-02, 0., 0., 0., 1. ]
+body_T_cam1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: d
+   data: [1.6525177162010074e-03, -9.9998509853672479e-01,
+       -5.2030654132755290e-03, -2.9251875934051923e-03,
+       9.9994935393851081e-01, 1.6007594247438028e-03,
+       9.9361525360214843e-03, 7.4379061731550719e-02,
+       -9.9276756168115085e-03, -5.2192215666013279e-03,
+       9.9993709851324453e-01, 1.9302672329335892e-02, 0., 0., 0., 1. ]
+acc_n: 0.01
+gyr_n: 0.001
+acc_w: 0.0001
+gyr_w: 0.00001
+td: 0.0025
+";
+const MYNT_EYE_LEFT: &str = "%YAML:1.0
+---
+model_type: MEI
+camera_name: camera
+image_width: 752
+image_height: 480
+mirror_parameters:
+   xi: 1.4456544769803834e+00
+distortion_parameters:
+   k1: -3.4363053357673362e-01
+   k2: 6.2347376791548004e-02
+   p1: 1.2608078788285675e-03
+   p2: -2.1374139252651483e-04
+projection_parameters:
+   gamma1: 8.9594371861807986e+02
+   gamma2: 8.9741581479032754e+02
+   u0: 3.7221680816143993e+02
+   v0: 2.3833534175557006e+02
+";
+const MYNT_EYE_RIGHT: &str = "%YAML:1.0
+---
+model_type: MEI
+camera_name: camera
+image_width: 752
+image_height: 480
+mirror_parameters:
+   xi: 1.5056030540672460e+00
+distortion_parameters:
+   k1: -3.3438688001613459e-01
+   k2: 5.9476752495134476e-02
+   p1: 8.0977827623840968e-04
+   p2: -3.0586511092468437e-04
+projection_parameters:
+   gamma1: 9.1750195243578469e+02
+   gamma2: 9.1886842077728443e+02
+   u0: 3.6283572280856060e+02
+   v0: 2.4789274770430072e+02
+";
+/// The same, `config/realsense_t265`; the left camera in two models, the second of which stands there as a comment.
+const T265_VINS: &str = "%YAML:1.0
+imu: 1
+num_of_cam: 1
+cam0_calib: \"848x800_fisheye/left.yaml\"
+body_T_cam0: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: d
+   data: [-0.999928, 0.000603797, 0.011947, 0.0106992293149233,
+          -0.000563932, -0.999994, 0.00333993, 6.03406806476414e-06,
+          0.0119489, 0.00333295, 0.999923, -0.000127853592857718,
+          0., 0., 0., 1.]
+acc_n: 0.2
+gyr_n: 0.007
+acc_w: 0.02
+gyr_w: 4.0e-5
+";
+const T265_KANNALA_BRANDT: &str = "model_type: KANNALA_BRANDT
+image_width: 848
+image_height: 800
+projection_parameters:
+   k2: -0.00703547615557909
+   k3: 0.042284730821847916
+   k4: -0.03999178111553192
+   k5: 0.006651225965470076
+   mu: 286.2373962402344
+   mv: 286.4901123046875
+   u0: 421.489990234375
+   v0: 400.760986328125
+";
+const T265_MEI: &str = "model_type: MEI
+image_width: 848
+image_height: 800
+mirror_parameters:
+   xi: 0.8954395763
+distortion_parameters:
+   k1: -0.2753013587
+   k2: -0.0064462491
+   p1: -0.0001127034
+   p2: -0.0028216737
+projection_parameters:
+   gamma1: 544.7199244569
+   gamma2: 544.1456419537
+   u0: 423.8803424969
+   v0: 400.1832609887
+";
+/// The same, `config/euroc/euroc_mono_imu_config.yaml` and `cam0_pinhole.yaml`, in one file as VINS-Mono has it.
+const EUROC_VINS_MONO: &str = "%YAML:1.0
+model_type: PINHOLE
+camera_name: camera
+image_width: 752
+image_height: 480
+distortion_parameters:
+   k1: -2.9250563288482467e-01
+   k2: 8.3305380138632271e-02
+   p1: 2.4650824570721693e-05
+   p2: -1.1770093773613896e-04
+projection_parameters:
+   fx: 4.6170381623421628e+02
+   fy: 4.6043378588777085e+02
+   cx: 3.6322379726457223e+02
+   cy: 2.4818637846327383e+02
+extrinsicRotation: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [0.0148655429818, -0.999880929698, 0.00414029679422,
+          0.999557249008, 0.0149672133247, 0.025715529948,
+          -0.0257744366974, 0.00375618835797, 0.999660727178]
+extrinsicTranslation: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [-0.0216401454975, -0.064676986768, 0.00981073058949]
+acc_n: 0.08
+gyr_n: 0.004
+acc_w: 0.00004
+gyr_w: 2.0e-6
+";
+
+fn basalt(poses: &[[f64; 7]], cameras: &[&str], [width, height]: [usize; 2], rest: &str) -> String {
+    let pose = |[px, py, pz, qx, qy, qz, qw]: &[f64; 7]| {
+        format!(
+            "{{\"px\": {px}, \"py\": {py}, \"pz\": {pz}, \"qx\": {qx}, \"qy\": {qy}, \"qz\": {qz}, \"qw\": {qw}}}"
+        )
+    };
+    let poses: Vec<String> = poses.iter().map(pose).collect();
+    let sizes = vec![format!("[{width}, {height}]"); poses.len()];
+    format!(
+        "{{\"value0\": {{\"T_imu_cam\": [{}], \"intrinsics\": [{}], \"resolution\": [{}], {rest}, \"vignette\": []}}}}",
+        poses.join(", "),
+        cameras.join(", "),
+        sizes.join(", ")
+    )
+}
+
+const BASALT_IMU: &str = "\"calib_accel_bias\": [0.0017, 0.15, 0.067, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], \"imu_update_rate\": 200.0, \
+     \"accel_noise_std\": 0.016, \"gyro_noise_std\": 0.000282, \"accel_bias_std\": 0.001, \"gyro_bias_std\": 0.0001, \
+     \"cam_time_offset_ns\": 2124029";
+
+/// VladyslavUsenko/basalt, `data/euroc_ds_calib.json`.
+fn euroc_basalt() -> String {
+    basalt(
+        &[
+            [
+                -0.016774788924641534,
+                -0.068938940687127,
+                0.005139123188382424,
+                -0.007239825785317818,
+                0.007541278561558601,
+                0.7017845426564943,
+                0.7123125505904486,
+            ],
+            [
+                -0.01507436282032619,
+                0.0412627204046637,
+                0.00316287258752953,
+                -0.0023360576185881625,
+                0.013000769689092388,
+                0.7024677108343111,
+                0.7115930283929829,
+            ],
+        ],
+        &[
+            "{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 349.7560023050409, \"fy\": 348.72454229977037, \"cx\": \
+             365.89440762590149, \"cy\": 249.32995565708704, \"xi\": -0.2409573942178872, \"alpha\": 0.566996899163044}}",
+            "{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 361.6713883800533, \"fy\": 360.5856493689301, \"cx\": \
+             379.40818394080869, \"cy\": 255.9772968522045, \"xi\": -0.21300835384809328, \"alpha\": 0.5767008625037023}}",
+        ],
+        [752, 480],
+        BASALT_IMU,
+    )
+}
+
+/// The same, `data/tumvi_512_eucm_calib.json`.
+fn tum_vi_basalt() -> String {
+    basalt(
+        &[
+            [
+                0.04548094812071685,
+                -0.07145370002838907,
+                -0.046315428444919249,
+                -0.013392900690257393,
+                -0.6945866755293793,
+                0.7192437840259219,
+                0.007639340823570553,
+            ],
+            [
+                -0.05546984222234079,
+                -0.06999334244486549,
+                -0.049092582974927929,
+                -0.01340980138125811,
+                -0.7115668842588793,
+                0.7024477338114514,
+                0.007741299385907546,
+            ],
+        ],
+        &[
+            "{\"camera_type\": \"eucm\", \"intrinsics\": {\"fx\": 191.14799836282189, \"fy\": 191.13150963902818, \"cx\": \
+             254.9585771534443, \"cy\": 256.88154645599448, \"alpha\": 0.6291060881178562, \"beta\": 1.0418067381860868}}",
+            "{\"camera_type\": \"eucm\", \"intrinsics\": {\"fx\": 190.47905769226575, \"fy\": 190.44567561523216, \"cx\": \
+             252.55882115024333, \"cy\": 255.02104780344699, \"alpha\": 0.6281040684983363, \"beta\": 1.041250259119081}}",
+        ],
+        [512, 512],
+        BASALT_IMU,
+    )
+}
+
+/// CIFASIS/basalt-xr, `data/odysseyplus_rt8_calib.json`: a Samsung Odyssey+, whose cameras look 23 degrees to either side.
+fn odyssey_basalt(cameras: usize) -> String {
+    let poses = [
+        [
+            -0.08394275605678558,
+            -0.0025952591095119715,
+            0.0026445253752171993,
+            -0.17704726835670878,
+            -0.19861076922141732,
+            0.03564156642768224,
+            0.9632952306248018,
+        ],
+        [
+            0.02113135496007891,
+            -0.0023068031820524327,
+            0.002341595642298417,
+            -0.1836377420226455,
+            0.1982701960061761,
+            -0.03922445856481098,
+            0.9619914477874183,
+        ],
+    ];
+    let lenses = [
+        "{\"camera_type\": \"pinhole-radtan8\", \"intrinsics\": {\"fx\": 269.0600776672363, \"fy\": 269.1679859161377, \"cx\": \
+             324.3333053588867, \"cy\": 245.22674560546875, \"k1\": 0.6257319450378418, \"k2\": 0.4661203622817993, \"p1\": \
+             -0.00018502399325370789, \"p2\": -4.288297350285575e-05, \"k3\": 0.004179582931101322, \"k4\": 0.8943193554878235, \
+             \"k5\": 0.5425397753715515, \"k6\": 0.06621214747428894, \"rpmax\": 2.794111490249634}}",
+        "{\"camera_type\": \"pinhole-radtan8\", \"intrinsics\": {\"fx\": 270.1171684265137, \"fy\": 270.2496528625488, \"cx\": \
+             323.54679107666016, \"cy\": 250.34966468811035, \"k1\": 0.5571827292442322, \"k2\": 0.22437196969985962, \"p1\": \
+             0.00011782468209275976, \"p2\": 0.0001220563062815927, \"k3\": 0.006815604865550995, \"k4\": 0.8331726789474487, \
+             \"k5\": 0.2617427110671997, \"k6\": 0.04350586235523224, \"rpmax\": 2.789998769760132}}",
+    ];
+    basalt(
+        &poses[..cameras],
+        &lenses[..cameras],
+        [640, 480],
+        "\"calib_accel_bias\": [0.1856, -0.0576, 0.1344, -0.001865983, 0.00030630, -0.0001676, 0.00092447, 0.00029575, -0.00220758], \
+         \"imu_update_rate\": 250, \"accel_noise_std\": [0.0107, 0.0107, 0.0107], \"gyro_noise_std\": [0.00095, 0.00095, 0.00095], \
+         \"accel_bias_std\": [0.01, 0.01, 0.01], \"gyro_bias_std\": [0.001, 0.001, 0.001], \"cam_time_offset_ns\": 0",
+    )
+}
+
+/// rpng/open_vins, `config/rs_d455/kalibr_imucam_chain.yaml`.
+const D455_OPENVINS: &str = "%YAML:1.0
+cam0:
+  T_cam_imu:
+    - [0.9999942992129773, -0.0006837030318090254, 0.003306673813320594, 0.01734357246126995]
+    - [0.0006819183997666188, 0.9999996212593953, 0.000540803438387852, -0.008519633421954392]
+    - [-0.003307042309899398, -0.0005385454736672996, 0.9999943867042107, -0.018723905687986195]
+    - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [0.0019712980218442736, -0.0011090942743057983, -0.0006211171700097682, -0.0034327653409294196]
+  distortion_model: radtan
+  intrinsics: [320.17488748238287, 320.0283628174116, 314.0668795454674, 180.36893447271257]
+  resolution: [640, 360]
+  timeshift_cam_imu: 0.004639958649183853
+cam1:
+  T_cam_imu:
+    - [0.9999855287596171, -0.0003605813977934117, 0.00536770457504073, -0.07667191595392714]
+    - [0.000365189906339375, 0.9999995655732808, -0.0008576068926449692, -0.008542662389807396]
+    - [-0.005367393006074334, 0.0008595547135404881, 0.9999852260198713, -0.017739927010989854]
+    - [0.0, 0.0, 0.0, 1.0]
+  T_cn_cnm1:
+    - [0.9999978238338454, 0.00032423014342537217, 0.0020608741811117422, -0.09397410073693341]
+    - [-0.00032135073657469737, 0.9999989720658036, -0.0013973550168239824, -4.36282992379309e-05]
+    - [-0.002061325127286215, 0.0013966897125111987, 0.99999690009348, 0.0010315706607051294]
+    - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [0.00415520544025779, -0.003951065114859482, -0.00042589527047545586, -0.00442085250772721]
+  distortion_model: radtan
+  intrinsics: [319.69438067702725, 320.1948319604044, 313.46161305104766, 180.7178241492703]
+  resolution: [640, 360]
+  timeshift_cam_imu: 0.005012709485041032
+";
+/// The same, `config/hilti`: an Alphasense with `T_imu_cam` and `model: \"kalibr\"`.
+const HILTI_OPENVINS: &str = "%YAML:1.0
+cam0:
+  T_imu_cam:
+    - [0.006708021451800439, 0.002425643641803532, 0.9999745590269407, 0.05098782892861867]
+    - [0.9999264200621176, 0.010091197021688258, -0.00673217679702115, 0.04586422589354697]
+    - [-0.01010727015365992, 0.9999461405473755, -0.0023577731969991467, -0.012631813183337478]
+    - [0.0, 0.0, 0.0, 1.0]
+
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.03696737352869157, -0.008917880497032812, 0.008912969593422046, -0.0037685977496087313]
+  distortion_model: equidistant
+  intrinsics: [351.31400364193297, 351.4911744656785, 367.8522793375995, 253.8402144980996]
+  resolution: [720, 540]
+  rostopic: \"/alphasense/cam0/image_raw\"
+  timeshift_cam_imu: 0.0019071204237431304
+cam1:
+  T_imu_cam:
+    - [0.0016556126470597954, 0.0009350089535379302, 0.9999981923508761, 0.05050835847481363]
+    - [0.9999840642813064, 0.005395690615039778, -0.0016606342845620903, -0.06262779955244471]
+    - [-0.005397233569448934, 0.9999850060281122, -0.0009260608798763448, -0.01343471252962214]
+    - [0.0, 0.0, 0.0, 1.0]
+
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.039086652082708805, -0.005525347047415151, 0.004398151558986798, -0.0019701263170917808]
+  distortion_model: equidistant
+  intrinsics: [352.6489794433894, 352.8586498571586, 347.8170010310082, 270.5806692485468]
+  resolution: [720, 540]
+  timeshift_cam_imu: 0.001901867458041627
+";
+const HILTI_IMU: &str = "%YAML:1.0
+imu0:
+  T_i_b:
+    - [1.0, 0.0, 0.0, 0.0]
+    - [0.0, 1.0, 0.0, 0.0]
+    - [0.0, 0.0, 1.0, 0.0]
+    - [0.0, 0.0, 0.0, 1.0]
+  accelerometer_noise_density: 2.0000e-3
+  accelerometer_random_walk: 3.0000e-3
+  gyroscope_noise_density: 1.6968e-04
+  gyroscope_random_walk: 1.9393e-05
+  rostopic: /alphasense/imu
+  time_offset: 0.0
+  update_rate: 400.0
+  model: \"kalibr\"
+  Tw:
+    - [1.0, 0.0, 0.0]
+    - [0.0, 1.0, 0.0]
+    - [0.0, 0.0, 1.0]
+  Tg:
+    - [0.0, 0.0, 0.0]
+    - [0.0, 0.0, 0.0]
+    - [0.0, 0.0, 0.0]
+";
+/// The same, `config/uzhfpv_indoor`: the Snapdragon board of the UZH-FPV drone.
+const UZH_FPV_OPENVINS: &str = "cam0:
+  T_cam_imu:
+    - [-0.028228787368606456, -0.999601488301944, 1.2175294828553618e-05, 0.02172388268966517]
+    - [0.014401251861751119, -0.00041887083271471837, -0.9998962088597202, -6.605455433829172e-05]
+    - [0.999497743623523, -0.028225682131089447, 0.014407337010089172, -0.00048817563004522853]
+    - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.013721808247486035, 0.020727425669427896, -0.012786476702685545,
+                      0.0025242267320687625]
+  distortion_model: equidistant
+  intrinsics: [278.66723066149086, 278.48991409740296, 319.75221200593535, 241.96858910358173]
+  resolution: [640, 480]
+  timeshift_cam_imu: -0.016684572091862235
+cam1:
+  T_cam_imu:
+    - [-0.011823057800830705, -0.9998701444077991, -0.010950325390841398, -0.057904961033265645]
+    - [0.011552991631909482, 0.01081376681432078, -0.9998747875767439, 0.00043766687615362694]
+    - [0.9998633625093938, -0.011948086424720228, 0.011423639621249038, -0.00039944945687402214]
+    - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.008456929295619607, 0.011407590938612062, -0.006951788325762078,
+                      0.0015368127092821786]
+  distortion_model: equidistant
+  intrinsics: [277.61640629770613, 277.63749695723294, 314.8944703346039, 236.04310050462587]
+  resolution: [640, 480]
+  timeshift_cam_imu: -0.016591431247074982
+";
+/// Kalibr's wiki, `yaml-formats`: a VI-Sensor whose second camera was calibrated as omni-radtan.
+const VI_SENSOR_KALIBR: &str = "cam0:
+  camera_model: pinhole
+  intrinsics: [461.629, 460.152, 362.680, 246.049]
+  distortion_model: radtan
+  distortion_coeffs: [-0.27695497, 0.06712482, 0.00087538, 0.00011556]
+  T_cam_imu:
+  - [0.01779318, 0.99967549,-0.01822936, 0.07008565]
+  - [-0.9998017, 0.01795239, 0.00860714,-0.01771023]
+  - [0.00893160, 0.01807260, 0.99979678, 0.00399246]
+  - [0.0, 0.0, 0.0, 1.0]
+  timeshift_cam_imu: -8.121e-05
+  rostopic: /cam0/image_raw
+  resolution: [752, 480]
+cam1:
+  camera_model: omni
+  intrinsics: [0.80065662, 833.006, 830.345, 373.850, 253.749]
+  distortion_model: radtan
+  distortion_coeffs: [-0.33518750, 0.13211436, 0.00055967, 0.00057686]
+  T_cn_cnm1:
+  - [ 0.99998854, 0.00216014, 0.00427195,-0.11003785]
+  - [-0.00221074, 0.99992702, 0.01187697, 0.00045792]
+  - [-0.00424598,-0.01188627, 0.99992034,-0.00064487]
+  - [0.0, 0.0, 0.0, 1.0]
+  timeshift_cam_imu: -8.681e-05
+  rostopic: /cam1/image_raw
+  resolution: [752, 480]
+";
+/// Public notes on Kalibr's conventions (`camchain-imucam` of 2020-08-05): a drone with fisheye cameras of 1440x1080 px as
+/// double sphere; the left one.
+const FISHEYE_KALIBR: &str = "cam0:
+  T_cam_imu:
+  - [0.025462230671673247, -0.9992630992296517, -0.02872165258433318, 0.004244697665851643]
+  - [0.04993886668011138, 0.029966538262921255, -0.9983026175360077, 0.003320133241428618]
+  - [0.9984276560692467, 0.023984684748595442, 0.050665081600466455, 0.015700839664599384]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: ds
+  distortion_coeffs: []
+  distortion_model: none
+  intrinsics: [-0.21697771106770586, 0.5920493574492033, 312.2320475101821, 311.05174019378734,
+    725.0950280082754, 545.2634687518469]
+  resolution: [1440, 1080]
+  timeshift_cam_imu: 0.07650780716660849
+";
+
+fn read(text: &str, camera: &str) -> RigImport {
+    rig_text(euroc().into_inner(), text, camera).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Size, distance of the second camera from the first and along its x axis, m; and that nothing is doubtful.
+fn check_pair(config: &ValidConfig, size: (usize, usize), baseline_m: f64) {
+    assert_eq!((config.camera[0].width_px, config.camera[0].height_px), size);
+    let shift = (config.camera[0].pose_b_c().inverse() * config.camera[1].pose_b_c()).translation.vector;
+    assert!((shift.norm() - baseline_m).abs() < 1e-3, "{shift}");
+    assert!(shift.x > 0.95 * shift.norm(), "to the right: {shift}");
+    assert_eq!(config.doubts(), Vec::<String>::new());
+}
+
+/// Largest distance of the pixels at which two calibrations of one camera see the same direction, over the image as far as it is
+/// used.
+fn differ_px(a: &CameraModel, b: &CameraModel) -> f64 {
+    let pixels = (1..8).flat_map(|i| (1..8).map(move |j| (i, j)));
+    let distances = pixels.filter_map(|(i, j)| {
+        let px = Vector2::new((i * a.width_px / 8) as f64, (j * a.height_px / 8) as f64);
+        Some((b.project(&a.unproject(&px)?.push(1.0))? - px).norm())
+    });
+    let distances: Vec<f64> = distances.collect();
+    assert!(distances.len() > 40, "{} pixels", distances.len());
+    distances.into_iter().fold(0.0, |most, distance| if distance > most { distance } else { most })
+}
+
+#[test]
+fn tum_vi_is_read_from_orb_slam_and_basalt_and_both_mean_the_same() {
+    let orb = read(TUM_VI_ORB_SLAM, NO_FILE);
+    assert_eq!(orb.format, RigFormat::OrbSlam3);
+    check_pair(&orb.config, (512, 512), 0.10109);
+    assert_eq!(orb.noise, [0.00016, 0.000022, 0.0028, 0.00086]);
+    assert_eq!(orb.config.imu.gyro_noise_density, euroc().imu.gyro_noise_density, "that of the base is kept");
+    assert!(matches!(
+        orb.config.camera[1].distortion,
+        Distortion::Equidistant { k4: 0.0003299517423931039, .. }
+    ));
+    let basalt = read(&tum_vi_basalt(), NO_FILE);
+    assert_eq!(basalt.format, RigFormat::Basalt);
+    check_pair(&basalt.config, (512, 512), 0.10099);
+    assert_eq!(basalt.config.rig.time_offset_s, 0.002124029);
+    for camera in 0..2 {
+        let models = [&orb, &basalt].map(|rig| rig.config.camera[camera].model());
+        let differ = differ_px(&models[0], &models[1]);
+        assert!(differ < 1.0, "{differ} px");
+        let poses = [&orb, &basalt].map(|rig| rig.config.camera[camera].pose_b_c());
+        assert!((poses[0].inverse() * poses[1]).rotation.angle() < 0.02);
+    }
+}
+
+#[test]
+fn euroc_is_read_from_basalt_and_vins_and_both_mean_the_same_as_the_preset() {
+    let basalt = read(&euroc_basalt(), NO_FILE);
+    check_pair(&basalt.config, (752, 480), 0.11023);
+    for camera in 0..2 {
+        let differ = differ_px(&euroc().camera[camera].model(), &basalt.config.camera[camera].model());
+        assert!(differ < 3.0, "{differ} px");
+        let turn = euroc().camera[camera]
+            .pose_b_c()
+            .rotation
+            .angle_to(&basalt.config.camera[camera].pose_b_c().rotation);
+        assert!(turn < 0.02, "{turn}");
+    }
+    let mono = read(EUROC_VINS_MONO, NO_FILE);
+    assert_eq!((mono.format, mono.config.camera.len()), (RigFormat::Vins, 1));
+    assert!(
+        differ_px(&euroc().camera[0].model(), &mono.config.camera[0].model()) < 8.0,
+        "another calibration"
+    );
+    let error: Isometry3<f64> = mono.config.camera[0].pose_b_c().inverse() * euroc().camera[0].pose_b_c();
+    assert!(error.translation.vector.norm() < 1e-9 && error.rotation.angle() < 1e-7);
+    assert_eq!(mono.noise, [0.004, 2e-6, 0.08, 0.00004]);
+    assert_eq!(mono.config.imu.rate_hz, euroc().imu.rate_hz, "the files tell none");
+}
+
+#[test]
+fn a_mynt_eye_is_read_from_vins_fusion_with_the_camera_files_that_it_names() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    for (name, text) in
+        [("rig.yaml", MYNT_EYE_VINS), ("left_mei.yaml", MYNT_EYE_LEFT), ("right_mei.yaml", MYNT_EYE_RIGHT)]
+    {
+        std::fs::write(folder.path().join(name), text).expect("written");
+    }
+    let rig = import::rig_into(euroc(), folder.path().join("rig.yaml")).expect("is good");
+    check_pair(&rig.config, (752, 480), 0.1166);
+    assert_eq!(rig.config.rig.time_offset_s, 0.0025);
+    assert!(matches!(rig.config.camera[1].distortion, Distortion::Omni { xi: 1.5056030540672460, .. }));
+    std::fs::remove_file(folder.path().join("right_mei.yaml")).expect("removed");
+    let missing = import::rig_into(euroc(), folder.path().join("rig.yaml")).expect_err("no file").to_string();
+    assert!(missing.contains("right_mei.yaml: cannot be read"), "{missing}");
+}
+
+#[test]
+fn a_t265_is_read_as_kannala_brandt_and_as_mei_and_both_mean_the_same() {
+    let [fisheye, mei] = [T265_KANNALA_BRANDT, T265_MEI].map(|camera| read(T265_VINS, camera).config);
+    assert_eq!(fisheye.doubts(), Vec::<String>::new());
+    // This fit of the unified model folds 88 degrees from the axis, before the edges of the image.
+    assert!(
+        matches!(&mei.doubts()[..], [doubt] if doubt.contains("folds back 88 degrees")),
+        "{:?}",
+        mei.doubts()
+    );
+    let differ = differ_px(&fisheye.camera[0].model(), &mei.camera[0].model());
+    assert!(differ < 6.0, "{differ} px");
+}
+
+#[test]
+fn a_d435i_is_read_as_rectified_cameras() {
+    let rig = read(D435I_ORB_SLAM, NO_FILE);
+    check_pair(&rig.config, (640, 480), 0.0499585);
+    assert_eq!(rig.config.camera[0].focal_px, rig.config.camera[1].focal_px);
+    assert_eq!((rig.config.camera[0].rate_hz, rig.noise[2]), (30.0, 0.01));
+}
+
+#[test]
+fn the_rational_lenses_of_a_headset_are_read_from_basalt() {
+    let rig = read(&odyssey_basalt(1), NO_FILE);
+    assert_eq!((rig.config.camera[0].width_px, rig.config.imu.rate_hz), (640, 250.0));
+    assert!(matches!(rig.config.camera[0].distortion, Distortion::Rational { k6: 0.06621214747428894, .. }));
+    assert_eq!(rig.noise, [0.00095, 0.001, 0.0107, 0.01]);
+    // The factory's `rpmax` is 70 degrees.
+    assert!(matches!(&rig.config.doubts()[..], [doubt] if doubt.contains("folds back 73 degrees")));
+    // Both together look too far apart for a pair.
+    let pair =
+        rig_text(euroc().into_inner(), &odyssey_basalt(2), NO_FILE).expect_err("is refused").to_string();
+    assert!(
+        pair.contains("rig.yaml: `camera[1].pose_b_c`") && pair.contains("the images must overlap"),
+        "{pair}"
+    );
+}
+
+#[test]
+fn rigs_of_openvins_are_read() {
+    let d455 = kalibr_texts(D455_OPENVINS, IMU).expect("is good");
+    check_pair(&d455, (640, 360), 0.09398);
+    let hilti = kalibr_texts(HILTI_OPENVINS, HILTI_IMU).expect("is good");
+    // Of this head the first camera is the right one, of which the import tells.
+    let [exchanged] = &hilti.doubts()[..] else { panic!("{:?}", hilti.doubts()) };
+    assert!(
+        exchanged.contains("to the left of camera[0]") && exchanged.contains("exchanged?"),
+        "{exchanged}"
+    );
+    assert_eq!(hilti.camera[1].width_px, 720);
+    assert_eq!(hilti.imu.rate_hz, 400.0);
+    let uzh = kalibr_texts(UZH_FPV_OPENVINS, IMU).expect("is good");
+    check_pair(&uzh, (640, 480), 0.07962);
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let config = "%YAML:1.0\nverbosity: \"INFO\"\nuse_stereo: true\nrelative_config_imu: \"imu.yaml\"\nrelative_config_imucam: \"chain.yaml\"\n";
+    for (name, text) in
+        [("estimator_config.yaml", config), ("chain.yaml", HILTI_OPENVINS), ("imu.yaml", HILTI_IMU)]
+    {
+        std::fs::write(folder.path().join(name), text).expect("written");
+    }
+    let rig = import::rig_into(euroc(), folder.path().join("estimator_config.yaml")).expect("is good");
+    assert_eq!(
+        (rig.format, &rig.config.camera[0].pose_b_c),
+        (RigFormat::OpenVins, &hilti.camera[0].pose_b_c)
+    );
+    assert_eq!(rig.noise, [1.6968e-4, 1.9393e-5, 2e-3, 3e-3]);
+}
+
+#[test]
+fn a_folder_of_tum_vi_is_read() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let none = import::rig_into(euroc(), folder.path()).expect_err("is empty").to_string();
+    assert!(none.contains("dso/camchain.yaml"), "{none}");
+    std::fs::create_dir(folder.path().join("dso")).expect("made");
+    std::fs::write(folder.path().join("dso/camchain.yaml"), super::import_kalibr::EQUIDISTANT)
+        .expect("written");
+    std::fs::write(folder.path().join("dso/imu_config.yaml"), IMU).expect("written");
+    let rig = import::rig_into(euroc(), folder.path()).expect("is good");
+    assert_eq!((rig.format, rig.config.camera[0].width_px), (RigFormat::TumVi, 512));
+}
+
+#[test]
+fn kalibrs_omni_and_double_sphere_are_read() {
+    let omni = kalibr_texts(VI_SENSOR_KALIBR, IMU).expect("is good");
+    check_pair(&omni, (752, 480), 0.11004);
+    let lens =
+        Distortion::Omni { xi: 0.80065662, k1: -0.33518750, k2: 0.13211436, p1: 0.00055967, p2: 0.00057686 };
+    assert_eq!((omni.camera[1].distortion, omni.camera[1].focal_px), (lens, [833.006, 830.345]));
+    // Near the axis it has about the focal length of the pinhole beside it.
+    let near_axis = omni.camera[1].focal_px[0] / (1.0 + 0.80065662);
+    assert!((near_axis / omni.camera[0].focal_px[0] - 1.0).abs() < 0.01, "{near_axis}");
+    let sphere = kalibr_texts(FISHEYE_KALIBR, IMU).expect("is good");
+    let lens = Distortion::DoubleSphere { xi: -0.21697771106770586, alpha: 0.5920493574492033 };
+    assert_eq!((sphere.camera[0].distortion, sphere.doubts()), (lens, Vec::new()));
+    let eucm = with(FISHEYE_KALIBR, "camera_model: ds", "camera_model: eucm");
+    let eucm = with(&eucm, "[-0.21697771106770586, 0.5920493574492033,", "[0.62, 1.05,");
+    let config = kalibr_texts(&eucm, IMU).expect("is good");
+    assert_eq!(config.camera[0].distortion, Distortion::Eucm { alpha: 0.62, beta: 1.05 });
+}
+
+#[test]
+fn what_is_wrong_is_named_by_file_and_key_with_what_is_known() {
+    let refused = |text: &str, camera: &str| {
+        rig_text(euroc().into_inner(), text, camera).expect_err("is refused").to_string()
+    };
+    for (from, to, says) in [
+        (
+            "\"KannalaBrandt8\"",
+            "\"Omni\"",
+            "rig.yaml: `Camera.type`: is no known model; calibrate with one of PinHole",
+        ),
+        ("Camera2.k4: 0.0003299517423931039\n", "", "`Camera2.k4`: missing"),
+        ("Camera.width: 512", "Camera.width: 512.5", "`Camera.width`: is no image size"),
+        ("[-0.9995250378696743,", "[0.5,", "`IMU.T_b_c1`: the upper-left 3x3 block is not a rotation"),
+        ("IMU.Frequency: 200.0\n", "", "`IMU.Frequency`: missing"),
+        (
+            "Camera1.fx: 190.97847715128717",
+            "Camera.fx: 190.9",
+            "`Camera1.fx`: missing; write the file in the form of ORB-SLAM3 1.0",
+        ),
+        (
+            "Camera1.k1: 0.0034823894022493434",
+            "Camera1.k1: -9.0",
+            "`camera[0].distortion`: the lens model folds back",
+        ),
+    ] {
+        let message = refused(&with(TUM_VI_ORB_SLAM, from, to), NO_FILE);
+        assert!(message.contains(says), "{to}: {message}");
+    }
+    let camera = |from: &str, to: &str| refused(MYNT_EYE_VINS, &with(MYNT_EYE_LEFT, from, to));
+    let unknown = camera("MEI", "SCARAMUZZA");
+    assert!(
+        unknown.contains("left_mei.yaml: `model_type`")
+            && unknown.contains("PINHOLE_FULL, KANNALA_BRANDT, MEI"),
+        "{unknown}"
+    );
+    let missing = camera("   xi: 1.4456544769803834e+00\n", "   chi: 1.0\n");
+    assert!(missing.contains("left_mei.yaml: `mirror_parameters.xi`: missing"), "{missing}");
+    let three = refused(&with(MYNT_EYE_VINS, "num_of_cam: 2", "num_of_cam: 3"), MYNT_EYE_LEFT);
+    assert!(three.contains("`num_of_cam`: is 3"), "{three}");
+    let basalt = |from: &str, to: &str| refused(&with(&euroc_basalt(), from, to), NO_FILE);
+    let unknown = basalt("\"ds\"", "\"fov\"");
+    assert!(
+        unknown.contains("`value0.intrinsics[0].camera_type`: is no known model") && unknown.contains("kb4"),
+        "{unknown}"
+    );
+    let scaled = basalt("0.067, 0.0,", "0.067, 0.016,");
+    assert!(
+        scaled.contains("`value0.calib_accel_bias[3]`: is a scale error") && scaled.contains("1.6 %"),
+        "{scaled}"
+    );
+    let long = basalt("\"qw\": 0.7123125505904486", "\"qw\": 0.9");
+    assert!(long.contains("`value0.T_imu_cam[0]`: has a quaternion of length"), "{long}");
+    let wild = basalt("\"alpha\": 0.566996899163044", "\"alpha\": 1.5");
+    assert!(wild.contains("`camera[0].distortion.alpha`: 1.5 is outside 0 to 1"), "{wild}");
+    for (text, says) in [
+        (D455_OPENVINS, "--camchain and --imu"),
+        (T265_MEI, "VINS-Fusion that names it"),
+        ("a: 1\nb: 2\n", "its first keys: a, b"),
+        ("[1, 2]", "has no keys"),
+    ] {
+        let message = refused(text, NO_FILE);
+        assert!(message.contains("rig.yaml: `(file)`") && message.contains(says), "{message}");
+    }
+    for (from, to, says) in [
+        (
+            "distortion_model: none",
+            "distortion_model: radtan",
+            "`cam0.distortion_model`: does not go with camera_model ds",
+        ),
+        ("0.5920493574492033", "1.5", "camchain.yaml: `cam0.intrinsics`: 1.5 is outside 0 to 1"),
+        (
+            "-0.21697771106770586, ",
+            "",
+            "`cam0.intrinsics`: has 5 numbers; camera_model ds has 6: [xi, alpha, fu, fv, pu, pv]",
+        ),
+    ] {
+        let message = kalibr_texts(&with(FISHEYE_KALIBR, from, to), IMU).expect_err("is refused").to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}

@@ -1,0 +1,71 @@
+//! One step of a state by the inertial sensor.
+
+use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits};
+use crate::window::growth::GrowingCovariance;
+use crate::window::state::NavState;
+use nalgebra::Vector3;
+use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
+
+/// Carries states by inertial samples.
+#[derive(Clone, Debug)]
+pub struct Carrier {
+    noise: ImuNoise,
+    /// Limits of the sensor.
+    pub limits: SensorLimits,
+    gravity_o: Vector3<f64>,
+}
+
+impl Carrier {
+    /// Carrier by the configured sensor.
+    #[must_use]
+    pub fn new(setup: &ValidSetup) -> Self {
+        Self {
+            noise: ImuNoise::of(&setup.imu),
+            limits: SensorLimits::of(&setup.imu),
+            gravity_o: Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2),
+        }
+    }
+
+    /// Carries a state and its covariance from one time to a later one, both between the samples `last` and `next`.
+    /// `rate_b` stands in for a gyroscope that does not measure, rad/s.
+    pub fn carry(
+        &self,
+        (nav, covariance): (&mut NavState, &mut GrowingCovariance),
+        (stamp, until): (Timestamp, Timestamp),
+        (last, next): (&BelievedSample, &BelievedSample),
+        rate_b: &Vector3<f64>,
+    ) {
+        let (from, to) = (&last.sample, &between(&last.sample, &next.sample, until));
+        let dt = until.seconds_since(stamp);
+        // The estimate may lie anywhere between two samples.
+        let apart = next.sample.stamp.seconds_since(from.stamp).at_least(dt);
+        let saturated = last.saturated.or(next.saturated);
+        let noise = self.limits.noise_of_step(&self.noise, dt, apart, saturated);
+        let unmeasured = last.unmeasured.or(next.unmeasured);
+        let noise = unmeasured.noise(noise);
+        let (mut gyro, mut accels) = ((from.gyro + to.gyro) * 0.5, [from.accel, to.accel]);
+        if unmeasured.gyro {
+            gyro = rate_b + nav.bias_gyro;
+        }
+        if unmeasured.accel {
+            // A steady velocity.
+            accels = [nav.rot_o_b.inverse() * -self.gravity_o + nav.bias_accel; 2];
+        }
+        let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
+        step.integrate(dt, &gyro, &accels[0], &accels[1], &noise);
+        covariance.grow(nav, &step, &self.noise);
+        *nav = nav.after(&step, &self.gravity_o);
+    }
+}
+
+/// Readings at `stamp`, between two samples: those of `next` at its time.
+#[must_use]
+pub fn between(last: &ImuSample, next: &ImuSample, stamp: Timestamp) -> ImuSample {
+    let span_s = next.stamp.seconds_since(last.stamp);
+    if stamp >= next.stamp || span_s <= 0.0 {
+        return *next;
+    }
+    let share = stamp.seconds_since(last.stamp).at_least(0.0) / span_s;
+    let mixed = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * share;
+    ImuSample { stamp, gyro: mixed(&last.gyro, &next.gyro), accel: mixed(&last.accel, &next.accel) }
+}

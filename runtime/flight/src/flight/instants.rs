@@ -1,0 +1,202 @@
+//! States at the instants of a list: read before the flight, kept during it, written as CSV.
+
+use super::trajectory::{EntryStorage, Lent};
+use crate::pipeline::Control;
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_config::Timestamp;
+use plumbline_record::columns;
+use plumbline_record::{InstantAnswer, InstantSource, Said};
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Read as _, Write};
+use std::path::{Path, PathBuf};
+
+/// Stamps of a list at most: three hours of a trigger at 10 Hz.
+pub const MAX_STAMPS: usize = 100_000;
+/// Bytes of a list at most.
+const MAX_BYTES: u64 = 16 << 20;
+/// Digits of a stamp in seconds after the point.
+const NANO_DIGITS: usize = 9;
+
+/// Why a list of stamps cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum StampsError {
+    /// It cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Reason given by the system.
+        source: std::io::Error,
+    },
+    /// A line is no stamp.
+    #[error(
+        "{}: line {line}: `{text}` is no stamp; begin each line with nanoseconds as a whole number, or seconds with a decimal \
+         point, by the clock of the IMU", path.display()
+    )]
+    Stamp {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// Beginning of the line.
+        text: String,
+    },
+    /// It is too long.
+    #[error("{}: has more than {MAX_STAMPS} stamps; divide it", path.display())]
+    TooMany {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It is empty.
+    #[error("{}: has no stamp; write one a line, in nanoseconds", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Reads the first column of a CSV file: nanoseconds as a whole number, or seconds with a decimal point. A header and lines
+/// that begin with `#` are passed over.
+///
+/// # Errors
+/// When it cannot be read, or a line is no stamp.
+pub fn read_stamps(path: &Path) -> Result<Vec<Timestamp>, StampsError> {
+    let failed = |source| StampsError::Read { path: path.to_owned(), source };
+    let file = File::open(path).map_err(failed)?;
+    let mut stamps = Vec::new();
+    for (line, text) in (1..).zip(BufReader::new(file.take(MAX_BYTES)).lines()) {
+        let text = text.map_err(failed)?;
+        let cell = text.split([',', ';', ' ', '\t']).next().unwrap_or_default().trim();
+        if text.trim().is_empty() || cell.starts_with('#') {
+            continue;
+        }
+        match stamp_of(cell) {
+            Some(stamp) => stamps.push(stamp),
+            // Names of columns.
+            None if stamps.is_empty() && line == 1 && cell.starts_with(|c: char| c.is_ascii_alphabetic()) => {
+            }
+            None => {
+                let text = cell.chars().take(40).collect();
+                return Err(StampsError::Stamp { path: path.to_owned(), line, text });
+            }
+        }
+        if stamps.len() > MAX_STAMPS {
+            return Err(StampsError::TooMany { path: path.to_owned() });
+        }
+    }
+    if stamps.is_empty() { Err(StampsError::Empty { path: path.to_owned() }) } else { Ok(stamps) }
+}
+
+fn stamp_of(cell: &str) -> Option<Timestamp> {
+    let nanos = match cell.split_once('.') {
+        None => cell.parse().ok()?,
+        Some((seconds, part)) => {
+            let is_number = part.len() <= NANO_DIGITS && part.bytes().all(|digit| digit.is_ascii_digit());
+            let part: i64 = is_number.then(|| format!("{part:0<NANO_DIGITS$}").parse().ok())??;
+            let whole: i64 = seconds.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
+            whole.checked_add(if seconds.starts_with('-') { -part } else { part })?
+        }
+    };
+    Some(Timestamp::from_nanos(nanos))
+}
+
+/// Answers to a list, kept during a flight.
+#[derive(Debug)]
+pub struct KeptInstants {
+    answers: EntryStorage<InstantAnswer>,
+}
+
+impl KeptInstants {
+    /// Has the run of `control` asked for the states at `stamps`.
+    #[must_use]
+    pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
+        let answers = EntryStorage::with_room_for(stamps.len(), InstantAnswer::default());
+        control.keep_instants().expect(stamps);
+        Self { answers }
+    }
+
+    /// The answers after the run, in the order of the list.
+    #[must_use]
+    pub fn into_rows(self) -> Vec<InstantAnswer> {
+        let mut rows = self.answers.into_entries();
+        rows.sort_by_key(|answer| answer.number);
+        rows
+    }
+}
+
+impl Subscriber for KeptInstants {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Tick => Box::new(OfInstants(self.answers.lend())),
+            _ => Box::new(()),
+        }
+    }
+}
+
+struct OfInstants(Lent<InstantAnswer>);
+
+impl Listener for OfInstants {
+    fn said(&mut self, said: &Said) {
+        if let Said::Instant(answer) = said
+            && answer.source == InstantSource::List
+        {
+            self.0.entries.push(answer.clone());
+        }
+    }
+}
+
+/// Writes answers to `path` as CSV, a row each; the cells of a state that there is not are empty.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_instants(path: &Path, rows: &[InstantAnswer]) -> std::io::Result<()> {
+    let mut out = BufWriter::new(File::create(path)?);
+    writeln!(out, "{}", columns::instants::names().join(","))?;
+    let mut line = String::new();
+    for row in rows {
+        line.clear();
+        columns::instants::write_row(&mut line, row);
+        writeln!(out, "{line}")?;
+    }
+    out.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Vec<i64>, String> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        let stamps = read_stamps(file.path()).map_err(|error| error.to_string())?;
+        Ok(stamps.into_iter().map(Timestamp::as_nanos).collect())
+    }
+
+    #[test]
+    fn stamps_are_read_from_lists_as_they_are_kept() {
+        let euroc = "#timestamp [ns],filename\n1403636579763555584,1403636579763555584.png\n7,\n";
+        assert_eq!(read(euroc), Ok(vec![1_403_636_579_763_555_584, 7]));
+        let tum = "stamp x y\r\n1403636579.763555584 0 0\r\n\r\n1.5\r\n-0.25\r\n-2.000000001 3\r\n";
+        assert_eq!(
+            read(tum),
+            Ok(vec![1_403_636_579_763_555_584, 1_500_000_000, -250_000_000, -2_000_000_001])
+        );
+    }
+
+    #[test]
+    fn what_is_no_list_of_stamps_is_refused_with_its_line() {
+        for (text, says) in [
+            ("1\n2\nthree\n", "line 3: `three` is no stamp"),
+            ("1\nstamp\n", "line 2: `stamp`"),
+            ("1e9\n", "line 1: `1e9`"),
+            ("1.0000000001\n", "line 1: `1.0000000001`"),
+            ("99999999999999999999\n", "line 1"),
+            ("9999999999999.0\n", "line 1"),
+            ("# nothing\n\n", "has no stamp"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.contains(says), "{text:?}: {error}");
+        }
+        assert!(read(&"1\n".repeat(MAX_STAMPS + 1)).unwrap_err().contains("more than 100000 stamps"));
+    }
+}

@@ -1,0 +1,170 @@
+//! Sequences of public data sets, where they are to be had, and what others have published on them.
+
+/// What a published trajectory was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Knowledge {
+    /// Each pose as known when its frame came.
+    Causal,
+    /// Each pose as known at the end.
+    Final,
+}
+
+/// A published mean error over the sequences of a suite.
+#[derive(Clone, Copy, Debug)]
+pub struct PublishedFigure {
+    /// The system, with its sensors.
+    pub system: &'static str,
+    /// Mean ATE, m.
+    pub ate_m: f64,
+    /// What the trajectory was.
+    pub knowledge: Knowledge,
+    /// Alignment and what else differs.
+    pub conditions: &'static str,
+    /// Where it was published.
+    pub source: &'static str,
+}
+
+/// A public data set.
+#[derive(Debug)]
+pub struct Suite {
+    /// Its name.
+    pub name: &'static str,
+    /// Names of its sequences, as their folders are called.
+    pub sequences: &'static [&'static str],
+    /// Where they are to be had.
+    pub available_at: &'static str,
+    /// What the published figures are means of.
+    pub mean_of: &'static str,
+    /// What others have published.
+    pub published: &'static [PublishedFigure],
+}
+
+const OKVIS2X: &str = "Boche et al., T-RO 2025, arXiv:2510.04612";
+
+/// A figure over the eleven sequences of EuRoC.
+const fn figure(
+    system: &'static str,
+    ate_m: f64,
+    knowledge: Knowledge,
+    conditions: &'static str,
+    source: &'static str,
+) -> PublishedFigure {
+    PublishedFigure { system, ate_m, knowledge, conditions, source }
+}
+
+/// The suites that the table knows.
+pub const SUITES: [Suite; 2] = [
+    Suite {
+        name: "EuRoC",
+        sequences: &[
+            "MH_01_easy",
+            "MH_02_easy",
+            "MH_03_medium",
+            "MH_04_difficult",
+            "MH_05_difficult",
+            "V1_01_easy",
+            "V1_02_medium",
+            "V1_03_difficult",
+            "V2_01_easy",
+            "V2_02_medium",
+            "V2_03_difficult",
+        ],
+        available_at: "ETH Research Collection, DOI 10.3929/ethz-b-000690084 (Burri et al., IJRR 2016)",
+        mean_of: "all eleven sequences",
+        published: &[
+            figure("OKVIS2-X, stereo, without loops", 0.050, Knowledge::Causal, "4-DoF", OKVIS2X),
+            figure("OKVIS2-X, stereo", 0.023, Knowledge::Final, "4-DoF, with loops", OKVIS2X),
+            figure("OKVIS2, stereo", 0.071, Knowledge::Causal, "4-DoF", OKVIS2X),
+            figure("OKVIS2, stereo", 0.031, Knowledge::Final, "4-DoF, with loops", OKVIS2X),
+            figure("VINS-Fusion, stereo", 0.138, Knowledge::Causal, "4-DoF, flown again there", OKVIS2X),
+            figure(
+                "OpenVINS, stereo",
+                0.183,
+                Knowledge::Causal,
+                "4-DoF, flown again there; parts of flights missing",
+                OKVIS2X,
+            ),
+            figure(
+                "ORB-SLAM3, stereo",
+                0.035,
+                Knowledge::Final,
+                "SE(3), with loops",
+                "Campos et al., T-RO 2021, arXiv:2007.11898",
+            ),
+            figure(
+                "DM-VIO, one camera",
+                0.069,
+                Knowledge::Causal,
+                "SE(3), median of ten",
+                "von Stumberg and Cremers, RA-L 2022, arXiv:2201.04114",
+            ),
+            figure(
+                "cuVSLAM, stereo without IMU",
+                0.054,
+                Knowledge::Final,
+                "Sim(3), with loops, without V2_03; needs a GPU",
+                "Korovko et al. 2025, arXiv:2506.04359",
+            ),
+        ],
+    },
+    Suite {
+        name: "TUM-VI",
+        sequences: &[
+            "dataset-corridor1_512_16",
+            "dataset-corridor2_512_16",
+            "dataset-corridor3_512_16",
+            "dataset-corridor4_512_16",
+            "dataset-corridor5_512_16",
+            "dataset-magistrale1_512_16",
+            "dataset-magistrale2_512_16",
+            "dataset-magistrale3_512_16",
+            "dataset-magistrale4_512_16",
+            "dataset-magistrale5_512_16",
+            "dataset-magistrale6_512_16",
+            "dataset-outdoors1_512_16",
+            "dataset-outdoors2_512_16",
+            "dataset-outdoors3_512_16",
+            "dataset-outdoors4_512_16",
+            "dataset-outdoors5_512_16",
+            "dataset-outdoors6_512_16",
+            "dataset-outdoors7_512_16",
+            "dataset-outdoors8_512_16",
+            "dataset-room1_512_16",
+            "dataset-room2_512_16",
+            "dataset-room3_512_16",
+            "dataset-room4_512_16",
+            "dataset-room5_512_16",
+            "dataset-room6_512_16",
+            "dataset-slides1_512_16",
+            "dataset-slides2_512_16",
+            "dataset-slides3_512_16",
+        ],
+        available_at: "Technical University of Munich, \"Visual-Inertial Dataset\" (Schubert et al., IROS 2018, \
+                       DOI 10.1109/IROS.2018.8593419, arXiv:1804.06120)",
+        mean_of: "the six rooms",
+        published: &[
+            figure(
+                "ORB-SLAM3, stereo",
+                0.009,
+                Knowledge::Final,
+                "SE(3), with loops",
+                "Campos et al., T-RO 2021, arXiv:2007.11898",
+            ),
+            figure(
+                "cuVSLAM, stereo with IMU",
+                0.18,
+                Knowledge::Causal,
+                "Sim(3); needs a GPU",
+                "Korovko et al. 2025, arXiv:2506.04359",
+            ),
+        ],
+    },
+];
+
+impl Suite {
+    /// The suite that has a sequence called `name`.
+    #[must_use]
+    pub fn of(name: &str) -> Option<&'static Self> {
+        SUITES.iter().find(|suite| suite.sequences.contains(&name))
+    }
+}
