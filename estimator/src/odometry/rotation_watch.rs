@@ -228,7 +228,8 @@ impl RotationWatch {
         self.prove(excess <= 1.0, &turn);
         let contradicted = match self.contradiction {
             Some(_) => {
-                self.settle(excess > 1.0, &turn);
+                let adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
+                self.settle(excess > 1.0, adds_up, &turn);
                 None
             }
             None => self.suspect(excess, frame),
@@ -320,8 +321,9 @@ impl RotationWatch {
         self.hole_before(stamp).is_some()
     }
 
-    /// Within a contradiction: who is to blame, and whether it is over.
-    fn settle(&mut self, contradicts: bool, turn: &Turn) {
+    /// Within a contradiction: who is to blame, and whether it is over. The newest frame alone may contradict (`contradicts`), and what
+    /// differs in frames that agree may add up to too much (`adds_up`).
+    fn settle(&mut self, contradicts: bool, adds_up: bool, turn: &Turn) {
         let Some(mut contradiction) = self.contradiction else { return };
         let dt_s = turn.to.seconds_since(turn.from);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
@@ -342,7 +344,7 @@ impl RotationWatch {
             contradiction.agreeing += 1;
         }
         let named = matches!(contradiction.culprit, Culprit::Imu(_) | Culprit::Images(_));
-        let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 };
+        let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 } && !adds_up;
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
             self.differences.clear();
