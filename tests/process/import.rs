@@ -117,7 +117,7 @@ fn every_lens_goes_through_a_data_set() {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let preset = plumbline_config::preset_text("sim").unwrap();
     let lenses = [
-        "model = \"rational\"\nk1 = 0.626\nk2 = 0.466\np1 = -0.00019\np2 = -4.3e-5\nk3 = 0.0042\nk4 = 0.894\nk5 = 0.543\nk6 = 0.066\n",
+        "model = \"rational\"\nk1 = 0.626\nk2 = 0.466\np1 = -0.00019\np2 = -0.000043\nk3 = 0.0042\nk4 = 0.894\nk5 = 0.543\nk6 = 0.066\n",
         "model = \"omni\"\nxi = 0.8\nk1 = -0.335\nk2 = 0.132\np1 = 0.00056\np2 = 0.00058\n",
         "model = \"eucm\"\nalpha = 0.629\nbeta = 1.042\n",
         "model = \"double-sphere\"\nxi = -0.241\nalpha = 0.567\n",

@@ -377,7 +377,7 @@ plumbline_status plumbline_local_at(struct plumbline_local *local,
                                     int64_t stamp_ns,
                                     uint32_t patience_ms,
                                     uint32_t settled,
-                                    InstantState *instant,
+                                    struct plumbline_instant *instant,
                                     struct plumbline_error *error);
 
 // Resets the estimator of the flight before its next frame; `kind` is a plumbline_reset. Records go on coming.

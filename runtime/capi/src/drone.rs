@@ -6,10 +6,7 @@ use crate::estimator::reset_kind;
 use crate::handles::Registry;
 use crate::pointers::{self, Out, out};
 use crate::status::{Error, Failure, Status};
-use crate::types::{
-    Frame, Frames, Imu, ImuAbout, ImuSample, Instant as InstantState, Local, Record, RecordContent,
-    RecordKind,
-};
+use crate::types::{Frame, Frames, Imu, ImuAbout, ImuSample, Local, Record, RecordContent, RecordKind};
 use plumbline_client::{FrameSender, ImuLine, SensorAbout, monotonic_ns};
 use plumbline_config::Timestamp;
 use plumbline_record::layout;
@@ -104,7 +101,7 @@ pub unsafe extern "C" fn plumbline_local_at(
     stamp_ns: i64,
     patience_ms: u32,
     settled: u32,
-    instant: *mut InstantState,
+    instant: *mut crate::types::Instant,
     error: *mut Error,
 ) -> Status {
     call(error, || {

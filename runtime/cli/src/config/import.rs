@@ -28,7 +28,7 @@ that were tuned for them: use --noise base where they are refused or do not fit.
 #[command(after_help = EXAMPLES)]
 pub struct ImportArgs {
     /// Kalibr's cameras, extrinsics and time offset: camchain-imucam.yaml.
-    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present_any = ["euroc", "rig"])]
+    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu")]
     camchain: Option<PathBuf>,
     /// Kalibr's rate and noise of the IMU: imu.yaml.
     #[arg(long, value_name = "IMU.yaml", requires = "camchain")]
@@ -73,6 +73,9 @@ enum Noise {
     Base,
 }
 
+/// Error where no files are named.
+const NOTHING_TO_IMPORT: &str = "config import: give --camchain and --imu, --euroc, or --rig";
+
 /// Runs the command.
 ///
 /// # Errors
@@ -81,6 +84,9 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     check_new(&args.out, args.overwrite)?;
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
+    }
+    if args.camchain.is_none() && args.euroc.is_none() && args.rig.is_none() {
+        return Err(Usage(NOTHING_TO_IMPORT.into()).into());
     }
     let mounting = mounting(args)?;
     let config = imported(args, mounting)?;
@@ -132,8 +138,7 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
             (rig.config, rig.noise)
         }
         _ => {
-            let message = "config import: give --camchain and --imu, --euroc, or --rig";
-            return Err(Usage(message.into()).into());
+            return Err(Usage(NOTHING_TO_IMPORT.into()).into());
         }
     };
     let mut config = config.into_inner();

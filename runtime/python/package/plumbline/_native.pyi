@@ -15,6 +15,7 @@ __all__ = [
     "Connection",
     "Estimate",
     "Estimator",
+    "Instant",
     "Odometry",
     "Recording",
     "VERSION",
