@@ -283,6 +283,40 @@ typedef struct plumbline_record {
   union plumbline_record_content content;
 } plumbline_record;
 
+// State at an instant: record 27 of the local socket.
+typedef struct plumbline_instant {
+  // The instant, ns.
+  int64_t stamp_ns;
+  // Time of the hand-over by the flight, ns since 1970.
+  int64_t handed_over_ns;
+  // Number of the request.
+  uint64_t number;
+  // Position of B in O, m.
+  double position_m[3];
+  // Rotation that takes coordinates from B to O: quaternion x y z w.
+  double rotation_xyzw[4];
+  // Velocity of B in O, m/s.
+  double velocity_m_s[3];
+  // Angular rate of B, bias removed, rad/s.
+  double rate_rad_s[3];
+  // Covariance of position, attitude and velocity: upper triangle of the 9 x 9 matrix by rows.
+  double covariance[45];
+  // Time of the estimate before the instant, ns.
+  int64_t estimated_ns;
+  // Number of resets until then.
+  uint32_t reset_counter;
+  // A plumbline_state.
+  uint8_t state;
+  // 0 to 100.
+  int8_t quality;
+  // 0 answered, 1 there was no pose, 2 longer ago than is kept, 3 later than the newest inertial sample.
+  uint8_t outcome;
+  // 1 if there is an estimate after the instant too: the answer would not change any more.
+  uint8_t is_settled;
+  // Zero.
+  uint8_t reserved[8];
+} plumbline_instant;
+
 // Inertial sensor: rate and ranges by section `imu` of the configuration of the flight.
 typedef struct plumbline_imu_about {
   // Samples a second.
