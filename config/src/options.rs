@@ -25,7 +25,7 @@ mod setup;
 mod v4l2;
 mod vehicle;
 
-pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
+pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, FlowMessages, LostPose};
 pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
 pub use frames::FramesConfig;
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};

@@ -18,6 +18,21 @@ pub struct AutopilotConfig {
     pub clock: AutopilotClock,
     /// Messages while the odometry is lost.
     pub lost_pose: LostPose,
+    /// Optical flow and distance of a camera that looks down.
+    pub flow: FlowMessages,
+}
+
+/// When optical flow and distance are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FlowMessages {
+    /// Never.
+    #[default]
+    Off,
+    /// With every frame.
+    Always,
+    /// While the odometry cannot be used, and until it has been usable again for some time.
+    WhenLost,
 }
 
 /// Clock that stamps the odometry.
@@ -52,6 +67,7 @@ impl Default for AutopilotConfig {
             system_id: 1,
             clock: AutopilotClock::default(),
             lost_pose: LostPose::default(),
+            flow: FlowMessages::default(),
         }
     }
 }

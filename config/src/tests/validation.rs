@@ -1,10 +1,12 @@
 use super::euroc;
 use crate::camera::Distortion;
 use crate::options::{
-    Commands, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig,
+    Commands, FlowMessages, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure, V4l2Format,
+    VehicleConfig,
 };
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
+use nalgebra::{UnitQuaternion, Vector3};
 use serde::Deserialize;
 use std::path::PathBuf;
 use toml::Value;
@@ -199,6 +201,23 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
+    check("autopilot.connect", "115200 baud are too slow", |c| {
+        c.autopilot.connect = "serial:///dev/ttyS0:115200".into();
+        c.autopilot.flow = FlowMessages::Always;
+    });
+    check("autopilot.flow", "camera[0] looks 71 degrees", |c| {
+        c.autopilot.connect = "udp://127.0.0.1:14540".into();
+        c.autopilot.flow = FlowMessages::WhenLost;
+    });
+    let looking_down = refused(|c| {
+        c.autopilot.connect = "udp://127.0.0.1:14540".into();
+        c.autopilot.flow = FlowMessages::WhenLost;
+        let forward = c.vehicle.rot_v_b().unwrap();
+        let pitched = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 70_f64.to_radians()) * forward;
+        let (roll, pitch, yaw) = pitched.euler_angles();
+        c.vehicle = VehicleConfig::mounted([roll, pitch, yaw].map(f64::to_degrees));
+    });
+    assert_eq!(looking_down, []);
     check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| {
         c.vehicle = VehicleConfig::mounted([0.0, 270.0, 0.0]);
     });

@@ -1,10 +1,16 @@
 //! Validation of the autopilot's address, and of what its line can carry.
 
+use crate::Config;
 use crate::error::Violation;
-use crate::options::{AutopilotConfig, AutopilotEndpoint, SerialLine};
+use crate::options::{AutopilotConfig, AutopilotEndpoint, FlowMessages, SerialLine};
+use nalgebra::Vector3;
 
 /// An ODOMETRY message on the wire, bytes.
 const ODOMETRY_BYTES: f64 = 245.0;
+/// OPTICAL_FLOW_RAD, OPTICAL_FLOW and DISTANCE_SENSOR at 30 frames a second, bytes a second.
+const FLOW_BYTES_S: f64 = 4600.0;
+/// Cosine of the largest angle between the optical axis of a camera that looks down and the vehicle's down.
+const MIN_COS_DOWN: f64 = 0.7;
 /// All other messages in a second, bytes.
 const OTHERS_BYTES_S: f64 = 800.0;
 /// Bits on a serial line for one byte: start, eight bits, stop.
@@ -24,7 +30,8 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
              \"udp://127.0.0.1:14540\" or \"serial:///dev/ttyS0:921600\", or \"\" for no autopilot",
         ),
         Ok(AutopilotEndpoint::Serial(SerialLine { baud, .. })) => {
-            let needed = (autopilot.rate_hz * ODOMETRY_BYTES + OTHERS_BYTES_S) * BAUD_PER_BYTE;
+            let flow_bytes_s = if autopilot.flow == FlowMessages::Off { 0.0 } else { FLOW_BYTES_S };
+            let needed = (autopilot.rate_hz * ODOMETRY_BYTES + OTHERS_BYTES_S + flow_bytes_s) * BAUD_PER_BYTE;
             if f64::from(baud) < needed {
                 let reason = format!(
                     "{baud} baud are too slow for autopilot.rate_hz = {}: {needed:.0} are needed",
@@ -34,5 +41,23 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
             }
         }
         Ok(AutopilotEndpoint::Udp(_) | AutopilotEndpoint::UdpIn { .. }) => {}
+    }
+}
+
+/// Whether the left camera looks down, where its flow is to be sent: no autopilot takes another.
+pub(super) fn check_flow(config: &Config, found: &mut Vec<Violation>) {
+    if config.autopilot.flow == FlowMessages::Off || config.autopilot.connect.is_empty() {
+        return;
+    }
+    let (Some(rot_v_b), Some(left)) = (config.vehicle.rot_v_b(), config.camera.first()) else { return };
+    let axis_v = rot_v_b * (left.pose_b_c().rotation * Vector3::z());
+    if axis_v.z > -MIN_COS_DOWN {
+        let angle_deg = libm::acos((-axis_v.z).clamp(-1.0, 1.0)).to_degrees();
+        found.push(Violation::new(
+            "autopilot.flow",
+            format!("camera[0] looks {angle_deg:.0} degrees away from the vehicle's down; autopilots take the flow of the ground alone"),
+            "set autopilot.flow = \"off\", or mount the left camera within 45 degrees of down; if it is, correct \
+             vehicle.imu_to_vehicle_deg or camera[0].pose_b_c",
+        ));
     }
 }

@@ -70,6 +70,7 @@ impl Config {
         local::check(&self.local, &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
+        autopilot::check_flow(self, &mut found);
         imu_driver::check(self, &mut found);
         ros::check(self, &mut found);
         v4l2::check(self, &mut found);

@@ -7,10 +7,11 @@ use std::path::Path;
 pub const LEFT_OUT: &str = "(left out)";
 
 /// Keys whose values are words of the configuration itself.
-const KEPT: [&str; 16] = [
+const KEPT: [&str; 17] = [
     "clock",
     "commands",
     "distribution",
+    "flow",
     "format",
     "images",
     "keep",

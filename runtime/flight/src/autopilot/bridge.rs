@@ -1,11 +1,12 @@
 //! The pipeline's side of the bridge, and its thread.
 
 use super::clock::StampClock;
+use super::flow::FlowMeter;
 use super::frames::Frames;
-use super::handover::{Handover, Signals, handover_ring};
+use super::handover::{FlowHandover, Handover, Signals, flow_ring, handover_ring};
 use super::link::{Link, LinkError};
 use super::sender::{BridgeFigures, Sender};
-use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use crate::pipeline::{Instants, Stamps};
 use crate::schedule::host::raise_priority;
 use crate::schedule::ring::Writer;
@@ -13,8 +14,9 @@ use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
-use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
-use plumbline_estimator::TrackingState;
+use plumbline_config::ValidSetup;
+use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, FlowMessages, VehicleConfig};
+use plumbline_estimator::{HealthBits, TrackingState};
 use plumbline_record::Said;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
@@ -57,6 +59,11 @@ pub struct Bridge {
     pulse: Arc<Pulse>,
     /// Taken by the listener of the tick.
     tick: Option<TickListener>,
+    /// Where flow goes, until somebody measures it.
+    flows: Option<(Writer<FlowHandover>, Stamps)>,
+    /// Taken by the listener of the front-end.
+    front_end: Option<FlowListener>,
+    has_flow: bool,
 }
 
 impl Bridge {
@@ -78,6 +85,7 @@ impl Bridge {
             Stamps::Replayed => Link::open(&endpoint)?,
         };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
+        let (flow_writer, flows) = flow_ring();
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&signals);
@@ -89,7 +97,7 @@ impl Bridge {
                 let _ = raise_priority(PRIORITY);
             }
             let first = Monotonic::now().plus_nanos(period.as_nanos() as i64);
-            let run = || sender.run(&theirs, waiting, Ticker::new(first, period), &beating);
+            let run = || sender.run(&theirs, waiting, flows, Ticker::new(first, period), &beating);
             match catch_unwind(AssertUnwindSafe(run)) {
                 Ok(figures) => {
                     beating.idle();
@@ -102,7 +110,25 @@ impl Bridge {
             }
         })?;
         let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
-        Ok(Self { signals, thread: Some(thread), pulse, tick: Some(tick) })
+        let flows = (config.flow != FlowMessages::Off).then_some((flow_writer, stamps));
+        Ok(Self {
+            signals,
+            thread: Some(thread),
+            pulse,
+            tick: Some(tick),
+            flows,
+            front_end: None,
+            has_flow: false,
+        })
+    }
+
+    /// Measures the flow of the points that a rig tracks, where the configuration wants it sent.
+    pub fn measure_flow(&mut self, setup: &ValidSetup, mounting: &VehicleConfig) {
+        let Some(meter) = FlowMeter::new(setup, mounting) else { return };
+        let Some((writer, stamps)) = self.flows.take() else { return };
+        let signals = Arc::clone(&self.signals);
+        self.front_end = Some(FlowListener { signals, writer, meter, clock: StampClock::new(stamps) });
+        self.has_flow = true;
     }
 
     /// Asks `instants` for the state at each CAMERA_TRIGGER of the autopilot from now on.
@@ -133,9 +159,13 @@ impl Drop for Bridge {
 
 impl Subscriber for Bridge {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match (producer, self.tick.take_if(|_| producer == Producer::Tick)) {
-            (Producer::Tick, Some(tick)) => Box::new(tick),
-            (Producer::Window, _) => Box::new(WindowListener(Arc::clone(&self.signals))),
+        let boxed = |listener: Option<Box<dyn Listener>>| listener.unwrap_or_else(|| Box::new(()));
+        match producer {
+            Producer::Tick => boxed(self.tick.take().map(|tick| Box::new(tick) as _)),
+            Producer::FrontEnd => boxed(self.front_end.take().map(|flow| Box::new(flow) as _)),
+            Producer::Window => {
+                Box::new(WindowListener { signals: Arc::clone(&self.signals), has_flow: self.has_flow })
+            }
             _ => Box::new(()),
         }
     }
@@ -172,15 +202,47 @@ impl Listener for TickListener {
     }
 }
 
-/// Notes an estimate that is given up.
-struct WindowListener(Arc<Signals>);
+/// Measures the flow of the points of each frame.
+#[derive(Debug)]
+struct FlowListener {
+    signals: Arc<Signals>,
+    writer: Writer<FlowHandover>,
+    meter: FlowMeter,
+    clock: StampClock,
+}
+
+impl Listener for FlowListener {
+    fn shown(&mut self, view: View<'_>) {
+        let View::Tracked(tracked) = view else { return };
+        if tracked.health.contains(HealthBits::BAD_STAMP) {
+            return;
+        }
+        if tracked.is_clock_set {
+            self.meter.clear();
+        }
+        let bias_gyro = self.signals.bias_gyro();
+        let flow = self.meter.measure(tracked.time.stamp, &tracked.points, &tracked.samples, &bias_gyro);
+        if let Some(flow) = flow {
+            let measured = self.clock.measured(flow.stamp, Monotonic::now());
+            let _ = self.writer.push(FlowHandover { flow, measured });
+        }
+    }
+}
+
+/// Notes an estimate that is given up, and the gyroscope's bias where there is flow.
+struct WindowListener {
+    signals: Arc<Signals>,
+    has_flow: bool,
+}
 
 impl Listener for WindowListener {
     fn said(&mut self, said: &Said) {
-        if let Said::Estimate(full) = said
-            && full.estimate.state == TrackingState::Failed
-        {
-            self.0.has_pose.store(false, Ordering::Relaxed);
+        let Said::Estimate(full) = said else { return };
+        if full.estimate.state == TrackingState::Failed {
+            self.signals.has_pose.store(false, Ordering::Relaxed);
+        }
+        if self.has_flow && full.estimate.has_pose() {
+            self.signals.set_bias_gyro(&full.estimate.bias_gyro);
         }
     }
 }
@@ -189,10 +251,17 @@ impl Listener for WindowListener {
 mod realtime {
     use super::super::fixture::{estimate, odometry};
     use super::*;
-    use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
+    use mavlink::dialects::common::{
+        MavMessage, ODOMETRY_DATA, OPTICAL_FLOW_DATA, OPTICAL_FLOW_RAD_DATA, TIMESYNC_DATA,
+    };
     use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
+    use nalgebra::{Point3, Vector2, Vector3};
     use plumbline_config::options::AutopilotClock;
+    use plumbline_config::{Config, ImuSample, Timestamp, ValidConfig};
+    use plumbline_estimator::Tracked;
+    use plumbline_estimator::points::PointObservation;
     use plumbline_record::said::FullEstimate;
+    use std::f64::consts::{FRAC_PI_2, PI};
     use std::net::UdpSocket;
     use std::time::Instant;
 
@@ -202,6 +271,9 @@ mod realtime {
     struct Autopilot {
         socket: UdpSocket,
         odometry: Vec<(Instant, ODOMETRY_DATA)>,
+        flow: Vec<OPTICAL_FLOW_RAD_DATA>,
+        rates: Vec<OPTICAL_FLOW_DATA>,
+        distances: Vec<u16>,
         texts: Vec<String>,
         heartbeats: usize,
         answered: usize,
@@ -213,7 +285,17 @@ mod realtime {
             socket.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
             let connect = format!("udp://{}", socket.local_addr().unwrap());
             let config = AutopilotConfig { connect, ..AutopilotConfig::default() };
-            (Self { socket, odometry: vec![], texts: vec![], heartbeats: 0, answered: 0 }, config)
+            let autopilot = Self {
+                socket,
+                odometry: vec![],
+                flow: vec![],
+                rates: vec![],
+                distances: vec![],
+                texts: vec![],
+                heartbeats: 0,
+                answered: 0,
+            };
+            (autopilot, config)
         }
 
         /// Takes what comes for this long, feeding the bridge meanwhile.
@@ -228,6 +310,9 @@ mod realtime {
                 assert_eq!((header.system_id, header.component_id), (1, 197));
                 match message {
                     MavMessage::ODOMETRY(odometry) => self.odometry.push((Instant::now(), odometry)),
+                    MavMessage::OPTICAL_FLOW_RAD(flow) => self.flow.push(flow),
+                    MavMessage::OPTICAL_FLOW(flow) => self.rates.push(flow),
+                    MavMessage::DISTANCE_SENSOR(down) => self.distances.push(down.current_distance),
                     MavMessage::STATUSTEXT(text) => self.texts.push(text.text.to_str().unwrap().into()),
                     MavMessage::HEARTBEAT(_) => self.heartbeats += 1,
                     MavMessage::TIMESYNC(ask) if ask.tc1 == 0 => {
@@ -295,12 +380,151 @@ mod realtime {
         assert!((offset_ms - AHEAD_NS as f64 * 1e-6).abs() < 5.0, "{offset_ms}");
     }
 
+    /// Flight over a floor: frames of points that move, seen by both cameras of the `sim` rig, as the front-end shows them.
+    struct Floor {
+        tracked: Tracked,
+        config: ValidConfig,
+        frames: i64,
+        last: Instant,
+    }
+
+    impl Floor {
+        const PERIOD_NS: i64 = 50_000_000;
+
+        /// A vehicle whose down is where the left camera looks, and whose nose is the upper edge of the image.
+        fn new(flow: FlowMessages) -> Self {
+            let left = Config::preset("sim").unwrap().camera[0].pose_b_c().rotation;
+            let rot_v_c = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2)
+                * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+            let (roll, pitch, yaw) = (rot_v_c * left.inverse()).euler_angles();
+            let change = |c: &mut Config| {
+                c.vehicle = VehicleConfig::mounted([roll, pitch, yaw].map(f64::to_degrees));
+                c.autopilot.connect = "udp://127.0.0.1:9".into();
+                c.autopilot.flow = flow;
+            };
+            let config = Config::preset("sim").unwrap().with("test", change).unwrap();
+            Self { tracked: Tracked::new(config.setup()), config, frames: 0, last: Instant::now() }
+        }
+
+        /// Shows the next frame when it is time.
+        fn show(&mut self, listener: &mut dyn Listener) {
+            if self.last.elapsed() < Duration::from_nanos(Self::PERIOD_NS as u64) {
+                return;
+            }
+            (self.frames, self.last) = (self.frames + 1, Instant::now());
+            let at = |k: i64| Timestamp::from_nanos(1_500_000_000_000_000_000 + Self::PERIOD_NS / 10 * k);
+            let pose_c0_c1 = self.config.camera[0].pose_b_c().inverse() * self.config.camera[1].pose_b_c();
+            self.tracked.time.stamp = at(10 * self.frames);
+            self.tracked.samples.clear();
+            self.tracked.points.clear();
+            for k in 10 * self.frames - 9..=10 * self.frames {
+                let (gyro, accel) = (Vector3::zeros(), Vector3::zeros());
+                self.tracked.samples.push(ImuSample { stamp: at(k), gyro, accel });
+            }
+            for k in 0..150_u32 {
+                // The vehicle flies forward at 1 m/s, 2 m above the floor: what it sees moves down in the image.
+                let down = 0.05 * self.frames as f64;
+                let p_c0 =
+                    Point3::new(0.2 * f64::from(k % 6) - 0.5, 0.2 * f64::from(k / 6) - 4.6 + down, 2.0);
+                let p_c1 = pose_c0_c1.inverse() * p_c0;
+                let xy = [p_c0, p_c1].map(|p| Some(Vector2::new(p.x / p.z, p.y / p.z)));
+                let covariance_px2 = [nalgebra::Matrix2::zeros(); 2];
+                self.tracked.points.push(PointObservation {
+                    track_id: k,
+                    age: 2,
+                    px: [None; 2],
+                    xy,
+                    covariance_px2,
+                });
+            }
+            listener.shown(View::Tracked(&self.tracked));
+        }
+    }
+
+    #[test]
+    fn flow_and_distance_are_sent_until_the_odometry_has_held() {
+        let (mut autopilot, config) = Autopilot::new();
+        let config = AutopilotConfig { flow: FlowMessages::WhenLost, ..config };
+        let mut floor = Floor::new(FlowMessages::WhenLost);
+        let (setup, mounting) = (floor.config.setup().clone(), floor.config.vehicle.clone());
+        let mut bridge = Bridge::start(&config, &mounting, Stamps::Replayed, false).unwrap();
+        bridge.measure_flow(&setup, &mounting);
+        let (mut tick, mut front_end) =
+            (bridge.listener(Producer::Tick), bridge.listener(Producer::FrontEnd));
+        autopilot.fly(Duration::from_millis(1000), || floor.show(&mut *front_end));
+        assert!((8..=20).contains(&autopilot.flow.len()), "{}", autopilot.flow.len());
+        for flow in &autopilot.flow {
+            // 1 m/s forward at 2 m, for 50 ms: 0.025 rad about y, and nothing of it is the gyroscope's.
+            assert!((flow.integrated_y - 0.025).abs() < 1e-4 && flow.integrated_x.abs() < 1e-4, "{flow:?}");
+            assert_eq!((flow.integrated_ygyro, flow.integration_time_us, flow.quality), (0.0, 50_000, 255));
+        }
+        assert!(autopilot.flow.windows(2).all(|pair| pair[1].time_usec > pair[0].time_usec));
+        assert!(
+            autopilot.rates.iter().all(|rate| (rate.flow_rate_y - 0.5).abs() < 2e-3),
+            "{:?}",
+            autopilot.rates
+        );
+        // The last distance may still be on its way.
+        assert!(autopilot.distances.len() + 1 >= autopilot.flow.len());
+        assert!(autopilot.distances.iter().all(|cm| *cm == 200), "{:?}", autopilot.distances);
+        // Good odometry ends it, but not at once.
+        let before = autopilot.flow.len();
+        autopilot.fly(Duration::from_millis(1000), || {
+            floor.show(&mut *front_end);
+            tick.said(&fresh());
+        });
+        assert!(autopilot.flow.len() > before + 5);
+        autopilot.fly(Duration::from_millis(1500), || {
+            floor.show(&mut *front_end);
+            tick.said(&fresh());
+        });
+        let before = autopilot.flow.len();
+        autopilot.fly(Duration::from_millis(500), || {
+            floor.show(&mut *front_end);
+            tick.said(&fresh());
+        });
+        assert_eq!(autopilot.flow.len(), before, "odometry has held for two seconds");
+        // Odometry of low quality is not flown by.
+        let poor = || match fresh() {
+            Said::Odometry(good) => Said::Odometry(plumbline_estimator::Odometry { quality: 19, ..good }),
+            other => other,
+        };
+        autopilot.fly(Duration::from_millis(500), || {
+            floor.show(&mut *front_end);
+            tick.said(&poor());
+        });
+        assert!(autopilot.flow.len() > before + 5);
+        let figures = bridge.stop().unwrap();
+        assert!(
+            figures.flow >= autopilot.flow.len() as u64 && figures.distances == figures.flow,
+            "{figures:?}"
+        );
+        let mut flow_texts: Vec<_> = autopilot.texts.iter().filter(|text| text.contains("flow")).collect();
+        // Who has just been heard is told again.
+        flow_texts.dedup();
+        let (on, off) = ("Plumbline: sending optical flow", "Plumbline: odometry is back, optical flow ends");
+        assert_eq!(flow_texts, [on, off, on]);
+    }
+
+    #[test]
+    fn without_the_key_nobody_listens_to_the_front_end_and_no_flow_is_sent() {
+        let (mut autopilot, config) = Autopilot::new();
+        let mut floor = Floor::new(FlowMessages::Off);
+        let (setup, mounting) = (floor.config.setup().clone(), floor.config.vehicle.clone());
+        let mut bridge = Bridge::start(&config, &mounting, Stamps::Replayed, false).unwrap();
+        bridge.measure_flow(&setup, &mounting);
+        assert!(bridge.front_end.is_none() && !bridge.has_flow);
+        let mut front_end = bridge.listener(Producer::FrontEnd);
+        autopilot.fly(Duration::from_millis(400), || floor.show(&mut *front_end));
+        assert!(autopilot.flow.is_empty() && autopilot.rates.is_empty() && autopilot.texts.is_empty());
+    }
+
     #[test]
     fn a_failed_estimate_is_lost_at_once() {
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
         let frames = Frames::new(&UnitQuaternion::identity());
         let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
-        let mut window = WindowListener(Arc::clone(&signals));
+        let mut window = WindowListener { signals: Arc::clone(&signals), has_flow: false };
         tick.said(&fresh());
         assert!(signals.has_pose.load(Ordering::Relaxed));
         let estimate = estimate(TrackingState::Failed);

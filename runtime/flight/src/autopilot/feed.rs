@@ -14,6 +14,9 @@ use plumbline_config::options::LostPose;
 /// Lowest quality that stands for odometry to be used: MAVLink's 0 is an unknown one.
 const MIN_QUALITY: i8 = 1;
 
+/// Odometry of less is not flown by where there is flow.
+const MIN_FLYING_QUALITY: i8 = 20;
+
 /// State of what is sent.
 #[derive(Clone, Debug)]
 pub struct Feed {
@@ -69,6 +72,13 @@ impl Feed {
         }
         self.last = Some((vehicle, odometry.steps()));
         Condition::Tracking
+    }
+
+    /// Whether the odometry in this condition can be flown by: it tracks, and its velocity is known well.
+    #[must_use]
+    pub fn is_usable(&self, condition: Condition) -> bool {
+        let quality = self.newest.as_ref().map_or(0, |newest| newest.odometry.quality);
+        condition == Condition::Tracking && quality >= MIN_FLYING_QUALITY
     }
 
     /// Message for a deadline at `now` in this condition; `usec` stamps a time, where that is known.

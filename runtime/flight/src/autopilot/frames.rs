@@ -93,7 +93,7 @@ impl VehicleOdometry {
 }
 
 /// Between x forward, y left, z up and x forward, y right, z down; its own inverse.
-fn half_turn_about_x() -> UnitQuaternion<f64> {
+pub(super) fn half_turn_about_x() -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI)
 }
 

@@ -1,9 +1,11 @@
 //! The messages that are sent: what goes into which field.
 
+use super::flow::{FlowMeasurement, GroundDistance};
 use super::frames::VehicleOdometry;
 use mavlink::dialects::common::{
-    HEARTBEAT_DATA, MavAutopilot, MavEstimatorType, MavFrame, MavModeFlag, MavSeverity, MavState, MavType,
-    ODOMETRY_DATA, STATUSTEXT_DATA,
+    DISTANCE_SENSOR_DATA, HEARTBEAT_DATA, MavAutopilot, MavDistanceSensor, MavEstimatorType, MavFrame,
+    MavModeFlag, MavSensorOrientation, MavSeverity, MavState, MavType, ODOMETRY_DATA, OPTICAL_FLOW_DATA,
+    OPTICAL_FLOW_RAD_DATA, STATUSTEXT_DATA,
 };
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion};
 
@@ -80,6 +82,62 @@ fn wxyz(rotation: &UnitQuaternion<f64>) -> [f32; 4] {
 fn triangle(matrix: &Matrix6<f64>) -> Triangle {
     let mut entries = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
     std::array::from_fn(|_| entries.next().map_or(f32::NAN, |entry| matrix[entry] as f32))
+}
+
+/// Flow as PX4 takes it, its distance with it. `time_usec` is that of the later frame.
+#[must_use]
+pub fn flow_rad(flow: &FlowMeasurement, time_usec: u64) -> OPTICAL_FLOW_RAD_DATA {
+    let [integrated_x, integrated_y] = flow.flow_rad.map(|x| x as f32).into();
+    let [integrated_xgyro, integrated_ygyro, integrated_zgyro] = flow.gyro_rad.map(|x| x as f32).into();
+    OPTICAL_FLOW_RAD_DATA {
+        time_usec,
+        integration_time_us: (flow.span_s * 1e6).round() as u32,
+        integrated_x,
+        integrated_y,
+        integrated_xgyro,
+        integrated_ygyro,
+        integrated_zgyro,
+        time_delta_distance_us: 0,
+        distance: distance_or_unknown(flow),
+        temperature: 0,
+        sensor_id: 0,
+        quality: flow.quality,
+    }
+}
+
+/// Flow as ArduPilot takes it: rates about the axes, with the turn of the vehicle in them.
+#[must_use]
+pub fn flow_rate(flow: &FlowMeasurement, time_usec: u64) -> OPTICAL_FLOW_DATA {
+    let [flow_rate_x, flow_rate_y] = flow.flow_rad.map(|x| (x / flow.span_s) as f32).into();
+    OPTICAL_FLOW_DATA {
+        time_usec,
+        ground_distance: distance_or_unknown(flow),
+        quality: flow.quality,
+        flow_rate_x,
+        flow_rate_y,
+        ..OPTICAL_FLOW_DATA::default()
+    }
+}
+
+fn distance_or_unknown(flow: &FlowMeasurement) -> f32 {
+    flow.distance.map_or(-1.0, |distance| distance.m as f32)
+}
+
+/// Distance of the ground below the vehicle.
+#[must_use]
+pub fn distance(ground: &GroundDistance, time_usec: u64) -> DISTANCE_SENSOR_DATA {
+    let cm = |m: f64| (m * 100.0).round() as u16;
+    DISTANCE_SENSOR_DATA {
+        // Milliseconds since the boot, which wrap around after 49 days.
+        time_boot_ms: (time_usec / 1000) as u32,
+        min_distance: cm(ground.limits_m[0]),
+        max_distance: cm(ground.limits_m[1]),
+        current_distance: cm(ground.m),
+        mavtype: MavDistanceSensor::MAV_DISTANCE_SENSOR_UNKNOWN,
+        orientation: MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270,
+        covariance: u8::MAX,
+        ..DISTANCE_SENSOR_DATA::default()
+    }
 }
 
 /// A sign of life; `state` says how far the estimator is.
@@ -174,6 +232,41 @@ mod tests {
         }
         assert!([15, 18, 20].into_iter().all(|place| read.pose_covariance[place] > 9.0));
         assert!(read.pose_covariance.iter().chain(&read.velocity_covariance).all(|x| x.is_finite()));
+    }
+
+    #[test]
+    fn flow_and_distance_come_through_the_wire_in_their_units() {
+        let measured = FlowMeasurement {
+            stamp: plumbline_config::Timestamp::from_nanos(0),
+            span_s: 0.05,
+            flow_rad: nalgebra::Vector2::new(-0.02, 0.03),
+            gyro_rad: nalgebra::Vector3::new(0.01, -0.015, 0.1),
+            quality: 200,
+            distance: Some(GroundDistance { m: 1.234, limits_m: [0.22, 11.0] }),
+        };
+        let mut wire = Vec::new();
+        for message in [
+            MavMessage::OPTICAL_FLOW_RAD(flow_rad(&measured, 5_000_000_123)),
+            MavMessage::OPTICAL_FLOW(flow_rate(&measured, 5_000_000_123)),
+            MavMessage::DISTANCE_SENSOR(distance(&measured.distance.unwrap(), 5_000_000_123)),
+        ] {
+            mavlink::write_v2_msg(&mut wire, MavHeader::default(), &message).unwrap();
+        }
+        let mut reader = mavlink::MavlinkReader::new(&wire[..]);
+        let mut next = || reader.read_message::<MavMessage>(MavlinkVersion::V2).unwrap().1;
+        let MavMessage::OPTICAL_FLOW_RAD(rad) = next() else { panic!() };
+        assert_eq!((rad.time_usec, rad.integration_time_us, rad.quality), (5_000_000_123, 50_000, 200));
+        assert_eq!([rad.integrated_x, rad.integrated_y], [-0.02, 0.03]);
+        assert_eq!([rad.integrated_xgyro, rad.integrated_ygyro, rad.integrated_zgyro], [0.01, -0.015, 0.1]);
+        assert_eq!(rad.distance, 1.234);
+        let MavMessage::OPTICAL_FLOW(rate) = next() else { panic!() };
+        assert_eq!((rate.flow_rate_x, rate.flow_rate_y, rate.quality), (-0.4, 0.6, 200));
+        let MavMessage::DISTANCE_SENSOR(down) = next() else { panic!() };
+        assert_eq!((down.min_distance, down.current_distance, down.max_distance), (22, 123, 1100));
+        assert_eq!((down.time_boot_ms, down.covariance), (5_000_000, 255));
+        assert_eq!(down.orientation as u8, 25);
+        let mono = FlowMeasurement { distance: None, ..measured };
+        assert_eq!(flow_rad(&mono, 1).distance, -1.0);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! newest as `ODOMETRY` on absolute deadlines ([`sender`]). [`feed`] decides which message that is: nothing before the first
 //! pose, quality -1 while the odometry is lost, never a number that is not finite. [`frames`] turns it into LOCAL_FRD and
 //! BODY_FRD, [`message`] fills the fields, [`status`] decides what is tracking and what the pilot is told.
+//! [`flow`] compares the points of frames for OPTICAL_FLOW_RAD, [`status`] says when it is sent.
 //! [`words`] tells people. [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
 //! [`clock`] the time at which replayed data were measured.
 //!
@@ -18,6 +19,7 @@ pub mod clock;
 pub mod feed;
 #[cfg(test)]
 pub(crate) mod fixture;
+pub mod flow;
 pub mod frames;
 pub mod handover;
 #[cfg(test)]

@@ -2,11 +2,11 @@
 
 use super::feed::Feed;
 use super::frames::Frames;
-use super::handover::{Handover, Signals};
+use super::handover::{FlowHandover, Handover, Signals};
 use super::inbox::{CHUNK, Inbox, Received};
 use super::link::Link;
 use super::message;
-use super::status::{Announcer, Condition};
+use super::status::{Announcer, Condition, FlowSwitch};
 use super::timesync::TimeSync;
 use super::words::{News, teller};
 use crate::pipeline::{InstantRequest, Instants};
@@ -15,7 +15,8 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::{Percentiles, Times};
 use crate::schedule::watchdog::Pulse;
 use mavlink::dialects::common::{
-    CAMERA_TRIGGER_DATA, HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    CAMERA_TRIGGER_DATA, DISTANCE_SENSOR_DATA, HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA,
+    OPTICAL_FLOW_DATA, OPTICAL_FLOW_RAD_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use plumbline_config::Timestamp;
@@ -68,6 +69,10 @@ pub struct BridgeFigures {
     pub round_trip_ms: Option<f64>,
     /// Camera triggers whose state was asked for.
     pub triggers: u64,
+    /// Measurements of optical flow that were sent.
+    pub flow: u64,
+    /// Distances of the ground that were sent.
+    pub distances: u64,
 }
 
 impl fmt::Display for BridgeFigures {
@@ -102,6 +107,7 @@ pub struct Sender {
     /// System and component whose time answers count, if several answer.
     time_source: Option<(u32, u8)>,
     announcer: Announcer,
+    flow_switch: FlowSwitch,
     heartbeat: Monotonic,
     /// When the autopilot was last heard.
     heard: Option<Monotonic>,
@@ -130,6 +136,7 @@ impl Sender {
             timesync: TimeSync::default(),
             time_source: None,
             announcer: Announcer::default(),
+            flow_switch: FlowSwitch::new(config.flow),
             heartbeat: Monotonic(i64::MIN),
             heard: None,
             is_heard: true,
@@ -148,6 +155,7 @@ impl Sender {
         mut self,
         signals: &Signals,
         mut waiting: Reader<Handover>,
+        mut flows: Reader<FlowHandover>,
         mut ticker: Ticker,
         pulse: &Pulse,
     ) -> BridgeFigures {
@@ -170,6 +178,10 @@ impl Sender {
             let condition = self.condition(signals.has_pose.load(Ordering::Relaxed), now);
             self.ask_for_the_time();
             self.send_odometry(condition, now);
+            self.flow_switch.update(self.feed.is_usable(condition), now);
+            while let Some(newer) = flows.pop() {
+                self.send_flow(&newer, now);
+            }
             self.send_others(condition, now);
             self.watch(now);
         }
@@ -210,6 +222,22 @@ impl Sender {
         }
     }
 
+    /// Flow of each frame, while it is wanted; none where no time can stamp it.
+    fn send_flow(&mut self, newer: &FlowHandover, now: Monotonic) {
+        let Some(usec) = stamp_usec(self.clock, &self.timesync, newer.measured) else { return };
+        if !self.flow_switch.is_on() {
+            return;
+        }
+        let flow = &newer.flow;
+        let is_sent = self.send::<OPTICAL_FLOW_RAD_DATA>(&message::flow_rad(flow, usec), now);
+        self.figures.flow += u64::from(is_sent);
+        self.send::<OPTICAL_FLOW_DATA>(&message::flow_rate(flow, usec), now);
+        if let Some(ground) = &flow.distance {
+            let is_sent = self.send::<DISTANCE_SENSOR_DATA>(&message::distance(ground, usec), now);
+            self.figures.distances += u64::from(is_sent);
+        }
+    }
+
     fn send_others(&mut self, condition: Condition, now: Monotonic) {
         if now.0.saturating_sub(self.heartbeat.0) >= HEARTBEAT_NS {
             self.heartbeat = now;
@@ -230,7 +258,9 @@ impl Sender {
     }
 
     fn announce(&mut self, condition: Condition, now: Monotonic) {
-        if let Some((severity, words)) = self.announcer.news(condition, now) {
+        for (severity, words) in
+            [self.announcer.news(condition, now), self.flow_switch.news()].into_iter().flatten()
+        {
             self.send::<STATUSTEXT_DATA>(&message::statustext(severity, words), now);
         }
     }
@@ -288,6 +318,7 @@ impl Sender {
             if self.heard.is_none() || !self.is_heard {
                 self.tell(News::Heard);
                 self.announcer.repeat();
+                self.flow_switch.repeat();
             }
             (self.heard, self.is_heard) = (Some(now), true);
             if let Some(trigger) = &received.trigger {

@@ -2,12 +2,16 @@
 
 use crate::schedule::ticker::Monotonic;
 use mavlink::dialects::common::{MavSeverity, MavState};
+use plumbline_config::options::FlowMessages;
 use plumbline_estimator::TrackingState;
 
 /// Odometry measured longer ago than this is none, ns.
 pub const STALE_NS: i64 = 500_000_000;
 /// The pilot is told at most this often, ns.
 const PAUSE_NS: i64 = 1_000_000_000;
+
+/// Odometry must be usable for so long before flow ends, ns.
+const FLOW_HOLD_NS: i64 = 2_000_000_000;
 
 /// How the odometry is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,6 +110,56 @@ impl Announcer {
     }
 }
 
+/// Decides whether flow is sent: at once when the odometry is lost, and until it has been usable for some time.
+#[derive(Clone, Copy, Debug)]
+pub struct FlowSwitch {
+    mode: FlowMessages,
+    is_on: bool,
+    usable_since: Option<Monotonic>,
+    told: bool,
+}
+
+impl FlowSwitch {
+    /// A switch that is off until the first update.
+    #[must_use]
+    pub fn new(mode: FlowMessages) -> Self {
+        Self { mode, is_on: false, usable_since: None, told: false }
+    }
+
+    /// Whether flow is sent at `now`, given whether the odometry can be flown by.
+    pub fn update(&mut self, is_usable: bool, now: Monotonic) -> bool {
+        self.usable_since = is_usable.then(|| self.usable_since.unwrap_or(now));
+        let held = self.usable_since.map_or(0, |since| now.0.saturating_sub(since.0));
+        self.is_on = match self.mode {
+            FlowMessages::Off => false,
+            FlowMessages::Always => true,
+            FlowMessages::WhenLost => !is_usable || (self.is_on && held < FLOW_HOLD_NS),
+        };
+        self.is_on
+    }
+
+    /// Whether flow is sent, by the last update.
+    #[must_use]
+    pub fn is_on(&self) -> bool {
+        self.is_on
+    }
+
+    /// What is to be said now, once for each change.
+    pub fn news(&mut self) -> Option<(MavSeverity, &'static str)> {
+        let is_news = self.told != self.is_on;
+        self.told = self.is_on;
+        is_news.then_some(match self.is_on {
+            true => (MavSeverity::MAV_SEVERITY_WARNING, "Plumbline: sending optical flow"),
+            false => (MavSeverity::MAV_SEVERITY_INFO, "Plumbline: odometry is back, optical flow ends"),
+        })
+    }
+
+    /// Says again that flow is sent: a new listener has appeared.
+    pub fn repeat(&mut self) {
+        self.told = false;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,6 +200,42 @@ mod tests {
         announcer.repeat();
         assert!(announcer.news(Condition::Tracking, Monotonic(9 * SECOND)).is_some());
         assert!(announcer.news(Condition::Stopped, Monotonic(9 * SECOND)).is_some(), "the end never waits");
+    }
+
+    #[test]
+    fn flow_begins_at_once_and_ends_when_the_odometry_has_held() {
+        let mut switch = FlowSwitch::new(FlowMessages::WhenLost);
+        let mut told = Vec::new();
+        let mut on = Vec::new();
+        for k in 0..400_i64 {
+            // Lost for a second, back for one, lost for a fortieth, and back for good.
+            let is_usable = !matches!(k, 100..140 | 180);
+            if switch.update(is_usable, Monotonic(k * SECOND / 40)) {
+                on.push(k);
+            }
+            told.extend(switch.news().map(|(_, words)| (k, words)));
+        }
+        assert_eq!(on, (100..261).collect::<Vec<_>>());
+        let expected = [
+            (100, "Plumbline: sending optical flow"),
+            (261, "Plumbline: odometry is back, optical flow ends"),
+        ];
+        assert_eq!(told, expected);
+        assert!(told.iter().all(|(_, words)| words.len() <= 50));
+    }
+
+    #[test]
+    fn flow_before_the_first_pose_is_sent_and_off_and_always_stay() {
+        for (mode, expected) in [
+            (FlowMessages::Off, [false, false]),
+            (FlowMessages::Always, [true, true]),
+            (FlowMessages::WhenLost, [true, false]),
+        ] {
+            let mut switch = FlowSwitch::new(mode);
+            let before = switch.update(false, Monotonic(0));
+            switch.update(true, Monotonic(SECOND));
+            assert_eq!([before, switch.update(true, Monotonic(3 * SECOND))], expected, "{mode:?}");
+        }
     }
 
     #[test]

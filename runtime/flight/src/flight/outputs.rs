@@ -44,7 +44,8 @@ impl Outputs {
     pub fn pilot(&mut self, flight: &Flight, control: &Control) -> Result<(), FlightError> {
         let (config, stamps) = (&flight.config, flight.stamps);
         let (autopilot, vehicle) = (&config.autopilot, &config.vehicle);
-        let bridge = Bridge::start(autopilot, vehicle, stamps, config.runtime.realtime)?;
+        let mut bridge = Bridge::start(autopilot, vehicle, stamps, config.runtime.realtime)?;
+        bridge.measure_flow(config.setup(), vehicle);
         // Where there is nobody else to ask, and nobody to tell, nothing is kept.
         if !config.local.path.is_empty() {
             bridge.ask_at_triggers(&control.keep_instants());
