@@ -165,21 +165,7 @@ pub struct ReplayArgs {
 /// # Errors
 /// When the flight cannot be opened, run or written.
 pub fn run(args: &ReplayArgs) -> Result<()> {
-    if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
-        return Err(Usage("--speed: give a positive number".into()).into());
-    }
-    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
-    let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
-    let at_out = args.at_out();
-    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
-    if at_out.is_some() && at_out == args.at {
-        return Err(Usage("--at-out: is the list itself; name another file".into()).into());
-    }
-    let stamps = args.at.as_deref().map(read_stamps).transpose().map_err(|e| Usage(format!("--at: {e}")))?;
-    if let Some(path) = &args.plot {
-        check_plot(path)?;
-    }
-    check_mentions(args)?;
+    let (stamps, at_out) = (checked(args)?, args.at_out());
     let flight = prepared(open(args)?, args)?;
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
@@ -227,6 +213,26 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     say(if args.json { json } else { report.summary() });
     judge(&args.dataset, &report)
+}
+
+/// Checks the options before anything is opened; returns the instants that are asked for.
+fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>> {
+    if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+        return Err(Usage("--speed: give a positive number".into()).into());
+    }
+    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
+    let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
+    let at_out = args.at_out();
+    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
+    if at_out.is_some() && at_out == args.at {
+        return Err(Usage("--at-out: is the list itself; name another file".into()).into());
+    }
+    let stamps = args.at.as_deref().map(read_stamps).transpose().map_err(|e| Usage(format!("--at: {e}")))?;
+    if let Some(path) = &args.plot {
+        check_plot(path)?;
+    }
+    check_mentions(args)?;
+    Ok(stamps)
 }
 
 impl ReplayArgs {

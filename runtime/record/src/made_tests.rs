@@ -8,6 +8,7 @@ use crate::schema::{PACKAGE, is_repeated, kind, messages, with_topics};
 use crate::topics::{Row, Topic};
 use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::HealthBits;
+use plumbline_estimator::TrailState;
 use plumbline_estimator::health::HealthBit;
 use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
@@ -124,6 +125,7 @@ fn plumbline_proto() -> String {
         Message::of::<SnapshotPoint>(),
         Message::of::<SnapshotLine>(),
         Message::of::<PathPose>(),
+        Message::of::<TrailState>(),
         Message::of::<LoopEnd>(),
         Message::of::<[LoopEnd; 2]>(),
         Message::of::<StampFigures>(),

@@ -1,5 +1,6 @@
 //! Requests of states at instants: who asked, and how often anybody may.
 
+use super::allowance::Allowance;
 use super::reader::Reader;
 use super::record::{Kind, encoded};
 use super::request::{Answer, At, Status};
@@ -12,41 +13,8 @@ use std::time::{Duration, Instant};
 /// Requests that wait for their instants at a time, and those of one reader.
 const MAX_WAITING: usize = 64;
 const MAX_OF_A_READER: usize = 32;
-/// Answers a second in all, and those of one reader: the thread of the odometry gives them.
-const RATE: f64 = 2_000.0;
-const RATE_OF_A_READER: f64 = 1_000.0;
 /// An answer comes this long after the patience at most.
 const LOST: Duration = Duration::from_secs(2);
-/// So many may come at once, s of them.
-const BURST_S: f64 = 0.2;
-
-/// Allowance that grows with time.
-#[derive(Clone, Copy, Debug)]
-pub struct Allowance {
-    left: f64,
-    rate: f64,
-    since: Instant,
-}
-
-impl Allowance {
-    fn new(rate: f64) -> Self {
-        Self { left: rate * BURST_S, rate, since: Instant::now() }
-    }
-
-    /// Allowance of one reader.
-    pub fn of_a_reader() -> Self {
-        Self::new(RATE_OF_A_READER)
-    }
-
-    fn take(&mut self) -> bool {
-        let now = Instant::now();
-        let earned = now.saturating_duration_since(self.since).as_secs_f64() * self.rate;
-        (self.left, self.since) = ((self.left + earned).min(self.rate * BURST_S), now);
-        let is_allowed = self.left >= 1.0;
-        self.left -= f64::from(u8::from(is_allowed));
-        is_allowed
-    }
-}
 
 /// Request that waits, and whose it is.
 #[derive(Clone, Copy, Debug)]
@@ -72,7 +40,7 @@ pub struct Asked {
 impl Asked {
     /// Requests to a run by its entrance.
     pub fn new(door: Arc<Instants>) -> Self {
-        Self { door, waiting: Vec::with_capacity(MAX_WAITING), next: 0, allowance: Allowance::new(RATE) }
+        Self { door, waiting: Vec::with_capacity(MAX_WAITING), next: 0, allowance: Allowance::of_all() }
     }
 
     /// Passes on the request of the reader at `place`; the answer if it is refused.
@@ -114,20 +82,5 @@ impl Asked {
             layout::put_instant(&InstantAnswer { number, ..answer.clone() }, handed_over_ns, to);
         });
         Some((place, record))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_allowance_is_spent_and_earned_again() {
-        let mut allowance = Allowance::of_a_reader();
-        let taken = (0..1_000).filter(|_| allowance.take()).count();
-        assert!((200..300).contains(&taken), "{taken}");
-        allowance.since -= Duration::from_millis(100);
-        let taken = (0..1_000).filter(|_| allowance.take()).count();
-        assert!((100..200).contains(&taken), "{taken}");
     }
 }

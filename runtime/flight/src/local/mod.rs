@@ -8,6 +8,7 @@
 //! [`record`], [`request`] and [`plumbline_record::layout`] are the format, [`plumbline_record::messages`] the records that are
 //! protobuf; [`client`] is the other end.
 
+mod allowance;
 mod asked;
 pub mod client;
 mod commands;

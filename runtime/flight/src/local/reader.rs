@@ -1,6 +1,6 @@
 //! One reader of the socket: what it wants, what waits for it, and what it asks for.
 
-use super::asked::Allowance;
+use super::allowance::Allowance;
 use super::outbox::Outbox;
 use super::record::{Kind, Kinds, MAGIC, encoded};
 use super::request::{Inbox, Numbered, Request, TooLong};

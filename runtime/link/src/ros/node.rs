@@ -7,6 +7,7 @@ use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
 use super::names::{NodeName, RosTopic};
 use super::reset::{ResetServices, Resets};
 use super::scene::Scene;
+use super::system_clock::on_system_clock;
 use super::topic::{Declaring, TopicPublisher, declare_token};
 use super::trigger::{TriggerSubscription, Triggers};
 use super::view_topics::{Clock, ViewTopics};
@@ -16,8 +17,7 @@ use plumbline_config::Timestamp;
 use plumbline_config::options::RosStamp;
 use plumbline_estimator::{Odometry, TrackingState};
 use plumbline_flight::local::Shot;
-use plumbline_flight::pipeline::Stamps;
-use plumbline_flight::schedule::ticker::Monotonic;
+
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::sync::Arc;
 use zenoh::Session;
@@ -171,22 +171,6 @@ impl Identity {
         };
         Clock { time, now_ns }
     }
-}
-
-/// Time of a measurement as ROS expects it; recordings keep theirs.
-fn on_system_clock(stamps: Stamps, measured: Timestamp, now_ns: i64) -> i64 {
-    match stamps {
-        Stamps::OfHost => now_ns.saturating_sub(Monotonic::now().0.saturating_sub(measured.as_nanos())),
-        Stamps::Replayed => measured.as_nanos(),
-    }
-}
-
-/// Time of a measurement whose stamp in ROS is `stamp_ns`: the inverse of [`on_system_clock`].
-pub(super) fn from_system_clock(stamps: Stamps, stamp_ns: i64, now_ns: i64) -> Timestamp {
-    Timestamp::from_nanos(match stamps {
-        Stamps::OfHost => Monotonic::now().0.saturating_sub(now_ns.saturating_sub(stamp_ns)),
-        Stamps::Replayed => stamp_ns,
-    })
 }
 
 async fn declare<T: Interface>(

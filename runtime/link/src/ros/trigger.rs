@@ -7,7 +7,7 @@
 use super::interface::InterfaceType;
 use super::messages::Header;
 use super::names::{Endpoint, RosTopic};
-use super::node::from_system_clock;
+use super::system_clock::from_system_clock;
 use super::topic::Declaring;
 use crate::net::{Commands, NetError, now_ns};
 use plumbline_flight::local::request::At;
