@@ -25,11 +25,14 @@ struct Wrong {
     images_late_s: f64,
     /// Factor of the rate.
     scale: f64,
+    /// Error of the rate about x, rad/s.
+    step_rad_s: f64,
     /// Until when, s.
     until_s: f64,
 }
 
-const NOTHING: Wrong = Wrong { imu_late_s: 0.0, images_late_s: 0.0, scale: 1.0, until_s: f64::INFINITY };
+const NOTHING: Wrong =
+    Wrong { imu_late_s: 0.0, images_late_s: 0.0, scale: 1.0, step_rad_s: 0.0, until_s: f64::INFINITY };
 
 /// Flies for twelve seconds; of each frame its time, what is said of it and the quality left of 90.
 fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
@@ -45,7 +48,10 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             if true_s + late_s > t + 1e-9 {
                 break;
             }
-            let gyro = rate(true_s) * if is_wrong(true_s) { wrong.scale } else { 1.0 };
+            let gyro = match is_wrong(true_s) {
+                true => rate(true_s) * wrong.scale + Vector3::x() * wrong.step_rad_s,
+                false => rate(true_s),
+            };
             watch.add(&ImuSample { stamp: at(true_s + late_s), gyro, accel: Vector3::zeros() });
             next += 1;
         }
@@ -133,4 +139,16 @@ fn a_gyroscope_that_exaggerates_is_disputed_and_believed_again_when_it_agrees() 
         said.last().map(|(_, health, quality)| (*health, *quality)),
         Some((HealthBits::default(), 90))
     );
+}
+
+#[test]
+fn a_step_that_single_frames_hardly_show_is_contradicted_for_as_long_as_it_lasts() {
+    // 3 mrad in a frame, of which stamps and sightings admit several.
+    let said = fly(Wrong { step_rad_s: 0.06, until_s: 9.0, ..NOTHING });
+    let is_disputed = |bits: &HealthBits| bits.0 != 0;
+    let disputed: Vec<f64> = said.iter().filter(|(_, bits, _)| is_disputed(bits)).map(|(t, ..)| *t).collect();
+    let (first, last) = (disputed.first().expect("adds up"), disputed.last().expect("adds up"));
+    assert!(*first < BEGIN_S + 0.5 && (9.0..11.0).contains(last), "{first} to {last}");
+    let held = said.iter().filter(|(t, ..)| (*first..9.0).contains(t)).all(|(_, bits, _)| is_disputed(bits));
+    assert!(held, "is believed again while it is wrong");
 }
