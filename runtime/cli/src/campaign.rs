@@ -3,7 +3,7 @@
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
 use super::scenario::{condition_help, fault_help, imu_error_help};
-use super::{Usage, check_outputs, load_config, one_line, say};
+use super::{Usage, check_outputs, load_config, one_line, say_unless_closed};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use plumbline_config::Config;
@@ -20,6 +20,7 @@ use plumbline_lab::report::Report;
 use plumbline_lab::report::paired::{Comparison, Variant};
 use plumbline_lab::sweep::run::fly_each;
 use serde::Serialize;
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// The help text of an option whose flights are compared with those without it.
@@ -112,6 +113,13 @@ pub struct CampaignArgs {
     pub paired_json: Option<PathBuf>,
 }
 
+impl CampaignArgs {
+    /// Whether there are files to write, though nobody reads what is printed.
+    fn writes_files(&self) -> bool {
+        self.json.is_some() || self.paired_json.is_some()
+    }
+}
+
 /// Where inertial samples come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ImuChoice {
@@ -151,30 +159,32 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         cache: args.cache.clone(),
         threads: usize::from(args.threads),
     };
-    say(TABLE_HEAD);
-    let flown = fly_all(&entries, &setup, usize::from(args.jobs));
+    // A closed pipe must not lose the files.
+    let say = |line: &dyn Display| say_unless_closed(args.writes_files(), line);
+    say(&TABLE_HEAD);
+    let flown = fly_all(&entries, &setup, args);
     let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
-    say(format_args!("\n{}", means(reports())));
-    say(format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
+    say(&format_args!("\n{}", means(reports())));
+    say(&format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
     let faulty: Vec<_> = reports().filter_map(|(entry, report)| trust_row(entry, report)).collect();
     if !faulty.is_empty() {
-        say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
+        say(&format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
     }
     let ratios = ratio_rows(reports());
     if !ratios.is_empty() {
-        say(format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
+        say(&format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
     }
     let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
     if !silent.is_empty() {
-        say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+        say(&format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
     }
     let honest: Vec<_> = reports().filter_map(|(entry, report)| honesty_row(entry, report)).collect();
     if let Some(summary) = honesty_summary(reports()) {
-        say(format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
+        say(&format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
     }
     let health = health_rows(reports());
     if !health.is_empty() {
-        say(format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
+        say(&format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
     }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
@@ -217,23 +227,25 @@ fn compare(
             Against::File(before) => Comparison::of(before, &here),
             Against::Changes(changes) => {
                 let name = paired::name(changes);
-                say(format_args!("\n{name}\n\n{TABLE_HEAD}"));
+                say_unless_closed(args.writes_files(), format_args!("\n{name}\n\n{TABLE_HEAD}"));
                 let overrides = args.overrides.iter().chain(changes).cloned().collect();
                 let setup = Setup { overrides, ..setup.clone() };
-                let flown = fly_all(entries, &setup, usize::from(args.jobs));
+                let flown = fly_all(entries, &setup, args);
                 Comparison::of(&here, &variant(name, entries, &flown)?)
             }
         });
     }
-    paired::say_and_write(&comparisons, args.paired_json.as_deref())
+    paired::write(&comparisons, args.paired_json.as_deref())?;
+    paired::say_each(&comparisons)
 }
 
-/// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the
+/// Flies the entries, as many at a time as asked for, and prints each as it lands; the reports are in the order of the
 /// entries.
-fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>> {
-    fly_each(entries, jobs, |entry| match entry.fly_as(setup) {
+fn fly_all(entries: &[Entry], setup: &Setup, args: &CampaignArgs) -> Vec<Option<Report>> {
+    let goes_on = args.writes_files();
+    fly_each(entries, usize::from(args.jobs), |entry| match entry.fly_as(setup) {
         Ok(report) => {
-            say(entry.row(&report));
+            say_unless_closed(goes_on, entry.row(&report));
             Some(report)
         }
         Err(error) => {
