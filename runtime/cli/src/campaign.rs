@@ -182,6 +182,9 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if let Some(summary) = honesty_summary(reports()) {
         say(&format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
     }
+    if let Some(line) = not_flown(args)? {
+        say(&line);
+    }
     let health = health_rows(reports());
     if !health.is_empty() {
         say(&format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
@@ -269,7 +272,7 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     }
     let sound = entries.clone();
     if args.faults {
-        let faults = faults(args)?;
+        let (faults, _) = faults(args)?;
         if !args.fault.is_empty() && !faults.iter().any(|fault| fault.is_compared()) {
             entries.clear();
         }
@@ -283,32 +286,28 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     for fault in errors.chain(conditions) {
         entries.extend(sound.iter().map(|entry| entry.with_fault(fault)));
     }
-    match entries.is_empty() {
-        true => Err(Usage(format!(
-            "--fault: no fault is named {}; leave out --fault to list all",
-            args.fault.join(", ")
-        ))),
-        false => Ok(entries),
-    }
+    Ok(entries)
 }
 
-/// The faults that are asked for.
-fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
+/// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
+fn faults(args: &CampaignArgs) -> Result<(Vec<Fault>, Vec<Fault>), Usage> {
+    let end_s = args.choice.duration;
     // With one camera there is no right one to lose, and without the left there is none.
     let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
     // Recorded samples have the errors of their sensor.
     let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
     let with_dose = Fault::conditions().chain(Fault::injected());
     let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
+    let happens = |fault: &Fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < end_s);
     if args.fault.is_empty() {
-        return Ok(usual);
+        return Ok(usual.into_iter().partition(happens));
     }
-    let mut chosen = Vec::new();
+    let (mut chosen, mut late) = (Vec::new(), Vec::new());
     for wanted in &args.fault {
         let kind = wanted.split([':', '@']).next().unwrap_or_default();
         if kind != wanted && (wanted.contains('@') || InjectedFault::kinds().any(|known| known.name == kind))
         {
-            chosen.push(Fault::Injected(injected(wanted, args.choice.duration)?));
+            chosen.push(Fault::Injected(injected(wanted, end_s)?));
             continue;
         }
         if wanted.contains(':') {
@@ -316,24 +315,57 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
             chosen.push(fault.or_else(|_| wanted.parse().map(Fault::Inertial)).map_err(Usage)?);
             continue;
         }
-        let wanted = wanted.to_lowercase().replace('-', "");
-        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&wanted);
-        chosen.extend(usual.iter().filter(begins));
+        let prefix = wanted.to_lowercase().replace('-', "");
+        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&prefix);
+        let (in_flight, after): (Vec<Fault>, Vec<Fault>) =
+            usual.iter().filter(begins).partition(|f| happens(f));
+        if in_flight.is_empty() {
+            return Err(match after.first() {
+                Some(fault) => too_late(wanted, fault.injected_from_s().unwrap_or_default(), end_s),
+                None => unknown(wanted, &usual),
+            });
+        }
+        chosen.extend(in_flight);
+        late.extend(after);
     }
-    Ok(chosen)
+    Ok((chosen, late))
+}
+
+/// The line of the faults that were left out because the flight ends before they begin.
+fn not_flown(args: &CampaignArgs) -> Result<Option<String>, Usage> {
+    let late = if args.faults { faults(args)?.1 } else { Vec::new() };
+    let names: Vec<String> = late.into_iter().map(Fault::name).collect();
+    Ok((!names.is_empty()).then(|| {
+        let end_s = args.choice.duration;
+        format!("\nnot flown: {}: begin after the flight's end at {end_s} s", names.join(", "))
+    }))
+}
+
+/// No fault of `usual` has such a name.
+fn unknown(wanted: &str, usual: &[Fault]) -> Usage {
+    let mut kinds: Vec<String> = Vec::new();
+    for fault in usual {
+        let name = fault.name();
+        let kind = name.split([':', '@']).next().unwrap_or_default();
+        if !kinds.iter().any(|known| known == kind) {
+            kinds.push(kind.to_owned());
+        }
+    }
+    Usage(format!("--fault: unknown fault '{wanted}' of such a flight; choose {}", kinds.join(", ")))
+}
+
+/// The fault begins when the flight is over.
+fn too_late(text: &str, begin_s: f64, end_s: f64) -> Usage {
+    Usage(format!(
+        "--fault {text}: begins at {begin_s} s, after the flight's end at {end_s} s; give a longer --duration"
+    ))
 }
 
 /// The fault with a dose that `text` describes, which must begin in a flight of this length.
 fn injected(text: &str, duration_s: f64) -> Result<InjectedFault, Usage> {
     let fault: InjectedFault = text.parse().map_err(Usage)?;
     let begin_s = fault.span_s().start;
-    if begin_s < duration_s {
-        return Ok(fault);
-    }
-    let message = format!(
-        "--fault {text}: begins at {begin_s} s, after the flight's end at {duration_s} s; give a longer --duration"
-    );
-    Err(Usage(message))
+    if begin_s < duration_s { Ok(fault) } else { Err(too_late(text, begin_s, duration_s)) }
 }
 
 /// The errors or conditions of those names.
@@ -360,7 +392,7 @@ mod tests {
     /// Names of the faults that a command line asks for.
     fn chosen(line: &str) -> Vec<String> {
         let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
-        faults(&args).unwrap().into_iter().map(Fault::name).collect()
+        faults(&args).unwrap().0.into_iter().map(Fault::name).collect()
     }
 
     #[test]
@@ -389,12 +421,29 @@ mod tests {
             ("accel-dead@20", "longer --duration"),
             ("accel-dead:w@5", "write x, y, z"),
             ("akkel@5", "choose"),
+            ("nosuch", "choose Blackout, "),
+            ("blind,nosuch", "'nosuch'"),
+            ("image-black --duration 8", "begins at 10 s, after the flight's end at 8 s"),
         ] {
             let line = format!("campaign --faults --fault {text}");
             let args = Command::parse_from(line.split_whitespace()).args;
             let message = faults(&args).unwrap_err().0;
             assert!(message.contains(cure), "{message}");
         }
+    }
+
+    #[test]
+    fn faults_after_the_end_are_left_out_of_a_set_and_listed() {
+        for set in ["", "--fault image"] {
+            let line = format!("campaign --faults --duration 8 {set}");
+            let args = Command::parse_from(line.split_whitespace()).args;
+            let (flown, late) = faults(&args).unwrap();
+            assert!(flown.iter().all(|fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < 8.0)));
+            assert!(!flown.is_empty() && late.iter().any(|fault| fault.name().starts_with("image-black")));
+            assert!(not_flown(&args).unwrap().unwrap().contains("image-black"));
+        }
+        let args = Command::parse_from(["campaign", "--faults"]).args;
+        assert_eq!(not_flown(&args).unwrap(), None);
     }
 
     #[test]
