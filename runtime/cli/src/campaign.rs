@@ -3,7 +3,7 @@
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
 use super::scenario::{condition_help, fault_help, imu_error_help};
-use super::{Usage, check_outputs, load_config, one_line, say};
+use super::{Usage, check_outputs, load_config, one_line, say_unless_closed};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use plumbline_config::Config;
@@ -20,6 +20,7 @@ use plumbline_lab::report::Report;
 use plumbline_lab::report::paired::{Comparison, Variant};
 use plumbline_lab::sweep::run::fly_each;
 use serde::Serialize;
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// The help text of an option whose flights are compared with those without it.
@@ -112,6 +113,13 @@ pub struct CampaignArgs {
     pub paired_json: Option<PathBuf>,
 }
 
+impl CampaignArgs {
+    /// Whether there are files to write, though nobody reads what is printed.
+    fn writes_files(&self) -> bool {
+        self.json.is_some() || self.paired_json.is_some()
+    }
+}
+
 /// Where inertial samples come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ImuChoice {
@@ -151,30 +159,35 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         cache: args.cache.clone(),
         threads: usize::from(args.threads),
     };
-    say(TABLE_HEAD);
-    let flown = fly_all(&entries, &setup, usize::from(args.jobs));
+    // A closed pipe must not lose the files.
+    let say = |line: &dyn Display| say_unless_closed(args.writes_files(), line);
+    say(&TABLE_HEAD);
+    let flown = fly_all(&entries, &setup, args);
     let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
-    say(format_args!("\n{}", means(reports())));
-    say(format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
+    say(&format_args!("\n{}", means(reports())));
+    say(&format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
     let faulty: Vec<_> = reports().filter_map(|(entry, report)| trust_row(entry, report)).collect();
     if !faulty.is_empty() {
-        say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
+        say(&format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
     }
     let ratios = ratio_rows(reports());
     if !ratios.is_empty() {
-        say(format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
+        say(&format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
     }
     let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
     if !silent.is_empty() {
-        say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+        say(&format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
     }
     let honest: Vec<_> = reports().filter_map(|(entry, report)| honesty_row(entry, report)).collect();
     if let Some(summary) = honesty_summary(reports()) {
-        say(format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
+        say(&format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
+    }
+    if let Some(line) = not_flown(args)? {
+        say(&line);
     }
     let health = health_rows(reports());
     if !health.is_empty() {
-        say(format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
+        say(&format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
     }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
@@ -217,23 +230,25 @@ fn compare(
             Against::File(before) => Comparison::of(before, &here),
             Against::Changes(changes) => {
                 let name = paired::name(changes);
-                say(format_args!("\n{name}\n\n{TABLE_HEAD}"));
+                say_unless_closed(args.writes_files(), format_args!("\n{name}\n\n{TABLE_HEAD}"));
                 let overrides = args.overrides.iter().chain(changes).cloned().collect();
                 let setup = Setup { overrides, ..setup.clone() };
-                let flown = fly_all(entries, &setup, usize::from(args.jobs));
+                let flown = fly_all(entries, &setup, args);
                 Comparison::of(&here, &variant(name, entries, &flown)?)
             }
         });
     }
-    paired::say_and_write(&comparisons, args.paired_json.as_deref())
+    paired::write(&comparisons, args.paired_json.as_deref())?;
+    paired::say_each(&comparisons)
 }
 
-/// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the
+/// Flies the entries, as many at a time as asked for, and prints each as it lands; the reports are in the order of the
 /// entries.
-fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>> {
-    fly_each(entries, jobs, |entry| match entry.fly_as(setup) {
+fn fly_all(entries: &[Entry], setup: &Setup, args: &CampaignArgs) -> Vec<Option<Report>> {
+    let goes_on = args.writes_files();
+    fly_each(entries, usize::from(args.jobs), |entry| match entry.fly_as(setup) {
         Ok(report) => {
-            say(entry.row(&report));
+            say_unless_closed(goes_on, entry.row(&report));
             Some(report)
         }
         Err(error) => {
@@ -257,7 +272,7 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     }
     let sound = entries.clone();
     if args.faults {
-        let faults = faults(args)?;
+        let (faults, _) = faults(args)?;
         if !args.fault.is_empty() && !faults.iter().any(|fault| fault.is_compared()) {
             entries.clear();
         }
@@ -271,32 +286,28 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     for fault in errors.chain(conditions) {
         entries.extend(sound.iter().map(|entry| entry.with_fault(fault)));
     }
-    match entries.is_empty() {
-        true => Err(Usage(format!(
-            "--fault: no fault is named {}; leave out --fault to list all",
-            args.fault.join(", ")
-        ))),
-        false => Ok(entries),
-    }
+    Ok(entries)
 }
 
-/// The faults that are asked for.
-fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
+/// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
+fn faults(args: &CampaignArgs) -> Result<(Vec<Fault>, Vec<Fault>), Usage> {
+    let end_s = args.choice.duration;
     // With one camera there is no right one to lose, and without the left there is none.
     let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
     // Recorded samples have the errors of their sensor.
     let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
     let with_dose = Fault::conditions().chain(Fault::injected());
     let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
+    let happens = |fault: &Fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < end_s);
     if args.fault.is_empty() {
-        return Ok(usual);
+        return Ok(usual.into_iter().partition(happens));
     }
-    let mut chosen = Vec::new();
+    let (mut chosen, mut late) = (Vec::new(), Vec::new());
     for wanted in &args.fault {
         let kind = wanted.split([':', '@']).next().unwrap_or_default();
         if kind != wanted && (wanted.contains('@') || InjectedFault::kinds().any(|known| known.name == kind))
         {
-            chosen.push(Fault::Injected(injected(wanted, args.choice.duration)?));
+            chosen.push(Fault::Injected(injected(wanted, end_s)?));
             continue;
         }
         if wanted.contains(':') {
@@ -304,24 +315,57 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
             chosen.push(fault.or_else(|_| wanted.parse().map(Fault::Inertial)).map_err(Usage)?);
             continue;
         }
-        let wanted = wanted.to_lowercase().replace('-', "");
-        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&wanted);
-        chosen.extend(usual.iter().filter(begins));
+        let prefix = wanted.to_lowercase().replace('-', "");
+        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&prefix);
+        let (in_flight, after): (Vec<Fault>, Vec<Fault>) =
+            usual.iter().filter(begins).partition(|f| happens(f));
+        if in_flight.is_empty() {
+            return Err(match after.first() {
+                Some(fault) => too_late(wanted, fault.injected_from_s().unwrap_or_default(), end_s),
+                None => unknown(wanted, &usual),
+            });
+        }
+        chosen.extend(in_flight);
+        late.extend(after);
     }
-    Ok(chosen)
+    Ok((chosen, late))
+}
+
+/// The line of the faults that were left out because the flight ends before they begin.
+fn not_flown(args: &CampaignArgs) -> Result<Option<String>, Usage> {
+    let late = if args.faults { faults(args)?.1 } else { Vec::new() };
+    let names: Vec<String> = late.into_iter().map(Fault::name).collect();
+    Ok((!names.is_empty()).then(|| {
+        let end_s = args.choice.duration;
+        format!("\nnot flown: {}: begin after the flight's end at {end_s} s", names.join(", "))
+    }))
+}
+
+/// No fault of `usual` has such a name.
+fn unknown(wanted: &str, usual: &[Fault]) -> Usage {
+    let mut kinds: Vec<String> = Vec::new();
+    for fault in usual {
+        let name = fault.name();
+        let kind = name.split([':', '@']).next().unwrap_or_default();
+        if !kinds.iter().any(|known| known == kind) {
+            kinds.push(kind.to_owned());
+        }
+    }
+    Usage(format!("--fault: unknown fault '{wanted}' of such a flight; choose {}", kinds.join(", ")))
+}
+
+/// The fault begins when the flight is over.
+fn too_late(text: &str, begin_s: f64, end_s: f64) -> Usage {
+    Usage(format!(
+        "--fault {text}: begins at {begin_s} s, after the flight's end at {end_s} s; give a longer --duration"
+    ))
 }
 
 /// The fault with a dose that `text` describes, which must begin in a flight of this length.
 fn injected(text: &str, duration_s: f64) -> Result<InjectedFault, Usage> {
     let fault: InjectedFault = text.parse().map_err(Usage)?;
     let begin_s = fault.span_s().start;
-    if begin_s < duration_s {
-        return Ok(fault);
-    }
-    let message = format!(
-        "--fault {text}: begins at {begin_s} s, after the flight's end at {duration_s} s; give a longer --duration"
-    );
-    Err(Usage(message))
+    if begin_s < duration_s { Ok(fault) } else { Err(too_late(text, begin_s, duration_s)) }
 }
 
 /// The errors or conditions of those names.
@@ -348,7 +392,7 @@ mod tests {
     /// Names of the faults that a command line asks for.
     fn chosen(line: &str) -> Vec<String> {
         let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
-        faults(&args).unwrap().into_iter().map(Fault::name).collect()
+        faults(&args).unwrap().0.into_iter().map(Fault::name).collect()
     }
 
     #[test]
@@ -377,12 +421,29 @@ mod tests {
             ("accel-dead@20", "longer --duration"),
             ("accel-dead:w@5", "write x, y, z"),
             ("akkel@5", "choose"),
+            ("nosuch", "choose Blackout, "),
+            ("blind,nosuch", "'nosuch'"),
+            ("image-black --duration 8", "begins at 10 s, after the flight's end at 8 s"),
         ] {
             let line = format!("campaign --faults --fault {text}");
             let args = Command::parse_from(line.split_whitespace()).args;
             let message = faults(&args).unwrap_err().0;
             assert!(message.contains(cure), "{message}");
         }
+    }
+
+    #[test]
+    fn faults_after_the_end_are_left_out_of_a_set_and_listed() {
+        for set in ["", "--fault image"] {
+            let line = format!("campaign --faults --duration 8 {set}");
+            let args = Command::parse_from(line.split_whitespace()).args;
+            let (flown, late) = faults(&args).unwrap();
+            assert!(flown.iter().all(|fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < 8.0)));
+            assert!(!flown.is_empty() && late.iter().any(|fault| fault.name().starts_with("image-black")));
+            assert!(not_flown(&args).unwrap().unwrap().contains("image-black"));
+        }
+        let args = Command::parse_from(["campaign", "--faults"]).args;
+        assert_eq!(not_flown(&args).unwrap(), None);
     }
 
     #[test]

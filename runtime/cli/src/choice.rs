@@ -54,7 +54,12 @@ impl FlightChoice {
     }
 
     fn entries_along(&self, built_in: &[(&str, f64)], starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
-        let folder = trajectories(self.shared.as_deref())?;
+        let is_built_in = |name: &String| !matches!(FlightPath::named(name), FlightPath::Tum(_));
+        let folder = match !self.path.is_empty() && self.path.iter().all(is_built_in) {
+            // Such paths need no data.
+            true => PathBuf::new(),
+            false => trajectories(self.shared.as_deref())?,
+        };
         let (paths, scenes) = (paths(&self.path, built_in, &folder)?, scenes(&self.scene)?);
         let mut entries = Vec::new();
         for scene in scenes {
@@ -128,6 +133,23 @@ fn scenes(wanted: &[String]) -> Result<Vec<(&'static str, Scene)>, Usage> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        choice: FlightChoice,
+    }
+
+    #[test]
+    fn built_in_paths_need_no_shared_data() {
+        let entries = |paths| {
+            let line = ["", "--shared", "/nowhere", "--scene", "room", "--path", paths];
+            Command::parse_from(line).choice.entries(&[])
+        };
+        assert_eq!(entries("yaws,hover").unwrap().len(), 2);
+        assert!(entries("yaws,V1_02").unwrap_err().0.contains("/nowhere"));
+    }
 
     #[test]
     fn names_choose_and_unknown_names_are_refused() {

@@ -93,18 +93,24 @@ pub fn with_first(variants: &[Variant]) -> Vec<Comparison> {
     }
 }
 
-/// Prints comparisons as tables, and writes them to `json`.
+/// Writes comparisons to `json`, if there are any.
 ///
 /// # Errors
-/// When there is nothing to compare, or the file cannot be written.
-pub fn say_and_write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
+/// When the file cannot be written.
+pub fn write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
+    let Some(path) = json.filter(|_| !comparisons.is_empty()) else { return Ok(()) };
+    let text = serde_json::to_string_pretty(comparisons)?;
+    std::fs::write(path, text).with_context(|| path.display().to_string())
+}
+
+/// Prints comparisons as tables.
+///
+/// # Errors
+/// When there is nothing to compare.
+pub fn say_each(comparisons: &[Comparison]) -> Result<()> {
     ensure!(!comparisons.is_empty(), Usage("only one variant; give a second one to compare with".into()));
     for comparison in comparisons {
         say(format_args!("\n{}", comparison.markdown()));
-    }
-    if let Some(path) = json {
-        let text = serde_json::to_string_pretty(comparisons)?;
-        std::fs::write(path, text).with_context(|| path.display().to_string())?;
     }
     let unpaired = comparisons.iter().find(|comparison| comparison.flights == 0);
     ensure!(

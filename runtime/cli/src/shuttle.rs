@@ -230,7 +230,7 @@ fn summary(name: &str, shuttle: &Shuttle) -> String {
     let mut lines = vec![line(
         "shuttle",
         format!(
-            "{name}: {:.1} m there and back, {} common poses, {} + {} resets",
+            "{name}: {:.1} m each way, {} common poses, {} + {} resets",
             shuttle.distance_m, shuttle.poses, shuttle.resets[0], shuttle.resets[1]
         ),
     )];

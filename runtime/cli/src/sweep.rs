@@ -371,20 +371,20 @@ fn outcome(result: &CellResult) -> String {
     }
 }
 
-/// Prints the table, writes the list, and says what is missing or failed.
+/// Writes all files, then prints the table, and says what is missing or failed: a closed pipe must not lose a file.
 fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
-    if args.folder.is_some() || !args.tables.is_empty() {
-        write_tables(results, args)?;
-    } else {
-        say(table::table(results));
-    }
-    if args.paired || args.paired_json.is_some() {
-        let comparisons = paired::with_first(&paired::variants(results));
-        paired::say_and_write(&comparisons, args.paired_json.as_deref())?;
-    }
     if let Some(path) = &args.out {
         std::fs::write(path, table::csv(results)).with_context(|| path.display().to_string())?;
     }
+    let is_open = args.folder.is_some() || !args.tables.is_empty();
+    let table = if is_open { write_tables(results, args)? } else { table::table(results) };
+    let is_paired = args.paired || args.paired_json.is_some();
+    let comparisons = is_paired.then(|| paired::with_first(&paired::variants(results)));
+    if let Some(comparisons) = &comparisons {
+        paired::write(comparisons, args.paired_json.as_deref())?;
+    }
+    say(table);
+    comparisons.as_deref().map_or(Ok(()), paired::say_each)?;
     let of = results.first().map_or(0, |result| result.of);
     let missing: Vec<String> =
         (0..of).filter(|k| results.iter().all(|r| r.cell != *k)).map(|k| k.to_string()).collect();
@@ -396,18 +396,17 @@ fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
     Ok(())
 }
 
-/// Prints the open table, and writes it to the files that are named.
-fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<()> {
+/// Writes the open table to the files that are named; returns it as it is printed.
+fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<String> {
     let settings = results.iter().filter(|result| result.setting != results[0].setting).count();
     check_tables(args, 1 + settings)?;
     let table = OpenTable::new(results);
-    say(table.text(Format::Markdown));
     for path in &args.tables {
         let format = Format::of(path).unwrap_or(Format::Markdown);
         std::fs::write(path, table.text(format).trim_end().to_owned() + "\n")
             .with_context(|| path.display().to_string())?;
     }
-    Ok(())
+    Ok(table.text(Format::Markdown))
 }
 
 #[cfg(test)]

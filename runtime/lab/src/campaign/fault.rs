@@ -125,6 +125,15 @@ impl Fault {
         matches!(self, Self::Inertial(_) | Self::Condition(_) | Self::Injected(_))
     }
 
+    /// When a fault with a dose begins, s after the first frame; `None` of others, which lengthen their flights.
+    #[must_use]
+    pub fn injected_from_s(self) -> Option<f64> {
+        match self {
+            Self::Injected(fault) => Some(fault.span_s().start),
+            _ => None,
+        }
+    }
+
     /// What it is called.
     #[must_use]
     pub fn name(self) -> String {

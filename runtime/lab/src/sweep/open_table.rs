@@ -3,7 +3,6 @@
 use super::published::{Knowledge, PublishedFigure, SUITES, Suite};
 use super::table::{distinct, markdown, number, quoted, ratio};
 use super::{CellResult, Figures};
-use plumbline_config::median;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -77,6 +76,15 @@ struct Row {
     ate_range_m: Option<[f64; 2]>,
     /// Digest of the first start.
     digest: String,
+}
+
+/// The median; of an even number the mean of the middle two. `None` of none.
+fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = values[(values.len() - 1) / 2];
+    Some(lower + 0.5 * (upper - lower))
 }
 
 impl Row {
@@ -366,6 +374,17 @@ mod tests {
         let csv = table.text(Format::Csv);
         assert!(csv.lines().nth(1).unwrap().starts_with("MH_01_easy,3,0,"), "{csv}");
         assert!(csv.lines().nth(1).unwrap().contains(",0.1,0.3") && csv.lines().count() == 4, "{csv}");
+    }
+
+    #[test]
+    fn the_median_of_an_even_number_is_the_mean_of_the_middle() {
+        assert_eq!(median([4.0, 1.0, 3.0, 2.0]), Some(2.5));
+        assert_eq!((median([1.0, 3.0]), median([9.0, 1.0, 5.0]), median([])), (Some(2.0), Some(5.0), None));
+        let mut results = results(&["MH_01_easy"]);
+        results[0].figures = None;
+        let kept: Vec<f64> = results.iter().filter_map(|r| r.figures.as_ref()?.ate_rmse_m).collect();
+        let row = Row::of("MH_01_easy".into(), &results.iter().collect::<Vec<_>>());
+        assert!((row.figures[CAUSAL].unwrap() - 0.5 * (kept[0] + kept[1])).abs() < 1e-12, "{kept:?}");
     }
 
     #[test]
