@@ -70,6 +70,15 @@ pub enum ConfigError {
         /// Expectation of the parser.
         message: String,
     },
+    /// A configuration was expected, and the text is YAML.
+    #[error(
+        "{origin}: is YAML, and a configuration is TOML; make one of calibration files with `plumbline config import` (Kalibr: \
+         --camchain and --imu; a data set: --euroc; other programs: --rig), and give that"
+    )]
+    Yaml {
+        /// File or other origin of the text.
+        origin: String,
+    },
     /// Keys or values were refused: all of them, in the order of the file where that is known.
     #[error("{origin}: {}", list(violations))]
     Invalid {

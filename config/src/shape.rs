@@ -24,6 +24,16 @@ const WORDS: &[(&str, &str)] = &[("vehicle.imu_to_vehicle_deg", Mounting::UNKNOW
 /// Keys whose whole number may be negative; all others are counts.
 const SIGNED: &[&str] = &["runtime.idle_latency_us"];
 
+/// Whether a text that is not TOML is YAML: its first line that is no comment is a directive, a mark, or a key with a colon.
+fn is_yaml(text: &str) -> bool {
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    lines.take(1).any(|line| {
+        let key = line.split_once(':').filter(|(_, rest)| rest.is_empty() || rest.starts_with(' '));
+        let is_word = |key: &str| key.chars().all(|c| c.is_alphanumeric() || "_-.\"'".contains(c));
+        line.starts_with("%YAML") || line == "---" || key.is_some_and(|(key, _)| is_word(key))
+    })
+}
+
 /// A parsed text that still knows the lines of its keys.
 pub(crate) struct Document<'a> {
     lines: Lines,
@@ -36,6 +46,9 @@ impl<'a> Document<'a> {
         let root = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
             let (line, column) = line_and_column(text, offset);
+            if is_yaml(text) {
+                return ConfigError::Yaml { origin: origin.to_owned() };
+            }
             let message = error.message().trim().replace('\n', " ");
             ConfigError::Syntax { origin: origin.to_owned(), line, column, message }
         })?;

@@ -25,6 +25,10 @@ impl Lens {
 const PROJECTIONS: [(&str, &str); 4] =
     [("pinhole", ""), ("omni", "xi, "), ("eucm", "alpha, beta, "), ("ds", "xi, alpha, ")];
 
+/// Counts of coefficients that are taken for radtan, with the model and the order that they are of.
+const LONGER: [(usize, &str, &str); 2] =
+    [(5, "plumb_bob", "k1 k2 p1 p2 k3"), (8, "rational_polynomial", "k1 k2 p1 p2 k3 k4 k5 k6")];
+
 /// Lens of a camera as Kalibr and the ASL format state it: `camera_model`, `intrinsics`, `distortion_model`, and the
 /// coefficients by a key of the format's own.
 pub(super) fn kalibr(camera: &Node<'_>, coefficients_key: &str) -> Result<Lens, ConfigError> {
@@ -77,7 +81,8 @@ fn pinhole_distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Disto
     let coefficients = || camera.get(coefficients_key);
     match model.text()? {
         "radial-tangential" | "radtan" => {
-            coefficients()?.numbers().map(|[k1, k2, p1, p2]| Distortion::RadialTangential { k1, k2, p1, p2 })
+            let [k1, k2, p1, p2] = radtan(&coefficients()?, Some(&model))?;
+            Ok(Distortion::RadialTangential { k1, k2, p1, p2 })
         }
         "plumb_bob" => coefficients()?.numbers().map(|[k1, k2, p1, p2, k3]| brown(k1, k2, p1, p2, k3)),
         "equidistant" | "equi" => {
@@ -104,10 +109,25 @@ fn pinhole_distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Disto
     }
 }
 
+/// The four coefficients of radtan. More of them are of another model: named by `model`, the key of a pinhole's.
+fn radtan(coefficients: &Node<'_>, model: Option<&Node<'_>>) -> Result<[f64; 4], ConfigError> {
+    let count = coefficients.elements()?.len();
+    let (Some(model), Some((name, order))) =
+        (model, LONGER.iter().find_map(|(n, name, order)| (*n == count).then_some((name, order))))
+    else {
+        return coefficients.numbers();
+    };
+    let key = model.name();
+    Err(coefficients.refuse(
+        format!("has {count} numbers, radtan has 4 (k1 k2 p1 p2)"),
+        format!("if these are {order}, write `{key}: {name}`; do not delete any"),
+    ))
+}
+
 fn radtan_or_none(camera: &Node<'_>, coefficients_key: &str) -> Result<[f64; 4], ConfigError> {
     let model = camera.get("distortion_model")?;
     match model.text()? {
-        "radial-tangential" | "radtan" => camera.get(coefficients_key)?.numbers(),
+        "radial-tangential" | "radtan" => radtan(&camera.get(coefficients_key)?, None),
         "none" => Ok([0.0; 4]),
         _ => {
             Err(model.refuse("does not go with camera_model omni", "calibrate with omni-radtan or omni-none"))

@@ -121,6 +121,12 @@ fn what_is_wrong_is_named_by_file_and_key() {
         ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),
         ("radial-tangential", "fov", "`distortion_model`: is no known model"),
         ("pinhole", "omni", "`intrinsics`: has 4 numbers; camera_model omni has 5: [xi, fu, fv, pu, pv]"),
+        (
+            "distortion_coefficients: [",
+            "distortion_coefficients: [0.1, ",
+            "`distortion_coefficients`: has 5 numbers, radtan has 4 (k1 k2 p1 p2); if these are k1 k2 p1 p2 k3, write \
+             `distortion_model: plumb_bob`",
+        ),
         ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is not a rotation"),
         ("[0.0148655429818,", "[", "`T_BS.data`: has 15 numbers; give exactly 16"),
         ("-0.0216401454975", "-21.6401454975", "`T_BS`: the camera is 21.640 m from the IMU"),

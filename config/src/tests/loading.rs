@@ -40,6 +40,16 @@ fn bytes_that_are_no_text_are_located() {
 }
 
 #[test]
+fn yaml_is_named_with_the_command_that_reads_it() {
+    for text in ["cam0:\n  T_cam_imu:\n", "# rig\n%YAML:1.0\n---\n", "rostopic: /imu0\nupdate_rate: 200.0\n"]
+    {
+        let message = refused(text).to_string();
+        assert!(message.contains("is YAML") && message.contains("plumbline config import"), "{message}");
+    }
+    assert!(matches!(refused("[imu]\nrate_hz: 3\n"), ConfigError::Syntax { .. }));
+}
+
+#[test]
 fn a_syntax_error_has_line_and_column() {
     let error = refused("[imu]\nrate_hz = = 3\n");
     assert!(matches!(error, ConfigError::Syntax { line: 2, column: 11, .. }), "{error}");

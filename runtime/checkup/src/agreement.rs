@@ -45,6 +45,15 @@ const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
 const FOCAL: (f64, f64) = (0.03, 0.06);
 /// Known to this standard deviation the focal lengths are judged.
 const KNOWN_FOCAL: f64 = 0.015;
+/// Name of the measure of the focal lengths.
+pub(crate) const FOCAL_NAME: &str = "focal length";
+/// Pieces of the recording that are left out in turn: their scatter is the standard deviation of the focal lengths where that is
+/// larger than what the fit says.
+const PIECES: usize = 8;
+/// Steps with a piece left out.
+const PIECE_STEPS: usize = 4;
+/// A time offset is one where images and gyroscope disagree by this factor more without it.
+const EXPLAINS: f64 = 1.2;
 /// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
 const UNEXPLAINED: f64 = 0.5;
 /// Least scatter of the rates that is a motion, rad/s.
@@ -121,6 +130,8 @@ pub struct Agreement {
     pub rotation_b: (Vector3<f64>, f64),
     /// Share by which the configured focal lengths are too long, and its standard deviation.
     pub focal: (f64, f64),
+    /// Disagreement that is left without a change of the time offset, over that with it (all else fit in both).
+    pub offset_gain: f64,
     /// What the configured extrinsics leave at the best offset, rad/s, median.
     pub residual_rad_s: f64,
     /// Scatter of the rates, rad/s.
@@ -133,7 +144,7 @@ type Normal = (SMatrix<f64, 8, 8>, SVector<f64, 8>, f64, f64);
 
 struct Problem<'a> {
     turns: &'a [Turn],
-    gyro: Gyro,
+    gyro: &'a Gyro,
     rot_b_c: UnitQuaternion<f64>,
 }
 
@@ -186,11 +197,48 @@ impl Problem<'_> {
     }
 }
 
+impl Problem<'_> {
+    /// Solution after some steps from `x`, with the time offset of `x` where that is fixed.
+    fn solved(&self, mut x: SVector<f64, 8>, steps: usize, is_offset_fixed: bool) -> Option<SVector<f64, 8>> {
+        for _ in 0..steps {
+            let (mut h, mut b, ..) = self.linearize(&x);
+            if is_offset_fixed {
+                h.fixed_rows_mut::<1>(6).fill(0.0);
+                h.fixed_columns_mut::<1>(6).fill(0.0);
+                (h[(6, 6)], b[6]) = (1.0, 0.0);
+            }
+            x -= h.cholesky()?.solve(&b);
+        }
+        Some(x)
+    }
+
+    /// Median of the residuals' norms.
+    fn disagreement(&self, x: &SVector<f64, 8>) -> f64 {
+        median(&self.residuals(x).iter().map(|(r, _)| r.norm()).collect::<Vec<_>>())
+    }
+
+    /// Standard deviation of the focal lengths' error by the scatter of solutions with a piece of the recording left out. It holds for
+    /// residuals that depend on each other, which the covariance of the fit takes for independent.
+    fn focal_sigma(&self, x: &SVector<f64, 8>) -> Option<f64> {
+        let piece = self.turns.len().div_ceil(PIECES);
+        let without = |k: usize| {
+            let (from, to) = (k * piece, ((k + 1) * piece).min(self.turns.len()));
+            let turns = [self.turns.get(..from)?, self.turns.get(to..)?].concat();
+            Problem { turns: &turns, gyro: self.gyro, rot_b_c: self.rot_b_c }.solved(*x, PIECE_STEPS, false)
+        };
+        let found = (0..PIECES).map(|k| Some(without(k)?[7])).collect::<Option<Vec<f64>>>()?;
+        let mean = found.iter().sum::<f64>() / PIECES as f64;
+        let squares: f64 = found.iter().map(|share| (share - mean) * (share - mean)).sum();
+        Some((squares * (PIECES as f64 - 1.0) / PIECES as f64).sqrt())
+    }
+}
+
 /// Time offset and rotation that agree best; `None` without enough motion that images and gyroscope saw.
 #[must_use]
 pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<Agreement> {
     let rot_b_c = config.camera.first()?.pose_b_c().rotation;
-    let problem = Problem { turns, gyro: Gyro::new(samples)?, rot_b_c };
+    let gyro = Gyro::new(samples)?;
+    let problem = Problem { turns, gyro: &gyro, rot_b_c };
     let (_, scatter) = crate::statistics::mean_and_spread(turns.iter().map(|turn| turn.rate_c));
     let moved = turns.len() >= MIN_TURNS && scatter >= MIN_SCATTER;
     if !moved {
@@ -210,10 +258,10 @@ pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Opti
     let mut x = SVector::<f64, 8>::zeros();
     x.fixed_rows_mut::<3>(3).copy_from(&bias);
     x[6] = tau_s;
-    for _ in 0..STEPS {
-        let (h, b, ..) = problem.linearize(&x);
-        x -= h.cholesky()?.solve(&b);
-    }
+    x = problem.solved(x, STEPS, false)?;
+    let mut as_configured = x;
+    as_configured[6] = config.rig.time_offset_s;
+    let as_configured = problem.solved(as_configured, STEPS, true)?;
     let (h, _, squares, weights) = problem.linearize(&x);
     let variance = squares / weights.max(1.0);
     let covariance = h.cholesky()?.inverse() * (variance * INFLATED * INFLATED);
@@ -221,7 +269,8 @@ pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Opti
     Some(Agreement {
         offset_s: (x[6], covariance[(6, 6)].max(0.0).sqrt()),
         rotation_b: (x.fixed_rows::<3>(0).into_owned(), rotation.max(0.0).sqrt()),
-        focal: (x[7], covariance[(7, 7)].max(0.0).sqrt()),
+        focal: (x[7], covariance[(7, 7)].max(0.0).sqrt().max(problem.focal_sigma(&x)?)),
+        offset_gain: problem.disagreement(&as_configured) / problem.disagreement(&x).max(1e-6),
         residual_rad_s: cost,
         scatter_rad_s: scatter,
         least_scatter_rad_s: least_scatter(turns),
@@ -239,7 +288,7 @@ fn least_scatter(turns: &[Turn]) -> f64 {
 /// Judges all three.
 #[must_use]
 pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Measure> {
-    const NAMES: [&str; 3] = ["time offset", "camera-IMU rotation", "focal length"];
+    const NAMES: [&str; 3] = ["time offset", "camera-IMU rotation", FOCAL_NAME];
     const CURE: &str =
         "turn the vehicle by hand about all three axes for ten seconds, in front of something with texture";
     let Some(found) = agreement(turns, samples, config) else {
@@ -258,11 +307,23 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
         let figures = [("residual_rad_s", found.residual_rad_s), ("scatter_rad_s", found.scatter_rad_s)];
         return NAMES.map(|name| Measure::new(name, Fitness::NotFit, value.clone(), cure, &figures)).to_vec();
     }
-    vec![
+    let (mut offset, rotation, mut focal) = (
         offset(NAMES[0], &found, config, CURE),
         rotation(NAMES[1], &found, config, CURE),
         focal(NAMES[2], &found, CURE),
-    ]
+    );
+    // Delay, rotation and focal length are traded against each other: none is advised while another is not known.
+    if offset.verdict > Fitness::Good && (focal.verdict != Fitness::Good || found.offset_gain < EXPLAINS) {
+        let cure = "look at focal lengths and lens model first, then measure again: lenses that are off look like a delay";
+        offset = Measure { verdict: Fitness::Uncertain, cure: cure.to_owned(), ..offset };
+    }
+    let is_rotation_known = found.rotation_b.1 <= KNOWN.1 && rotation.verdict != Fitness::NotFit;
+    if focal.verdict == Fitness::Good && (!is_rotation_known || offset.verdict == Fitness::Uncertain) {
+        let cure =
+            format!("{CURE}: while time offset or rotation is not known, the focal length is not either");
+        focal = Measure { verdict: Fitness::Uncertain, cure, ..focal };
+    }
+    vec![offset, rotation, focal]
 }
 
 fn focal(name: &'static str, found: &Agreement, more: &str) -> Measure {
@@ -375,6 +436,7 @@ mod tests {
             offset_s: (0.0, 0.001),
             rotation_b: (Vector3::new(off_deg.to_radians(), 0.0, 0.0), sigma_deg.to_radians()),
             focal: (0.0, 0.001),
+            offset_gain: 1.0,
             residual_rad_s: 0.05,
             scatter_rad_s: 0.5,
             least_scatter_rad_s,

@@ -315,8 +315,11 @@ impl Checkup {
         let lag = self.lag.as_ref().and_then(LagFinder::lag);
         measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config, lag.as_ref())));
         if self.motion.is_some() {
-            measures.extend(agreement::judge(&self.turns, &self.samples, config));
-            measures.push(scale::judge(&self.turns, &self.samples, config));
+            let agreed = agreement::judge(&self.turns, &self.samples, config);
+            let focal = agreed.iter().find(|measure| measure.name == agreement::FOCAL_NAME);
+            let focal = focal.map_or(Fitness::NotMeasured, |measure| measure.verdict);
+            measures.extend(agreed);
+            measures.push(scale::judge(&self.turns, &self.samples, config, focal));
         }
         if config.camera.len() == 1 {
             let missing =

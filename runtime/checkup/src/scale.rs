@@ -216,9 +216,9 @@ fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3
     Some(times_s.iter().zip(values).map(|(t, value)| value - fit.transpose() * powers(*t)).collect())
 }
 
-/// Judges the scale.
+/// Judges the scale. Focal lengths that are off (`focal` is the verdict on them) make images show another motion.
 #[must_use]
-pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Measure {
+pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config, focal: Fitness) -> Measure {
     const MOVE: &str =
         "fly, or move the vehicle by hand to and fro by half a metre, twice a second, for ten seconds";
     let Some(ScaleFactor { value, sigma, pieces: (pieces, piece_s) }) = factor(turns, samples, config) else {
@@ -233,10 +233,16 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Measure 
     if sigma > KNOWN * value.abs().max(1.0) && verdict != Fitness::NotFit {
         return Measure::new(NAME, Fitness::Uncertain, words, MOVE, &figures);
     }
+    if verdict > Fitness::Good && focal > Fitness::Good {
+        let cure = "correct the focal lengths first, then measure again: while they are off, depth and baseline are no measurement";
+        return Measure::new(NAME, verdict, words, cure, &figures);
+    }
     let is_factor = value > 0.05 && value < 20.0;
+    let condition =
+        if focal == Fitness::Uncertain { "if the focal lengths are right (uncertain here): " } else { "" };
     let cure = match repaired(config, value).filter(|_| is_factor) {
         Some(line) => format!(
-            "the distance between the cameras (baseline) is probably {:.4} m, not {baseline:.4} m: set {line} of the second \
+            "{condition}the distance between the cameras (baseline) is probably {:.4} m, not {baseline:.4} m: set {line} of the second \
              [[camera]], or calibrate the cameras again; or the accelerometer's scale is wrong",
             baseline / value
         ),

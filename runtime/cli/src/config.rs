@@ -135,10 +135,11 @@ pub fn summary(config: &Config, out: &Path) -> String {
     for (index, camera) in config.camera.iter().enumerate() {
         let p = camera.pose_b_c().translation.vector;
         lines.push(format!(
-            "camera[{index}]   {}x{} px, {} Hz, focal {:.1} {:.1} px, at ({:.3} {:.3} {:.3}) m in the body",
+            "camera[{index}]   {}x{} px, {} Hz, {}, focal {:.1} {:.1} px, at ({:.3} {:.3} {:.3}) m in the body",
             camera.width_px,
             camera.height_px,
             camera.rate_hz,
+            camera.distortion.model(),
             camera.focal_px[0],
             camera.focal_px[1],
             p.x,

@@ -56,11 +56,9 @@ pub struct VerifyArgs {
 /// When a log cannot be executed, is not bit-identical, or is not complete.
 pub fn run(args: &VerifyArgs) -> Result<()> {
     if let Some(folder) = args.logs.iter().find(|log| log.is_dir()) {
-        let folder = folder.display();
-        return Err(
-            Usage(format!("{folder}: is a folder; name the flight logs in it: {folder}/*.mcap")).into()
-        );
+        return Err(Usage(of_folder(folder)).into());
     }
+    many::check_there(&args.logs)?;
     if let [log] = args.logs.as_slice() {
         return run_one(args, log);
     }
@@ -69,6 +67,20 @@ pub fn run(args: &VerifyArgs) -> Result<()> {
         return Err(Usage(message.into()).into());
     }
     many::run(args)
+}
+
+/// Cure where a folder is given for a log.
+fn of_folder(folder: &Path) -> String {
+    let is_log = |entry: std::fs::DirEntry| entry.path().extension().is_some_and(|end| end == "mcap");
+    let has_logs = std::fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(is_log));
+    let folder = folder.display();
+    match has_logs {
+        true => format!("{folder}: is a folder; name the flight logs in it: {folder}/*.mcap"),
+        false => format!(
+            "{folder}: is a folder without flight logs (*.mcap); record one with `plumbline fly --record LOG.mcap` or `plumbline replay \
+             SUBJECT --record LOG.mcap`, and name it"
+        ),
+    }
 }
 
 fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {

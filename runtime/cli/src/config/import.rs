@@ -52,7 +52,8 @@ pub struct ImportArgs {
     /// Factor for the white noise densities of the files.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     inflate: f64,
-    /// Frame rate of the cameras, Hz. Files of Kalibr, Basalt and VINS do not contain it. Default: the rate in --base.
+    /// Frame rate of the cameras, Hz, instead of that of the files. Files of Kalibr, Basalt and VINS do not contain it. Default: the
+    /// rate in the files, or in --base.
     #[arg(long, value_name = "HZ", conflicts_with = "euroc")]
     camera_rate: Option<f64>,
     /// Mounting of the IMU in the vehicle: rotation from its axes to forward, left, up, degrees
@@ -142,6 +143,10 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
         }
     };
     let mut config = config.into_inner();
+    // Files that tell a rate are overruled too.
+    if let Some(rate_hz) = args.camera_rate {
+        config.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
+    }
     config.vehicle = VehicleConfig { imu_to_vehicle_deg: mounting };
     if args.noise == Noise::Files {
         let imu = &mut config.imu;
@@ -182,4 +187,52 @@ fn header(args: &ImportArgs) -> String {
 /// `value` to twelve digits: a product with a factor has more that mean nothing.
 fn rounded(value: f64) -> f64 {
     format!("{value:.11e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ImportArgs,
+    }
+
+    const ORB_SLAM: &str = "%YAML:1.0
+File.version: \"1.0\"
+Camera.type: \"PinHole\"
+Camera1.fx: 382.6
+Camera1.fy: 382.6
+Camera1.cx: 320.1
+Camera1.cy: 236.4
+Camera.width: 640
+Camera.height: 480
+Camera.fps: 20
+IMU.T_b_c1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: f
+   data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+IMU.NoiseGyro: 0.001
+IMU.NoiseAcc: 0.01
+IMU.GyroWalk: 0.000001
+IMU.AccWalk: 0.0001
+IMU.Frequency: 200
+";
+
+    #[test]
+    fn a_camera_rate_that_is_given_overrules_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = folder.path().join("orb.yaml");
+        std::fs::write(&rig, ORB_SLAM).unwrap();
+        let rig = rig.to_str().unwrap();
+        let rate_hz = |more: &[&str]| {
+            let line = [&["import", "--rig", rig, "--out", "out.toml"], more].concat();
+            let config = imported(&Line::parse_from(line).args, Mounting::Unknown).unwrap();
+            config.camera[0].rate_hz
+        };
+        assert_eq!((rate_hz(&[]), rate_hz(&["--camera-rate", "30"])), (20.0, 30.0));
+    }
 }

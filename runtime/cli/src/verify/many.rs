@@ -34,7 +34,6 @@ struct Row {
 /// When any cannot be executed, is not bit-identical, or is not complete.
 pub(super) fn run(args: &VerifyArgs) -> Result<()> {
     let logs = whole_logs(&args.logs);
-    check_there(&logs)?;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(cores, usize::from).min(logs.len());
     // A terminal gets its cursor back, and what was verified so far is told.
@@ -72,9 +71,11 @@ pub(super) fn run(args: &VerifyArgs) -> Result<()> {
 }
 
 /// Refuses a list that names a log which is not there, before any is executed.
-fn check_there(logs: &[PathBuf]) -> Result<(), Usage> {
+pub(super) fn check_there(logs: &[PathBuf]) -> Result<(), Usage> {
     match logs.iter().find(|log| !log.exists()) {
-        Some(log) => Err(Usage(format!("{}: does not exist; nothing was verified", log.display()))),
+        Some(log) => {
+            Err(Usage(format!("{}: does not exist; nothing was verified; check the path", log.display())))
+        }
         None => Ok(()),
     }
 }
