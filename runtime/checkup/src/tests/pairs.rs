@@ -1,6 +1,6 @@
 //! Faults of the pair of cameras, of its calibration, and of data that repeat.
 
-use super::{ALL, Data, FEW, assert_found, flight, lively, measure, told};
+use super::{ALL, Data, FEW, FlightPath, assert_found, flight, lively, measure, simulated, told};
 use crate::scale;
 use crate::{CheckupReport, Fitness, NAMED_ABOVE};
 use plumbline_config::camera::Distortion;
@@ -132,6 +132,18 @@ fn focal_lengths_that_are_off_are_named_and_no_time_offset_is_advised() {
         println!("{factor}\n{}", told(&report));
         assert_found(&report, "focal length", Fitness::NotFit, words);
         assert!(!told(&report).contains("set `rig.time_offset_s"), "{}", told(&report));
+        assert!(!measure(&report, scale::NAME).cure.contains("set `pose_b_c"), "{}", told(&report));
+    }
+}
+
+#[test]
+fn little_turning_leaves_focal_lengths_open_and_advises_no_time_offset() {
+    let calm = simulated(FlightPath::Demo, 0.0, 14.0, ALL);
+    for factor in [0.9, 0.95, 1.05, 1.1] {
+        let report = misjudged(&calm, factor, [0.0; 2]);
+        println!("{factor}\n{}", told(&report));
+        assert_ne!(measure(&report, "focal length").verdict, Fitness::Good, "{factor}: {}", told(&report));
+        assert!(!told(&report).contains("set `rig.time_offset_s"), "{factor}: {}", told(&report));
     }
 }
 
