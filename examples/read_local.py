@@ -44,9 +44,21 @@ def records(flight, kind):
             return
 
 
-def main():
+def connected(usage):
+    """The socket that the first argument names."""
+    if len(sys.argv) < 2 or sys.argv[1] in ("-h", "--help"):
+        print(usage.strip())
+        sys.exit(0 if len(sys.argv) > 1 else 2)
     flight = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    flight.connect(sys.argv[1])
+    try:
+        flight.connect(sys.argv[1])
+    except OSError as error:
+        sys.exit(f"{sys.argv[1]}: {error.strerror or error}; is a flight running with local.path={sys.argv[1]}?")
+    return flight
+
+
+def main():
+    flight = connected(__doc__)
     for o in records(flight, KIND_ODOMETRY):
         stamp_s, position, state, quality = o[0] * 1e-9, o[3:6], STATES[o[-3]], o[-2]
         print("%.3f s  %.3f %.3f %.3f m  %s  quality %d" % (stamp_s, *position, state, quality), flush=True)

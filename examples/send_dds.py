@@ -7,7 +7,6 @@ From the local socket (docs/local-socket.md); needs `pip install cyclonedds`, an
     ros2 topic echo /drone/odom
 """
 
-import socket
 import sys
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct, types
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.topic import Topic
-from read_local import KIND_ODOMETRY, STATES, records
+from read_local import KIND_ODOMETRY, STATES, connected, records
 
 RATE_SIGMA_RAD_S = 0.01  # of a sample of the gyroscope
 
@@ -71,11 +70,10 @@ def odometry(o):
 
 
 def main():
+    flight = connected(__doc__)
     participant, name = DomainParticipant(), sys.argv[2] if len(sys.argv) > 2 else "/drone/odom"
     qos = Qos(Policy.Reliability.Reliable(max_blocking_time=0), Policy.History.KeepLast(10))
     writer = DataWriter(Publisher(participant), Topic(participant, "rt" + name, Odometry), qos=qos)
-    flight = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    flight.connect(sys.argv[1])
     for o in records(flight, KIND_ODOMETRY):
         if STATES[o[-3]] in ("tracking", "blind"):
             writer.write(odometry(o))

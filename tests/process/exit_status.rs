@@ -106,9 +106,17 @@ fn what_fails_is_1() {
 #[test]
 fn a_reader_of_stdout_that_has_gone_fails_no_command() {
     let folder = tempfile::tempdir().unwrap();
-    let [report, data] = ["report.json", "flight"].map(|name| folder.path().join(name).display().to_string());
+    let names = ["report.json", "flight", "sweep.csv", "table.csv", "paired.json", "campaign.json"];
+    let [report, data, list, table, paired, reports] =
+        names.map(|name| folder.path().join(name).display().to_string());
     let flight = ["sim:room", "--scale", "0.5", "--duration", "1"];
-    let commands: [&[&str]; 4] = [
+    let sweep = ["sweep", "sim:room?scale=0.3&duration=1", "--set", "estimator.lines.enabled=true,false"];
+    let campaign =
+        ["campaign", "--shared", "/nowhere", "--path", "yaws", "--scene", "room", "--duration", "1"];
+    let commands: [&[&str]; 7] = [
+        &[&sweep[..], &["--out", &list, "--paired-json", &paired]].concat(),
+        &[&sweep[..2], &["--table", &table]].concat(),
+        &[&campaign[..], &["--scale", "0.3", "--json", &reports]].concat(),
         &["replay", flight[0], flight[1], flight[2], flight[3], flight[4], "--report", &report],
         &["simulate", &data, "--scale", "0.5", "--duration", "1"],
         &["config", "euroc"],
@@ -125,6 +133,9 @@ fn a_reader_of_stdout_that_has_gone_fails_no_command() {
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{command:?}: {}", stderr(&output));
+    }
+    for file in [list, table, paired, reports] {
+        assert!(std::fs::metadata(&file).is_ok_and(|file| file.len() > 2), "{file}");
     }
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
     assert!(report["frames"].as_u64().is_some_and(|frames| frames > 0), "{report}");

@@ -47,7 +47,7 @@ pub enum EvaluateError {
     /// The trajectories have no time in common.
     #[error(
         "no stamps within {max_difference_s} s of each other: the estimate runs from {} to {} s, the reference \
-         from {} to {} s; are they of the same flight? If their clocks differ, give --time-offset auto",
+         from {} to {} s; are they of the same flight?{advice}",
         estimate.0, estimate.1, reference.0, reference.1
     )]
     NoCommonStamps {
@@ -57,6 +57,8 @@ pub enum EvaluateError {
         reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
         /// Largest difference of stamps that was allowed, s.
         max_difference_s: f64,
+        /// What else can be done about it.
+        advice: &'static str,
     },
     /// Fewer pairs than the figure needs.
     #[error("only {found} common stamps, at least {needed} are needed; is the estimate complete?")]

@@ -112,6 +112,14 @@ pub struct Evaluation {
     pub scale_error_percent: Option<f64>,
 }
 
+/// The error with the advice to search the shift of clocks.
+fn with_advice(mut error: EvaluateError) -> EvaluateError {
+    if let EvaluateError::NoCommonStamps { advice, .. } = &mut error {
+        *advice = " If their clocks differ, give --time-offset auto";
+    }
+    error
+}
+
 /// Compares an estimate with its reference.
 ///
 /// # Errors
@@ -129,7 +137,7 @@ pub fn evaluate(
     let by_clock_of_reference =
         |p: &StampedPose| StampedPose { stamp: p.stamp.plus_seconds(time_offset_s), ..*p };
     let estimate: Vec<StampedPose> = estimate.iter().map(by_clock_of_reference).collect();
-    let pairs = associate(&estimate, reference, options.max_difference_s)?;
+    let pairs = associate(&estimate, reference, options.max_difference_s).map_err(with_advice)?;
     let similarity = align(&pairs, options.alignment)?;
     let aligned_pairs = aligned(&pairs, &similarity);
     let (ate_m, ate_rotation_deg) = absolute_errors(&aligned_pairs)?;

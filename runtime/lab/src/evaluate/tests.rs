@@ -83,7 +83,14 @@ fn a_flight_by_another_clock_is_compared_by_a_shift_given_or_found() {
     let estimate: Vec<StampedPose> =
         reference.iter().map(|p| StampedPose { stamp: p.stamp.plus_seconds(-1234.5), ..*p }).collect();
     let none = evaluate(&estimate, &reference, &EvaluateOptions::default());
-    assert!(matches!(none, Err(EvaluateError::NoCommonStamps { .. })));
+    assert!(
+        none.unwrap_err()
+            .to_string()
+            .ends_with("same flight? If their clocks differ, give --time-offset auto")
+    );
+    // Others have no such option.
+    let message = associate(&estimate, &reference, 0.01).unwrap_err().to_string();
+    assert!(message.ends_with("are they of the same flight?"), "{message}");
     let with =
         |time_offset| evaluate(&estimate, &reference, &EvaluateOptions { time_offset, ..Default::default() });
     let given = with(TimeOffset::Seconds(1234.5)).unwrap();
