@@ -77,11 +77,13 @@ impl PairTime {
             self.probation.filter(|(since, _)| !is_in_step && stamp.seconds_since(*since) < PROBATION_S);
     }
 
-    /// Camera whose image of the frame of `stamp` is not used.
-    pub(super) fn distrusted_at(&self, stamp: Timestamp) -> Option<usize> {
+    /// Camera whose image of the frame of `stamp` is not used; the right one of a pair that sees different things only if the left one sees enough
+    /// (`left_sees`), since a covered lens makes such a pair too.
+    pub(super) fn distrusted_at(&self, stamp: Timestamp, left_sees: bool) -> Option<usize> {
         let late = self.late_s().filter(|_| self.is_out_of_step());
         let late = late.map(|(late_s, _)| usize::from(late_s > 0.0));
-        late.or(self.probation.map(|(_, camera)| camera)).or(self.is_disagreed_at(stamp).then_some(RIGHT))
+        let is_other = left_sees && self.is_disagreed_at(stamp);
+        late.or(self.probation.map(|(_, camera)| camera)).or(is_other.then_some(RIGHT))
     }
 
     /// Forgets all pairs.
@@ -144,7 +146,7 @@ mod tests {
     #[test]
     fn the_camera_that_is_late_is_left_out() {
         let at = Timestamp::default();
-        let left_out = [0.05, -0.05, 0.0].map(|late_s| watched(late_s, 0.8).distrusted_at(at));
+        let left_out = [0.05, -0.05, 0.0].map(|late_s| watched(late_s, 0.8).distrusted_at(at, true));
         assert_eq!(left_out, [Some(RIGHT), Some(0), None]);
     }
 
@@ -157,14 +159,14 @@ mod tests {
             let moving = EpipolarMoments { speed: 0.0, off: 0.0, speed_squared: 3600.0, product: 0.0 };
             let ended_s = (1..200).map(|k| 0.05 * f64::from(k)).find(|s| {
                 watch.add(seconds(*s), Some(moving), 0.05);
-                watch.distrusted_at(seconds(*s)) != Some(camera)
+                watch.distrusted_at(seconds(*s), true) != Some(camera)
             });
             assert!((0.2..1.0).contains(&ended_s.unwrap()), "{ended_s:?}");
             watch.begin_probation(seconds(20.0), camera);
             watch.add(seconds(24.0), None, 0.05);
-            assert_eq!(watch.distrusted_at(seconds(24.0)), Some(camera), "nothing moves");
+            assert_eq!(watch.distrusted_at(seconds(24.0), true), Some(camera), "nothing moves");
             watch.add(seconds(25.1), None, 0.05);
-            assert_eq!(watch.distrusted_at(seconds(25.1)), None);
+            assert_eq!(watch.distrusted_at(seconds(25.1), true), None);
         }
     }
 
@@ -173,7 +175,7 @@ mod tests {
         let seconds = |s: f64| Timestamp::default().plus_seconds(s);
         let mut watch = PairTime::default();
         assert!(watch.disagree(seconds(0.0)) && !watch.disagree(seconds(0.05)));
-        assert_eq!([2.0, 2.1].map(|s| watch.distrusted_at(seconds(s))), [Some(RIGHT), None]);
+        assert_eq!([2.0, 2.1].map(|s| watch.distrusted_at(seconds(s), true)), [Some(RIGHT), None]);
         assert!(watch.disagree(seconds(3.0)));
     }
 

@@ -19,7 +19,7 @@ use crate::window::trial::Trial;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
-/// Points that the other camera must see for one to be left out.
+/// Points that the left camera must see for the right one to be left out because it sees other things.
 const MIN_LEFT: usize = 12;
 
 /// Reports stuck sensors in `health`; returns whether there are any.
@@ -168,10 +168,8 @@ impl Odometer {
         }
         let begins_to_disagree =
             health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
-        let distrusted = self.pair_time.distrusted_at(stamp);
-        let Some(camera) = distrusted.filter(|camera| self.measurer.count(1 - camera) >= MIN_LEFT) else {
-            return;
-        };
+        let left_sees = self.measurer.count(0) >= MIN_LEFT;
+        let Some(camera) = self.pair_time.distrusted_at(stamp, left_sees) else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == 1 && (is_out_of_step && !was_out_of_step || begins_to_disagree) {
             self.window.forget_images(camera);
