@@ -106,9 +106,16 @@ const CASES: &[Case] = &[
     Case {
         name: "a folder of logs",
         command: &["verify", "FOLDER"],
-        damage: none,
+        damage: |folder| fs::write(folder.join("flight.mcap"), "").unwrap(),
         status: 2,
         words: &["is a folder", "/*.mcap"],
+    },
+    Case {
+        name: "a folder without logs",
+        command: &["verify", "FOLDER"],
+        damage: none,
+        status: 2,
+        words: &["is a folder without flight logs", "--record"],
     },
     Case {
         name: "a start beyond the end",

@@ -82,12 +82,12 @@ const NOTHING_TO_IMPORT: &str = "config import: give --camchain and --imu, --eur
 /// # Errors
 /// When a file cannot be used, or the configuration cannot be written.
 pub fn run(args: &ImportArgs) -> Result<()> {
+    if args.camchain.is_none() && args.euroc.is_none() && args.rig.is_none() {
+        return Err(Usage(NOTHING_TO_IMPORT.into()).into());
+    }
     check_new(&args.out, args.overwrite)?;
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
-    }
-    if args.camchain.is_none() && args.euroc.is_none() && args.rig.is_none() {
-        return Err(Usage(NOTHING_TO_IMPORT.into()).into());
     }
     let mounting = mounting(args)?;
     let config = imported(args, mounting)?;
