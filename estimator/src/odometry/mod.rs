@@ -456,9 +456,11 @@ impl Odometer {
         let connected = self.window.observe(tracks, lines);
         self.window.unroll_newest(&self.rate_b);
         self.window.clear_outliers();
-        if self.window.options.cameras > 1 {
+        let is_pair_doubtful = self.is_pair_doubtful(stamp, health);
+        if is_pair_doubtful {
+            // Before anything rests on the image that may be left out.
             self.window.predict_rates(&self.rate_b);
-            self.judge_pair(health);
+            self.judge_pair(stamp, health);
         }
         let (trial, is_dropped) = self.try_prediction(&prediction, coverage, health);
         self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
@@ -469,6 +471,9 @@ impl Odometer {
         }
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
+        if !is_pair_doubtful {
+            self.judge_pair(stamp, health);
+        }
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);

@@ -24,10 +24,12 @@ const PROVES_SIGMAS: f64 = 3.0;
 const FRAMES_TO_PROVE: f64 = 5.0;
 /// A probation lasts no longer, s: what does not move harms nothing.
 const PROBATION_S: f64 = 5.0;
+/// Repetitions that follow each other within this time are a habit of the camera, s.
+const HABIT_S: f64 = 10.0;
 /// What is found in both images of a pair that sees different things is mostly wrong; for this long after it did, s.
 const DISAGREED_S: f64 = 2.0;
 /// The right camera.
-const RIGHT: usize = 1;
+pub(super) const RIGHT: usize = 1;
 /// Largest quality while the images of a pair are not of the same moment.
 const OUT_OF_STEP_QUALITY: i8 = 10;
 
@@ -38,14 +40,24 @@ pub(super) struct PairTime {
     frames: f64,
     /// When a camera repeated its image, and which, while the pair has not been found in step since.
     probation: Option<(Timestamp, usize)>,
+    /// When a camera was last found in step after it had repeated an image, and which.
+    acquitted: Option<(Timestamp, usize)>,
     /// When the cameras last saw different things.
     disagreed: Option<Timestamp>,
 }
 
 impl PairTime {
-    /// `camera` repeated its image at `stamp`.
+    /// `camera` repeated its image at `stamp`. One that was found in step after a repetition, not long ago, repeats images by habit.
     pub(super) fn begin_probation(&mut self, stamp: Timestamp, camera: usize) {
-        *self = Self { probation: Some((stamp, camera)), disagreed: self.disagreed, ..Self::default() };
+        let is_habit = self
+            .acquitted
+            .is_some_and(|(last, other)| other == camera && stamp.seconds_since(last) < HABIT_S);
+        if is_habit {
+            self.acquitted = Some((stamp, camera));
+        } else if self.probation.is_none_or(|(_, other)| other != camera) {
+            (self.sums, self.frames) = Default::default();
+            self.probation = Some((stamp, camera));
+        }
     }
 
     /// The cameras see different things at `stamp`; returns whether they begin to.
@@ -73,8 +85,12 @@ impl PairTime {
             && self.late_s().is_some_and(|(late_s, sigma_s)| {
                 sigma_s < PROVES_S && late_s.abs() < LEAST_S.at_least(PROVES_SIGMAS * sigma_s)
             });
-        self.probation =
-            self.probation.filter(|(since, _)| !is_in_step && stamp.seconds_since(*since) < PROBATION_S);
+        if let Some((since, camera)) = self.probation
+            && (is_in_step || stamp.seconds_since(since) > PROBATION_S)
+        {
+            self.probation = None;
+            self.acquitted = is_in_step.then_some((stamp, camera));
+        }
     }
 
     /// Camera whose image of the frame of `stamp` is not used; the right one of a pair that sees different things only if the left one sees enough
@@ -162,12 +178,34 @@ mod tests {
                 watch.distrusted_at(seconds(*s), true) != Some(camera)
             });
             assert!((0.2..1.0).contains(&ended_s.unwrap()), "{ended_s:?}");
+            watch.begin_probation(seconds(5.0), camera);
+            assert_eq!(watch.distrusted_at(seconds(5.0), true), None, "a habit");
             watch.begin_probation(seconds(20.0), camera);
             watch.add(seconds(24.0), None, 0.05);
             assert_eq!(watch.distrusted_at(seconds(24.0), true), Some(camera), "nothing moves");
             watch.add(seconds(25.1), None, 0.05);
             assert_eq!(watch.distrusted_at(seconds(25.1), true), None);
         }
+    }
+
+    #[test]
+    fn a_camera_that_repeats_images_all_the_time_is_soon_found_in_step() {
+        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
+        let mut watch = PairTime::default();
+        let moving = EpipolarMoments { speed: 0.0, off: 0.0, speed_squared: 3600.0, product: 0.0 };
+        let left_out = (0..100).filter(|k| {
+            let stamp = seconds(0.05 * f64::from(*k));
+            let moments = match k % 5 {
+                0 => {
+                    watch.begin_probation(stamp, RIGHT);
+                    None
+                }
+                _ => Some(moving),
+            };
+            watch.add(stamp, moments, 0.05);
+            watch.distrusted_at(stamp, true).is_some()
+        });
+        assert!(left_out.count() < 20);
     }
 
     #[test]

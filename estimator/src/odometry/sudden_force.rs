@@ -87,7 +87,7 @@ impl SuddenForce {
 
     /// Covariance of the velocity at `stamp` by a force that is not confirmed yet, m²/s² in `O`.
     pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
-        let change = self.change?;
+        let change = self.change.filter(|held| stamp.seconds_since(held.last) < HELD_S)?;
         let acted_s = stamp.seconds_since(change.since).at_most(MOST_S);
         let by_force = change.force_o * (SIGMA_SHARE * acted_s);
         Some(by_force * by_force.transpose())
