@@ -24,7 +24,7 @@ const WORDS: &[(&str, &str)] = &[("vehicle.imu_to_vehicle_deg", Mounting::UNKNOW
 /// Keys whose whole number may be negative; all others are counts.
 const SIGNED: &[&str] = &["runtime.idle_latency_us"];
 
-/// Whether a text that is not TOML is YAML: its first line that is no comment is a directive, a mark, or a key with a colon.
+/// True if a text that is not TOML is YAML: its first line that is no comment is a directive, a mark, or a key with a colon.
 fn is_yaml(text: &str) -> bool {
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
     lines.take(1).any(|line| {

@@ -108,7 +108,7 @@ impl Estimator {
     /// [`Self::propagate`].
     ///
     /// # Errors
-    /// When there is none.
+    /// When no state at `stamp` is available.
     pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
         self.propagator.at(stamp)
     }

@@ -190,19 +190,19 @@ impl Propagator {
     /// State at `stamp`, which may lie between two samples, by the estimates before and after it: see [`history`].
     ///
     /// # Errors
-    /// When there is none; always where no history is kept.
+    /// When no state at `stamp` is available; always without a history.
     pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
         let history = self.history.as_ref().ok_or(NoInstant::NoPose)?;
         history.at(stamp, &self.samples, &self.carrier)
     }
 
-    /// Whether the samples have reached `stamp`.
+    /// True if the samples have reached `stamp`.
     #[must_use]
     pub fn has_reached(&self, stamp: Timestamp) -> bool {
         self.samples.back().is_some_and(|newest| newest.sample.stamp >= stamp)
     }
 
-    /// Whether what is said of `stamp` cannot get better: there is an estimate after it, or none is to be expected any more.
+    /// True if the state at `stamp` is final: there is an estimate after it, or none is expected any more.
     #[must_use]
     pub fn is_settled(&self, stamp: Timestamp) -> bool {
         let is_old =

@@ -12,7 +12,7 @@ fn project(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path)
 }
 
-/// Whether a compiler is here; says so if not.
+/// True if a compiler is installed; reports the skipped test otherwise.
 fn has(compiler: &str, need: Need) -> bool {
     let is_here =
         Command::new(compiler).arg("--version").output().is_ok_and(|output| output.status.success());
@@ -78,7 +78,7 @@ fn the_firmware_and_its_board_are_at_most_250_lines() {
     assert!(lines.iter().sum::<usize>() <= 250, "{lines:?}");
 }
 
-/// What the firmware says to these messages within so many seconds.
+/// Answers of the firmware to these messages within `seconds`.
 fn answers(program: &Path, messages: &[Message], seconds: &str) -> Vec<Message> {
     let mut child = Command::new(program)
         .args(["/dev/null", seconds])

@@ -4,7 +4,7 @@ use super::{fails, plumbline, stderr};
 use plumbline_drivers::tum::read_tum;
 use serde_json::Value;
 
-/// What `shuttle` prints as JSON.
+/// JSON output of `shuttle`.
 fn shuttle(recording: &str, more: &[&str]) -> Value {
     let output = plumbline(&[&["shuttle", recording, "--json"], more].concat());
     assert!(output.status.success(), "{recording}: {}", stderr(&output));

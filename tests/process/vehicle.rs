@@ -79,7 +79,7 @@ fn keep(stderr: ChildStderr, words: &Mutex<String>) {
     }
 }
 
-/// What a station's page shows of its vehicles, read at its web socket.
+/// Vehicles on a station's page, read at its web socket.
 pub struct Page {
     socket: TcpStream,
     bytes: Vec<u8>,

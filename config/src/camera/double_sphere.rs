@@ -36,7 +36,7 @@ pub(super) fn fold_rad(k: Coefficients) -> Option<f64> {
     (limit < 0.0).then(|| libm::acos(-limit))
 }
 
-/// Whether ideal coordinates lie on the branch that holds the image.
+/// True if ideal coordinates lie on the branch that holds the image.
 #[inline]
 pub(super) fn is_regular(r2: f64, k: Coefficients) -> bool {
     r2 < MAX_RADIUS_SQUARED && 1.0 > -reach(k) * (1.0 + r2).sqrt()

@@ -26,13 +26,13 @@ pub(super) fn fold_rad(k: [f64; 4]) -> Option<f64> {
     angles.find(|theta| d_theta_d(*theta, k) <= 0.0)
 }
 
-/// Whether ideal coordinates lie before the fold.
+/// True if ideal coordinates lie before the fold.
 #[inline]
 pub(super) fn is_regular(r2: f64, k: [f64; 4]) -> bool {
     r2 < MAX_RADIUS_SQUARED && is_growing(libm::atan(r2.sqrt()), k)
 }
 
-/// Whether the equidistant radius grows with the angle from the axis to `theta`.
+/// True if the equidistant radius grows with the angle from the axis to `theta`.
 #[inline]
 fn is_growing(theta: f64, k: [f64; 4]) -> bool {
     (1..=FOLD_SAMPLES).all(|i| d_theta_d(theta * i as f64 / FOLD_SAMPLES as f64, k) > 0.0)

@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Vector2};
 /// Coefficients `alpha beta`.
 pub(super) type Coefficients = [f64; 2];
 
-/// Whether ideal coordinates lie on the branch that holds the image.
+/// True if ideal coordinates lie on the branch that holds the image.
 #[inline]
 pub(super) fn is_regular(r2: f64, [alpha, beta]: Coefficients) -> bool {
     let d2 = 1.0 + beta * r2;

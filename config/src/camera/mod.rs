@@ -35,14 +35,14 @@ const MAX_RADIUS_SQUARED: f64 = 1e6;
 /// Largest angle from the optical axis that a fisheye pixel is unprojected to, rad (89.4 degrees): beyond,
 /// normalized coordinates lose their meaning.
 pub const MAX_THETA_RAD: f64 = 1.56;
-/// Its cosine.
+/// Cosine of [`MAX_THETA_RAD`].
 const MIN_COS: f64 = 0.010_796_117_058_267_392;
 /// Most coefficients that a lens model has.
 pub const MAX_COEFFICIENTS: usize = 8;
 /// Angles at which a fold is looked for: a tenth of a degree apart.
 const FOLD_ANGLES: usize = 900;
 
-/// How a lens bends the ideal pinhole image.
+/// Lens model: maps ideal pinhole coordinates to distorted ones.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Distortion {
@@ -156,7 +156,7 @@ impl Distortion {
         }
     }
 
-    /// Whether ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
+    /// True if ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
     /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
     /// beyond the image; what lies there would be projected into the image falsely.
     #[must_use]
@@ -231,7 +231,7 @@ impl Distortion {
         }
     }
 
-    /// The same model with other coefficients, in the order of [`Self::coefficients`]; those that are not given are 0.
+    /// Model of the same kind with `coefficients`, in the order of [`Self::coefficients`]. Default of missing ones: 0.
     #[must_use]
     pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
         let [a, b, c, d, e, f, g, h] =
@@ -323,7 +323,7 @@ impl CameraModel {
         self.distortion.undistort(&(px - self.centre_px).component_div(&self.focal_px))
     }
 
-    /// Whether a pixel has a direction by the lens model, although one further than 89.4 degrees from the optical axis is not
+    /// True if a pixel has a direction by the lens model, although one further than 89.4 degrees from the optical axis is not
     /// used. Where the model folds back, pixels have none.
     #[must_use]
     pub fn has_direction(&self, px: &Vector2<f64>) -> bool {
@@ -339,7 +339,7 @@ impl CameraModel {
         radius >= edge.norm() && self.distortion.fold_rad().is_none()
     }
 
-    /// Whether a pixel lies inside the image, at least `border_px` from its edge.
+    /// True if a pixel lies inside the image, at least `border_px` from its edge.
     #[must_use]
     #[inline]
     pub fn contains(&self, px: &Vector2<f64>, border_px: f64) -> bool {

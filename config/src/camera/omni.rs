@@ -29,7 +29,7 @@ fn to_plane(xy: &Vector2<f64>, xi: f64) -> (Vector2<f64>, Matrix2<f64>) {
     (m, Matrix2::identity() * scale - m * m.transpose() * (xi / s))
 }
 
-/// Whether ideal coordinates lie on the branch that holds the image.
+/// True if ideal coordinates lie on the branch that holds the image.
 #[inline]
 pub(super) fn is_regular(xy: &Vector2<f64>, [xi, k1, k2, ..]: Coefficients) -> bool {
     let r2 = xy.norm_squared();

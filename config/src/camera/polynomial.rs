@@ -1,11 +1,11 @@
-//! Where a polynomial is positive, by its Bernstein coefficients: it lies within their hull, which is halved until that tells.
+//! Sign of a polynomial by its Bernstein coefficients. It lies within their hull; the interval is halved until the sign is certain.
 //!
 //! Source: Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29 (2012).
 
 /// Halvings of the interval: a thousandth of it is told apart. What is still undecided counts as not positive.
 const HALVINGS: usize = 10;
 
-/// Whether `c[0] + c[1] u + c[2] u² + ...` is positive for all `u` from 0 to `end`.
+/// True if `c[0] + c[1] u + c[2] u² + ...` is positive for all `u` from 0 to `end`.
 #[inline]
 pub(super) fn is_positive<const N: usize>(c: &[f64; N], end: f64) -> bool {
     let mut b = *c;

@@ -34,7 +34,7 @@ fn cubic(c: &[f64; 4], u: f64) -> (f64, f64) {
     (c[0] + u * (c[1] + u * (c[2] + u * c[3])), c[1] + u * (2.0 * c[2] + u * 3.0 * c[3]))
 }
 
-/// Whether the distorted radius grows from the axis to the square `r2` of an ideal one.
+/// True if the distorted radius grows from the axis to the square `r2` of an ideal one.
 #[inline]
 pub(super) fn is_regular(r2: f64, k: Coefficients) -> bool {
     if r2.is_nan() || r2 >= MAX_RADIUS_SQUARED {

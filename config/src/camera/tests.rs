@@ -390,7 +390,7 @@ fn a_lens_is_written_and_read_by_its_name() {
 }
 
 proptest! {
-    /// Whatever the lens and the pixel: the solution projects to the pixel, from the branch of the centre.
+    /// Any solution projects to the pixel, from the branch of the centre, for all lenses and pixels.
     #[test]
     fn unproject_is_right_or_says_no(
         model in 0..6usize,

@@ -22,7 +22,7 @@ pub struct AutopilotConfig {
     pub flow: FlowMessages,
 }
 
-/// When optical flow and distance are sent.
+/// Condition on which optical flow and distance are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlowMessages {

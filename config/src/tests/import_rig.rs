@@ -57,7 +57,7 @@ IMU.AccWalk: 0.00086
 IMU.Frequency: 200.0
 ORBextractor.nFeatures: 1000
 ";
-/// The same, `Examples/Stereo-Inertial/RealSense_D435i.yaml`.
+/// UZ-SLAMLab/ORB_SLAM3, `Examples/Stereo-Inertial/RealSense_D435i.yaml`.
 const D435I_ORB_SLAM: &str = "%YAML:1.0
 File.version: \"1.0\"
 Camera.type: \"Rectified\"
@@ -156,7 +156,7 @@ projection_parameters:
    u0: 3.6283572280856060e+02
    v0: 2.4789274770430072e+02
 ";
-/// The same, `config/realsense_t265`; the left camera in two models, the second of which stands there as a comment.
+/// HKUST-Aerial-Robotics/VINS-Fusion, `config/realsense_t265`; the left camera in two models, the second as a comment.
 const T265_VINS: &str = "%YAML:1.0
 imu: 1
 num_of_cam: 1
@@ -203,7 +203,7 @@ projection_parameters:
    u0: 423.8803424969
    v0: 400.1832609887
 ";
-/// The same, `config/euroc/euroc_mono_imu_config.yaml` and `cam0_pinhole.yaml`, in one file as VINS-Mono has it.
+/// HKUST-Aerial-Robotics/VINS-Fusion, `config/euroc/euroc_mono_imu_config.yaml` and `cam0_pinhole.yaml` in one file.
 const EUROC_VINS_MONO: &str = "%YAML:1.0
 model_type: PINHOLE
 camera_name: camera
@@ -291,7 +291,7 @@ fn euroc_basalt() -> String {
     )
 }
 
-/// The same, `data/tumvi_512_eucm_calib.json`.
+/// VladyslavUsenko/basalt, `data/tumvi_512_eucm_calib.json`.
 fn tum_vi_basalt() -> String {
     basalt(
         &[
@@ -401,7 +401,7 @@ cam1:
   resolution: [640, 360]
   timeshift_cam_imu: 0.005012709485041032
 ";
-/// The same, `config/hilti`: an Alphasense with `T_imu_cam` and `model: \"kalibr\"`.
+/// rpng/open_vins, `config/hilti`: an Alphasense with `T_imu_cam` and `model: "kalibr"`.
 const HILTI_OPENVINS: &str = "%YAML:1.0
 cam0:
   T_imu_cam:
@@ -457,7 +457,7 @@ imu0:
     - [0.0, 0.0, 0.0]
     - [0.0, 0.0, 0.0]
 ";
-/// The same, `config/uzhfpv_indoor`: the Snapdragon board of the UZH-FPV drone.
+/// rpng/open_vins, `config/uzhfpv_indoor`: the Snapdragon board of the UZH-FPV drone.
 const UZH_FPV_OPENVINS: &str = "cam0:
   T_cam_imu:
     - [-0.028228787368606456, -0.999601488301944, 1.2175294828553618e-05, 0.02172388268966517]

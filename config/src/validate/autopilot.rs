@@ -44,7 +44,7 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
     }
 }
 
-/// Whether the left camera looks down, where its flow is to be sent: no autopilot takes another.
+/// Checks that the left camera looks down if its flow is to be sent: autopilots accept no other direction.
 pub(super) fn check_flow(config: &Config, found: &mut Vec<Violation>) {
     if config.autopilot.flow == FlowMessages::Off || config.autopilot.connect.is_empty() {
         return;

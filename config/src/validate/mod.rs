@@ -171,7 +171,7 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
     }
 }
 
-/// What a coefficient of a lens may be. Those of a rational model nearly cancel each other, so that they may be large.
+/// Range of a lens coefficient. Those of a rational model nearly cancel each other, so they may be large.
 fn range_of_coefficient(lens: &Distortion, name: &str) -> (f64, f64) {
     match (lens, name) {
         (Distortion::Rational { .. }, name) if name.starts_with('k') => (-1e5, 1e5),

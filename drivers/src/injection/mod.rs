@@ -32,7 +32,7 @@ pub struct InjectedFault {
     doses: [f64; DOSES],
     from_s: f64,
     lasts_s: f64,
-    /// It begins anew after this time, s; infinite if it acts once.
+    /// Period of repetition, s. Default: infinite (acts once).
     period_s: f64,
 }
 

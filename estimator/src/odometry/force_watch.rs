@@ -108,7 +108,7 @@ pub(super) struct ForceWatch {
     suspect: Option<(Timestamp, Vector3<f64>)>,
 }
 
-/// What a span of frames gained in velocity by the images that the forces do not explain.
+/// Change of velocity over a span of frames that the images show and the forces do not explain.
 #[derive(Clone, Copy, Debug)]
 struct Unexplained {
     /// m/s in `O`.
@@ -232,8 +232,8 @@ impl ForceWatch {
         Some(off * off.transpose())
     }
 
-    /// What the newest span of twice `half` frames gained in velocity that the forces do not explain; `None` without so many frames, and
-    /// where it is no number.
+    /// Change of velocity over the newest span of twice `half` frames that the forces do not explain. `None` if there are fewer
+    /// frames, or if it is not finite.
     fn unexplained(&self, half: usize, sigmas: &ForceSigmas) -> Option<Unexplained> {
         let first = self.legs.len().checked_sub(2 * half + 1)?;
         let mut legs = self.legs.iter().skip(first);

@@ -5,7 +5,7 @@ use super::trust_tests::anchored;
 use super::*;
 use crate::window::state::FrameTime;
 
-/// When a camera begins to be late, s.
+/// Time after which a camera is late, s.
 const BEGIN_S: f64 = 6.0;
 
 /// A camera that is late.
@@ -13,7 +13,7 @@ const BEGIN_S: f64 = 6.0;
 struct Late {
     camera: usize,
     frames: f64,
-    /// Whether the image that is repeated when it begins is recognized.
+    /// True if the image that is repeated at the start of the fault is recognized.
     is_repeat_seen: bool,
 }
 

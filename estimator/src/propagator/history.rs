@@ -38,15 +38,15 @@ pub struct Instant {
     pub angular_rate_b: Vector3<f64>,
     /// Covariance of pose and velocity.
     pub covariance: NavCovariance,
-    /// As of the estimate before the instant, blind where that is old.
+    /// Tracking state of the estimate before the instant; blind if that is old.
     pub state: TrackingState,
-    /// As of the estimate before the instant.
+    /// Quality of the estimate before the instant; at most 0 if that is old.
     pub quality: i8,
-    /// As of the estimate before the instant.
+    /// Reset counter of the estimate before the instant.
     pub reset_counter: u32,
     /// Time of the estimate before the instant.
     pub estimated: Timestamp,
-    /// Whether there is an estimate after the instant too: the answer stays the same from then on.
+    /// True if there is an estimate after the instant too: the state is final.
     pub is_settled: bool,
 }
 
@@ -55,7 +55,7 @@ pub struct Instant {
 pub enum NoInstant {
     /// There was no pose then.
     NoPose,
-    /// It is longer ago than is kept.
+    /// Instant before the oldest state in the history.
     TooOld,
     /// The inertial samples do not reach it yet.
     Ahead,
@@ -64,19 +64,19 @@ pub enum NoInstant {
 /// Estimate that others are carried on from.
 #[derive(Clone, Debug)]
 pub struct Base {
-    /// Its time.
+    /// Time of the state.
     pub stamp: Timestamp,
     /// Time of the estimate: earlier where the state was carried on since.
     pub estimated: Timestamp,
-    /// Its state.
+    /// State of motion at `stamp`.
     pub nav: NavState,
-    /// Its covariance.
+    /// Covariance of `nav`.
     pub covariance: GrowingCovariance,
     /// Mean rate since the estimate before it, rad/s.
     pub rate_b: Vector3<f64>,
-    /// How far the estimator was.
+    /// Tracking state of the estimate.
     pub state: TrackingState,
-    /// Its quality.
+    /// Quality of the estimate.
     pub quality: i8,
     /// Resets until then.
     pub reset_counter: u32,
@@ -89,7 +89,7 @@ pub struct History {
     capacity: usize,
     /// Ends of the poses: no instant between one and the next estimate has a state.
     ends: VecDeque<Timestamp>,
-    /// Whether an estimate was forgotten: instants before the oldest that is kept are too old, or from before the first pose.
+    /// True if an estimate was discarded: instants before the oldest in the history are too old, or from before the first pose.
     has_forgotten: bool,
     newest: Option<Timestamp>,
 }
@@ -109,7 +109,7 @@ impl History {
         }
     }
 
-    /// Whether the state of `stamp` is to be kept, though it is no estimate.
+    /// True if the state at `stamp` is to be kept although it is no estimate.
     #[must_use]
     pub fn wants_mark(&self, stamp: Timestamp) -> bool {
         self.bases.back().is_some_and(|last| stamp.seconds_since(last.stamp) > MARK_S)
@@ -144,7 +144,7 @@ impl History {
         (self.has_forgotten, self.newest) = (false, None);
     }
 
-    /// Whether there is an estimate at or after `stamp`.
+    /// True if there is an estimate at or after `stamp`.
     #[must_use]
     pub fn reaches(&self, stamp: Timestamp) -> bool {
         self.newest.is_some_and(|newest| newest >= stamp)
@@ -153,7 +153,7 @@ impl History {
     /// State at `stamp` by the samples, which are in order of time.
     ///
     /// # Errors
-    /// When there is none.
+    /// When no state at `stamp` is available.
     pub fn at(
         &self,
         stamp: Timestamp,
@@ -230,7 +230,7 @@ impl Carried {
         }
     }
 
-    /// What is said of the present time.
+    /// State at the time that was reached.
     fn told(&self, base: &Base, samples: &VecDeque<BelievedSample>) -> Instant {
         let is_stale = self.stamp.seconds_since(base.estimated) > STALE_S;
         Instant {

@@ -378,7 +378,7 @@ fn size_of_rotation(found: &Agreement, config: &Config) -> Fitness {
     Fitness::within(phi.norm(), ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma)
 }
 
-/// Whether camera and gyroscope turn about different axes, though not known how different.
+/// True if camera and gyroscope turn about different axes by an angle that is not known well.
 fn is_turned(found: &Agreement, config: &Config) -> bool {
     let (phi, sigma) = found.rotation_b;
     sigma > KNOWN.1 && phi.norm() > GROSS * sigma && size_of_rotation(found, config) > Fitness::Good

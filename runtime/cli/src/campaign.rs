@@ -114,7 +114,7 @@ pub struct CampaignArgs {
 }
 
 impl CampaignArgs {
-    /// Whether there are files to write, though nobody reads what is printed.
+    /// True if there are files to write, even if the standard output is closed.
     fn writes_files(&self) -> bool {
         self.json.is_some() || self.paired_json.is_some()
     }

@@ -236,7 +236,7 @@ fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>
 }
 
 impl ReplayArgs {
-    /// Where the states at instants go.
+    /// File for the states at instants. Default: beside the list, with the ending `_states.csv`.
     fn at_out(&self) -> Option<PathBuf> {
         let at = self.at.as_deref()?;
         let beside = || {

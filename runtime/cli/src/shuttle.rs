@@ -77,7 +77,7 @@ pub struct ShuttleArgs {
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// What goes wrong with the recording.
+    /// Faults that are injected into the recording.
     #[command(flatten)]
     pub faults: FaultArgs,
     /// Seed of the faults.
@@ -85,7 +85,7 @@ pub struct ShuttleArgs {
     pub seed: u64,
 }
 
-/// What is printed as JSON.
+/// Results that are printed as JSON.
 #[derive(Serialize)]
 struct Told<'a> {
     name: &'a str,

@@ -56,7 +56,7 @@ pub struct Map {
     pub arrived: u64,
     /// Keyframes that the vehicle has, as it reports.
     pub announced: u64,
-    /// When that number was published, ns by the vehicle's clock.
+    /// Time at which `announced` was published, ns by the vehicle's clock.
     announced_ns: i64,
     /// Counts how often the map was cleared.
     pub epoch: u64,

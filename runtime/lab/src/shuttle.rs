@@ -2,12 +2,12 @@
 //!
 //! Both ways pass the same places, so each is a measurement of the same path. The error of a part of the path is estimated by the
 //! difference of the two, divided by the square root of two: errors of equal size that are independent add in squares.
-//! That is [`Drift`] over parts of 10 % to 50 % of the path (Zhang and Scaramuzza 2018), with the way back in the place of the truth.
+//! The figure is [`Drift`] over parts of 10 % to 50 % of the path (Zhang and Scaramuzza 2018), with the way back as the truth.
 //!
 //! The error at the end ([`Closure`]) is one draw of a random variable, and errors that are even in time cancel in it. It is the
 //! figure that others report. On the flights of the tests it is down to a fifth of the true one (docs/experiments.md).
 //!
-//! What both ways share is in neither figure: errors of the scale, of the lenses and of the baseline.
+//! Errors that both ways share are in neither figure: those of the scale, of the lenses and of the baseline.
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{Drift, Pairs, drift, path_length_m};
@@ -25,7 +25,7 @@ const MAX_GAP_S: f64 = 0.2;
 /// Rotations further apart than half a turn less this cannot be interpolated, rad.
 const HALF_TURN_SLACK: f64 = 1e-6;
 
-/// What flying a recording there and back says of its drift.
+/// Drift of a recording that is flown there and back.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Shuttle {
     /// Poses that both ways have.
@@ -49,7 +49,7 @@ pub struct Shuttle {
 pub struct Closure {
     /// Position error, m.
     pub position_m: f64,
-    /// Its standard deviation by the covariances of both ways, m.
+    /// Standard deviation of the position error by the covariances of both ways, m.
     pub position_sigma_m: f64,
     /// Position error over its standard deviation.
     pub position_sigmas: f64,
@@ -57,7 +57,7 @@ pub struct Closure {
     pub percent: f64,
     /// Heading error, degrees.
     pub yaw_deg: f64,
-    /// Its standard deviation, degrees.
+    /// Standard deviation of the heading error, degrees.
     pub yaw_sigma_deg: f64,
 }
 

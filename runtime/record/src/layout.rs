@@ -49,7 +49,7 @@ pub fn put_instant(answer: &InstantAnswer, handed_over_ns: i64, to: &mut Vec<u8>
 /// State at an instant and the time it was handed over, ns since 1970. Bytes beyond the layout belong to a later version.
 ///
 /// # Errors
-/// When the bytes are none.
+/// When the bytes are no state at an instant.
 pub fn instant(bytes: &[u8]) -> Result<(InstantAnswer, i64), &'static str> {
     let bytes = bytes.first_chunk::<INSTANT_BYTES>().ok_or("a state at an instant is too short")?;
     let mut answer: InstantAnswer = taken(bytes)?;

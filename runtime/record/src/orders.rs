@@ -73,7 +73,7 @@ pub enum MapVerdict {
     PassedOver,
 }
 
-/// Who asked for the state at an instant.
+/// Source of a request for the state at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InstantSource {
     /// A program, over the local socket.
@@ -85,7 +85,7 @@ pub enum InstantSource {
     List,
 }
 
-/// When the state at an instant was asked for.
+/// Request for the state at an instant, with its place in the input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstantOrder {
     /// Number of the request; of a trigger, the autopilot's; of a list, the row, from 0.
@@ -94,14 +94,14 @@ pub struct InstantOrder {
     pub stamp: Timestamp,
     /// Inertial readings that the odometry had been given before, counted from the start of the run.
     pub readings_before: u64,
-    /// Who asked.
+    /// Source of the request.
     pub source: InstantSource,
 }
 
-/// What became of a request for the state at an instant.
+/// Outcome of a request for the state at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InstantOutcome {
-    /// It was answered.
+    /// Answer with a state.
     #[default]
     Answered,
     /// There was no pose then.
@@ -136,9 +136,9 @@ pub struct InstantAnswer {
     pub sequence: u64,
     /// Number of the order.
     pub number: u64,
-    /// Who asked. The order holds it.
+    /// Source of the request. The order holds it.
     pub source: InstantSource,
-    /// What became of it.
+    /// Outcome of the request.
     pub outcome: InstantOutcome,
     /// The state; of a refusal only the stamp counts.
     pub instant: Instant,

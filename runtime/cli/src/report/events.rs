@@ -1,4 +1,4 @@
-//! What happened in a flight, and tables of it at a reduced rate.
+//! Events of a flight, and tables of it at a reduced rate.
 
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_estimator::{Estimate, HealthBits, TrackingState};
@@ -20,11 +20,11 @@ pub const MAX_EVENTS: usize = 200;
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// When, s after the first estimate.
+    /// Time of the event, s after the first estimate.
     pub time_s: f64,
-    /// What.
+    /// Description of the event.
     pub what: String,
-    /// Whether a minute around it is of interest.
+    /// True if the report includes a minute of data around the event.
     pub is_trouble: bool,
 }
 
@@ -81,7 +81,7 @@ pub fn spans(events: &[Event]) -> Vec<(f64, f64)> {
     spans
 }
 
-/// Whether a time is in one of the spans.
+/// True if a time is in one of the spans.
 pub fn is_within(spans: &[(f64, f64)], time_s: f64) -> bool {
     spans.iter().any(|(from, to)| (*from..*to).contains(&time_s))
 }

@@ -71,7 +71,7 @@ pub struct ReportArgs {
     pub topics: TopicArgs,
 }
 
-/// What is left out unless it is asked for.
+/// Private content that is included on request only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Private {
     /// Images around each event.
@@ -80,7 +80,7 @@ pub enum Private {
     Addresses,
 }
 
-/// What is known of the flight.
+/// Data of the flight that the report is made of.
 struct Known {
     config: ValidConfig,
     rows: Vec<Estimate>,
@@ -135,7 +135,7 @@ struct File {
     content: Content,
 }
 
-/// What a file holds.
+/// Content of a file.
 enum Content {
     /// Words that may name places and machines.
     Text(String),
@@ -309,7 +309,7 @@ fn about_file(name: &str) -> &'static str {
     }
 }
 
-/// What the doctor says of the sensor data, or why it says nothing.
+/// Findings of the doctor about the sensor data, or the reason why there are none.
 fn doctor_words(args: &ReportArgs, topics: &BagTopics, known: &Known) -> String {
     if args.source.starts_with("sim:") {
         return "not looked at: the flight is simulated\n".into();

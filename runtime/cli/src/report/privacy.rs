@@ -1,9 +1,9 @@
-//! What stays private: addresses, paths, names of hosts and users, serial numbers. What is kept of a configuration is listed; all
-//! other strings are left out, so that a key that is added later is private until it is listed.
+//! Removal of private content: addresses, paths, names of hosts and users, serial numbers. Keys of a configuration whose
+//! values are kept are listed. All other strings are left out, so a key that is added later is private until it is listed.
 
 use std::path::Path;
 
-/// What stands in the place of what was left out.
+/// Placeholder of private content.
 pub const LEFT_OUT: &str = "(left out)";
 
 /// Keys whose values are words of the configuration itself.
@@ -84,7 +84,7 @@ pub struct Secrets {
 }
 
 impl Secrets {
-    /// Those of this machine, and the folder of `input`.
+    /// Secrets of this machine, and the folder of `input`.
     pub fn of_machine(input: &str) -> Self {
         let read = |path: &str| std::fs::read_to_string(path).ok();
         let hosts = ["/proc/sys/kernel/hostname", "/etc/hostname", "/etc/machine-id"].map(read);
@@ -132,7 +132,7 @@ impl Secrets {
     }
 }
 
-/// Whether a word is an IPv4 address (with or without a port) or that of a network card.
+/// True if a word is an IPv4 address (with or without a port) or that of a network card.
 fn is_address(token: &str) -> bool {
     let host = token.split(':').next().unwrap_or_default();
     let parts: Vec<&str> = token.split(':').collect();

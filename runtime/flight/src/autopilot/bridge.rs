@@ -59,7 +59,7 @@ pub struct Bridge {
     pulse: Arc<Pulse>,
     /// Taken by the listener of the tick.
     tick: Option<TickListener>,
-    /// Where flow goes, until somebody measures it.
+    /// Writer of flow measurements with their clock domain, until [`Self::measure_flow`] takes it.
     flows: Option<(Writer<FlowHandover>, Stamps)>,
     /// Taken by the listener of the front-end.
     front_end: Option<FlowListener>,

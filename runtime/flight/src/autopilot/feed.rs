@@ -74,7 +74,7 @@ impl Feed {
         Condition::Tracking
     }
 
-    /// Whether the odometry in this condition can be flown by: it tracks, and its velocity is known well.
+    /// True if the odometry in this condition is good enough for flight: it tracks, and its velocity is known well.
     #[must_use]
     pub fn is_usable(&self, condition: Condition) -> bool {
         let quality = self.newest.as_ref().map_or(0, |newest| newest.odometry.quality);

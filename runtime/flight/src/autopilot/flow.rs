@@ -15,7 +15,7 @@ const MAX_SPAN_S: f64 = 0.2;
 const MIN_COVERED: f64 = 0.8;
 /// Fewer points give no flow, and no distance.
 const MIN_POINTS: usize = 8;
-/// So many points in agreement are of full quality.
+/// Number of agreeing points from which the quality is full.
 const FULL_POINTS: f64 = 40.0;
 /// Tangent of the largest angle from the down axis at which points are used.
 const MAX_TAN: f64 = 1.2;

@@ -31,7 +31,7 @@ const FLOW_RING: usize = 16;
 pub struct FlowHandover {
     /// As the front-end's points gave it.
     pub flow: FlowMeasurement,
-    /// When the later frame was taken, by the host's clock.
+    /// Time of the later frame, on the host's clock.
     pub measured: Monotonic,
 }
 
@@ -55,7 +55,7 @@ pub struct Signals {
     pub has_pose: AtomicBool,
     /// Set once, at the end.
     pub stop: AtomicBool,
-    /// Where states at camera triggers are asked for, if the flight answers.
+    /// Entrance for requests of states at camera triggers; unset if the flight does not answer them.
     pub instants: OnceLock<Arc<Instants>>,
     /// Bits of the gyroscope's bias, rad/s. A component may be of the next frame.
     bias_gyro: [AtomicU64; 3],

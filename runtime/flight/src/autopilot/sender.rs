@@ -115,11 +115,11 @@ pub struct Sender {
     began: Monotonic,
     late_ms: Times,
     figures: BridgeFigures,
-    /// Where states at triggers are asked for.
+    /// Entrance for requests of states at camera triggers; `None` if the flight does not answer them.
     instants: Option<Arc<Instants>>,
     /// Time of the host less that of the data, ns, once there was odometry.
     host_ahead_ns: Option<i64>,
-    /// When the last trigger came.
+    /// Time of the last trigger.
     triggered: Monotonic,
 }
 

@@ -126,7 +126,7 @@ impl FlowSwitch {
         Self { mode, is_on: false, usable_since: None, told: false }
     }
 
-    /// Whether flow is sent at `now`, given whether the odometry can be flown by.
+    /// Updates the switch at `now`, with `is_usable` of the odometry; returns true if flow is sent.
     pub fn update(&mut self, is_usable: bool, now: Monotonic) -> bool {
         self.usable_since = is_usable.then(|| self.usable_since.unwrap_or(now));
         let held = self.usable_since.map_or(0, |since| now.0.saturating_sub(since.0));
@@ -138,13 +138,13 @@ impl FlowSwitch {
         self.is_on
     }
 
-    /// Whether flow is sent, by the last update.
+    /// True if flow is sent, by the last update.
     #[must_use]
     pub fn is_on(&self) -> bool {
         self.is_on
     }
 
-    /// What is to be said now, once for each change.
+    /// Status text to send now, once for each change.
     pub fn news(&mut self) -> Option<(MavSeverity, &'static str)> {
         let is_news = self.told != self.is_on;
         self.told = self.is_on;

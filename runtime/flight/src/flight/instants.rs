@@ -20,7 +20,7 @@ const NANO_DIGITS: usize = 9;
 /// Why a list of stamps cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum StampsError {
-    /// It cannot be read.
+    /// File that cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
         /// The file.
@@ -41,13 +41,13 @@ pub enum StampsError {
         /// Beginning of the line.
         text: String,
     },
-    /// It is too long.
+    /// List with more than [`MAX_STAMPS`] stamps.
     #[error("{}: has more than {MAX_STAMPS} stamps; divide it", path.display())]
     TooMany {
         /// The file.
         path: PathBuf,
     },
-    /// It is empty.
+    /// List without a stamp.
     #[error("{}: has no stamp; write one a line, in nanoseconds", path.display())]
     Empty {
         /// The file.
@@ -59,7 +59,7 @@ pub enum StampsError {
 /// that begin with `#` are passed over.
 ///
 /// # Errors
-/// When it cannot be read, or a line is no stamp.
+/// When the file cannot be read, or a line is no stamp.
 pub fn read_stamps(path: &Path) -> Result<Vec<Timestamp>, StampsError> {
     let failed = |source| StampsError::Read { path: path.to_owned(), source };
     let file = File::open(path).map_err(failed)?;

@@ -1,11 +1,11 @@
-//! How often states at instants may be asked for.
+//! Rate limit of requests for states at instants.
 
 use std::time::Instant;
 
 /// Answers a second in all, and those of one reader: the thread of the odometry gives them.
 const RATE: f64 = 2_000.0;
 const RATE_OF_A_READER: f64 = 1_000.0;
-/// So many may come at once, s of them.
+/// Largest burst of answers, s of the rate.
 const BURST_S: f64 = 0.2;
 
 /// Allowance that grows with time.

@@ -67,7 +67,7 @@ impl Control {
         Arc::clone(self.instants.get_or_init(Arc::default))
     }
 
-    /// Where states at instants are asked for; `None` where the run does not keep its last seconds.
+    /// Entrance for requests of states at instants; `None` if the run does not keep its last seconds.
     #[must_use]
     pub fn instants(&self) -> Option<&Arc<Instants>> {
         self.instants.get()

@@ -29,7 +29,7 @@ pub struct InstantRequest {
     pub stamp: Timestamp,
     /// Until when it may wait: what cannot be answered then is refused.
     pub until: Monotonic,
-    /// Whether it waits for the estimate after the instant.
+    /// True if the request waits for the estimate after the instant.
     pub is_settled: bool,
 }
 
@@ -77,7 +77,7 @@ impl Instants {
         let _ = self.bell.set(bell.clone());
     }
 
-    /// Whether a request waits.
+    /// True if a request waits.
     pub(super) fn is_waiting(&self) -> bool {
         !self.requests.is_empty() || !self.triggers.is_empty()
     }
@@ -96,11 +96,11 @@ pub struct InstantDesk {
     waiting: heapless::Vec<(InstantSource, InstantRequest), WAITING>,
 }
 
-/// How an instant stands.
+/// Availability of the state at an instant.
 pub struct Standing {
-    /// The samples have reached it.
+    /// True if the samples have reached the instant.
     pub is_reached: bool,
-    /// What is said of it cannot get better.
+    /// True if the state is final.
     pub is_settled: bool,
 }
 
@@ -146,12 +146,12 @@ impl InstantDesk {
         Some((source, request.number, request.stamp))
     }
 
-    /// Where requests come in.
+    /// Entrance for requests.
     pub fn door(&self) -> &Arc<Instants> {
         &self.door
     }
 
-    /// What is left of everything, at the end of the run.
+    /// Next request that is still open at the end of the run.
     pub fn rest(&mut self) -> Option<(InstantSource, u64, Timestamp)> {
         let list = self.list.pop_front().map(|(row, stamp)| (InstantSource::List, row, stamp));
         list.or_else(|| {

@@ -161,7 +161,7 @@ impl TickStage {
         }
     }
 
-    /// Whether a request waits for [`Self::serve_instants`], and whom to ring.
+    /// Entrance for the requests that [`Self::serve_instants`] answers; `None` if the run answers none.
     pub fn instants(&self) -> Option<&Arc<Instants>> {
         self.desk.as_ref().map(InstantDesk::door)
     }

@@ -51,7 +51,7 @@ impl<T> Queue<T> {
         }
     }
 
-    /// Whether no entry is whole.
+    /// True if no entry is whole.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.whole.load(Ordering::Acquire) == 0

@@ -125,7 +125,7 @@ impl Fault {
         matches!(self, Self::Inertial(_) | Self::Condition(_) | Self::Injected(_))
     }
 
-    /// When a fault with a dose begins, s after the first frame; `None` of others, which lengthen their flights.
+    /// Start of a fault with a dose, s after the first frame; `None` for others, which lengthen their flights.
     #[must_use]
     pub fn injected_from_s(self) -> Option<f64> {
         match self {

@@ -57,7 +57,7 @@ pub enum EvaluateError {
         reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
         /// Largest difference of stamps that was allowed, s.
         max_difference_s: f64,
-        /// What else can be done about it.
+        /// Further advice at the end of the message; may be empty.
         advice: &'static str,
     },
     /// Fewer pairs than the figure needs.

@@ -4,7 +4,7 @@ use super::SweepError;
 use super::published::Suite;
 use std::path::{Path, PathBuf};
 
-/// How deep data sets may lie: archives of EuRoC unpack into `machine_hall/MH_01_easy/MH_01_easy/mav0`.
+/// Largest depth of data sets: archives of EuRoC unpack into `machine_hall/MH_01_easy/MH_01_easy/mav0`.
 const DEPTH: usize = 4;
 
 /// Data sets below a folder.

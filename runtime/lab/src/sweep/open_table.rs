@@ -9,7 +9,7 @@ use std::path::Path;
 /// Digits of a digest that are printed.
 const DIGEST_DIGITS: usize = 16;
 
-/// How the table is written.
+/// Format of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Markdown, with all that is to be said beside the figures.
@@ -226,7 +226,7 @@ impl OpenTable {
         text
     }
 
-    /// What is missing of a suite, and where it is to be had.
+    /// Line with the missing sequences of a suite and their source; `None` if none is missing.
     #[must_use]
     fn missing_line(&self, suite: &Suite) -> Option<String> {
         let missing = self.missing(suite);
@@ -242,7 +242,7 @@ impl OpenTable {
         })
     }
 
-    /// What is missing, a line a suite.
+    /// Lines with the missing sequences, one for each incomplete suite.
     #[must_use]
     pub fn missing_lines(&self) -> Vec<String> {
         self.suites.iter().filter_map(|suite| self.missing_line(suite)).collect()
@@ -301,7 +301,7 @@ fn published_cells(figure: &PublishedFigure) -> [String; 5] {
     ]
 }
 
-/// How the figures were made.
+/// Conditions of the flights, and meaning of the figures.
 fn footer(results: &[CellResult]) -> Vec<String> {
     let starts = distinct(results.iter().filter_map(|r| r.start_s));
     let starts: Vec<String> = starts.iter().map(ToString::to_string).collect();

@@ -1,6 +1,6 @@
 //! Sequences of public data sets, where they are to be had, and what others have published on them.
 
-/// What a published trajectory was.
+/// Knowledge that the poses of a published trajectory rest on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Knowledge {
     /// Each pose as known when its frame came.
@@ -16,26 +16,26 @@ pub struct PublishedFigure {
     pub system: &'static str,
     /// Mean ATE, m.
     pub ate_m: f64,
-    /// What the trajectory was.
+    /// Knowledge that the poses of the trajectory rest on.
     pub knowledge: Knowledge,
     /// Alignment and what else differs.
     pub conditions: &'static str,
-    /// Where it was published.
+    /// Publication that gives the figure.
     pub source: &'static str,
 }
 
 /// A public data set.
 #[derive(Debug)]
 pub struct Suite {
-    /// Its name.
+    /// Name of the data set.
     pub name: &'static str,
     /// Names of its sequences, as their folders are called.
     pub sequences: &'static [&'static str],
-    /// Where they are to be had.
+    /// Address of the download.
     pub available_at: &'static str,
-    /// What the published figures are means of.
+    /// Sequences that the published figures are means of.
     pub mean_of: &'static str,
-    /// What others have published.
+    /// Figures that others have published.
     pub published: &'static [PublishedFigure],
 }
 

@@ -50,9 +50,9 @@ pub enum Request {
 pub struct At {
     /// The instant, on the clock of the odometry.
     pub stamp: Timestamp,
-    /// How long the flight may wait for it, ms, at most [`MAX_PATIENCE_MS`].
+    /// Longest time that the flight may wait for the instant, ms, at most [`MAX_PATIENCE_MS`].
     pub patience_ms: u32,
-    /// Whether it is to wait for the estimate after the instant, as long as that.
+    /// True if the flight is to wait up to `patience_ms` for the estimate after the instant.
     pub is_settled: bool,
 }
 
