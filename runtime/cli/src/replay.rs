@@ -1,5 +1,7 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
+mod instants;
+
 use super::exit_status::last_resort;
 use super::link_process::LinkProcess;
 use super::progress::Progress;
@@ -21,7 +23,7 @@ use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptInstants, KeptStates, OdometryTrajectory, Outputs, Truth, fly,
-    is_log, open_recording, open_simulation, read_stamps, with_overrides, write_instants,
+    is_log, open_recording, open_simulation, read_stamps, with_overrides,
 };
 use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::WhenFull;
@@ -31,7 +33,6 @@ use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::{Report, late_findings};
 use plumbline_link::process::{LinkOptions, has_network};
-use plumbline_record::InstantAnswer;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -165,7 +166,7 @@ pub struct ReplayArgs {
 /// # Errors
 /// When the flight cannot be opened, run or written.
 pub fn run(args: &ReplayArgs) -> Result<()> {
-    let (stamps, at_out) = (checked(args)?, args.at_out());
+    let (stamps, at_out) = (checked(args)?, instants::file(args));
     let flight = prepared(open(args)?, args)?;
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
@@ -204,15 +205,15 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(states) = states {
         write_state_outputs(args, &states.into_rows(), &flown.truth)?;
     }
-    if let (Some(instants), Some(path)) = (instants, &at_out) {
-        write_answers(path, &instants.into_rows())?;
-    }
     let json = serde_json::to_string_pretty(&report)?;
     if let Some(path) = &args.report {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
     say(if args.json { json } else { report.summary() });
-    judge(&args.dataset, &report)
+    if let (Some(instants), Some(path)) = (instants, &at_out) {
+        instants::write(path, &instants.into_rows(), &flown.poses)?;
+    }
+    judge(args, &report)
 }
 
 /// Checks the options before anything is opened; returns the instants that are asked for.
@@ -222,7 +223,7 @@ fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>
     }
     let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
     let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
-    let at_out = args.at_out();
+    let at_out = instants::file(args);
     check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
     if at_out.is_some() && at_out == args.at {
         return Err(Usage("--at-out: is the list itself; name another file".into()).into());
@@ -235,36 +236,9 @@ fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>
     Ok(stamps)
 }
 
-impl ReplayArgs {
-    /// File for the states at instants. Default: beside the list, with the ending `_states.csv`.
-    fn at_out(&self) -> Option<PathBuf> {
-        let at = self.at.as_deref()?;
-        let beside = || {
-            let name = at.file_stem().unwrap_or_default().to_string_lossy();
-            at.with_file_name(format!("{name}_states.csv"))
-        };
-        Some(self.at_out.clone().unwrap_or_else(beside))
-    }
-}
-
-/// Writes the states at instants, and says which there are not.
-fn write_answers(path: &Path, rows: &[InstantAnswer]) -> Result<()> {
-    write_instants(path, rows).with_context(|| format!("{}", path.display()))?;
-    let refused = || rows.iter().filter_map(|row| Some((row, row.outcome.refusal()?)));
-    if let Some((first, why)) = refused().next() {
-        tracing::warn!(
-            "--at: {} of {} instants have no state; the first, {}: {why}",
-            refused().count(),
-            rows.len(),
-            first.instant.stamp.as_nanos()
-        );
-    }
-    tracing::info!("--at: states written to {}", path.display());
-    Ok(())
-}
-
-/// Fails where a flight has no pose, or its recording failed.
-fn judge(dataset: &str, report: &Report) -> Result<()> {
+/// Fails where a flight has no pose, its recording failed, or the truth that was named is of another flight.
+fn judge(args: &ReplayArgs, report: &Report) -> Result<()> {
+    let dataset = &args.dataset;
     let frames = report.frames;
     anyhow::ensure!(
         report.completion > 0.0,
@@ -273,6 +247,12 @@ fn judge(dataset: &str, report: &Report) -> Result<()> {
     );
     if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
         anyhow::bail!("the recording failed: {recording}");
+    }
+    if let Some(truth) = args.truth.as_ref().filter(|_| report.accuracy.is_none()) {
+        anyhow::bail!(
+            "--truth: {} has too few poses at the times of this flight; give that of this flight, on the clock of its inertial samples",
+            truth.display()
+        );
     }
     Ok(())
 }
