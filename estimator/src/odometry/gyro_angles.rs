@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 pub(super) const MAX_TURNS: usize = 32;
 /// Samples of the gyroscope are kept this long, s: the turns, and as much before them as images may be late.
 const MEMORY_S: f64 = 2.5;
+/// The newest reading holds for so long after its sample, ns: as far as a stamp is off.
+const HOLDS_NS: i64 = 12_000_000;
 /// Samples further apart than this many periods have a hole between them.
 const HOLE_PERIODS: f64 = 2.5;
 
@@ -112,6 +114,16 @@ impl GyroAngles {
         (before.holes == after.holes).then(|| (before.rad.lerp(&after.rad, share), after.holes))
     }
 
+    /// The angle at `stamp`, which may lie shortly after the newest sample if its reading `holds`.
+    fn angle_until(&self, stamp: Timestamp, holds: bool) -> Option<(Vector3<f64>, u32)> {
+        self.angle_at(stamp).or_else(|| {
+            let (newest, last) = (self.angles.back()?, self.last.as_ref()?);
+            let beyond_ns = stamp.nanos_since(newest.stamp);
+            let is_near = holds && (0..=HOLDS_NS).contains(&beyond_ns);
+            is_near.then(|| (newest.rad + last.gyro * (beyond_ns as f64 * 1e-9), newest.holes))
+        })
+    }
+
     /// Difference between a turn as the gyroscope measured it `lag_ns` later, and `turn`; `None` without samples throughout.
     pub(super) fn difference(
         &self,
@@ -120,7 +132,7 @@ impl GyroAngles {
         bias_gyro: &Vector3<f64>,
     ) -> Option<Vector3<f64>> {
         let (from, holes) = self.angle_at(turn.from.plus_nanos(lag_ns))?;
-        let (to, holes_after) = self.angle_at(turn.to.plus_nanos(lag_ns))?;
+        let (to, holes_after) = self.angle_until(turn.to.plus_nanos(lag_ns), lag_ns == 0)?;
         let measured = to - from - bias_gyro * turn.to.seconds_since(turn.from);
         (holes == holes_after).then(|| turn.seen - measured)
     }

@@ -83,7 +83,7 @@ pub(super) struct NoiseScale {
 pub(super) struct Prediction {
     pub(super) nav: NavState,
     covariance: Option<FrameMatrix>,
-    dt_s: f64,
+    pub(super) dt_s: f64,
 }
 
 impl Prediction {

@@ -28,6 +28,8 @@ mod rotation_watch;
 mod silent;
 #[cfg(test)]
 mod silent_tests;
+mod stamp_drift;
+mod stamp_error;
 mod stamp_noise;
 mod start;
 mod steps;
@@ -50,6 +52,7 @@ use crate::inertial::{ImuBuffer, ImuNoise, Preintegration, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
 use crate::shutter::readouts;
+use crate::window::sighting::Sighting;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
 use crate::window::trial::{Expected, Trial};
@@ -69,6 +72,7 @@ use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
 use rotation_watch::RotationWatch;
 use silent::report_stuck;
+use stamp_error::StampErrors;
 pub use steps::StepCovariance;
 use sudden_force::SuddenForce;
 use zero_velocity::ZeroVelocityDetector;
@@ -136,10 +140,13 @@ pub struct Odometer {
     rotation: RotationWatch,
     forces: ForceWatch,
     sudden_force: SuddenForce,
+    stamp_errors: StampErrors,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
     last_reset: Option<Timestamp>,
+    /// When the estimate began.
+    begun: Option<Timestamp>,
     /// Why the estimate was last started anew.
     pub reset_reason: Option<ResetReason>,
     memory: Memory,
@@ -206,10 +213,12 @@ impl Odometer {
             rotation: RotationWatch::new(imu),
             forces: ForceWatch::new(window.options.gravity_o),
             sudden_force: SuddenForce::new(),
+            stamp_errors: StampErrors::default(),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
             last_reset: None,
+            begun: None,
             reset_reason: None,
             memory: Memory::default(),
             origin: None,
@@ -328,7 +337,7 @@ impl Odometer {
             (0..window.frames.len()).rev().filter(is_keyframe).take(3).collect();
         newest.reverse();
         for frame in window.frames.iter().filter(|f| f.is_keyframe) {
-            let keyframe = SnapshotKeyframe { stamp: frame.stamp, pose_o_b: frame.nav.pose_o_b() };
+            let keyframe = SnapshotKeyframe { stamp: frame.stamp, pose_o_b: frame.pose_at_stamp() };
             let _ = self.solved.keyframes.push(keyframe);
         }
         self.solved.lines.extend(window.snapshot_lines().take(self.solved.lines.capacity()));
@@ -420,7 +429,7 @@ impl Odometer {
         if self.try_start() {
             self.phase = Phase::Running;
             self.velocity = Velocity::NotYet;
-            self.last_seen = Some(stamp);
+            (self.last_seen, self.begun) = (Some(stamp), Some(stamp));
             self.gathering.clear();
             self.begin_with_inheritance(stamp);
             self.refresh_covariance(health);
@@ -436,7 +445,7 @@ impl Odometer {
         let stamp = time.stamp;
         let Some(last) = self.window.frames.last() else { return Solved::default() };
         let (motion, coverage) =
-            self.imu.preintegrate(last.stamp, stamp, &last.nav.bias_gyro, &last.nav.bias_accel, &self.noise);
+            self.imu.preintegrate(last.taken, stamp, &last.nav.bias_gyro, &last.nav.bias_accel, &self.noise);
         if coverage.has_gap {
             health.insert(HealthBits::IMU_GAP);
         }
@@ -446,9 +455,10 @@ impl Odometer {
         if coverage.has_gap || coverage.unmeasured.is_any() {
             self.sudden_force.forget_forces();
         } else {
-            self.sudden_force.update([last.stamp, stamp], &last.nav.rot_o_b, &motion);
+            self.sudden_force.update([last.taken, stamp], &last.nav.rot_o_b, &motion);
         }
-        let motion = self.with_stamp_noise(motion, &last.nav);
+        let time_variance = 2.0 * self.rotation.stamp_sigma_s().squared();
+        let motion = self.with_uncertain_ends(motion, &last.nav, time_variance);
         let prediction = self.predict(&last.nav, &motion);
         let nav = prediction.nav.clone();
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
@@ -456,13 +466,16 @@ impl Odometer {
         let connected = self.window.observe(tracks, lines);
         self.window.unroll_newest(&self.rate_b);
         self.window.clear_outliers();
+        self.window.set_rate_of_newest(self.rate_b);
+        let (prediction, known) = self.correct_stamp(prediction, coverage);
         let is_pair_doubtful = self.is_pair_doubtful(stamp, health);
         if is_pair_doubtful {
             // Before anything rests on the image that may be left out.
             self.window.predict_rates(&self.rate_b);
             self.judge_pair(stamp, health);
         }
-        let (trial, is_dropped) = self.try_prediction(&prediction, coverage, health);
+        let known = known.filter(|_| !is_pair_doubtful);
+        let (trial, is_dropped) = self.try_prediction(&prediction, known, coverage, health);
         self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
@@ -503,10 +516,14 @@ impl Odometer {
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 
-    /// The motion from `from`, whose ends are as uncertain as the vehicle moves while stamps are wrong.
-    fn with_stamp_noise(&self, mut motion: Preintegration, from: &NavState) -> Preintegration {
-        let sigma_s = self.rotation.stamp_sigma_s();
-        if sigma_s > 0.0 {
+    /// The motion from `from`, whose ends are at times that are uncertain by `variance`, s², together: an error moves the vehicle along.
+    fn with_uncertain_ends(
+        &self,
+        mut motion: Preintegration,
+        from: &NavState,
+        variance: f64,
+    ) -> Preintegration {
+        if variance > 0.0 {
             let v_b = from.rot_o_b.inverse_transform_vector(&from.v_o_b);
             let gain = motion.delta_v / motion.dt_s
                 + from.rot_o_b.inverse_transform_vector(&self.window.options.gravity_o);
@@ -514,17 +531,17 @@ impl Odometer {
             by_stamp.fixed_rows_mut::<3>(NavState::P).copy_from(&v_b);
             by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(&self.rate_b);
             by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
-            // One error at either end.
-            motion.covariance += by_stamp * by_stamp.transpose() * (2.0 * sigma_s * sigma_s);
+            motion.covariance += by_stamp * by_stamp.transpose() * variance;
         }
         motion
     }
 
     /// Tries a prediction that can be relied on (the scale is known, and the samples are believed) against what is seen, and drops what
-    /// moves if the prediction holds; returns whether anything was dropped.
+    /// moves if the prediction holds; returns whether anything was dropped. `known` is the pose by known landmarks if it was looked for.
     fn try_prediction(
         &mut self,
         prediction: &Prediction,
+        known: Option<Sighting>,
         coverage: Coverage,
         health: &HealthBits,
     ) -> (Option<Trial>, bool) {
@@ -538,8 +555,8 @@ impl Odometer {
             && !health.contains(HealthBits::IMU_CONTRADICTED);
         let sigma = prediction.velocity_sigma_m_s().filter(|_| is_predicted);
         let Some(velocity_sigma_m_s) = sigma else { return (None, false) };
-        let stamp_sigma_s = self.rotation.stamp_sigma_s();
-        let trial = self.window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s });
+        let stamp_sigma_s = self.time_sigma_s();
+        let trial = self.window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s }, known);
         let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
         let is_dropped = !is_contradicted && self.window.drop_moving(velocity_sigma_m_s, trial.as_ref());
         (trial, is_dropped)
@@ -562,7 +579,7 @@ impl Odometer {
 
     fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {
         let running = self.phase == Phase::Running;
-        let nav = self.window.frames.last().map(|f| f.nav.clone()).unwrap_or_default();
+        let nav = self.nav_at_stamp();
         let in_view = self.landmarks_in_view();
         let (points, lines) = self.window.triangulated();
         let state = match self.velocity {

@@ -16,6 +16,8 @@
 
 use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
 use super::lag::lag_s;
+use super::stamp_drift::StampDrift;
+use super::stamp_error::Estimated;
 use super::stamp_noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
@@ -103,8 +105,14 @@ struct Probation {
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenTurn {
-    /// Values of the frame before, and of this one.
+    /// Times of the states of the frame before, and of this one.
     pub(super) span: [Timestamp; 2],
+    /// Stamps of both.
+    pub(super) stamps: [Timestamp; 2],
+    /// Angular rate of the newest frame, rad/s.
+    pub(super) rate_b: Vector3<f64>,
+    /// Standard deviation of these times where errors of stamps are corrected, s.
+    pub(super) time_sigma_s: Option<f64>,
     /// The turn by the images, rad, and its covariance, rad².
     pub(super) seen: Vector3<f64>,
     pub(super) covariance: Matrix3<f64>,
@@ -125,6 +133,10 @@ struct Difference {
     seen: Vector3<f64>,
     /// Covariance of the sighting, rad².
     covariance: Matrix3<f64>,
+    /// Difference by the stamps as they are, rad.
+    by_stamps: Vector3<f64>,
+    /// Standard deviation of the times of the states where errors of stamps are corrected, s.
+    time_sigma_s: Option<f64>,
 }
 
 impl Difference {
@@ -142,6 +154,7 @@ pub(super) struct RotationWatch {
     /// Differences of the last frames on end.
     differences: Deque<Difference, MAX_SUM>,
     stamps: StampNoise,
+    drift: StampDrift,
     /// When a hole in a stream began, and until when it is thought of.
     suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
@@ -159,6 +172,7 @@ impl RotationWatch {
             turns: Deque::new(),
             differences: Deque::new(),
             stamps: StampNoise::default(),
+            drift: StampDrift::default(),
             suspicious: None,
             contradiction: None,
             probation: None,
@@ -180,6 +194,11 @@ impl RotationWatch {
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad) = (0.0, 0.0);
         self.probation = None;
+    }
+
+    /// Forgets what turns differed by: the times of states have changed.
+    pub(super) fn forget_differences(&mut self) {
+        self.differences.clear();
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -209,9 +228,25 @@ impl RotationWatch {
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
         let Some(rad) = self.angles.difference(&turn, 0, &bias_gyro) else {
             self.differences.clear();
+            self.drift.clear();
             return begun;
         };
-        let difference = Difference { from, dt_s, rad, seen: frame.seen, covariance: frame.covariance };
+        let by_stamps = match frame.stamps == frame.span {
+            true => rad,
+            false => {
+                let [from, to] = frame.stamps;
+                self.angles.difference(&Turn { from, to, ..turn }, 0, &bias_gyro).unwrap_or(rad)
+            }
+        };
+        let difference = Difference {
+            from,
+            dt_s,
+            rad,
+            seen: frame.seen,
+            covariance: frame.covariance,
+            by_stamps,
+            time_sigma_s: frame.time_sigma_s,
+        };
         let before = self.differences.back().copied();
         if self.differences.is_full() {
             self.differences.pop_front();
@@ -219,10 +254,13 @@ impl RotationWatch {
         let _ = self.differences.push_back(difference);
         if let Some(before) = before.filter(|_| self.contradiction.is_none()) {
             self.stamps.add(
-                [before.rad, difference.rad],
+                [before.by_stamps, difference.by_stamps],
                 [before.seen / before.dt_s, difference.seen / dt_s],
                 variance_along(&frame.covariance, &frame.seen),
             );
+            self.drift.add([frame.seen, by_stamps], frame.covariance, frame.rate_b, dt_s);
+        } else {
+            self.drift.clear();
         }
         let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
         self.prove(excess <= 1.0, &turn);
@@ -242,6 +280,11 @@ impl RotationWatch {
         self.stamps.sigma_s()
     }
 
+    /// Slow part of the errors of stamps, s, once it shows.
+    pub(super) fn stamp_drift(&self) -> Option<Estimated> {
+        self.drift.error()
+    }
+
     /// The sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard
     /// deviation of at least `stamp_sigma_s`; `None` where there are fewer.
     fn excess(&self, count: usize, bias_sigma_rad_s: f64, stamp_sigma_s: f64) -> Option<f64> {
@@ -252,8 +295,9 @@ impl RotationWatch {
         let turned: f64 = newest().map(|d| d.seen.norm()).sum();
         let of_sightings: Matrix3<f64> = newest().map(|d| d.covariance).sum();
         let ends = [newest().next()?, newest().last()?];
-        let stamp = self.stamps.sigma_s().at_least(stamp_sigma_s);
-        let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp).squared()).iter().sum();
+        let learnt_s = self.stamps.sigma_s();
+        let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(learnt_s).at_least(stamp_sigma_s);
+        let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp(d)).squared()).iter().sum();
         let variance = variance_along(&of_sightings, &sum)
             + of_stamps
             + self.gyro_density.squared() * span_s

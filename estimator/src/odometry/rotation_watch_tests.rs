@@ -64,6 +64,9 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             let noise = angle(f64::from(k * k)) * 2e-4;
             let frame = SeenTurn {
                 span: [at(last_s), at(t)],
+                stamps: [at(last_s), at(t)],
+                rate_b: Vector3::zeros(),
+                time_sigma_s: None,
                 seen: angle(t - age_s) - angle(last_s - last_age_s) + noise,
                 covariance: Matrix3::identity() * 1.6e-7,
                 bias_gyro: Vector3::zeros(),

@@ -71,7 +71,10 @@ impl Odometer {
             && let [.., before, newest] = &self.window.frames[..]
         {
             let since = self.rotation.update(&SeenTurn {
-                span: [before.stamp, newest.stamp],
+                span: [before.taken, newest.taken],
+                stamps: [before.stamp, newest.stamp],
+                rate_b: self.rate_b,
+                time_sigma_s: self.stamp_errors.newest_variance().map(f64::sqrt),
                 seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
                 covariance: sighting.rotation_covariance,
                 bias_gyro: before.nav.bias_gyro,
@@ -81,6 +84,8 @@ impl Odometer {
             });
             if let Some(since) = since {
                 self.imu.distrust(since);
+            } else if !self.rotation.is_distrusting() {
+                self.learn_stamp_errors(newest.stamp);
             }
         }
         if !self.rotation.is_distrusting() {
@@ -119,13 +124,13 @@ impl Odometer {
         let found = match (witness, &self.window.frames[..]) {
             (Some(witness), [.., before, Frame { inertial: Some(inertial), .. }]) => {
                 let seen = SeenMotion {
-                    stamp: newest.stamp,
+                    stamp: newest.taken,
                     moved: witness.p_o_b - before.nav.p_o_b,
                     covariance: witness.position_covariance,
                     rot_o_before: before.nav.rot_o_b,
                     motion: &inertial.motion,
                     v_o_b: before.nav.v_o_b,
-                    stamp_sigma_s: self.rotation.stamp_sigma_s(),
+                    stamp_sigma_s: self.time_sigma_s(),
                     blow_m_s2: trial.filter(|trial| trial.is_contradicted()).map(Trial::force_m_s2),
                 };
                 let sigmas = ForceSigmas {
@@ -207,14 +212,14 @@ impl Odometer {
     }
 
     /// Integrates the motions of the window that end after `since` anew, as far as their samples are kept.
-    fn integrate_anew(&mut self, since: Timestamp) {
+    pub(super) fn integrate_anew(&mut self, since: Timestamp) {
         for k in 1..self.window.frames.len() {
             let (before, frame) = (&self.window.frames[k - 1], &self.window.frames[k]);
-            if frame.stamp <= since || frame.inertial.is_none() || !self.imu.reaches_back_to(before.stamp) {
+            if frame.stamp <= since || frame.inertial.is_none() || !self.imu.reaches_back_to(before.taken) {
                 continue;
             }
             let (gyro, accel) = (&before.nav.bias_gyro, &before.nav.bias_accel);
-            let (motion, _) = self.imu.preintegrate(before.stamp, frame.stamp, gyro, accel, &self.noise);
+            let (motion, _) = self.imu.preintegrate(before.taken, frame.taken, gyro, accel, &self.noise);
             self.window.replace_motion(k, motion);
         }
     }
@@ -222,7 +227,7 @@ impl Odometer {
     /// Mean angular rate between the two newest frames, rad/s in `B`.
     pub(super) fn turn_rate_b(&self) -> Vector3<f64> {
         let [.., before, newest] = &self.window.frames[..] else { return Vector3::zeros() };
-        let dt_s = newest.stamp.seconds_since(before.stamp);
+        let dt_s = newest.taken.seconds_since(before.taken);
         log_so3(&(before.nav.rot_o_b.inverse() * newest.nav.rot_o_b)) / dt_s
     }
 
@@ -233,6 +238,9 @@ impl Odometer {
         let added = self.rotation.added_covariance(&newest.nav, &self.turn_rate_b());
         let mut stated = added.map_or(self.covariance, |added| self.covariance + added);
         self.add_vibration(&mut stated, &newest.nav);
+        if let Some((by_time, variance)) = self.uncertain_time() {
+            stated += by_time * by_time.transpose() * variance;
+        }
         let by_forces = [self.sudden_force.of_velocity(newest.stamp), self.forces.of_velocity(newest.stamp)];
         for of_velocity in by_forces.into_iter().flatten() {
             let mut view = stated.fixed_view_mut::<3, 3>(NavState::V, NavState::V);

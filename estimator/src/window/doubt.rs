@@ -10,6 +10,8 @@ use super::problem::Problem;
 use super::state::NavState;
 use super::tracks;
 use crate::geometry::{exp_so3, log_so3};
+use crate::inertial::Preintegration;
+use nalgebra::Vector3;
 use plumbline_config::Timestamp;
 
 /// Frames on end whose observations are spared though most of them do not fit. What lasts longer is no slip of the
@@ -63,11 +65,28 @@ impl Window {
     /// Where the newest frame would be if the vehicle had gone on as it did between the two before.
     pub fn steady_newest(&self) -> Option<NavState> {
         let [.., a, b, newest] = &self.frames[..] else { return None };
-        let dt = newest.stamp.seconds_since(b.stamp);
+        let dt = newest.taken.seconds_since(b.taken);
         let turn = log_so3(&(a.nav.rot_o_b.inverse() * b.nav.rot_o_b));
-        let turn = exp_so3(&(turn * (dt / b.stamp.seconds_since(a.stamp))));
+        let turn = exp_so3(&(turn * (dt / b.taken.seconds_since(a.taken))));
         let p_o_b = b.nav.p_o_b + b.nav.v_o_b * dt;
         Some(NavState { p_o_b, rot_o_b: b.nav.rot_o_b * turn, ..b.nav.clone() })
+    }
+
+    /// Puts the newest frame, with the time of its state, to the end of `motion`: at `nav`, at `taken`.
+    pub fn put_newest_at(&mut self, taken: Timestamp, nav: NavState, motion: Preintegration) {
+        let inertial = InertialFactor::new(motion, &self.options.imu_noise);
+        if let Some(newest) = self.frames.last_mut() {
+            newest.taken = taken;
+            newest.linearization = nav.clone();
+        }
+        self.replace_newest(inertial, nav);
+    }
+
+    /// Notes the angular rate of the newest frame, rad/s.
+    pub fn set_rate_of_newest(&mut self, rate_b: Vector3<f64>) {
+        if let Some(newest) = self.frames.last_mut() {
+            newest.rate_b = rate_b;
+        }
     }
 
     fn replace_newest(&mut self, motion: InertialFactor, nav: NavState) {

@@ -2,13 +2,17 @@
 
 use super::inertial_factor::InertialFactor;
 use super::state::NavState;
+use crate::geometry::exp_so3;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 
 /// One frame of the window.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Time of the state on the IMU's axis.
+    /// Stamp of the image on the IMU's axis.
     pub stamp: Timestamp,
+    /// Time of the state: the stamp without the error that images show in it.
+    pub taken: Timestamp,
     /// The time offset by which `stamp` was made from the image's stamp, s.
     pub time_offset_s: f64,
     /// Present estimate.
@@ -21,6 +25,8 @@ pub struct Frame {
     pub is_keyframe: bool,
     /// The vehicle was at rest here: its velocity gets a zero-velocity update.
     pub is_still: bool,
+    /// Angular rate of the body, rad/s.
+    pub rate_b: Vector3<f64>,
     /// Inertial factor from the frame before it in the window; `None` for the first, and where the prior holds it.
     pub inertial: Option<InertialFactor>,
 }
@@ -30,5 +36,17 @@ impl Frame {
     #[must_use]
     pub fn jacobian_state(&self, first_estimates: bool) -> &NavState {
         if self.in_prior && first_estimates { &self.linearization } else { &self.nav }
+    }
+
+    /// The pose at the stamp, where that is not the time of the state: some milliseconds away.
+    #[must_use]
+    pub fn pose_at_stamp(&self) -> Isometry3<f64> {
+        if self.taken == self.stamp {
+            return self.nav.pose_o_b();
+        }
+        let dt_s = self.stamp.seconds_since(self.taken);
+        let rot_o_b = self.nav.rot_o_b * exp_so3(&(self.rate_b * dt_s));
+        let p_o_b = self.nav.p_o_b + self.nav.v_o_b * dt_s;
+        Isometry3::from_parts(Translation3::from(p_o_b), UnitQuaternion::new_normalize(rot_o_b.into_inner()))
     }
 }

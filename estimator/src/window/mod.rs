@@ -292,7 +292,9 @@ impl Window {
         let inertial = motion.map(|motion| InertialFactor::new(motion, &self.options.imu_noise));
         self.frames.push(Frame {
             stamp: time.stamp,
+            taken: time.stamp,
             time_offset_s: time.time_offset_s,
+            rate_b: Vector3::zeros(),
             linearization: nav.clone(),
             nav,
             in_prior: false,
@@ -348,7 +350,7 @@ impl Window {
             let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };
             let (Some(from), Some(to)) = (self.frames.get(from), self.frames.get(to)) else { return };
             let turn = log_so3(&(from.nav.rot_o_b.inverse() * to.nav.rot_o_b));
-            let rate_b = turn / to.stamp.seconds_since(from.stamp);
+            let rate_b = turn / to.taken.seconds_since(from.taken);
             self.predict_rates_of(index, &rate_b);
         }
     }

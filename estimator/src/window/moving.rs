@@ -101,7 +101,7 @@ impl Window {
     /// or nothing is to be dropped.
     fn slack(&self, velocity_sigma_m_s: f64) -> Option<f64> {
         let [.., before, newest] = &self.frames[..] else { return None };
-        let dt_s = newest.stamp.seconds_since(before.stamp);
+        let dt_s = newest.taken.seconds_since(before.taken);
         let off_px = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s * NEAR_RHO * self.options.focal_px;
         let slack = 1.0 + off_px / self.options.outlier_px;
         (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)

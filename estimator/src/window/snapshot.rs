@@ -75,7 +75,7 @@ impl Host {
     fn of(window: &Window, frame: u8, camera: u8) -> Option<Self> {
         let frame = window.frames.get(usize::from(frame))?;
         let pose_b_c = window.rig.pose_b_c(usize::from(camera));
-        Some(Self { stamp: frame.stamp, pose_o_c: frame.nav.pose_o_b() * pose_b_c })
+        Some(Self { stamp: frame.stamp, pose_o_c: frame.pose_at_stamp() * pose_b_c })
     }
 
     /// The place that lies `depth_m` along the optical axis where the host sees `xy`.
@@ -94,7 +94,7 @@ impl Window {
         let keyframes = self.frames.iter().filter(|f| f.is_keyframe);
         snapshot
             .keyframes
-            .extend(keyframes.map(|f| SnapshotKeyframe { stamp: f.stamp, pose_o_b: f.nav.pose_o_b() }));
+            .extend(keyframes.map(|f| SnapshotKeyframe { stamp: f.stamp, pose_o_b: f.pose_at_stamp() }));
         snapshot.points.clear();
         snapshot.points.extend(self.points.all().iter().filter_map(|l| self.place_of_point(l)));
         snapshot.lines.clear();

@@ -43,7 +43,7 @@ impl Window {
         trail.states.clear();
         trail.states.extend(self.frames.iter().map(|frame| TrailState {
             stamp: frame.stamp,
-            pose_o_b: frame.nav.pose_o_b(),
+            pose_o_b: frame.pose_at_stamp(),
             v_o_b: frame.nav.v_o_b,
         }));
     }

@@ -87,14 +87,14 @@ impl Trial {
 
 impl Window {
     /// Compares the pose at which the newest frame was predicted, and still is, with that by its known landmarks; `None` where it sees too
-    /// few of these.
+    /// few of these. The latter is found unless it is given.
     #[must_use]
-    pub fn try_prediction(&self, expected: &Expected) -> Option<Trial> {
+    pub fn try_prediction(&self, expected: &Expected, known: Option<Sighting>) -> Option<Trial> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let predicted = &newest.nav;
-        let sighting = self.sight_by_known(predicted)?;
+        let sighting = known.or_else(|| self.sight_by_known(predicted))?;
         let off = sighting.p_o_b - predicted.p_o_b;
-        let dt_s = newest.stamp.seconds_since(before.stamp);
+        let dt_s = newest.taken.seconds_since(before.taken);
         Some(Trial {
             sighting,
             votes: self.votes(predicted, &sighting, 1.0),

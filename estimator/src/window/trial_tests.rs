@@ -18,7 +18,7 @@ fn predicted_off(off_m: Vector3<f64>, turn_rad: Vector3<f64>) -> Window {
 }
 
 fn trial(window: &Window, expected: &Expected) -> Trial {
-    window.try_prediction(expected).expect("enough landmarks are known")
+    window.try_prediction(expected, None).expect("enough landmarks are known")
 }
 
 /// Moves what the newest frame sees of one landmark in `one_in` by a tenth of the focal length.
@@ -102,5 +102,5 @@ fn what_has_just_come_into_view_is_not_tried() {
         let host = landmark.host;
         landmark.observations.retain(|o| o.frame == host || usize::from(o.frame) == last);
     }
-    assert!(window.try_prediction(&EXPECTED).is_none());
+    assert!(window.try_prediction(&EXPECTED, None).is_none());
 }

@@ -17,6 +17,8 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
     let nav = NavState { p_o_b, ..NavState::default() };
     Frame {
         stamp: Timestamp::from_nanos(0),
+        taken: Timestamp::from_nanos(0),
+        rate_b: Vector3::zeros(),
         time_offset_s: 0.0,
         linearization: nav.clone(),
         nav,

@@ -40,6 +40,8 @@ mod tests {
         let nav = NavState { v_o_b: Vector3::new(0.02, -0.01, 0.03), ..NavState::default() };
         Frame {
             stamp: Timestamp::from_nanos(0),
+            taken: Timestamp::from_nanos(0),
+            rate_b: Vector3::zeros(),
             time_offset_s: 0.0,
             linearization: nav.clone(),
             nav,

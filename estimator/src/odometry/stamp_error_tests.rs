@@ -1,0 +1,101 @@
+//! Stamps that are off by milliseconds cost little, are no fault of a sensor, and are what the covariance says.
+
+use super::super::synthetic::{World, config};
+use super::super::trust_tests::{Judged, NONE, Trouble, fly};
+use super::*;
+use crate::estimate::HealthBits;
+
+const SEEDS: [u64; 2] = [1, 2];
+/// The bits that name a sensor.
+const NAMES: [HealthBits; 4] = [
+    HealthBits::GYRO_CONTRADICTED,
+    HealthBits::ROTATION_DISPUTED,
+    HealthBits::IMU_LATE,
+    HealthBits::IMAGES_LATE,
+];
+
+/// A number of mean 0 and standard deviation 1 that belongs to the time `t`.
+fn drawn(t: f64) -> f64 {
+    let hash =
+        ((t * 20.0).round() as u32).wrapping_mul(2_654_435_761).rotate_left(11).wrapping_mul(2_246_822_519)
+            >> 8;
+    (f64::from(hash) / f64::from(1 << 24) - 0.5) * 12.0_f64.sqrt()
+}
+
+fn flown(seed: u64, age_s: fn(f64) -> Option<f64>) -> Vec<Judged> {
+    fly(&mut World::new(&config(2), seed, 500), 10.0, &Trouble { age_s, ..NONE })
+}
+
+/// Largest error of the position after the first seconds, m.
+fn worst_m(judged: &[Judged]) -> f64 {
+    judged.iter().filter(|pose| pose.time_s > 3.0).map(|pose| pose.error_m).fold(0.0, f64::max)
+}
+
+/// Flies with stamps that are `age_s` late: positions are little worse than with exact ones, poses within `sigmas` standard deviations, and
+/// no sensor is named.
+fn assert_harmless(what: &str, age_s: fn(f64) -> Option<f64>, sigmas: f64) {
+    for seed in SEEDS {
+        let (judged, exact_m) = (flown(seed, age_s), worst_m(&flown(seed, |_| Some(0.0))));
+        let settled = || judged.iter().filter(|pose| pose.time_s > 3.0);
+        let worst_m = worst_m(&judged);
+        let worst = settled().flat_map(|pose| pose.sigmas).fold(0.0, f64::max);
+        println!("{what} {seed}: {worst_m:.4} of {exact_m:.4} m, {worst:.1} standard deviations");
+        assert!(worst_m < 1.5 * exact_m + 0.02, "{what} {seed}: {worst_m} of {exact_m} m");
+        assert!(worst < sigmas, "{what} {seed}: {worst} standard deviations");
+        let named = settled().find(|pose| NAMES.iter().any(|bit| pose.health.contains(*bit)));
+        assert!(
+            named.is_none(),
+            "{what} {seed}: {:?} at {:?}",
+            named.map(|n| n.health),
+            named.map(|n| n.time_s)
+        );
+    }
+}
+
+#[test]
+fn jitter_of_stamps_costs_little_and_blames_nobody() {
+    assert_harmless("1 ms", |t| Some(1e-3 * drawn(t)), 5.0);
+    assert_harmless("3 ms", |t| Some(3e-3 * drawn(t)), 5.0);
+}
+
+#[test]
+fn stamps_that_swing_cost_little_and_blame_nobody() {
+    // A swing too slow to show turns the frame by what the vehicle turns meanwhile.
+    assert_harmless("swing of 3 ms", |t| Some(3e-3 * libm::sin(0.8 * t)), 6.0);
+}
+
+#[test]
+fn corrections_begin_with_jitter_and_end_where_it_is_gone() {
+    let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
+    let mut errors = StampErrors::default();
+    assert_eq!(errors.newest_variance(), None);
+    errors.begin(at(0), Estimated { value: 0.0, variance: WALK_S.squared() }, 2e-3);
+    assert!(errors.newest_variance().is_some());
+    let seen = |value| Estimated { value, variance: 1e-8 };
+    for k in 1..100 {
+        let _ = errors.expect(at(k));
+        errors.add(seen(2e-3 * drawn(k as f64 * 0.05)));
+    }
+    let jitter_s = errors.jitter_variance.sqrt();
+    assert!((1e-3..3e-3).contains(&jitter_s) && errors.slow.value.abs() < 1.5e-3, "{errors:?}");
+    for k in 100..200 {
+        let _ = errors.expect(at(k));
+        errors.add(seen(0.0));
+    }
+    assert_eq!(errors.newest_variance(), None);
+}
+
+#[test]
+fn the_slow_part_is_followed() {
+    let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
+    let late = |k: i64| 3e-3 * libm::sin(k as f64 * 0.05 * 0.8);
+    let mut errors = StampErrors::default();
+    errors.begin(at(0), Estimated { value: 2e-3, variance: 1e-7 }, 1e-3);
+    for k in 1..200 {
+        let expected = errors.expect(at(k));
+        if k > 40 {
+            assert!((expected.value - late(k)).abs() < 1.5e-3, "{k}: {expected:?} of {}", late(k));
+        }
+        errors.add(Estimated { value: late(k), variance: 2.5e-7 });
+    }
+}
