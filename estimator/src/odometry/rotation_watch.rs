@@ -470,8 +470,13 @@ impl RotationWatch {
             added.fixed_view_mut::<3, 3>(part, part).copy_from(&block);
         };
         add(NavState::P, &(nav.v_o_b * late_s), self.left_m);
-        add(NavState::ROT, &(rate_b * late_s), self.left_rad);
+        // Gravity tells roll and pitch again once the sensors agree; only the yaw stays lost.
+        let tilt_rad = if self.contradiction.is_some() { self.left_rad } else { 0.0 };
+        add(NavState::ROT, &(rate_b * late_s), tilt_rad);
         add(NavState::V, &Vector3::zeros(), nav.v_o_b.norm() * rate_b.norm() * late_s);
+        let up_b = nav.rot_o_b.inverse() * Vector3::z();
+        let mut of_rotation = added.fixed_view_mut::<3, 3>(NavState::ROT, NavState::ROT);
+        of_rotation += up_b * up_b.transpose() * (self.left_rad.squared() - tilt_rad.squared());
         Some(added)
     }
 }

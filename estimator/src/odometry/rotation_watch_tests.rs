@@ -155,3 +155,26 @@ fn a_step_that_single_frames_hardly_show_is_contradicted_for_as_long_as_it_lasts
     let held = said.iter().filter(|(t, ..)| (*first..9.0).contains(t)).all(|(_, bits, _)| is_disputed(bits));
     assert!(held, "is believed again while it is wrong");
 }
+
+#[test]
+fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
+    let imu = ImuConfig::with_noise(200.0, (1e-4, 1e-5), (1e-3, 1e-4));
+    let mut watch = RotationWatch::new(&imu);
+    watch.left_rad = 0.2;
+    let nav =
+        NavState { rot_o_b: crate::geometry::exp_so3(&Vector3::new(0.4, -0.3, 0.2)), ..NavState::default() };
+    let up_b = nav.rot_o_b.inverse() * Vector3::z();
+    let added = watch.added_covariance(&nav, &Vector3::zeros()).expect("something is left");
+    let of_rotation = added.fixed_view::<3, 3>(NavState::ROT, NavState::ROT).into_owned();
+    assert!((of_rotation - up_b * up_b.transpose() * 0.04).norm() < 1e-12, "{of_rotation}");
+    let from = Timestamp::from_nanos(0);
+    watch.contradiction = Some(Contradiction {
+        since: from,
+        culprit: Culprit::Disputed,
+        bias_gyro: Vector3::zeros(),
+        agreeing: 0,
+    });
+    let added = watch.added_covariance(&nav, &Vector3::zeros()).expect("something is left");
+    let of_rotation = added.fixed_view::<3, 3>(NavState::ROT, NavState::ROT).into_owned();
+    assert!((of_rotation - Matrix3::identity() * 0.04).norm() < 1e-12, "{of_rotation}");
+}
