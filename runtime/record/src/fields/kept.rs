@@ -1,0 +1,273 @@
+//! Types that records keep: numbers, vectors, poses, covariances, texts and lists as fields.
+
+use super::{Part, Shape, Value};
+use nalgebra::{Isometry3, Quaternion, SVector, UnitQuaternion, Vector3};
+use plumbline_config::Timestamp;
+use plumbline_estimator::{BiasVariances, HealthBits, NavCovariance};
+use std::slice::from_ref;
+
+/// Implements [`Part`] for whole numbers. One that is absent is 0, as in proto3.
+macro_rules! whole {
+    ($($type:ty, $shape:ident, $get:expr, $set:expr;)*) => {$(
+        impl Part for $type {
+            const SHAPE: Shape = Shape::$shape;
+
+            fn get(&self) -> Value<'_> {
+                let get: fn(&Self) -> i64 = $get;
+                Value::Whole(get(self))
+            }
+
+            fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+                let set: fn(i64) -> Result<Self, &'static str> = $set;
+                *self = set(value.whole())?;
+                Ok(())
+            }
+        }
+    )*};
+}
+
+whole! {
+    u64, Uint64, |v| *v as i64, |v| Ok(v as u64);
+    u32, Uint32, |v| i64::from(*v), |v| Ok(v as u32);
+    i64, Int64, |v| *v, Ok;
+    i8, Sint32, |v| i64::from(*v), |v| i8::try_from(v).map_err(|_| "a quality out of range");
+    bool, Flag, |v| i64::from(*v), |v| Ok(v != 0);
+    Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
+    HealthBits, Uint32, |v| i64::from(v.0), |v| Ok(HealthBits(v as u32));
+}
+
+impl Part for f64 {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(from_ref(self))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        [*self] = value.numbers("not one number")?;
+        Ok(())
+    }
+}
+
+/// Writes two numbers that are one field.
+///
+/// # Errors
+/// When there are not two.
+pub fn set_pair(first: &mut f64, second: &mut f64, value: Value<'_>) -> Result<(), &'static str> {
+    [*first, *second] = value.numbers("a time offset has not two numbers")?;
+    Ok(())
+}
+
+impl Part for Vector3<f64> {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = Self::from(value.numbers("a vector has not three numbers")?);
+        Ok(())
+    }
+}
+
+impl Part for Isometry3<f64> {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::Floats([self.translation.vector.as_slice(), self.rotation.coords.as_slice()])
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let [x, y, z, qx, qy, qz, qw] = value.numbers("a pose has not seven numbers")?;
+        // As it was: normalising would change bits.
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
+        *self = Self::from_parts(Vector3::new(x, y, z).into(), rotation);
+        Ok(())
+    }
+}
+
+impl Part for Option<Isometry3<f64>> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, Part::get)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => {
+                let mut pose = Isometry3::identity();
+                pose.set(value)?;
+                Some(pose)
+            }
+        };
+        Ok(())
+    }
+}
+
+impl Part for Option<UnitQuaternion<f64>> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, |rotation| Value::Floats([&[], rotation.coords.as_slice()]))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => {
+                let [x, y, z, w] = value.numbers("a rotation has not four numbers")?;
+                Some(UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
+            }
+        };
+        Ok(())
+    }
+}
+
+impl Part for Option<f64> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, |number| Value::floats(from_ref(number)))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => Some(value.numbers::<1>("not one number")?[0]),
+        };
+        Ok(())
+    }
+}
+
+/// Both ends of a line.
+impl Part for [Vector3<f64>; 2] {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::Floats([self[0].as_slice(), self[1].as_slice()])
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let [a, b, c, d, e, f] = value.numbers("a line has not six numbers")?;
+        *self = [Vector3::new(a, b, c), Vector3::new(d, e, f)];
+        Ok(())
+    }
+}
+
+impl Part for NavCovariance {
+    const SHAPE: Shape = Shape::Covariance;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    /// Nine numbers are its diagonal: what a brief message has of it.
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value.numbers::<9>("") {
+            Ok(diagonal) => Self::from_diagonal(&SVector::from(diagonal)),
+            Err(_) => Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?),
+        };
+        Ok(())
+    }
+}
+
+/// Absent in logs from before there were any: those of a sensor whose biases are known.
+impl Part for BiasVariances {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => Self::zeros(),
+            value => SVector::from(value.numbers::<6>("the variances of the biases are not six numbers")?),
+        };
+        Ok(())
+    }
+}
+
+impl Part for Vec<u8> {
+    const SHAPE: Shape = Shape::Bytes;
+
+    fn get(&self) -> Value<'_> {
+        Value::Bytes(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        self.clear();
+        if let Value::Bytes(bytes) = value {
+            self.extend(bytes);
+        }
+        Ok(())
+    }
+}
+
+impl Part for String {
+    const SHAPE: Shape = Shape::Text;
+
+    fn get(&self) -> Value<'_> {
+        Value::Text(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = text_of(value)?;
+        Ok(())
+    }
+}
+
+/// Text of bytes; none where the field is absent.
+fn text_of(value: Value<'_>) -> Result<String, &'static str> {
+    match value {
+        Value::Bytes(bytes) => Ok(str::from_utf8(bytes).map_err(|_| "a text is not UTF-8")?.to_owned()),
+        _ => Ok(String::new()),
+    }
+}
+
+/// Texts of a list, at most.
+const MAX_TEXTS: usize = 256;
+
+/// A list of texts, which come one by one.
+impl Part for Vec<String> {
+    const SHAPE: Shape = Shape::Texts;
+
+    fn get(&self) -> Value<'_> {
+        Value::Items(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        if matches!(value, Value::Missing) {
+            return Ok(());
+        }
+        if self.len() >= MAX_TEXTS {
+            return Err("a list is too long");
+        }
+        self.push(text_of(value)?);
+        Ok(())
+    }
+}
+
+/// A list of groups of numbers, one after the other.
+impl<const N: usize> Part for Vec<[f32; N]> {
+    const SHAPE: Shape = Shape::Singles;
+
+    fn get(&self) -> Value<'_> {
+        Value::Singles(self.as_flattened())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        self.clear();
+        if let Value::Bytes(bytes) = value {
+            let (numbers, []) = bytes.as_chunks::<4>() else { return Err("a number is cut short") };
+            let (groups, []) = numbers.as_chunks::<N>() else {
+                return Err("a group of numbers is cut short");
+            };
+            self.extend(groups.iter().map(|group| group.map(f32::from_le_bytes)));
+        }
+        Ok(())
+    }
+}
