@@ -1,12 +1,15 @@
 //! The state of one vehicle at the ground station.
 
-use super::attitude::Attitude;
+mod motion;
+mod shown;
+
 use super::channel::{Channel, Delays, SequencePlace};
 use super::clock::ClockEstimate;
 use super::corrected::Corrected;
 use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
+use motion::Motion;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
 use plumbline_link::net::plain;
@@ -159,42 +162,6 @@ pub struct Vehicle {
     pub is_recording: bool,
 }
 
-/// Distance from the origin at which a vehicle that was just reset hard may be, m, and the time that it has moved since, s.
-const NEAR_ORIGIN_M: f64 = 0.5;
-const SINCE_RESET_S: f64 = 0.5;
-/// Step of the pose over a soft reset near the origin that counts as none, m and rad.
-const CONTINUED_M: f64 = 0.25;
-const CONTINUED_RAD: f64 = 0.2;
-/// Step of the pose over any soft reset, beside the motion meanwhile, m; and how much faster it may have become, m/s².
-const RESUMED_M: f64 = 0.5;
-const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
-
-/// A valid pose.
-#[derive(Clone, Copy, Debug)]
-struct Motion {
-    stamp_ns: i64,
-    pose_o_b: Isometry3<f64>,
-    speed_m_s: f64,
-}
-
-impl Motion {
-    /// True if this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A
-    /// hard reset starts at the origin; a soft one continues from the last pose, so that the map stays valid.
-    fn is_in_another_frame(&self, last: &Self) -> bool {
-        if self.stamp_ns < last.stamp_ns {
-            return true;
-        }
-        let dt_s = self.stamp_ns.saturating_sub(last.stamp_ns) as f64 * 1e-9;
-        let way_m = (self.speed_m_s.max(last.speed_m_s) + UNSEEN_ACCELERATION_M_S2 * dt_s) * dt_s;
-        let step = last.pose_o_b.inverse() * self.pose_o_b;
-        let step_m = step.translation.vector.norm();
-        let from_origin_m = self.pose_o_b.translation.vector.norm();
-        let is_near_origin = from_origin_m < NEAR_ORIGIN_M + SINCE_RESET_S * self.speed_m_s;
-        let is_continued = step_m <= CONTINUED_M && step.rotation.angle() <= CONTINUED_RAD;
-        step_m > RESUMED_M + way_m || (is_near_origin && !is_continued)
-    }
-}
-
 impl Default for Vehicle {
     fn default() -> Self {
         Self {
@@ -243,6 +210,12 @@ impl Default for Vehicle {
 }
 
 impl Vehicle {
+    /// One that nothing was heard of yet.
+    #[must_use]
+    pub fn arrived(arrival: u64) -> Self {
+        Self { arrival, ..Self::default() }
+    }
+
     /// Handles that it has appeared on the network: statistics start again, and its past can be queried.
     pub fn appear(&mut self) {
         self.appeared += 1;
@@ -384,146 +357,5 @@ impl Vehicle {
             quality: self.quality,
             reset_counter: self.resets,
         });
-    }
-
-    /// True if two vehicles publish under its name.
-    #[must_use]
-    pub fn is_shared(&self) -> bool {
-        self.odom.is_shared || self.state.is_shared
-    }
-
-    /// Time since the last message on any key.
-    #[must_use]
-    pub fn age(&self, now: Instant) -> Option<Duration> {
-        [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
-    }
-
-    /// Presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
-    #[must_use]
-    pub fn presence(&self, now: Instant) -> &'static str {
-        let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
-        if !self.is_alive || (is_silent && self.age(now).is_some()) {
-            return "lost";
-        }
-        if is_silent {
-            return "unknown";
-        }
-        let has_pose = self.state_words != "initialising" || self.odom.age(now).is_some();
-        if has_pose && self.odom.is_stale(now) && self.state.is_stale(now) {
-            "stale"
-        } else {
-            self.state_words
-        }
-    }
-
-    /// Takes coordinates from the odometry to the map frame; `None` while that is not known.
-    #[must_use]
-    pub fn pose_m_o(&self) -> Option<Isometry3<f64>> {
-        self.corrected.pose_m_o(self.resets)
-    }
-
-    /// The map as text; `None` where the vehicle has said nothing of one.
-    #[must_use]
-    pub fn map_words(&self) -> Option<String> {
-        self.corrected.words(self.resets)
-    }
-
-    /// One that nothing was heard of yet.
-    #[must_use]
-    pub fn arrived(arrival: u64) -> Self {
-        Self { arrival, ..Self::default() }
-    }
-
-    /// Number of messages received from the vehicle.
-    #[must_use]
-    pub fn heard(&self) -> u64 {
-        self.odom.received + self.state.received + self.health.received
-    }
-
-    /// Largest standard deviation of the position, m.
-    #[must_use]
-    pub fn sigma_m(&self) -> f64 {
-        self.sigmas[..3].iter().copied().fold(0.0, f64::max)
-    }
-
-    /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
-    #[must_use]
-    pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
-        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.rot_v_b?);
-        Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
-    }
-
-    /// Attitude of the vehicle; `None` without a pose, or while its mounting is unknown.
-    #[must_use]
-    pub fn attitude(&self) -> Option<Attitude> {
-        self.pose_o_v().map(|pose_o_v| Attitude::of(&pose_o_v.rotation))
-    }
-
-    /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
-    #[must_use]
-    pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
-        let rate_v = self.rot_v_b? * self.rate_b;
-        Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
-    }
-
-    /// True if its last state is its present one: messages arrive, with a pose if there was one.
-    #[must_use]
-    pub fn is_current(&self, now: Instant) -> bool {
-        !["lost", "stale", "unknown"].contains(&self.presence(now))
-    }
-
-    /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
-    #[must_use]
-    pub fn quality_words(&self, now: Instant) -> String {
-        if !self.is_current(now) {
-            return "-".into();
-        }
-        if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
-    }
-
-    /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate"; "health unknown"
-    /// for a vehicle that is gone.
-    #[must_use]
-    pub fn health_summary(&self, now: Instant) -> String {
-        if !self.is_current(now) {
-            return "health unknown".into();
-        }
-        let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
-        let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
-        match (all.is_empty(), self.quality) {
-            (false, _) => all.join(", "),
-            (true, ..0) => "no valid estimate".into(),
-            (true, _) => "no faults".into(),
-        }
-    }
-
-    /// Position, attitude, speed, rates and health in one line of text.
-    #[must_use]
-    pub fn line(&self, name: &str, now: Instant) -> String {
-        let position = self.pose_o_b.map_or_else(
-            || "unknown".to_owned(),
-            |pose| {
-                let p = pose.translation.vector;
-                format!("{:.3} {:.3} {:.3} m (1 sigma {:.3} m)", p.x, p.y, p.z, self.sigma_m())
-            },
-        );
-        let attitude = self.attitude().map_or_else(
-            || "unknown".to_owned(),
-            |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
-        );
-        let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
-        format!(
-            "{name}: {}, quality {}, {last}position {position}, roll pitch heading {attitude}, \
-             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
-            self.presence(now),
-            self.quality_words(now),
-            self.v_o_b.norm(),
-            self.odom.rate_hz(now),
-            self.state.rate_hz(now),
-            self.latency_ms.unwrap_or(0.0),
-            self.odom.lost + self.state.lost,
-            self.health_summary(now),
-            self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),
-        )
     }
 }

@@ -1,0 +1,143 @@
+//! A vehicle as it is shown: presence, attitude, and its state as text.
+
+use super::{LOST_AFTER, Vehicle};
+use crate::attitude::Attitude;
+use nalgebra::{Isometry3, Vector3};
+use std::time::{Duration, Instant};
+
+impl Vehicle {
+    /// True if two vehicles publish under its name.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.odom.is_shared || self.state.is_shared
+    }
+
+    /// Time since the last message on any key.
+    #[must_use]
+    pub fn age(&self, now: Instant) -> Option<Duration> {
+        [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
+    }
+
+    /// Presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
+    #[must_use]
+    pub fn presence(&self, now: Instant) -> &'static str {
+        let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
+        if !self.is_alive || (is_silent && self.age(now).is_some()) {
+            return "lost";
+        }
+        if is_silent {
+            return "unknown";
+        }
+        let has_pose = self.state_words != "initialising" || self.odom.age(now).is_some();
+        if has_pose && self.odom.is_stale(now) && self.state.is_stale(now) {
+            "stale"
+        } else {
+            self.state_words
+        }
+    }
+
+    /// Takes coordinates from the odometry to the map frame; `None` while that is not known.
+    #[must_use]
+    pub fn pose_m_o(&self) -> Option<Isometry3<f64>> {
+        self.corrected.pose_m_o(self.resets)
+    }
+
+    /// The map as text; `None` where the vehicle has said nothing of one.
+    #[must_use]
+    pub fn map_words(&self) -> Option<String> {
+        self.corrected.words(self.resets)
+    }
+
+    /// Number of messages received from the vehicle.
+    #[must_use]
+    pub fn heard(&self) -> u64 {
+        self.odom.received + self.state.received + self.health.received
+    }
+
+    /// Largest standard deviation of the position, m.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.sigmas[..3].iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
+    #[must_use]
+    pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
+        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.rot_v_b?);
+        Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
+    }
+
+    /// Attitude of the vehicle; `None` without a pose, or while its mounting is unknown.
+    #[must_use]
+    pub fn attitude(&self) -> Option<Attitude> {
+        self.pose_o_v().map(|pose_o_v| Attitude::of(&pose_o_v.rotation))
+    }
+
+    /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
+    #[must_use]
+    pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
+        let rate_v = self.rot_v_b? * self.rate_b;
+        Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
+    }
+
+    /// True if its last state is its present one: messages arrive, with a pose if there was one.
+    #[must_use]
+    pub fn is_current(&self, now: Instant) -> bool {
+        !["lost", "stale", "unknown"].contains(&self.presence(now))
+    }
+
+    /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
+    #[must_use]
+    pub fn quality_words(&self, now: Instant) -> String {
+        if !self.is_current(now) {
+            return "-".into();
+        }
+        if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
+    }
+
+    /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate"; "health unknown"
+    /// for a vehicle that is gone.
+    #[must_use]
+    pub fn health_summary(&self, now: Instant) -> String {
+        if !self.is_current(now) {
+            return "health unknown".into();
+        }
+        let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
+        let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
+        match (all.is_empty(), self.quality) {
+            (false, _) => all.join(", "),
+            (true, ..0) => "no valid estimate".into(),
+            (true, _) => "no faults".into(),
+        }
+    }
+
+    /// Position, attitude, speed, rates and health in one line of text.
+    #[must_use]
+    pub fn line(&self, name: &str, now: Instant) -> String {
+        let position = self.pose_o_b.map_or_else(
+            || "unknown".to_owned(),
+            |pose| {
+                let p = pose.translation.vector;
+                format!("{:.3} {:.3} {:.3} m (1 sigma {:.3} m)", p.x, p.y, p.z, self.sigma_m())
+            },
+        );
+        let attitude = self.attitude().map_or_else(
+            || "unknown".to_owned(),
+            |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
+        );
+        let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
+        format!(
+            "{name}: {}, quality {}, {last}position {position}, roll pitch heading {attitude}, \
+             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
+            self.presence(now),
+            self.quality_words(now),
+            self.v_o_b.norm(),
+            self.odom.rate_hz(now),
+            self.state.rate_hz(now),
+            self.latency_ms.unwrap_or(0.0),
+            self.odom.lost + self.state.lost,
+            self.health_summary(now),
+            self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),
+        )
+    }
+}
