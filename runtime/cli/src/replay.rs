@@ -1,48 +1,37 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
 mod instants;
+mod live;
+mod written;
 
 use super::exit_status::last_resort;
-use super::link_process::LinkProcess;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::topics::TopicArgs;
-use super::{
-    Usage, check_maps, check_mounting, check_outputs, load_config, parse_range, say, stop_on_signal,
-};
+use super::{Usage, check_maps, check_outputs, load_config, parse_range, say, stop_on_signal};
 use anyhow::{Context, Result};
 use clap::Args;
-use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::StampedPose;
+use live::start_outputs;
+use plumbline_config::Config;
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_drivers::tum::write_tum;
-use plumbline_estimator::Estimate;
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
-    CausalPose, Cut, Flight, Flown, KeptInstants, KeptStates, OdometryTrajectory, Outputs, Truth, fly,
-    is_log, open_recording, open_simulation, read_stamps, with_overrides,
+    Cut, Flight, Flown, KeptInstants, KeptStates, OdometryTrajectory, Truth, fly, open_recording,
+    open_simulation, read_stamps, with_overrides,
 };
-use plumbline_flight::local::{LocalSocket, SensorBoard};
-use plumbline_flight::log::WhenFull;
 use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
-use plumbline_flight::places::{MapContents, read_known_map, write_map};
+use plumbline_flight::places::read_known_map;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::{Report, late_findings};
-use plumbline_link::process::{LinkOptions, has_network};
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use written::{check_plot, write_map_outputs, write_state_outputs, write_trajectories};
 
 /// Largest number of odometry samples for which memory is allocated beforehand: two hours at 200 Hz.
 const MAX_RESERVED_READINGS: usize = 1_440_000;
-
-/// First line of a table of covariances.
-const COVARIANCE_HEADER: &str = "#timestamp [ns], 6x6 covariance by rows: position x y z [m] in the odometry frame O, attitude x y z \
-                                 [rad] about the axes of the body B (R Exp(dtheta)), both against the first pose\n";
 
 /// Arguments of `plumbline replay`.
 // Help texts name tables of the configuration in brackets.
@@ -343,161 +332,4 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     }
     let flight = flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed);
     Ok(flight.with_injected(&args.scenario.faults.fault, args.scenario.seed)?)
-}
-
-/// Starts those who are told of the flight while it goes on; returns where findings are posted for readers of the local socket.
-fn start_outputs(
-    args: &ReplayArgs,
-    flight: &Flight,
-    control: &Arc<Control>,
-) -> Result<(Outputs, Option<SensorBoard>)> {
-    let config = &flight.config;
-    let mut outputs = Outputs::default();
-    if wants_autopilot(config, args)? {
-        outputs.pilot(flight, control)?;
-    }
-    if let Some(path) = &args.record {
-        if !is_log(path) {
-            let message = format!("{}: name the log with the ending .mcap", path.display());
-            return Err(Usage(message).into());
-        }
-        // A live flight never waits for the recorder, one in virtual time loses nothing.
-        let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
-        outputs.record(path, flight, when_full)?;
-    }
-    if let Some(path) = &args.save_map {
-        outputs.save_map(path, control)?;
-    }
-    if !args.publish && config.ros.enabled {
-        tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
-    }
-    let board = start_network(args, flight, control, &mut outputs)?;
-    Ok((outputs, board))
-}
-
-/// Starts the local socket where one is named, and the network process where that is wanted; returns where findings are posted for them.
-fn start_network(
-    args: &ReplayArgs,
-    flight: &Flight,
-    control: &Arc<Control>,
-    outputs: &mut Outputs,
-) -> Result<Option<SensorBoard>> {
-    let config = &flight.config;
-    if !args.publish && config.local.path.is_empty() {
-        return Ok(None);
-    }
-    let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
-    let (door, board) = (socket.link_door(), socket.sensor_board());
-    outputs.add(socket);
-    if args.publish {
-        if config.ros.enabled {
-            check_mounting(config)?;
-        }
-        let (listen, connect) = (args.listen.clone(), args.connect.clone());
-        let link = LinkOptions { listen, connect, publish: false, is_patient: false };
-        if !has_network(&config.network, &link) {
-            tracing::warn!(
-                "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
-            );
-        }
-        outputs.add(LinkProcess::start(door, config, LinkOptions { publish: true, ..link })?);
-    }
-    Ok(Some(board))
-}
-
-/// True if an autopilot is configured that can receive odometry: it flies in real time, or not at all.
-fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usage> {
-    if config.autopilot.connect.is_empty() {
-        return Ok(false);
-    }
-    if args.speed.is_none() && args.autopilot.is_some() {
-        return Err(Usage("--autopilot: give --speed 1 too; an autopilot needs real time".into()));
-    }
-    if args.speed.is_none() {
-        tracing::warn!("autopilot.connect is set but has no effect: it needs --speed 1");
-    }
-    Ok(args.speed.is_some())
-}
-
-/// Writes the trajectories that were asked for.
-fn write_trajectories(
-    args: &ReplayArgs,
-    poses: &[CausalPose],
-    odometry: Option<&[StampedPose]>,
-) -> Result<()> {
-    if let Some(path) = &args.trajectory {
-        let poses: Vec<_> = poses.iter().map(|p| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
-        write_tum(path, &poses)?;
-    }
-    if let (Some(path), Some(odometry)) = (&args.odometry, odometry) {
-        write_tum(path, odometry)?;
-    }
-    if let Some(path) = &args.covariance {
-        write_covariances(path, poses)?;
-    }
-    Ok(())
-}
-
-/// Writes what was asked for of the map.
-fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
-    if let Some(path) = &args.final_trajectory {
-        write_tum(path, &flown.final_poses())?;
-    }
-    if let Some(path) = &args.map_trajectory {
-        write_tum(path, &flown.poses_in_map())?;
-    }
-    if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
-        write_map(path, &MapContents::of(places.mapper.map()))?;
-    }
-    Ok(())
-}
-
-/// Writes the table of the states, and draws them.
-fn write_state_outputs(args: &ReplayArgs, rows: &[Estimate], truth: &Truth) -> Result<()> {
-    if let Some(path) = &args.states {
-        write_states(path, rows).with_context(|| format!("{}", path.display()))?;
-    }
-    match &args.plot {
-        Some(path) => draw(&args.dataset, rows, truth, path),
-        None => Ok(()),
-    }
-}
-
-#[cfg(feature = "lab")]
-fn check_plot(path: &Path) -> Result<(), Usage> {
-    plumbline_lab::plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))
-}
-
-#[cfg(not(feature = "lab"))]
-fn check_plot(_: &Path) -> Result<(), Usage> {
-    Err(super::left_out::refusal("--plot", "lab"))
-}
-
-#[cfg(feature = "lab")]
-fn draw(name: &str, rows: &[Estimate], truth: &Truth, path: &Path) -> Result<()> {
-    use plumbline_lab::plot;
-
-    match super::plot::flown_subject(name, rows, truth)? {
-        Some(subject) => Ok(plot::write(&subject, path, plot::SIZE_PX)?),
-        // The end of the run says that there is no pose.
-        None => Ok(()),
-    }
-}
-
-/// Never: such a run was refused before it began.
-#[cfg(not(feature = "lab"))]
-fn draw(_: &str, _: &[Estimate], _: &Truth, _: &Path) -> Result<()> {
-    Ok(())
-}
-
-fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
-    let mut text = String::from(COVARIANCE_HEADER);
-    for pose in poses {
-        let _ = write!(text, "{}", pose.stamp.as_nanos());
-        for value in pose.covariance.transpose().iter() {
-            let _ = write!(text, ",{value:.9e}");
-        }
-        text.push('\n');
-    }
-    std::fs::write(path, text).with_context(|| format!("{}", path.display()))
 }
