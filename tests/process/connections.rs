@@ -62,16 +62,17 @@ fn a_flight_goes_on_when_its_terminal_is_closed() {
 #[test]
 fn a_station_that_heard_nobody_says_why_and_fails() {
     let nobody = format!("tcp/127.0.0.1:{}", free_port());
-    for (endpoint, words) in [
-        (nobody.as_str(), "no listener at that port"),
-        ("tcp/no-such-host.invalid:7447", "host name is unknown"),
-    ] {
+    let listens = |endpoint: &str, words: &str| {
         let output = plumbline(&["ground", "--no-http", "--json", "--connect", endpoint, "--duration", "3"]);
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains(endpoint) && said.contains(words), "{said}");
         assert!(!said.contains(".rs:") && !said.contains('\u{1b}'), "{said}");
-    }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(|| listens(&nobody, "no listener at that port"));
+        scope.spawn(|| listens("tcp/no-such-host.invalid:7447", "host name is unknown"));
+    });
 }
 
 #[test]
@@ -151,11 +152,7 @@ fn stations_that_are_not_let_in_are_told_why() {
     eventually("the router listens", Duration::from_secs(10), || {
         std::net::TcpStream::connect(("127.0.0.1", port)).is_ok()
     });
-    for (protocol, access, words) in [
-        ("tls", access(&others, &others, "operator"), "signed by another authority"),
-        ("tls", access(&others, &ours, "viewer"), "does not accept our certificate"),
-        ("tcp", Vec::new(), "it speaks TLS"),
-    ] {
+    let is_told = |protocol: &str, access: Vec<String>, words: &str| {
         let endpoint = format!("{protocol}/127.0.0.1:{port}");
         let output = Command::new(PLUMBLINE)
             .args(["ground", "--no-http", "--json", "--duration", "4", "--connect", &endpoint])
@@ -165,7 +162,12 @@ fn stations_that_are_not_let_in_are_told_why() {
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains(words), "'{words}' is missing in: {said}");
-    }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(|| is_told("tls", access(&others, &others, "operator"), "signed by another authority"));
+        scope.spawn(|| is_told("tls", access(&others, &ours, "viewer"), "does not accept our certificate"));
+        scope.spawn(|| is_told("tcp", Vec::new(), "it speaks TLS"));
+    });
 }
 
 #[test]

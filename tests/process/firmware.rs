@@ -129,8 +129,8 @@ fn triggers_follow_one_another_without_drift_and_settings_are_those_in_force() {
         })
         .collect();
     late_us.sort_unstable();
-    // A busy host may delay some; periods do not add up.
-    assert!(late_us[late_us.len() / 2].abs() < 2000, "{late_us:?}");
+    // A busy host may delay some, the first one too; periods do not add up.
+    assert!(late_us[late_us.len() / 2] - late_us[0] < 2000, "{late_us:?}");
     let none = answers(&program, &[Message::Set(Settings { trigger_rate_mhz: 0, ..wanted })], "0.3");
     assert!(none.iter().all(|message| !matches!(message, Message::Trigger(_))), "{none:?}");
     // More than can be is brought down to what can.

@@ -5,13 +5,16 @@ use plumbline_test_support::{Need, skip};
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// The commands that `plumbline COMMAND... --help` names.
+/// The commands that `plumbline COMMAND... --help` names, or all.
 fn commands_below(path: &[&str]) -> Vec<String> {
-    let output = plumbline(&[path, &["--help"]].concat());
-    let help = String::from_utf8(output.stdout).unwrap();
-    let Some((_, list)) = help.split_once("\nCommands:\n") else { return Vec::new() };
-    let (list, _) = list.split_once("\n\n").unwrap();
-    let names = list.lines().filter(|line| !line.starts_with("   "));
+    let arguments = if path.is_empty() { vec!["help", "all"] } else { [path, &["--help"]].concat() };
+    let help = String::from_utf8(plumbline(&arguments).stdout).unwrap();
+    let list = match help.split_once("\nCommands:\n") {
+        Some((_, list)) => list.split_once("\n\n").unwrap().0,
+        None if path.is_empty() => &help,
+        None => return Vec::new(),
+    };
+    let names = list.lines().filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     let names = names.filter_map(|line| line.split_whitespace().next());
     names.filter(|name| *name != "help").map(str::to_owned).collect()
 }

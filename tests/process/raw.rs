@@ -161,7 +161,7 @@ fn ask_and_never_read(port: u16, is_over: &AtomicBool) -> u64 {
 
 #[test]
 fn network_a_peer_that_asks_and_does_not_read_delays_no_answer_for_long() {
-    const FLIGHT_S: u32 = 16;
+    const FLIGHT_S: u32 = 12;
     render(FLIGHT_S);
     let port = free_port();
     let mut command = flight("drone", FLIGHT_S);
@@ -175,7 +175,7 @@ fn network_a_peer_that_asks_and_does_not_read_delays_no_answer_for_long() {
         let attack = scope.spawn(|| ask_and_never_read(port, &is_over));
         let (begun, mut longest_s, mut told) = (Instant::now(), 0.0_f64, 0);
         let mut last = begun;
-        while begun.elapsed() < Duration::from_secs(8) {
+        while begun.elapsed() < Duration::from_secs(5) {
             let is_told = runtime.block_on(async {
                 let asked = honest.get("plumbline/drone/clock").timeout(QUIET).await;
                 let Ok(replies) = asked else { return false };

@@ -1,11 +1,11 @@
 //! Real vehicles for network tests: replays in real time of a simulated flight, rendered once beforehand.
 
+use plumbline_test_support::kept;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, Command, Stdio};
-use std::sync::OnceLock;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -139,10 +139,9 @@ impl Page {
     }
 }
 
-/// Folder of the rendered flight, shared by the tests of a run.
+/// Folder of rendered flights, shared by the tests of a build.
 pub fn cache() -> PathBuf {
-    static CACHE: OnceLock<PathBuf> = OnceLock::new();
-    CACHE.get_or_init(|| PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("flights")).clone()
+    kept::folder().join("flights")
 }
 
 /// Arguments of a flight of so many seconds at real time that publishes.
@@ -157,12 +156,15 @@ pub fn flight(name: &str, duration_s: u32) -> Command {
 
 /// Renders the flight of so many seconds, so that a vehicle starts at once.
 pub fn render(duration_s: u32) {
-    let output = Command::new(PLUMBLINE)
-        .args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--duration"])
-        .arg(duration_s.to_string())
-        .arg("--cache")
-        .arg(cache())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    render_as(&["sim:room", "--start=2", "--scale=0.5"], duration_s);
+}
+
+/// Renders so many seconds of a flight for all tests that fly it.
+pub fn render_as(scene: &[&str], duration_s: u32) {
+    kept::done_once(&format!("{scene:?} for {duration_s} s"), || {
+        let mut command = Command::new(PLUMBLINE);
+        command.arg("replay").args(scene).args(["--no-lines", "--duration", &duration_s.to_string()]);
+        let output = command.arg("--cache").arg(cache()).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    });
 }

@@ -9,6 +9,7 @@ use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber, View};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
+use plumbline_test_support::kept;
 use plumbline_tests::shared;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -113,8 +114,10 @@ fn scenario(laps: u32) -> Scenario {
     Scenario { start_s: 4.0, duration_s: 14.0, laps, resolution_scale: 0.4, ..Scenario::default() }
 }
 
+/// A flight whose frames are rendered once for all tests.
 fn simulated(scenario: &Scenario) -> Flight {
-    open_simulation(None, scenario, false, 0.0, None).unwrap()
+    let _alone = kept::alone(&format!("{scenario:?}"));
+    open_simulation(None, scenario, false, 0.0, Some(&kept::folder())).unwrap()
 }
 
 #[test]

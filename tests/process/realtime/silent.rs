@@ -119,7 +119,7 @@ fn reads(socket: &std::path::Path, patience: Duration) -> Option<Duration> {
 #[ignore = "half a minute: `make soak`"]
 fn soak_silent_readers_of_the_local_socket_keep_nobody_out() {
     costs_the_flight_nothing(|| {
-        let flight = Flight::new();
+        let flight = Flight::new(FLIGHT_S);
         let vehicle = Running::start(flight.command());
         let mut stays = Client::new(connected(&flight.socket()));
         // Who has asked for something gives way after all who have not.

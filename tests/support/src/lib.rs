@@ -1,6 +1,7 @@
-//! Common parts of the tests of all crates: the places of the data ([`shared`]), and the skip of a test that cannot run here
-//! ([`skip()`]). Without dependencies, so that every crate can have it.
+//! Common parts of the tests of all crates: the places of the data ([`shared`]), what tests make once for all ([`kept`]), and the
+//! skip of a test that cannot run here ([`skip()`]). Without dependencies, so that every crate can have it.
 
+pub mod kept;
 pub mod skip;
 
 pub use skip::{Need, skip};

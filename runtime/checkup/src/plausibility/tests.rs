@@ -1,9 +1,31 @@
 //! Each kind of nonsense gives its warning, and sound data give none.
 
 use super::*;
+use crate::tests::{Seen, rendered};
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
-use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StereoFrame, StereoSource};
+use plumbline_drivers::{
+    DriverError, EurocDataset, EurocOptions, Faults, ImuSource, StereoFrame, StereoSource,
+};
+
+/// Frames that were rendered before.
+struct Rendered(std::vec::IntoIter<Seen>);
+
+impl StereoSource for Rendered {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        let Some((sequence, stamp, images)) = self.0.next() else { return Ok(false) };
+        (frame.sequence, frame.stamp, frame.images, frame.valid) = (sequence, stamp, images, [true; 2]);
+        Ok(true)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        Some(self.0.len() as u64)
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
+}
 
 /// A flight's data, kept so that a test can change them: images are rendered once.
 struct Flight {
@@ -42,7 +64,8 @@ impl Flight {
             ..Scenario::default()
         };
         let simulator = Simulator::new(&config, &scenario).unwrap();
-        Self::read(simulator.config(), &mut simulator.imu(), &mut simulator.stereo())
+        let frames = rendered(&simulator, &format!("{scenario:?}"), usize::MAX).into_iter();
+        Self::read(simulator.config(), &mut simulator.imu(), &mut Rendered(frames))
     }
 
     /// Looks at the data as a run would, with samples that are changed.

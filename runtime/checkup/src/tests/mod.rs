@@ -9,13 +9,17 @@ use crate::{Checkup, CheckupReport, Fitness, Frame};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
+use plumbline_test_support::kept;
+
+/// A frame: its number, stamp and images.
+pub(crate) type Seen = (u64, Timestamp, [GrayImage; 2]);
 
 /// Sensor data of a test.
 #[derive(Clone)]
 struct Data {
     config: Config,
     samples: Vec<(u64, ImuSample)>,
-    frames: Vec<(u64, Timestamp, [GrayImage; 2])>,
+    frames: Vec<Seen>,
 }
 
 impl Data {
@@ -69,15 +73,35 @@ fn simulated(path: FlightPath, start_s: f64, duration_s: f64, frames: usize) -> 
     while let Some(reading) = imu.next_reading().unwrap() {
         samples.push((reading.sequence, reading.sample));
     }
-    let mut frame = StereoFrame::new(simulator.image_sizes());
-    // Made when the first one is rendered: that paints the world.
-    let mut scratch = None;
-    let frames = (0..simulator.frame_count()).take(frames).map(|index| {
-        simulator.render_frame(index, scratch.get_or_insert_with(|| simulator.scratch()), &mut frame);
-        (index, frame.stamp, frame.images.clone())
-    });
-    let frames = frames.collect();
+    let frames =
+        if frames == 0 { Vec::new() } else { rendered(&simulator, &format!("{scenario:?}"), frames) };
     Data { config: simulator.config().clone(), samples, frames }
+}
+
+/// The first `count` frames of a flight, rendered once for all tests.
+pub(crate) fn rendered(simulator: &Simulator, scenario: &str, count: usize) -> Vec<Seen> {
+    let pixels = kept::once(scenario, || {
+        let (mut frame, mut scratch) = (StereoFrame::new(simulator.image_sizes()), simulator.scratch());
+        let render = |index| {
+            simulator.render_frame(index, &mut scratch, &mut frame);
+            frame.images.each_ref().map(GrayImage::pixels).concat()
+        };
+        (0..simulator.frame_count()).flat_map(render).collect()
+    });
+    let sizes = simulator.image_sizes();
+    let bytes = sizes.iter().map(|(width, height)| width * height).sum();
+    let of_frame = |(index, pixels): (u64, &[u8])| {
+        let mut rest = pixels;
+        let images = sizes.map(|(width, height)| {
+            let mut image = GrayImage::new(width, height);
+            let (own, others) = rest.split_at(width * height);
+            image.pixels_mut().copy_from_slice(own);
+            rest = others;
+            image
+        });
+        (index, simulator.frame_stamp(index), images)
+    };
+    (0..).zip(pixels.chunks(bytes)).take(count).map(of_frame).collect()
 }
 
 /// The measure of this name, which is there.

@@ -1,7 +1,7 @@
 //! Judgements of known disagreements.
 
 use super::*;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use plumbline_config::Timestamp;
 
 /// Verdict and words for a rotation that is off by so much within this standard deviation, degrees.
