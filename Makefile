@@ -24,11 +24,11 @@ SHELL := bash
 export VENV
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 # On a build server every failure is shown.
-export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
+export NEXTEST_PROFILE ?= $(if $(CI),ci,make)
 # Property tests draw the same cases every time; `PROPTEST_RNG_SEED=$RANDOM make checked` looks for others.
 export PROPTEST_RNG_SEED ?= 1
-# As many tests at a time as there are processors: flights in real time, which tests of the network follow, fall behind otherwise.
-export NEXTEST_TEST_THREADS ?= $(shell nproc)
+# Two threads for each processor: a test that computes takes two of them, one that waits takes one (.config/nextest.toml).
+export NEXTEST_TEST_THREADS ?= $(shell echo $$((2 * $$(nproc))))
 
 # A build server builds everything once: what would make the next build short (Cargo.toml) makes this one longer.
 ifdef CI
