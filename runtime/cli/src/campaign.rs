@@ -2,7 +2,6 @@
 
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
-use super::scenario::{condition_help, fault_help, imu_error_help};
 use super::{Usage, check_outputs, load_config, one_line, say_unless_closed};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
@@ -23,21 +22,6 @@ use serde::Serialize;
 use std::fmt::Display;
 use std::path::PathBuf;
 
-/// The help text of an option whose flights are compared with those without it.
-fn compared(help: &str) -> String {
-    format!("Also fly every flight with this, and compare. `all` is every kind in its usual doses.\n\n{help}")
-}
-
-/// The help text of `--fault`.
-fn campaign_fault_help() -> String {
-    format!(
-        "Fly only faults with these name prefixes, such as blind or accel, or these faults with dose and time, or errors of inertial \
-         sensors and conditions with doses (see --imu-error and --condition). All but those without a dose are flown in addition to \
-         the flights without a fault.\n\n{}",
-        fault_help()
-    )
-}
-
 /// Arguments of `plumbline campaign`.
 #[derive(Debug, Args)]
 pub struct CampaignArgs {
@@ -56,21 +40,21 @@ pub struct CampaignArgs {
     #[arg(long)]
     pub faults: bool,
     /// Fly only faults with these name prefixes, such as blind,imu-gap, and no flight without a fault. Also takes
-    /// faults with a dose and a time, such as accel-pulse:x:30@6+0.1 (--help lists them), and errors of inertial
+    /// faults with a dose and a time, such as accel-pulse:x:30@6+0.1 (`plumbline help faults` lists them), and errors of inertial
     /// sensors and conditions, such as force:0.05:1 or blur:10:6 (see --imu-error and --condition); these are flown
     /// in addition to the flights without a fault.
-    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME|KIND:DOSE@FROM", long_help = campaign_fault_help())]
+    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME|KIND:DOSE@FROM")]
     pub fault: Vec<String>,
     /// Fly each fault along every flight of the choice, not only along the first.
     #[arg(long, requires = "faults")]
     pub everywhere: bool,
     /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare. `all` is
-    /// every error in its usual doses. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = compared(&imu_error_help()))]
+    /// every error in its usual doses (`plumbline help imu-errors`). May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
     pub imu_error: Vec<String>,
     /// Also fly every flight in this condition of light, camera, scene or motion, such as blur:10:6, and compare.
-    /// `all` is every condition in its usual doses. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = compared(&condition_help()))]
+    /// `all` is every condition in its usual doses (`plumbline help conditions`). May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
     pub condition: Vec<String>,
     /// Give the estimator a calibration that the seed draws around the true one, with K times the standard deviations
     /// in [rig] of the configuration (before --set).

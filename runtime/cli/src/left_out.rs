@@ -58,8 +58,7 @@ mod tests {
 
     #[test]
     fn every_listed_command_exists_where_its_feature_does() {
-        use clap::CommandFactory as _;
-        let cli = crate::Cli::command();
+        let cli = crate::help::command();
         for (name, _, is_here) in COMMANDS {
             let below = name.split(' ').try_fold(&cli, |above, word| above.find_subcommand(word));
             assert_eq!(below.is_some(), *is_here, "{name}");

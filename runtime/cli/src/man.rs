@@ -30,7 +30,7 @@ pub fn run(command: Command, args: &ManArgs) -> anyhow::Result<()> {
 }
 
 fn write_pages(command: &Command, folder: &Path) -> std::io::Result<()> {
-    for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+    for below in command.get_subcommands().filter(|below| below.get_name() != "help") {
         write_pages(below, folder)?;
     }
     let name = command.get_display_name().unwrap_or_else(|| command.get_name());

@@ -3,14 +3,12 @@
 //! An option after the name of a command (`` `plumbline replay --cache` ``) is one of that command. Any other in the sources of a
 //! command is one of its own, and in what several commands share, one that `fly`, `replay` and `doctor` all have.
 
-use super::Cli;
-use clap::CommandFactory as _;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Options of a command, global ones and `--help` included.
 fn options(command: &str) -> BTreeSet<String> {
-    let mut cli = Cli::command();
+    let mut cli = super::help::command();
     cli.build();
     let mut found = cli.clone();
     for name in command.split(' ') {

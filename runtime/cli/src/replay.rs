@@ -41,38 +41,34 @@ pub struct ReplayArgs {
     /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
     /// sim:low-texture, sim:far.
     pub dataset: String,
-    /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the
-    /// configuration of the log, or the preset `sim`.
+    /// Configuration file or preset. Default: preset `euroc` with the calibration of the data set, configuration of the
+    /// log, or preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Change a key of the configuration that the estimator uses, such as estimator.points.sigma_px=0.3; may be repeated. A
-    /// simulated flight is rendered with unchanged values.
+    /// Change a key for the estimator, such as estimator.points.sigma_px=0.3; may be repeated. What is simulated stays.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
     /// Playback speed relative to real time. Default: as fast as possible.
     #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
-    /// Number of threads. The result does not depend on it. With 1, stages run in sequence. With 2, images are decoded
-    /// ahead. With 3, the window is solved while the next frame is tracked. With 4 and more, the work on a frame is shared.
+    /// Number of threads, which never changes the result. 2: decode images ahead; 3: solve the window beside the next frame; 4
+    /// and more: share the work on a frame.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived. The one to compare with other
     /// systems and to cite.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Write the trajectory as known at the end (TUM format): each pose by later images and all loops too. Not what a vehicle
-    /// knew in flight.
+    /// Write the trajectory as known at the end (TUM format), by all later images and loops: no vehicle knew it in flight.
     #[arg(long = "final", value_name = "OUT.tum")]
     pub final_trajectory: Option<PathBuf>,
-    /// Write the causal trajectory in the map (TUM format): each pose as estimated when its frame arrived, with the
-    /// loops closed by then. It jumps where a loop is closed.
+    /// Write the causal trajectory in the map (TUM format), loops closed.
     #[arg(long, value_name = "OUT.tum")]
     pub map_trajectory: Option<PathBuf>,
-    /// Continue a map written by `map build`, `map merge` or --save-map. After a place in it has been recognized,
-    /// poses are output in its frame too.
+    /// Continue a map of `map build`, `map merge` or --save-map. Poses are output in its frame too once a place is recognized.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Write the map of the flight, including the map of --map, at the end and on each `plumbline map save`.
+    /// Write the map at the end, and on each `plumbline map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
     /// Odometry only: do not recognize places, close loops or build a map.
@@ -84,38 +80,35 @@ pub struct ReplayArgs {
     /// Write the 6x6 covariance of every pose (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub covariance: Option<PathBuf>,
-    /// Write all values of the estimates, one row per frame (CSV): state, covariance diagonal, biases, refined
-    /// extrinsics, statistics. Column names end with the unit.
+    /// Write all values of the estimates, one row per frame (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub states: Option<PathBuf>,
     /// Write the state at each of these instants (CSV: nanoseconds, or seconds with a decimal point, by the IMU's clock, in the
-    /// first column), such as those of a camera's trigger: pose, velocity and covariance, by the estimates before and after
-    /// the instant and the inertial samples between. See --at-out.
+    /// first column), such as those of a camera's trigger, with its covariance. See --at-out.
     #[arg(long, value_name = "STAMPS.csv")]
     pub at: Option<PathBuf>,
-    /// With --at: the file to write. Default: STAMPS_states.csv, beside STAMPS.csv.
+    /// With --at: the file to write. Default: STAMPS_states.csv beside it.
     #[arg(long, value_name = "OUT.csv", requires = "at")]
     pub at_out: Option<PathBuf>,
-    /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
+    /// Draw path, errors, covariance, velocity and biases (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
-    /// Record the flight for Foxglove and `verify`. [recorder] of the configuration sets the contents.
+    /// Record for Foxglove and `verify`; [recorder] sets the contents.
     #[arg(long, value_name = "LOG.mcap")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Ground truth for a data set without one: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth of a data set: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Use only frames A to B of a data set or log.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
-    /// Stop at this time, seconds from the beginning of the data set, log or path. See also --start.
+    /// Stop at this time, seconds into the data set, log or path.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache the rendered frames of a simulated flight in this folder. Flights along the same --path FILE share frames.
-    /// The built-in flight is cached for each duration.
+    /// Cache the rendered frames of a simulated flight in this folder. Flights along one --path FILE share frames.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.
@@ -124,19 +117,17 @@ pub struct ReplayArgs {
     /// Use points and IMU only, no lines.
     #[arg(long)]
     pub no_lines: bool,
-    /// Publish over Zenoh during the replay. [network] of the configuration, --listen and --connect set the
-    /// endpoints.
+    /// Publish over Zenoh, at --listen, --connect and those of [network].
     #[arg(long)]
     pub publish: bool,
-    /// With --publish: listen on this endpoint, such as tcp/127.0.0.1:7447; may be repeated.
+    /// With --publish: listen here, as tcp/127.0.0.1:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub listen: Vec<String>,
-    /// With --publish: connect to this router or ground station; may be repeated. If there are other endpoints, a
-    /// udp/ endpoint carries odometry only.
+    /// With --publish: connect to this router or station; may be repeated. Beside others, a udp/ endpoint carries odometry only.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub connect: Vec<String>,
-    /// With --speed 1: send odometry to an autopilot over MAVLink, such as udp://127.0.0.1:14540 or
-    /// serial:///dev/ttyS0:921600. [autopilot] of the configuration has the other settings.
+    /// With --speed 1: send odometry over MAVLink, to udp://127.0.0.1:14540 or serial:///dev/ttyS0:921600, by [autopilot] of the
+    /// configuration.
     #[arg(long, value_name = "udp://HOST:PORT")]
     pub autopilot: Option<String>,
     /// Print the report as JSON instead of the summary.

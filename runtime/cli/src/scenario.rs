@@ -14,43 +14,12 @@ const BLUR_EXPOSURE_S: f64 = 0.008;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
 
-/// The help text of an option that takes errors of inertial sensors.
-#[must_use]
-pub fn imu_error_help() -> String {
-    let kinds = ImuError::help().replace('\n', "\n  ");
-    format!(
-        "Error of the simulated inertial sensor, such as force:0.07:2. Omitted doses have the defaults in brackets. May be repeated.\n\n  {kinds}"
-    )
-}
-
-/// The help text of an option that takes conditions.
-#[must_use]
-pub fn condition_help() -> String {
-    let kinds = Condition::help().replace('\n', "\n  ");
-    format!(
-        "Condition of light, camera, scene or motion, such as blur:10:6. Omitted doses have the defaults in brackets. May be repeated.\n\n  {kinds}"
-    )
-}
-
-/// The help text of an option that takes faults.
-#[must_use]
-pub fn fault_help() -> String {
-    let kinds = InjectedFault::help().replace('\n', "\n  ");
-    format!(
-        "Fault to inject, such as accel-pulse:x:30@6+0.1: kind, axes or cameras, doses, @ when it begins, + how long it lasts, / after what time it \
-         acts again (seconds since the first frame). What is left out has the default in brackets; without a duration a fault lasts to the end. May be \
-         repeated: faults act in the order given.\n\n  {kinds}"
-    )
-}
-
 /// A simulated flight.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
-    /// Path of the flight: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as
-    /// for `calibrate rig`), `hover`, `drift` (moves slowly to the left), `carried` (starts and ends at rest),
-    /// `yaws` (hover with yaws of 500 degrees/s), `sweeps` (fast and banked, to the side), or a TUM file (plain or
-    /// .gz).
+    /// Path: `demo` (take-off and figures of eight), `hand-held` (about all axes), `hover`, `drift` (slowly to the left),
+    /// `carried` (starts and ends at rest), `yaws` (500 degrees/s), `sweeps` (fast and banked), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
     /// Inertial samples: `simulated`, `recorded`, or a file of recorded samples. `recorded` reads .../imu/NAME.csv.gz
@@ -58,13 +27,13 @@ pub struct ScenarioArgs {
     /// them.
     #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
     pub imu: String,
-    /// Error of the simulated inertial sensor, such as force:0.07:2. Omitted doses have the defaults that --help
-    /// lists. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    /// Error of the simulated inertial sensor, such as force:0.07:2; may be repeated: see
+    /// `plumbline help imu-errors`.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
     pub imu_error: Vec<ImuError>,
-    /// Condition of light, camera, scene or motion, such as blur:10:6. Omitted doses have the defaults that --help
-    /// lists. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = condition_help())]
+    /// Condition of light, camera, scene or motion, such as blur:10:6; may be repeated: see
+    /// `plumbline help conditions`.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
     pub condition: Vec<Condition>,
     /// Give the estimator a calibration that the seed draws around the true one, with K times the standard deviations
     /// in [rig] of the configuration (before --set).
@@ -77,7 +46,7 @@ pub struct ScenarioArgs {
     /// Start, seconds into the path, data set or log.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
-    /// Length of the flight, seconds. [default: 20 for a simulated flight, else to the end]
+    /// Length, seconds. Default: 20 for a simulated flight, else to the end.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
     /// Number of laps, with a smooth return path between them.
@@ -119,9 +88,9 @@ pub struct FaultArgs {
     /// Vary the exposure from frame to frame.
     #[arg(long)]
     pub flicker: bool,
-    /// Fault to inject, such as accel-pulse:x:30@6+0.1 or stamp-jitter:2; --help lists the kinds with units and
-    /// defaults. May be repeated.
-    #[arg(long, value_name = "KIND[:AXES|CAMERA][:DOSE...][@FROM[+DURATION[/PERIOD]]]", value_delimiter = ',', long_help = fault_help())]
+    /// Fault to inject, such as accel-pulse:x:30@6+0.1; may be repeated: see
+    /// `plumbline help faults`.
+    #[arg(long, value_name = "KIND[:DOSE...][@FROM]", value_delimiter = ',')]
     pub fault: Vec<InjectedFault>,
 }
 

@@ -33,7 +33,7 @@ Examples:
   plumbline shuttle flight.mcap                          a flight log with images
   plumbline shuttle V1_01_easy                           with its truth beside, because the data set has one
   plumbline shuttle bag/ --config drone.toml --json
-  plumbline shuttle flight.mcap --fault image-black@10+1 the same with a blackout of a second, in both directions
+  plumbline shuttle flight.mcap --fault image-black@10+1   the same with a blackout of a second, in both directions
 
 The images are copied to a temporary file without a name: 14 MB a second of 752x480 at 20 Hz, in --scratch.";
 

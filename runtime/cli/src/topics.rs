@@ -7,8 +7,7 @@ use plumbline_drivers::BagTopics;
 /// Topics of a bag.
 #[derive(Clone, Debug, Default, Args)]
 pub struct TopicArgs {
-    /// Topic of a ROS bag: left=/cam0/image_raw, right=..., imu=..., or accel=... where the accelerometer has a topic of its own;
-    /// may be repeated. Default: topics are selected by message type.
+    /// Topic of a ROS bag, such as left=/cam0/image_raw, or an accelerometer's own; may be repeated. Default: by message type.
     #[arg(long = "topic", value_name = "left|right|imu|accel=NAME")]
     topics: Vec<String>,
 }

@@ -20,7 +20,7 @@ const STEPS: u64 = 1000;
 
 const EXAMPLES: &str = "Examples:
   plumbline verify log.mcap                verify one log, and print all details
-  plumbline verify flights/*.mcap --jobs 8 verify many logs, eight in parallel, one row each; exit status 1 if any differs";
+  plumbline verify flights/*.mcap --jobs 8   verify many logs, eight in parallel, one row each; exit status 1 if any differs";
 
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]

@@ -46,7 +46,7 @@ Left out: certificates, keys, passwords, addresses, paths, serial numbers, names
 Examples:
   plumbline report log.mcap --out report.tar.gz               a flight log, as it was flown
   plumbline report V1_01_easy --out report.tar.gz             a recording, which is flown first
-  plumbline report log.mcap --out report.tar.gz --with images some images around each event too";
+  plumbline report log.mcap --out report.tar.gz --with images   some images around each event too";
 
 /// Arguments of `plumbline report`.
 #[derive(Debug, Args)]

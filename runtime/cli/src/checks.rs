@@ -1,0 +1,122 @@
+//! Checks of arguments before anything is opened or flown.
+
+use plumbline_config::{Config, ConfigError, ValidConfig};
+use std::path::{Path, PathBuf};
+
+/// A failure of usage: exit status 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+/// A configuration file or preset, if one is named.
+///
+/// # Errors
+/// When it cannot be used.
+pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigError> {
+    file.map(Config::load_or_preset).transpose()
+}
+
+/// Refuses a map that nothing could be put into: with one camera there is no depth, and so no place to be recognized.
+///
+/// # Errors
+/// When a map is read or written with one camera, or with places switched off.
+pub fn check_maps(config: &ValidConfig, reads: bool, writes: bool) -> Result<(), Usage> {
+    let option = match (reads, writes) {
+        (true, _) => "--map",
+        (false, true) => "--save-map",
+        (false, false) => return Ok(()),
+    };
+    if config.camera.len() < 2 {
+        return Err(Usage(format!(
+            "{option}: a map needs two cameras, and there is one; leave it out, or add the second [[camera]]"
+        )));
+    }
+    if !config.estimator.places.enabled {
+        return Err(Usage(format!(
+            "{option}: estimator.places.enabled is false, so no map is made; leave it out, or set that to true"
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses an output that needs the vehicle's attitude while the mounting of the IMU is unknown.
+///
+/// # Errors
+/// When it is.
+pub fn check_mounting(config: &ValidConfig) -> Result<(), Usage> {
+    use plumbline_config::options::VehicleConfig;
+
+    match config.vehicle.rot_v_b() {
+        Some(_) => Ok(()),
+        None => Err(Usage(format!(
+            "{}, and ROS 2 (ros.enabled) would receive a wrong attitude: {}",
+            VehicleConfig::UNKNOWN,
+            VehicleConfig::CURE
+        ))),
+    }
+}
+
+/// Refuses output files that could not be written, before the run rather than after it: what cannot be opened, and two
+/// outputs in one file.
+///
+/// # Errors
+/// When one cannot be opened for writing, or is named twice.
+pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
+    let mut seen: Vec<&PathBuf> = Vec::new();
+    for file in files {
+        let refuse = |why: &str| Err(Usage(format!("{}: {why}", file.display())));
+        if seen.contains(&file) {
+            return refuse("is the path of two outputs; name two files");
+        }
+        seen.push(file);
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if folder.is_some_and(|folder| !folder.is_dir()) {
+            return refuse("its directory does not exist; create it first");
+        }
+        if file.is_dir() {
+            return refuse("is a directory; name a file to write");
+        }
+        if let Err(error) = try_writing(file) {
+            return refuse(&format!("cannot be written ({error}); name another file"));
+        }
+    }
+    Ok(())
+}
+
+/// Opens a file for writing and leaves it as it was.
+fn try_writing(file: &Path) -> std::io::Result<()> {
+    if file.exists() {
+        return std::fs::OpenOptions::new().append(true).open(file).map(drop);
+    }
+    std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
+    std::fs::remove_file(file)
+}
+
+/// `A..B`, both optional, as a pair.
+///
+/// # Errors
+/// When it is not a range.
+pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
+    text: &str,
+) -> Result<(Option<T>, Option<T>), String> {
+    let bad = || format!("'{text}' is not a range: write A..B, such as 5..10");
+    let (from, to) = text.split_once("..").ok_or_else(bad)?;
+    let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };
+    let (from, to) = (part(from)?, part(to)?);
+    match (from, to) {
+        (Some(a), Some(b)) if a >= b => Err(format!("'{text}' is an empty range")),
+        range => Ok(range),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_half_open_and_checked() {
+        assert_eq!(parse_range::<f64>("5..7.5"), Ok((Some(5.0), Some(7.5))));
+        assert_eq!(parse_range::<usize>("3.."), Ok((Some(3), None)));
+        assert!(parse_range::<usize>("7..3").is_err() && parse_range::<usize>("x").is_err());
+    }
+}

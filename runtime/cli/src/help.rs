@@ -1,0 +1,321 @@
+//! `plumbline --help` and `plumbline help`: commands by task, every help at 80 columns, and the tables of conditions, faults and
+//! errors of inertial sensors.
+
+use super::Usage;
+use super::command_line::Cli;
+use clap::{Args, Command, CommandFactory as _};
+use plumbline_drivers::InjectedFault;
+use plumbline_drivers::simulator::{Condition, ImuError};
+use std::fmt::Write as _;
+use std::io::ErrorKind;
+
+/// Width of a terminal that fits every help.
+const COLUMNS: usize = 80;
+/// Indent of what continues an example.
+const CONTINUED: usize = 6;
+/// Width of the names of commands in a list.
+const NAMES: usize = 13;
+
+/// Commands that `plumbline --help` lists, by task, each task in the order of use.
+const TASKS: [(&str, &[&str]); 4] = [
+    ("Fly", &["demo", "setup", "devices", "calibrate", "config", "doctor", "fly"]),
+    ("Recordings", &["replay", "verify", "log", "evaluate", "plot", "map", "report"]),
+    ("Watch", &["ground", "keys"]),
+    ("Experiments", &["simulate", "sweep"]),
+];
+
+/// Options of a simulated flight that the help of `simulate` explains, and that of `replay` leaves out.
+const OF_SIMULATE: [&str; 11] = [
+    "imu",
+    "imu_error",
+    "calibration_error",
+    "lean_deg",
+    "laps",
+    "motion_blur",
+    "time_offset_ms",
+    "extrinsics_error_deg",
+    "lost_camera",
+    "drop_rate",
+    "flicker",
+];
+
+/// A table that `plumbline help` prints: name, introduction, kinds.
+type Table = (&'static str, &'static str, fn() -> String);
+
+/// Kinds that options of several commands take.
+const TABLES: [Table; 3] = [
+    (
+        "conditions",
+        "Conditions of light, camera, scene or motion in a simulated flight, such as `--condition blur:10:6`. Omitted doses have \
+         the defaults in brackets.",
+        Condition::help,
+    ),
+    (
+        "faults",
+        "Faults in any flight, such as `--fault accel-pulse:x:30@6+0.1`: \
+         KIND[:AXES|CAMERA][:DOSE...][@FROM[+DURATION[/PERIOD]]]. FROM is the beginning, DURATION the length, and PERIOD the time \
+         after which the fault acts again, all in seconds, FROM since the first frame. Omitted parts have the defaults in \
+         brackets; without a duration a fault lasts to the end. Faults act in the order given.",
+        InjectedFault::help,
+    ),
+    (
+        "imu-errors",
+        "Errors of the simulated inertial sensor, such as `--imu-error force:0.07:2`. Omitted doses have the defaults in \
+         brackets.",
+        ImuError::help,
+    ),
+];
+
+/// Arguments of `plumbline help`.
+#[derive(Debug, Args)]
+pub struct HelpArgs {
+    /// Command, such as `config import`; table of kinds: `conditions`, `faults` or `imu-errors`; or `all`, the list of
+    /// every command.
+    topic: Vec<String>,
+}
+
+/// The command line as it is parsed and helped with: the help of `replay` leaves out what that of `simulate` explains.
+pub fn command() -> Command {
+    full().mut_subcommand("replay", |replay| {
+        let replay =
+            OF_SIMULATE.iter().fold(replay, |replay, name| replay.mut_arg(name, |arg| arg.hide(true)));
+        replay.after_help("Simulated flights take the options of `plumbline simulate` too.")
+    })
+}
+
+/// The whole command line, with commands by task, and laid out for [`COLUMNS`].
+pub fn full() -> Command {
+    let cli = Cli::command().disable_help_subcommand(true).max_term_width(COLUMNS);
+    let more = filled(&format!("More: {}.", other_names(&cli).join(", ")), 0);
+    let template = format!(
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{}\n{more}\n`plumbline help COMMAND` describes one, `plumbline help all` \
+         lists every one.\n\nOptions:\n{{options}}{{after-help}}",
+        by_task(&cli)
+    );
+    laid_out(cli).help_template(template)
+}
+
+/// Prints what is asked for.
+///
+/// # Errors
+/// When there is no such command or table.
+pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
+    let mut cli = command();
+    cli.build();
+    let words: Vec<&str> = args.topic.iter().map(String::as_str).collect();
+    if words == ["all"] {
+        super::say(all(&cli).trim_end());
+        return Ok(());
+    }
+    if let Some((_, about, kinds)) = TABLES.iter().find(|(name, ..)| words == [*name]) {
+        super::say(table(about, &kinds()));
+        return Ok(());
+    }
+    let found = words.iter().try_fold(&mut cli, |above, word| above.find_subcommand_mut(word));
+    let Some(found) = found else {
+        let tables = TABLES.map(|(name, ..)| name).join(", ");
+        let message = format!(
+            "help {}: there is no such command, and no such table ({tables}); `plumbline help all` lists the commands",
+            words.join(" ")
+        );
+        return Err(Usage(message).into());
+    };
+    match found.print_long_help() {
+        // A reader that has gone, as `head` does, is no failure.
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(()),
+    }
+}
+
+/// Every command: by task, then the others.
+fn all(cli: &Command) -> String {
+    format!("{}\nOther commands:\n{}", by_task(cli), rows(cli, &other_names(cli)))
+}
+
+/// Commands of [`TASKS`] that this build has.
+fn by_task(cli: &Command) -> String {
+    let tasks = TASKS.map(|(task, names)| format!("{task}:\n{}", rows(cli, names)));
+    tasks.join("\n")
+}
+
+/// Names of the commands that no task lists.
+fn other_names(cli: &Command) -> Vec<&str> {
+    let is_listed = |name: &str| TASKS.iter().any(|(_, names)| names.contains(&name));
+    cli.get_subcommands().map(Command::get_name).filter(|name| !is_listed(name)).collect()
+}
+
+/// A row for each command of these names.
+fn rows(cli: &Command, names: &[&str]) -> String {
+    let mut rows = String::new();
+    for found in names.iter().filter_map(|name| cli.find_subcommand(name)) {
+        let about = found.get_about().map(ToString::to_string).unwrap_or_default();
+        let row = format!("  {:NAMES$}{about}", found.get_name());
+        let _ = writeln!(rows, "{}", filled(&row, 2 + NAMES));
+    }
+    rows
+}
+
+/// A table of kinds, each line of `kinds` as `NAME:DOSES - TEXT`.
+fn table(about: &str, kinds: &str) -> String {
+    let mut text = filled(about, 0);
+    for line in kinds.lines() {
+        let (name, about) = line.split_once(" - ").unwrap_or((line, ""));
+        let _ = write!(text, "\n\n{}", filled(&format!("  {name}"), CONTINUED));
+        let indented = format!("{:CONTINUED$}{about}", "");
+        let _ = write!(text, "\n{}", filled(&indented, CONTINUED));
+    }
+    text
+}
+
+/// A command and all below it, with the notes below their helps at [`COLUMNS`].
+fn laid_out(command: Command) -> Command {
+    let names: Vec<String> = command.get_subcommands().map(|below| below.get_name().to_owned()).collect();
+    let notes = command.get_after_help().map(|notes| wrapped(&notes.to_string()));
+    let command = names.into_iter().fold(command, |above, name| above.mut_subcommand(name, laid_out));
+    match notes {
+        Some(notes) => command.after_help(notes),
+        None => command,
+    }
+}
+
+/// Notes at [`COLUMNS`]: examples are continued as a shell reads them, with what they do on a line of its own where both are
+/// too long for one.
+fn wrapped(notes: &str) -> String {
+    let line = |line: &str| match line.strip_prefix("  plumbline ") {
+        Some(_) if line.chars().count() > COLUMNS => {
+            let (example, note) = line.trim().split_once("  ").unwrap_or((line.trim(), ""));
+            let example = broken(&format!("  {example}"), CONTINUED, COLUMNS - 2, " \\");
+            match note.trim() {
+                "" => example,
+                note => format!("{example}\n{}", filled(&format!("{:CONTINUED$}{note}", ""), CONTINUED)),
+            }
+        }
+        _ => filled(line, line.len() - line.trim_start().len()),
+    };
+    notes.lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Text at [`COLUMNS`]; lines after the first are indented by `indent`.
+fn filled(text: &str, indent: usize) -> String {
+    broken(text, indent, COLUMNS, "")
+}
+
+/// Text broken at blanks into lines of at most `width` characters, each but the last with `end` after it. Blanks within a line
+/// stay.
+fn broken(text: &str, indent: usize, width: usize, end: &str) -> String {
+    let (mut lines, mut rest) = (Vec::new(), text.to_owned());
+    while rest.chars().count() > width {
+        let fits = rest.char_indices().nth(width).map_or(rest.len(), |(at, _)| at);
+        let begin = rest.len() - rest.trim_start().len();
+        // A word that is too long has a line of its own.
+        let blank = rest[..=fits].rfind(' ').filter(|at| *at > begin);
+        let Some(at) = blank.or_else(|| rest[begin..].find(' ').map(|at| begin + at)) else { break };
+        lines.push(format!("{}{end}", rest[..at].trim_end()));
+        rest = format!("{:indent$}{}", "", rest[at..].trim_start());
+    }
+    lines.push(rest);
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Helps of a command and of all below it.
+    fn helps(command: &mut Command, into: &mut Vec<(String, String)>) {
+        let name = command.get_bin_name().unwrap_or_else(|| command.get_name()).to_owned();
+        into.push((name, command.render_long_help().to_string()));
+        for below in command.get_subcommands_mut() {
+            helps(below, into);
+        }
+    }
+
+    fn all_helps() -> Vec<(String, String)> {
+        let (mut cli, mut found) = (command(), Vec::new());
+        cli.build();
+        helps(&mut cli, &mut found);
+        found
+    }
+
+    #[test]
+    fn every_help_and_every_table_fits_eighty_columns() {
+        let tables = TABLES.map(|(name, about, kinds)| (name.to_owned(), table(about, &kinds())));
+        let list = [("all".to_owned(), all(&command()))];
+        let found = all_helps();
+        assert!(found.len() > 30 || cfg!(not(feature = "lab")), "{}", found.len());
+        for (name, help) in found.into_iter().chain(tables).chain(list) {
+            // clap never breaks the line of usage.
+            for line in help.lines().filter(|line| !line.starts_with("Usage: ")) {
+                assert!(line.chars().count() <= COLUMNS, "{name}: {line}");
+            }
+        }
+    }
+
+    #[test]
+    fn help_lists_eighteen_commands_at_most_by_task_and_names_the_others() {
+        let help = command().render_long_help().to_string();
+        assert!(TASKS.iter().all(|(task, _)| help.contains(&format!("\n{task}:\n"))), "{help}");
+        assert!(TASKS.iter().map(|(_, names)| names.len()).sum::<usize>() <= 18);
+        let cli = command();
+        for (_, names) in TASKS {
+            for name in names {
+                let is_left_out = super::super::left_out::command([(*name).to_owned()].into_iter()).is_some();
+                assert!(is_left_out != cli.find_subcommand(name).is_some(), "{name}");
+            }
+        }
+        for name in cli.get_subcommands().map(Command::get_name) {
+            assert!(help.contains(name) && all(&cli).contains(&format!("\n  {name} ")), "{name}");
+        }
+    }
+
+    #[test]
+    fn help_of_replay_is_a_hundred_and_twenty_lines_at_most() {
+        let found = all_helps();
+        let (_, help) = found.iter().find(|(name, _)| name == "plumbline replay").unwrap();
+        assert!(help.lines().count() <= 120, "{} lines:\n{help}", help.lines().count());
+    }
+
+    #[test]
+    fn options_that_the_help_of_replay_leaves_out_stand_in_that_of_simulate() {
+        let found = all_helps();
+        let help = |wanted: &str| &found.iter().find(|(name, _)| name == wanted).unwrap().1;
+        for name in OF_SIMULATE {
+            let option = format!("--{} ", name.replace('_', "-"));
+            let is_in = |help: &str| format!("{help} ").replace('\n', " ").contains(&option);
+            assert!(is_in(help("plumbline simulate")) && !is_in(help("plumbline replay")), "{name}");
+        }
+    }
+
+    #[test]
+    fn tables_name_every_kind_that_the_options_take() {
+        let of = |wanted: &str| {
+            let (_, about, kinds) = TABLES.iter().find(|(name, ..)| *name == wanted).unwrap();
+            table(about, &kinds())
+        };
+        for (name, kinds) in [
+            ("conditions", &["blur:exposure, ms [6]", "bare-hover:", "warming:"][..]),
+            ("faults", &["stamp-jitter:", "gyro-late:AXES [xyz]:ms [20] [@10]", "rig-lens"]),
+            ("imu-errors", &["force:", "residual:"]),
+        ] {
+            let text = of(name);
+            assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");
+        }
+    }
+
+    #[test]
+    fn long_examples_are_continued_as_a_shell_reads_them() {
+        let long =
+            format!("  plumbline sweep --set {} --out results.csv   one row each", "key=1,2 ".repeat(9));
+        let laid = wrapped(&long);
+        let lines: Vec<&str> = laid.lines().collect();
+        assert!(lines.len() == 3 && lines[0].ends_with(" \\") && lines[1].starts_with("      "), "{laid}");
+        assert_eq!(lines[2], "      one row each");
+        let (example, note) = (format!("  plumbline replay {}", "x".repeat(50)), "all that is in it");
+        assert_eq!(wrapped(&format!("{example}  {note}")), format!("{example}\n      {note}"));
+        let words = |text: &str| {
+            text.split_whitespace().filter(|word| *word != "\\").map(str::to_owned).collect::<Vec<_>>()
+        };
+        assert_eq!(words(&laid), words(&long));
+        assert_eq!(wrapped("Short."), "Short.");
+    }
+}
