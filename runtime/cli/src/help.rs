@@ -100,8 +100,7 @@ pub fn full() -> Command {
 /// # Errors
 /// When there is no such command or table.
 pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
-    let mut cli = command();
-    cli.build();
+    let cli = command();
     let words: Vec<&str> = args.topic.iter().map(String::as_str).collect();
     if words == ["all"] {
         super::say(all(&cli).trim_end());
@@ -111,19 +110,27 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         super::say(table(about, &kinds()));
         return Ok(());
     }
-    let found = words.iter().try_fold(&mut cli, |above, word| above.find_subcommand_mut(word));
-    let Some(found) = found else {
+    if words.iter().try_fold(&cli, |above, word| above.find_subcommand(word)).is_none() {
         let tables = TABLES.map(|(name, ..)| name).join(", ");
         let message = format!(
             "help {}: there is no such command, and no such table ({tables}); `plumbline help all` lists the commands",
             words.join(" ")
         );
         return Err(Usage(message).into());
-    };
-    match found.print_long_help() {
+    }
+    match help_of(&words).print() {
         // A reader that has gone, as `head` does, is no failure.
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
+    }
+}
+
+/// What `--help` prints of the command that these words name; clap has it as an error.
+fn help_of(words: &[&str]) -> clap::Error {
+    let asked = ["plumbline"].iter().chain(words).chain(&["--help"]);
+    match command().try_get_matches_from(asked) {
+        Err(help) => help,
+        Ok(_) => clap::Error::new(clap::error::ErrorKind::DisplayHelp),
     }
 }
 
@@ -221,19 +228,17 @@ fn broken(text: &str, indent: usize, width: usize, end: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Helps of a command and of all below it.
-    fn helps(command: &mut Command, into: &mut Vec<(String, String)>) {
-        let name = command.get_bin_name().unwrap_or_else(|| command.get_name()).to_owned();
-        into.push((name, command.render_long_help().to_string()));
-        for below in command.get_subcommands_mut() {
-            helps(below, into);
+    /// Helps of a command and of all below it, each after its words.
+    fn helps(command: &Command, words: &[&str], into: &mut Vec<(String, String)>) {
+        into.push((words.join(" "), help_of(words).to_string()));
+        for below in command.get_subcommands().filter(|below| below.get_name() != "help") {
+            helps(below, &[words, &[below.get_name()]].concat(), into);
         }
     }
 
     fn all_helps() -> Vec<(String, String)> {
-        let (mut cli, mut found) = (command(), Vec::new());
-        cli.build();
-        helps(&mut cli, &mut found);
+        let (cli, mut found) = (command(), Vec::new());
+        helps(&cli, &[], &mut found);
         found
     }
 
@@ -271,7 +276,7 @@ mod tests {
     #[test]
     fn help_of_replay_is_a_hundred_and_twenty_lines_at_most() {
         let found = all_helps();
-        let (_, help) = found.iter().find(|(name, _)| name == "plumbline replay").unwrap();
+        let (_, help) = found.iter().find(|(name, _)| name == "replay").unwrap();
         assert!(help.lines().count() <= 120, "{} lines:\n{help}", help.lines().count());
     }
 
@@ -282,7 +287,7 @@ mod tests {
         for name in OF_SIMULATE {
             let option = format!("--{} ", name.replace('_', "-"));
             let is_in = |help: &str| format!("{help} ").replace('\n', " ").contains(&option);
-            assert!(is_in(help("plumbline simulate")) && !is_in(help("plumbline replay")), "{name}");
+            assert!(is_in(help("simulate")) && !is_in(help("replay")), "{name}");
         }
     }
 
@@ -304,8 +309,10 @@ mod tests {
 
     #[test]
     fn long_examples_are_continued_as_a_shell_reads_them() {
-        let long =
-            format!("  plumbline sweep --set {} --out results.csv   one row each", "key=1,2 ".repeat(9));
+        let long = format!(
+            "  plumbline sweep --set {} --out results.csv   one row each",
+            "key=1,2 ".repeat(9).trim_end()
+        );
         let laid = wrapped(&long);
         let lines: Vec<&str> = laid.lines().collect();
         assert!(lines.len() == 3 && lines[0].ends_with(" \\") && lines[1].starts_with("      "), "{laid}");
