@@ -56,6 +56,7 @@ mod setup;
 pub mod shuttle;
 mod signals;
 pub mod simulate;
+mod simulated;
 mod supervisor;
 #[cfg(feature = "lab")]
 pub mod sweep;
