@@ -129,7 +129,7 @@ impl Row {
         let flown_s = results.iter().filter_map(flown_s).reduce(f64::max);
         let part_s = flown_s.filter(|flown_s| whole_s.is_some_and(|whole_s| *flown_s < WHOLE * whole_s));
         Self {
-            name: part_s.map_or_else(|| name.clone(), |part_s| format!("{name} (part, {part_s:.0} s)")),
+            name: part_s.map_or_else(|| name.clone(), |part_s| format!("{name} (part of {part_s:.0} s)")),
             flights: results.len(),
             cameras: span(flown.iter().filter_map(|f| f.cameras)),
             failed: results.len() - flown.len(),
@@ -449,7 +449,10 @@ mod tests {
         results[0].figures.as_mut().unwrap().cameras = Some(1);
         let table = OpenTable::new(&results);
         let text = table.text(Format::Markdown);
-        assert!(text.contains("| V1_01_easy (part, 17 s) ") && text.contains("| mean of 1 of 11 "), "{text}");
+        assert!(
+            text.contains("| V1_01_easy (part of 17 s) ") && text.contains("| mean of 1 of 11 "),
+            "{text}"
+        );
         assert!(text.contains(" 1 to 2 |") && table.missing_lines()[0].contains("V1_01_easy"), "{text}");
     }
 
