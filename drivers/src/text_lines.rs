@@ -4,6 +4,8 @@ use std::io::{self, BufRead};
 
 /// Longest line that is still looked at; a row of any known format is below 500 bytes.
 const MAX_LINE_BYTES: usize = 4096;
+/// A line that is longer than this has no end: a gzip of some megabytes may hold one of gigabytes.
+const MAX_SKIPPED_BYTES: usize = 16 << 20;
 
 /// One line of the file, without its end.
 #[derive(Debug, PartialEq, Eq)]
@@ -29,7 +31,7 @@ impl<R: BufRead> Lines<R> {
     /// The next line, or `None` at the end of the file.
     pub(crate) fn next_line(&mut self) -> io::Result<Option<Line<'_>>> {
         self.buffer.clear();
-        let (mut read_any, mut overflow) = (false, false);
+        let (mut read_any, mut overflow, mut skipped) = (false, false, 0_usize);
         loop {
             let chunk = match self.reader.fill_buf() {
                 Ok(chunk) => chunk,
@@ -47,8 +49,15 @@ impl<R: BufRead> Lines<R> {
             self.buffer.extend_from_slice(&body[..body.len().min(room)]);
             let used = end.map_or(chunk.len(), |at| at + 1);
             self.reader.consume(used);
+            skipped += used;
             if end.is_some() {
                 break;
+            }
+            if skipped > MAX_SKIPPED_BYTES {
+                return Err(io::Error::new(
+                    io::ErrorKind::InvalidData,
+                    "a line has no end; is it a text file?",
+                ));
             }
         }
         if !read_any {
@@ -84,5 +93,12 @@ mod tests {
         assert_eq!(lines.next_line().unwrap(), Some(Line::Unreadable));
         assert_eq!(lines.next_line().unwrap(), None);
         assert_eq!(lines.buffer.capacity(), MAX_LINE_BYTES);
+    }
+
+    #[test]
+    fn a_line_without_end_is_given_up() {
+        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
+        let error = lines.next_line().unwrap_err();
+        assert!(error.to_string().contains("no end"), "{error}");
     }
 }

@@ -37,6 +37,26 @@ fn a_verdict_covers_what_was_looked_at_alone() {
     assert!(last.starts_with("The sensors are fit to fly") && last.contains("time offset"), "{last}");
 }
 
+/// What was not measured has its reason, and those of one reason are in one line.
+#[test]
+fn a_measure_that_the_data_do_not_hold_has_its_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight").display().to_string();
+    let written =
+        plumbline(&["simulate", &path, "--start", "3", "--duration", "2", "--scale", "0.5", "--mono"]);
+    assert!(written.status.success(), "{}", stderr(&written));
+    let looked = plumbline(&["doctor", &path]);
+    let text = String::from_utf8_lossy(&looked.stdout).into_owned();
+    assert_eq!(text.matches("it takes two cameras, and the configuration has one").count(), 1, "{text}");
+    let line = text.lines().find(|line| line.contains("epipolar error, ")).unwrap();
+    assert!(line.starts_with("not measured") && line.contains("scale"), "{text}");
+    let last = text.trim_end().lines().last().unwrap();
+    assert!(
+        last.contains("Not measured, for the reasons above: ") && last.contains("epipolar error"),
+        "{last}"
+    );
+}
+
 #[test]
 fn live_sensors_that_are_not_there_are_told_after_the_time_that_was_given() {
     let (left, imu) =

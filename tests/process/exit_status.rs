@@ -30,11 +30,20 @@ const MISSING: [&[&str]; 23] = [
 ];
 
 /// Wrong usage of every command.
-const WRONG: [&[&str]; 31] = [
+const WRONG: [&[&str]; 40] = [
     &[],
     &["fly-away"],
     &["replay"],
     &["replay", "sim:moon"],
+    &["replay", "sim:room?durations=3"],
+    &["replay", "sim:room?duration=3", "--seed", "2"],
+    &["replay", "sim:room?duration=3", "--stop", "2"],
+    &["verify", "sim:room?duration=3"],
+    &["log", "sim:room?duration=3"],
+    &["calibrate", "rig", "sim:room?duration=3", "--out", "OUT"],
+    &["calibrate", "imu", "sim:room?duration=3", "--out", "OUT"],
+    &["map", "locate", "OUT", "sim:room?duration=3"],
+    &["replay", "sim:room", "--trajectory", "OUT/"],
     &["replay", "sim:room", "--speed", "-1"],
     &["replay", "sim:room", "--speed", "0"],
     &["replay", "sim:room", "--set", "estimator.points.sigma_px=-1"],
@@ -77,6 +86,7 @@ fn what_is_asked_wrongly_or_is_not_there_is_2_and_told_in_words() {
             .map(|argument| match *argument {
                 "FLIGHT" => flight.as_str(),
                 "OUT" => out.as_str(),
+                "OUT/" => "logs-that-are-not-there/",
                 argument => argument,
             })
             .collect();

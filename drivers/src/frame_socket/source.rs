@@ -232,7 +232,8 @@ impl SocketStereo {
             return None;
         }
         self.last_stamp_ns = stamp_ns;
-        let is_next = |last: u64| (1..FURTHEST).contains(&header.sequence.saturating_sub(last));
+        // Numbers wrap; one that goes back is of a program that counts anew.
+        let is_next = |last: u64| (1..FURTHEST).contains(&header.sequence.wrapping_sub(last));
         if self.last.is_some_and(|(stream, last)| stream == self.stream && !is_next(last)) {
             self.stream += 1;
         }

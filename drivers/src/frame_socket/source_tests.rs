@@ -64,6 +64,20 @@ fn frames_come_in_pieces_of_any_size_and_say_how_many_were_lost() {
 }
 
 #[test]
+fn numbers_that_wrap_or_begin_anew_lose_no_frame() {
+    let mut rig = rig();
+    let mut sender = UnixStream::connect(&rig.path).unwrap();
+    // The last one begins anew, 50 ms after the one before it.
+    let numbers = [u64::MAX - 1, u64::MAX, 0, 2, 0];
+    for (k, number) in (0..).zip(numbers) {
+        sender.write_all(&frame(number, 1, 250 - 50 * k)).unwrap();
+    }
+    let taken = numbers.map(|_| rig.next().0);
+    assert_eq!(taken, [0, 1, 2, 4, 5], "one is missing between 0 and 2");
+    assert_eq!(rig.source.faults().missing, 1);
+}
+
+#[test]
 fn nothing_is_allocated_for_a_frame() {
     let mut rig = rig();
     let mut sender = UnixStream::connect(&rig.path).unwrap();

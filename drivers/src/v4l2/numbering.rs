@@ -36,7 +36,9 @@ impl Numbering {
     fn by_marks(&self, marks: [Option<(u64, u64)>; 2]) -> Option<u64> {
         self.marks.iter().zip(marks).find_map(|(kept, mark)| {
             let ((stream, image, frame), (now_stream, now_image)) = ((*kept)?, mark?);
-            (stream == now_stream).then(|| frame + now_image.saturating_sub(image))
+            // Numbers wrap; one that goes back is none of the next.
+            let step = now_image.wrapping_sub(image);
+            (stream == now_stream).then(|| frame.saturating_add(if step > u64::MAX / 2 { 0 } else { step }))
         })
     }
 

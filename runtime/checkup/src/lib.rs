@@ -322,8 +322,13 @@ impl Checkup {
             measures.push(scale::judge(&self.turns, &self.samples, config, focal));
         }
         if config.camera.len() == 1 {
-            let missing =
-                |name| Measure::missing(name, "there is one camera", "use two cameras, or calibrate");
+            let missing = |name| {
+                Measure::missing(
+                    name,
+                    "it takes two cameras, and the configuration has one",
+                    "nothing to do where the vehicle has one camera: calibrate it with care (docs/calibration.md)",
+                )
+            };
             measures.extend(OF_PAIRS.map(missing));
         }
         measures

@@ -4,7 +4,7 @@
 use super::choice::FlightChoice;
 use super::sweep::progress_bar;
 use super::topics::TopicArgs;
-use super::{Usage, check_outputs, load_config, say, stop_on_signal};
+use super::{Usage, check_outputs, load_config, say, stop_on_signal, sweep};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use plumbline_drivers::simulator::Scenario;
@@ -31,7 +31,7 @@ const LOOPS: [&str; 2] = ["+ loops, as flown", "as known at the end"];
 /// Arguments of `plumbline ablation`.
 #[derive(Debug, Args)]
 pub struct AblationArgs {
-    /// EuRoC data sets or ROS bags (with --config). Default: the built-in simulated flights.
+    /// EuRoC data sets, ROS bags (with --config), or simulated flights (sim:room?path=demo&duration=10). Default: the built-in simulated flights.
     pub datasets: Vec<PathBuf>,
     /// Which of the built-in flights.
     #[command(flatten)]
@@ -139,7 +139,8 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
         return Err(Usage(message).into());
     }
     if !args.datasets.is_empty() {
-        return Ok(args.datasets.iter().map(|path| Subject::Recorded { path: path.clone() }).collect());
+        let subject = |path: &PathBuf| sweep::subject(&path.to_string_lossy(), None);
+        return args.datasets.iter().map(subject).collect();
     }
     let simulated = |entry: Entry| Subject::Simulated {
         name: format!("{} {} {}", entry.path, entry.scene, entry.scenario.seed),

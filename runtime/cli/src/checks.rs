@@ -73,7 +73,7 @@ pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result
         if folder.is_some_and(|folder| !folder.is_dir()) {
             return refuse("its directory does not exist; create it first");
         }
-        if file.is_dir() {
+        if file.is_dir() || file.as_os_str().as_encoded_bytes().ends_with(b"/") {
             return refuse("is a directory; name a file to write");
         }
         if let Err(error) = try_writing(file) {

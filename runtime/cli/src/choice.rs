@@ -1,6 +1,7 @@
 //! Which of the built-in simulated flights a command flies.
 
 use super::Usage;
+use super::simulated::trajectories;
 use clap::Args;
 use plumbline_drivers::simulator::{FlightPath, Scene};
 use plumbline_lab::campaign::{Entry, Fault, PATHS, RECORDED_PATHS, SCENES};
@@ -78,17 +79,6 @@ impl FlightChoice {
         }
         Ok(entries)
     }
-}
-
-/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
-pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
-    let shared =
-        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
-    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
-    if folder.is_dir() {
-        return Ok(folder);
-    }
-    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
 }
 
 /// The trajectories of the choice with their starts, s; never empty.

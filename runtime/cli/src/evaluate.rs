@@ -1,7 +1,7 @@
 //! `plumbline evaluate`: a trajectory against its ground truth.
 
 use super::say;
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use plumbline_lab::evaluate::{
     AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, TimeOffset, evaluate, load_trajectory,
@@ -90,7 +90,11 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
         all_pairs: args.all_pairs,
         time_offset: args.time_offset.unwrap_or_default(),
     };
-    let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)?;
+    let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)
+        .with_context(|| format!("{} against {}", args.estimate.display(), args.truth.display()))?;
+    if let Some(misordered) = &result.misordered {
+        tracing::warn!("{misordered}");
+    }
     if args.json {
         say(format_args!("{}", serde_json::to_string_pretty(&result)?));
     } else {

@@ -113,6 +113,7 @@ mod setup;
 pub mod shuttle;
 mod signals;
 pub mod simulate;
+mod simulated;
 mod supervisor;
 #[cfg(feature = "lab")]
 pub mod sweep;

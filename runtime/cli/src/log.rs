@@ -1,5 +1,6 @@
 //! `plumbline log`: what is in a flight log, as a list or as a file for Foxglove.
 
+use super::simulated::check_recorded;
 use super::topics::TopicArgs;
 use super::{Usage, check_outputs, say, verify};
 use anyhow::{Result, bail};
@@ -50,6 +51,7 @@ pub struct LogArgs {
 /// # Errors
 /// When the log cannot be read or is damaged.
 pub fn run(args: &LogArgs) -> Result<()> {
+    check_recorded(&args.log)?;
     if let Some(out) = &args.foxglove {
         return export(args, out);
     }

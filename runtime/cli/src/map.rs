@@ -1,6 +1,7 @@
 //! `plumbline map`: maps from images with known poses, images located in maps, what is in a map, and the map of a
 //! vehicle in flight.
 
+use super::simulated::check_recorded;
 use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, say};
 use anyhow::{Context as _, Result};
@@ -87,6 +88,7 @@ struct ImageArgs {
 
 impl ImageArgs {
     fn open(&self, max_features: usize) -> Result<Frames> {
+        check_recorded(&self.dataset)?;
         let choice = Choice { every: self.every as usize, offset: self.first as usize };
         let options = ExtractorOptions { max_features, ..ExtractorOptions::default() };
         let config = load_config(self.config.as_deref())?;

@@ -6,7 +6,8 @@ mod written;
 
 use super::exit_status::last_resort;
 use super::progress::Progress;
-use super::scenario::{ScenarioArgs, parse_scene};
+use super::scenario::ScenarioArgs;
+use super::simulated::{are_given, simulated};
 use super::topics::TopicArgs;
 use super::{Usage, check_maps, check_outputs, load_config, parse_range, say, stop_on_signal};
 use anyhow::{Context, Result};
@@ -25,6 +26,7 @@ use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::read_known_map;
 use plumbline_lab::evaluate::load_trajectory;
+use plumbline_lab::report::accuracy::ForeignTruth;
 use plumbline_lab::report::{Report, late_findings};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -39,7 +41,7 @@ const MAX_RESERVED_READINGS: usize = 1_440_000;
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
-    /// sim:low-texture, sim:far.
+    /// sim:low-texture, sim:far. Its options are given below, or after a ?: sim:room?path=demo&duration=10.
     pub dataset: String,
     /// Configuration file or preset. Default: preset `euroc` with the calibration of the data set, configuration of the
     /// log, or preset `sim`.
@@ -99,7 +101,7 @@ pub struct ReplayArgs {
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Ground truth of a data set: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth in place of that of the data set: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Use only frames A to B of a data set or log.
@@ -193,7 +195,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let (Some(instants), Some(path)) = (instants, &at_out) {
         instants::write(path, &instants.into_rows(), &flown.poses)?;
     }
-    judge(args, &report)
+    judge(args, &report, &flown)
 }
 
 /// Checks the options before anything is opened; returns the instants that are asked for.
@@ -217,7 +219,7 @@ fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>
 }
 
 /// Fails where a flight has no pose, its recording failed, or the truth that was named is of another flight.
-fn judge(args: &ReplayArgs, report: &Report) -> Result<()> {
+fn judge(args: &ReplayArgs, report: &Report, flown: &Flown) -> Result<()> {
     let dataset = &args.dataset;
     let frames = report.frames;
     anyhow::ensure!(
@@ -228,11 +230,11 @@ fn judge(args: &ReplayArgs, report: &Report) -> Result<()> {
     if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
         anyhow::bail!("the recording failed: {recording}");
     }
-    if let Some(truth) = args.truth.as_ref().filter(|_| report.accuracy.is_none()) {
-        anyhow::bail!(
-            "--truth: {} has too few poses at the times of this flight; give that of this flight, on the clock of its inertial samples",
-            truth.display()
-        );
+    if let Some(file) = args.truth.as_ref().filter(|_| report.accuracy.is_none()) {
+        ForeignTruth::check(&flown.name, &flown.poses, &flown.truth, file)?;
+    }
+    if let Some(misordered) = report.accuracy.as_ref().and_then(|accuracy| accuracy.misordered) {
+        tracing::warn!("truth: {misordered}");
     }
     Ok(())
 }
@@ -297,16 +299,23 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
 
 fn open(args: &ReplayArgs) -> Result<Flight> {
     let config = load_config(args.config.as_deref())?;
-    if let Some(scene) = args.dataset.strip_prefix("sim:") {
-        let mut scenario = args.scenario.clone();
+    if let Some(named) = simulated(&args.dataset, None)? {
+        let are_both = named.has_options && (are_given(&args.scenario) || args.stop.is_some());
+        anyhow::ensure!(
+            !are_both,
+            Usage(format!(
+                "{}: has options after the ?; write all of them there, or all as --options",
+                args.dataset
+            ))
+        );
+        let mut options = if named.has_options { named.options } else { args.scenario.clone() };
         if let Some(stop) = args.stop {
-            scenario.duration =
-                Some(scenario.seconds(Some(stop)).map(|seconds| seconds.end - seconds.start)?);
+            options.duration = Some(options.seconds(Some(stop)).map(|seconds| seconds.end - seconds.start)?);
         }
-        let scenario = scenario.scenario(parse_scene(scene)?)?;
-        let error_deg = args.scenario.extrinsics_error_deg;
+        let scenario = options.scenario(named.scene)?;
+        let error_deg = options.extrinsics_error_deg;
         let flight = open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?;
-        return Ok(flight.with_injected(&args.scenario.faults.fault, scenario.seed)?);
+        return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
     }
     let frames = match &args.frames {
         None => None,

@@ -15,6 +15,7 @@ use plumbline_flight::flight::{Cut, Flight, Flown, Truth, fly, open_recording, w
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::Report;
+use plumbline_lab::report::accuracy::ForeignTruth;
 use plumbline_lab::shuttle::Shuttle;
 use plumbline_lab::sweep::{Common, Subject};
 use serde::Serialize;
@@ -136,6 +137,9 @@ pub fn run(args: &ShuttleArgs) -> Result<()> {
         say(serde_json::to_string_pretty(&Told { name: &name, digests, shuttle: &shuttle })?);
     } else {
         say(summary(&name, &shuttle));
+    }
+    if let Some(file) = &args.truth {
+        ForeignTruth::check(&name, &there.poses, &truth, file)?;
     }
     Ok(())
 }

@@ -1,19 +1,18 @@
 //! `plumbline sweep`: settings of the configuration, on data sets, on all cores.
 
-use super::scenario::{ScenarioArgs, parse_scene};
+use super::simulated::simulated;
 use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, paired, say, stop_on_signal};
-use crate::choice::trajectories;
 use anyhow::{Context, Result, bail, ensure};
-use clap::{Args, Parser};
+use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
-use plumbline_drivers::simulator::FlightPath;
 use plumbline_flight::flight::with_overrides;
-use plumbline_lab::campaign::PATHS;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::sweep::open_table::{Format, OpenTable};
-use plumbline_lab::sweep::{Axis, Cell, CellResult, Common, Plan, Subject, cell, folder, run, table};
+use plumbline_lab::sweep::{
+    Axis, Cell, CellResult, Common, NamedTruth, Plan, Subject, cell, folder, run, table,
+};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -76,7 +75,7 @@ pub struct SweepArgs {
     /// Configuration file or preset that the settings change. Default: as for `plumbline replay`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Ground truth for data sets without one: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth in place of that of the data sets: TUM (plain or .gz) or a EuRoC table. It must cover each of them.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Topics of bags.
@@ -211,7 +210,7 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     }
     let common = Common {
         config: load_config(args.config.as_deref())?,
-        truth: args.truth.as_ref().map(|file| load_trajectory(file)).transpose()?.map(Arc::new),
+        truth: args.truth.as_deref().map(named_truth).transpose()?.map(Arc::new),
         topics: args.topics.names()?,
         mono: args.mono,
         cache: args.cache.clone(),
@@ -230,6 +229,11 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
         with_overrides(&base, setting)?;
     }
     Ok(plan)
+}
+
+/// Truth of a file.
+fn named_truth(file: &Path) -> Result<NamedTruth> {
+    Ok(NamedTruth { path: file.to_owned(), poses: load_trajectory(file)? })
 }
 
 /// Data sets of a folder; what is left out is logged.
@@ -254,55 +258,17 @@ fn check_tables(args: &SweepArgs, settings: usize) -> Result<(), Usage> {
 
 /// Subject of a flight that the argument `name` names.
 pub(super) fn subject(name: &str, shared: Option<&Path>) -> Result<Subject> {
-    let Some(simulated) = name.strip_prefix("sim:") else {
+    let Some(flight) = simulated(name, shared)? else {
         let path = PathBuf::from(name);
         ensure!(path.exists(), Usage(format!("{name}: does not exist; give a data set, a log, or sim:room")));
         return Ok(Subject::Recorded { path });
     };
-    let (scene, options) = simulated.split_once('?').unwrap_or((simulated, ""));
-    let scene = parse_scene(scene)?;
-    let arguments = simulated_arguments(options, shared)?;
-    let parsed = Simulated::try_parse_from(arguments).map_err(|e| {
-        let text = e.to_string();
-        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
-        Usage(format!("{name}: {first}; options are those of `plumbline replay` for simulated flights"))
-    })?;
     Ok(Subject::Simulated {
         name: name.to_owned(),
-        scenario: Box::new(parsed.scenario.scenario(scene)?),
-        extrinsics_error_deg: parsed.scenario.extrinsics_error_deg,
-        faults: parsed.scenario.faults.fault.clone(),
+        scenario: Box::new(flight.options.scenario(flight.scene)?),
+        extrinsics_error_deg: flight.options.extrinsics_error_deg,
+        faults: flight.options.faults.fault.clone(),
     })
-}
-
-/// The options of a simulated flight, as a command line of their own.
-#[derive(Debug, Parser)]
-#[command(no_binary_name = true, disable_help_flag = true)]
-struct Simulated {
-    #[command(flatten)]
-    scenario: ScenarioArgs,
-}
-
-/// `path=demo&motion-blur` as `--path=demo --motion-blur`. A path that is no file is the name of a trajectory in the
-/// shared data; a built-in one begins where the vehicle is in full flight.
-fn simulated_arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>> {
-    let mut arguments = Vec::new();
-    for option in options.split('&').filter(|option| !option.is_empty()) {
-        let is_file = |path: &&str| matches!(FlightPath::named(path), FlightPath::Tum(_));
-        let named = option.strip_prefix("path=").filter(is_file).filter(|path| !Path::new(path).exists());
-        let Some(name) = named else {
-            arguments.push(format!("--{option}"));
-            continue;
-        };
-        let file = trajectories(shared)?.join(format!("{name}.tum.gz"));
-        ensure!(file.is_file(), Usage(format!("path={name}: no such file, and no {}", file.display())));
-        arguments.push(format!("--path={}", file.display()));
-        let full_flight = PATHS.iter().find(|(built_in, _)| *built_in == name);
-        if let (Some((_, start_s)), false) = (full_flight, options.contains("start=")) {
-            arguments.push(format!("--start={start_s}"));
-        }
-    }
-    Ok(arguments)
 }
 
 /// Flies one cell, unless it is there already.
@@ -412,6 +378,7 @@ fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_drivers::simulator::FlightPath;
 
     #[test]
     fn seeds_are_a_list_or_a_range_with_both_ends() {

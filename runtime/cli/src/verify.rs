@@ -2,6 +2,7 @@
 
 mod many;
 
+use super::simulated::check_recorded;
 use super::topics::TopicArgs;
 use super::{Usage, say};
 use anyhow::{Result, bail};
@@ -126,6 +127,7 @@ pub(super) fn objection(verified: &Verification, allow_incomplete: bool) -> Opti
 
 /// The frames of the data set or bag, in the sizes of the log's cameras.
 pub(super) fn open_images(topics: &TopicArgs, log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
+    check_recorded(dataset)?;
     let config = LogReader::open(log)?.about().config.clone();
     Ok(open_recording(dataset, Some(config), &topics.names()?, None, false)?.stereo)
 }

@@ -158,8 +158,10 @@ impl Closure {
 fn against_truth(there: &[StampedPose], back: &[StampedPose], truth: &Truth) -> Option<[Drift; 2]> {
     let of = |poses: &[StampedPose]| {
         let known = poses.iter().filter_map(|p| {
-            let state = truth.state_at(p.stamp)?;
-            Some((*p, StampedPose { stamp: p.stamp, pose: state.pose_w_b }))
+            // A truth of few poses is not interpolated.
+            let pose =
+                truth.state_at(p.stamp).map(|state| state.pose_w_b).or_else(|| truth.pose_at(p.stamp))?;
+            Some((*p, StampedPose { stamp: p.stamp, pose }))
         });
         let (estimate, reference): (Vec<_>, Vec<_>) = known.unzip();
         (estimate.len() >= MIN_POSES).then(|| drift(&Pairs { estimate, reference })).flatten()

@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 /// A client that has been silent for five seconds makes way; on a busy host somewhat later.
 const MAKES_WAY: Duration = Duration::from_secs(8);
+/// Silent ones that knock when the places become free take them all for another five seconds.
+const TWO_ROUNDS: Duration = Duration::from_secs(14);
 /// Silent clients at a time, of which sixteen find a place.
 const SILENT: usize = 40;
 /// Length of the siege of a station.
@@ -85,7 +87,7 @@ fn soak_silent_clients_of_foxglove_keep_nobody_out() {
         let mut waits = Vec::new();
         while Instant::now() < end {
             let begun = Instant::now();
-            while foxglove(&address).is_none() && begun.elapsed() < 2 * MAKES_WAY {
+            while foxglove(&address).is_none() && begun.elapsed() < 2 * TWO_ROUNDS {
                 std::thread::sleep(Duration::from_millis(50));
             }
             waits.push(begun.elapsed());
@@ -94,9 +96,19 @@ fn soak_silent_clients_of_foxglove_keep_nobody_out() {
         is_over.store(true, Ordering::Relaxed);
         (stays.join().unwrap(), waits)
     });
-    let longest = waits.iter().max().unwrap();
-    println!("{} let in, after {longest:?} at most; the one that answers stayed: {stayed}", waits.len());
-    assert!(stayed && *longest < MAKES_WAY && waits.len() > 8, "{longest:?}: {}", station.words());
+    let mut waits = waits;
+    waits.sort();
+    let [longest, usual] = [waits[waits.len() - 1], waits[9 * waits.len() / 10]];
+    println!(
+        "{} let in, nine in ten within {usual:?}, all within {longest:?}; the one that answers stayed: {stayed}",
+        waits.len()
+    );
+    assert!(stayed && usual < MAKES_WAY && longest < TWO_ROUNDS && waits.len() > 8, "{waits:?}");
+    assert!(
+        station.words().contains("a client that does not answer was disconnected"),
+        "{}",
+        station.words()
+    );
 }
 
 /// Odometry that a new reader receives within so long.

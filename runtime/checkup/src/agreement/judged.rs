@@ -1,6 +1,6 @@
 //! Judgement of what images and gyroscope agree on: time offset, rotation, focal lengths.
 
-use super::{Agreement, REACH_S, STEP_S, Turn, agreement};
+use super::{Agreement, MIN_TURNS, REACH_S, STEP_S, Turn, agreement};
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::{Config, ImuSample};
 
@@ -38,7 +38,15 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
     const CURE: &str =
         "turn the vehicle by hand about all three axes for ten seconds, in front of something with texture";
     let Some(found) = agreement(turns, samples, config) else {
-        let why = format!("{} rotations that images show, or hardly any turning", turns.len());
+        let seen = turns.len();
+        let why = match seen < MIN_TURNS {
+            true => {
+                format!("images show the rotation between {seen} pairs of frames, and {MIN_TURNS} are needed")
+            }
+            false => {
+                format!("the vehicle hardly turned in the {seen} pairs of frames whose rotation images show")
+            }
+        };
         return NAMES.map(|name| Measure::missing(name, &why, CURE)).to_vec();
     };
     // Of axes that are another's, or of images that show another motion, nothing is explained.

@@ -262,7 +262,7 @@ impl Plausibility {
     pub fn add_estimate(&mut self, sequence: u64, health: HealthBits) {
         self.health.add(health);
         let last = self.last_sequence.replace(sequence);
-        self.lost_frames += last.map_or(0, |last| sequence.saturating_sub(last + 1));
+        self.lost_frames += last.map_or(0, |last| sequence.saturating_sub(last.saturating_add(1)));
         self.right_images += u64::from(self.cameras > 1 && !health.contains(HealthBits::RIGHT_MISSING));
     }
 

@@ -1,6 +1,7 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
 
 use super::live;
+use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
 use crate::{Usage, check_outputs, load_config, say};
 use anyhow::{Context as _, Result};
@@ -115,6 +116,7 @@ impl From<Lens> for LensKind {
 /// # Errors
 /// When there is no calibration, or it cannot be written.
 pub fn run(args: &CameraArgs) -> Result<()> {
+    check_recorded(&args.source)?;
     let detector = detector()?;
     let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("png"));
     check(args, &picture)?;

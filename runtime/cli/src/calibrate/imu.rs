@@ -1,5 +1,6 @@
 //! `plumbline calibrate imu`: noise densities and bias walks of a recording at rest.
 
+use super::super::simulated::check_recorded;
 use super::super::topics::TopicArgs;
 use super::super::{Usage, load_config, say};
 use super::output;
@@ -55,6 +56,7 @@ pub(super) fn run(args: &ImuArgs) -> Result<()> {
     if let Some(path) = &args.plot {
         plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
     }
+    check_recorded(&args.source)?;
     let named = load_config(args.config.as_deref())?;
     let (samples, own) = inertial_samples(&args.source, &args.topics.names()?)?;
     let base = match named.or(own) {

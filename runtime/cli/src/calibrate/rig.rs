@@ -1,5 +1,6 @@
 //! `plumbline calibrate rig`: place and attitude of the cameras on the IMU, and their time offset.
 
+use super::super::simulated::check_recorded;
 use super::super::topics::TopicArgs;
 use super::super::{Usage, load_config, say};
 use super::output;
@@ -72,6 +73,7 @@ impl RigArgs {
 /// Runs the command.
 pub(super) fn run(args: &RigArgs) -> Result<()> {
     output::check(&args.out, args.overwrite, &[])?;
+    check_recorded(&args.source)?;
     let options = args.options()?;
     let named = load_config(args.config.as_deref())?;
     let topics = args.topics.names()?;

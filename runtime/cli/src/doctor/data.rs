@@ -1,6 +1,6 @@
 //! Data of a source for the checkup: samples and frames are read on threads of their own.
 
-use super::super::scenario::parse_scene;
+use super::super::simulated::{SimulatedFlight, simulated};
 use anyhow::{Result, anyhow};
 use plumbline_checkup::plausibility::Finding;
 use plumbline_checkup::timing::Sensor;
@@ -8,7 +8,6 @@ use plumbline_checkup::{Checkup, CheckupReport, Fitness, Frame, Measure};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_drivers::simulator::Scenario;
 use plumbline_drivers::{BagTopics, DriverError, Faults, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
 use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors, open_simulation};
@@ -42,9 +41,11 @@ pub(super) fn open(
     topics: &BagTopics,
     seconds: f64,
 ) -> Result<Flight> {
-    if let Some(scene) = source.strip_prefix("sim:") {
-        let scenario = Scenario { scene: parse_scene(scene)?, duration_s: seconds, ..Scenario::default() };
-        return Ok(open_simulation(config, &scenario, false, 0.0, None)?);
+    if let Some(SimulatedFlight { scene, mut options, .. }) = simulated(source, None)? {
+        options.duration.get_or_insert(seconds);
+        let scenario = options.scenario(scene)?;
+        let flight = open_simulation(config, &scenario, false, options.extrinsics_error_deg, None)?;
+        return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
     }
     let cut = Cut { frames: None, seconds: 0.0..seconds };
     Ok(open_recording(Path::new(source), config, topics, cut, false)?)

@@ -49,7 +49,7 @@ const MAX_SECONDS: f64 = 3600.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
-    /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room)
+    /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room?duration=10)
     /// instead of this host.
     pub source: Option<String>,
     /// Configuration file or preset. Default: the calibration of the source; for the host, the preset `sim`.
@@ -195,19 +195,32 @@ fn fit(to_mend: &[&str], has_host: bool, sensors: Option<&(String, CheckupReport
         [one] => format!(", with one thing to mend ({one})"),
         several => format!(", with {} things to mend ({})", several.len(), several.join(", ")),
     };
-    let open = not_looked_at(has_host, sensors);
-    if open.is_empty() {
-        return format!("{what}{mend}.");
-    }
-    format!("{what}{mend}, as far as was looked at. Not looked at: {}.", open.join(", "))
+    let aside = left_aside(has_host, sensors);
+    let of_measures = |verdict| {
+        let measures = sensors.iter().flat_map(|(_, report)| &report.measures);
+        measures.filter(|measure| measure.verdict == verdict).map(|measure| measure.name).collect::<Vec<_>>()
+    };
+    let open = [
+        ("Not looked at", aside),
+        ("Not measured, for the reasons above", of_measures(Fitness::NotMeasured)),
+        ("Measured too poorly for a verdict", of_measures(Fitness::Uncertain)),
+    ];
+    let open = open.into_iter().filter(|(_, names)| !names.is_empty());
+    let open: String = open.map(|(why, names)| format!(" {why}: {}.", names.join(", "))).collect();
+    let so_far = if open.is_empty() { "" } else { ", as far as was looked at" };
+    format!("{what}{mend}{so_far}.{open}")
 }
 
 /// Subjects that a verdict does not cover.
 fn not_looked_at(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
-    let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
-    let live = sensors.is_none().then_some("the sensors (--live)");
     let measures = sensors.iter().flat_map(|(_, report)| report.open());
-    host.into_iter().chain(live).chain(measures).collect()
+    left_aside(has_host, sensors).into_iter().chain(measures).collect()
+}
+
+/// Subjects that were not to be looked at.
+fn left_aside(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
+    let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
+    host.into_iter().chain(sensors.is_none().then_some("the sensors (--live)")).collect()
 }
 
 fn print_host(checks: &[Check], table: &TaskTable) {
@@ -227,8 +240,25 @@ fn lines(name: &str, report: &CheckupReport) -> Vec<String> {
     let mut lines = vec![format!("{name}:")];
     let (worthless, judged): (Vec<&Measure>, Vec<&Measure>) =
         report.measures.iter().partition(|measure| measure.cure == NAMED_ABOVE);
-    for measure in judged {
-        lines.push(format!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+    let mut told = Vec::new();
+    for measure in &judged {
+        let has_reason_of = |other: &&&Measure| {
+            measure.verdict == Fitness::NotMeasured
+                && (other.verdict, &other.value, &other.cure)
+                    == (measure.verdict, &measure.value, &measure.cure)
+        };
+        // What was not measured for one reason is told once.
+        let alike: Vec<&str> = judged.iter().filter(has_reason_of).map(|other| other.name).collect();
+        if told.contains(&measure.name) {
+            continue;
+        }
+        if let [_, others @ .., last] = alike.as_slice() {
+            lines.push(format!("{:<13} {}", measure.verdict, alike.join(", ")));
+            lines.push(format!("{:<13} {:<31} {}", "", "", measure.value));
+            told.extend(others.iter().chain([last]));
+        } else {
+            lines.push(format!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+        }
         if !measure.cure.is_empty() {
             lines.push(format!("{:<13} {:<31} -> {}", "", "", measure.cure));
         }

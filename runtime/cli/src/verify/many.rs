@@ -1,6 +1,7 @@
 //! Several logs: a row each, in the order in which they were named, so many at a time.
 
 use super::{VerifyArgs, objection};
+use crate::simulated::check_recorded;
 use crate::{Usage, say, stop_on_signal};
 use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -72,6 +73,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<()> {
 
 /// Refuses a list that names a log which is not there, before any is executed.
 pub(super) fn check_there(logs: &[PathBuf]) -> Result<(), Usage> {
+    logs.iter().try_for_each(|log| check_recorded(log))?;
     match logs.iter().find(|log| !log.exists()) {
         Some(log) => {
             Err(Usage(format!("{}: does not exist; nothing was verified; check the path", log.display())))

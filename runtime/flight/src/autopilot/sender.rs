@@ -104,6 +104,8 @@ pub struct Sender {
     words: Writer<News>,
     header: MavHeader,
     timesync: TimeSync,
+    /// The autopilot's clock less ours, ns, as it was told last.
+    told_offset_ns: Option<i64>,
     /// System and component whose time answers count, if several answer.
     time_source: Option<(u32, u8)>,
     announcer: Announcer,
@@ -134,6 +136,7 @@ impl Sender {
             words: teller(config.connect.clone()),
             header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
             timesync: TimeSync::default(),
+            told_offset_ns: None,
             time_source: None,
             announcer: Announcer::default(),
             flow_switch: FlowSwitch::new(config.flow),
@@ -376,7 +379,8 @@ impl Sender {
         let was_locked = self.timesync.offset_ns().is_some();
         self.timesync.answer(t.tc1, t.ts1, now);
         if let Some(offset) = self.timesync.offset_ns().filter(|_| !was_locked) {
-            self.tell(News::Clock(offset));
+            let before = self.told_offset_ns.replace(offset);
+            self.tell(News::of_clock(offset, before));
         }
     }
 

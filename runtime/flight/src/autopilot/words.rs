@@ -19,6 +19,13 @@ pub enum News {
     Silent,
     /// Its clock less ours, ns.
     Clock(i64),
+    /// Its clock less ours, ns, which was another before.
+    ClockJumped {
+        /// As it was told before.
+        from_ns: i64,
+        /// As it is now.
+        to_ns: i64,
+    },
     /// After a silence another sender has taken the autopilot's place.
     Replaced {
         /// Sender that is answered now.
@@ -33,6 +40,16 @@ pub enum News {
 }
 
 impl News {
+    /// News of a clock that is so far ahead of ours, ns, after it was told as `before`.
+    pub fn of_clock(ahead_ns: i64, before: Option<i64>) -> Self {
+        /// Two crystals drift apart by less than this while nothing is told, ns.
+        const DRIFT_NS: u64 = 1_000_000_000;
+        match before.filter(|before| before.abs_diff(ahead_ns) > DRIFT_NS) {
+            Some(from_ns) => Self::ClockJumped { from_ns, to_ns: ahead_ns },
+            None => Self::Clock(ahead_ns),
+        }
+    }
+
     fn tell(self, address: &str) {
         match self {
             Self::Heard => tracing::info!("autopilot at {address}: connected"),
@@ -43,6 +60,14 @@ impl News {
                 tracing::info!(
                     "autopilot at {address}: its clock is {}",
                     super::sender::apart(ns as f64 * 1e-6)
+                );
+            }
+            Self::ClockJumped { from_ns, to_ns } => {
+                let [from, to] = [from_ns, to_ns].map(|ns| super::sender::apart(ns as f64 * 1e-6));
+                tracing::warn!(
+                    "autopilot at {address}: its clock jumped from {from} to {to}: it was restarted or set, or another program answers \
+                     TIMESYNC in its name; with autopilot.clock = \"autopilot\" the stamps of the odometry follow. To accept one host \
+                     only, append ?from=HOST to the address in autopilot.connect"
                 );
             }
             Self::Replaced { by, other } => tracing::warn!(
@@ -76,4 +101,20 @@ pub fn teller(address: String) -> Writer<News> {
     };
     let _ = std::thread::Builder::new().name("pilot-words".into()).spawn(tell);
     writer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_jumps_is_told_apart_from_one_that_drifts() {
+        let second = 1_000_000_000;
+        assert_eq!(News::of_clock(5 * second, None), News::Clock(5 * second));
+        assert_eq!(News::of_clock(5 * second + 900_000, Some(5 * second)), News::Clock(5 * second + 900_000));
+        for to_ns in [1_005 * second, -3 * second, i64::MAX] {
+            let from_ns = 5 * second;
+            assert_eq!(News::of_clock(to_ns, Some(from_ns)), News::ClockJumped { from_ns, to_ns });
+        }
+    }
 }

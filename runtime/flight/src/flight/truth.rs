@@ -76,10 +76,12 @@ pub enum Truth {
 }
 
 impl Truth {
-    /// Measured poses without velocities.
+    /// Measured poses without velocities, in any order.
     #[must_use]
     pub fn of_poses(poses: &[StampedPose]) -> Self {
-        Self::Recorded(poses.iter().copied().map(TrueState::from).collect())
+        let mut states: Vec<TrueState> = poses.iter().copied().map(TrueState::from).collect();
+        states.sort_by_key(|state| state.stamp);
+        Self::Recorded(states)
     }
 
     /// Measured states; a table of nothing but zero velocities has none.
@@ -183,6 +185,17 @@ mod tests {
         assert!((middle.v_w_b.unwrap().x - 1.25).abs() < 1e-12);
         assert_eq!(at(10_000).unwrap().pose_w_b.translation.x, 1.0);
         assert!(at(50_000).is_none() && at(100_001).is_none() && at(-1).is_none());
+    }
+
+    #[test]
+    fn poses_in_any_order_are_found() {
+        let pose = |ms: i64| StampedPose {
+            stamp: Timestamp::from_nanos(ms * 1_000_000),
+            pose: Isometry3::translation(ms as f64, 0.0, 0.0),
+        };
+        let truth = Truth::of_poses(&[90, 30, 60, 0].map(pose));
+        let found = [0, 30, 60, 90].map(|ms| truth.pose_at(pose(ms).stamp).map(|p| p.translation.x));
+        assert_eq!(found, [0.0, 30.0, 60.0, 90.0].map(Some));
     }
 
     #[test]

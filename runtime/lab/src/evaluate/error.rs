@@ -3,10 +3,12 @@
 use super::Delta;
 use plumbline_drivers::DriverError;
 use plumbline_flight::flight::truth::TruthError;
+use serde::Serialize;
 use thiserror::Error;
 
 /// Which of the two trajectories.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Side {
     /// The one that is judged.
     Estimate,
@@ -70,10 +72,18 @@ pub enum EvaluateError {
     },
     /// The motions of the trajectories agree at no shift of time.
     #[error(
-        "the motions agree at no shift of time (largest correlation {0:.2}); are they of the same flight? If the shift is \
-         known, give it with --time-offset S"
+        "the motions agree at no shift of time (correlation {correlation:.2}): the estimate runs from {} to {} s, the reference \
+         from {} to {} s; are they of the same flight? If the shift is known, give it with --time-offset S",
+        estimate.0, estimate.1, reference.0, reference.1
     )]
-    NoTimeOffset(f64),
+    NoTimeOffset {
+        /// Largest correlation of the motions, or of their directions.
+        correlation: f64,
+        /// First and last stamp of the estimate.
+        estimate: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+        /// First and last stamp of the reference.
+        reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+    },
     /// The motions of the trajectories agree at more than one shift of time.
     #[error(
         "the motions agree at a shift of time by {0:.3} s as well as by {1:.3} s; give one of them with --time-offset"

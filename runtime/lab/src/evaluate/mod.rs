@@ -11,6 +11,7 @@ pub mod consistency;
 mod delta;
 mod drift;
 mod error;
+mod order;
 pub mod paired;
 mod relative;
 mod stats;
@@ -29,6 +30,7 @@ pub use consistency::{
 pub use delta::Delta;
 pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
+pub use order::{Misordered, Order, misordered};
 pub use relative::{RelativeErrors, relative_errors};
 pub use stats::Statistics;
 pub use time_shift::find_time_offset;
@@ -110,6 +112,9 @@ pub struct Evaluation {
     pub yaw_drift_deg_per_min: Option<f64>,
     /// How much too long the estimate is, percent; none where the motion does not tell.
     pub scale_error_percent: Option<f64>,
+    /// Sign that quaternions have another order than they were read in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub misordered: Option<Misordered>,
 }
 
 /// The error with the advice to search the shift of clocks.
@@ -165,6 +170,7 @@ pub fn evaluate(
             .filter(|_| spread.tells_scale(&ate_m))
             .map(|s| 100.0 * (1.0 / s - 1.0))
             .filter(|e| e.is_finite()),
+        misordered: align(&pairs, AlignmentMode::Se3).ok().and_then(|by| misordered(&pairs, &by)),
     })
 }
 

@@ -134,13 +134,13 @@ pub(super) fn axes<'a, B: DrawingBackend>(
     let numbers = letters(LETTERS_PX - 1.0, FontStyle::Normal, GREY_INK, HPos::Right);
     let (width_px, height_px) = (rect.width - LEFT_PX, rect.height - CAPTION_PX - below);
     let (x_marks, y_marks) = ((width_px / 55).clamp(2, 12) as usize, (height_px / 17).clamp(2, 10) as usize);
-    let (x_decimals, y_decimals) = (decimals(&x, x_marks), decimals(&y, y_marks));
+    let (x_numbers, y_numbers) = (Numbers::of(&x, x_marks), Numbers::of(&y, y_marks));
     chart
         .configure_mesh()
         .x_labels(x_marks)
         .y_labels(y_marks)
-        .x_label_formatter(&|value| number(*value, x_decimals))
-        .y_label_formatter(&|value| number(*value, y_decimals))
+        .x_label_formatter(&|value| x_numbers.text(*value))
+        .y_label_formatter(&|value| y_numbers.text(*value))
         .axis_style(stroke(AXIS, 10))
         .bold_line_style(stroke(GRID, 10))
         .light_line_style(GRID.mix(0.0))
@@ -174,30 +174,54 @@ pub(super) fn area_between(corners: Vec<(f64, f64)>, colour: RGBColor) -> Polygo
     Polygon::new(corners, colour.filled())
 }
 
-/// Decimals that tell so many marks of an axis apart: those of the step between them, which is 1, 2, 2.5 or 5 times a power of ten.
-fn decimals(range: &Range<f64>, marks: usize) -> usize {
-    let least = ((range.end - range.start) / marks as f64).abs();
-    if !(least.is_finite() && least > 0.0) {
-        return 0;
+/// Numbers of an axis: as decimals, or with a power of ten where these would be long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Numbers {
+    /// Power of ten that is written behind; 0 for none.
+    exponent: i32,
+    /// Decimals that tell the marks apart.
+    decimals: usize,
+}
+
+impl Numbers {
+    /// Decimals from which on a power of ten is shorter.
+    const MOST_DECIMALS: i32 = 5;
+    /// Digits before the point from which on it is.
+    const MOST_DIGITS: i32 = 7;
+    /// Digits that an `f64` has.
+    const DIGITS: i32 = 16;
+
+    /// Numbers that tell so many marks of a range apart: with the decimals of the step between them, which is 1, 2 or 5 times a power of
+    /// ten.
+    fn of(range: &Range<f64>, marks: usize) -> Self {
+        let largest = range.start.abs().max(range.end.abs());
+        // So many marks lie in a range of at most one step more than they have between them.
+        let least = ((range.end - range.start) / (marks + 1) as f64).abs();
+        if !(least.is_finite() && least > 0.0 && largest.is_finite()) {
+            return Self { exponent: 0, decimals: 0 };
+        }
+        // The step that is drawn is at least so large: 1, 2 and 5 have no decimals, and 2.5 is not drawn.
+        let power = least.log10().floor() as i32;
+        let is_next = 5.0 * 10_f64.powi(power) < least * (1.0 - 1e-9);
+        let decimals = -(power + i32::from(is_next));
+        let digits = largest.log10().floor() as i32;
+        let exponent = if decimals > Self::MOST_DECIMALS || digits >= Self::MOST_DIGITS { digits } else { 0 };
+        let decimals = (decimals + exponent).clamp(0, Self::DIGITS);
+        Self { exponent, decimals: decimals as usize }
     }
-    // The step that is drawn is at least so large.
-    let power = 10_f64.powf(least.log10().floor());
-    let steps = [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * power);
-    let step = steps.into_iter().find(|step| *step >= least * (1.0 - 1e-9)).unwrap_or(10.0 * power);
-    (0..=6).find(|digits| has_digits(step, *digits)).unwrap_or(6)
-}
 
-/// Whether a number has no more than so many decimals.
-fn has_digits(value: f64, digits: usize) -> bool {
-    let scaled = value * 10_f64.powi(digits as i32);
-    (scaled - scaled.round()).abs() < 1e-6 * scaled.abs().max(1e-9) && scaled.round() >= 1.0
-}
-
-/// A number with a true minus sign, and without one before zero.
-fn number(value: f64, decimals: usize) -> String {
-    let text = format!("{:.decimals$}", value.abs());
-    let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));
-    if value < 0.0 && !is_zero { format!("\u{2212}{text}") } else { text }
+    /// A number with a true minus sign, and without one before zero.
+    fn text(self, value: f64) -> String {
+        let text = format!("{:.*}", self.decimals, value.abs() / 10_f64.powi(self.exponent));
+        if text.bytes().all(|b| matches!(b, b'0' | b'.')) {
+            return if self.exponent == 0 { text } else { "0".into() };
+        }
+        let sign = if value < 0.0 { "\u{2212}" } else { "" };
+        match self.exponent {
+            0 => format!("{sign}{text}"),
+            exponent => format!("{sign}{text}e{exponent}"),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -225,13 +249,47 @@ mod tests {
 
     #[test]
     fn numbers_have_as_many_decimals_as_they_need() {
-        assert_eq!(decimals(&(0.0..20.0), 5), 0);
-        assert_eq!(decimals(&(-0.3..0.3), 5), 1);
-        assert_eq!(decimals(&(0.0..0.02), 5), 3);
+        let decimals = |range: Range<f64>, marks| Numbers::of(&range, marks).decimals;
+        assert_eq!(decimals(0.0..20.0, 5), 0);
+        assert_eq!(decimals(-0.3..0.3, 5), 1);
+        assert_eq!(decimals(0.0..0.02, 5), 3);
         // Marks every 0.05, as the mesh draws them, and every 25.
-        assert_eq!(decimals(&(-0.3..0.2), 10), 2);
-        assert_eq!(decimals(&(0.0..250.0), 10), 0);
-        assert_eq!(number(-0.25, 2), "\u{2212}0.25");
-        assert_eq!(number(-0.001, 1), "0.0");
+        assert_eq!(decimals(-0.3..0.2, 10), 2);
+        assert_eq!(decimals(0.0..250.0, 10), 0);
+        let text = |decimals, value| Numbers { exponent: 0, decimals }.text(value);
+        assert_eq!((text(2, -0.25), text(1, -0.001)), ("\u{2212}0.25".into(), "0.0".into()));
+    }
+
+    /// The marks that the mesh draws.
+    fn marks(range: &Range<f64>, most: usize) -> Vec<f64> {
+        use plotters::coord::ranged1d::{BoldPoints, Ranged};
+        let axis: plotters::coord::types::RangedCoordf64 = range.clone().into();
+        axis.key_points(BoldPoints(most))
+    }
+
+    #[test]
+    fn no_two_marks_of_an_axis_have_the_same_number() {
+        let mut ranges =
+            vec![-1e-9..2e-9, 0.0..3e-7, 5.0..5.0 + 1e-6, 1e9..1e9 + 3.0, -2e12..7e12, 4e5..4.000_01e5];
+        ranges.extend(
+            (-12..13).flat_map(|k| {
+                [1.0, 1.7, 2.4, 4.9, 9.9].map(|m| -0.3 * m * 10_f64.powi(k)..m * 10_f64.powi(k))
+            }),
+        );
+        for range in ranges {
+            let range = drawable(&range);
+            for most in [2, 3, 5, 10, 12] {
+                let numbers = Numbers::of(&range, most);
+                let texts: Vec<String> =
+                    marks(&range, most).into_iter().map(|value| numbers.text(value)).collect();
+                let distinct: std::collections::BTreeSet<&String> = texts.iter().collect();
+                assert_eq!(distinct.len(), texts.len(), "{range:?}, {most}: {texts:?}");
+                let is_short = |text: &String| text.chars().count() <= 9;
+                assert!(
+                    range.start > 1e5 || range.start == 5.0 || texts.iter().all(is_short),
+                    "{range:?}: {texts:?}"
+                );
+            }
+        }
     }
 }

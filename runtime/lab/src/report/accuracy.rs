@@ -2,13 +2,15 @@
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{
-    AlignmentMode, Delta, Pairs, align, aligned, nees, path_length_m, pose_error, relative_errors,
-    yaw_drift_deg_per_min,
+    AlignmentMode, Delta, Misordered, Pairs, align, aligned, misordered, nees, path_length_m, pose_error,
+    relative_errors, yaw_drift_deg_per_min,
 };
 use nalgebra::Isometry3;
+use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
 use plumbline_flight::flight::{CausalPose, Truth};
 use serde::Serialize;
+use std::path::{Path, PathBuf};
 
 /// Fewest poses with a truth that say anything.
 const MIN_POSES: usize = 10;
@@ -39,6 +41,9 @@ pub struct Accuracy {
     pub final_sigma_m: f64,
     /// Largest position error over its standard deviation.
     pub max_error_sigmas: f64,
+    /// Sign that the quaternions of the truth have another order than they were read in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub misordered: Option<Misordered>,
 }
 
 impl Accuracy {
@@ -71,7 +76,61 @@ impl Accuracy {
             final_error_m: consistency.final_error_m,
             final_sigma_m: consistency.final_sigma_m,
             max_error_sigmas: consistency.max_error_sigmas,
+            misordered: align(&pairs, AlignmentMode::Se3).ok().and_then(|by| misordered(&pairs, &by)),
         })
+    }
+}
+
+/// Error of a truth that was named for a flight of another time.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "--truth: {} is not of {flight}: {known} of {poses} poses have a true one; the truth runs from {} to {} s, the flight from {} to {} \
+     s. Give the truth of this flight, on the clock of its inertial samples; between two clocks, `plumbline evaluate --time-offset auto` \
+     compares a trajectory",
+    truth.display(), of_truth.0, of_truth.1, of_flight.0, of_flight.1
+)]
+pub struct ForeignTruth {
+    /// File of the truth.
+    pub truth: PathBuf,
+    /// Name of the flight.
+    pub flight: String,
+    /// Poses at whose time the truth is known.
+    pub known: usize,
+    /// Poses of the flight.
+    pub poses: usize,
+    /// First and last stamp of the truth.
+    pub of_truth: (Timestamp, Timestamp),
+    /// First and last stamp of the flight.
+    pub of_flight: (Timestamp, Timestamp),
+}
+
+impl ForeignTruth {
+    /// Refuses a truth, read from `file`, that is known for too few poses of a flight; a flight without poses has another trouble.
+    ///
+    /// # Errors
+    /// When it is of another time.
+    pub fn check(flight: &str, poses: &[CausalPose], truth: &Truth, file: &Path) -> Result<(), Self> {
+        let span = |stamps: &mut dyn Iterator<Item = Timestamp>| {
+            stamps.fold(None, |span: Option<(Timestamp, Timestamp)>, stamp| {
+                let (first, last) = span.unwrap_or((stamp, stamp));
+                Some((first.min(stamp), last.max(stamp)))
+            })
+        };
+        let known = poses.iter().filter(|pose| truth.pose_at(pose.stamp).is_some()).count();
+        let true_poses = truth.poses(poses.iter().map(|pose| pose.stamp));
+        let of_truth = span(&mut true_poses.iter().map(|pose| pose.stamp));
+        let of_flight = span(&mut poses.iter().map(|pose| pose.stamp));
+        match of_truth.zip(of_flight) {
+            Some((of_truth, of_flight)) if known < MIN_POSES => Err(Self {
+                truth: file.to_owned(),
+                flight: flight.to_owned(),
+                known,
+                poses: poses.len(),
+                of_truth,
+                of_flight,
+            }),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -125,5 +184,45 @@ impl Consistency {
         }
         result.nees_ratio = (count > 0.0).then(|| sum / count);
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_truth_of_another_time_is_refused_with_both_spans() {
+        let poses = |from_s: i64| {
+            (0..40).map(move |k| StampedPose {
+                stamp: Timestamp::from_nanos(from_s * 1_000_000_000 + k * 50_000_000),
+                pose: Isometry3::translation(k as f64, 0.0, 0.0),
+            })
+        };
+        let flown: Vec<CausalPose> = poses(100)
+            .map(|p| CausalPose {
+                stamp: p.stamp,
+                pose_o_b: p.pose,
+                covariance: nalgebra::Matrix6::identity(),
+                reset_counter: 0,
+                pose_m_o: None,
+            })
+            .collect();
+        let check = |from_s| {
+            let truth = Truth::of_poses(&poses(from_s).collect::<Vec<_>>());
+            ForeignTruth::check("V1_01_easy", &flown, &truth, Path::new("other.tum"))
+        };
+        assert_eq!((check(100), check(101)), (Ok(()), Ok(())));
+        let words = check(500).unwrap_err().to_string();
+        for part in [
+            "other.tum",
+            "V1_01_easy",
+            "0 of 40",
+            "500.000000000 to 501.950000000 s",
+            "100.000000000 to 101.95",
+        ] {
+            assert!(words.contains(part), "{part}: {words}");
+        }
+        assert_eq!(ForeignTruth::check("no pose", &[], &Truth::of_poses(&[]), Path::new("x")), Ok(()));
     }
 }

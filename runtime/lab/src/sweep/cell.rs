@@ -4,6 +4,7 @@ use super::SweepError;
 use super::subject::{Common, Subject};
 use crate::evaluate::FlightConsistency;
 use crate::report::Report;
+use crate::report::accuracy::ForeignTruth;
 use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::{FlightError, Truth, fly, with_overrides};
 use plumbline_flight::log::build_id::BuildId;
@@ -17,6 +18,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Bytes of the digest in a folder's name.
 const FOLDER_BYTES: usize = 8;
+
+/// Why a cell has no figures.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// It cannot be opened or flown.
+    #[error(transparent)]
+    Flight(#[from] FlightError),
+    /// The truth that was named is of another flight.
+    #[error(transparent)]
+    Truth(#[from] ForeignTruth),
+}
 
 /// A setting on a flight.
 #[derive(Clone, Debug)]
@@ -69,6 +81,9 @@ pub struct CellResult {
 pub struct Figures {
     /// Frames taken.
     pub frames: u64,
+    /// Cameras that were used.
+    #[serde(default)]
+    pub cameras: Option<usize>,
     /// Poses over frames.
     pub completion: f64,
     /// Resets of the estimate.
@@ -108,6 +123,7 @@ impl Figures {
         let accuracy = report.accuracy.as_ref();
         Self {
             frames: report.frames,
+            cameras: Some(report.cameras),
             completion: report.completion,
             resets: report.resets,
             first_pose_s: report.first_pose_s,
@@ -166,16 +182,21 @@ impl Cell {
     ///
     /// # Errors
     /// When it cannot be opened or flown.
-    pub fn report(&self, stop: &Arc<AtomicBool>) -> Result<Report, FlightError> {
+    pub fn report(&self, stop: &Arc<AtomicBool>) -> Result<Report, CellError> {
         let mut flight = self.subject.open(&self.common, self.seed, self.start_s)?;
         flight.config = with_overrides(&flight.config, &self.setting)?;
-        if let (Some(truth), Subject::Recorded { .. }) = (&self.common.truth, &self.subject) {
-            flight.truth = Truth::of_poses(truth);
+        let named = self.common.truth.as_ref().filter(|_| matches!(self.subject, Subject::Recorded { .. }));
+        if let Some(truth) = named {
+            flight.truth = Truth::of_poses(&truth.poses);
         }
         // One thread a flight: the cores are shared among the cells.
         let options = RunOptions { speed: None, threads: 1 };
         let control = Control::stopped_by(Arc::clone(stop));
-        Ok(Report::new(&fly(flight, &options, &control, vec![])?))
+        let flown = fly(flight, &options, &control, vec![])?;
+        if let Some(truth) = named.filter(|_| !stop.load(Ordering::Relaxed)) {
+            ForeignTruth::check(&flown.name, &flown.poses, &flown.truth, &truth.path)?;
+        }
+        Ok(Report::new(&flown))
     }
 
     /// Tells what is asked for from everything else that could be.
@@ -196,7 +217,7 @@ impl Cell {
         if let Some(start_s) = self.start_s {
             hash.update(start_s.to_le_bytes());
         }
-        for pose in truth.iter().flat_map(|poses| poses.iter()) {
+        for pose in truth.iter().flat_map(|truth| &truth.poses) {
             hash.update(pose.stamp.as_nanos().to_le_bytes());
             pose.pose.translation.vector.iter().for_each(|value| hash.update(value.to_le_bytes()));
         }
@@ -317,7 +338,8 @@ pub(super) mod tests {
     /// A result without a flight.
     pub(in crate::sweep) fn result(cell: &Cell, ate_rmse_m: f64) -> CellResult {
         let figures = Figures {
-            frames: 100,
+            frames: 4_000,
+            cameras: Some(2),
             completion: 0.98,
             resets: 0,
             first_pose_s: Some(0.5),

@@ -14,9 +14,9 @@ pub mod run;
 pub mod subject;
 pub mod table;
 
-pub use cell::{Cell, CellResult, Figures};
+pub use cell::{Cell, CellError, CellResult, Figures};
 pub use plan::{Axis, Plan};
-pub use subject::{Common, Subject};
+pub use subject::{Common, NamedTruth, Subject};
 
 use std::path::PathBuf;
 use thiserror::Error;

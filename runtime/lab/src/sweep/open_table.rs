@@ -65,10 +65,31 @@ const FINAL: usize = 2;
 /// Place of the longest frame.
 const LONGEST: usize = 12;
 
+/// Lengths of the sequences of EuRoC, s: a data set of that name that is much shorter is a part of it.
+const LENGTHS_S: [(&str, f64); 11] = [
+    ("MH_01_easy", 181.9),
+    ("MH_02_easy", 150.0),
+    ("MH_03_medium", 131.5),
+    ("MH_04_difficult", 98.8),
+    ("MH_05_difficult", 111.1),
+    ("V1_01_easy", 144.7),
+    ("V1_02_medium", 83.5),
+    ("V1_03_difficult", 104.7),
+    ("V2_01_easy", 112.0),
+    ("V2_02_medium", 115.4),
+    ("V2_03_difficult", 114.8),
+];
+/// Frame rate of these sequences, Hz.
+const RATE_HZ: f64 = 20.0;
+/// Least share of a sequence's length that counts as the whole; the worst of them lacks a sixth of its frames.
+const WHOLE: f64 = 0.75;
+
 /// A sequence over all its starts.
 struct Row {
     name: String,
     flights: usize,
+    /// Fewest and most cameras that were used.
+    cameras: Option<[usize; 2]>,
     /// Flights that ended without a pose.
     failed: usize,
     figures: [Option<f64>; COLUMNS.len()],
@@ -87,6 +108,11 @@ fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(lower + 0.5 * (upper - lower))
 }
 
+/// Smallest and largest number.
+fn span(numbers: impl Iterator<Item = usize> + Clone) -> Option<[usize; 2]> {
+    numbers.clone().min().zip(numbers.max()).map(|(least, most)| [least, most])
+}
+
 impl Row {
     fn of(name: String, results: &[&CellResult]) -> Self {
         let figures = results.iter().filter_map(|r| r.figures.as_ref());
@@ -97,9 +123,15 @@ impl Row {
         });
         let ates = || flown.iter().filter_map(|f| f.ate_rmse_m);
         let digest = flown.first().map_or("", |f| &f.estimate_digest);
+        let whole_s = LENGTHS_S.iter().find(|(known, _)| *known == name).map(|(_, length_s)| *length_s);
+        let flown_s =
+            |r: &&CellResult| Some(r.figures.as_ref()?.frames as f64 / RATE_HZ + r.start_s.unwrap_or(0.0));
+        let flown_s = results.iter().filter_map(flown_s).reduce(f64::max);
+        let part_s = flown_s.filter(|flown_s| whole_s.is_some_and(|whole_s| *flown_s < WHOLE * whole_s));
         Self {
-            name,
+            name: part_s.map_or_else(|| name.clone(), |part_s| format!("{name} (part of {part_s:.0} s)")),
             flights: results.len(),
+            cameras: span(flown.iter().filter_map(|f| f.cameras)),
             failed: results.len() - flown.len(),
             figures,
             ate_range_m: ates().reduce(f64::min).zip(ates().reduce(f64::max)).map(|(low, high)| [low, high]),
@@ -107,7 +139,16 @@ impl Row {
         }
     }
 
-    /// Name, flights, figures, digest.
+    /// Number of cameras; empty where it is unknown.
+    fn cameras(&self) -> String {
+        match self.cameras {
+            None => String::new(),
+            Some([least, most]) if least == most => most.to_string(),
+            Some([least, most]) => format!("{least} to {most}"),
+        }
+    }
+
+    /// Name, flights, cameras, figures, digest.
     fn cells(&self) -> Vec<String> {
         let flights = match self.failed {
             0 => self.flights.to_string(),
@@ -115,7 +156,11 @@ impl Row {
         };
         let figures =
             self.figures.iter().zip(&COLUMNS).map(|(figure, column)| number(*figure, column.digits));
-        [self.name.clone(), flights].into_iter().chain(figures).chain([self.digest.clone()]).collect()
+        [self.name.clone(), flights, self.cameras()]
+            .into_iter()
+            .chain(figures)
+            .chain([self.digest.clone()])
+            .collect()
     }
 }
 
@@ -187,6 +232,7 @@ impl OpenTable {
         (!rows.is_empty()).then(|| Row {
             name: format!("mean of {} of {}", rows.len(), suite.sequences.len()),
             flights: rows.iter().map(|row| row.flights).sum(),
+            cameras: span(rows.iter().filter_map(|row| row.cameras).flatten()),
             failed: rows.iter().map(|row| row.failed).sum(),
             figures,
             ate_range_m: None,
@@ -249,13 +295,14 @@ impl OpenTable {
     }
 
     fn csv(&self) -> String {
-        let first = ["sequence", "flights", "failed"];
+        let first = ["sequence", "flights", "failed", "cameras"];
         let last = ["ate_causal_min_m", "ate_causal_max_m", "digest"];
         let head = first.into_iter().chain(COLUMNS.iter().map(|column| column.csv)).chain(last);
         let mut text = head.collect::<Vec<_>>().join(",") + "\n";
         for row in &self.rows {
             let value = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
-            let mut cells = vec![quoted(&row.name), row.flights.to_string(), row.failed.to_string()];
+            let mut cells =
+                vec![quoted(&row.name), row.flights.to_string(), row.failed.to_string(), row.cameras()];
             cells.extend(row.figures.iter().map(|figure| value(*figure)));
             cells.extend([0, 1].map(|k| value(row.ate_range_m.map(|range| range[k]))));
             cells.push(row.digest.clone());
@@ -281,7 +328,12 @@ impl OpenTable {
 
 fn head() -> Vec<String> {
     let columns = COLUMNS.iter().map(|column| column.head);
-    ["sequence", "flights"].into_iter().chain(columns).chain(["digest"]).map(str::to_owned).collect()
+    ["sequence", "flights", "cameras"]
+        .into_iter()
+        .chain(columns)
+        .chain(["digest"])
+        .map(str::to_owned)
+        .collect()
 }
 
 const PUBLISHED_HEAD: [&str; 5] = ["system", "ATE m", "trajectory", "conditions", "source"];
@@ -372,7 +424,7 @@ mod tests {
         assert!(rows[0].contains(" 0.2000 ") && rows[0].contains(" ab |"), "{text}");
         assert!(text.contains("from 2, 0, 1 s"), "{text}");
         let csv = table.text(Format::Csv);
-        assert!(csv.lines().nth(1).unwrap().starts_with("MH_01_easy,3,0,"), "{csv}");
+        assert!(csv.lines().nth(1).unwrap().starts_with("MH_01_easy,3,0,2,"), "{csv}");
         assert!(csv.lines().nth(1).unwrap().contains(",0.1,0.3") && csv.lines().count() == 4, "{csv}");
     }
 
@@ -385,6 +437,23 @@ mod tests {
         let kept: Vec<f64> = results.iter().filter_map(|r| r.figures.as_ref()?.ate_rmse_m).collect();
         let row = Row::of("MH_01_easy".into(), &results.iter().collect::<Vec<_>>());
         assert!((row.figures[CAUSAL].unwrap() - 0.5 * (kept[0] + kept[1])).abs() < 1e-12, "{kept:?}");
+    }
+
+    #[test]
+    fn a_part_of_a_sequence_is_no_sequence_and_cameras_are_counted() {
+        let mut results = results(&["MH_01_easy", "V1_01_easy"]);
+        // 17 s of 145 s, and one flight of the other with a single camera.
+        for result in results.iter_mut().filter(|r| r.subject == "V1_01_easy") {
+            result.figures.as_mut().unwrap().frames = 300;
+        }
+        results[0].figures.as_mut().unwrap().cameras = Some(1);
+        let table = OpenTable::new(&results);
+        let text = table.text(Format::Markdown);
+        assert!(
+            text.contains("| V1_01_easy (part of 17 s) ") && text.contains("| mean of 1 of 11 "),
+            "{text}"
+        );
+        assert!(text.contains(" 1 to 2 |") && table.missing_lines()[0].contains("V1_01_easy"), "{text}");
     }
 
     #[test]
@@ -434,7 +503,7 @@ mod tests {
     fn latex_has_its_special_characters_escaped_and_equal_columns() {
         let text = OpenTable::new(&results(&["MH_01_easy"])).text(Format::Latex);
         let rows: Vec<&str> = text.lines().filter(|line| line.ends_with("\\\\")).collect();
-        assert!(rows[1].starts_with("MH\\_01\\_easy & 3 & "), "{text}");
+        assert!(rows[1].starts_with("MH\\_01\\_easy & 3 & 2 & "), "{text}");
         assert!(rows[0].contains("coverage \\%"), "{text}");
         assert!(
             rows[..3].iter().all(|row| row.matches(" & ").count() == rows[0].matches(" & ").count()),

@@ -65,13 +65,22 @@ impl Subject {
     }
 }
 
+/// Ground truth that was read from a file.
+#[derive(Clone, Debug)]
+pub struct NamedTruth {
+    /// The file.
+    pub path: PathBuf,
+    /// Its poses.
+    pub poses: Vec<StampedPose>,
+}
+
 /// What all cells have in common.
 #[derive(Clone, Debug, Default)]
 pub struct Common {
     /// The configuration; without one that of the data set, of the log, or the preset `sim`.
     pub config: Option<ValidConfig>,
-    /// Ground truth of data sets that bring none.
-    pub truth: Option<Arc<Vec<StampedPose>>>,
+    /// Ground truth in place of those of the data sets.
+    pub truth: Option<Arc<NamedTruth>>,
     /// Topics of the recordings that are bags.
     pub topics: BagTopics,
     /// The left camera alone.

@@ -317,7 +317,7 @@ mod tests {
             text.starts_with("cell,estimator.points.sigma_px,estimator.lines.enabled,data_set,seed,start_s,")
         );
         assert!(
-            text.lines().nth(1).unwrap().starts_with("0,0.3,true,V1_01,,,100,0.98,0,0.5,0.3,3,"),
+            text.lines().nth(1).unwrap().starts_with("0,0.3,true,V1_01,,,4000,0.98,0,0.5,0.3,3,"),
             "{text}"
         );
         assert!(text.lines().nth(2).unwrap().ends_with(",ab,\"cannot, \"\"really\"\"\",,,,,,,,,,"), "{text}");

@@ -1,0 +1,129 @@
+//! Simulated flights that an argument names: `sim:room?path=demo&duration=10`.
+
+use super::Usage;
+use super::scenario::{ScenarioArgs, parse_scene};
+use anyhow::{Result, ensure};
+use clap::Parser;
+use plumbline_drivers::simulator::{FlightPath, Scene};
+use std::path::{Path, PathBuf};
+
+/// A simulated flight, as it was named.
+#[derive(Clone, Debug)]
+pub(super) struct SimulatedFlight {
+    /// Scene.
+    pub scene: Scene,
+    /// Options after the `?`.
+    pub options: ScenarioArgs,
+    /// True if there are any.
+    pub has_options: bool,
+}
+
+/// Options of a simulated flight, as a command line of their own.
+#[derive(Debug, Parser)]
+#[command(no_binary_name = true, disable_help_flag = true)]
+struct Simulated {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+}
+
+/// Simulated flight that `name` names; `None` for the name of a file.
+///
+/// # Errors
+/// When there is no such scene or option.
+pub(super) fn simulated(name: &str, shared: Option<&Path>) -> Result<Option<SimulatedFlight>> {
+    let Some(flight) = name.strip_prefix("sim:") else { return Ok(None) };
+    let (scene, options) = flight.split_once('?').unwrap_or((flight, ""));
+    let scene = parse_scene(scene)?;
+    let arguments = arguments(options, shared)?;
+    let has_options = !arguments.is_empty();
+    let parsed = Simulated::try_parse_from(arguments).map_err(|e| {
+        let text = e.to_string();
+        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        Usage(format!("{name}: {first}; options are those of `plumbline replay` for simulated flights"))
+    })?;
+    Ok(Some(SimulatedFlight { scene, options: parsed.scenario, has_options }))
+}
+
+/// True if an option of a simulated flight has another value than its default.
+pub(super) fn are_given(options: &ScenarioArgs) -> bool {
+    let defaults = Simulated::try_parse_from(std::iter::empty::<&str>()).map(|parsed| parsed.scenario);
+    defaults.map_or(true, |defaults| format!("{defaults:?}") != format!("{options:?}"))
+}
+
+/// Refuses a simulated flight where a command reads a recording.
+///
+/// # Errors
+/// When `source` names one.
+pub(super) fn check_recorded(source: &Path) -> Result<(), Usage> {
+    match source.to_str().filter(|name| name.starts_with("sim:")) {
+        Some(name) => Err(Usage(format!(
+            "{name}: is a simulated flight, and this command reads a recording; write the flight with `plumbline simulate FOLDER` (options \
+             as after the ?, with dashes) or record it with `plumbline replay {name} --record LOG.mcap`, and name that"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// `path=demo&motion-blur` as `--path=demo --motion-blur`. A path that is no file is the name of a trajectory in the
+/// shared data; a built-in one begins where the vehicle is in full flight.
+fn arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>> {
+    let mut arguments = Vec::new();
+    for option in options.split('&').filter(|option| !option.is_empty()) {
+        let is_file = |path: &&str| matches!(FlightPath::named(path), FlightPath::Tum(_));
+        let named = option.strip_prefix("path=").filter(is_file).filter(|path| !Path::new(path).exists());
+        let Some(name) = named else {
+            arguments.push(format!("--{option}"));
+            continue;
+        };
+        let file = trajectories(shared)?.join(format!("{name}.tum.gz"));
+        ensure!(file.is_file(), Usage(format!("path={name}: no such file, and no {}", file.display())));
+        arguments.push(format!("--path={}", file.display()));
+        if let (Some(start_s), false) = (full_flight_s(name), options.contains("start=")) {
+            arguments.push(format!("--start={start_s}"));
+        }
+    }
+    Ok(arguments)
+}
+
+/// Start of a built-in trajectory, s.
+fn full_flight_s(name: &str) -> Option<f64> {
+    #[cfg(feature = "lab")]
+    let built_in = &plumbline_lab::campaign::PATHS[..];
+    #[cfg(not(feature = "lab"))]
+    let built_in: &[(&str, f64)] = &[];
+    built_in.iter().find(|(known, _)| *known == name).map(|(_, start_s)| *start_s)
+}
+
+/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
+pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
+    let shared =
+        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
+    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_of_the_name_and_of_the_command_line_are_told_apart() {
+        let flight = |name| simulated(name, None).unwrap();
+        assert!(flight("V1_01_easy").is_none());
+        let plain = flight("sim:room").unwrap();
+        assert!(!plain.has_options && !are_given(&plain.options));
+        let named = flight("sim:hall?duration=3&seed=2").unwrap();
+        assert!(named.has_options && are_given(&named.options));
+        assert_eq!((named.scene, named.options.duration, named.options.seed), (Scene::Hall, Some(3.0), 2));
+    }
+
+    #[test]
+    fn a_command_that_reads_recordings_says_how_to_write_one() {
+        assert!(check_recorded(Path::new("V1_01_easy")).is_ok());
+        let words = check_recorded(Path::new("sim:room?duration=3")).unwrap_err().to_string();
+        assert!(words.contains("plumbline simulate FOLDER") && words.contains("--record"), "{words}");
+    }
+}
