@@ -9,6 +9,7 @@ From the local socket (docs/local-socket.md); needs `pip install cyclonedds`, an
 
 import sys
 from dataclasses import dataclass
+from types import new_class
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
@@ -23,7 +24,8 @@ RATE_SIGMA_RAD_S = 0.01  # of a sample of the gyroscope
 def message(name, **fields):
     """A type of ROS 2 as its middlewares name it on DDS."""
     package, name = name.split("/")
-    return dataclass(type(name, (IdlStruct,), {"__annotations__": fields}, typename=f"{package}::msg::dds_::{name}_"))
+    typename = f"{package}::msg::dds_::{name}_"
+    return dataclass(new_class(name, (IdlStruct,), {"typename": typename}, lambda names: names["__annotations__"].update(fields)))
 
 
 Time = message("builtin_interfaces/Time", sec=types.int32, nanosec=types.uint32)

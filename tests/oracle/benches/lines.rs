@@ -7,7 +7,7 @@ use criterion::{BenchmarkGroup, Criterion, SamplingMode, measurement::WallTime};
 use plumbline_config::GrayImage;
 use plumbline_config::options::LinesConfig;
 use plumbline_estimator::lines::descriptor::Describer;
-use plumbline_estimator::lines::matching::Matcher;
+use plumbline_estimator::lines::matching::LineMatcher;
 use plumbline_estimator::lines::{LineExtractor, Segment};
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::images::left_images;
@@ -110,7 +110,7 @@ fn measure_description(
             group.bench_function(format!("description of {}", clearest.len()), |b| b.iter(describe_all));
         }
     }
-    let mut matcher = Matcher::new(&options, 2 * options.max_segments);
+    let mut matcher = LineMatcher::new(&options, 2 * options.max_segments);
     group.bench_function("matching, every pair admitted", |b| {
         b.iter(|| matcher.pairs(&described[0], &described[1], |_, _| true).len());
     });

@@ -225,16 +225,16 @@ impl Sender {
         }
     }
 
-    /// Flow of each frame, while it is wanted; none where no time can stamp it.
+    /// Distance of each frame, and flow while it is wanted; none where no time can stamp them. The distance goes out before it is
+    /// needed: PX4 fuses a range finder only after it has seen it agree with a climb.
     fn send_flow(&mut self, newer: &FlowHandover, now: Monotonic) {
         let Some(usec) = stamp_usec(self.clock, &self.timesync, newer.measured) else { return };
-        if !self.flow_switch.is_on() {
-            return;
-        }
         let flow = &newer.flow;
-        let is_sent = self.send::<OPTICAL_FLOW_RAD_DATA>(&message::flow_rad(flow, usec), now);
-        self.figures.flow += u64::from(is_sent);
-        self.send::<OPTICAL_FLOW_DATA>(&message::flow_rate(flow, usec), now);
+        if self.flow_switch.is_on() {
+            let is_sent = self.send::<OPTICAL_FLOW_RAD_DATA>(&message::flow_rad(flow, usec), now);
+            self.figures.flow += u64::from(is_sent);
+            self.send::<OPTICAL_FLOW_DATA>(&message::flow_rate(flow, usec), now);
+        }
         if let Some(ground) = &flow.distance {
             let is_sent = self.send::<DISTANCE_SENSOR_DATA>(&message::distance(ground, usec), now);
             self.figures.distances += u64::from(is_sent);

@@ -2,7 +2,7 @@
 
 use super::fixture::{STAMP, estimate, odometry, put};
 use crate::local::record::{Kind, Kinds, MAGIC, encoded};
-use crate::local::request::{Answer, Request, Status};
+use crate::local::request::{Answer, At, Request, Status};
 use crate::local::{Failure, SensorNews, Shot};
 use crate::log::channel::Channel;
 use crate::log::{about::About, about::METADATA_NAME, drawn, image};
@@ -15,7 +15,7 @@ use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::mapper::path::PathPose;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{MapSnapshot, ResetKind};
+use plumbline_estimator::{MapSnapshot, ResetKind, Trail, TrailState};
 use plumbline_record::layout;
 use plumbline_record::messages::{Configuration, Ladder, Picture};
 use plumbline_record::parts::Recording;
@@ -144,6 +144,7 @@ fn local_requests() -> Vec<u8> {
         Request::Ready,
         Request::Failed(failure),
         Request::Alive,
+        Request::At(At { stamp: STAMP, patience_ms: 500, is_settled: true }),
     ];
     (1..).zip(&all).flat_map(|(number, request)| request.encode(number)).collect()
 }
@@ -173,6 +174,10 @@ fn local_records() -> Vec<Vec<u8>> {
         loops_used: 2,
     };
     let answer = Answer { number: 4, status: Status::Refused, value: 0, words: "no".into() };
+    let instant = InstantAnswer { number: 3, source: InstantSource::Trigger, ..InstantAnswer::default() };
+    let state =
+        TrailState { stamp: STAMP, pose_o_b: Isometry3::translation(1.0, 2.0, 3.0), v_o_b: Vector3::x() };
+    let trail = Trail { stamp: STAMP, states: vec![state; 3], ..Trail::default() };
     let record = |kind: Kind, content: Vec<u8>| encoded(kind.kind(), 1, |to| to.extend(content));
     let laid_out = |put: &dyn Fn(&mut Vec<u8>)| {
         let mut bytes = Vec::new();
@@ -194,6 +199,8 @@ fn local_records() -> Vec<Vec<u8>> {
         record(Kind::Sensors, encode(&SensorNews::default())),
         record(Kind::Picture, encode(&Picture::from(&shot))),
         record(Kind::End, vec![0; 8]),
+        record(Kind::Instant, laid_out(&|to| layout::put_instant(&instant, 5, to))),
+        record(Kind::Trail, encode(&trail)),
     ]
 }
 

@@ -84,7 +84,8 @@ pub fn run(captured: &Captured, messages: &[(Timestamp, ODOMETRY_DATA)], delay_m
     course
 }
 
-fn filter() -> Ekf<'static> {
+/// EKF2 with the parameters of the document, without data.
+pub fn filter() -> Ekf<'static> {
     let mut filter = Ekf::with_config(EkfConfig::default()).unwrap();
     let mut params = filter.params_mut();
     params.set_ev_ctrl(ExternalVisionControl::all());
@@ -117,12 +118,13 @@ fn rest(filter: &mut Ekf<'_>, captured: &Captured) {
     filter.set_in_air_status(true);
 }
 
-fn stamp_us(stamp: Timestamp) -> u64 {
+/// A stamp on the clock of the filter, us.
+pub fn stamp_us(stamp: Timestamp) -> u64 {
     (stamp.as_nanos() / 1000 + LATER_US) as u64
 }
 
 /// Sample that PX4 makes of a message before EKF2: variances are at least the noise of the parameters.
-fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
+pub fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
     let at_least =
         |covariance: &[f32], places: [usize; 3], floor: f32| places.map(|k| covariance[k].max(floor));
     let time_us = (m.time_usec as i64 + LATER_US - (1e3 * delay_ms) as i64) as u64;

@@ -2,6 +2,7 @@
 
 mod capture;
 mod ekf2;
+mod flow;
 mod udp;
 
 use self::ekf2::FilterRun;
