@@ -9,6 +9,7 @@ mod calibrate;
 mod cgroup;
 mod connections;
 mod damaged_recording;
+mod dds;
 mod digests;
 mod doctor;
 mod errors;

@@ -216,6 +216,75 @@ fn the_open_table_of_a_folder_has_medians_sources_and_what_is_missing() {
     assert_eq!(read(&again), read(&csv));
 }
 
+/// Names of EuRoC; two are missing, and one folder has no images.
+#[test]
+fn eleven_names_fly_unattended_and_two_parts_make_the_whole_table() {
+    const NAMES: [&str; 11] = [
+        "MH_01_easy",
+        "MH_02_easy",
+        "MH_03_medium",
+        "MH_04_difficult",
+        "MH_05_difficult",
+        "V1_01_easy",
+        "V1_02_medium",
+        "V1_03_difficult",
+        "V2_01_easy",
+        "V2_02_medium",
+        "V2_03_difficult",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    for (name, start) in [("a", "3"), ("b", "8")] {
+        let flight = at(&format!("flights/{name}"));
+        succeeds(&plumbline(&["simulate", &flight, "--start", start, "--duration", "2.5", "--scale", "0.3"]));
+    }
+    let (sets, missing) = (folder.path().join("sets"), ["MH_04_difficult", "V2_03_difficult"]);
+    for (k, name) in NAMES.iter().enumerate().filter(|(_, name)| !missing.contains(name)) {
+        let group = sets.join(if name.starts_with("MH") { "machine_hall" } else { "vicon" });
+        std::fs::create_dir_all(&group).unwrap();
+        std::os::unix::fs::symlink(at(["flights/a", "flights/b"][k % 2]), group.join(name)).unwrap();
+    }
+    std::fs::create_dir_all(sets.join("V2_03_difficult/mav0/imu0")).unwrap();
+    let flown = ["sweep", "--folder", sets.to_str().unwrap(), "--starts", "0,0.3"];
+    let [markdown, csv] = ["whole.md", "whole.csv"].map(at);
+    let whole = plumbline(&[&flown[..], &["--table", &markdown, "--table", &csv]].concat());
+    let text = succeeds(&whole);
+    println!("{text}{}", stderr(&whole));
+    assert!(stderr(&whole).contains("V2_03_difficult") && stderr(&whole).contains("it has no mav0/cam0"));
+    for words in
+        ["| mean of 9 of 11 ", "MH_04_difficult, V2_03_difficult (2 of 11)", "10.3929/ethz-b-000690084"]
+    {
+        assert!(text.contains(words), "'{words}' is missing in {text}");
+    }
+    // Two machines fly every second cell each, and one makes the table of both.
+    let cells = succeeds(&plumbline(&[&flown[..], &["--list"]].concat())).lines().count();
+    assert_eq!(cells, 18);
+    let parts = ["even", "odd"].map(at);
+    for cell in 0..cells {
+        let part = &parts[cell % 2];
+        succeeds(&plumbline(&[&flown[..], &["--cell", &cell.to_string(), "--cells", part]].concat()));
+    }
+    fails_after_its_table(&["sweep", "--collect", &parts[0]], "9 of 18 cells are missing");
+    for entry in std::fs::read_dir(&parts[1]).unwrap().map(Result::unwrap) {
+        std::fs::copy(entry.path(), Path::new(&parts[0]).join(entry.file_name())).unwrap();
+    }
+    let collected = at("collected.csv");
+    succeeds(&plumbline(&["sweep", "--collect", &parts[0], "--table", &collected]));
+    // Times of frames are of the machine; all else is of the flights.
+    let estimates = |path: &str| -> Vec<Vec<String>> {
+        let text = std::fs::read_to_string(path).unwrap();
+        let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+        let kept = |row: &Vec<&str>| {
+            let cells = row.iter().zip(&rows[0]).filter(|(_, head)| !head.starts_with("frame_cpu_ms"));
+            cells.map(|(cell, _)| (*cell).to_owned()).collect()
+        };
+        rows.iter().map(kept).collect()
+    };
+    let (whole, collected) = (estimates(&csv), estimates(&collected));
+    assert_eq!(whole.len(), 10);
+    assert_eq!(whole, collected);
+}
+
 #[test]
 fn a_table_is_refused_before_the_flights() {
     let folder = tempfile::tempdir().unwrap();

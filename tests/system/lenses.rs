@@ -4,6 +4,7 @@ use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
 use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{Entry, Fault, Setup};
+use plumbline_lab::evaluate::paired::PairedDifference;
 use plumbline_lab::report::Report;
 use std::path::Path;
 
@@ -34,33 +35,37 @@ fn lenses() -> [(Distortion, f64); 6] {
 }
 
 /// Flies at half scale with both cameras of the preset `sim` behind this lens.
-fn flown(distortion: Distortion, focal: f64, path: &str, seed: u64) -> Report {
+fn flown(distortion: Distortion, focal: f64, (path, seed): (&str, u64), duration_s: f64) -> Report {
     let mut config = Config::preset("sim").unwrap().into_inner();
     for camera in &mut config.camera {
         camera.distortion = distortion;
         camera.focal_px = camera.focal_px.map(|f| f * focal);
     }
     let config = config.validated("lens").unwrap();
-    let mut entry = Entry::new(Path::new(""), (path, 0.0), ("room", Scene::Room), seed, 8.0, Fault::None);
+    let mut entry =
+        Entry::new(Path::new(""), (path, 0.0), ("room", Scene::Room), seed, duration_s, Fault::None);
     entry.scenario.resolution_scale = 0.5;
     let setup = Setup { config: Some(config), overrides: Vec::new(), mono: false, cache: None, threads: 2 };
     entry.fly_as(&setup).unwrap()
 }
 
-/// Two flights each; `docs/calibration.md` has the figures of eight others.
+/// A lens without distortion.
+const PINHOLE: Distortion = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };
+
+/// Two flights each; `docs/calibration.md` has the figures of sixteen others.
 #[test]
 fn every_lens_flies_as_well_as_a_pinhole() {
     let flights = [("demo", 1), ("sweeps", 2)];
     let error_m = |distortion, focal| -> f64 {
         let report = |(path, seed): &(&str, u64)| {
-            let report = flown(distortion, focal, path, *seed);
+            let report = flown(distortion, focal, (path, *seed), 8.0);
             assert_eq!((report.resets, report.hot_path_allocations), (0, 0), "{distortion:?} {path}");
             assert!(report.completion >= 0.98, "{distortion:?} {path}: {}", report.completion);
             report.ate_rmse_m.unwrap()
         };
         flights.iter().map(report).sum::<f64>() / flights.len() as f64
     };
-    let pinhole_m = error_m(Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 }, 1.0);
+    let pinhole_m = error_m(PINHOLE, 1.0);
     for (distortion, focal) in lenses() {
         let lens_m = error_m(distortion, focal);
         println!("{:18} {:.4} m, pinhole {pinhole_m:.4} m", distortion.model(), lens_m);
@@ -68,11 +73,45 @@ fn every_lens_flies_as_well_as_a_pinhole() {
     }
 }
 
+/// Sixteen flights of 8 s each, and their ratio to the same flights through a pinhole.
+#[test]
+#[ignore = "takes minutes: make soak"]
+fn soak_sixteen_flights_through_each_lens_are_those_through_a_pinhole() {
+    let paths = ["demo", "demo", "sweeps", "sweeps", "carried", "hand-held", "yaws", "drift"];
+    let flights = [1, 11].into_iter().flat_map(|first| paths.into_iter().zip(first..));
+    let flights: Vec<(&str, u64)> = flights.collect();
+    let errors_m = |distortion, focal| -> Vec<f64> {
+        let error_m = |flight: &(&str, u64)| {
+            let report = flown(distortion, focal, *flight, 8.0);
+            assert_eq!(report.resets, 0, "{distortion:?} {flight:?}");
+            report.ate_rmse_m.unwrap()
+        };
+        flights.iter().map(error_m).collect()
+    };
+    let pinhole = errors_m(PINHOLE, 1.0);
+    let mut missed = Vec::new();
+    for (distortion, focal) in lenses() {
+        let pairs: Vec<(f64, f64)> = pinhole.iter().copied().zip(errors_m(distortion, focal)).collect();
+        let paired = PairedDifference::of(&pairs).unwrap();
+        let PairedDifference { mean, base_mean, ratio, ratio_95: [low, high], .. } = paired;
+        println!(
+            "| `{}` | {:.2} | {ratio:.2} ({low:.2} to {high:.2}) | pinhole {:.2} mm",
+            distortion.model(),
+            1e3 * mean,
+            1e3 * base_mean
+        );
+        if ratio >= 1.1 {
+            missed.push(distortion.model());
+        }
+    }
+    assert!(missed.is_empty(), "{missed:?}");
+}
+
 /// A fisheye of 190 degrees, of which the outer part is not used: what is left of the image flies.
 #[test]
 fn a_lens_that_sees_beyond_a_right_angle_flies() {
     let t265 = Distortion::Equidistant { k1: -0.0033, k2: 0.0541, k3: -0.0516, k4: 0.0107 };
-    let report = flown(t265, 0.5, "demo", 3);
+    let report = flown(t265, 0.5, ("demo", 3), 8.0);
     assert_eq!(report.resets, 0);
     assert!(report.completion >= 0.98, "{}", report.completion);
     assert!(report.ate_rmse_m.unwrap() < 0.03, "{:?} m", report.ate_rmse_m);

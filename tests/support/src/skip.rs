@@ -46,11 +46,13 @@ pub enum Need {
     Compiler,
     /// A compiler for microcontrollers (`gcc-arm-none-eabi` with newlib).
     ArmCompiler,
+    /// Fast DDS 2 (`libfastrtps-dev` of Debian 12 and Ubuntu 22.04) and a compiler for C++.
+    FastDds,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -69,6 +71,7 @@ impl Need {
         Self::OtherUser,
         Self::Compiler,
         Self::ArmCompiler,
+        Self::FastDds,
     ];
 
     /// Name on the list of allowed skips.
@@ -93,6 +96,7 @@ impl Need {
             Self::OtherUser => "other-user",
             Self::Compiler => "compiler",
             Self::ArmCompiler => "arm-compiler",
+            Self::FastDds => "fast-dds",
         }
     }
 }

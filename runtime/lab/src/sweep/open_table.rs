@@ -342,6 +342,7 @@ fn published_cells(figure: &PublishedFigure) -> [String; 5] {
     let knowledge = match figure.knowledge {
         Knowledge::Causal => "causal",
         Knowledge::Final => "final",
+        Knowledge::NotStated => "not stated",
     };
     let ate = format!("{:.3}", figure.ate_m);
     [
