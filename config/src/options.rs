@@ -1,8 +1,8 @@
 //! The configuration as plain typed data: what one TOML file says.
 //!
-//! Units stand in the names; every field is required unless it has a default written here. Loading,
-//! validation and importers are in their own modules. The presets document the same fields for users;
-//! tests hold both together.
+//! Units stand in the names. A key is declared at its field, once: `#[key(...)]` has its default (without one it is required),
+//! range and unit, and the comment is what users read ([`plumbline_keys::keys`]). Loading, rules for several keys, and importers are
+//! in their own modules.
 //!
 //! [`EstimatorSetup`] is what the estimator alone needs, [`Config`] what a whole vehicle needs. Both are raw: what
 //! is flown with is a [`ValidSetup`](crate::ValidSetup) or a [`ValidConfig`](crate::ValidConfig).

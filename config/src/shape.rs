@@ -217,8 +217,9 @@ impl Check<'_> {
             | (DeValue::String(_), Kind::Text)
             | (DeValue::Boolean(_), Kind::Switch) => {}
             (DeValue::String(text), Kind::Word(words)) => {
-                if !words().contains(&&**text) {
-                    let cure = format!("choose one of {}", words().join(", "));
+                let words = words();
+                if !words.all.contains(&&**text) {
+                    let cure = format!("choose one of {}", words.current.join(", "));
                     self.refuse(at, format!("there is no {text:?} here"), cure);
                 }
             }

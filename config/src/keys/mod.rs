@@ -4,6 +4,8 @@
 //! ranges ([`check`]), known, required and mistyped keys (`crate::shape`), the commented file of all keys ([`file`]) and the
 //! table of the documents ([`table`]).
 
+#![cfg_attr(not(feature = "toml"), allow(dead_code, reason = "read by what reads and writes files"))]
+
 #[cfg(feature = "toml")]
 pub(crate) mod file;
 #[cfg(all(test, feature = "toml", feature = "yaml"))]
@@ -15,12 +17,11 @@ mod units;
 mod words;
 
 pub(crate) use units::*;
-pub(crate) use words::words;
+pub(crate) use words::{Words, words};
 
 use crate::error::Violation;
 
 /// One key of a table.
-#[cfg_attr(not(feature = "toml"), allow(dead_code, reason = "read by what reads and writes files"))]
 pub(crate) struct Key {
     pub name: &'static str,
     /// Comment of the key in a file.
@@ -49,8 +50,8 @@ pub(crate) enum Kind {
     Integer,
     Switch,
     Text,
-    /// One of some words.
-    Word(fn() -> &'static [&'static str]),
+    /// One of some words, of which some are old spellings.
+    Word(fn() -> Words),
     /// This word, or a value of another kind.
     WordOr(&'static str, fn() -> Kind),
     /// Any number of values.
@@ -110,9 +111,9 @@ impl Key {
     #[cfg(feature = "toml")]
     fn range_with_unit(&self) -> Option<String> {
         // Many zeros are hard to count.
-        let written = |x: f64| match x.abs() {
-            0.0 | 1e-3..1e6 => x.to_string(),
-            _ => format!("{x:e}"),
+        let written = |x: f64| {
+            let (plain, short) = (x.to_string(), format!("{x:e}"));
+            if plain.len() > 6 && short.len() < plain.len() { short } else { plain }
         };
         let unit = self.unit.map(|unit| unit.symbol).filter(|symbol| !symbol.is_empty());
         let unit = unit.map_or_else(String::new, |symbol| format!(" {symbol}"));

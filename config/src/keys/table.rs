@@ -32,7 +32,7 @@ fn row(name: &str, key: &Key) -> String {
     let range = match ((key.kind)(), key.range_with_unit()) {
         (_, Some(range)) => range,
         (Kind::Word(words), None) => {
-            words().iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
+            words().current.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
         }
         _ => String::new(),
     };

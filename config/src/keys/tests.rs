@@ -143,6 +143,8 @@ fn a_word_that_a_key_does_not_have_is_refused_by_its_key_with_those_it_has() {
         error,
         "drone.toml: `network.link` (line 3): there is no \"lann\" here; choose one of lan, wifi, radio"
     );
+    let error = parsed("base = \"sim\"\n[autopilot]\nlost_pose = \"noone\"\n").unwrap_err().to_string();
+    assert!(error.ends_with("choose one of last, none"), "{error}");
     // The spelling of before 2026.
     let old = parsed("base = \"sim\"\n[autopilot]\nlost_pose = \"nan\"\n").unwrap();
     assert_eq!(old.autopilot.lost_pose, crate::options::LostPose::None);

@@ -4,7 +4,6 @@
 #[derive(Clone, Copy)]
 pub(crate) struct Unit {
     /// Symbol, as tables show it; empty for a share.
-    #[cfg_attr(not(feature = "toml"), allow(dead_code, reason = "of tables"))]
     pub symbol: &'static str,
     /// Cure of a value out of range.
     pub cure: &'static str,
