@@ -21,6 +21,10 @@ const DEFAULTS: &str = "\
 # Frames: B is the body, which is the IMU; C0 and C1 are the left and right camera.
 ";
 
+const VALUES: &str = "
+# The names of keys contain the units. Keys with a \"Default\" in their comment may be omitted. Unknown keys are errors.
+";
+
 /// Comments of single files, by key or table (`imu.rate_hz`, `imu`), below those that the declaration gives.
 #[derive(Default)]
 pub(crate) struct Remarks {
@@ -66,7 +70,7 @@ pub(crate) fn defaults(with_experiments: bool) -> String {
 
 /// Every key with its value in `config`.
 pub(crate) fn full(config: &Config, remarks: &Remarks, with_experiments: bool) -> String {
-    let mut file = File { text: remarks.header.join("\n") + "\n", remarks, with_experiments };
+    let mut file = File { text: remarks.header.join("\n") + VALUES, remarks, with_experiments };
     file.tables("", Config::keys(), Some(&config.values()));
     file.text
 }

@@ -171,7 +171,8 @@ pub struct ImuConfig {
     #[key(default = 0.3, range = 1e-6..=5.0, unit = METRES_PER_SECOND_2)]
     pub accel_bias_sigma_m_s2: f64,
     /// Magnitude of gravity, m/s².
-    #[key(default = 9.81, range = 9.7..=9.9, unit = METRES_PER_SECOND_2, cure = "write the positive magnitude on Earth in m/s², about 9.81")]
+    #[key(default = 9.81, range = 9.7..=9.9, unit = METRES_PER_SECOND_2,
+        cure = "write the positive magnitude on Earth in m/s², about 9.81")]
     pub gravity_m_s2: f64,
 }
 

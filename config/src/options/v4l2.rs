@@ -36,7 +36,8 @@ pub struct V4l2Config {
     #[key(default = -1.0, range = -1.0..=1e6, cure = "write it in the driver's own unit, -1 to leave it to the camera")]
     pub gain: f64,
     /// Time from one row of the sensor to the next, us, for drivers that count the exposure in rows; 0 for others.
-    #[key(default = 0.0, range = 0.0..=1000.0, unit = MICROSECONDS, cure = "write it in microseconds, 0 where the exposure is not counted in rows")]
+    #[key(default = 0.0, range = 0.0..=1000.0, unit = MICROSECONDS,
+        cure = "write it in microseconds, 0 where the exposure is not counted in rows")]
     pub row_us: f64,
     /// Time from the end of the exposure to the stamp, us, for drivers that stamp the end of a frame.
     #[key(default = 0.0, range = 0.0..=1e5, unit = MICROSECONDS)]
