@@ -64,6 +64,7 @@ pub mod fuzzing;
 pub mod image;
 #[cfg(feature = "yaml")]
 pub mod import;
+mod keys;
 #[cfg(feature = "toml")]
 mod load;
 #[cfg(feature = "toml")]
@@ -91,7 +92,7 @@ pub use image::{GrayImage, ImageError, ImageView};
 pub use options::{Config, EstimatorSetup};
 pub use portable::Portable;
 #[cfg(feature = "toml")]
-pub use presets::{PRESETS, preset_text};
+pub use presets::{PRESETS, every_key, preset_text};
 pub use random::Random;
 pub use sample::ImuSample;
 pub use statistics::{median, median_by};

@@ -1,5 +1,7 @@
 //! Loading: TOML text to a [`ValidConfig`], and back.
 //!
+//! A text may name a preset that it starts from (`base`): it has then the keys in which it differs.
+//!
 //! A text passes three gates: the TOML grammar ([`ConfigError::Syntax`] with line and column), the shape
 //! (unknown, missing and mistyped keys, [`crate::shape`]), the values ([`crate::validate`]). Each gate
 //! reports everything it refuses at once.
@@ -7,11 +9,13 @@
 use crate::error::{ConfigError, Violation};
 use crate::mask_file;
 use crate::options::Config;
-use crate::presets::{PRESETS, preset_text};
-use crate::shape::Document;
+use crate::presets::{DEFAULTS, PRESETS, preset_file};
+use crate::shape::{BASE_KEY, Document};
 use crate::text;
 use crate::valid::ValidConfig;
+use serde::Deserialize as _;
 use std::path::Path;
+use toml::{Table, Value};
 
 impl Config {
     /// Reads and validates a TOML file.
@@ -59,12 +63,22 @@ impl Config {
         complete: impl FnOnce(&mut Self) -> Result<(), ConfigError>,
     ) -> Result<ValidConfig, ConfigError> {
         let document = Document::parse(text, origin)?;
-        ConfigError::if_any(origin, document.violations())?;
-        let mut config: Self = toml::from_str(text).map_err(|error| {
-            // The shape check knows every key; what it lets through and serde refuses is told in serde's words.
-            let line = error.span().map(|span| text::line_and_column(text, span.start).0);
-            let violation = Violation::new("(file)", error.message().trim(), "compare with a preset");
+        let base = base_of(&document, origin)?;
+        ConfigError::if_any(origin, document.violations(&base))?;
+        // The shape check knows every key; what it lets through and serde refuses is told in serde's words.
+        let told = |message: &str, line| {
+            let violation = Violation::new("(file)", message.trim(), "compare with a preset");
             ConfigError::one(origin, violation.at_line(line))
+        };
+        let written = document.base().map_or(Ok(None), |_| text.parse().map(Some));
+        let read = match written {
+            // Read from the text, so that serde can say where.
+            Ok(None) => toml::from_str(text),
+            Ok(Some(written)) => Self::deserialize(merged(base, written)),
+            Err(error) => Err(error),
+        };
+        let mut config = read.map_err(|error| {
+            told(error.message(), error.span().map(|span| text::line_and_column(text, span.start).0))
         })?;
         let valid = complete(&mut config).and_then(|()| config.validated(origin));
         valid.map_err(|error| error.with_lines(|key| document.line_of(key)))
@@ -75,7 +89,7 @@ impl Config {
     /// # Errors
     /// When there is no preset of that name.
     pub fn preset(name: &str) -> Result<ValidConfig, ConfigError> {
-        Self::from_toml_str(preset_text(name)?, &format!("preset {name}"))
+        Self::from_toml_str(preset_file(name)?, &format!("preset {name}"))
     }
 
     /// The configuration in full as TOML, defaults included: parsed again it is equal to `self`.
@@ -85,4 +99,31 @@ impl Config {
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         toml::to_string(self).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
     }
+}
+
+/// What a text starts from: a preset in full, or nothing where it is the defaults.
+fn base_of(document: &Document<'_>, origin: &str) -> Result<Table, ConfigError> {
+    let Some((name, line)) = document.base().filter(|(name, _)| *name != DEFAULTS) else {
+        return Ok(Table::new());
+    };
+    let unknown = || {
+        let cure = format!("choose one of {DEFAULTS}, {}", PRESETS.join(", "));
+        let violation = Violation::new(BASE_KEY, format!("there is no preset {name:?}"), cure);
+        ConfigError::one(origin, violation.at_line(Some(line)))
+    };
+    let base =
+        if PRESETS.contains(&name) { Config::preset(name)?.into_inner() } else { return Err(unknown()) };
+    Table::try_from(base).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
+}
+
+/// The base with what is written in its place: tables key by key, all else as a whole.
+fn merged(mut base: Table, written: Table) -> Table {
+    for (key, value) in written.into_iter().filter(|(key, _)| key != BASE_KEY) {
+        let value = match (base.remove(&key), value) {
+            (Some(Value::Table(inner)), Value::Table(value)) => Value::Table(merged(inner, value)),
+            (_, value) => value,
+        };
+        base.insert(key, value);
+    }
+    base
 }

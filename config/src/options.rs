@@ -1,8 +1,8 @@
 //! The configuration as plain typed data: what one TOML file says.
 //!
-//! Units stand in the names; every field is required unless it has a default written here. Loading,
-//! validation and importers are in their own modules. The presets document the same fields for users;
-//! tests hold both together.
+//! Units stand in the names. A key is declared at its field, once: `#[key(...)]` has its default (without one it is required),
+//! range and unit, and the comment is what users read ([`plumbline_keys::keys`]). Loading, rules for several keys, and importers are
+//! in their own modules.
 //!
 //! [`EstimatorSetup`] is what the estimator alone needs, [`Config`] what a whole vehicle needs. Both are raw: what
 //! is flown with is a [`ValidSetup`](crate::ValidSetup) or a [`ValidConfig`](crate::ValidConfig).
@@ -43,45 +43,54 @@ pub use setup::EstimatorSetup;
 pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::{Mounting, VehicleConfig};
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Everything Plumbline needs to know before the first sample.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// One or two cameras: `camera[0]` is left (`C0`), `camera[1]` right (`C1`).
+    /// The cameras: one `[[camera]]` (monocular) or two (stereo, left first).
+    #[key]
     pub camera: Vec<CameraConfig>,
-    /// The inertial sensor.
+    /// The inertial sensor, whose frame is the body frame B. Noise densities of a data sheet hold for a sensor at rest: for
+    /// flight, white noise is inflated by about ten, because vibration, scale errors and sampling increase it.
+    #[key]
     pub imu: ImuConfig,
-    /// How well the extrinsics of the sensors are known.
-    #[serde(default)]
+    /// Uncertainty of the calibration, one standard deviation for each quantity: the priors of the online refinement. Zero
+    /// disables the refinement of that quantity. The defaults
+    /// are loose: they fit a calibration that comes from a data sheet. If the priors are too loose, the refinement attributes
+    /// errors of the inertial sensor to the calibration.
+    #[key(default)]
     pub rig: RigConfig,
     /// Capacities and thresholds of the estimator.
-    #[serde(default)]
+    #[key(default)]
     pub estimator: EstimatorConfig,
-    /// Sources of frames and samples.
-    #[serde(default)]
+    /// The sources of frames and samples.
+    #[key(default)]
     pub driver: DriverConfig,
-    /// Socket for programs of this computer.
-    #[serde(default)]
+    /// Socket for programs of this computer: odometry, estimates and more (docs/local-socket.md).
+    #[key(default)]
     pub local: LocalConfig,
-    /// Publication over Zenoh.
-    #[serde(default)]
+    /// Publication over Zenoh. By default there is no listener.
+    #[key(default)]
     pub network: NetworkConfig,
-    /// Publication to ROS 2.
-    #[serde(default)]
+    /// Publication to ROS 2, compatible with rmw_zenoh: `odom` (nav_msgs/Odometry), `pose` (geometry_msgs/PoseStamped) and /tf.
+    #[key(default)]
     pub ros: RosConfig,
-    /// Requests of a live run to the host.
-    #[serde(default)]
+    /// Requests of a live run to the host. If the host refuses one, this is logged and the run continues without it.
+    #[key(default)]
     pub runtime: RuntimeConfig,
     /// Contents and limits of the flight recording.
-    #[serde(default)]
+    #[key(default)]
     pub recorder: RecorderConfig,
-    /// How the IMU is mounted in the vehicle.
-    #[serde(default)]
+    /// Mounting of the IMU in the vehicle. It determines the attitude that ground station, autopilot and ROS 2 receive. The
+    /// estimate does not depend on it.
+    #[key(default)]
     pub vehicle: VehicleConfig,
-    /// Odometry for the vehicle's autopilot.
-    #[serde(default)]
+    /// Odometry for the vehicle's autopilot (PX4, ArduPilot), by MAVLink.
+    #[key(default)]
     pub autopilot: AutopilotConfig,
 }
 
@@ -89,20 +98,7 @@ impl Config {
     /// These sensors, and the defaults for all else.
     #[must_use]
     pub fn with_defaults(camera: Vec<CameraConfig>, imu: ImuConfig) -> Self {
-        Self {
-            camera,
-            imu,
-            rig: RigConfig::default(),
-            estimator: EstimatorConfig::default(),
-            driver: DriverConfig::default(),
-            local: LocalConfig::default(),
-            network: NetworkConfig::default(),
-            ros: RosConfig::default(),
-            runtime: RuntimeConfig::default(),
-            recorder: RecorderConfig::default(),
-            vehicle: VehicleConfig::default(),
-            autopilot: AutopilotConfig::default(),
-        }
+        Self::with_required(camera, imu)
     }
 
     /// The part that concerns the estimator: cameras, IMU, rig, capacities and thresholds.
@@ -118,29 +114,24 @@ impl Config {
 }
 
 /// Where samples come from when none is named on the command line.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct DriverConfig {
-    /// Stereo pairs decoded or rendered ahead of need.
+    /// Number of stereo pairs decoded or rendered ahead.
+    #[key(default = 4, range = 1..=64)]
     pub image_queue: usize,
-    /// Largest difference of stamps within a stereo pair, s.
+    /// Largest difference of the stamps within a stereo pair, s. In data sets and bags, images that are farther apart are not
+    /// paired. Live pairs that are farther apart are used and counted.
+    #[key(default = 0.002, range = 0.0..=0.1, unit = SECONDS)]
     pub pair_tolerance_s: f64,
-    /// The inertial sensor.
+    /// The inertial sensor of a live flight. `[imu]` states its rate and its ranges.
+    #[key(default)]
     pub imu: ImuDriverConfig,
-    /// Cameras of the Linux kernel.
+    /// Cameras of the Linux kernel (Video4Linux). `plumbline devices` lists devices, formats, rates and controls.
+    #[key(default)]
     pub v4l2: V4l2Config,
-    /// Frames of a program of the user's own.
+    /// Frames sent by a program of your own, for example one with a vendor's SDK (docs/frame-socket.md).
+    #[key(default)]
     pub frames: FramesConfig,
-}
-
-impl Default for DriverConfig {
-    fn default() -> Self {
-        Self {
-            image_queue: 4,
-            pair_tolerance_s: 0.002,
-            imu: ImuDriverConfig::default(),
-            v4l2: V4l2Config::default(),
-            frames: FramesConfig::default(),
-        }
-    }
 }

@@ -1,28 +1,22 @@
-//! The shape of a configuration text: which keys it may have, must have, and of what type.
-//!
-//! The shape is not written down a second time: it is read off a sample configuration that has every
-//! key, and a key is required when the sample without it is refused.
+//! The shape of a configuration text: which keys it may have, must have, and of what type, by their declarations
+//! ([`crate::keys`]).
 
-use crate::camera::Distortion;
+use crate::Config;
 use crate::error::{ConfigError, Violation};
-use crate::options::{CameraConfig, Mask, Mounting};
+use crate::keys::{Key, Kind, Table as _, Variant};
 use crate::text::{Lines, line_and_column};
-use crate::{Config, presets};
-use serde::Deserialize;
+use std::borrow::Cow;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
 /// The key that selects a variant of a table (the distortion model).
 const VARIANT_KEY: &str = "model";
 
+/// The key that names what a file starts from.
+pub(crate) const BASE_KEY: &str = "base";
+
 /// Keys that stand elsewhere now: where they were, and where they are.
 const MOVED: &[(&str, &str)] = &[("autopilot.imu_to_vehicle_deg", "vehicle.imu_to_vehicle_deg")];
-
-/// Keys whose list of numbers may be a word instead, and that word.
-const WORDS: &[(&str, &str)] = &[("vehicle.imu_to_vehicle_deg", Mounting::UNKNOWN)];
-
-/// Keys whose whole number may be negative; all others are counts.
-const SIGNED: &[&str] = &["runtime.idle_latency_us"];
 
 /// True if a text that is not TOML is YAML: its first line that is no comment is a directive, a mark, or a key with a colon.
 fn is_yaml(text: &str) -> bool {
@@ -55,11 +49,21 @@ impl<'a> Document<'a> {
         Ok(Self { lines: Lines::of(text), root })
     }
 
-    /// Unknown, missing and mistyped keys, in the order of the file.
-    pub fn violations(&self) -> Vec<Violation> {
-        let sample = sample();
-        let mut check = Check { lines: &self.lines, sample: &sample, found: Vec::new() };
-        check.table(&At::root(), self.root.get_ref(), &[&sample]);
+    /// The name of what the file starts from, with its line.
+    pub fn base(&self) -> Option<(&str, usize)> {
+        let (key, value) = self.root.get_ref().get_key_value(BASE_KEY)?;
+        Some((value.get_ref().as_str()?, self.lines.at(key.span().start)))
+    }
+
+    /// Unknown, missing and mistyped keys, in the order of the file. What `base` has may be missing.
+    pub fn violations(&self, base: &Table) -> Vec<Violation> {
+        let mut check = Check { lines: &self.lines, found: Vec::new() };
+        let root = self.root.get_ref();
+        if let Some((key, value)) = root.get_key_value(BASE_KEY) {
+            let at = At::root().child(BASE_KEY, self.lines.at(key.span().start));
+            check.value(&at, value, &Kind::Text, None);
+        }
+        check.table(&At::root(), root, &Shape::plain(Config::keys()), Some(base));
         check.found.sort_by_key(|violation| violation.line);
         check.found
     }
@@ -90,37 +94,54 @@ fn split_index(part: &str) -> (&str, Option<usize>) {
     }
 }
 
-/// Place of the check: the key as the user wrote it, and with every index left out (`camera[].focal_px`).
+/// Place of the check: the key as the user wrote it, and its line.
 struct At {
     key: String,
-    general: String,
     line: usize,
 }
 
 impl At {
     fn root() -> Self {
-        Self { key: String::new(), general: String::new(), line: 1 }
+        Self { key: String::new(), line: 1 }
     }
 
     fn child(&self, name: &str, line: usize) -> Self {
         let dot = if self.key.is_empty() { "" } else { "." };
-        Self {
-            key: format!("{}{dot}{name}", self.key),
-            general: format!("{}{dot}{name}", self.general),
-            line,
-        }
+        Self { key: format!("{}{dot}{name}", self.key), line }
     }
 
     fn element(&self, index: usize, line: usize) -> Self {
-        Self { key: format!("{}[{index}]", self.key), general: format!("{}[]", self.general), line }
+        Self { key: format!("{}[{index}]", self.key), line }
     }
 }
 
-/// Compares a text with the sample. Where the sample has several shapes of a table (the elements of a list
-/// of tables), all of them come along as candidates.
+/// The keys of a table, each with its kind, and whether it must be there.
+struct Shape(Vec<(&'static str, Kind, bool)>);
+
+impl Shape {
+    fn plain(keys: &'static [Key]) -> Self {
+        Self(keys.iter().map(|key| (key.name, (key.kind)(), key.is_required)).collect())
+    }
+
+    fn variant(variant: &'static Variant) -> Self {
+        let numbers = variant.numbers.iter().map(|name| (*name, Kind::Number, true));
+        Self(std::iter::once((VARIANT_KEY, Kind::Text, true)).chain(numbers).collect())
+    }
+
+    fn kind(&self, name: &str) -> Option<&Kind> {
+        self.0.iter().find(|(known, ..)| *known == name).map(|(_, kind, _)| kind)
+    }
+
+    fn names(&self) -> Vec<&'static str> {
+        let mut names: Vec<&str> = self.0.iter().map(|(name, ..)| *name).collect();
+        names.sort_unstable();
+        names
+    }
+}
+
+/// Compares a text with the declarations.
 struct Check<'a> {
     lines: &'a Lines,
-    sample: &'a Table,
     found: Vec<Violation>,
 }
 
@@ -129,148 +150,132 @@ impl Check<'_> {
         self.found.push(Violation::new(&at.key, reason, cure).at_line(Some(at.line)));
     }
 
-    fn table(&mut self, at: &At, table: &DeTable<'_>, candidates: &[&Table]) {
-        let Some(candidates) = self.variant(at, table, candidates) else { return };
-        let shape = candidates[0];
+    fn table(&mut self, at: &At, table: &DeTable<'_>, shape: &Shape, base: Option<&Table>) {
         for (name, value) in table {
             let name_text: &str = name.get_ref();
             let child = at.child(name_text, self.lines.at(name.span().start));
-            let shapes: Vec<&Value> = candidates.iter().filter_map(|c| c.get(name_text)).collect();
-            if shapes.is_empty() {
-                match MOVED.iter().find(|(old, _)| *old == child.general) {
-                    Some((_, new)) => {
-                        let cure = format!("write `{new}` with the same value in its place");
-                        self.refuse(&child, "the key has moved".into(), cure);
-                    }
-                    None => self.refuse(&child, "unknown key".into(), suggestion(name_text, shape)),
-                }
-            } else {
-                self.value(&child, value, &shapes);
+            match shape.kind(name_text) {
+                Some(kind) => self.value(&child, value, kind, base.and_then(|base| base.get(name_text))),
+                None if child.key == BASE_KEY => {}
+                None => self.unknown(&child, name_text, shape),
             }
         }
-        for name in shape.keys().filter(|name| table.get(name.as_str()).is_none()) {
-            let child = at.child(name, at.line);
-            if is_required(self.sample, &child.general) {
-                self.refuse(&child, "missing".into(), format!("add it: {}", wanted(&shape[name])));
-            }
+        let is_there =
+            |name: &str| table.contains_key(name) || base.is_some_and(|base| base.contains_key(name));
+        for (name, kind, _) in shape.0.iter().filter(|(name, _, is_required)| *is_required && !is_there(name))
+        {
+            let cure = format!("add it: {}", wanted(kind));
+            self.refuse(&at.child(name, at.line), "missing".into(), cure);
         }
     }
 
-    /// The candidates that a table is to be compared with: of tables with variants those of its variant.
-    fn variant<'c>(
-        &mut self,
-        at: &At,
-        table: &DeTable<'_>,
-        candidates: &[&'c Table],
-    ) -> Option<Vec<&'c Table>> {
-        let name_of = |candidate: &'c Table| candidate.get(VARIANT_KEY).and_then(Value::as_str);
-        let known: Vec<&str> = candidates.iter().filter_map(|c| name_of(c)).collect();
-        let Some(model) =
-            table.get(VARIANT_KEY).and_then(|v| v.get_ref().as_str()).filter(|_| !known.is_empty())
-        else {
-            return Some(candidates.to_vec());
+    fn unknown(&mut self, at: &At, name: &str, shape: &Shape) {
+        match MOVED.iter().find(|(old, _)| *old == at.key) {
+            Some((_, new)) => {
+                let cure = format!("write `{new}` with the same value in its place");
+                self.refuse(at, "the key has moved".into(), cure);
+            }
+            None => self.refuse(at, "unknown key".into(), suggestion(name, &shape.names())),
+        }
+    }
+
+    /// A table whose keys depend on its model; one without a model is compared with the first.
+    fn variants(&mut self, at: &At, table: &DeTable<'_>, variants: &'static [Variant]) {
+        let model = table.get(VARIANT_KEY).and_then(|model| model.get_ref().as_str());
+        let variant = match model {
+            Some(model) => variants.iter().find(|variant| variant.word == model),
+            None => variants.first(),
         };
-        let matching: Vec<&Table> =
-            candidates.iter().copied().filter(|c| name_of(c) == Some(model)).collect();
-        if matching.is_empty() {
-            let cure = format!("choose one of {}", known.join(", "));
-            self.refuse(&at.child(VARIANT_KEY, at.line), format!("there is no model {model:?}"), cure);
-            return None;
+        match variant {
+            Some(variant) => self.table(at, table, &Shape::variant(variant), None),
+            None => {
+                let known: Vec<&str> = variants.iter().map(|variant| variant.word).collect();
+                let reason = format!("there is no model {:?}", model.unwrap_or_default());
+                let cure = format!("choose one of {}", known.join(", "));
+                self.refuse(&at.child(VARIANT_KEY, at.line), reason, cure);
+            }
         }
-        Some(matching)
     }
 
-    fn value(&mut self, at: &At, value: &Spanned<DeValue<'_>>, shapes: &[&Value]) {
-        let word = WORDS.iter().find(|(key, _)| *key == at.general).map(|(_, word)| *word);
-        match (value.get_ref(), shapes[0]) {
-            (DeValue::String(text), Value::Array(_)) if word.is_some_and(|word| word == text) => {}
-            (DeValue::Table(table), Value::Table(_)) => {
-                let tables: Vec<&Table> = shapes.iter().filter_map(|s| s.as_table()).collect();
-                self.table(at, table, &tables);
+    fn value(&mut self, at: &At, value: &Spanned<DeValue<'_>>, kind: &Kind, base: Option<&Value>) {
+        match (value.get_ref(), kind) {
+            (DeValue::String(text), Kind::WordOr(word, _)) if *word == *text => {}
+            (DeValue::Array(_), Kind::WordOr(_, other)) => self.value(at, value, &other(), base),
+            (DeValue::Table(table), Kind::Table(keys)) => {
+                self.table(at, table, &Shape::plain(keys()), base.and_then(Value::as_table));
             }
-            (DeValue::Array(_), Value::Array(shape)) => self.array(at, value, shape),
-            (DeValue::Float(_) | DeValue::Integer(_), Value::Float(_))
-            | (DeValue::String(_), Value::String(_))
-            | (DeValue::Boolean(_), Value::Boolean(_)) => {}
-            (DeValue::Integer(integer), Value::Integer(_)) => {
+            (DeValue::Table(table), Kind::Variants(variants)) => self.variants(at, table, variants),
+            (DeValue::Array(_), Kind::List(element)) => self.array(at, value, &element()),
+            (DeValue::Array(list), Kind::Array(length, element)) => {
+                if list.len() != *length {
+                    let reason = format!("has {} elements instead of {length}", list.len());
+                    return self.refuse(at, reason, "give exactly that many");
+                }
+                self.array(at, value, &element());
+            }
+            (DeValue::Float(_) | DeValue::Integer(_), Kind::Number)
+            | (DeValue::String(_), Kind::Text)
+            | (DeValue::Boolean(_), Kind::Switch) => {}
+            (DeValue::String(text), Kind::Word(words)) => {
+                let words = words();
+                if !words.all.contains(&&**text) {
+                    let cure = format!("choose one of {}", words.current.join(", "));
+                    self.refuse(at, format!("there is no {text:?} here"), cure);
+                }
+            }
+            (DeValue::Integer(integer), Kind::Count | Kind::Integer) => {
                 let digits = integer.as_str().replace('_', "");
-                let is_signed = SIGNED.contains(&at.general.as_str());
-                let is_negative = is_signed && i32::from_str_radix(&digits, integer.radix()).is_ok();
+                let is_negative =
+                    matches!(kind, Kind::Integer) && i32::from_str_radix(&digits, integer.radix()).is_ok();
                 if !is_negative && u32::from_str_radix(&digits, integer.radix()).is_err() {
                     let reason = format!("{} is not a whole number from 0 to {}", integer.as_str(), u32::MAX);
                     self.refuse(at, reason, "write a count, without sign or unit");
                 }
             }
-            (other, shape) => {
-                let or = word.map_or_else(String::new, |word| format!(" or {word:?}"));
-                let reason =
-                    format!("is {} where {}{or} is expected", article(other.type_str()), wanted(shape));
+            (other, kind) => {
+                let reason = format!("is {} where {} is expected", article(other.type_str()), wanted(kind));
                 self.refuse(at, reason, "correct the value");
             }
         }
     }
 
-    fn array(&mut self, at: &At, value: &Spanned<DeValue<'_>>, shape: &[Value]) {
-        let elements = value.get_ref().as_array().map_or(0, |array| array.len());
-        // Lists of real numbers are vectors and matrices, of fixed size; lists of anything else are free.
-        let is_fixed = matches!(shape.first(), Some(Value::Float(_) | Value::Array(_)));
-        if is_fixed && elements != shape.len() {
-            let reason = format!("has {elements} elements instead of {}", shape.len());
-            return self.refuse(at, reason, "give exactly that many");
-        }
-        let shapes: Vec<&Value> = shape.iter().collect();
+    fn array(&mut self, at: &At, value: &Spanned<DeValue<'_>>, kind: &Kind) {
         for (i, element) in value.get_ref().as_array().into_iter().flatten().enumerate() {
             let line = self.lines.at(element.span().start);
-            self.value(&at.element(i, line), element, &shapes);
+            self.value(&at.element(i, line), element, kind, None);
         }
     }
-}
-
-/// True if the sample without this key is refused.
-fn is_required(sample: &Table, general_key: &str) -> bool {
-    fn remove(table: &mut Table, key: &str) {
-        let Some((first, rest)) = key.split_once('.') else {
-            table.remove(key);
-            return;
-        };
-        match table.get_mut(first.trim_end_matches("[]")) {
-            Some(Value::Table(inner)) => remove(inner, rest),
-            Some(Value::Array(all)) => {
-                all.iter_mut().filter_map(Value::as_table_mut).for_each(|t| remove(t, rest))
-            }
-            _ => {}
-        }
-    }
-    let mut without = sample.clone();
-    remove(&mut without, general_key);
-    Config::deserialize(without).is_err()
 }
 
 /// The cure for an unknown key: the nearest known one, or all of them.
-fn suggestion(name: &str, shape: &Table) -> String {
+fn suggestion(name: &str, known: &[&str]) -> String {
     // What is longer is no slip of a key.
     let start: String = name.chars().take(64).collect();
     let limit = (start.chars().count() / 3).max(1);
-    let nearest = shape.keys().map(|key| (strsim::levenshtein(&start, key), key)).min();
-    match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(key.as_str()))
-    {
+    let nearest = known.iter().map(|key| (strsim::levenshtein(&start, key), key)).min();
+    match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(**key)) {
         Some((_, key)) => format!("did you mean `{key}`?"),
-        None => format!("remove it; known here: {}", shape.keys().cloned().collect::<Vec<_>>().join(", ")),
+        None => format!("remove it; known here: {}", known.join(", ")),
     }
 }
 
-fn wanted(shape: &Value) -> String {
-    match shape {
-        Value::Float(_) => "a number".into(),
-        Value::Integer(_) => "a whole number".into(),
-        Value::Array(elements) => match &elements[0] {
-            Value::Table(_) => "a list of tables (`[[...]]`)".into(),
-            Value::Array(row) => format!("{} rows of {} numbers", elements.len(), row.len()),
-            Value::String(_) => "a list of texts".into(),
-            Value::Integer(_) => "a list of whole numbers".into(),
-            _ => format!("a list of {} numbers", elements.len()),
+fn wanted(kind: &Kind) -> Cow<'static, str> {
+    match kind {
+        Kind::Number => "a number".into(),
+        Kind::Count | Kind::Integer => "a whole number".into(),
+        Kind::Switch => "a boolean".into(),
+        Kind::Text | Kind::Word(_) => "a string".into(),
+        Kind::WordOr(word, other) => format!("{} or {word:?}", wanted(&other())).into(),
+        Kind::Table(_) | Kind::Variants(_) => "a table".into(),
+        Kind::List(element) => match element() {
+            Kind::Table(_) => "a list of tables (`[[...]]`)".into(),
+            Kind::Text => "a list of texts".into(),
+            _ => "a list of whole numbers".into(),
         },
-        other => article(other.type_str()),
+        Kind::Array(rows, element) => match element() {
+            Kind::Array(numbers, _) => format!("{rows} rows of {numbers} numbers").into(),
+            _ => format!("a list of {rows} numbers").into(),
+        },
     }
 }
 
@@ -279,10 +284,11 @@ fn article(kind: &str) -> String {
     format!("{} {kind}", if an { "an" } else { "a" })
 }
 
-/// A configuration with every key there is: a camera of each distortion model, no list empty.
-fn sample() -> Table {
-    let text = presets::preset_text("euroc").expect("the preset exists");
-    let mut config: Config = toml::from_str(text).expect("the presets are tested");
+/// A configuration with every key that has numbers: a camera of each lens model, no list of numbers empty.
+#[cfg(test)]
+pub(crate) fn sample_for_tests() -> Table {
+    use crate::camera::Distortion;
+    let mut config = Config::preset("euroc").expect("the preset exists").into_inner();
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
     for distortion in [
         Distortion::Rational { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
@@ -290,44 +296,12 @@ fn sample() -> Table {
         Distortion::Eucm { alpha: 0.5, beta: 1.0 },
         Distortion::DoubleSphere { xi: 0.0, alpha: 0.5 },
     ] {
-        let camera = CameraConfig { distortion, ..config.camera[1].clone() };
-        config.camera.push(camera);
+        config.camera.push(crate::options::CameraConfig { distortion, ..config.camera[1].clone() });
     }
     for camera in &mut config.camera {
         camera.exposure_s = 0.005;
-        camera.mask = Some(Mask::Picture("mask.png".into()));
+        camera.mask = Some(crate::options::Mask::Picture("mask.png".into()));
     }
-    let mut sample = Table::try_from(&config).expect("the sample is plain data");
-    for path in empty_lists(&sample) {
-        for element in [Value::String(String::new()), Value::Float(0.0), Value::Integer(0)] {
-            *at_path(&mut sample, &path) = Value::Array(vec![element]);
-            if Config::deserialize(sample.clone()).is_ok() {
-                break;
-            }
-        }
-    }
-    sample
-}
-
-/// The empty lists in tables of tables, by the keys that lead to them.
-fn empty_lists(table: &Table) -> Vec<Vec<String>> {
-    let within = |(key, value): (&String, &Value)| {
-        let inner = match value {
-            Value::Table(inner) => empty_lists(inner),
-            Value::Array(list) if list.is_empty() => vec![Vec::new()],
-            _ => Vec::new(),
-        };
-        inner.into_iter().map(|rest| [vec![key.clone()], rest].concat()).collect::<Vec<_>>()
-    };
-    table.iter().flat_map(within).collect()
-}
-
-fn at_path<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Value {
-    let (first, rest) = path.split_first().expect("a list has a key");
-    rest.iter().fold(&mut table[first], |value, key| &mut value[key])
-}
-
-#[cfg(test)]
-pub(crate) fn sample_for_tests() -> Table {
-    sample()
+    (config.runtime.tick_cpus, config.runtime.work_cpus) = (vec![0], vec![0]);
+    Table::try_from(&config).expect("the sample is plain data")
 }

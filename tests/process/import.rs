@@ -94,8 +94,34 @@ fn presets_are_written_to_a_file_and_named_where_one_is_meant() {
         String::from_utf8_lossy(&printed).trim_end()
     );
     fails(&["config", "euroc", "--out", &out], 2, &["my.toml", "--overwrite"]);
+    fails(&["config", &out, "--all"], 2, &["--all", "defaults", "my.toml"]);
     fails(&["config", &out, "--out", &out], 2, &["writes a preset", "realsense-d455"]);
     fails(&["config", "orbbec"], 2, &["orbbec", "no preset of this name", "realsense-d455", "oak-d"]);
+}
+
+#[test]
+fn every_key_is_printed_with_its_default_and_a_file_may_start_from_a_preset() {
+    let printed = |arguments: &[&str]| String::from_utf8(plumbline(arguments).stdout).unwrap();
+    let (shown, all) = (printed(&["config", "defaults"]), printed(&["config", "defaults", "--all"]));
+    assert!(shown.contains("\nmax_points = 120\n") && !shown.contains("\ncauchy_scale = "), "{shown}");
+    assert!(all.contains("\nmax_points = 120\n") && all.contains("\ncauchy_scale = 2.0\n"), "{all}");
+    let folder = tempfile::tempdir().unwrap();
+    let [short, full] = ["short.toml", "full.toml"].map(|name| folder.path().join(name));
+    std::fs::write(&short, "base = \"sim\"\n").unwrap();
+    std::fs::write(&full, printed(&["config", "sim", "--all"])).unwrap();
+    let hash = |file: &std::path::Path| {
+        let said = printed(&["config", file.to_str().unwrap()]);
+        said.trim_end().rsplit(' ').next().unwrap_or_default().to_owned()
+    };
+    // The hash that the preset had when it was written out by hand.
+    let expected = "f55b002857f905e066270a5b6985711ed207220ec0ac3461b0a1e0c885e1931b";
+    assert_eq!([hash(&short), hash(&full)], [expected, expected]);
+    std::fs::write(&short, "base = \"sim\"\n[network]\nlink = \"lann\"\n").unwrap();
+    fails(
+        &["config", short.to_str().unwrap()],
+        2,
+        &["short.toml", "network.link", "line 3", "lan, wifi, radio"],
+    );
 }
 
 #[test]

@@ -1,28 +1,42 @@
 //! The bridge to the vehicle's autopilot: where it is, and what it is sent.
 
 use super::serial_line::{SerialLine, split_address};
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 use std::net::IpAddr;
 
 /// Odometry for PX4 or ArduPilot as MAVLink `ODOMETRY`.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct AutopilotConfig {
-    /// Address of the autopilot, as [`AutopilotEndpoint::parse`] reads it; empty for none.
+    /// Address: "udp://HOST:PORT" if the autopilot listens; "udpin://ADDRESS:PORT" if this computer listens, or
+    /// "udpin://ADDRESS:PORT?from=HOST" to accept that address only; "serial://DEVICE:BAUD", such as
+    /// "serial:///dev/ttyS0:921600"; empty for none.
+    #[key(default)]
     pub connect: String,
-    /// Odometry messages a second.
+    /// Rate of the odometry messages, Hz.
+    #[key(default = 40.0, range = 30.0..=50.0, unit = HZ, cure = "write it in Hz; PX4 asks for 30 to 50")]
     pub rate_hz: f64,
-    /// The vehicle's MAVLink system, which the bridge is a component of.
+    /// The vehicle's MAVLink system (MAV_SYS_ID of PX4, SYSID_THISMAV of ArduPilot).
+    #[key(default = 1, range = 1..=255, cure = "write the number of the vehicle, as its autopilot has it")]
     pub system_id: u32,
-    /// Clock that stamps the odometry.
+    /// Clock that stamps the odometry: "companion" (the clock of this computer; the autopilot converts the stamps) or
+    /// "autopilot" (the clock of the autopilot, by TIMESYNC; until TIMESYNC has locked, odometry is reported as lost).
+    #[key(default)]
     pub clock: AutopilotClock,
-    /// Messages while the odometry is lost.
+    /// Messages while the odometry is lost: "last" (the last pose with quality -1 and a large covariance) or "none" (no
+    /// message, for an autopilot that ignores quality and covariance).
+    #[key(default)]
     pub lost_pose: LostPose,
-    /// Optical flow and distance of a camera that looks down.
+    /// Optical flow of the left camera and, with two cameras, distance to the ground, for a camera that looks down: "off",
+    /// "always", or "when-lost" (while the odometry is lost or its quality is below 20, and for 2 s after).
+    #[key(default)]
     pub flow: FlowMessages,
 }
 
 /// Condition on which optical flow and distance are sent.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlowMessages {
@@ -36,6 +50,7 @@ pub enum FlowMessages {
 }
 
 /// Clock that stamps the odometry.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AutopilotClock {
@@ -48,6 +63,7 @@ pub enum AutopilotClock {
 }
 
 /// Messages while the odometry is lost.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LostPose {
@@ -57,19 +73,6 @@ pub enum LostPose {
     /// No message, for an autopilot that heeds neither quality nor covariance. Configurations of before 2026 call it `nan`.
     #[serde(alias = "nan")]
     None,
-}
-
-impl Default for AutopilotConfig {
-    fn default() -> Self {
-        Self {
-            connect: String::new(),
-            rate_hz: 40.0,
-            system_id: 1,
-            clock: AutopilotClock::default(),
-            lost_pose: LostPose::default(),
-            flow: FlowMessages::default(),
-        }
-    }
 }
 
 /// Address of an autopilot.

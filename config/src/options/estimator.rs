@@ -2,168 +2,155 @@
 //! module.
 
 use super::{LinesConfig, PlacesConfig};
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Capacities and thresholds of the estimator.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[keys]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct EstimatorConfig {
-    /// Point features.
+    /// Detection and tracking of points.
+    #[key(default)]
     pub points: PointsConfig,
-    /// Line segments.
+    /// Line segments: extraction, description, matching.
+    #[key(default)]
     pub lines: LinesConfig,
-    /// Sliding window.
+    /// The sliding window and its solver; keyframes and recent frames together are at most 15.
+    #[key(default)]
     pub window: WindowConfig,
-    /// Initialisation.
+    /// Initialization.
+    #[key(default)]
     pub initial: InitialConfig,
-    /// Failure detection and resets.
+    /// Conditions under which an estimate counts as failed.
+    #[key(default)]
     pub health: HealthConfig,
-    /// Recognition of places.
+    /// Recognition of places, and the map that is built in flight.
+    #[key(default)]
     pub places: PlacesConfig,
 }
 
 /// Detection and tracking of points.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct PointsConfig {
-    /// Most points tracked at a time.
+    /// Largest number of points tracked at a time.
+    #[key(default = 120, range = 8..=2000)]
     pub max_points: usize,
     /// Side length of the square detection cells, px. An empty cell gets a new point.
+    #[key(default = 52, range = 8..=128, unit = PIXELS)]
     pub cell_px: usize,
-    /// Smallest Shi-Tomasi score (lesser eigenvalue of the structure tensor per pixel, in squared grey
-    /// levels per px²) of a new point.
+    /// Smallest Shi-Tomasi score of a new point, (grey levels/px)².
+    #[key(default = 12.0, range = 1e-3..=1e5)]
     pub min_corner_score: f32,
     /// Pyramid levels, the full image included.
+    #[key(default = 4, range = 1..=8)]
     pub pyramid_levels: usize,
     /// Largest number of Gauss-Newton steps per level and point.
+    #[key(default = 8, range = 1..=100, experiment)]
     pub max_iterations: usize,
-    /// Largest distance between a point and its forward-backward return, px.
+    /// Largest forward-backward error of a tracked point, px.
+    #[key(default = 0.4, range = 1e-3..=20.0, unit = PIXELS, experiment)]
     pub max_forward_backward_px: f32,
     /// Largest distance of a stereo match from its epipolar line, px.
+    #[key(default = 2.5, range = 0.01..=50.0, unit = PIXELS)]
     pub max_epipolar_px: f32,
     /// Points this close to the image edge are dropped, px.
+    #[key(default = 8, range = 0..=200, unit = PIXELS)]
     pub border_px: usize,
-    /// Whether noisy images (by night, at a high gain) are smoothed before points are looked for.
+    /// Smooths noisy images (by night, at a high gain) before points are looked for.
+    #[key(default = true, experiment)]
     pub denoise: bool,
-    /// Whether only points are tracked whose surroundings do not repeat close by, and matched on the full image: for scenes of fine
-    /// repeated texture.
+    /// Tracks only points whose surroundings do not repeat close by, and matches them on the full image: for fine repeated
+    /// texture (perforated plates, fabric), at half as much processor time again.
+    #[key(default = false)]
     pub unique_only: bool,
     /// Standard deviation of a tracked point, px at full resolution.
+    #[key(default = 0.4, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
 }
 
-impl Default for PointsConfig {
-    fn default() -> Self {
-        Self {
-            max_points: 120,
-            cell_px: 52,
-            min_corner_score: 12.0,
-            pyramid_levels: 4,
-            max_iterations: 8,
-            max_forward_backward_px: 0.4,
-            max_epipolar_px: 2.5,
-            border_px: 8,
-            denoise: true,
-            unique_only: false,
-            sigma_px: 0.4,
-        }
-    }
-}
-
 /// The sliding window and its solver.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct WindowConfig {
     /// Number of keyframes in the window.
+    #[key(default = 7, range = 2..=14)]
     pub keyframes: usize,
-    /// Number of newest frames in the window, in addition to the keyframes.
+    /// Number of newest frames in the window besides the keyframes.
+    #[key(default = 3, range = 1..=13)]
     pub recent_frames: usize,
     /// Largest number of point landmarks in the window.
+    #[key(default = 600, range = 8..=10_000, experiment)]
     pub max_landmarks: usize,
-    /// Gauss-Newton or Levenberg-Marquardt steps per frame, at most.
+    /// Largest number of solver steps per frame.
+    #[key(default = 5, range = 1..=100)]
     pub max_iterations: usize,
     /// A frame becomes a keyframe if less than this share of its points is linked to the window.
+    #[key(default = 0.7, range = 0.0..=1.0, cure = "write a share from 0 to 1 (is this in percent?)", experiment)]
     pub min_connected_ratio: f64,
-    /// A frame becomes a keyframe at the latest after this time.
+    /// Longest time between keyframes, s.
+    #[key(default = 2.0, range = 0.05..=60.0, unit = SECONDS, experiment)]
     pub max_keyframe_interval_s: f64,
-    /// Largest share of what a frame sees that is taken for moving things because it contradicts the motion which window and IMU
-    /// predict; 0 for none.
+    /// Moving objects: features that contradict the motion predicted by window and IMU are dropped if they are at most this
+    /// fraction of the frame's features. 0 drops none. With one camera none are dropped.
+    #[key(default = 0.85, range = 0.0..=0.95, cure = "write a share between 0 and 0.95; 0 takes nothing for moving")]
     pub max_moving_share: f64,
     /// Scale of the Cauchy kernel, in standard deviations.
+    #[key(default = 2.0, range = 0.1..=100.0, cure = "write it in standard deviations", experiment)]
     pub cauchy_scale: f64,
-    /// Points further than this are not triangulated, m.
+    /// Points farther away than this are not triangulated, m.
+    #[key(default = 60.0, range = 1.0..=1e4, unit = METRES, experiment)]
     pub max_depth_m: f64,
     /// Points nearer than this are not triangulated, m.
+    #[key(default = 0.2, range = 0.01..=100.0, unit = METRES, experiment)]
     pub min_depth_m: f64,
 }
 
-impl Default for WindowConfig {
-    fn default() -> Self {
-        Self {
-            keyframes: 7,
-            recent_frames: 3,
-            max_landmarks: 600,
-            max_iterations: 5,
-            min_connected_ratio: 0.7,
-            max_keyframe_interval_s: 2.0,
-            max_moving_share: 0.85,
-            cauchy_scale: 2.0,
-            max_depth_m: 60.0,
-            min_depth_m: 0.2,
-        }
-    }
-}
-
 /// Initialisation.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct InitialConfig {
     /// Number of stereo frames collected before the first pose.
+    #[key(default = 4, range = 2..=15, experiment)]
     pub stereo_frames: usize,
     /// Duration of the data collected before the first monocular pose, s.
+    #[key(default = 1.5, range = 0.2..=20.0, unit = SECONDS, experiment)]
     pub mono_window_s: f64,
-    /// Mean parallax (rotation taken out) that a monocular start needs, px.
+    /// Mean parallax, without the part due to rotation, that a monocular initialization needs, px.
+    #[key(default = 20.0, range = 1.0..=500.0, unit = PIXELS, experiment)]
     pub mono_min_parallax_px: f64,
 }
 
-impl Default for InitialConfig {
-    fn default() -> Self {
-        Self { stereo_frames: 4, mono_window_s: 1.5, mono_min_parallax_px: 20.0 }
-    }
-}
-
 /// When an estimate counts as failed.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct HealthConfig {
     /// Speed above which the estimate counts as diverged, m/s.
+    #[key(default = 20.0, range = 0.5..=300.0, unit = METRES_PER_SECOND, cure = "write it in m/s (is this in km/h?)")]
     pub max_speed_m_s: f64,
-    /// Standard deviation of the velocity in the body at which the quality is 0, m/s. After a start, nothing is published until
-    /// it is below a tenth of this.
+    /// Standard deviation of the velocity in the body frame at which the quality is 0, m/s. After a start, no pose is published
+    /// until the standard deviation is below a tenth of this value.
+    #[key(default = 2.0, range = 0.01..=100.0, unit = METRES_PER_SECOND)]
     pub max_velocity_sigma_m_s: f64,
-    /// Longest time without visual landmarks that is bridged by the IMU alone, s.
+    /// Longest time without visual landmarks that the IMU bridges alone, s.
+    #[key(default = 5.0, range = 0.05..=60.0, unit = SECONDS)]
     pub max_blind_s: f64,
     /// Gyroscope bias above which the estimate counts as diverged, rad/s.
+    #[key(default = 0.5, range = 1e-4..=5.0, unit = RADIANS_PER_SECOND, experiment)]
     pub max_gyro_bias_rad_s: f64,
     /// Accelerometer bias above which the estimate counts as diverged, m/s².
+    #[key(default = 2.0, range = 1e-3..=20.0, unit = METRES_PER_SECOND_2, experiment)]
     pub max_accel_bias_m_s2: f64,
-    /// Least time between automatic resets, s.
+    /// Shortest time between automatic resets, s.
+    #[key(default = 2.0, range = 0.0..=600.0, unit = SECONDS, experiment)]
     pub reset_holdoff_s: f64,
-    /// Treat an image that repeats the previous one bit for bit as missing. `false` for cameras without noise, whose
-    /// images repeat while the vehicle stands.
+    /// Treat an image that repeats the previous one bit for bit as missing. false for cameras without noise, whose images
+    /// repeat while the vehicle stands.
+    #[key(default = true)]
     pub refuse_repeated_images: bool,
-}
-
-impl Default for HealthConfig {
-    fn default() -> Self {
-        Self {
-            max_speed_m_s: 20.0,
-            max_velocity_sigma_m_s: 2.0,
-            max_blind_s: 5.0,
-            max_gyro_bias_rad_s: 0.5,
-            max_accel_bias_m_s2: 2.0,
-            reset_holdoff_s: 2.0,
-            refuse_repeated_images: true,
-        }
-    }
 }

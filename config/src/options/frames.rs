@@ -1,13 +1,16 @@
 //! Frames of a program of the user's own, over a socket of this computer.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Frames that a program sends which knows the cameras: one with a maker's SDK, or one that plays a recording. What it is
 /// to send is in `docs/frame-socket.md`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[keys]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct FramesConfig {
-    /// Path of the Unix socket that is made and listened on; empty for none.
+    /// Path of the Unix socket to listen on, such as "/run/plumbline/frames"; empty for none.
+    #[key(default)]
     pub listen: String,
 }
 

@@ -1,44 +1,45 @@
 //! The inertial sensor as a device: where it is, and what it speaks.
 
 use super::serial_line::{SerialLine, split_address};
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Inertial sensor of a live flight. `[imu]` states its rate and its ranges.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct ImuDriverConfig {
-    /// Address, as [`ImuEndpoint::parse`] reads it; empty for none.
+    /// Address of the sensor. On a serial line: "serial://DEVICE:BAUD", such as "serial:///dev/serial/by-id/usb-...:921600".
+    /// With a kernel driver: "iio://NAME", or "iio://GYROSCOPE,ACCELEROMETER" for two devices. `plumbline devices` lists both
+    /// kinds. Empty for none.
+    #[key(default)]
     pub connect: String,
-    /// Protocol on a serial line.
+    /// Protocol on a serial line: "plumbline" (a microcontroller of your own, docs/serial-protocol.md), "mavlink" (an
+    /// autopilot), "vectornav" (binary output) or "xsens" (MTData2).
+    #[key(default)]
     pub protocol: ImuProtocol,
-    /// MAVLink message that carries the samples.
+    /// MAVLink message that carries the samples: "highres_imu", "raw_imu", "scaled_imu", "scaled_imu2" or "scaled_imu3".
+    #[key(default)]
     pub mavlink_message: MavlinkImu,
-    /// Delay subtracted from every stamp, s: the delay of the sensor's filter (half its averaging time), plus the
-    /// shortest transmission time if the device does not answer time requests.
+    /// Delay subtracted from every stamp, s: the delay of the sensor's filter (half its averaging time, which for PX4's
+    /// HIGHRES_IMU is 1 / IMU_INTEG_RATE), plus the shortest transmission time if the device does not answer time requests.
+    #[key(default = 0.0, range = 0.0..=0.1, unit = SECONDS)]
     pub delay_s: f64,
-    /// Have the microcontroller trigger the cameras at their rate (`protocol = "plumbline"`).
+    /// Let the microcontroller trigger the cameras at their frame rate (protocol "plumbline").
+    #[key(default = false)]
     pub trigger_cameras: bool,
     /// Length of the trigger pulse, s.
+    #[key(default = 0.001, range = 1e-6..=0.1, unit = SECONDS)]
     pub trigger_pulse_s: f64,
-    /// How long the exposure of a triggered camera is: frames are stamped by the trigger and half of it.
+    /// Exposure time of a triggered camera: "pulse" (the length of the pulse; if the microcontroller does not report it, the
+    /// value of the camera driver) or "camera" (the value of the camera driver). Frames are stamped with the trigger time plus
+    /// half the exposure.
+    #[key(default)]
     pub trigger_exposure: TriggerExposure,
 }
 
-impl Default for ImuDriverConfig {
-    fn default() -> Self {
-        Self {
-            connect: String::new(),
-            protocol: ImuProtocol::default(),
-            mavlink_message: MavlinkImu::default(),
-            delay_s: 0.0,
-            trigger_cameras: false,
-            trigger_pulse_s: 0.001,
-            trigger_exposure: TriggerExposure::default(),
-        }
-    }
-}
-
 /// Source of the exposure time of a triggered camera.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TriggerExposure {
@@ -50,6 +51,7 @@ pub enum TriggerExposure {
 }
 
 /// Protocol of an inertial sensor on a serial line.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ImuProtocol {
@@ -65,6 +67,7 @@ pub enum ImuProtocol {
 }
 
 /// Which message of MAVLink carries the samples.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MavlinkImu {

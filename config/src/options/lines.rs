@@ -1,72 +1,68 @@
 //! Options of line segments: extraction, description, matching and their use in the window.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Line segments and line landmarks.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct LinesConfig {
     /// Extract and use lines.
+    #[key(default = true)]
     pub enabled: bool,
-    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are found at half the resolution: there 0.7 of it counts,
-    /// per halved pixel.
+    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are detected at half the resolution, with a threshold
+    /// of 0.7 times this value per half-resolution pixel.
+    #[key(default = 8.0, range = 0.5..=200.0, cure = "write it in grey levels per pixel")]
     pub min_gradient: f64,
     /// Shortest raw segment, px.
+    #[key(default = 22.0, range = 8.0..=500.0, unit = PIXELS, experiment)]
     pub min_raw_length_px: f64,
-    /// The adaptive length threshold (equation 1 of the paper) is in force.
+    /// Apply the adaptive length threshold.
+    #[key(default = true, experiment)]
     pub length_filter: bool,
-    /// Broken segments are joined (figure 4 of the paper).
+    /// Join broken segments.
+    #[key(default = true, experiment)]
     pub merge: bool,
-    /// The outer rectangle of a segment is widened by this much across, px.
+    /// Widening of a segment's outer rectangle across the segment for joining, px.
+    #[key(default = 1.0, range = 0.0..=50.0, unit = PIXELS, experiment)]
     pub merge_across_px: f64,
     /// Widening of a segment's outer rectangle along the segment for joining, px.
+    #[key(default = 10.0, range = 0.0..=200.0, unit = PIXELS, experiment)]
     pub merge_along_px: f64,
-    /// Floor of the angle threshold of merging, degrees.
+    /// Smallest angle threshold for joining, degrees.
+    #[key(default = 2.0, range = 0.0..=45.0, unit = DEGREES, experiment)]
     pub merge_angle_deg: f64,
-    /// Work of an image, in edge pixels visited: when it is spent the strongest segments so far are used.
+    /// Largest number of edge pixels visited in an image. At this limit, the strongest segments found so far are used.
+    #[key(default = 24_000, range = 1000..=100_000_000)]
     pub max_visits: usize,
     /// Largest number of raw segments of an image.
+    #[key(default = 1000, range = 8..=10_000, experiment)]
     pub max_raw: usize,
-    /// Largest number of segments of an image that are refined at full resolution, described and matched: the longest
-    /// of highest contrast.
+    /// Largest number of segments of an image that are refined at full resolution, described and matched. Long segments of high
+    /// contrast are preferred.
+    #[key(default = 48, range = 8..=500)]
     pub max_segments: usize,
     /// Largest Hamming distance of a match, of 256 bits.
+    #[key(default = 60, range = 1..=256, experiment)]
     pub max_hamming: u32,
     /// Largest ratio of the distances of the best and the second best match.
+    #[key(default = 0.75, range = 0.1..=1.0, experiment)]
     pub max_hamming_ratio: f64,
     /// Largest number of line landmarks in the window.
+    #[key(default = 120, range = 4..=2000, experiment)]
     pub max_landmarks: usize,
-    /// Standard deviation of the end points of a segment across it, px.
+    /// Standard deviation of the end points of a segment, across the segment, px. It is larger for real lenses than for
+    /// simulated ones.
+    #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
-    /// Lines that are nearly vertical are held along gravity.
+    /// Constrain vertical lines to the direction of gravity.
+    #[key(default = true, experiment)]
     pub use_verticals: bool,
-    /// Horizontal lines along one heading, and those across it, are held to these vanishing directions.
+    /// Constrain horizontal lines to common headings: parallel or perpendicular to each other.
+    #[key(default = true)]
     pub use_vanishing_directions: bool,
-    /// Standard deviation of lines from the vertical or the vanishing direction they are held to, degrees.
+    /// Standard deviation of the angle between a line and the direction of its structure, degrees.
+    #[key(default = 0.1, range = 0.01..=10.0, unit = DEGREES)]
     pub structure_sigma_deg: f64,
-}
-
-impl Default for LinesConfig {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            min_gradient: 8.0,
-            min_raw_length_px: 22.0,
-            length_filter: true,
-            merge: true,
-            merge_across_px: 1.0,
-            merge_along_px: 10.0,
-            merge_angle_deg: 2.0,
-            max_visits: 24_000,
-            max_raw: 1000,
-            max_segments: 48,
-            max_hamming: 60,
-            max_hamming_ratio: 0.75,
-            max_landmarks: 120,
-            sigma_px: 0.2,
-            use_verticals: true,
-            use_vanishing_directions: true,
-            structure_sigma_deg: 0.1,
-        }
-    }
 }

@@ -1,16 +1,22 @@
 //! Local socket: a flight's records for programs of this computer.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Unix socket on which programs of this computer read the flight; `docs/local-socket.md` is its interface.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct LocalConfig {
-    /// Path of the socket; empty for none. The network process has a private one in any case.
+    /// Path of the Unix socket, such as "/run/plumbline/local"; empty for none.
+    #[key(default)]
     pub path: String,
-    /// Permissions of the socket, octal.
+    /// Permissions of the socket, octal. Every user who may connect may read. Only root, the user of the flight and the
+    /// socket's group may give commands.
+    #[key(default = "0660")]
     pub mode: String,
-    /// Group of the socket, by name or number; empty for the group of the flight's process.
+    /// Group of the socket, by name or number; empty for the group of the process.
+    #[key(default)]
     pub group: String,
 }
 
@@ -25,11 +31,5 @@ impl LocalConfig {
         let digits = self.mode.strip_prefix("0o").unwrap_or(&self.mode);
         let is_octal = !digits.is_empty() && digits.bytes().all(|b| (b'0'..=b'7').contains(&b));
         u32::from_str_radix(digits, 8).ok().filter(|bits| is_octal && *bits <= 0o777)
-    }
-}
-
-impl Default for LocalConfig {
-    fn default() -> Self {
-        Self { path: String::new(), mode: "0660".into(), group: String::new() }
     }
 }

@@ -1,53 +1,52 @@
 //! Network: identity, endpoints and permissions.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Publication over Zenoh. By default there is no listener.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Name of this vehicle in the keys `plumbline/<vehicle>/...`.
+    /// Name of this vehicle in the keys `plumbline/<vehicle>/...`: letters, digits, `-`, `_`.
+    #[key(default = "drone")]
     pub vehicle: String,
-    /// Zenoh endpoints to listen on, such as `tcp/127.0.0.1:7447`.
+    /// Endpoints to listen on, such as "tcp/127.0.0.1:7447".
+    #[key(default)]
     pub listen: Vec<String>,
-    /// Zenoh endpoints to connect to. If there are others, `udp/` endpoints carry odometry only.
+    /// Endpoints to connect to. If there are other endpoints, a udp/ endpoint carries odometry only, in datagrams. Over a bad
+    /// link datagrams arrive sooner, and recover faster after an interruption.
+    #[key(default)]
     pub connect: Vec<String>,
     /// Multicast scouting.
+    #[key(default = false)]
     pub scouting: bool,
-    /// Capacity of the link, which determines the rate of each key.
+    /// Capacity of the link: "lan" (everything), "wifi" (fewer messages, smaller pictures) or "radio" (poses and keyframes
+    /// only, a few per second).
+    #[key(default = Link::Lan)]
     pub link: Link,
-    /// Offer camera pictures if the link can carry them.
+    /// Offer camera pictures if the link can carry them. They are encoded only while a client subscribes.
+    #[key(default = true)]
     pub camera: bool,
-    /// Memory that peers may occupy in the network process, MB. If they exceed it, the network process ends and is
-    /// restarted.
+    /// Memory that peers may occupy in the network process, MB. If they exceed it, for example by declaring keys without end,
+    /// the network process ends and is restarted. The flight is not affected.
+    #[key(default = 96, range = 8..=4096, unit = MEGABYTES)]
     pub max_memory_mb: u32,
-    /// Clients that may give commands.
+    /// Clients that may give commands: "nobody"; "authenticated" (processes of this host, and operators with a certificate;
+    /// refused while an unauthenticated listener is open); or "anybody".
+    #[key(default = Commands::Authenticated)]
     pub commands: Commands,
-    /// Certificates.
+    /// Certificates for `tls/` endpoints, PEM files from `plumbline keys`; empty for none.
+    #[key(default)]
     pub tls: TlsConfig,
-    /// Names and passwords.
+    /// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the malicious.
+    #[key(default)]
     pub login: LoginConfig,
 }
 
-impl Default for NetworkConfig {
-    fn default() -> Self {
-        Self {
-            vehicle: "drone".into(),
-            listen: Vec::new(),
-            connect: Vec::new(),
-            scouting: false,
-            link: Link::Lan,
-            camera: true,
-            max_memory_mb: 96,
-            commands: Commands::Authenticated,
-            tls: TlsConfig::default(),
-            login: LoginConfig::default(),
-        }
-    }
-}
-
 /// Capacity of a link.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Link {
@@ -61,6 +60,7 @@ pub enum Link {
 }
 
 /// Clients that may give commands to a vehicle.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Commands {
@@ -76,16 +76,22 @@ pub enum Commands {
 
 /// Certificates for `tls/...` endpoints; empty paths for none. The name of a peer's certificate is its role, such as
 /// `operator.1` or `vehicle:drone.2`, as `plumbline keys` makes them.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[keys]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TlsConfig {
-    /// Certificate of the common authority, PEM file.
+    /// Certificate of the common authority.
+    #[key(default)]
     pub authority: PathBuf,
-    /// Certificate of this vehicle, PEM file.
+    /// Certificate of this vehicle.
+    #[key(default)]
     pub certificate: PathBuf,
-    /// Private key of the certificate, PEM file, readable by its owner only.
+    /// Private key of the certificate, readable by its owner only (chmod 600).
+    #[key(default)]
     pub key: PathBuf,
-    /// Revoked certificates, by name: `operator.1` for one, `operator` for all operator certificates.
+    /// Revoked certificates, by the names that `plumbline keys` prints: "operator.1" for one, "operator" for all operator
+    /// certificates.
+    #[key(default)]
     pub excluded: Vec<String>,
 }
 
@@ -111,15 +117,20 @@ pub fn is_certificate_name(text: &str) -> bool {
 
 /// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the
 /// malicious.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[keys]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LoginConfig {
     /// Own user name for outgoing connections; empty for none.
+    #[key(default)]
     pub user: String,
     /// File with the own password on its first line.
+    #[key(default)]
     pub password_file: PathBuf,
-    /// File with a line `name:password` for each user who may connect.
+    /// File with a line name:password for each user who may connect; empty admits all.
+    #[key(default)]
     pub users_file: PathBuf,
-    /// User names that may give commands, if commands are accepted.
+    /// User names that may give commands.
+    #[key(default)]
     pub operators: Vec<String>,
 }

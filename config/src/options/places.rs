@@ -1,23 +1,23 @@
 //! Options of places: recognition, loops, the map in flight.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Recognition of places and the map that a flight makes.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct PlacesConfig {
-    /// Whether places are recognized, and a map is made, in flight.
+    /// Recognize places, and build a map.
+    #[key(default = true)]
     pub enabled: bool,
     /// Largest number of keyframes in the map, 27 kB each. Above it, the most redundant keyframe is dropped.
+    #[key(default = 1000, range = 16..=20_000)]
     pub max_keyframes: usize,
     /// Largest number of features of a keyframe.
+    #[key(default = 400, range = 50..=2000, experiment)]
     pub max_features: usize,
-    /// Least difference between the views of successive keyframes, m; a turn of 30 degrees counts as a metre.
+    /// Smallest distance between successive keyframes, m; a rotation of 30 degrees counts as one metre.
+    #[key(default = 0.2, range = 0.0..=10.0, unit = METRES, experiment)]
     pub spacing_m: f64,
-}
-
-impl Default for PlacesConfig {
-    fn default() -> Self {
-        Self { enabled: true, max_keyframes: 1000, max_features: 400, spacing_m: 0.2 }
-    }
 }

@@ -1,28 +1,38 @@
 //! Options of the flight recorder: what it keeps, and how much of it.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Flight recorder. The command line enables it.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct RecorderConfig {
-    /// How images are kept.
+    /// Images: "png" compresses them without loss, "raw" does not, "none" keeps only a hash of their pixels.
+    #[key(default = ImageRecording::Png)]
     pub images: ImageRecording,
-    /// Part of the flight that is kept at `max_total_mb`.
+    /// Action at max_total_mb: "beginning" stops recording, "newest" deletes the oldest files. A re-execution needs the
+    /// beginning of the flight.
+    #[key(default = KeepPolicy::Beginning)]
     pub keep: KeepPolicy,
     /// Size at which a new file is started, MB (10^6 bytes).
+    #[key(default = 1024, range = 32..=65_536, unit = MEGABYTES)]
     pub max_file_mb: usize,
     /// Largest size of all files of a flight together, MB (10^6 bytes).
+    #[key(default = 16_384, range = 32..=16_777_216, unit = MEGABYTES)]
     pub max_total_mb: usize,
-    /// Length of the recorder's queue, entries; more are dropped and counted. 0 means room for two and a half seconds,
-    /// so that the disk may stall for two.
+    /// Length of the recorder's queue, entries. If it is full, further entries are dropped and counted. 0 sizes it for two and
+    /// a half seconds, so that the disk may stall for two.
+    #[key(default = 0, range = 0..=65_536)]
     pub queue_entries: usize,
-    /// Length of the recorder's queue, stereo frames; more are dropped and counted. 0 means room for two and a half
-    /// seconds.
+    /// Length of the recorder's queue, stereo frames. If it is full, further frames are dropped and counted. 0 sizes it for two
+    /// and a half seconds.
+    #[key(default = 0, range = 0..=256)]
     pub queue_frames: usize,
 }
 
 /// How images are kept.
+#[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ImageRecording {
@@ -35,6 +45,7 @@ pub enum ImageRecording {
 }
 
 /// Part of a flight that is kept when the size limit is reached.
+#[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KeepPolicy {
@@ -42,17 +53,4 @@ pub enum KeepPolicy {
     Beginning,
     /// End of the flight: the oldest files are deleted, and the rest cannot be re-executed.
     Newest,
-}
-
-impl Default for RecorderConfig {
-    fn default() -> Self {
-        Self {
-            images: ImageRecording::Png,
-            keep: KeepPolicy::Beginning,
-            max_file_mb: 1024,
-            max_total_mb: 16_384,
-            queue_entries: 0,
-            queue_frames: 0,
-        }
-    }
 }

@@ -1,61 +1,86 @@
 //! Options of the publication as ROS 2 messages.
 
 use super::network::Link;
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Publication of odometry, path, map and pictures as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
 /// Plumbline's own keys and by a session of its own.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct RosConfig {
     /// Publish to ROS 2.
+    #[key(default = false)]
     pub enabled: bool,
-    /// Endpoint of the router of `rmw_zenoh`. It may come and go: it is looked for until it is there.
+    /// Endpoint of rmw_zenoh's router (`ros2 run rmw_zenoh_cpp rmw_zenohd`). It may start before or after the flight.
+    #[key(default = "tcp/localhost:7447")]
     pub router: String,
-    /// `ROS_DOMAIN_ID` of the subscribers.
+    /// ROS_DOMAIN_ID of the subscribers.
+    #[key(default = 0, range = 0..=232, cure = "give the ROS_DOMAIN_ID of the others")]
     pub domain_id: u32,
-    /// ROS 2 release of the subscribers, which determines the names of types in keys.
+    /// ROS 2 release of the subscribers: "humble", "iron", "jazzy", "kilted", "rolling".
+    #[key(default = RosDistribution::Jazzy)]
     pub distribution: RosDistribution,
-    /// Namespace of the node and its topics `odom` and `pose`, such as `/robots/one`. Empty: `/<vehicle>`,
-    /// with `_` for `-`; `/`: none.
+    /// Namespace of node and topics, such as "/robots/one"; "" for `/<vehicle>`, "/" for none.
+    #[key(default)]
     pub namespace: String,
-    /// Name of the map frame `M`, the parent of `odom_frame` while the vehicle is located in the map.
+    /// Name of the map frame M, the parent of odom_frame once the vehicle is located in the map.
+    #[key(default = "map")]
     pub map_frame: String,
-    /// Name of the odometry frame `O`; flight logs have this name and the next two as well.
+    /// Name of the odometry frame O, here and in flight logs.
+    #[key(default = "odom")]
     pub odom_frame: String,
-    /// Name of the vehicle's frame `V`: x forward, y left, z up (REP 103), with its origin in the IMU. Odometry
-    /// and pose are its own.
+    /// Name of the vehicle's frame V, here and in flight logs: x forward, y left, z up, its origin in the IMU.
+    #[key(default = "base_link")]
     pub base_frame: String,
-    /// Name of the body frame `B`, which is the IMU's; its rotation in the vehicle goes out on `/tf`.
+    /// Name of the body frame B, which is the frame of the IMU, here and in flight logs.
+    #[key(default = "body")]
     pub body_frame: String,
-    /// Messages of `odom`, `pose` and `/tf` a second; 0 for one with every inertial sample.
+    /// Rate of odom, pose and /tf, Hz; 0 publishes a message for each inertial sample.
+    #[key(default = 50.0, range = 0.0..=4000.0, unit = HZ, cure = "write it in Hz, 0 for every sample")]
     pub rate_hz: f64,
-    /// Time in `header.stamp`.
+    /// Time in header.stamp: "measurement" (live flights: converted to system time, as ROS expects; recordings and simulations:
+    /// their own time) or "publication" (system time).
+    #[key(default = RosStamp::Measurement)]
     pub stamp: RosStamp,
-    /// Whether the transforms from `odom_frame` to `base_frame` and on to `body_frame`, and that from `map_frame` to
-    /// `odom_frame`, go out on `/tf` too.
+    /// Publish the transforms map_frame -> odom_frame -> base_frame -> body_frame on /tf; false if another node publishes them.
+    #[key(default = true)]
     pub tf: bool,
-    /// Standard deviation of the angular rate in the twist's covariance, rad/s: the estimator has none.
+    /// Standard deviation of the angular rate in the covariance of the twist, rad/s.
+    #[key(default = 0.01, range = 0.0..=10.0, unit = RADIANS_PER_SECOND)]
     pub angular_rate_sigma_rad_s: f64,
-    /// Capacity of the connection to the router: sets rates and sizes of what follows.
+    /// Capacity of the connection to the router: "lan", "wifi" or "radio". Sets rates and sizes of the topics below, which are
+    /// computed only while there are subscribers.
+    #[key(default = Link::Lan)]
     pub link: Link,
-    /// Publish the path in `odom_frame`, topic `path`.
+    /// Publish the path in odom_frame (nav_msgs/Path) on `path`.
+    #[key(default = true)]
     pub path: bool,
-    /// Publish landmarks and lines of the window in `odom_frame`, topics `landmarks` and `lines`.
+    /// Publish points (sensor_msgs/PointCloud2, `landmarks`) and lines (visualization_msgs/MarkerArray, `lines`) of the window
+    /// in odom_frame.
+    #[key(default = true)]
     pub landmarks: bool,
-    /// Publish the corrected path, its loops, and landmarks and lines in `map_frame`, topics `map/path`, `map/landmarks`
-    /// and `map/markers`.
+    /// Publish the corrected path (`map/path`), all landmarks (`map/landmarks`), and keyframes, loops and lines (`map/markers`)
+    /// in map_frame.
+    #[key(default = true)]
     pub map: bool,
-    /// Publish camera pictures with what is tracked in them, topic `tracks`.
+    /// Publish the left image with what is tracked in it: "off", "compressed" (JPEG on `tracks/compressed`) or "raw" (rgb8 on
+    /// `tracks`).
+    #[key(default = RosPictures::Off)]
     pub tracks: RosPictures,
-    /// Offer the services `reset` (keeps the pose) and `reset_hard` (starts at the origin).
+    /// Offer the services `reset` (keeps the pose) and `reset_hard` (starts at the origin), std_srvs/Trigger. They need
+    /// network.commands = "anybody": callers show no certificate.
+    #[key(default = false)]
     pub reset: bool,
-    /// Take stamps on the topic `trigger` (`std_msgs/msg/Header`), and publish the state at each on `odom_at`; also those at camera
+    /// Take stamps on the topic `trigger` (std_msgs/Header), and publish the state at each on `odom_at`; also those at camera
     /// triggers of the autopilot.
+    #[key(default = false)]
     pub trigger: bool,
 }
 
 /// Format of pictures for ROS 2.
+#[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RosPictures {
@@ -68,6 +93,7 @@ pub enum RosPictures {
 }
 
 /// Releases of ROS 2 that have `rmw_zenoh`.
+#[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RosDistribution {
@@ -84,6 +110,7 @@ pub enum RosDistribution {
 }
 
 /// Meaning of the time in a message's header.
+#[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RosStamp {
@@ -91,33 +118,6 @@ pub enum RosStamp {
     Measurement,
     /// Time of publication, system clock: for sensors that use another clock.
     Publication,
-}
-
-impl Default for RosConfig {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            router: "tcp/localhost:7447".into(),
-            domain_id: 0,
-            distribution: RosDistribution::Jazzy,
-            namespace: String::new(),
-            map_frame: "map".into(),
-            odom_frame: "odom".into(),
-            base_frame: "base_link".into(),
-            body_frame: "body".into(),
-            rate_hz: 50.0,
-            stamp: RosStamp::Measurement,
-            tf: true,
-            angular_rate_sigma_rad_s: 0.01,
-            link: Link::Lan,
-            path: true,
-            landmarks: true,
-            map: true,
-            tracks: RosPictures::Off,
-            reset: false,
-            trigger: false,
-        }
-    }
 }
 
 impl RosConfig {

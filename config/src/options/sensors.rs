@@ -4,37 +4,51 @@ use super::Mask;
 use crate::CameraModel;
 use crate::camera::Distortion;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2};
+use plumbline_keys::keys;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// One camera: intrinsics and extrinsics.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraConfig {
     /// Image width in pixels.
+    #[key(range = 64..=4096, unit = PIXELS)]
     pub width_px: usize,
     /// Image height in pixels.
+    #[key(range = 64..=4096, unit = PIXELS)]
     pub height_px: usize,
     /// Frames per second.
+    #[key(range = 1.0..=500.0, unit = HZ, cure = "write it in frames per second (is this a period?)")]
     pub rate_hz: f64,
     /// Focal lengths `[fx, fy]` in pixels.
+    #[key(range = 10.0..=2e4, unit = PIXELS, cure = "write it in pixels (is this in mm?)")]
     pub focal_px: [f64; 2],
-    /// Principal point `[cx, cy]` in pixels.
+    /// Principal point `[cx, cy]` in pixels; the centre of the first pixel is (0, 0).
+    #[key]
     pub centre_px: [f64; 2],
-    /// Lens distortion.
+    /// Lens distortion. Models: "radial-tangential" (k1, k2, p1, p2, as OpenCV and Kalibr's radtan), "equidistant" (k1, k2, k3,
+    /// k4, as OpenCV's fisheye), "rational" (k1, k2, p1, p2, k3, k4, k5, k6, as OpenCV's eight coefficients), "omni" (xi, k1,
+    /// k2, p1, p2, as Kalibr's omni-radtan), "eucm" (alpha, beta) or "double-sphere" (xi, alpha).
+    #[key]
     pub distortion: Distortion,
-    /// Readout of a rolling shutter: time from the exposure of the first row to that of the last, s. 0 for a global shutter.
-    /// Stamps mean the middle of the exposure of the middle row.
-    #[serde(default)]
+    /// Readout time of a rolling shutter in seconds, from the first row to the last; 0 for a global shutter. Stamps are the
+    /// middle of the exposure of the middle row.
+    #[key(default, range = 0.0..=0.1, unit = SECONDS, cure = "write it in seconds (is this in ms?); 0 for a global shutter")]
     pub readout_s: f64,
-    /// Longest exposure, s, from which blur by turning is reported; 0 where it is unknown. No estimate depends on it.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    /// Longest exposure in seconds, from which blur by fast turns is reported; 0 where it is unknown. No estimate depends on
+    /// it.
+    #[serde(skip_serializing_if = "is_zero")]
+    #[key(default, range = 0.0..=0.2, unit = SECONDS, cure = "write it in seconds (is this in ms?); 0 where it is unknown")]
     pub exposure_s: f64,
-    /// What of the images is ignored, as parts of the vehicle: a PNG picture of their size, black where nothing is looked at,
-    /// by its path from the folder of the configuration on.
-    #[serde(default, deserialize_with = "mask_or_none", skip_serializing_if = "Option::is_none")]
+    /// Mask, a PNG picture of the size of the images: black is ignored (parts of the vehicle), all else is looked at. The path
+    /// begins at the folder of this file. Empty for the whole image.
+    #[serde(deserialize_with = "mask_or_none", skip_serializing_if = "Option::is_none")]
+    #[key(default)]
     pub mask: Option<Mask>,
-    /// `T_BC`, row-major 4x4: takes coordinates from the camera to the body (metres).
+    /// `T_BC`, camera to body, row by row; the last column is the camera's position in the body in metres.
+    #[key]
     pub pose_b_c: [[f64; 4]; 4],
 }
 
@@ -100,53 +114,65 @@ pub fn rows_from_isometry(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 }
 
 /// Noise model and limits of the inertial sensor (the IMU frame is the body frame `B`).
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImuConfig {
     /// Samples per second.
+    #[key(range = 50.0..=4000.0, unit = HZ)]
     pub rate_hz: f64,
     /// Gyroscope white noise density, rad/s/sqrt(Hz).
+    #[key(range = 1e-7..=0.05, unit = GYRO_DENSITY)]
     pub gyro_noise_density: f64,
     /// Gyroscope bias random walk, rad/s²/sqrt(Hz).
+    #[key(range = 1e-9..=0.01, unit = GYRO_WALK)]
     pub gyro_bias_walk: f64,
     /// Accelerometer white noise density, m/s²/sqrt(Hz).
+    #[key(range = 1e-6..=1.0, unit = ACCEL_DENSITY)]
     pub accel_noise_density: f64,
     /// Accelerometer bias random walk, m/s³/sqrt(Hz).
+    #[key(range = 1e-8..=0.1, unit = ACCEL_WALK)]
     pub accel_bias_walk: f64,
-    /// Standard deviation of the gyroscope's coloured error in flight, rad/s, such as rectified vibration: neither white nor a
-    /// constant bias. 0 for none.
-    #[serde(default = "default_gyro_error_sigma")]
+    /// Standard deviation of the coloured error of the gyroscope, rad/s; 0 for none. Coloured errors (Gauss-Markov) occur in
+    /// flight, for example as rectified vibration. They neither average out like white noise nor stay constant like a bias.
+    #[key(default = 2e-4, range = 0.0..=0.5, unit = RADIANS_PER_SECOND)]
     pub gyro_error_sigma_rad_s: f64,
-    /// Standard deviation of the accelerometer's coloured error in flight, m/s². 0 for none.
-    #[serde(default = "default_accel_error_sigma")]
+    /// Standard deviation of the coloured error of the accelerometer, m/s²; 0 for none.
+    // ADIS16448 and rig of EuRoC show 0.01 to 0.03 m/s² an octave against their recorded paths, below 1 Hz and noise of the
+    // paths included.
+    #[key(default = 0.015, range = 0.0..=5.0, unit = METRES_PER_SECOND_2)]
     pub accel_error_sigma_m_s2: f64,
-    /// Correlation time of both, s (Gauss-Markov).
-    #[serde(default = "default_error_time")]
+    /// Correlation time of both coloured errors, s.
+    #[key(default = 1.5, range = 0.05..=100.0, unit = SECONDS)]
     pub error_time_s: f64,
-    /// Share of an angular rate that the gyroscope's scale and alignment may be wrong by (one standard deviation).
-    #[serde(default = "default_gyro_scale_sigma")]
+    /// Standard deviation of the scale and alignment error of the gyroscope, as a fraction of the angular rate. The data sheet
+    /// states it (0.3 % = 0.003); 0 for none.
+    // Scale and alignment of a sensor of a few grams after calibration by its maker.
+    #[key(default = 0.003, range = 0.0..=0.1, unit = SHARE)]
     pub gyro_scale_sigma: f64,
-    /// Share of a specific force beyond gravity that the accelerometer's scale and alignment may be wrong by.
-    #[serde(default = "default_accel_scale_sigma")]
+    /// Standard deviation of the scale and alignment error of the accelerometer, as a fraction of the specific force beyond
+    /// gravity.
+    #[key(default = 0.005, range = 0.0..=0.1, unit = SHARE)]
     pub accel_scale_sigma: f64,
-    /// Largest angular rate the sensor can report, rad/s.
-    #[serde(default = "default_gyro_range")]
+    /// Largest angular rate the sensor can report, rad/s (1000 deg/s).
+    #[key(default = 17.4, range = 1.0..=100.0, unit = RADIANS_PER_SECOND, cure = "write it in rad/s (1000 deg/s = 17.45 rad/s)")]
     pub gyro_range_rad_s: f64,
-    /// Largest specific force the sensor can report, m/s².
-    #[serde(default = "default_accel_range")]
+    /// Largest specific force the sensor can report, m/s² (16 g).
+    #[key(default = 156.9, range = 15.0..=2000.0, unit = METRES_PER_SECOND_2, cure = "write it in m/s² (16 g = 156.9 m/s²)")]
     pub accel_range_m_s2: f64,
-    /// A sensor counts as stuck when all three axes repeat their readings bit for bit for this time, s; sooner if the
-    /// vehicle moves. 0 disables the check, for sensors without noise.
-    #[serde(default = "default_stuck_after")]
+    /// A sensor counts as stuck if all three axes repeat their readings bit for bit for this time, s; sooner if the vehicle
+    /// moves. 0 disables the check, for sensors without noise.
+    #[key(default = 0.1, range = 0.0..=10.0, unit = SECONDS, cure = "write it in seconds, 0 to switch it off")]
     pub stuck_after_s: f64,
     /// Standard deviation of the gyroscope bias at switch-on, rad/s.
-    #[serde(default = "default_gyro_bias_sigma")]
+    #[key(default = 0.1, range = 1e-6..=1.0, unit = RADIANS_PER_SECOND)]
     pub gyro_bias_sigma_rad_s: f64,
     /// Standard deviation of the accelerometer bias at switch-on, m/s².
-    #[serde(default = "default_accel_bias_sigma")]
+    #[key(default = 0.3, range = 1e-6..=5.0, unit = METRES_PER_SECOND_2)]
     pub accel_bias_sigma_m_s2: f64,
     /// Magnitude of gravity, m/s².
-    #[serde(default = "default_gravity")]
+    #[key(default = 9.81, range = 9.7..=9.9, unit = METRES_PER_SECOND_2,
+        cure = "write the positive magnitude on Earth in m/s², about 9.81")]
     pub gravity_m_s2: f64,
 }
 
@@ -154,96 +180,37 @@ impl ImuConfig {
     /// A sensor of `(density, bias walk)` of the gyroscope and of the accelerometer, and the default limits.
     #[must_use]
     pub fn with_noise(rate_hz: f64, gyro: (f64, f64), accel: (f64, f64)) -> Self {
-        Self {
-            rate_hz,
-            gyro_noise_density: gyro.0,
-            gyro_bias_walk: gyro.1,
-            accel_noise_density: accel.0,
-            accel_bias_walk: accel.1,
-            gyro_error_sigma_rad_s: default_gyro_error_sigma(),
-            accel_error_sigma_m_s2: default_accel_error_sigma(),
-            error_time_s: default_error_time(),
-            gyro_scale_sigma: default_gyro_scale_sigma(),
-            accel_scale_sigma: default_accel_scale_sigma(),
-            gyro_range_rad_s: default_gyro_range(),
-            accel_range_m_s2: default_accel_range(),
-            stuck_after_s: default_stuck_after(),
-            gyro_bias_sigma_rad_s: default_gyro_bias_sigma(),
-            accel_bias_sigma_m_s2: default_accel_bias_sigma(),
-            gravity_m_s2: default_gravity(),
-        }
+        Self::with_required(rate_hz, gyro.0, gyro.1, accel.0, accel.1)
     }
-}
-
-fn default_gyro_error_sigma() -> f64 {
-    2e-4
-}
-/// ADIS16448 and rig of EuRoC show 0.01 to 0.03 m/s² an octave against their recorded paths, below 1 Hz and noise of the paths
-/// included.
-fn default_accel_error_sigma() -> f64 {
-    0.015
-}
-fn default_error_time() -> f64 {
-    1.5
-}
-/// Scale and alignment of a sensor of a few grams after calibration by its maker.
-fn default_gyro_scale_sigma() -> f64 {
-    0.003
-}
-fn default_accel_scale_sigma() -> f64 {
-    0.005
-}
-fn default_gyro_range() -> f64 {
-    17.4
-}
-fn default_accel_range() -> f64 {
-    156.9
-}
-fn default_stuck_after() -> f64 {
-    0.1
-}
-fn default_gyro_bias_sigma() -> f64 {
-    0.1
-}
-fn default_accel_bias_sigma() -> f64 {
-    0.3
-}
-fn default_gravity() -> f64 {
-    9.81
 }
 
 /// How far the calibration of the rig may be off, one standard deviation each: the priors of the online
 /// refinement. Zero switches the refinement of that quantity off.
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct RigConfig {
-    /// `t_imu = t_camera + time_offset_s`: added to every image stamp.
+    /// `t_imu = t_camera + time_offset_s`, s.
+    #[key(default = 0.0, range = -0.1..=0.1, unit = SECONDS)]
     pub time_offset_s: f64,
     /// Standard deviation of the time offset, s.
+    #[key(default = 0.004, range = 0.0..=0.05, unit = SECONDS)]
     pub time_offset_sigma_s: f64,
     /// Standard deviation of the rotation of the left camera relative to the IMU, rad.
+    #[key(default = 0.008, range = 0.0..=0.2, unit = RADIANS)]
     pub camera_imu_rotation_sigma_rad: f64,
     /// Standard deviation of the position of the left camera in the body, m.
+    #[key(default = 0.004, range = 0.0..=0.5, unit = METRES)]
     pub camera_imu_translation_sigma_m: f64,
     /// Standard deviation of the rotation of the right camera relative to the left, rad.
+    #[key(default = 0.001, range = 0.0..=0.1, unit = RADIANS)]
     pub camera_camera_rotation_sigma_rad: f64,
     /// Standard deviation of the position of the right camera relative to the left, m.
+    #[key(default = 0.0005, range = 0.0..=0.1, unit = METRES)]
     pub camera_camera_translation_sigma_m: f64,
-    /// Time in which the refined calibration loses a careful calibration's accuracy again, s: 1 mm and 0.3 mrad against the
-    /// IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms. Keeps systematic errors from becoming certainty. 0: never.
+    /// Time in which the variance of the refined calibration grows by the variance of a careful calibration (1 mm and 0.3 mrad
+    /// to the IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms), s. The growth prevents the refinement from becoming
+    /// overconfident under systematic errors. 0 disables it.
+    #[key(default = 30.0, range = 0.0..=1e6, unit = SECONDS)]
     pub memory_s: f64,
-}
-
-impl Default for RigConfig {
-    fn default() -> Self {
-        Self {
-            time_offset_s: 0.0,
-            time_offset_sigma_s: 0.004,
-            camera_imu_rotation_sigma_rad: 0.008,
-            camera_imu_translation_sigma_m: 0.004,
-            camera_camera_rotation_sigma_rad: 0.001,
-            camera_camera_translation_sigma_m: 0.0005,
-            memory_s: 30.0,
-        }
-    }
 }

@@ -1,37 +1,55 @@
 //! Cameras of the Linux kernel (Video4Linux): which devices, what is asked of them, how images become pairs.
 
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Cameras behind Video4Linux: two devices, or one that gives both images.
 ///
 /// Sizes and rate are those of `[[camera]]`. With two cameras and no `right`, the device of `left` gives both images:
 /// side by side in an image of twice the width, or interleaved (`Y8I`).
+#[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct V4l2Config {
-    /// Path of the left camera's device; empty for no camera of this kind.
+    /// Stable path of the left camera, such as "/dev/v4l/by-path/platform-...-video-index0"; empty for none. The device may
+    /// deliver both images: side by side in an image of twice the width, or interleaved.
+    #[key(default)]
     pub left: String,
-    /// Path of the right camera's device; empty for one camera, or if `left` delivers both images.
+    /// Device of the right camera; empty for one camera, or if `left` delivers both images.
+    #[key(default)]
     pub right: String,
-    /// Pixel format of the images.
+    /// Pixel format: "GREY", "Y8I", "Y10", "Y12", "Y16", "YUYV", "UYVY", "NV12" or "MJPEG"; "auto" takes the first of these
+    /// that the device offers in the size of the cameras.
+    #[key(default)]
     pub format: V4l2Format,
-    /// Pairing of left and right images.
+    /// Pairing of left and right images: "time" (the nearest) or "sequence" (equal frame numbers, for cameras that are
+    /// triggered together).
+    #[key(default)]
     pub pair_by: PairBy,
     /// Number of buffers that a device fills in turn.
+    #[key(default = 6, range = 4..=32)]
     pub buffers: usize,
-    /// Exposure, us; 0 leaves it to the camera.
+    /// Exposure, us; 0 leaves it to the camera. Frames are stamped in the middle of the exposure.
+    #[key(default = 0.0, range = 0.0..=1e6, unit = MICROSECONDS, cure = "write it in microseconds, 0 to leave it to the camera")]
     pub exposure_us: f64,
-    /// Gain in the driver's own unit; -1 leaves it to the camera.
+    /// Gain in the driver's own unit, a whole number; -1 leaves it to the camera.
+    #[key(default = -1.0, range = -1.0..=1e6, cure = "write it in the driver's own unit, -1 to leave it to the camera")]
     pub gain: f64,
     /// Time from one row of the sensor to the next, us, for drivers that count the exposure in rows; 0 for others.
+    #[key(default = 0.0, range = 0.0..=1000.0, unit = MICROSECONDS,
+        cure = "write it in microseconds, 0 where the exposure is not counted in rows")]
     pub row_us: f64,
     /// Time from the end of the exposure to the stamp, us, for drivers that stamp the end of a frame.
+    #[key(default = 0.0, range = 0.0..=1e5, unit = MICROSECONDS)]
     pub readout_us: f64,
-    /// Further controls of the driver, each as [`V4l2Control::parse`] reads it.
+    /// Further controls, such as "power_line_frequency=1" or a driver's trigger mode, "trigger_mode=1"; of an extension unit of
+    /// a USB camera xu:UNIT:SELECTOR:BYTES=VALUE, such as "xu:3:2:1=0" (the emitter of a RealSense).
+    #[key(default)]
     pub controls: Vec<String>,
 }
 
 /// What the images of a device are encoded as; luma of all of them becomes 8-bit grey.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum V4l2Format {
     /// The first of the others, in their order, that the device offers in the size of the camera.
@@ -68,6 +86,7 @@ pub enum V4l2Format {
 }
 
 /// How left and right images find each other.
+#[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PairBy {
@@ -76,23 +95,6 @@ pub enum PairBy {
     Time,
     /// Equal number of frames since the first pair: for cameras that are triggered together.
     Sequence,
-}
-
-impl Default for V4l2Config {
-    fn default() -> Self {
-        Self {
-            left: String::new(),
-            right: String::new(),
-            format: V4l2Format::default(),
-            pair_by: PairBy::default(),
-            buffers: 6,
-            exposure_us: 0.0,
-            gain: -1.0,
-            row_us: 0.0,
-            readout_us: 0.0,
-            controls: Vec::new(),
-        }
-    }
 }
 
 /// A control of a device and the value that it is given.

@@ -1,15 +1,19 @@
 //! How the sensors sit in the vehicle.
 
 use nalgebra::UnitQuaternion;
+use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Mounting of the IMU in the vehicle. Ground station, autopilot and ROS 2 speak of the vehicle's attitude
 /// by it; the estimator does not depend on it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[keys]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
-    /// Rotation from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up): roll, pitch and yaw
-    /// about these three axes, degrees; `Rz(yaw) Ry(pitch) Rx(roll)` takes coordinates from `B` to `V`. Or "unknown".
+    /// Rotation from the IMU's axes to the vehicle's axes (x forward, y left, z up): roll, pitch and yaw, degrees. Rz(yaw)
+    /// Ry(pitch) Rx(roll) transforms coordinates from the IMU to the vehicle. "unknown" if not known: then neither autopilot
+    /// nor ROS 2 is served; `plumbline doctor --live` measures the rotation.
+    #[key(default, range = -180.0..=180.0, unit = DEGREES, cure = "write it in degrees, from -180 to 180")]
     pub imu_to_vehicle_deg: Mounting,
 }
 

@@ -41,12 +41,13 @@ fn keys(value: &Value, prefix: &str, into: &mut Vec<String>) {
 }
 
 #[test]
-fn full_presets_show_every_option() {
+fn full_presets_show_every_option_but_those_for_experiments() {
     for name in FULL {
         let table: Table = preset_text(name).expect("exists").parse().expect("is TOML");
         let (mut shown, mut known) = (Vec::new(), Vec::new());
         keys(&Value::Table(table), "", &mut shown);
         keys(&Value::Table(sample_for_tests()), "", &mut known);
+        known.retain(|key| !crate::keys::tests::experiments().contains(&key[1..].to_owned()));
         shown.sort();
         known.sort();
         assert_eq!(shown, known, "{name}");
@@ -83,6 +84,9 @@ fn comments_state_the_true_defaults() {
                 assert!(!has_default, "{name}: {table}.{key} states no default");
                 continue;
             };
+            if !has_default {
+                continue;
+            }
             let stated = format!("v = {}", stated.trim_end_matches('.'));
             let stated: Table = stated.parse().unwrap_or_else(|e| panic!("{name}: {table}.{key}: {e}"));
             let truth = table.split('.').fold(&defaults, |value, part| &value[part]);

@@ -1,4 +1,4 @@
-//! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
+//! Validation: which values are refused. Ranges of single numbers stand beside their fields ([`crate::keys`]); here is what
 //! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
 //! [`frames`], [`imu_driver`], [`local`], [`ros`] and [`v4l2`].
 
@@ -8,7 +8,6 @@ mod frames;
 mod imu_driver;
 mod local;
 mod network;
-mod ranges;
 mod ros;
 mod v4l2;
 
@@ -21,14 +20,13 @@ pub(crate) use network::is_endpoint;
 
 use crate::camera::Distortion;
 use crate::error::Violation;
+use crate::keys;
 use crate::options::{CameraConfig, Config, EstimatorSetup, Mask};
 use nalgebra::Vector2;
 
 /// Frames that the window holds at most, keyframes and recent ones: its matrices are sized for these and
 /// one more while a frame is exchanged.
 pub const MAX_WINDOW_FRAMES: usize = 15;
-/// Highest number of a processor that the kernel's sets have room for.
-const MAX_PROCESSOR: usize = 1023;
 /// Least share of an image that a mask must leave.
 const MIN_SEEN_SHARE: f64 = 0.05;
 /// Angle from the optical axis, rad (85 degrees), beyond which the fold of a lens may lie within the edges of the image: of a
@@ -46,7 +44,12 @@ impl EstimatorSetup {
             let reason = format!("there are {} cameras", self.camera.len());
             found.push(Violation::new("camera", reason, "give one `[[camera]]` or two, left and right"));
         }
-        ranges::check_setup(self, &mut found);
+        keys::check(&self.imu, "imu", &mut found);
+        keys::check(&self.rig, "rig", &mut found);
+        keys::check(&self.estimator, "estimator", &mut found);
+        for (i, camera) in self.camera.iter().enumerate() {
+            keys::check(camera, &format!("camera[{i}]"), &mut found);
+        }
         for (i, camera) in self.camera.iter().enumerate() {
             check_camera(camera, &format!("camera[{i}]"), &mut found);
         }
@@ -64,7 +67,14 @@ impl Config {
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = self.setup().violations();
-        ranges::check_config(self, &mut found);
+        keys::check(&self.driver, "driver", &mut found);
+        keys::check(&self.local, "local", &mut found);
+        keys::check(&self.network, "network", &mut found);
+        keys::check(&self.ros, "ros", &mut found);
+        keys::check(&self.runtime, "runtime", &mut found);
+        keys::check(&self.recorder, "recorder", &mut found);
+        keys::check(&self.vehicle, "vehicle", &mut found);
+        keys::check(&self.autopilot, "autopilot", &mut found);
         check_pairing(self, &mut found);
         check_orders(&[order_of_recorder(self)], &mut found);
         local::check(&self.local, &mut found);
@@ -75,20 +85,7 @@ impl Config {
         ros::check(self, &mut found);
         v4l2::check(self, &mut found);
         frames::check(self, &mut found);
-        check_processors(self, &mut found);
         found
-    }
-}
-
-/// Processors have small numbers; which are there is for the host to say.
-fn check_processors(config: &Config, found: &mut Vec<Violation>) {
-    let runtime = &config.runtime;
-    for (key, cpus) in [("runtime.tick_cpus", &runtime.tick_cpus), ("runtime.work_cpus", &runtime.work_cpus)]
-    {
-        for (i, cpu) in cpus.iter().enumerate().filter(|(_, cpu)| **cpu > MAX_PROCESSOR) {
-            let reason = format!("{cpu} is outside 0 to {MAX_PROCESSOR}");
-            found.push(Violation::new(format!("{key}[{i}]"), reason, "give the number of a processor"));
-        }
     }
 }
 

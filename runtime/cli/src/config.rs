@@ -7,12 +7,13 @@ use super::{Usage, check_outputs, say};
 use anyhow::{Context as _, Result};
 use clap::{Args, Subcommand};
 use plumbline_config::options::Mounting;
-use plumbline_config::{Config, PRESETS};
+use plumbline_config::{Config, PRESETS, every_key, preset_text};
 use plumbline_record::digest::config_hash;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   plumbline config euroc > my.toml         print a preset with a comment at every key
+  plumbline config defaults                every key with its default, range and explanation
   plumbline config realsense-d455          print the preset of a real rig (docs/rigs)
   plumbline config my.toml                 check a configuration
   plumbline config euroc --out my.toml     the same, into a file
@@ -26,6 +27,9 @@ pub struct ConfigArgs {
     command: Option<ConfigCommand>,
     #[arg(required = true, help = file_help())]
     file: Option<String>,
+    /// Print every key, also those for experiments, which no flight needs changed.
+    #[arg(long)]
+    all: bool,
     /// Write the preset to this file instead of printing it.
     #[arg(long, value_name = "OUT.toml")]
     out: Option<PathBuf>,
@@ -34,9 +38,15 @@ pub struct ConfigArgs {
     overwrite: bool,
 }
 
+/// Word for the defaults, in the place of a preset.
+const DEFAULTS: &str = "defaults";
+
 /// Names every preset that there is.
 fn file_help() -> String {
-    format!("A configuration file to check, or the name of a preset to print: {}", PRESETS.join(", "))
+    format!(
+        "A configuration file to check, or what to print: {DEFAULTS} (every key with its default), or a preset: {}",
+        PRESETS.join(", ")
+    )
 }
 
 #[derive(Debug, Subcommand)]
@@ -74,8 +84,14 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
 }
 
 fn check(file: &str, args: &ConfigArgs) -> Result<()> {
-    if PRESETS.contains(&file) {
+    if file == DEFAULTS || PRESETS.contains(&file) {
         return give_preset(file, args);
+    }
+    if args.all {
+        return Err(Usage(format!(
+            "--all: prints the keys of {DEFAULTS} or of a preset, and {file} is none"
+        ))
+        .into());
     }
     if args.out.is_some() {
         let message =
@@ -97,13 +113,16 @@ fn check(file: &str, args: &ConfigArgs) -> Result<()> {
 
 /// Prints a preset, or writes it to the file that was named.
 fn give_preset(name: &str, args: &ConfigArgs) -> Result<()> {
-    let text = plumbline_config::preset_text(name)?;
+    let text = match args.all || name == DEFAULTS {
+        true => every_key(name, args.all)?,
+        false => preset_text(name)?.to_owned(),
+    };
     let Some(out) = &args.out else {
         say(text.trim_end());
         return Ok(());
     };
     check_new(out, args.overwrite)?;
-    std::fs::write(out, text).with_context(|| out.display().to_string())?;
+    std::fs::write(out, &text).with_context(|| out.display().to_string())?;
     say(format_args!("{}: written, preset {name}", out.display()));
     Ok(())
 }

@@ -73,7 +73,7 @@ fn meant(table: &Table, name: &str, path: &str, known: &[String]) -> String {
     let key = namesake(known, path);
     match key.or_else(|| table.keys().find(similar).filter(|_| !name.is_empty())) {
         Some(meant) => format!("did you mean `{meant}`?"),
-        None => "`plumbline config sim` prints all keys, and camera.0 is the left camera".into(),
+        None => "`plumbline config defaults` prints all keys, and camera.0 is the left camera".into(),
     }
 }
 
