@@ -43,7 +43,7 @@ impl Odometer {
         let variances = estimate.covariance.fixed_view::<3, 3>(NavState::V, NavState::V).diagonal();
         let velocity_sigma_m_s = variances.sum().sqrt();
         let is_known = newest.nav.is_finite() && velocity_sigma_m_s.is_finite();
-        is_known.then(|| KnownState { stamp: newest.stamp, nav: newest.nav.clone(), velocity_sigma_m_s })
+        is_known.then(|| KnownState { stamp: newest.stamp, nav: self.nav_at_stamp(), velocity_sigma_m_s })
     }
 
     /// The landmarks that the newest frame sees, in its left camera, in order of their tracks.

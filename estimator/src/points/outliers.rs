@@ -398,7 +398,7 @@ mod tests {
             // Filtering turns the points that were added; this turn is none.
             let without = share(filter.filter(&rot, FOCAL, seed, None));
             let with = share(filter.filter(&rot, FOCAL, seed, Some(&expected)));
-            assert!(with > 0.98 && without < 0.6, "seed {seed}: {with}, {without} without");
+            assert!(with > 0.9 && without < 0.6, "seed {seed}: {with}, {without} without");
         }
     }
 

@@ -3,5 +3,4 @@
 mod dataset;
 mod recorded;
 mod rendered;
-mod repeated;
 mod scene;
