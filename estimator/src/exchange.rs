@@ -11,9 +11,9 @@ use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
 use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
-use crate::window::state::{FrameTime, MAX_FRAMES};
+use crate::window::state::{FrameTime, MAX_FRAMES, NavState};
 use crate::work_budget::WorkBudget;
-use nalgebra::{Isometry3, Matrix4, Vector3};
+use nalgebra::{Isometry3, Matrix4, Vector2, Vector3};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
 /// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
@@ -44,6 +44,8 @@ pub struct Tracked {
     pub health: HealthBits,
     /// Figures of the front-end; those of the window are still zero.
     pub figures: FrameFigures,
+    /// The texture in view repeats itself: the front-end asks for [`Feedback::known_state`].
+    pub is_repeating: bool,
     /// The work that the frame gets, an input like the images.
     pub budget: WorkBudget,
 }
@@ -62,6 +64,7 @@ impl Tracked {
             lines: Vec::with_capacity(2 * setup.estimator.lines.max_segments),
             health: HealthBits::default(),
             figures: FrameFigures::default(),
+            is_repeating: false,
             budget: WorkBudget::FULL,
         }
     }
@@ -86,8 +89,37 @@ pub struct Feedback {
     pub distrusts_imu: bool,
     /// Resets so far.
     pub reset_counter: u32,
+    /// State of the frame that was solved, by which points are predicted; `None` unless the front-end asked for
+    /// it and it can be relied on.
+    pub known_state: Option<KnownState>,
+    /// Landmarks that this frame sees, in order of their tracks; none without [`Self::known_state`].
+    pub known_points: Vec<KnownPoint>,
     /// The frame that was solved, as places want to know it.
     pub solved: SolvedFrame,
+}
+
+/// State by which the next frames are predicted.
+#[derive(Clone, Debug)]
+pub struct KnownState {
+    /// Time of the state on the IMU's time axis.
+    pub stamp: Timestamp,
+    /// The state.
+    pub nav: NavState,
+    /// Standard deviation of its velocity, all axes together, m/s.
+    pub velocity_sigma_m_s: f64,
+}
+
+/// Landmark in the left camera of a [`KnownState`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownPoint {
+    /// Its track.
+    pub track_id: u32,
+    /// Normalized coordinates.
+    pub xy: Vector2<f64>,
+    /// Inverse depth, 1/m.
+    pub rho: f64,
+    /// Standard deviation of the inverse depth, 1/m.
+    pub rho_sigma: f64,
 }
 
 /// Relative pose of a keyframe and the one before it, with its uncertainty.
@@ -139,6 +171,8 @@ impl Feedback {
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,
             reset_counter: 0,
+            known_state: None,
+            known_points: Vec::with_capacity(setup.estimator.points.max_points),
             solved: SolvedFrame::default(),
         }
     }

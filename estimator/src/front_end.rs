@@ -4,15 +4,16 @@
 
 use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
-use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
+use crate::exchange::{Feedback, KnownPoint, KnownState, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
 use crate::image::condition::{Condition, ConditionWatch};
 use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
-use crate::inertial::{ImuBuffer, ImuNoise};
+use crate::inertial::{ImuBuffer, ImuNoise, Preintegration};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
 use crate::places::images::FrameImages;
+use crate::points::prediction::PredictedMotion;
 use crate::points::{PointTracker, TrackerInput};
 use crate::shutter::{Readout, RowTurns, readouts};
 use crate::window::state::FrameTime;
@@ -48,6 +49,19 @@ pub struct FrontEnd {
     had_lines: bool,
     /// Sequence numbers of the last two frames, and what the tracker of points calls them.
     tracked: [(u64, u64); 2],
+    gravity_o: Vector3<f64>,
+    known_state: Option<KnownState>,
+    known_points: Vec<KnownPoint>,
+    /// Motion between the last two frames, if it was measured throughout.
+    last_motion: Option<Leg>,
+}
+
+/// Measured motion from one frame to the next.
+#[derive(Clone, Debug)]
+struct Leg {
+    from: Timestamp,
+    to: Timestamp,
+    motion: Preintegration,
 }
 
 impl FrontEnd {
@@ -82,6 +96,10 @@ impl FrontEnd {
             asked_reset: None,
             had_lines: false,
             tracked: [(0, 0); 2],
+            gravity_o: Vector3::z() * -setup.imu.gravity_m_s2,
+            known_state: None,
+            known_points: Vec::with_capacity(setup.estimator.points.max_points),
+            last_motion: None,
         };
         let masks = [0, 1].map(|k| setup.camera.get(k)?.mask.as_ref()?.pixels());
         front_end.points.set_masks(masks);
@@ -151,6 +169,8 @@ impl FrontEnd {
         self.bias_gyro = feedback.bias_gyro;
         self.turn_rate_b = feedback.turn_rate_b;
         self.distrusts_imu = feedback.distrusts_imu;
+        self.known_state.clone_from(&feedback.known_state);
+        self.known_points.clone_from(&feedback.known_points);
     }
 
     /// Gives away the images of frame `sequence`, for those of `images`. They are there between the tracking of the next
@@ -199,7 +219,11 @@ impl FrontEnd {
         tracked.reset = self.asked_reset.take();
         std::mem::swap(&mut tracked.samples, &mut self.arrived);
         let images = self.usable_images(frame, &mut tracked.health);
-        let input = TrackerInput { images, rot_prev_cur: self.predicted_rotation(stamp) };
+        let (rot_prev_cur, leg) = self.predicted_rotation(stamp);
+        let input = TrackerInput { images, rot_prev_cur };
+        let motion = leg.as_ref().and_then(|leg| self.predicted_motion(leg));
+        self.last_motion = leg;
+        self.points.set_prediction(motion.as_ref(), &self.known_points);
         self.turn_rows(stamp);
         self.points.set_limit(budget.share_of(self.max_points));
         self.begin_lines(budget);
@@ -225,6 +249,7 @@ impl FrontEnd {
         report_condition(condition, &mut tracked.health);
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
+        tracked.is_repeating = self.points.is_repeating();
         self.write_observations(tracked);
     }
 
@@ -240,6 +265,7 @@ impl FrontEnd {
         let is_admitted = matches!(verdict, StampVerdict::Follows | StampVerdict::ClockSet);
         if !is_admitted {
             tracked.reset = None;
+            tracked.is_repeating = false;
             tracked.points.clear();
             tracked.lines.clear();
             tracked.figures = FrameFigures::default();
@@ -255,6 +281,9 @@ impl FrontEnd {
     }
 
     fn forget(&mut self) {
+        self.last_motion = None;
+        self.known_state = None;
+        self.known_points.clear();
         self.points.reset();
         if let Some(lines) = &mut self.lines {
             lines.reset();
@@ -273,17 +302,36 @@ impl FrontEnd {
     }
 
     /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`; where it does not measure, or is not
-    /// believed, by the rate of the frames before.
-    fn predicted_rotation(&self, stamp: Timestamp) -> UnitQuaternion<f64> {
+    /// believed, by the rate of the frames before. With it the motion, if both sensors measured throughout.
+    fn predicted_rotation(&self, stamp: Timestamp) -> (UnitQuaternion<f64>, Option<Leg>) {
         let Some(last) = self.last_stamp.filter(|last| stamp > *last) else {
-            return UnitQuaternion::identity();
+            return (UnitQuaternion::identity(), None);
         };
+        let bias_accel = self.known_state.as_ref().map_or_else(Vector3::zeros, |known| known.nav.bias_accel);
         let (motion, coverage) =
-            self.imu.preintegrate(last, stamp, &self.bias_gyro, &Vector3::zeros(), &self.noise);
-        match coverage.unmeasured.gyro || self.distrusts_imu {
+            self.imu.preintegrate(last, stamp, &self.bias_gyro, &bias_accel, &self.noise);
+        let rot_prev_cur = match coverage.unmeasured.gyro || self.distrusts_imu {
             true => exp_so3(&(self.turn_rate_b * stamp.seconds_since(last))),
             false => motion.delta_rot,
-        }
+        };
+        let is_whole = !coverage.has_gap && !coverage.is_saturated && !coverage.unmeasured.is_any();
+        (rot_prev_cur, is_whole.then_some(Leg { from: last, to: stamp, motion }))
+    }
+
+    /// Motion over `leg` by the newest state that the window knows, one frame before it.
+    fn predicted_motion(&self, leg: &Leg) -> Option<PredictedMotion> {
+        let known = self.known_state.as_ref()?;
+        let before =
+            self.last_motion.as_ref().filter(|before| before.from == known.stamp && before.to == leg.from)?;
+        let previous = known.nav.after(&before.motion, &self.gravity_o);
+        let current = previous.after(&leg.motion, &self.gravity_o);
+        let pose_o_prev = previous.pose_o_b();
+        let dt_s = leg.motion.dt_s;
+        Some(PredictedMotion {
+            pose_prev_cur_b: pose_o_prev.inverse() * current.pose_o_b(),
+            pose_prev_known_b: pose_o_prev.inverse() * known.nav.pose_o_b(),
+            sigma_m: known.velocity_sigma_m_s * dt_s,
+        })
     }
 
     /// Tells points and lines how the cameras turn between the rows of the frame of `stamp`.

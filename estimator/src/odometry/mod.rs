@@ -10,6 +10,7 @@ mod gyro_angles;
 mod inherited;
 mod innovation;
 mod judgement;
+mod known;
 mod lag;
 pub mod measurements;
 #[cfg(test)]
@@ -274,6 +275,7 @@ impl Odometer {
         self.solved.lines.clear();
         let estimate = self.step(tracked, probe);
         self.write_feedback(&estimate, feedback);
+        self.write_known(tracked.is_repeating, &estimate, feedback);
         self.frames += 1;
         estimate
     }

@@ -14,6 +14,7 @@ pub mod corners;
 pub mod flow;
 pub mod outliers;
 mod pairing;
+pub mod prediction;
 mod repetition;
 pub mod rig;
 pub mod stereo;

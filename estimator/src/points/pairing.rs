@@ -1,11 +1,13 @@
 //! The position of a track in the other camera of the rig.
 
+use super::prediction::Depth;
 use super::stereo::{MAX_DIVERGENCE_PX, NEAREST_M, StereoPair};
 use super::template::{ReferencePatch, RefineLimits};
 use super::temporal::is_recognised;
 use super::track::{StereoMemory, Track};
 use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Vector2};
+use plumbline_config::Portable;
 
 /// Largest distance between the predicted and the found pixel of a known point, px.
 const MAX_KNOWN_MOVE_PX: f32 = 4.0;
@@ -16,6 +18,18 @@ const MAX_NEW_MOVE_PX: f32 = 1.5;
 const MAX_WARP_CHANGE: (f32, f32) = (0.2, 0.35);
 /// Nearest depth that a match may have, as a share of the nearest searched.
 const NEAREST_SHARE: f64 = 0.7;
+/// An expected depth is looked for within so many standard deviations, from starts this far apart, px, and so many at most.
+const NEAR_SIGMAS: f64 = 3.0;
+const NEAR_STEP_PX: f64 = 2.5;
+const MAX_NEAR_STARTS: f64 = 6.0;
+/// Distance that a start may be off, px.
+const NEAR_REACH_PX: f32 = 2.0;
+/// A match lies this far beyond the ends of the search at most, px.
+const END_PX: f32 = 0.5;
+/// Share of the way to a rival within which a point is looked for.
+const RIVAL_SHARE: f32 = 0.45;
+/// The best place there is better than any other by this much.
+const NEAR_LEAD: f32 = 0.05;
 /// Standard deviation of a match that was not refined against the reference patch, px.
 const UNREFINED_SIGMA_PX: f32 = 0.3;
 
@@ -34,15 +48,77 @@ pub(super) struct Pairing<'a> {
     pub mask: Option<&'a ImageMask>,
 }
 
+/// Distance from its predicted place within which a known point is looked for, px.
+fn known_reach_px(track: &Track) -> f32 {
+    track.rival_px.map_or(MAX_KNOWN_MOVE_PX, |rival_px| MAX_KNOWN_MOVE_PX.at_most(RIVAL_SHARE * rival_px))
+}
+
 impl Pairing<'_> {
     /// Finds a track near where its depth predicts it. `true` when found.
     pub fn continue_match(&self, track: &mut Track, reference: &ReferencePatch) -> bool {
         self.try_continue(track, reference).is_some()
     }
 
-    /// Finds a track anywhere along its epipolar line. `true` when found.
-    pub fn search(&self, track: &mut Track, reference: &ReferencePatch) -> bool {
-        self.try_search(track, reference).is_some()
+    /// Finds a track where its depth is expected; else, unless it has rivals, anywhere along its epipolar line. `true` when found.
+    pub fn search(&self, track: &mut Track, reference: &ReferencePatch, expected: Option<Depth>) -> bool {
+        expected.is_some_and(|depth| self.try_near(track, reference, &depth).is_some())
+            || track.rival_px.is_none() && self.try_search(track, reference).is_some()
+    }
+
+    /// Looks where the depth is expected.
+    fn try_near(&self, track: &mut Track, reference: &ReferencePatch, depth: &Depth) -> Option<()> {
+        let xy = track.xy[self.from]?;
+        let [low, high] = [-1.0, 1.0].map(|side: f64| depth.rho + side * NEAR_SIGMAS * depth.sigma);
+        let [a, b] = [low, high].map(|rho| self.pair.transfer(&xy, rho.at_least(0.0)));
+        let (a, b) = (a?.cast::<f32>(), b?.cast::<f32>());
+        let length_px = f64::from((a - b).norm());
+        // On the way between the two ends, but for the error of a match.
+        let is_between =
+            |px: &Vector2<f32>| (px - a).norm() + (px - b).norm() <= (a - b).norm() + 2.0 * END_PX;
+        let reach_px = known_reach_px(track).at_most(NEAR_REACH_PX);
+        let starts = (length_px / NEAR_STEP_PX).ceil().at_least(1.0);
+        (starts <= MAX_NEAR_STARTS).then_some(())?;
+        let mut best: Option<(f32, (Vector2<f32>, Matrix2<f32>, Matrix2<f32>))> = None;
+        let mut rival = -1.0f32;
+        for k in 0..starts as usize {
+            let share = (k as f64 + 0.5) / starts;
+            let rho = (low + share * (high - low)).at_least(0.0);
+            let Some(start) = self.pair.transfer(&xy, rho) else { continue };
+            let Some(warp) = self.pair.warp_at(&xy, rho) else { continue };
+            let warp = warp * track.warp[self.from];
+            let limits = RefineLimits {
+                max_iterations: self.pair.max_iterations,
+                max_linearizations: 3,
+                max_move_px: reach_px,
+                max_warp_change: MAX_WARP_CHANGE.1,
+            };
+            let Some(found) = reference.refine(self.pair.to.1, &start.cast(), &warp, &limits) else {
+                continue;
+            };
+            if !is_recognised(found.zncc, found.rms, found.last_step_px) || !is_between(&found.px) {
+                continue;
+            }
+            let is_same = best.is_some_and(|(_, (px, ..))| (px - found.px).norm() < 1.0);
+            match best {
+                Some((zncc, _)) if found.zncc <= zncc => {
+                    if !is_same {
+                        rival = rival.at_least(found.zncc)
+                    }
+                }
+                _ => {
+                    if let Some((zncc, _)) = best
+                        && !is_same
+                    {
+                        rival = rival.at_least(zncc)
+                    }
+                    best = Some((found.zncc, (found.px, found.warp, found.covariance_px2)));
+                }
+            }
+        }
+        let (zncc, found) = best?;
+        (zncc >= rival + NEAR_LEAD).then_some(())?;
+        track.stereo = None;
+        self.accept(track, &xy, found)
     }
 
     fn try_continue(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
@@ -50,11 +126,12 @@ impl Pairing<'_> {
         let inverse_depth = memory.inverse_depth + memory.change;
         let guess = self.pair.transfer(&xy, inverse_depth)? + memory.offset_px;
         let warp = self.pair.warp_at(&xy, inverse_depth)? * track.warp[self.from];
-        let near = (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.0);
+        let reach_px = known_reach_px(track);
+        let near = (reach_px, MAX_WARP_CHANGE.0);
         let refined = self.refine(reference, &guess.cast(), &track.warp[self.to], near);
         let found = refined.or_else(|| {
             // Its last warp may have been wrong: once more from that of the first camera.
-            self.refine(reference, &guess.cast(), &warp, (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.1))
+            self.refine(reference, &guess.cast(), &warp, (reach_px, MAX_WARP_CHANGE.1))
         })?;
         self.accept(track, &xy, found)
     }

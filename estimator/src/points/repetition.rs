@@ -24,27 +24,67 @@ const MIN_ZNCC: (f32, f32) = (0.6, 0.75);
 const MIN_LEAD: f32 = 0.08;
 /// Gain in correlation by an alignment, at most.
 const MAX_GAIN: f32 = 0.1;
+/// Corners that are remembered, corners that are enough to tell, and the share of them above which the texture repeats.
+const REMEMBERED: u32 = 24;
+const ENOUGH: u32 = 6;
+const REPEATING_SHARE: f32 = 0.65;
 /// A last step longer than this means no convergence, px.
 const MAX_LAST_STEP_PX: f32 = 0.1;
 
-/// True if the patch around `px` is seen again in its surroundings.
-pub(super) fn repeats(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
+/// Running share of the corners that are seen again close by.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RepetitionWatch {
+    share: f32,
+    looked: u32,
+}
+
+impl RepetitionWatch {
+    /// Takes a corner.
+    pub fn add(&mut self, is_repeated: bool) {
+        self.looked = (self.looked + 1).min(REMEMBERED);
+        self.share += (f32::from(u8::from(is_repeated)) - self.share) / self.looked as f32;
+    }
+
+    /// True before enough corners were looked at.
+    pub fn is_new(&self) -> bool {
+        self.looked < ENOUGH
+    }
+
+    /// True if the texture in view repeats itself.
+    pub fn is_repeating(&self) -> bool {
+        self.looked >= ENOUGH && self.share > REPEATING_SHARE
+    }
+}
+
+/// Distance from `px` to the nearest place around it where its patch is seen again, px; `None` for a corner of its own.
+pub(super) fn nearest_rival_px(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<f32> {
     let mut template = TranslationTemplate::empty();
     if !prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template) {
-        return false;
+        return None;
     }
     let plane = pyramid.plane(0);
     let zncc = |at: Vector2<f32>| template.zncc_at(&plane, &at).unwrap_or(-1.0);
-    offsets(SURROUNDINGS_PX)
-        .filter(|offset| offset.norm() >= SAME_PLACE_PX && offset.norm() <= SURROUNDINGS_PX as f32)
-        .map(|offset| (px + offset, zncc(px + offset)))
+    let mut nearest: Option<f32> = None;
+    for offset in offsets(SURROUNDINGS_PX) {
+        let far = offset.norm();
+        if far < SAME_PLACE_PX
+            || far > SURROUNDINGS_PX as f32
+            || nearest.is_some_and(|nearest| nearest <= far)
+        {
+            continue;
+        }
+        let at = px + offset;
+        let here = zncc(at);
         // The shoulder of the patch itself is no other place: a maximum is.
-        .any(|(at, here)| {
-            here > ALIKE_ZNCC
-                && [Vector2::x(), Vector2::y()]
-                    .iter()
-                    .all(|side| here >= zncc(at + side) && here >= zncc(at - side))
-        })
+        let is_maximum = here > ALIKE_ZNCC
+            && [Vector2::x(), Vector2::y()]
+                .iter()
+                .all(|side| here >= zncc(at + side) && here >= zncc(at - side));
+        if is_maximum {
+            nearest = Some(far);
+        }
+    }
+    nearest
 }
 
 /// Finds the patch around `from_px` of `from` at the one place around `guess` in `to` that is like it. `warp` takes offsets in
@@ -117,8 +157,8 @@ mod tests {
 
     #[test]
     fn a_corner_among_equal_cells_repeats_and_one_of_its_own_does_not() {
-        assert!(repeats(&image((0, 0), false), &AT));
-        assert!(!repeats(&image((0, 0), true), &AT));
+        assert!(nearest_rival_px(&image((0, 0), false), &AT).is_some_and(|px| (px - 5.0).abs() < 1.5));
+        assert_eq!(nearest_rival_px(&image((0, 0), true), &AT), None);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::track::Track;
 use crate::image::Pyramid;
 use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+use plumbline_config::Portable;
 
 /// Least correlation with the patch of the previous frame.
 const MIN_FLOW_ZNCC: f32 = 0.7;
@@ -27,6 +28,17 @@ const MAX_WARP_CHANGE: f32 = 0.13;
 const STRANGE_FRAMES: u32 = 2;
 /// Levels of the way back: the return starts close to where it should end.
 const RETURN_TOP_LEVEL: usize = 1;
+/// Error of a place in the previous image, px.
+const PLACE_SIGMA_PX: f64 = 0.3;
+/// A place is predicted where it is certain to so many pixels.
+const MOST_SIGMA_PX: f64 = 2.0;
+/// A point with rivals is looked for within so many standard deviations, and within these bounds, px.
+const NEAR_SIGMAS: f64 = 2.0;
+const NEAR_PX: (f64, f64) = (1.0, 2.0);
+/// Nor further than this share of the way to its rival.
+const RIVAL_SHARE: f64 = 0.45;
+/// Found beyond this share of the search, it is evidence against the prediction.
+const RIM_SHARE: f64 = 0.75;
 /// Random walk of the flow from frame to frame, px.
 const FLOW_SIGMA_PX: f32 = 0.1;
 
@@ -58,6 +70,33 @@ pub(super) struct Transition<'a> {
     pub use_reference: bool,
     /// Keep points that are unique in their surroundings only, and search on the full image alone.
     pub is_unique_only: bool,
+    /// Predicted motion of the camera, where it is known and the texture repeats itself.
+    pub shift: Option<Shift>,
+}
+
+/// Predicted motion of a camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shift {
+    /// Takes previous to current coordinates.
+    pub rot_cur_prev: Rotation3<f64>,
+    /// Position of the previous camera in the current, m.
+    pub t_cur_prev: Vector3<f64>,
+    /// Standard deviation of the way, m.
+    pub sigma_m: f64,
+}
+
+/// Place where a point is predicted.
+#[derive(Clone, Copy, Debug)]
+struct Expected {
+    px: Vector2<f64>,
+    sigma_px: f64,
+}
+
+impl Expected {
+    /// Radius of the search around it, where the nearest place that looks the same is `rival_px` away, px.
+    fn reach_px(&self, rival_px: f32) -> f64 {
+        (NEAR_SIGMAS * self.sigma_px).clamp(NEAR_PX.0, NEAR_PX.1).at_most(RIVAL_SHARE * f64::from(rival_px))
+    }
 }
 
 /// Outcome of following a track.
@@ -94,7 +133,17 @@ impl Transition<'_> {
         let c = self.index;
         let (px, xy) = (track.px[c]?, track.xy[c]?);
         let turned = predict(self.camera, self.camera, &xy, &self.rot_cur_prev, &Vector3::zeros())?;
-        let guess = turned.px + track.flow_px[c] * f64::from(self.frames);
+        let expected = self.expected(track, &xy);
+        let guess = expected.map_or(turned.px + track.flow_px[c] * f64::from(self.frames), |e| e.px);
+        if let (Some(_), Some(rival_px)) = (self.shift, track.rival_px) {
+            let expected =
+                expected.filter(|e| NEAR_SIGMAS * e.sigma_px <= RIVAL_SHARE * f64::from(rival_px))?;
+            track.was_predicted = Some(false);
+            let outcome = self.recognise_near(track, reference, &px, &expected, &turned)?;
+            let off_px = (track.px[c]? - expected.px).norm();
+            track.was_predicted = Some(off_px <= RIM_SHARE * expected.reach_px(rival_px));
+            return self.moved(track, &xy, &turned, outcome);
+        }
         let outcome = self.recognise(track, reference, &guess, &turned).or_else(|| {
             let flowed = self.flow(&px.cast(), &guess.cast(), &turned.warp).or_else(|| {
                 // The point may have stopped: once more without its own velocity.
@@ -103,12 +152,37 @@ impl Transition<'_> {
             })?;
             self.settle(track, reference, &px, &flowed, &turned)
         })?;
+        self.moved(track, &xy, &turned, outcome)
+    }
+
+    /// Writes down where the track is now, and how it came there.
+    fn moved(
+        &self,
+        track: &mut Track,
+        xy: &Vector2<f64>,
+        turned: &Prediction,
+        outcome: Followed,
+    ) -> Option<Followed> {
+        let c = self.index;
         let now = track.px[c]?;
         self.camera.model.contains(&now, self.border_px).then_some(())?;
         track.xy[c] = Some(self.camera.unproject(&now)?);
         track.flow_px[c] = (now - turned.px) / f64::from(self.frames);
-        track.came_by = Some((c, xy));
+        track.came_by = Some((c, *xy));
         Some(outcome)
+    }
+
+    /// Place of a track by the predicted motion and its depth.
+    fn expected(&self, track: &Track, xy: &Vector2<f64>) -> Option<Expected> {
+        let (shift, depth) = (self.shift.as_ref()?, track.depth?);
+        let t = shift.t_cur_prev * depth.rho;
+        let place = predict(self.camera, self.camera, xy, &shift.rot_cur_prev, &t)?;
+        let focal_px = self.camera.focal_px();
+        let across = (shift.t_cur_prev.xy() - xy * shift.t_cur_prev.z).norm();
+        let by_depth = focal_px * across * depth.sigma;
+        let by_way = focal_px * depth.rho * shift.sigma_m;
+        let sigma_px = (by_depth.squared() + by_way.squared() + PLACE_SIGMA_PX.squared()).sqrt();
+        (sigma_px < MOST_SIGMA_PX).then_some(Expected { px: place.px, sigma_px })
     }
 
     /// Most points are where their motion so far and the gyroscope predict them, and the reference is seen there again: then
@@ -134,6 +208,46 @@ impl Transition<'_> {
             track.covariance_px2[c] = refined.covariance_px2;
             Followed::Refined
         })
+    }
+
+    /// Looks for the track no further from where it is expected than it may be.
+    fn recognise_near(
+        &self,
+        track: &mut Track,
+        reference: &ReferencePatch,
+        px: &Vector2<f64>,
+        expected: &Expected,
+        turned: &Prediction,
+    ) -> Option<Followed> {
+        let c = self.index;
+        let reach_px = expected.reach_px(track.rival_px?) as f32;
+        let warp = turned.warp * track.warp[c];
+        let limits = RefineLimits { max_move_px: reach_px, ..self.limits() };
+        let refined = reference
+            .refine(self.current, &expected.px.cast(), &warp, &limits)
+            .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
+        track.warp[1 - c] = turned.warp * track.warp[1 - c];
+        if let Some(refined) = refined {
+            track.px[c] = Some(refined.px.cast());
+            track.warp[c] = refined.warp;
+            track.covariance_px2[c] = refined.covariance_px2;
+            track.strange = 0;
+            return Some(Followed::Refined);
+        }
+        let options = FlowOptions { top_level: 0, max_iterations: self.max_iterations };
+        let found = track_patch(
+            (self.previous, &px.cast()),
+            (self.current, &expected.px.cast()),
+            &turned.warp,
+            &options,
+        )?;
+        let is_near = (found.px.cast() - expected.px).norm() <= f64::from(reach_px);
+        (is_near && found.zncc >= MIN_FLOW_ZNCC && found.last_step_px < MAX_LAST_STEP_PX).then_some(())?;
+        track.px[c] = Some(found.px.cast());
+        track.warp[c] = warp;
+        track.covariance_px2[c] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
+        track.strange += 1;
+        Some(if track.strange >= STRANGE_FRAMES { Followed::Changed } else { Followed::FlowOnly })
     }
 
     fn limits(&self) -> RefineLimits {

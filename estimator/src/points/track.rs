@@ -1,5 +1,6 @@
 //! State of one tracked point.
 
+use super::prediction::Depth;
 use super::template::ReferencePatch;
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2};
@@ -86,6 +87,12 @@ pub(super) struct Track {
     pub strange: u32,
     /// Depth and remaining offset of the last stereo match.
     pub stereo: Option<StereoMemory>,
+    /// Inverse depth in the previous image, while points are predicted.
+    pub depth: Option<Depth>,
+    /// Distance to the nearest place that looked the same when it began, px, if there was one.
+    pub rival_px: Option<f32>,
+    /// True if it was found well within the search around its predicted place, false at the rim or not; `None` without one.
+    pub was_predicted: Option<bool>,
     /// Frames in a row without the left camera, though it delivered.
     pub without_left: u32,
     /// Camera by which it was followed into this frame, with where it was before (normalized).
@@ -119,6 +126,9 @@ impl Track {
             slot,
             strange: 0,
             stereo: None,
+            depth: None,
+            rival_px: None,
+            was_predicted: None,
             without_left: 0,
             came_by: None,
             lost: false,

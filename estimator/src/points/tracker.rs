@@ -6,14 +6,16 @@
 
 use super::PointObservation;
 use super::corners::{CornerDetector, Demand};
-use super::outliers::OutlierFilter;
+use super::outliers::{ExpectedMotion, OutlierFilter};
 use super::pairing::Pairing;
-use super::repetition::repeats;
+use super::prediction::{Depth, DepthMap, MATCH_SIGMA_PX, PredictedMotion, take_depths};
+use super::repetition::{RepetitionWatch, nearest_rival_px};
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
-use super::temporal::{Followed, Transition};
+use super::temporal::{Followed, Shift, Transition};
 use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
+use crate::exchange::KnownPoint;
 use crate::image::Pyramid;
 use crate::image::mask::ImageMask;
 use crate::image::noise::NoiseWatch;
@@ -38,6 +40,22 @@ const MIN_SEPARATION_PX: f64 = 4.0;
 
 /// Points keep this distance from what a mask hides, px: half a patch, which looks at what is around a point.
 const PATCH_REACH_PX: usize = SIDE / 2;
+
+/// Standard deviation of a predicted rotation, rad: gyroscope of known bias, with some error of scale.
+const ROTATION_SIGMA_RAD: f64 = 1e-3;
+/// Points are predicted while the way is known to this many pixels at [`PREDICTED_M`].
+const MOST_SIGMA_PX: f64 = 2.0;
+/// Distance at which the certainty of a way is judged, m.
+const PREDICTED_M: f64 = 1.5;
+
+/// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
+const MIN_PREDICTED: usize = 12;
+const REFUSED_FRAMES: u32 = 10;
+/// Matches of tracks up to this age are no evidence of the depth around them.
+const NEW_AGE: u32 = 2;
+/// New corners looked at for repetition: at first, and later one in so many frames.
+const FIRST_LOOKS: usize = 16;
+const LOOK_PERIOD: u64 = 2;
 
 /// One frame for the tracker.
 #[derive(Clone, Copy, Debug)]
@@ -151,6 +169,11 @@ pub struct PointTracker {
     figures: TrackerFigures,
     frame: u64,
     limit: usize,
+    motion: Option<PredictedMotion>,
+    depths: DepthMap,
+    repetition: RepetitionWatch,
+    /// Frames for which predictions are refused, since most points were not where the last one put them.
+    refused: u32,
 }
 
 impl PointTracker {
@@ -176,7 +199,38 @@ impl PointTracker {
             figures: TrackerFigures::default(),
             frame: 0,
             limit: options.max_points,
+            motion: None,
+            depths: DepthMap::new(options.max_points),
+            repetition: RepetitionWatch::default(),
+            refused: 0,
         }
+    }
+
+    /// Sets the motion to the next frame that the window predicts, and the landmarks that it knows, in order of their tracks.
+    pub fn set_prediction(&mut self, motion: Option<&PredictedMotion>, known: &[KnownPoint]) {
+        self.motion = None;
+        self.refused = self.refused.saturating_sub(1);
+        let is_ready = self.is_repeating()
+            && !self.options.unique_only
+            && self.refused == 0
+            && self.views.iter().all(|view| view.has_previous && view.previous_frame == self.frame);
+        let Some(motion) = motion.filter(|_| is_ready) else { return };
+        if motion.sigma_m / PREDICTED_M * self.rig[0].focal_px() > MOST_SIGMA_PX {
+            return;
+        }
+        let pose_b_c = self.rig[0].pose_b_c;
+        let pose_prev_known_c = pose_b_c.inverse() * motion.pose_prev_known_b * pose_b_c;
+        take_depths(&mut self.store.tracks, known, &pose_prev_known_c, match_sigma(&self.rig));
+        self.depths.clear();
+        for track in &self.store.tracks {
+            if let (Some(px), Some(depth)) = (track.px[0], track.depth) {
+                self.depths.add(px, depth);
+            }
+        }
+        for track in self.store.tracks.iter_mut().filter(|track| track.depth.is_none()) {
+            track.depth = track.px[0].and_then(|px| self.depths.around(&px));
+        }
+        self.motion = Some(*motion);
     }
 
     /// Looks from now on only at what the masks of the cameras leave, where there are any.
@@ -306,6 +360,7 @@ impl PointTracker {
 
     /// Moves every track into this frame, by the camera whose previous image is the newest.
     fn follow(&mut self) {
+        let is_repeating = self.is_repeating();
         let transitions: [Option<Transition<'_>>; 2] = std::array::from_fn(|c| {
             self.views.get(c).filter(|v| v.can_follow()).map(|view| Transition {
                 index: c,
@@ -318,14 +373,25 @@ impl PointTracker {
                 max_return_px: self.options.max_forward_backward_px,
                 border_px: self.options.border_px as f64,
                 use_reference: self.use_reference,
-                is_unique_only: self.options.unique_only,
+                is_unique_only: self.options.unique_only || is_repeating,
+                shift: self.motion.filter(|_| view.frames == 1).map(|motion| {
+                    let pose_b_c = &self.rig[c].pose_b_c;
+                    let pose_cur_prev_c = (pose_b_c.inverse() * motion.pose_prev_cur_b * pose_b_c).inverse();
+                    Shift {
+                        rot_cur_prev: pose_cur_prev_c.rotation.to_rotation_matrix(),
+                        t_cur_prev: pose_cur_prev_c.translation.vector,
+                        sigma_m: motion.sigma_m,
+                    }
+                }),
             })
         });
         // Beyond the limit the youngest go.
         self.store.tracks.iter_mut().skip(self.limit).for_each(|track| track.lost = true);
         self.store.sweep();
+        let (mut predicted, mut missed) = (0, 0);
         for (track, reference) in self.store.iter_mut() {
             track.came_by = None;
+            track.was_predicted = None;
             let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
             let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
                 let mask = self.masks[t.index].as_ref();
@@ -339,8 +405,13 @@ impl PointTracker {
             };
             *counter += 1;
             track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
+            if let Some(is_within) = track.was_predicted {
+                predicted += 1;
+                missed += usize::from(!is_within);
+            }
         }
         self.store.sweep();
+        self.judge_prediction(predicted, missed);
     }
 
     /// Drops what contradicts the motion of the camera.
@@ -352,7 +423,14 @@ impl PointTracker {
                 self.filter.add(&before, &now);
             }
             let rotation = camera.rotation_of(&view.rot_prev_cur_b);
-            let mut keep = self.filter.filter(&rotation, camera.focal_px(), self.frame).iter();
+            let expected = self.motion.filter(|_| view.frames == 1).and_then(|motion| {
+                let way =
+                    (camera.pose_b_c.inverse() * motion.pose_prev_cur_b * camera.pose_b_c).translation.vector;
+                let direction = way.try_normalize(1e-12)?;
+                Some(ExpectedMotion { direction, rotation_sigma_rad: ROTATION_SIGMA_RAD })
+            });
+            let mut keep =
+                self.filter.filter(&rotation, camera.focal_px(), self.frame, expected.as_ref()).iter();
             for track in self.store.tracks.iter_mut().filter(|t| t.step_in(c).is_some()) {
                 track.lost = !keep.next().is_none_or(|&k| k);
                 self.figures.outliers += u32::from(track.lost);
@@ -364,9 +442,11 @@ impl PointTracker {
     /// Finds the followed tracks in the other camera.
     fn pair_tracks(&mut self) {
         let mut searches = 0;
+        let is_strict = self.options.unique_only || self.is_repeating();
         for (from, to) in [(0, 1), (1, 0)] {
-            let Some(pairing) = pairing(&self.rig, &self.views, &self.options, self.use_reference, from, to)
-                .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
+            let Some(pairing) =
+                pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, from, to)
+                    .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
             else {
                 continue;
             };
@@ -380,7 +460,7 @@ impl PointTracker {
                 let turn = (self.frame + u64::from(track.id)).is_multiple_of(SEARCH_PERIOD);
                 if (was_seen || turn || to == 0) && searches < MAX_SEARCHES {
                     searches += 1;
-                    pairing.search(track, reference);
+                    pairing.search(track, reference, track.depth.filter(|_| self.motion.is_some()));
                 }
             }
         }
@@ -407,6 +487,22 @@ impl PointTracker {
         self.store.tracks.iter_mut().for_each(|t| t.age += 1);
     }
 
+    /// True if the texture in view repeats itself, so that points are predicted, or else only those followed that are unique.
+    #[must_use]
+    pub fn is_repeating(&self) -> bool {
+        self.rig.len() > 1 && self.repetition.is_repeating()
+    }
+
+    /// Ends the tracks that have rivals, and refuses predictions for a while, if most points were not well within their search.
+    fn judge_prediction(&mut self, predicted: usize, missed: usize) {
+        if predicted >= MIN_PREDICTED && 2 * missed > predicted {
+            self.refused = REFUSED_FRAMES;
+            self.motion = None;
+            self.store.tracks.iter_mut().for_each(|track| track.lost = track.rival_px.is_some());
+            self.store.sweep();
+        }
+    }
+
     /// The camera in which new points are found.
     fn leading(&self) -> usize {
         usize::from(!self.views[0].is_new)
@@ -422,22 +518,46 @@ impl PointTracker {
         let max_new = (MAX_NEW_BESIDE_TRACKS + free / 2).min(free);
         let demand = Demand { wanted: self.taken.len() + free, max_new };
         let view = &self.views[c];
-        let pairing = pairing(&self.rig, &self.views, &self.options, self.use_reference, c, 1 - c)
+        let corners = self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand);
+        let is_stereo = self.rig.len() > 1;
+        let is_due = self.frame.is_multiple_of(LOOK_PERIOD);
+        let looks = if self.repetition.is_new() { FIRST_LOOKS } else { usize::from(is_due) };
+        // The strongest come first, and are the least alike: some of all.
+        let stride = if looks > 1 { (corners.len() / FIRST_LOOKS).max(1) } else { 1 };
+        let first = if looks > 1 { 0 } else { self.frame as usize / 2 % corners.len().max(1) };
+        for corner in corners.iter().skip(first).step_by(stride).take(looks).filter(|_| is_stereo) {
+            self.repetition.add(nearest_rival_px(&view.current, &corner.px).is_some());
+        }
+        let is_strict = self.options.unique_only || is_stereo && self.repetition.is_repeating();
+        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, c, 1 - c)
             .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
-        for corner in self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand) {
+        for corner in corners {
             let px = corner.px.cast::<f64>();
             let Some(xy) = self.rig[c].unproject(&px) else { continue };
-            if self.options.unique_only && repeats(&view.current, &corner.px) {
+            let rival_px = if is_strict { nearest_rival_px(&view.current, &corner.px) } else { None };
+            if rival_px.is_some() && self.motion.is_none() {
                 continue;
             }
             let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
             (track.px[c], track.xy[c]) = (Some(px), Some(xy));
+            track.rival_px = rival_px;
             self.figures.new += 1;
         }
         if let Some(pairing) = pairing {
             let begun = self.store.tracks.len() - self.figures.new as usize;
+            let is_predicted = self.motion.is_some();
+            if is_predicted {
+                let sigma = match_sigma(&self.rig);
+                self.depths.clear();
+                for track in self.store.tracks[..begun].iter().filter(|track| track.age > NEW_AGE) {
+                    if let (Some(px), Some(stereo)) = (track.px[c], track.stereo) {
+                        self.depths.add(px, Depth { rho: stereo.inverse_depth, sigma });
+                    }
+                }
+            }
             self.store.iter_mut().skip(begun).for_each(|(track, reference)| {
-                pairing.search(track, reference);
+                let expected = track.px[c].filter(|_| is_predicted).and_then(|px| self.depths.around(&px));
+                pairing.search(track, reference, expected);
             });
         }
     }
@@ -464,11 +584,18 @@ impl PointTracker {
     }
 }
 
+/// Standard deviation of the inverse depth of a stereo match, 1/m.
+fn match_sigma(rig: &[RigCamera]) -> f64 {
+    let baseline_m = Baseline::between(&rig[0], &rig[1]).translation.norm();
+    MATCH_SIGMA_PX / (baseline_m * rig[0].focal_px()).at_least(1.0)
+}
+
 /// The pairing from one camera to the other, when both have an image.
 fn pairing<'a>(
     rig: &'a [RigCamera],
     views: &'a [View],
     options: &PointsConfig,
+    is_unique_only: bool,
     use_reference: bool,
     from: usize,
     to: usize,
@@ -483,7 +610,7 @@ fn pairing<'a>(
             baseline: Baseline::between(&rig[from], &rig[to]),
             max_iterations: options.max_iterations,
             max_return_px: options.max_forward_backward_px,
-            is_unique_only: options.unique_only,
+            is_unique_only,
         },
         max_epipolar_px: f64::from(options.max_epipolar_px),
         border_px: options.border_px as f64,

@@ -1,0 +1,159 @@
+//! Where points must be, by what the window knows of the vehicle and of their depth.
+//!
+//! A point of inverse depth `rho` at `(x, y, 1)` of the previous image lies along `R (x, y, 1) + rho t` now. `R` and `t` come from a
+//! state two frames old and the inertial samples since; `rho` from the landmark of the track, else from its last stereo match, else
+//! from the tracks around it.
+
+use super::track::Track;
+use crate::exchange::KnownPoint;
+use nalgebra::{Isometry3, Vector2, Vector3};
+use plumbline_config::Portable;
+
+/// Error of a stereo match, px.
+pub(super) const MATCH_SIGMA_PX: f64 = 0.5;
+/// Tracks around a point by which its depth is guessed.
+const NEIGHBOURS: usize = 4;
+/// Share of the depth by which a point may differ from those around it, beyond their own spread.
+const GUESSED_SHARE: f64 = 0.1;
+
+/// Motion of the body from the previous frame to this one.
+#[derive(Clone, Copy, Debug)]
+pub struct PredictedMotion {
+    /// Takes coordinates of the current body to the previous.
+    pub pose_prev_cur_b: Isometry3<f64>,
+    /// Takes coordinates of the body where landmarks are known to the previous.
+    pub pose_prev_known_b: Isometry3<f64>,
+    /// Standard deviation of the way, m.
+    pub sigma_m: f64,
+}
+
+/// Inverse depth of a track in the previous image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Depth {
+    /// 1/m.
+    pub rho: f64,
+    /// Standard deviation, 1/m.
+    pub sigma: f64,
+}
+
+/// Depths of the tracks by their place in an image.
+#[derive(Clone, Debug)]
+pub(super) struct DepthMap {
+    points: Vec<(Vector2<f64>, Depth)>,
+}
+
+impl DepthMap {
+    pub fn new(capacity: usize) -> Self {
+        Self { points: Vec::with_capacity(capacity) }
+    }
+
+    pub fn clear(&mut self) {
+        self.points.clear();
+    }
+
+    pub fn add(&mut self, px: Vector2<f64>, depth: Depth) {
+        if self.points.len() < self.points.capacity() {
+            self.points.push((px, depth));
+        }
+    }
+
+    /// Depth at `px` by the nearest points; `None` where there are too few.
+    pub fn around(&self, px: &Vector2<f64>) -> Option<Depth> {
+        let mut nearest = [(f64::INFINITY, Depth { rho: 0.0, sigma: 0.0 }); NEIGHBOURS];
+        for (at, depth) in &self.points {
+            let far = (at - px).norm_squared();
+            if far < nearest[NEIGHBOURS - 1].0 {
+                let mut k = NEIGHBOURS - 1;
+                while k > 0 && nearest[k - 1].0 > far {
+                    nearest[k] = nearest[k - 1];
+                    k -= 1;
+                }
+                nearest[k] = (far, *depth);
+            }
+        }
+        nearest[NEIGHBOURS - 1].0.is_finite().then(|| {
+            nearest.sort_unstable_by(|a, b| a.1.rho.total_cmp(&b.1.rho));
+            let (low, high) = (nearest[0].1, nearest[NEIGHBOURS - 1].1);
+            let rho = 0.5 * (nearest[NEIGHBOURS / 2 - 1].1.rho + nearest[NEIGHBOURS / 2].1.rho);
+            let spread = 0.5 * (high.rho - low.rho);
+            let own = low.sigma.at_least(high.sigma);
+            Depth { rho, sigma: (spread + GUESSED_SHARE * rho.abs()).at_least(own) }
+        })
+    }
+}
+
+/// Gives the tracks, in order of their ids, the depths of `known` landmarks, moved to the left camera of the previous frame by
+/// `pose_prev_known_c`; else those of their last stereo match, which is certain to `match_sigma`, 1/m.
+pub(super) fn take_depths(
+    tracks: &mut [Track],
+    known: &[KnownPoint],
+    pose_prev_known_c: &Isometry3<f64>,
+    match_sigma: f64,
+) {
+    let mut landmarks = known.iter().peekable();
+    for track in tracks {
+        while landmarks.next_if(|point| point.track_id < track.id).is_some() {}
+        let landmark = landmarks.next_if(|point| point.track_id == track.id).and_then(|point| {
+            let bearing = Vector3::new(point.xy.x, point.xy.y, 1.0);
+            let p = pose_prev_known_c.rotation * bearing + pose_prev_known_c.translation.vector * point.rho;
+            (p.z > 0.1).then(|| Depth { rho: point.rho / p.z, sigma: point.rho_sigma / p.z })
+        });
+        let by_match = track.stereo.map(|stereo| Depth { rho: stereo.inverse_depth, sigma: match_sigma });
+        track.depth = match (landmark, by_match) {
+            (Some(a), Some(b)) if b.sigma < a.sigma && (a.rho - b.rho).abs() < 3.0 * a.sigma => Some(b),
+            (landmark, by_match) => landmark.or(by_match),
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn depth(rho: f64) -> Depth {
+        Depth { rho, sigma: 0.01 }
+    }
+
+    #[test]
+    fn depth_around_a_point_is_that_of_the_nearest_four() {
+        let mut map = DepthMap::new(8);
+        for k in 0..3 {
+            map.add(Vector2::new(f64::from(k), 0.0), depth(0.5));
+        }
+        assert_eq!(map.around(&Vector2::zeros()), None);
+        map.add(Vector2::new(0.0, 1.0), depth(0.52));
+        map.add(Vector2::new(50.0, 50.0), depth(3.0));
+        let found = map.around(&Vector2::zeros()).expect("enough points");
+        assert!((found.rho - 0.5).abs() < 1e-12 && found.sigma < 0.1, "{found:?}");
+    }
+
+    #[test]
+    fn depth_around_an_edge_is_as_uncertain_as_the_edge_is_deep() {
+        let mut map = DepthMap::new(8);
+        for (k, rho) in [0.2, 0.2, 1.0, 1.0].into_iter().enumerate() {
+            map.add(Vector2::new(k as f64, 0.0), depth(rho));
+        }
+        let found = map.around(&Vector2::zeros()).expect("enough points");
+        assert!((found.rho - 0.6).abs() < 1e-12 && found.sigma > 0.4, "{found:?}");
+    }
+
+    #[test]
+    fn a_landmark_comes_before_a_match_that_contradicts_it() {
+        let mut store = crate::points::track::TrackStore::new(4);
+        let image = crate::image::Pyramid::new(64, 64, 1);
+        for _ in 0..3 {
+            let track = store.begin(&image, &Vector2::new(30.0, 30.0)).expect("room");
+            track.stereo = Some(crate::points::track::StereoMemory {
+                inverse_depth: 0.5,
+                change: 0.0,
+                offset_px: Vector2::zeros(),
+            });
+        }
+        let known = [KnownPoint { track_id: 1, xy: Vector2::zeros(), rho: 0.25, rho_sigma: 0.01 }];
+        // The camera came a metre nearer to what was four metres away.
+        let nearer = Isometry3::translation(0.0, 0.0, -1.0);
+        take_depths(&mut store.tracks, &known, &nearer, 0.02);
+        let rho = [0, 1, 2].map(|k| store.tracks[k].depth.map(|depth| depth.rho));
+        assert_eq!(rho, [Some(0.5), Some(0.25 / 0.75), Some(0.5)]);
+    }
+}
