@@ -522,10 +522,7 @@ impl PointTracker {
         let is_stereo = self.rig.len() > 1;
         let is_due = self.frame.is_multiple_of(LOOK_PERIOD);
         let looks = if self.repetition.is_new() { FIRST_LOOKS } else { usize::from(is_due) };
-        // The strongest come first, and are the least alike: some of all.
-        let stride = if looks > 1 { (corners.len() / FIRST_LOOKS).max(1) } else { 1 };
-        let first = if looks > 1 { 0 } else { self.frame as usize / 2 % corners.len().max(1) };
-        for corner in corners.iter().skip(first).step_by(stride).take(looks).filter(|_| is_stereo) {
+        for corner in corners.iter().take(looks).filter(|_| is_stereo) {
             self.repetition.add(nearest_rival_px(&view.current, &corner.px).is_some());
         }
         let is_strict = self.options.unique_only || is_stereo && self.repetition.is_repeating();
