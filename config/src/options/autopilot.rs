@@ -29,13 +29,13 @@ pub struct AutopilotConfig {
     /// message, for an autopilot that ignores quality and covariance).
     #[key(default)]
     pub lost_pose: LostPose,
-    /// Optical flow of the left camera and, with two cameras, distance to the ground, for a camera that looks down: "off",
-    /// "always", or "when-lost" (while the odometry is lost or its quality is below 20, and for 2 s after).
+    /// Optical flow of the left camera, for one that looks down: "off", "always", or "when-lost" (while the odometry is lost or
+    /// its quality is below 20, and for 2 s after). With two cameras the distance to the ground goes out all the time unless "off".
     #[key(default)]
     pub flow: FlowMessages,
 }
 
-/// Condition on which optical flow and distance are sent.
+/// Condition on which optical flow is sent.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -9,6 +9,9 @@ use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;
 
+/// Place in the other image, warp and covariance, px².
+type Found = (Vector2<f32>, Matrix2<f32>, Matrix2<f32>);
+
 /// Largest distance between the predicted and the found pixel of a known point, px.
 const MAX_KNOWN_MOVE_PX: f32 = 4.0;
 /// Largest correction of a new match by the reference, px.
@@ -78,7 +81,7 @@ impl Pairing<'_> {
         let reach_px = known_reach_px(track).at_most(NEAR_REACH_PX);
         let starts = (length_px / NEAR_STEP_PX).ceil().at_least(1.0);
         (starts <= MAX_NEAR_STARTS).then_some(())?;
-        let mut best: Option<(f32, (Vector2<f32>, Matrix2<f32>, Matrix2<f32>))> = None;
+        let mut best: Option<(f32, Found)> = None;
         let mut rival = -1.0f32;
         for k in 0..starts as usize {
             let share = (k as f64 + 0.5) / starts;
