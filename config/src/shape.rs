@@ -57,8 +57,9 @@ impl<'a> Document<'a> {
 
     /// Unknown, missing and mistyped keys, in the order of the file. What `base` has may be missing.
     pub fn violations(&self, base: &Table) -> Vec<Violation> {
-        let mut check = Check { lines: &self.lines, found: Vec::new() };
         let root = self.root.get_ref();
+        let has_base = root.contains_key(BASE_KEY);
+        let mut check = Check { lines: &self.lines, has_base, found: Vec::new() };
         if let Some((key, value)) = root.get_key_value(BASE_KEY) {
             let at = At::root().child(BASE_KEY, self.lines.at(key.span().start));
             check.value(&at, value, &Kind::Text, None);
@@ -142,6 +143,8 @@ impl Shape {
 /// Compares a text with the declarations.
 struct Check<'a> {
     lines: &'a Lines,
+    /// True if the file has a base.
+    has_base: bool,
     found: Vec<Violation>,
 }
 
@@ -164,7 +167,14 @@ impl Check<'_> {
             |name: &str| table.contains_key(name) || base.is_some_and(|base| base.contains_key(name));
         for (name, kind, _) in shape.0.iter().filter(|(name, _, is_required)| *is_required && !is_there(name))
         {
-            let cure = format!("add it: {}", wanted(kind));
+            let hint = match at.key.as_str() {
+                "" => ", or begin the file with `base = \"euroc\"` or another preset",
+                key if key.starts_with("camera[") && self.has_base => {
+                    " (a base gives no keys of a list: copy the cameras whole)"
+                }
+                _ => "",
+            };
+            let cure = format!("add it: {}{hint}", wanted(kind));
             self.refuse(&at.child(name, at.line), "missing".into(), cure);
         }
     }
@@ -174,6 +184,10 @@ impl Check<'_> {
             Some((_, new)) => {
                 let cure = format!("write `{new}` with the same value in its place");
                 self.refuse(at, "the key has moved".into(), cure);
+            }
+            None if name == BASE_KEY => {
+                let cure = "move it to the first line of the file, before any table";
+                self.refuse(at, "belongs to the whole file".into(), cure);
             }
             None => self.refuse(at, "unknown key".into(), suggestion(name, &shape.names())),
         }

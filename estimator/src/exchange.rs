@@ -10,10 +10,11 @@ use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
+use crate::points::prediction::KnownPoint;
 use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
 use crate::window::state::{FrameTime, MAX_FRAMES, NavState};
 use crate::work_budget::WorkBudget;
-use nalgebra::{Isometry3, Matrix4, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix4, Vector3};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
 /// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
@@ -107,19 +108,6 @@ pub struct KnownState {
     pub nav: NavState,
     /// Standard deviation of its velocity, all axes together, m/s.
     pub velocity_sigma_m_s: f64,
-}
-
-/// Landmark in the left camera of a [`KnownState`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct KnownPoint {
-    /// Its track.
-    pub track_id: u32,
-    /// Normalized coordinates.
-    pub xy: Vector2<f64>,
-    /// Inverse depth, 1/m.
-    pub rho: f64,
-    /// Standard deviation of the inverse depth, 1/m.
-    pub rho_sigma: f64,
 }
 
 /// Relative pose of a keyframe and the one before it, with its uncertainty.

@@ -4,7 +4,7 @@
 
 use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
-use crate::exchange::{Feedback, KnownPoint, KnownState, Tracked, believable_offset, max_samples};
+use crate::exchange::{Feedback, KnownState, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
 use crate::image::condition::{Condition, ConditionWatch};
 use crate::image::frozen::FrozenWatch;
@@ -13,6 +13,7 @@ use crate::inertial::{ImuBuffer, ImuNoise, Preintegration};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
 use crate::places::images::FrameImages;
+use crate::points::prediction::KnownPoint;
 use crate::points::prediction::PredictedMotion;
 use crate::points::{PointTracker, TrackerInput};
 use crate::shutter::{Readout, RowTurns, readouts};

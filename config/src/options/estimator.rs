@@ -98,6 +98,9 @@ pub struct WindowConfig {
     /// fraction of the frame's features. 0 drops none. With one camera none are dropped.
     #[key(default = 0.85, range = 0.0..=0.95, cure = "write a share between 0 and 0.95; 0 takes nothing for moving")]
     pub max_moving_share: f64,
+    /// Errors of single stamps are corrected by what frames show. The calibration of a rig leaves them to the time offset.
+    #[key(default = true, experiment)]
+    pub correct_stamps: bool,
     /// Scale of the Cauchy kernel, in standard deviations.
     #[key(default = 2.0, range = 0.1..=100.0, cure = "write it in standard deviations", experiment)]
     pub cauchy_scale: f64,

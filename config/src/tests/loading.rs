@@ -180,3 +180,14 @@ fn a_long_list_of_violations_is_cut() {
     assert!(message.lines().count() == 42 && message.ends_with("more"), "{message}");
     assert_eq!(error.violations()[69_999].line, Some(69_998));
 }
+
+#[test]
+fn what_a_base_would_have_given_is_said_where_it_is_missing() {
+    let said = |text: &str| refused(text).to_string();
+    let bare = said("[estimator.points]\nmax_points = 100\n");
+    assert!(bare.contains("`camera`") && bare.contains("begin the file with `base = \"euroc\"`"), "{bare}");
+    let late = said("[estimator.points]\nbase = \"euroc\"\n");
+    assert!(late.contains("estimator.points.base") && late.contains("first line of the file"), "{late}");
+    let part = said("base = \"euroc\"\n[[camera]]\nexposure_s = 0.01\n");
+    assert!(part.contains("copy the cameras whole"), "{part}");
+}

@@ -178,6 +178,7 @@ impl Odometer {
             0.0
         };
         let is_measured = self.window.options.cameras > 1
+            && self.window.options.correct_stamps
             && !coverage.has_gap
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting();
@@ -294,7 +295,10 @@ impl Odometer {
     /// Begins to correct stamps if turns of frames on end have shown jitter, or a slow part.
     pub(super) fn learn_stamp_errors(&mut self, stamp: Timestamp) {
         let (jitter_s, drift) = (self.rotation.stamp_sigma_s(), self.rotation.stamp_drift());
-        if self.stamp_errors.is_active() || (jitter_s == 0.0 && drift.is_none()) {
+        if self.stamp_errors.is_active()
+            || !self.window.options.correct_stamps
+            || (jitter_s == 0.0 && drift.is_none())
+        {
             return;
         }
         let slow = drift.unwrap_or(Estimated { value: 0.0, variance: WALK_S.squared() });

@@ -1,10 +1,9 @@
 //! The position of a track in the other camera of the rig.
 
-use super::prediction::Depth;
 use super::stereo::{MAX_DIVERGENCE_PX, NEAREST_M, StereoPair};
 use super::template::{ReferencePatch, RefineLimits};
 use super::temporal::is_recognised;
-use super::track::{StereoMemory, Track};
+use super::track::{Depth, StereoMemory, Track};
 use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;

@@ -4,8 +4,7 @@
 //! state two frames old and the inertial samples since; `rho` from the landmark of the track, else from its last stereo match, else
 //! from the tracks around it.
 
-use super::track::Track;
-use crate::exchange::KnownPoint;
+use super::track::{Depth, Track};
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::Portable;
 
@@ -16,6 +15,19 @@ const NEIGHBOURS: usize = 4;
 /// Share of the depth by which a point may differ from those around it, beyond their own spread.
 const GUESSED_SHARE: f64 = 0.1;
 
+/// Landmark in the left camera of the last state that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownPoint {
+    /// Its track.
+    pub track_id: u32,
+    /// Normalized coordinates.
+    pub xy: Vector2<f64>,
+    /// Inverse depth, 1/m.
+    pub rho: f64,
+    /// Standard deviation of the inverse depth, 1/m.
+    pub rho_sigma: f64,
+}
+
 /// Motion of the body from the previous frame to this one.
 #[derive(Clone, Copy, Debug)]
 pub struct PredictedMotion {
@@ -25,15 +37,6 @@ pub struct PredictedMotion {
     pub pose_prev_known_b: Isometry3<f64>,
     /// Standard deviation of the way, m.
     pub sigma_m: f64,
-}
-
-/// Inverse depth of a track in the previous image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Depth {
-    /// 1/m.
-    pub rho: f64,
-    /// Standard deviation, 1/m.
-    pub sigma: f64,
 }
 
 /// Depths of the tracks by their place in an image.

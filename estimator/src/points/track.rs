@@ -1,9 +1,17 @@
 //! State of one tracked point.
 
-use super::prediction::Depth;
 use super::template::ReferencePatch;
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2};
+
+/// Inverse depth of a track in the previous image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Depth {
+    /// 1/m.
+    pub rho: f64,
+    /// Standard deviation, 1/m.
+    pub sigma: f64,
+}
 
 /// All tracks, in order of their ids, and their reference patches, which stay where they are while
 /// tracks come and go. Preallocated.

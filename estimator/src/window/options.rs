@@ -42,6 +42,8 @@ pub struct Options {
     pub max_sigma_rho: f64,
     /// See [`super::feature::Feature::outlier_sigmas`], for points.
     pub point_outlier_sigmas: f64,
+    /// See [`plumbline_config::options::WindowConfig::correct_stamps`].
+    pub correct_stamps: bool,
     /// See [`plumbline_config::options::WindowConfig::max_moving_share`].
     pub max_moving_share: f64,
     /// Focal length of the left camera, px.
@@ -87,6 +89,7 @@ impl Options {
             min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
             max_sigma_rho: MAX_SIGMA_RHO,
             point_outlier_sigmas: point_outlier_sigmas(config),
+            correct_stamps: window.correct_stamps,
             max_moving_share: window.max_moving_share,
             focal_px: config.left().focal_px[0],
             outlier_px: point_outlier_sigmas(config) * config.estimator.points.sigma_px,

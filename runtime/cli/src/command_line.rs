@@ -1,6 +1,6 @@
 //! The commands, and what of them belongs to all: options, features, who supervises them.
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 
 /// Deterministic real-time visual-inertial odometry for drones.
 #[derive(Debug, Parser)]
@@ -116,7 +116,7 @@ pub enum Command {
     /// Check a configuration file, print a preset, or import a calibration.
     Config(super::config::ConfigArgs),
     /// Describe a command, or list the kinds of conditions, faults and errors of inertial sensors.
-    Help(super::help::HelpArgs),
+    Help(HelpArgs),
     /// Print the completion script of a shell.
     Completions {
         /// The shell.
@@ -145,4 +145,12 @@ impl Command {
             _ => None,
         }
     }
+}
+
+/// Arguments of `plumbline help`.
+#[derive(Debug, Args)]
+pub struct HelpArgs {
+    /// Command, such as `config import`; table of kinds: `conditions`, `faults` or `imu-errors`; or `all`, the list of
+    /// every command.
+    pub topic: Vec<String>,
 }

@@ -2,8 +2,8 @@
 //! errors of inertial sensors.
 
 use super::Usage;
-use super::command_line::Cli;
-use clap::{Args, Command, CommandFactory as _};
+use super::command_line::{Cli, HelpArgs};
+use clap::{Command, CommandFactory as _};
 use plumbline_drivers::InjectedFault;
 use plumbline_drivers::simulator::{Condition, ImuError};
 use std::fmt::Write as _;
@@ -65,14 +65,6 @@ const TABLES: [Table; 3] = [
         ImuError::help,
     ),
 ];
-
-/// Arguments of `plumbline help`.
-#[derive(Debug, Args)]
-pub struct HelpArgs {
-    /// Command, such as `config import`; table of kinds: `conditions`, `faults` or `imu-errors`; or `all`, the list of
-    /// every command.
-    topic: Vec<String>,
-}
 
 /// The command line as it is parsed and helped with: the help of `replay` leaves out what that of `simulate` explains.
 pub fn command() -> Command {

@@ -304,7 +304,7 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
         anyhow::ensure!(
             !are_both,
             Usage(format!(
-                "{}: has options after the ?; write all of them there, or all as --options",
+                "{}: has options after the ?; write all of them there, or all after the name",
                 args.dataset
             ))
         );

@@ -198,7 +198,7 @@ mod tests {
             while let Some(message) = reader.next_message().unwrap() {
                 channels.push(message.channel);
             }
-            assert_eq!(channels.len(), 11, "{name}: {channels:?}");
+            assert_eq!(channels.len(), 15, "{name}: {channels:?}");
         }
     }
 

@@ -8,7 +8,7 @@ use super::link::Link;
 use super::message;
 use super::status::{Announcer, Condition, FlowSwitch};
 use super::timesync::TimeSync;
-use super::words::{News, teller};
+use super::words::{News, apart, teller};
 use crate::pipeline::{InstantRequest, Instants};
 use crate::schedule::ring::{Reader, Writer};
 use crate::schedule::ticker::{Monotonic, Ticker};
@@ -88,12 +88,6 @@ impl fmt::Display for BridgeFigures {
             None => write!(f, "; the autopilot's clock is unknown"),
         }
     }
-}
-
-/// How far a clock is apart from ours, by what it is ahead in ms: "1908.4 s behind".
-pub(super) fn apart(ahead_ms: f64) -> String {
-    let (size, side) = (ahead_ms.abs(), if ahead_ms < 0.0 { "behind" } else { "ahead" });
-    if size >= 1000.0 { format!("{:.1} s {side}", size * 1e-3) } else { format!("{size:.3} ms {side}") }
 }
 
 /// Owns the line.

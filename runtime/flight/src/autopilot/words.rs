@@ -57,13 +57,10 @@ impl News {
                 tracing::warn!("autopilot at {address}: no messages received; still sending odometry");
             }
             Self::Clock(ns) => {
-                tracing::info!(
-                    "autopilot at {address}: its clock is {}",
-                    super::sender::apart(ns as f64 * 1e-6)
-                );
+                tracing::info!("autopilot at {address}: its clock is {}", apart(ns as f64 * 1e-6));
             }
             Self::ClockJumped { from_ns, to_ns } => {
-                let [from, to] = [from_ns, to_ns].map(|ns| super::sender::apart(ns as f64 * 1e-6));
+                let [from, to] = [from_ns, to_ns].map(|ns| apart(ns as f64 * 1e-6));
                 tracing::warn!(
                     "autopilot at {address}: its clock jumped from {from} to {to}: it was restarted or set, or another program answers \
                      TIMESYNC in its name; with autopilot.clock = \"autopilot\" the stamps of the odometry follow. To accept one host \
@@ -101,6 +98,12 @@ pub fn teller(address: String) -> Writer<News> {
     };
     let _ = std::thread::Builder::new().name("pilot-words".into()).spawn(tell);
     writer
+}
+
+/// How far a clock is apart from ours, by what it is ahead in ms: "1908.4 s behind".
+pub(super) fn apart(ahead_ms: f64) -> String {
+    let (size, side) = (ahead_ms.abs(), if ahead_ms < 0.0 { "behind" } else { "ahead" });
+    if size >= 1000.0 { format!("{:.1} s {side}", size * 1e-3) } else { format!("{size:.3} ms {side}") }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use plumbline_drivers::StampedPose;
 use serde::Serialize;
 
 /// Attitudes that scatter less than this are taken as they were read, degrees.
-const SUSPICIOUS_DEG: f64 = 10.0;
+const SUSPICIOUS_DEG: f64 = 2.0;
 /// Another order is named if attitudes scatter less than this share of what they do as read.
 const FAR_LESS: f64 = 0.25;
 /// Poses that are compared, at most.

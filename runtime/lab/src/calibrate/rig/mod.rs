@@ -223,6 +223,7 @@ fn set_free(config: &ValidConfig, options: &RigOptions) -> Result<ValidConfig, C
         config.rig.camera_imu_rotation_sigma_rad = options.rotation_sigma_rad;
         config.rig.camera_imu_translation_sigma_m = options.translation_sigma_m;
         config.rig.time_offset_sigma_s = options.time_offset_sigma_s;
+        config.estimator.window.correct_stamps = false;
         // The rig of a calibration is a constant.
         config.rig.memory_s = 0.0;
         config.estimator.lines.enabled = false;
