@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 const CYCLONE: &str = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\"/></Interfaces>\
     <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>\
     <Peers><Peer address=\"localhost\"/></Peers></Discovery></Domain></CycloneDDS>";
-/// The same of Fast DDS.
+/// Settings of Fast DDS: loopback alone.
 const FAST: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>

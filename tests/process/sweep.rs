@@ -1,6 +1,7 @@
 //! A sweep is the same however it is flown, and goes on where it was interrupted.
 
 use super::{fails, plumbline, stderr};
+use plumbline_lab::sweep::published::SUITES;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -219,19 +220,7 @@ fn the_open_table_of_a_folder_has_medians_sources_and_what_is_missing() {
 /// Names of EuRoC, each with a part of a flight; two are missing, and one folder has no images.
 #[test]
 fn eleven_names_fly_unattended_and_two_parts_make_the_whole_table() {
-    const NAMES: [&str; 11] = [
-        "MH_01_easy",
-        "MH_02_easy",
-        "MH_03_medium",
-        "MH_04_difficult",
-        "MH_05_difficult",
-        "V1_01_easy",
-        "V1_02_medium",
-        "V1_03_difficult",
-        "V2_01_easy",
-        "V2_02_medium",
-        "V2_03_difficult",
-    ];
+    let names = SUITES[0].sequences.iter().map(|sequence| sequence.name);
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     for (name, start) in [("a", "3"), ("b", "8")] {
@@ -239,7 +228,7 @@ fn eleven_names_fly_unattended_and_two_parts_make_the_whole_table() {
         succeeds(&plumbline(&["simulate", &flight, "--start", start, "--duration", "2.5", "--scale", "0.3"]));
     }
     let (sets, missing) = (folder.path().join("sets"), ["MH_04_difficult", "V2_03_difficult"]);
-    for (k, name) in NAMES.iter().enumerate().filter(|(_, name)| !missing.contains(name)) {
+    for (k, name) in names.enumerate().filter(|(_, name)| !missing.contains(name)) {
         let group = sets.join(if name.starts_with("MH") { "machine_hall" } else { "vicon" });
         std::fs::create_dir_all(&group).unwrap();
         std::os::unix::fs::symlink(at(["flights/a", "flights/b"][k % 2]), group.join(name)).unwrap();

@@ -20,9 +20,8 @@
 //! - `cure = "..."`, for a value whose cure is another;
 //! - `experiment`, for a key that no user has a reason to turn: it can be set, and no list shows it.
 //!
-//! Of a struct it makes the table's keys (`crate::keys::Table`), what serde needs of the defaults, and `Default`, or
-//! `with_required` where keys are required; of an enum the words that a key may have. The comment of a field is the text of
-//! its key.
+//! The keys of the table (`crate::keys::Table`), serde's defaults and `Default` (`with_required` where keys are required) are made from a
+//! struct; the words that a key may have from an enum. The comment of a field is the text of its key.
 
 mod key;
 

@@ -56,7 +56,7 @@ pub(crate) enum Kind {
     WordOr(&'static str, fn() -> Kind),
     /// Any number of values.
     List(fn() -> Kind),
-    /// As many values as this.
+    /// Exactly that many values.
     Array(usize, fn() -> Kind),
     Table(fn() -> &'static [Key]),
     /// Table whose keys depend on the word of one of them.

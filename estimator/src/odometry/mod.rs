@@ -460,7 +460,7 @@ impl Odometer {
             self.sudden_force.update([last.taken, stamp], &last.nav.rot_o_b, &motion);
         }
         let time_variance = 2.0 * self.rotation.stamp_sigma_s().squared();
-        let motion = self.with_uncertain_ends(motion, &last.nav, time_variance);
+        let motion = self.with_uncertain_ends(motion, &last.nav, &self.rate_b, time_variance);
         let prediction = self.predict(&last.nav, &motion);
         let nav = prediction.nav.clone();
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
@@ -518,11 +518,13 @@ impl Odometer {
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 
-    /// The motion from `from`, whose ends are at times that are uncertain by `variance`, s², together: an error moves the vehicle along.
+    /// The motion from `from` at the angular rate `rate_b`, rad/s, whose ends are at times that are uncertain by `variance`, s², together: an
+    /// error moves the vehicle along.
     fn with_uncertain_ends(
         &self,
         mut motion: Preintegration,
         from: &NavState,
+        rate_b: &Vector3<f64>,
         variance: f64,
     ) -> Preintegration {
         if variance > 0.0 {
@@ -531,7 +533,7 @@ impl Odometer {
                 + from.rot_o_b.inverse_transform_vector(&self.window.options.gravity_o);
             let mut by_stamp = SVector::<f64, 9>::zeros();
             by_stamp.fixed_rows_mut::<3>(NavState::P).copy_from(&v_b);
-            by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(&self.rate_b);
+            by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(rate_b);
             by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
             motion.covariance += by_stamp * by_stamp.transpose() * variance;
         }

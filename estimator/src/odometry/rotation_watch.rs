@@ -17,7 +17,7 @@
 use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
 use super::lag::lag_s;
 use super::stamp_drift::StampDrift;
-use super::stamp_error::Estimated;
+use super::stamp_error::TimeError;
 use super::stamp_noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
@@ -281,7 +281,7 @@ impl RotationWatch {
     }
 
     /// Slow part of the errors of stamps, s, once it shows.
-    pub(super) fn stamp_drift(&self) -> Option<Estimated> {
+    pub(super) fn stamp_drift(&self) -> Option<TimeError> {
         self.drift.error()
     }
 

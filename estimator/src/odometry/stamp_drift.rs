@@ -4,7 +4,7 @@
 //! angular rate. A regression of such differences against the change of the rate finds `e`; a wrong scale of the gyroscope differs by what
 //! the vehicle turns, as errors do that grow, and not by how its rate changes.
 
-use super::stamp_error::Estimated;
+use super::stamp_error::TimeError;
 use crate::window::sighting::variance_along;
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
@@ -87,7 +87,7 @@ impl StampDrift {
     }
 
     /// The error that shows, s; `None` where none does.
-    pub(super) fn error(&self) -> Option<Estimated> {
+    pub(super) fn error(&self) -> Option<TimeError> {
         let determinant = self.ww * self.tt - self.wt.squared();
         if determinant <= INDEPENDENT * self.ww * self.tt || self.ww <= 0.0 {
             return None;
@@ -98,7 +98,7 @@ impl StampDrift {
         let by_left = FRAMES as f64 * left / self.count * self.ww;
         let variance = self.noise.at_least(by_left) * self.tt / (self.ww * determinant);
         let shows = value.abs() > LEAST_S && value.squared() > SHOWS_SIGMAS.squared() * variance;
-        shows.then_some(Estimated { value, variance })
+        shows.then_some(TimeError { value, variance })
     }
 }
 
@@ -108,7 +108,7 @@ mod tests {
 
     /// The error that is found where the vehicle turns by `rate(t)`, images are taken `late(t)` after their stamps, and a gyroscope with
     /// a scale of `1 + scale` measures.
-    fn found(rate: impl Fn(f64) -> f64, late: impl Fn(f64) -> f64, scale: f64) -> Option<Estimated> {
+    fn found(rate: impl Fn(f64) -> f64, late: impl Fn(f64) -> f64, scale: f64) -> Option<TimeError> {
         let mut drift = StampDrift::default();
         let about = |x: f64| Vector3::new(0.0, 0.0, x);
         for k in 1..60 {

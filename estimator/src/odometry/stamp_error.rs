@@ -1,7 +1,7 @@
 //! The error of a frame's stamp, by how far its images are along the motion that the inertial samples predict.
 //!
 //! An image that was taken `e` after its stamp shows the vehicle where it is `e` later: with `d` the pose by the images less the predicted
-//! one (turn and way, in the body), `J = [w; v]` the rates of both and `S` the covariance of the difference,
+//! one (turn in `B`, way in `O`), `J = [w; v]` the rates of both and `S` the covariance of the difference,
 //!
 //! ```text
 //! d = J e + noise        I = J' S^-1 J        e = (J' S^-1 d + m / s²) / (I + 1 / s²)
@@ -17,7 +17,7 @@ use super::Odometer;
 use super::innovation::Prediction;
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::buffer::Coverage;
-use crate::window::sighting::{LEAST_SIGHTING_M, Sighting, variance_along};
+use crate::window::sighting::{LEAST_SIGHTING_M, Sighting, Votes, variance_along};
 use crate::window::state::NavState;
 use nalgebra::{Matrix3, SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -34,8 +34,10 @@ const EXPLAINED_SIGMAS: f64 = 5.0;
 const WALK_S: f64 = 2e-3;
 /// The slow part is pulled to zero in this time, s, as the time offset of the rig takes over what is constant.
 const FORGETS_S: f64 = 20.0;
-/// An error shows from this size on, s, and so many standard deviations; jitter is then taken for this, s.
+/// An error shows from this size on, s, where it is seen to the second number and so many standard deviations; jitter is then taken for the
+/// last, s.
 const SHOWS_S: f64 = 8e-4;
+const TELLS_TO_BEGIN_S: f64 = 7e-4;
 const SHOWS_SIGMAS: f64 = 5.0;
 const FIRST_JITTER_S: f64 = 2.5e-3;
 /// An error that is seen to this, s, tells the jitter; the gain by which it follows.
@@ -48,20 +50,23 @@ const LEAST_JITTER_S: f64 = 3e-4;
 const SCALE_SHARE: f64 = 3e-3;
 /// Bias and velocity of a start are rough for so long, s.
 const ROUGH_S: f64 = 0.5;
+/// Shares of the landmarks: explained by the predicted pose alone at most, and by the sighted one at least.
+const OTHERS_SHARE: f64 = 0.1;
+const ALL_SHARE: f64 = 0.7;
 /// Landmarks that have just come into view tell stamps from this rate on, rad/s.
 const TURNS_RAD_S: f64 = 1.0;
 /// Least time between two states, s.
 const LEAST_STEP_S: f64 = 5e-3;
 
-/// A number with its variance.
+/// Time of an image after its stamp, s, with its variance, s².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Estimated {
+pub(super) struct TimeError {
     pub(super) value: f64,
     pub(super) variance: f64,
 }
 
-impl Estimated {
-    /// This number and an independent one of the same.
+impl TimeError {
+    /// This error and an independent sight of the same one.
     fn combined(&self, other: &Self) -> Self {
         let information = 1.0 / self.variance + 1.0 / other.variance;
         let value = (self.value / self.variance + other.value / other.variance) / information;
@@ -73,7 +78,7 @@ impl Estimated {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StampErrors {
     /// Slow part, s, and when it was that.
-    slow: Estimated,
+    slow: TimeError,
     at: Option<Timestamp>,
     /// Variance of the jitter, s²; 0 while stamps are taken as they are.
     jitter_variance: f64,
@@ -93,25 +98,25 @@ impl StampErrors {
     }
 
     /// Begins to correct stamps, which are off by `slow` and by jitter of `jitter_s`.
-    fn begin(&mut self, stamp: Timestamp, slow: Estimated, jitter_s: f64) {
+    fn begin(&mut self, stamp: Timestamp, slow: TimeError, jitter_s: f64) {
         *self = Self { slow, at: Some(stamp), jitter_variance: jitter_s.squared(), newest_variance: 0.0 };
     }
 
     /// The error of the frame of `stamp` before it is seen; that of any frame while stamps are taken as they are.
-    fn expect(&mut self, stamp: Timestamp) -> Estimated {
+    fn expect(&mut self, stamp: Timestamp) -> TimeError {
         if !self.is_active() {
-            return Estimated { value: 0.0, variance: FIRST_JITTER_S.squared() };
+            return TimeError { value: 0.0, variance: FIRST_JITTER_S.squared() };
         }
         let dt_s = self.at.map_or(0.0, |at| stamp.seconds_since(at)).clamp(0.0, FORGETS_S);
         let kept = 1.0 - dt_s / FORGETS_S;
         self.slow.value *= kept;
         self.slow.variance = self.slow.variance * kept.squared() + WALK_S.squared() * dt_s;
         self.at = Some(stamp);
-        Estimated { value: self.slow.value, variance: self.slow.variance + self.jitter_variance }
+        TimeError { value: self.slow.value, variance: self.slow.variance + self.jitter_variance }
     }
 
     /// Takes the error that was seen, with the variance of the sight alone; ends the corrections where errors are small.
-    fn add(&mut self, seen: Estimated) {
+    fn add(&mut self, seen: TimeError) {
         let off = seen.value - self.slow.value;
         if seen.variance < TELLS_S.squared() {
             let jitter = (off.squared() - seen.variance - self.slow.variance).at_least(0.0);
@@ -182,6 +187,8 @@ impl Odometer {
             && !coverage.has_gap
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting();
+        // What moves pulls a sighting along as an error of the stamp would.
+        let may_begin = !is_active && !self.window.is_motion_in_sight();
         if !is_measured {
             return (prediction, None);
         }
@@ -195,7 +202,7 @@ impl Odometer {
             None if is_active || turns => self.window.sight_newest(&prediction.nav),
             known => known,
         };
-        if !is_active && sighting.is_some_and(|s| self.is_start_rough(stamp, &prediction, &s)) {
+        if may_begin && sighting.is_some_and(|s| self.is_start_rough(stamp, &prediction, &s)) {
             self.begin_correction(stamp);
             return (self.put_newest_at(0.0, prediction, 2.0 * FIRST_JITTER_S.squared()), known);
         }
@@ -203,10 +210,14 @@ impl Odometer {
             self.found_error(expected, &prediction, &sighting, before_variance).map(|seen| (sighting, seen))
         });
         let Some((sighting, seen)) = error else { return (prediction, known) };
+        if is_active && seen.value.abs() > SHOWS_S && !self.is_of_all(&prediction.nav, &sighting) {
+            return (prediction, known);
+        }
         if !is_active {
-            let shows =
-                seen.value.abs() > SHOWS_S && seen.value.squared() > SHOWS_SIGMAS.squared() * seen.variance;
-            if !shows {
+            let shows = seen.variance < TELLS_TO_BEGIN_S.squared()
+                && seen.value.abs() > SHOWS_S
+                && seen.value.squared() > SHOWS_SIGMAS.squared() * seen.variance;
+            if !shows || !may_begin || !self.is_of_all(&prediction.nav, &sighting) {
                 return (prediction, known);
             }
             self.begin_correction(stamp);
@@ -222,14 +233,22 @@ impl Odometer {
         (prediction, known)
     }
 
+    /// True if `sighting` is that of nearly all landmarks it rests on: an error of the stamp moves all of them alike, and a crowd leaves the
+    /// others at the predicted state `nav`.
+    fn is_of_all(&self, nav: &NavState, sighting: &Sighting) -> bool {
+        let Votes { predicted, sighted, both, all } = self.window.votes(nav, sighting, 1.0);
+        let of = |count: usize| count as f64 / all.max(1) as f64;
+        of(predicted) <= OTHERS_SHARE && of(sighted + both) >= ALL_SHARE
+    }
+
     /// [`Self::seen_error`] where it is no larger than errors of stamps are, the state having been predicted for an error of `assumed`.
     fn found_error(
         &self,
-        assumed: Estimated,
+        assumed: TimeError,
         prediction: &Prediction,
         sighting: &Sighting,
         before_variance: f64,
-    ) -> Option<Estimated> {
+    ) -> Option<TimeError> {
         let seen = self.seen_error(assumed.value, prediction, sighting, before_variance)?;
         let off = (seen.value - assumed.value).abs();
         let most = (MOST_SIGMAS * (seen.variance + assumed.variance).sqrt()).at_least(PLAUSIBLE_S);
@@ -244,7 +263,7 @@ impl Odometer {
         prediction: &Prediction,
         sighting: &Sighting,
         before_variance: f64,
-    ) -> Option<Estimated> {
+    ) -> Option<TimeError> {
         let nav = &prediction.nav;
         let rates = self.rates_of(nav);
         let turn = log_so3(&(nav.rot_o_b.inverse() * sighting.rot_o_b));
@@ -272,7 +291,7 @@ impl Odometer {
         let is_explained =
             left.norm_squared() <= EXPLAINED_RAD.squared() + EXPLAINED_SIGMAS.squared() * variance;
         is_explained
-            .then(|| Estimated { value: assumed_s + error_s, variance: 1.0 / information.at_least(1.0) })
+            .then(|| TimeError { value: assumed_s + error_s, variance: 1.0 / information.at_least(1.0) })
     }
 
     /// Puts the newest frame `error_s` after its stamp, where the samples predict it.
@@ -286,7 +305,7 @@ impl Odometer {
         if coverage.has_gap {
             return prediction;
         }
-        let motion = self.with_uncertain_ends(motion, &last, variance);
+        let motion = self.with_uncertain_ends(motion, &last, &self.rate_b, variance);
         let prediction = self.predict(&last, &motion);
         self.window.put_newest_at(taken, prediction.nav.clone(), motion);
         prediction
@@ -301,7 +320,7 @@ impl Odometer {
         {
             return;
         }
-        let slow = drift.unwrap_or(Estimated { value: 0.0, variance: WALK_S.squared() });
+        let slow = drift.unwrap_or(TimeError { value: 0.0, variance: WALK_S.squared() });
         self.stamp_errors.begin(stamp, slow, jitter_s.at_least(SHOWS_S));
         if slow.value != 0.0 {
             self.shift_times(slow.value);
@@ -322,7 +341,7 @@ impl Odometer {
 
     /// Begins to correct stamps; the motions of the window took them for exact.
     fn begin_correction(&mut self, stamp: Timestamp) {
-        let slow = Estimated { value: 0.0, variance: WALK_S.squared() };
+        let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
         self.stamp_errors.begin(stamp, slow, FIRST_JITTER_S);
         self.stamp_errors.newest_variance = FIRST_JITTER_S.squared();
         self.take_times_for_uncertain(2.0 * FIRST_JITTER_S.squared());
@@ -347,7 +366,8 @@ impl Odometer {
             }
             let (from, gyro, accel) = (before.nav.clone(), &before.nav.bias_gyro, &before.nav.bias_accel);
             let (motion, _) = self.imu.preintegrate(before.taken, frame.taken, gyro, accel, &self.noise);
-            let motion = self.with_uncertain_ends(motion, &from, variance);
+            let rate_b = log_so3(&motion.delta_rot) / motion.dt_s;
+            let motion = self.with_uncertain_ends(motion, &from, &rate_b, variance);
             self.window.replace_motion(k, motion);
         }
     }

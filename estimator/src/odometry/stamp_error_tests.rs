@@ -69,9 +69,9 @@ fn corrections_begin_with_jitter_and_end_where_it_is_gone() {
     let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
     let mut errors = StampErrors::default();
     assert_eq!(errors.newest_variance(), None);
-    errors.begin(at(0), Estimated { value: 0.0, variance: WALK_S.squared() }, 2e-3);
+    errors.begin(at(0), TimeError { value: 0.0, variance: WALK_S.squared() }, 2e-3);
     assert!(errors.newest_variance().is_some());
-    let seen = |value| Estimated { value, variance: 1e-8 };
+    let seen = |value| TimeError { value, variance: 1e-8 };
     for k in 1..100 {
         let _ = errors.expect(at(k));
         errors.add(seen(2e-3 * drawn(k as f64 * 0.05)));
@@ -90,12 +90,12 @@ fn the_slow_part_is_followed() {
     let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
     let late = |k: i64| 3e-3 * libm::sin(k as f64 * 0.05 * 0.8);
     let mut errors = StampErrors::default();
-    errors.begin(at(0), Estimated { value: 2e-3, variance: 1e-7 }, 1e-3);
+    errors.begin(at(0), TimeError { value: 2e-3, variance: 1e-7 }, 1e-3);
     for k in 1..200 {
         let expected = errors.expect(at(k));
         if k > 40 {
             assert!((expected.value - late(k)).abs() < 1.5e-3, "{k}: {expected:?} of {}", late(k));
         }
-        errors.add(Estimated { value: late(k), variance: 2.5e-7 });
+        errors.add(TimeError { value: late(k), variance: 2.5e-7 });
     }
 }

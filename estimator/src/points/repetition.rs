@@ -27,7 +27,7 @@ const MAX_GAIN: f32 = 0.1;
 /// Corners that are remembered, corners that are enough to tell, and the share of them above which the texture repeats.
 const REMEMBERED: u32 = 24;
 const ENOUGH: u32 = 6;
-const REPEATING_SHARE: f32 = 0.65;
+const REPEATING_SHARE: f32 = 0.75;
 /// A last step longer than this means no convergence, px.
 const MAX_LAST_STEP_PX: f32 = 0.1;
 

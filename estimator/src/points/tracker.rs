@@ -4,16 +4,19 @@
 //! never in time. The left camera leads while it delivers; when its image is missing the tracks go on in the
 //! right one, and find back to the left when it returns.
 
+mod begin;
+mod predicted;
+
 use super::PointObservation;
-use super::corners::{CornerDetector, Demand};
+use super::corners::CornerDetector;
 use super::outliers::{ExpectedMotion, OutlierFilter};
 use super::pairing::Pairing;
-use super::prediction::{DepthMap, KnownPoint, MATCH_SIGMA_PX, PredictedMotion, take_depths};
-use super::repetition::{RepetitionWatch, nearest_rival_px};
+use super::prediction::{DepthMap, PredictedMotion};
+use super::repetition::RepetitionWatch;
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
 use super::temporal::{Followed, Shift, Transition};
-use super::track::{Depth, Track, TrackStore};
+use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
 use crate::image::mask::ImageMask;
@@ -26,8 +29,6 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector2};
 use plumbline_config::options::{PixelMask, PointsConfig};
 use plumbline_config::{CameraModel, ImageView, Portable};
 
-/// New points a frame beside a full set of tracks; bounds the worst frame.
-const MAX_NEW_BESIDE_TRACKS: usize = 60;
 /// Every track without a stereo match looks for one in one of this many frames.
 const SEARCH_PERIOD: u64 = 4;
 /// Searches of old tracks a frame at most; bounds the worst frame.
@@ -42,19 +43,6 @@ const PATCH_REACH_PX: usize = SIDE / 2;
 
 /// Standard deviation of a predicted rotation, rad: gyroscope of known bias, with some error of scale.
 const ROTATION_SIGMA_RAD: f64 = 1e-3;
-/// Points are predicted while the way is known to this many pixels at [`PREDICTED_M`].
-const MOST_SIGMA_PX: f64 = 2.0;
-/// Distance at which the certainty of a way is judged, m.
-const PREDICTED_M: f64 = 1.5;
-
-/// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
-const MIN_PREDICTED: usize = 12;
-const REFUSED_FRAMES: u32 = 10;
-/// Matches of tracks up to this age are no evidence of the depth around them.
-const NEW_AGE: u32 = 2;
-/// New corners looked at for repetition: at first, and later one in so many frames.
-const FIRST_LOOKS: usize = 16;
-const LOOK_PERIOD: u64 = 2;
 
 /// One frame for the tracker.
 #[derive(Clone, Copy, Debug)]
@@ -203,33 +191,6 @@ impl PointTracker {
             repetition: RepetitionWatch::default(),
             refused: 0,
         }
-    }
-
-    /// Sets the motion to the next frame that the window predicts, and the landmarks that it knows, in order of their tracks.
-    pub fn set_prediction(&mut self, motion: Option<&PredictedMotion>, known: &[KnownPoint]) {
-        self.motion = None;
-        self.refused = self.refused.saturating_sub(1);
-        let is_ready = self.is_repeating()
-            && !self.options.unique_only
-            && self.refused == 0
-            && self.views.iter().all(|view| view.has_previous && view.previous_frame == self.frame);
-        let Some(motion) = motion.filter(|_| is_ready) else { return };
-        if motion.sigma_m / PREDICTED_M * self.rig[0].focal_px() > MOST_SIGMA_PX {
-            return;
-        }
-        let pose_b_c = self.rig[0].pose_b_c;
-        let pose_prev_known_c = pose_b_c.inverse() * motion.pose_prev_known_b * pose_b_c;
-        take_depths(&mut self.store.tracks, known, &pose_prev_known_c, match_sigma(&self.rig));
-        self.depths.clear();
-        for track in &self.store.tracks {
-            if let (Some(px), Some(depth)) = (track.px[0], track.depth) {
-                self.depths.add(px, depth);
-            }
-        }
-        for track in self.store.tracks.iter_mut().filter(|track| track.depth.is_none()) {
-            track.depth = track.px[0].and_then(|px| self.depths.around(&px));
-        }
-        self.motion = Some(*motion);
     }
 
     /// Looks from now on only at what the masks of the cameras leave, where there are any.
@@ -441,7 +402,7 @@ impl PointTracker {
     /// Finds the followed tracks in the other camera.
     fn pair_tracks(&mut self) {
         let mut searches = 0;
-        let is_strict = self.options.unique_only || self.is_repeating();
+        let is_strict = self.is_strict();
         for (from, to) in [(0, 1), (1, 0)] {
             let Some(pairing) =
                 pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, from, to)
@@ -486,76 +447,9 @@ impl PointTracker {
         self.store.tracks.iter_mut().for_each(|t| t.age += 1);
     }
 
-    /// True if the texture in view repeats itself, so that points are predicted, or else only those followed that are unique.
-    #[must_use]
-    pub fn is_repeating(&self) -> bool {
-        self.rig.len() > 1 && self.repetition.is_repeating()
-    }
-
-    /// Ends the tracks that have rivals, and refuses predictions for a while, if most points were not well within their search.
-    fn judge_prediction(&mut self, predicted: usize, missed: usize) {
-        if predicted >= MIN_PREDICTED && 2 * missed > predicted {
-            self.refused = REFUSED_FRAMES;
-            self.motion = None;
-            self.store.tracks.iter_mut().for_each(|track| track.lost = track.rival_px.is_some());
-            self.store.sweep();
-        }
-    }
-
     /// The camera in which new points are found.
     fn leading(&self) -> usize {
         usize::from(!self.views[0].is_new)
-    }
-
-    /// Begins tracks in empty cells of the leading camera, and pairs them.
-    fn detect(&mut self) {
-        let c = self.leading();
-        self.taken.clear();
-        self.taken.extend(self.store.tracks.iter().filter_map(|t| t.px[c]).map(|px| px.cast::<f32>()));
-        let free = self.limit.saturating_sub(self.store.tracks.len());
-        // Following costs as much as beginning: an empty tracker may begin them all.
-        let max_new = (MAX_NEW_BESIDE_TRACKS + free / 2).min(free);
-        let demand = Demand { wanted: self.taken.len() + free, max_new };
-        let view = &self.views[c];
-        let corners = self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand);
-        let is_stereo = self.rig.len() > 1;
-        let is_due = self.frame.is_multiple_of(LOOK_PERIOD);
-        let looks = if self.repetition.is_new() { FIRST_LOOKS } else { usize::from(is_due) };
-        for corner in corners.iter().take(looks).filter(|_| is_stereo) {
-            self.repetition.add(nearest_rival_px(&view.current, &corner.px).is_some());
-        }
-        let is_strict = self.options.unique_only || is_stereo && self.repetition.is_repeating();
-        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, c, 1 - c)
-            .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
-        for corner in corners {
-            let px = corner.px.cast::<f64>();
-            let Some(xy) = self.rig[c].unproject(&px) else { continue };
-            let rival_px = if is_strict { nearest_rival_px(&view.current, &corner.px) } else { None };
-            if rival_px.is_some() && self.motion.is_none() {
-                continue;
-            }
-            let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
-            (track.px[c], track.xy[c]) = (Some(px), Some(xy));
-            track.rival_px = rival_px;
-            self.figures.new += 1;
-        }
-        if let Some(pairing) = pairing {
-            let begun = self.store.tracks.len() - self.figures.new as usize;
-            let is_predicted = self.motion.is_some();
-            if is_predicted {
-                let sigma = match_sigma(&self.rig);
-                self.depths.clear();
-                for track in self.store.tracks[..begun].iter().filter(|track| track.age > NEW_AGE) {
-                    if let (Some(px), Some(stereo)) = (track.px[c], track.stereo) {
-                        self.depths.add(px, Depth { rho: stereo.inverse_depth, sigma });
-                    }
-                }
-            }
-            self.store.iter_mut().skip(begun).for_each(|(track, reference)| {
-                let expected = track.px[c].filter(|_| is_predicted).and_then(|px| self.depths.around(&px));
-                pairing.search(track, reference, expected);
-            });
-        }
     }
 
     /// Writes down what this frame's images show.
@@ -578,12 +472,6 @@ impl PointTracker {
             }
         }
     }
-}
-
-/// Standard deviation of the inverse depth of a stereo match, 1/m.
-fn match_sigma(rig: &[RigCamera]) -> f64 {
-    let baseline_m = Baseline::between(&rig[0], &rig[1]).translation.norm();
-    MATCH_SIGMA_PX / (baseline_m * rig[0].focal_px()).at_least(1.0)
 }
 
 /// The pairing from one camera to the other, when both have an image.

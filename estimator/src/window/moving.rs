@@ -88,6 +88,12 @@ impl Window {
         Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
     }
 
+    /// True if something has moved in view within the last frames.
+    #[must_use]
+    pub fn is_motion_in_sight(&self) -> bool {
+        self.moving_in_sight > 0
+    }
+
     fn forget_moving(&mut self, slack: f64) {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);

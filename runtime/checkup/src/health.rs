@@ -4,6 +4,8 @@ use crate::finding::Finding;
 use plumbline_estimator::HealthBits;
 use plumbline_estimator::health::HealthBit;
 
+/// Cure of bits that have several causes.
+const LOOK: &str = "run `plumbline doctor` on the data";
 /// Share of the frames from which a bit is in the line at the end of a flight.
 const NAMED: f64 = 0.02;
 /// Share of the frames from which a bit is a warning, and the same for sensors that repeat their data.
@@ -110,9 +112,11 @@ impl HealthTally {
         match (words.is_empty(), cure) {
             (true, _) => format!("{quality}, no faults"),
             (false, None) => format!("{quality}; {}, no faults", words.join(", ")),
-            (false, Some(cure)) if faults == 1 => format!("{quality}; {}: {cure}", words.join(", ")),
+            (false, Some(cure)) if faults == 1 || cure.ends_with(LOOK) => {
+                format!("{quality}; {}: {cure}", words.join(", "))
+            }
             (false, Some(cure)) => {
-                format!("{quality}; {}: {cure}; run `plumbline doctor` on the data", words.join(", "))
+                format!("{quality}; {}: {cure}; {LOOK}", words.join(", "))
             }
         }
     }

@@ -13,10 +13,10 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A client that has been silent for five seconds makes way; on a busy host somewhat later.
-const MAKES_WAY: Duration = Duration::from_secs(8);
+/// A client that has been silent for five seconds makes way.
+const MAKES_WAY: Duration = Duration::from_secs(6);
 /// Silent ones that knock when the places become free take them all for another five seconds.
-const TWO_ROUNDS: Duration = Duration::from_secs(14);
+const TWO_ROUNDS: Duration = Duration::from_secs(11);
 /// Silent clients at a time, of which sixteen find a place.
 const SILENT: usize = 40;
 /// Length of the siege of a station.

@@ -19,6 +19,11 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
         toml::from_str(&config.to_toml()?).map_err(|error| unwritable(error.to_string()))?;
     let known = keys(&table);
     for change in changes {
+        if change.split('=').next().is_some_and(|key| key.trim() == "base") {
+            return Err(unwritable(
+                "`base` belongs into the first line of a file: begin with it by --config PRESET".into(),
+            ));
+        }
         set(&mut table, change, &known)?;
     }
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;

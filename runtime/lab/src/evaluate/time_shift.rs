@@ -30,7 +30,7 @@ const MIN_CORRELATION: f64 = 0.7;
 const MIN_AGREEMENT: f64 = 0.88;
 /// Root mean squares of speed (m/s) and rate (rad/s) from which on their directions count.
 const TELLING: f64 = 0.05;
-/// Of a trajectory shorter than this nearly all must have a counterpart, s.
+/// Length, s, below which nearly all of a trajectory must have a counterpart, and its share.
 const SHORT_S: f64 = 20.0;
 const NEARLY_ALL: f64 = 0.9;
 /// A second shift whose correlation is less below the best one than this leaves it open which is right.

@@ -65,21 +65,7 @@ const FINAL: usize = 2;
 /// Place of the longest frame.
 const LONGEST: usize = 12;
 
-/// Lengths of the sequences of EuRoC, s: a data set of that name that is much shorter is a part of it.
-const LENGTHS_S: [(&str, f64); 11] = [
-    ("MH_01_easy", 181.9),
-    ("MH_02_easy", 150.0),
-    ("MH_03_medium", 131.5),
-    ("MH_04_difficult", 98.8),
-    ("MH_05_difficult", 111.1),
-    ("V1_01_easy", 144.7),
-    ("V1_02_medium", 83.5),
-    ("V1_03_difficult", 104.7),
-    ("V2_01_easy", 112.0),
-    ("V2_02_medium", 115.4),
-    ("V2_03_difficult", 114.8),
-];
-/// Frame rate of these sequences, Hz.
+/// Frame rate of the sequences of known length, Hz.
 const RATE_HZ: f64 = 20.0;
 /// Least share of a sequence's length that counts as the whole; the worst of them lacks a sixth of its frames.
 const WHOLE: f64 = 0.75;
@@ -123,7 +109,7 @@ impl Row {
         });
         let ates = || flown.iter().filter_map(|f| f.ate_rmse_m);
         let digest = flown.first().map_or("", |f| &f.estimate_digest);
-        let whole_s = LENGTHS_S.iter().find(|(known, _)| *known == name).map(|(_, length_s)| *length_s);
+        let whole_s = Suite::of(&name).and_then(|suite| suite.find(&name)?.1.length_s);
         let flown_s =
             |r: &&CellResult| Some(r.figures.as_ref()?.frames as f64 / RATE_HZ + r.start_s.unwrap_or(0.0));
         let flown_s = results.iter().filter_map(flown_s).reduce(f64::max);
@@ -194,14 +180,11 @@ impl OpenTable {
             })
             .collect();
         let order = |row: &Row| {
-            let place = |(k, suite): (usize, &Suite)| {
-                Some((k, suite.sequences.iter().position(|s| **s == row.name)?))
-            };
+            let place = |(k, suite): (usize, &Suite)| Some((k, suite.find(&row.name)?.0));
             SUITES.iter().enumerate().find_map(place).unwrap_or((SUITES.len(), 0))
         };
         rows.sort_by(|a, b| order(a).cmp(&order(b)).then_with(|| a.name.cmp(&b.name)));
-        let present =
-            SUITES.iter().filter(|s| rows.iter().any(|row| s.sequences.contains(&row.name.as_str())));
+        let present = SUITES.iter().filter(|s| rows.iter().any(|row| s.find(&row.name).is_some()));
         let mut suites: Vec<&Suite> = present.collect();
         if suites.is_empty() {
             suites = SUITES.iter().collect();
@@ -212,14 +195,13 @@ impl OpenTable {
 
     /// Sequences of `suite` that were not flown.
     fn missing(&self, suite: &Suite) -> Vec<&'static str> {
-        let is_here = |name: &&&str| self.rows.iter().any(|row| row.name == **name);
-        suite.sequences.iter().filter(|name| !is_here(name)).copied().collect()
+        let is_here = |name: &&str| self.rows.iter().any(|row| row.name == **name);
+        suite.sequences.iter().map(|sequence| sequence.name).filter(|name| !is_here(name)).collect()
     }
 
     /// A row with the means of `suite` over the sequences that are there; `None` without any.
     fn mean(&self, suite: &Suite) -> Option<Row> {
-        let rows: Vec<&Row> =
-            self.rows.iter().filter(|row| suite.sequences.contains(&row.name.as_str())).collect();
+        let rows: Vec<&Row> = self.rows.iter().filter(|row| suite.find(&row.name).is_some()).collect();
         let figures = std::array::from_fn(|k| {
             let values: Vec<f64> = rows.iter().filter_map(|row| row.figures[k]).collect();
             match k {
@@ -402,113 +384,4 @@ fn escaped(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sweep::cell::tests::result;
-    use crate::sweep::{Common, Plan, Subject};
-
-    /// Sequences with starts at 0, 1 and 2 s, whose errors are 0.1, 0.2 and 0.3 m.
-    fn results(paths: &[&str]) -> Vec<CellResult> {
-        let subjects = paths.iter().map(|path| Subject::Recorded { path: path.into() }).collect();
-        let plan = Plan::new(Vec::new(), subjects, Vec::new(), Common::default()).unwrap();
-        let cells = plan.from_starts(vec![2.0, 0.0, 1.0]).cells();
-        cells.iter().map(|cell| result(cell, 0.1 * (1.0 + cell.start_s.unwrap()))).collect()
-    }
-
-    #[test]
-    fn a_sequence_has_the_median_of_its_starts_in_the_order_of_the_suite() {
-        let table = OpenTable::new(&results(&["/data/V1_01_easy", "/data/MH_01_easy/mav0", "/data/clip"]));
-        let text = table.text(Format::Markdown);
-        let rows: Vec<&str> = text.lines().skip(2).collect();
-        assert!(rows[0].starts_with("| MH_01_easy") && rows[1].starts_with("| V1_01_easy"), "{text}");
-        assert!(rows[2].starts_with("| clip") && rows[3].starts_with("| mean of 2 of 11"), "{text}");
-        assert!(rows[0].contains(" 0.2000 ") && rows[0].contains(" ab |"), "{text}");
-        assert!(text.contains("from 2, 0, 1 s"), "{text}");
-        let csv = table.text(Format::Csv);
-        assert!(csv.lines().nth(1).unwrap().starts_with("MH_01_easy,3,0,2,"), "{csv}");
-        assert!(csv.lines().nth(1).unwrap().contains(",0.1,0.3") && csv.lines().count() == 4, "{csv}");
-    }
-
-    #[test]
-    fn the_median_of_an_even_number_is_the_mean_of_the_middle() {
-        assert_eq!(median([4.0, 1.0, 3.0, 2.0]), Some(2.5));
-        assert_eq!((median([1.0, 3.0]), median([9.0, 1.0, 5.0]), median([])), (Some(2.0), Some(5.0), None));
-        let mut results = results(&["MH_01_easy"]);
-        results[0].figures = None;
-        let kept: Vec<f64> = results.iter().filter_map(|r| r.figures.as_ref()?.ate_rmse_m).collect();
-        let row = Row::of("MH_01_easy".into(), &results.iter().collect::<Vec<_>>());
-        assert!((row.figures[CAUSAL].unwrap() - 0.5 * (kept[0] + kept[1])).abs() < 1e-12, "{kept:?}");
-    }
-
-    #[test]
-    fn a_part_of_a_sequence_is_no_sequence_and_cameras_are_counted() {
-        let mut results = results(&["MH_01_easy", "V1_01_easy"]);
-        // 17 s of 145 s, and one flight of the other with a single camera.
-        for result in results.iter_mut().filter(|r| r.subject == "V1_01_easy") {
-            result.figures.as_mut().unwrap().frames = 300;
-        }
-        results[0].figures.as_mut().unwrap().cameras = Some(1);
-        let table = OpenTable::new(&results);
-        let text = table.text(Format::Markdown);
-        assert!(
-            text.contains("| V1_01_easy (part of 17 s) ") && text.contains("| mean of 1 of 11 "),
-            "{text}"
-        );
-        assert!(text.contains(" 1 to 2 |") && table.missing_lines()[0].contains("V1_01_easy"), "{text}");
-    }
-
-    #[test]
-    fn what_is_missing_is_named_with_where_it_is_to_be_had() {
-        let ten: Vec<&str> =
-            SUITES[0].sequences.iter().copied().filter(|name| *name != "V2_03_difficult").collect();
-        let lines = OpenTable::new(&results(&ten)).missing_lines();
-        assert_eq!(lines.len(), 1);
-        assert!(
-            lines[0].contains("V2_03_difficult (1 of 11)") && lines[0].contains("10.3929/ethz-b-000690084"),
-            "{lines:?}"
-        );
-        assert!(OpenTable::new(&results(SUITES[0].sequences)).missing_lines().is_empty());
-        assert_eq!(OpenTable::new(&results(&["clip"])).missing_lines().len(), 2);
-        // A clip is no sequence, whatever it is a part of.
-        assert!(OpenTable::new(&results(&["MH_05_mono_clip"])).missing_lines()[0].contains("all (11 of 11)"));
-    }
-
-    #[test]
-    fn a_failed_flight_is_counted_and_leaves_the_medians_alone() {
-        let mut results = results(&["MH_01_easy", "MH_02_easy"]);
-        results[0].figures = None;
-        let text = OpenTable::new(&results).text(Format::Markdown);
-        assert!(text.lines().nth(2).unwrap().contains(" 2 of 3 |"), "{text}");
-        results.iter_mut().filter(|r| r.subject == "MH_01_easy").for_each(|r| r.figures = None);
-        let text = OpenTable::new(&results).text(Format::Markdown);
-        // The mean of a suite whose sequence failed is unknown.
-        let mean = text.lines().find(|line| line.starts_with("| mean of 2 of 11")).unwrap();
-        assert!(!mean.contains("0.2000"), "{text}");
-    }
-
-    #[test]
-    fn every_published_figure_has_its_source_and_says_what_it_knew() {
-        for suite in &SUITES {
-            assert!(
-                suite.published.iter().all(|figure| figure.source.contains("arXiv:") && figure.ate_m > 0.0)
-            );
-        }
-        let text = OpenTable::new(&results(&["MH_01_easy"])).text(Format::Markdown);
-        assert!(
-            text.contains("| causal ") && text.contains("| final ") && text.contains("arXiv:2510.04612"),
-            "{text}"
-        );
-    }
-
-    #[test]
-    fn latex_has_its_special_characters_escaped_and_equal_columns() {
-        let text = OpenTable::new(&results(&["MH_01_easy"])).text(Format::Latex);
-        let rows: Vec<&str> = text.lines().filter(|line| line.ends_with("\\\\")).collect();
-        assert!(rows[1].starts_with("MH\\_01\\_easy & 3 & 2 & "), "{text}");
-        assert!(rows[0].contains("coverage \\%"), "{text}");
-        assert!(
-            rows[..3].iter().all(|row| row.matches(" & ").count() == rows[0].matches(" & ").count()),
-            "{text}"
-        );
-    }
-}
+mod tests;

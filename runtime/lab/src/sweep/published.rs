@@ -26,19 +26,50 @@ pub struct PublishedFigure {
     pub source: &'static str,
 }
 
+/// A sequence of a public data set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sequence {
+    /// Name of its folder.
+    pub name: &'static str,
+    /// Length, s, where it is known: a data set of that name that is much shorter is a part of it.
+    pub length_s: Option<f64>,
+}
+
+const fn sequence(name: &'static str, length_s: f64) -> Sequence {
+    Sequence { name, length_s: Some(length_s) }
+}
+
+const fn of_any_length(name: &'static str) -> Sequence {
+    Sequence { name, length_s: None }
+}
+
 /// A public data set.
 #[derive(Debug)]
 pub struct Suite {
     /// Name of the data set.
     pub name: &'static str,
-    /// Names of its sequences, as their folders are called.
-    pub sequences: &'static [&'static str],
+    /// Its sequences.
+    pub sequences: &'static [Sequence],
     /// Address of the download.
     pub available_at: &'static str,
     /// Sequences that the published figures are means of.
     pub mean_of: &'static str,
     /// Figures that others have published.
     pub published: &'static [PublishedFigure],
+}
+
+impl Suite {
+    /// The sequence of this name, and its place.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<(usize, &'static Sequence)> {
+        self.sequences.iter().enumerate().find(|(_, sequence)| sequence.name == name)
+    }
+
+    /// The suite that has a sequence called `name`.
+    #[must_use]
+    pub fn of(name: &str) -> Option<&'static Self> {
+        SUITES.iter().find(|suite| suite.find(name).is_some())
+    }
 }
 
 const OKVIS2X: &str = "Boche et al., T-RO 2025, DOI 10.1109/TRO.2025.3619051, arXiv:2510.04612";
@@ -64,17 +95,17 @@ pub const SUITES: [Suite; 2] = [
     Suite {
         name: "EuRoC",
         sequences: &[
-            "MH_01_easy",
-            "MH_02_easy",
-            "MH_03_medium",
-            "MH_04_difficult",
-            "MH_05_difficult",
-            "V1_01_easy",
-            "V1_02_medium",
-            "V1_03_difficult",
-            "V2_01_easy",
-            "V2_02_medium",
-            "V2_03_difficult",
+            sequence("MH_01_easy", 181.9),
+            sequence("MH_02_easy", 150.0),
+            sequence("MH_03_medium", 131.5),
+            sequence("MH_04_difficult", 98.8),
+            sequence("MH_05_difficult", 111.1),
+            sequence("V1_01_easy", 144.7),
+            sequence("V1_02_medium", 83.5),
+            sequence("V1_03_difficult", 104.7),
+            sequence("V2_01_easy", 112.0),
+            sequence("V2_02_medium", 115.4),
+            sequence("V2_03_difficult", 114.8),
         ],
         available_at: "ETH Research Collection, DOI 10.3929/ethz-b-000690084 (Burri et al., IJRR 2016)",
         mean_of: "all eleven sequences",
@@ -156,34 +187,34 @@ pub const SUITES: [Suite; 2] = [
     Suite {
         name: "TUM-VI",
         sequences: &[
-            "dataset-corridor1_512_16",
-            "dataset-corridor2_512_16",
-            "dataset-corridor3_512_16",
-            "dataset-corridor4_512_16",
-            "dataset-corridor5_512_16",
-            "dataset-magistrale1_512_16",
-            "dataset-magistrale2_512_16",
-            "dataset-magistrale3_512_16",
-            "dataset-magistrale4_512_16",
-            "dataset-magistrale5_512_16",
-            "dataset-magistrale6_512_16",
-            "dataset-outdoors1_512_16",
-            "dataset-outdoors2_512_16",
-            "dataset-outdoors3_512_16",
-            "dataset-outdoors4_512_16",
-            "dataset-outdoors5_512_16",
-            "dataset-outdoors6_512_16",
-            "dataset-outdoors7_512_16",
-            "dataset-outdoors8_512_16",
-            "dataset-room1_512_16",
-            "dataset-room2_512_16",
-            "dataset-room3_512_16",
-            "dataset-room4_512_16",
-            "dataset-room5_512_16",
-            "dataset-room6_512_16",
-            "dataset-slides1_512_16",
-            "dataset-slides2_512_16",
-            "dataset-slides3_512_16",
+            of_any_length("dataset-corridor1_512_16"),
+            of_any_length("dataset-corridor2_512_16"),
+            of_any_length("dataset-corridor3_512_16"),
+            of_any_length("dataset-corridor4_512_16"),
+            of_any_length("dataset-corridor5_512_16"),
+            of_any_length("dataset-magistrale1_512_16"),
+            of_any_length("dataset-magistrale2_512_16"),
+            of_any_length("dataset-magistrale3_512_16"),
+            of_any_length("dataset-magistrale4_512_16"),
+            of_any_length("dataset-magistrale5_512_16"),
+            of_any_length("dataset-magistrale6_512_16"),
+            of_any_length("dataset-outdoors1_512_16"),
+            of_any_length("dataset-outdoors2_512_16"),
+            of_any_length("dataset-outdoors3_512_16"),
+            of_any_length("dataset-outdoors4_512_16"),
+            of_any_length("dataset-outdoors5_512_16"),
+            of_any_length("dataset-outdoors6_512_16"),
+            of_any_length("dataset-outdoors7_512_16"),
+            of_any_length("dataset-outdoors8_512_16"),
+            of_any_length("dataset-room1_512_16"),
+            of_any_length("dataset-room2_512_16"),
+            of_any_length("dataset-room3_512_16"),
+            of_any_length("dataset-room4_512_16"),
+            of_any_length("dataset-room5_512_16"),
+            of_any_length("dataset-room6_512_16"),
+            of_any_length("dataset-slides1_512_16"),
+            of_any_length("dataset-slides2_512_16"),
+            of_any_length("dataset-slides3_512_16"),
         ],
         available_at: "Technical University of Munich, \"Visual-Inertial Dataset\" (Schubert et al., IROS 2018, \
                        DOI 10.1109/IROS.2018.8593419, arXiv:1804.06120)",
@@ -215,11 +246,3 @@ pub const SUITES: [Suite; 2] = [
         ],
     },
 ];
-
-impl Suite {
-    /// The suite that has a sequence called `name`.
-    #[must_use]
-    pub fn of(name: &str) -> Option<&'static Self> {
-        SUITES.iter().find(|suite| suite.sequences.contains(&name))
-    }
-}
