@@ -21,6 +21,7 @@ mod pair_tests;
 mod pair_time;
 #[cfg(test)]
 mod poison_tests;
+mod prediction_trial;
 mod renewal;
 mod reset;
 #[cfg(test)]
@@ -48,20 +49,17 @@ use crate::estimate::{
     BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState,
 };
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
-use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuBuffer, ImuNoise, Preintegration, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
 use crate::shutter::readouts;
-use crate::window::sighting::Sighting;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
-use crate::window::trial::{Expected, Trial};
 use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use force_watch::ForceWatch;
 use inherited::Inherited;
-use innovation::{NoiseScale, Prediction};
+use innovation::NoiseScale;
 pub use judgement::ResetReason;
 use judgement::Velocity;
 use measurements::Measurer;
@@ -538,32 +536,6 @@ impl Odometer {
             motion.covariance += by_stamp * by_stamp.transpose() * variance;
         }
         motion
-    }
-
-    /// Tries a prediction that can be relied on (the scale is known, and the samples are believed) against what is seen, and drops what
-    /// moves if the prediction holds; returns whether anything was dropped. `known` is the pose by known landmarks if it was looked for.
-    fn try_prediction(
-        &mut self,
-        prediction: &Prediction,
-        known: Option<Sighting>,
-        coverage: Coverage,
-        health: &HealthBits,
-    ) -> (Option<Trial>, bool) {
-        let is_predicted = self.window.options.cameras > 1
-            && self.velocity == Velocity::Known
-            && !self.may_be_late(coverage, health)
-            && !coverage.is_saturated
-            && !coverage.unmeasured.is_any()
-            && !self.rotation.is_distrusting()
-            && !self.forces.is_contradicted()
-            && !health.contains(HealthBits::IMU_CONTRADICTED);
-        let sigma = prediction.velocity_sigma_m_s().filter(|_| is_predicted);
-        let Some(velocity_sigma_m_s) = sigma else { return (None, false) };
-        let stamp_sigma_s = self.time_sigma_s();
-        let trial = self.window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s }, known);
-        let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
-        let is_dropped = !is_contradicted && self.window.drop_moving(velocity_sigma_m_s, trial.as_ref());
-        (trial, is_dropped)
     }
 
     /// The quality, bounded while sensors contradict each other.

@@ -120,7 +120,10 @@ impl Odometer {
             && !self.rotation.is_distrusting();
         // A contradiction that known landmarks began goes on with those that are there.
         let is_open = self.forces.is_contradicted();
-        let witness = sighting.filter(|sighting| is_judged && (sighting.is_witness || is_open));
+        let is_by_forces = trial.is_none_or(Trial::is_by_forces);
+        let may_witness =
+            |s: &Sighting| is_open || (s.is_witness && is_by_forces && s.is_turn_of(&newest.nav));
+        let witness = sighting.filter(|sighting| is_judged && may_witness(sighting));
         let found = match (witness, &self.window.frames[..]) {
             (Some(witness), [.., before, Frame { inertial: Some(inertial), .. }]) => {
                 let seen = SeenMotion {

@@ -85,6 +85,13 @@ impl SuddenForce {
         self.forces_o = [Some(force_o), self.forces_o[0]];
     }
 
+    /// Distance by which a change that is not confirmed at `stamp` has moved a prediction over the `dt_s` before if it did not act, m.
+    pub(super) fn moved_m(&self, stamp: Timestamp, dt_s: f64) -> Option<f64> {
+        let change = self.change.filter(|held| stamp.seconds_since(held.last) < HELD_S)?;
+        let acted_s = stamp.seconds_since(change.since);
+        Some(change.force_o.norm() * dt_s * (acted_s - 0.5 * dt_s).at_least(0.5 * dt_s))
+    }
+
     /// Covariance of the velocity at `stamp` by a force that is not confirmed yet, m²/s² in `O`.
     pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
         let change = self.change.filter(|held| stamp.seconds_since(held.last) < HELD_S)?;

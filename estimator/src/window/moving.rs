@@ -17,8 +17,7 @@ use super::poses::Poses;
 use super::problem::Problem;
 use super::sighting::Votes;
 use super::tracks::{self, Verdict};
-use super::trial::Trial;
-use plumbline_config::Portable;
+use super::trial::{Crowd, Trial};
 
 /// Observations that agree with the motion, at least: by chance hardly any would.
 const MIN_AGREEING: usize = 6;
@@ -46,9 +45,15 @@ const NEAR_RHO: f64 = 0.7;
 
 impl Window {
     /// Drops what the newest frame, at its predicted pose, sees of things that move, and returns whether there was any.
-    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s. A `trial` that does not contradict the prediction
+    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s; `crowd` bounds the error of the predicted
+    /// position. A `trial` that does not contradict the prediction
     /// takes the place of the votes of all landmarks.
-    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> bool {
+    pub fn drop_moving(
+        &mut self,
+        velocity_sigma_m_s: f64,
+        crowd: Option<Crowd>,
+        trial: Option<&Trial>,
+    ) -> bool {
         let was_in_sight = self.moving_in_sight > 0;
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
@@ -58,7 +63,9 @@ impl Window {
             return false;
         }
         let ballot = self.ballot(slack, trial);
-        if trial.is_none() && !explains(verdict) && ballot.is_some_and(Ballot::outvotes) {
+        let outvotes =
+            |ballot: Ballot| crowd.is_none_or(|crowd| ballot.off_m <= crowd.wrong_m) && ballot.outvotes();
+        if trial.is_none() && !explains(verdict) && ballot.is_some_and(outvotes) {
             return false;
         }
         self.forget_moving(slack);
@@ -84,8 +91,8 @@ impl Window {
     fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
         let predicted = self.frames.last().map(|frame| &frame.nav)?;
         let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
-        let is_near = (sighting.p_o_b - predicted.p_o_b).norm_squared() < BLOW_M.squared();
-        Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
+        let off_m = (sighting.p_o_b - predicted.p_o_b).norm();
+        Some(Ballot { votes: self.votes(predicted, &sighting, slack), off_m })
     }
 
     /// True if something has moved in view within the last frames.
@@ -121,11 +128,11 @@ fn are_moving(verdict: Verdict, was_in_sight: bool, most: f64) -> bool {
     verdict.wrong >= MIN_MOVING && (do_others_agree || was_in_sight)
 }
 
-/// Votes between predicted and sighted pose, and whether these are near each other.
+/// Votes between predicted and sighted pose, and the distance between their positions, m.
 #[derive(Clone, Copy, Debug)]
 struct Ballot {
     votes: Votes,
-    is_near: bool,
+    off_m: f64,
 }
 
 impl Ballot {
@@ -138,7 +145,7 @@ impl Ballot {
     /// True if the sighted pose outvotes the predicted one.
     fn outvotes(self) -> bool {
         let Votes { predicted, sighted, all, .. } = self.votes;
-        let share = if self.is_near && explains(self.sighted()) { MINORITY } else { MAJORITY };
+        let share = if self.off_m < BLOW_M && explains(self.sighted()) { MINORITY } else { MAJORITY };
         sighted as f64 >= share * all as f64 && sighted >= OUTVOTES * predicted
     }
 
@@ -189,9 +196,9 @@ mod tests {
 
     #[test]
     fn what_moves_as_one_body_with_most_of_the_view_is_the_vehicle() {
-        let ballot = |predicted, sighted, both, is_near| Ballot {
+        let ballot = |predicted, sighted, both, is_near: bool| Ballot {
             votes: Votes { predicted, sighted, both, all: 64 },
-            is_near,
+            off_m: if is_near { 0.5 * BLOW_M } else { 2.0 * BLOW_M },
         };
         assert!(ballot(0, 48, 14, false).outvotes() && ballot(2, 20, 40, true).outvotes());
         assert!(!ballot(0, 20, 44, false).outvotes(), "near people before a far background");

@@ -34,6 +34,17 @@ pub struct Expected {
     pub velocity_sigma_m_s: f64,
     /// Standard deviation of the stamp as far as it is learnt, s.
     pub stamp_sigma_s: f64,
+    /// Bound of the error while something moves in view.
+    pub crowd: Option<Crowd>,
+}
+
+/// What a prediction can be wrong by while something moves in view: more than that is the motion of others.
+#[derive(Clone, Copy, Debug)]
+pub struct Crowd {
+    /// Distance by which forces that did not act, or were not measured, can have moved the prediction, m.
+    pub wrong_m: f64,
+    /// True if a force has set in suddenly.
+    pub is_force_sudden: bool,
 }
 
 /// The predicted position of a frame against the sighted one.
@@ -47,6 +58,8 @@ pub struct Trial {
     off_m: f64,
     dt_s: f64,
     off_sigmas: f64,
+    /// Bound of the error while something moves in view.
+    crowd: Option<Crowd>,
     /// True if the rotations agree.
     is_turn_backed: bool,
 }
@@ -58,10 +71,10 @@ impl Trial {
         self.is_off_by(CONTRADICTS_SIGMAS)
     }
 
-    /// True if the prediction may be wrong: forces lose weight, and nothing is reported.
+    /// True if the prediction may be wrong: forces lose weight, and nothing is reported. In a crowd they would give way to it.
     #[must_use]
     pub fn is_doubtful(&self) -> bool {
-        self.is_off_by(DOUBTFUL_SIGMAS)
+        self.crowd.is_none_or(|crowd| crowd.is_force_sudden) && self.is_off_by(DOUBTFUL_SIGMAS)
     }
 
     /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
@@ -69,6 +82,12 @@ impl Trial {
     pub fn is_backed(&self) -> bool {
         let Votes { predicted, both, all, .. } = self.votes;
         (predicted + both) as f64 >= EXPLAINED_SHARE * all as f64
+    }
+
+    /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
+    #[must_use]
+    pub fn is_by_forces(&self) -> bool {
+        self.crowd.is_none_or(|crowd| self.off_m <= crowd.wrong_m)
     }
 
     /// Force that explains the difference, m/s².
@@ -81,7 +100,7 @@ impl Trial {
         let Votes { predicted, sighted, both, all } = self.votes;
         let is_backed = predicted as f64 > BACKED_SHARE * all as f64;
         let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
-        self.off_sigmas > sigmas && self.is_turn_backed && is_explained && !is_backed
+        self.off_sigmas > sigmas && self.is_by_forces() && self.is_turn_backed && is_explained && !is_backed
     }
 }
 
@@ -99,18 +118,22 @@ impl Window {
             sighting,
             votes: self.votes(predicted, &sighting, 1.0),
             off_m: off.norm(),
+            crowd: expected.crowd,
             dt_s,
-            is_turn_backed: is_turn_backed(&sighting, predicted),
+            is_turn_backed: sighting.is_turn_of(predicted),
             off_sigmas: sigmas(&off, &sighting, predicted, dt_s, expected),
         })
     }
 }
 
-/// True if the predicted attitude is the sighted one.
-fn is_turn_backed(sighting: &Sighting, predicted: &NavState) -> bool {
-    let off = log_so3(&(predicted.rot_o_b.inverse() * sighting.rot_o_b));
-    let variance = variance_along(&sighting.rotation_covariance, &off);
-    off.norm_squared() < BACKED_RAD.squared() + BACKED_SIGMAS.squared() * variance
+impl Sighting {
+    /// True if the attitude of `predicted` is the sighted one: no force turns the vehicle, and a crowd that pulls a sighting along does.
+    #[must_use]
+    pub fn is_turn_of(&self, predicted: &NavState) -> bool {
+        let off = log_so3(&(predicted.rot_o_b.inverse() * self.rot_o_b));
+        let variance = variance_along(&self.rotation_covariance, &off);
+        off.norm_squared() < BACKED_RAD.squared() + BACKED_SIGMAS.squared() * variance
+    }
 }
 
 /// The difference `off` of positions `dt_s` after the frame before, in standard deviations.

@@ -14,7 +14,7 @@ use plumbline_lab::campaign::table::{
     HEALTH_HEAD, RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, health_rows, means,
     ratio_rows, silence_row, trust_row,
 };
-use plumbline_lab::campaign::{Entry, Fault, Setup};
+use plumbline_lab::campaign::{Entry, Fault, Setup, drawn};
 use plumbline_lab::report::Report;
 use plumbline_lab::report::paired::{Comparison, Variant};
 use plumbline_lab::sweep::run::fly_each;
@@ -48,6 +48,14 @@ pub struct CampaignArgs {
     /// Fly each fault along every flight of the choice, not only along the first.
     #[arg(long, requires = "faults")]
     pub everywhere: bool,
+    /// Fly so many flights with drawn failures instead: kind, axis, size, moment and noise, among jitter of stamps, missing
+    /// frames, crowds and textures, and tabulate how often each health bit named the right sensor. A thousand flights of 12 s
+    /// take half an hour.
+    #[arg(long, value_name = "COUNT", conflicts_with_all = ["faults", "imu_error", "condition"])]
+    pub drawn: Option<usize>,
+    /// Seed of the draws of --drawn.
+    #[arg(long, requires = "drawn", default_value_t = 1)]
+    pub draw_seed: u64,
     /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare. `all` is
     /// every error in its usual doses (`plumbline help imu-errors`). May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
@@ -166,6 +174,9 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if let Some(summary) = honesty_summary(reports()) {
         say(&format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
     }
+    if args.drawn.is_some() {
+        say(&format_args!("\n{}", drawn::tables(reports())));
+    }
     if let Some(line) = not_flown(args)? {
         say(&line);
     }
@@ -253,6 +264,9 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     }
     for entry in &mut entries {
         entry.scenario.lean_deg = args.lean_deg;
+    }
+    if let Some(count) = args.drawn {
+        return drawn::drawn(&entries, count, args.draw_seed).map_err(Usage);
     }
     let sound = entries.clone();
     if args.faults {

@@ -4,6 +4,7 @@
 //! simulated. Rendered frames can be kept on disk (see [`plumbline_flight::flight`]), so that a change of the estimator is
 //! measured in a fraction of the time.
 
+pub mod drawn;
 mod fault;
 pub mod honest;
 mod silent;
@@ -15,6 +16,7 @@ use crate::report::Report;
 use crate::report::silence::Silence;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
+use plumbline_drivers::InjectedFault;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
 use plumbline_estimator::{Estimate, HealthBits};
 use plumbline_flight::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};
@@ -63,6 +65,8 @@ pub struct Entry {
     pub scene: &'static str,
     /// What goes wrong.
     pub fault: Fault,
+    /// Disturbances beside it.
+    pub beside: Vec<InjectedFault>,
     /// What is simulated.
     pub scenario: Scenario,
 }
@@ -83,7 +87,8 @@ impl Entry {
             built_in => built_in,
         };
         let scenario = Scenario { scene, path: flown, start_s, duration_s, seed, ..Scenario::default() };
-        Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, scenario }.with_fault(fault)
+        Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, beside: Vec::new(), scenario }
+            .with_fault(fault)
     }
 
     /// Flight with the inertial samples of `folder` that were recorded along its path.
@@ -143,6 +148,7 @@ impl Entry {
         )?;
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
         let flight = self.fault.strike(flight, self.scenario.seed)?;
+        let flight = flight.with_injected(&self.beside, self.scenario.seed)?;
         let options = RunOptions { speed: None, threads: setup.threads };
         let mut states = self.fault.is_silent().then(|| KeptStates::for_flight(&flight));
         let subscribers = states.iter_mut().map(|states| states as &mut dyn Subscriber).collect();
