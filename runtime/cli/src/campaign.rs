@@ -197,7 +197,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
 }
 
 fn json_row<'a>((entry, report): (&'a Entry, &'a Report)) -> Row<'a> {
-    let fault = entry.fault.name();
+    let fault = entry.failure();
     let scenario = &entry.scenario;
     let (start_s, duration_s) = (scenario.start_s, scenario.duration_s);
     Row { path: &entry.path, scene: entry.scene, fault, seed: scenario.seed, start_s, duration_s, report }

@@ -9,7 +9,6 @@ use crate::report::honesty::Honesty;
 use crate::report::silence::MAX_NAMELESS_S;
 use plumbline_config::Random;
 use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::Condition;
 use plumbline_estimator::HealthBits;
 use std::fmt::Write as _;
 
@@ -129,15 +128,15 @@ fn draw(sound: &[Entry], random: &mut Random, number: usize) -> Result<Entry, St
     let [jitter, missing, crowd] = [0; 3].map(|_| random.unit() < DISTURBED_SHARE);
     let (jitter_ms, share) = (dose(random, JITTER_MS), dose(random, MISSING_SHARE));
     let percent = dose(random, CROWD_PERCENT);
-    if jitter {
-        entry.beside.push(format!("stamp-jitter:{jitter_ms:.2}@{from_s:.2}").parse()?);
-    }
-    if missing {
-        entry.beside.push(format!("frames-missing:{share:.2}@{from_s:.2}").parse()?);
-    }
-    if crowd {
-        let people: Condition = format!("people:{percent:.0}:{CROWD_M_S}:{from_s:.1}").parse()?;
-        people.apply(&mut entry.scenario);
+    let injected = |text: String| text.parse().map(Fault::Injected);
+    let from = format!("@{from_s:.2}");
+    let disturbances = [
+        jitter.then(|| injected(format!("stamp-jitter:{jitter_ms:.2}{from}"))),
+        missing.then(|| injected(format!("frames-missing:{share:.2}{from}"))),
+        crowd.then(|| format!("people:{percent:.0}:{CROWD_M_S}:{from_s:.1}").parse().map(Fault::Condition)),
+    ];
+    for disturbance in disturbances.into_iter().flatten() {
+        entry = entry.with_beside(disturbance?);
     }
     Ok(if is_sound { entry } else { entry.with_fault(Fault::Injected(failure)) })
 }

@@ -125,6 +125,12 @@ impl Fault {
         matches!(self, Self::Inertial(_) | Self::Condition(_) | Self::Injected(_))
     }
 
+    /// The fault of the streams or of the calibration, if it is one.
+    #[must_use]
+    pub fn injected_fault(self) -> Option<InjectedFault> {
+        if let Self::Injected(fault) = self { Some(fault) } else { None }
+    }
+
     /// Start of a fault with a dose, s after the first frame; `None` for others, which lengthen their flights.
     #[must_use]
     pub fn injected_from_s(self) -> Option<f64> {

@@ -75,7 +75,7 @@ pub fn honesty_row(entry: &Entry, report: &Report) -> Option<String> {
     let three = |[a, b, c]: [f64; 3], digits: usize| format!("{a:.digits$} / {b:.digits$} / {c:.digits$}");
     let nees = report.consistency.as_ref().map_or([None; 5], |consistency| consistency.estimates.ratios());
     let cells = [
-        entry.fault.name(),
+        entry.failure(),
         entry.path.clone(),
         entry.scene.to_owned(),
         entry.scenario.seed.to_string(),

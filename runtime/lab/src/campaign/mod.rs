@@ -16,7 +16,6 @@ use crate::report::Report;
 use crate::report::silence::Silence;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::InjectedFault;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
 use plumbline_estimator::{Estimate, HealthBits};
 use plumbline_flight::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};
@@ -66,7 +65,7 @@ pub struct Entry {
     /// What goes wrong.
     pub fault: Fault,
     /// Disturbances beside it.
-    pub beside: Vec<InjectedFault>,
+    pub beside: Vec<Fault>,
     /// What is simulated.
     pub scenario: Scenario,
 }
@@ -113,6 +112,23 @@ impl Entry {
         faulty
     }
 
+    /// Returns the flight with a disturbance beside its fault.
+    #[must_use]
+    pub fn with_beside(mut self, disturbance: Fault) -> Self {
+        if let Fault::Condition(condition) = disturbance {
+            condition.apply(&mut self.scenario);
+        }
+        self.beside.push(disturbance);
+        self
+    }
+
+    /// Name of all that goes wrong.
+    #[must_use]
+    pub fn failure(&self) -> String {
+        let names: Vec<String> = [self.fault].iter().chain(&self.beside).map(|fault| fault.name()).collect();
+        names.join(" ")
+    }
+
     /// Flies it with `config` (else the preset `sim`).
     ///
     /// # Errors
@@ -148,7 +164,8 @@ impl Entry {
         )?;
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
         let flight = self.fault.strike(flight, self.scenario.seed)?;
-        let flight = flight.with_injected(&self.beside, self.scenario.seed)?;
+        let beside = self.beside.iter().filter_map(|fault| fault.injected_fault()).collect::<Vec<_>>();
+        let flight = flight.with_injected(&beside, self.scenario.seed)?;
         let options = RunOptions { speed: None, threads: setup.threads };
         let mut states = self.fault.is_silent().then(|| KeptStates::for_flight(&flight));
         let subscribers = states.iter_mut().map(|states| states as &mut dyn Subscriber).collect();

@@ -20,7 +20,7 @@ pub fn row(entry: &Entry, report: &Report) -> String {
     let cells = [
         entry.path.clone(),
         entry.scene.to_owned(),
-        entry.fault.name(),
+        entry.failure(),
         entry.scenario.seed.to_string(),
         report.frames.to_string(),
         format!("{:.1}", 100.0 * report.completion),
@@ -58,7 +58,7 @@ pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
     let trust = report.trust.as_ref();
     let deserved = trust.is_some_and(Trust::is_deserved);
     let cells = [
-        entry.fault.name(),
+        entry.failure(),
         entry.path.clone(),
         entry.scene.to_owned(),
         entry.scenario.seed.to_string(),
@@ -181,7 +181,7 @@ pub fn silence_row(entry: &Entry, report: &Report) -> Option<String> {
         silence.named_s.iter().map(|(name, s)| format!("{name} {s:.2}")).collect()
     });
     let cells = [
-        entry.fault.name(),
+        entry.failure(),
         entry.path.clone(),
         entry.scene.to_owned(),
         entry.scenario.seed.to_string(),
