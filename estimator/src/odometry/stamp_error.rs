@@ -188,7 +188,7 @@ impl Odometer {
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting();
         // What moves pulls a sighting along as an error of the stamp would.
-        let may_begin = !is_active && !self.window.is_motion_in_sight();
+        let may_begin = !is_active && !self.window.is_motion_in_sight() && !self.forces.is_contradicted();
         if !is_measured {
             return (prediction, None);
         }
@@ -282,7 +282,11 @@ impl Odometer {
             + turned * turned.transpose();
         let least = LEAST_SIGHTING_M.squared() + velocity.squared();
         let of_way = sighting.position_covariance + Matrix3::identity() * least + along(&before.nav.v_o_b);
-        let (by_turn, by_way) = (of_turn.try_inverse()?, of_way.try_inverse()?);
+        let by_turn = of_turn.try_inverse()?;
+        // A force that did not act moves the prediction too.
+        let tells_way = !self.forces.is_contradicted()
+            && self.sudden_force.moved_m(self.window.frames.last()?.stamp, dt_s).is_none();
+        let by_way = if tells_way { of_way.try_inverse()? } else { Matrix3::zeros() };
         let information = rates.rate_b.dot(&(by_turn * rates.rate_b)) + rates.v_o.dot(&(by_way * rates.v_o));
         let score = rates.rate_b.dot(&(by_turn * turn)) + rates.v_o.dot(&(by_way * way));
         let error_s = score / information.at_least(1.0);
