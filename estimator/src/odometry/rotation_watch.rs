@@ -15,7 +15,7 @@
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
 use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
-use super::lag::lag_s;
+use super::lag::{Delay, delay};
 use super::stamp_drift::StampDrift;
 use super::stamp_error::TimeError;
 use super::stamp_noise::StampNoise;
@@ -84,6 +84,8 @@ enum Culprit {
 struct Contradiction {
     since: Timestamp,
     culprit: Culprit,
+    /// True while a delay would explain much of it.
+    is_delay_suspected: bool,
     /// The bias before it, rad/s.
     bias_gyro: Vector3<f64>,
     /// Frames on end that agree.
@@ -340,6 +342,7 @@ impl RotationWatch {
         self.contradiction = Some(Contradiction {
             since: hole.map_or(first, |(begun, _)| begun.min(first)),
             culprit: Culprit::Unknown,
+            is_delay_suspected: false,
             bias_gyro: frame.bias_gyro,
             agreeing: 0,
         });
@@ -371,9 +374,9 @@ impl RotationWatch {
         let Some(mut contradiction) = self.contradiction else { return };
         let dt_s = turn.to.seconds_since(turn.from);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
-            if let Some(lag_s) =
-                lag_s(&self.angles, &self.turns, contradiction.since, &contradiction.bias_gyro)
-            {
+            let delay = delay(&self.angles, &self.turns, contradiction.since, &contradiction.bias_gyro);
+            contradiction.is_delay_suspected = delay == Delay::Suspected;
+            if let Delay::Found(lag_s) = delay {
                 contradiction.culprit =
                     if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
@@ -430,7 +433,7 @@ impl RotationWatch {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, and the images do turn.
+    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, nor much of it, and the images do turn.
     fn is_gyro_named(&self, contradiction: &Contradiction) -> bool {
         let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
         let (mut seen, mut off, mut count) = (0.0, 0.0, 0);
@@ -443,7 +446,7 @@ impl RotationWatch {
             count += 1;
         }
         let is_open = matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed);
-        is_open && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
+        is_open && !contradiction.is_delay_suspected && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
     }
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.
