@@ -5,6 +5,7 @@
 //! right one, and find back to the left when it returns.
 
 mod begin;
+mod follow;
 mod predicted;
 
 use super::PointObservation;
@@ -15,7 +16,6 @@ use super::prediction::{DepthMap, PredictedMotion};
 use super::repetition::RepetitionWatch;
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
-use super::temporal::{Followed, Shift, Transition};
 use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
@@ -158,6 +158,8 @@ pub struct PointTracker {
     limit: usize,
     motion: Option<PredictedMotion>,
     depths: DepthMap,
+    /// Tracks as they were before a large turn.
+    before: Vec<Track>,
     repetition: RepetitionWatch,
     /// Frames for which predictions are refused, since most points were not where the last one put them.
     refused: u32,
@@ -188,6 +190,7 @@ impl PointTracker {
             limit: options.max_points,
             motion: None,
             depths: DepthMap::new(options.max_points),
+            before: Vec::with_capacity(options.max_points),
             repetition: RepetitionWatch::default(),
             refused: 0,
         }
@@ -316,62 +319,6 @@ impl PointTracker {
             }),
             views => views.iter_mut().for_each(|view| view.take(frame, left.as_ref(), &input.rot_prev_cur)),
         }
-    }
-
-    /// Moves every track into this frame, by the camera whose previous image is the newest.
-    fn follow(&mut self) {
-        let is_repeating = self.is_repeating();
-        let transitions: [Option<Transition<'_>>; 2] = std::array::from_fn(|c| {
-            self.views.get(c).filter(|v| v.can_follow()).map(|view| Transition {
-                index: c,
-                camera: &self.rig[c],
-                previous: &view.previous,
-                current: &view.current,
-                rot_cur_prev: self.rig[c].rotation_of(&view.rot_prev_cur_b).inverse().to_rotation_matrix(),
-                frames: view.frames,
-                max_iterations: self.options.max_iterations,
-                max_return_px: self.options.max_forward_backward_px,
-                border_px: self.options.border_px as f64,
-                use_reference: self.use_reference,
-                is_unique_only: self.options.unique_only || is_repeating,
-                shift: self.motion.filter(|_| view.frames == 1).map(|motion| {
-                    let pose_b_c = &self.rig[c].pose_b_c;
-                    let pose_cur_prev_c = (pose_b_c.inverse() * motion.pose_prev_cur_b * pose_b_c).inverse();
-                    Shift {
-                        rot_cur_prev: pose_cur_prev_c.rotation.to_rotation_matrix(),
-                        t_cur_prev: pose_cur_prev_c.translation.vector,
-                        sigma_m: motion.sigma_m,
-                    }
-                }),
-            })
-        });
-        // Beyond the limit the youngest go.
-        self.store.tracks.iter_mut().skip(self.limit).for_each(|track| track.lost = true);
-        self.store.sweep();
-        let (mut predicted, mut missed) = (0, 0);
-        for (track, reference) in self.store.iter_mut() {
-            track.came_by = None;
-            track.was_predicted = None;
-            let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
-            let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
-                let mask = self.masks[t.index].as_ref();
-                t.follow(track, reference, mask)
-            });
-            let counter = match outcome {
-                Followed::Refined => &mut self.figures.refined,
-                Followed::FlowOnly => &mut self.figures.flow_only,
-                Followed::Changed => &mut self.figures.changed,
-                Followed::Lost => &mut self.figures.lost,
-            };
-            *counter += 1;
-            track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
-            if let Some(is_within) = track.was_predicted {
-                predicted += 1;
-                missed += usize::from(!is_within);
-            }
-        }
-        self.store.sweep();
-        self.judge_prediction(predicted, missed);
     }
 
     /// Drops what contradicts the motion of the camera.

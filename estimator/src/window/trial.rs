@@ -23,6 +23,8 @@ const LEAST_STAMP_S: f64 = 1e-3;
 /// Share of known landmarks on the side of the prediction from which it is not contradicted, and that the sighting explains at least.
 const BACKED_SHARE: f64 = 0.1;
 const EXPLAINED_SHARE: f64 = 0.7;
+/// Share of known landmarks that only the sighting explains, from which they cannot be a crowd that has been known for a moment.
+const PLAIN_SHARE: f64 = 0.25;
 /// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and so many standard deviations.
 const BACKED_RAD: f64 = 1.5e-3;
 const BACKED_SIGMAS: f64 = 3.0;
@@ -87,7 +89,9 @@ impl Trial {
     /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
     #[must_use]
     pub fn is_by_forces(&self) -> bool {
-        self.crowd.is_none_or(|crowd| self.off_m <= crowd.wrong_m)
+        let Votes { sighted, all, .. } = self.votes;
+        let is_plain = sighted as f64 >= PLAIN_SHARE * all as f64;
+        self.crowd.is_none_or(|crowd| is_plain || self.off_m <= crowd.wrong_m)
     }
 
     /// Force that explains the difference, m/s².
