@@ -111,7 +111,9 @@ fn late_inertial_samples_are_named_within_a_second_and_leave_the_quality() {
             first_s(&said, HealthBits::IMU_LATE).is_some_and(|s| (0.0..1.0).contains(&s)),
             "{imu_late_s}"
         );
-        assert!(first_s(&said, HealthBits::IMAGES_LATE).is_none(), "{imu_late_s}");
+        for bit in [HealthBits::IMAGES_LATE, HealthBits::GYRO_CONTRADICTED] {
+            assert!(first_s(&said, bit).is_none(), "{imu_late_s}");
+        }
         assert!(
             said.iter().all(|(_, health, quality)| *quality == 90 || !health.contains(HealthBits::IMU_LATE))
         );
@@ -126,7 +128,9 @@ fn late_images_are_named_within_a_second_and_cost_the_quality() {
             first_s(&said, HealthBits::IMAGES_LATE).is_some_and(|s| (0.0..1.0).contains(&s)),
             "{images_late_s}"
         );
-        assert!(first_s(&said, HealthBits::IMU_LATE).is_none(), "{images_late_s}");
+        for bit in [HealthBits::IMU_LATE, HealthBits::GYRO_CONTRADICTED] {
+            assert!(first_s(&said, bit).is_none(), "{images_late_s}");
+        }
         assert!(said.iter().all(|(t, _, quality)| *t < BEGIN_S || *quality < 20));
     }
 }
@@ -171,6 +175,7 @@ fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
     watch.contradiction = Some(Contradiction {
         since: from,
         culprit: Culprit::Disputed,
+        is_delay_suspected: false,
         bias_gyro: Vector3::zeros(),
         agreeing: 0,
     });

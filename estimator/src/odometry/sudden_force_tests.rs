@@ -63,3 +63,22 @@ fn what_is_no_number_and_a_hole_are_no_change() {
     };
     assert_eq!([0.0, f64::NAN, 10.0].map(&mut frame), [None; 3]);
 }
+
+#[test]
+fn a_force_that_did_not_act_moves_predictions_further_with_each_frame_until_it_is_confirmed() {
+    let mut watch = SuddenForce::new();
+    let mut moved_m = |k: usize| {
+        let force = flying(k) + if k >= 100 { 8.0 } else { 0.0 };
+        let motion = Preintegration { dt_s: 0.05, delta_v: Vector3::new(force, 0.0, 9.8) * 0.05, ..still() };
+        let [from, to] = [k, k + 1].map(|k| Timestamp::default().plus_seconds(0.05 * k as f64));
+        watch.update([from, to], &UnitQuaternion::identity(), &motion);
+        watch.moved_m(to, 0.05)
+    };
+    let moved: Vec<_> = (0..130).map(&mut moved_m).collect();
+    assert!(moved[..100].iter().all(Option::is_none));
+    for (after, way) in [(0, 0.01), (1, 0.03), (2, 0.05)] {
+        let found = moved[100 + after].expect("sudden");
+        assert!((found / way - 1.0).abs() < 0.1, "{after}: {found}");
+    }
+    assert_eq!(moved[120], None);
+}

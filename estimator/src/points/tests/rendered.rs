@@ -10,7 +10,7 @@ use crate::points::corners::{CornerDetector, Demand};
 use crate::points::flow::{FlowOptions, track_patch};
 use crate::points::{PointObservation, TrackerInput};
 use crate::work_budget::InTurn;
-use nalgebra::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
+use nalgebra::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::GrayImage;
 use plumbline_config::Random;
 use plumbline_config::options::PixelMask;
@@ -295,6 +295,23 @@ fn a_wild_rotation_or_a_singular_rig_does_no_harm() {
     flight.tracker.set_extrinsics(&[Isometry3::identity(); 2]);
     for frame in 2..5 {
         flight.shoot(&sway(frame));
+    }
+}
+
+#[test]
+fn tracks_survive_a_gyroscope_that_turns_wildly_about_each_axis() {
+    for axis in 0..3 {
+        for turn_rad in [0.2, -0.2, 0.6] {
+            let mut flight = Flight::new(Scene::new(23, 2.0), 2);
+            (0..4).for_each(|frame| _ = flight.shoot(&sway(frame)));
+            for frame in 4..8 {
+                let wrong = Isometry3::rotation(Vector3::ith(axis, turn_rad));
+                flight.last_pose_w_b *= wrong;
+                let seen = flight.shoot(&sway(frame));
+                let old = seen.iter().filter(|p| p.age > 3).count();
+                assert!(old >= 25, "{turn_rad} rad about {axis}: {old} of {} in frame {frame}", seen.len());
+            }
+        }
     }
 }
 

@@ -84,7 +84,7 @@ pub(super) struct Flight {
     pub tracker: PointTracker,
     cameras: usize,
     pub frame: u64,
-    last_pose_w_b: Isometry3<f64>,
+    pub(super) last_pose_w_b: Isometry3<f64>,
 }
 
 /// Conditions of a frame of a flight.
