@@ -8,9 +8,9 @@ use nalgebra::UnitQuaternion;
 /// A turn that moves the image by more than this, px, is not taken for granted.
 const LARGE_TURN_PX: f64 = 8.0;
 /// It is refuted where it leads to fewer than this share of so many tracks at least, and no turn at all to so many times as many.
-const FOUND_SHARE: f64 = 0.3;
+const FOUND_SHARE: f64 = 0.6;
 const MIN_TRACKS: usize = 20;
-const TIMES_AS_MANY: usize = 3;
+const TIMES_AS_MANY: f64 = 1.5;
 
 /// What following rests on and leaves, kept while it is tried in another way.
 struct Tried {
@@ -60,7 +60,7 @@ impl PointTracker {
         }
         self.figures = TrackerFigures::default();
         std::mem::swap(&mut self.before, &mut self.store.tracks);
-        if self.follow_all() < TIMES_AS_MANY * tried.found.max(1) {
+        if (self.follow_all() as f64) < TIMES_AS_MANY * tried.found.max(1) as f64 {
             std::mem::swap(&mut self.before, &mut self.store.tracks);
             (self.motion, self.figures) = (tried.motion, tried.figures);
             for (view, turn) in self.views.iter_mut().zip(tried.turns) {
