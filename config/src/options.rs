@@ -121,8 +121,8 @@ pub struct DriverConfig {
     /// Number of stereo pairs decoded or rendered ahead.
     #[key(default = 4, range = 1..=64)]
     pub image_queue: usize,
-    /// Largest difference of the stamps within a stereo pair, s. In data sets and bags, images that are farther apart are not
-    /// paired. Live pairs that are farther apart are used and counted.
+    /// Largest difference of the stamps within a stereo pair. In data sets and bags, images that are farther apart
+    /// are not paired. Live pairs that are farther apart are used and counted.
     #[key(default = 0.002, range = 0.0..=0.1, unit = SECONDS)]
     pub pair_tolerance_s: f64,
     /// The inertial sensor of a live flight. `[imu]` states its rate and its ranges.

@@ -18,7 +18,7 @@ use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, is_possible, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
 use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
-use crate::frame_socket::Header;
+use crate::frame_socket::FrameHeader;
 use crate::iio::layout::{Storage, parse_matrix};
 use crate::inertial::{FramingFigures, LinkFigures};
 use crate::serial::Stream;
@@ -152,9 +152,9 @@ pub fn camera_buffer(data: &[u8]) {
 /// When it does not, or is not.
 pub fn frame_header(data: &[u8]) {
     let rig_px = [(752, 480), (640, 400)];
-    let mut bytes = [0; Header::BYTES];
+    let mut bytes = [0; FrameHeader::BYTES];
     bytes.iter_mut().zip(data).for_each(|(to, from)| *to = *from);
-    if let Ok(header) = Header::decode(&bytes, rig_px) {
+    if let Ok(header) = FrameHeader::decode(&bytes, rig_px) {
         assert_eq!(header.encode(), bytes);
         let fits = |k: usize| {
             header.sizes_px[k] == (0, 0) || header.sizes_px[k] == (rig_px[k].0 as u32, rig_px[k].1 as u32)

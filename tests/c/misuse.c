@@ -1,5 +1,5 @@
-/* Every misuse of the C library is an error value, with a text: misuse CONFIG.toml FOLDER [no-terminals]. Prints the table
- * of docs/c-library.md; ends with 1 where a value is another. */
+/* Every misuse of the C library is an error value, with a text: misuse CONFIG.toml FOLDER [no-terminals]. Prints each
+ * with its status, as docs/c-library.md groups them; ends with 1 where a value is another. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <plumbline.h>

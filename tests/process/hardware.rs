@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use plumbline_config::{GrayImage, ImuSample, Random, Timestamp};
 use plumbline_drivers::clock::monotonic_ns;
-use plumbline_drivers::frame_socket::Header;
+use plumbline_drivers::frame_socket::FrameHeader;
 use plumbline_drivers::{
     EurocDataset, EurocOptions, ImuReading, ImuSource as _, StereoFrame, StereoSource as _,
 };
@@ -414,7 +414,7 @@ pub fn send_all<'a>(
         has_begun = true;
         std::thread::sleep(Duration::from_nanos(u64::try_from(left_ns).unwrap_or(0)));
         let sizes_px = sizes_px.map(|(width, height)| (width as u32, height as u32));
-        let header = Header { sequence: k as u64, stamp_ns, sizes_px };
+        let header = FrameHeader { sequence: k as u64, stamp_ns, sizes_px };
         let [left, right] = frame.images.each_ref().map(GrayImage::pixels);
         for bytes in [&header.encode()[..], left, right] {
             if sender.write_all(bytes).is_err() {

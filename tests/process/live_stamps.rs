@@ -3,7 +3,7 @@
 
 use super::vehicle::{PLUMBLINE, Running, eventually};
 use plumbline_drivers::clock::monotonic_ns;
-use plumbline_drivers::frame_socket::Header;
+use plumbline_drivers::frame_socket::FrameHeader;
 use plumbline_protocol::{Imu, MAX_FRAME, Message, encode};
 use rustix::fd::OwnedFd;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -91,7 +91,7 @@ fn frames(socket: &Path, stamp: fn(i64) -> i64) -> Sender {
     let mut stream = UnixStream::connect(socket).unwrap();
     let pixels = vec![90; (2 * SIZE.0 * SIZE.1) as usize];
     Sender::start(Duration::from_millis(50), move |sequence| {
-        let header = Header { sequence, stamp_ns: stamp(monotonic_ns()), sizes_px: [SIZE; 2] };
+        let header = FrameHeader { sequence, stamp_ns: stamp(monotonic_ns()), sizes_px: [SIZE; 2] };
         // The flight may have ended.
         let _ = stream.write_all(&header.encode()).and_then(|()| stream.write_all(&pixels));
     })
@@ -288,7 +288,7 @@ mod realtime {
                 let stamp_ns = frame.stamp.as_nanos() + epoch;
                 wait_until(stamp_ns + 5_000_000);
                 let size = |k: usize| (frame.images[k].width() as u32, frame.images[k].height() as u32);
-                let header = Header { sequence: frame.sequence, stamp_ns, sizes_px: [size(0), size(1)] };
+                let header = FrameHeader { sequence: frame.sequence, stamp_ns, sizes_px: [size(0), size(1)] };
                 stream.write_all(&header.encode()).unwrap();
                 frame.images.iter().for_each(|image| stream.write_all(image.pixels()).unwrap());
             }

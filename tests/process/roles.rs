@@ -60,12 +60,16 @@ fn documented() -> BTreeMap<Field, Vec<String>> {
         .unwrap();
     let mut table = BTreeMap::new();
     for line in text.lines().filter(|line| line.starts_with('|')) {
-        let cells: Vec<&str> =
-            line.trim_matches('|').split('|').map(|cell| cell.trim().trim_matches('`')).collect();
-        let field = fields().into_iter().find(|(deed, key)| cells.len() > 2 && cells[..2] == [*deed, *key]);
-        let Some(field) = field else { continue };
-        let words = cells[2..].iter().map(|cell| (*cell).to_owned()).collect();
-        assert!(table.insert(field, words).is_none(), "{field:?} stands there twice");
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        // A row is of each of its operations on each of its keys.
+        let [deeds, keys, words @ ..] = cells.as_slice() else { continue };
+        for deed in deeds.split("; ") {
+            for key in keys.split(", ").map(|key| key.trim_matches('`')) {
+                let Some(field) = fields().into_iter().find(|field| *field == (deed, key)) else { continue };
+                let words = words.iter().map(|word| (*word).to_owned()).collect();
+                assert!(table.insert(field, words).is_none(), "{field:?} stands there twice");
+            }
+        }
     }
     assert_eq!(table.len(), fields().len(), "fields are missing in docs/security.md");
     table

@@ -9,7 +9,7 @@ from conftest import REPOSITORY, SHARED, skip
 
 import plumbline
 
-PAGES = ["docs/guide.md", "docs/python.md", "runtime/python/README.md"]
+PAGES = ["docs/python.md", "runtime/python/README.md"]
 
 
 def blocks(page):

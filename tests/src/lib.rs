@@ -1,7 +1,7 @@
 //! Common parts of the system tests: the places of the shared data, and the flights.
 
 use plumbline_drivers::simulator::Scene;
-use plumbline_lab::campaign::{Entry, Fault};
+use plumbline_lab::campaign::{CampaignFault, Entry};
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.
@@ -17,7 +17,7 @@ pub fn entry(
     scene: (&'static str, Scene),
     seed: u64,
     duration_s: f64,
-    fault: Fault,
+    fault: CampaignFault,
 ) -> Option<Entry> {
     let trajectories = shared("euroc/trajectories")?.join("euroc/trajectories");
     Some(Entry::new(&trajectories, (path, 15.0), scene, seed, duration_s, fault))

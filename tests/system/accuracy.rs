@@ -1,7 +1,7 @@
 //! Simulated flights along real trajectories stay within their limits.
 
 use plumbline_drivers::simulator::Scene;
-use plumbline_lab::campaign::{Entry, Fault, Setup};
+use plumbline_lab::campaign::{CampaignFault, Entry, Setup};
 use plumbline_lab::report::Report;
 use plumbline_tests::entry;
 
@@ -9,7 +9,7 @@ use plumbline_tests::entry;
 /// asked for (0.3 to 3 times its expectation) are those of whole minutes: see `soak.rs`. In the first seconds
 /// the covariance is wider than the errors, so the lower bound here only guards against getting worse.
 fn flies(path: &str, scene: (&'static str, Scene), max_ate_percent: f64) {
-    let Some(entry) = entry(path, scene, 1, 10.0, Fault::None) else { return };
+    let Some(entry) = entry(path, scene, 1, 10.0, CampaignFault::None) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();
     println!("{}", entry.row(&report));
     let accuracy = report.accuracy.as_ref().unwrap();
@@ -41,7 +41,8 @@ fn almost_without_texture() {
 /// in `soak.rs`; a single flight scatters too much for that.
 #[test]
 fn lines_lower_the_error_where_texture_is_missing() {
-    let Some(entry) = entry("V1_02_medium", ("low-texture", Scene::LowTexture), 1, 20.0, Fault::None) else {
+    let Some(entry) = entry("V1_02_medium", ("low-texture", Scene::LowTexture), 1, 20.0, CampaignFault::None)
+    else {
         return;
     };
     let [with, without] = with_and_without_lines(&entry);

@@ -2,13 +2,13 @@
 
 use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::table::{SILENCE_HEAD, TRUST_HEAD, silence_row, trust_row};
-use plumbline_lab::campaign::{Fault, PATHS};
+use plumbline_lab::campaign::{CampaignFault, PATHS};
 use plumbline_lab::report::trust::MAX_NEES_DURING;
 use plumbline_tests::entry;
 
 /// Flies V1_02 in the room for twelve seconds with `fault`; the error stays below `max_error_m` and within
 /// `max_sigmas` of what the covariance says.
-fn survives(fault: Fault, max_error_m: f64, max_sigmas: f64) {
+fn survives(fault: CampaignFault, max_error_m: f64, max_sigmas: f64) {
     let Some(entry) = entry("V1_02_medium", ("room", Scene::Room), 1, 12.0, fault) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();
     println!("{}", entry.row(&report));
@@ -21,37 +21,37 @@ fn survives(fault: Fault, max_error_m: f64, max_sigmas: f64) {
 
 #[test]
 fn a_blackout_of_a_second_and_a_half() {
-    survives(Fault::Blackout, 0.3, 4.0);
+    survives(CampaignFault::Blackout, 0.3, 4.0);
 }
 
 #[test]
 fn one_frame_in_twenty_lost() {
-    survives(Fault::Drops, 0.1, 4.0);
+    survives(CampaignFault::Drops, 0.1, 4.0);
 }
 
 #[test]
 fn the_left_camera_silent_for_five_seconds() {
-    survives(Fault::LeftLost, 0.2, 4.0);
+    survives(CampaignFault::LeftLost, 0.2, 4.0);
 }
 
 #[test]
 fn flickering_exposure() {
-    survives(Fault::Flicker, 0.1, 4.0);
+    survives(CampaignFault::Flicker, 0.1, 4.0);
 }
 
 #[test]
 fn stamps_eight_milliseconds_off() {
-    survives(Fault::Offset, 0.2, 4.0);
+    survives(CampaignFault::Offset, 0.2, 4.0);
 }
 
 #[test]
 fn extrinsics_one_degree_off() {
-    survives(Fault::Extrinsics, 0.2, 4.0);
+    survives(CampaignFault::Extrinsics, 0.2, 4.0);
 }
 
 /// Flies as the campaign does, and asserts that errors were consistent with the covariance and that the estimate
 /// recovered at once.
-fn is_honest(fault: Fault) {
+fn is_honest(fault: CampaignFault) {
     let Some(entry) = entry("V1_02_medium", ("room", Scene::Room), 1, 15.0, fault) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();
     println!("{TRUST_HEAD}\n{}", trust_row(&entry, &report).unwrap());
@@ -62,17 +62,17 @@ fn is_honest(fault: Fault) {
 
 #[test]
 fn an_inertial_sensor_at_the_ends_of_its_range() {
-    is_honest(Fault::Saturated);
+    is_honest(CampaignFault::Saturated);
 }
 
 #[test]
 fn a_right_camera_turned_by_two_degrees() {
-    is_honest(Fault::RightTurned);
+    is_honest(CampaignFault::RightTurned);
 }
 
 /// Flies with a sensor that fails in silence after ten seconds: it is named within a second, and estimates that may be used are
 /// within five standard deviations.
-fn names_the_sensor(fault: Fault) {
+fn names_the_sensor(fault: CampaignFault) {
     let Some(entry) = entry("V1_02_medium", ("room", Scene::Room), 1, 15.0, fault) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();
     println!("{SILENCE_HEAD}\n{}", silence_row(&entry, &report).unwrap());
@@ -81,12 +81,12 @@ fn names_the_sensor(fault: Fault) {
 
 #[test]
 fn a_gyroscope_that_reads_zero() {
-    names_the_sensor(Fault::GyroZero);
+    names_the_sensor(CampaignFault::GyroZero);
 }
 
 #[test]
 fn inertial_samples_stamped_half_a_second_late() {
-    names_the_sensor(Fault::ImuLate500);
+    names_the_sensor(CampaignFault::ImuLate500);
 }
 
 /// Every sensor that fails in silence, along four paths; the figures stand in docs/benchmarks.md.
@@ -94,7 +94,7 @@ fn inertial_samples_stamped_half_a_second_late() {
 #[ignore = "minutes; run by `make soak`"]
 fn soak_every_silent_sensor_is_named() {
     let (mut rows, mut silent) = (Vec::new(), Vec::new());
-    for fault in Fault::ALL.into_iter().filter(|fault| fault.is_silent()) {
+    for fault in CampaignFault::ALL.into_iter().filter(|fault| fault.is_silent()) {
         for (path, _) in PATHS {
             let Some(entry) = entry(path, ("room", Scene::Room), 1, 15.0, fault) else { return };
             let report = entry.fly(None, false, None, 2).unwrap();
@@ -114,14 +114,14 @@ fn soak_every_silent_sensor_is_named() {
 fn soak_no_fault_gives_false_confidence() {
     let mut rows = Vec::new();
     let mut deceived = Vec::new();
-    for fault in Fault::ALL.into_iter().filter(|fault| !fault.is_silent()) {
+    for fault in CampaignFault::ALL.into_iter().filter(|fault| !fault.is_silent()) {
         let Some(entry) = entry("V1_02_medium", ("room", Scene::Room), 1, 16.0, fault) else { return };
         let report = entry.fly(None, false, None, 2).unwrap();
         rows.extend(trust_row(&entry, &report));
         let trust = report.trust.unwrap();
         // A hover lasts to the end: what comes after it is short.
         let is_during = trust.nees_during.is_none_or(|nees| nees <= MAX_NEES_DURING);
-        let is_honest = trust.is_deserved() || (fault == Fault::Hover && is_during);
+        let is_honest = trust.is_deserved() || (fault == CampaignFault::Hover && is_during);
         if !is_honest {
             deceived.push(format!("{fault:?}: {trust:?}"));
         }

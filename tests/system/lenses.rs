@@ -3,7 +3,7 @@
 use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
 use plumbline_drivers::simulator::Scene;
-use plumbline_lab::campaign::{Entry, Fault, Setup};
+use plumbline_lab::campaign::{CampaignFault, Entry, Setup};
 use plumbline_lab::evaluate::paired::PairedDifference;
 use plumbline_lab::report::Report;
 use std::path::Path;
@@ -43,7 +43,7 @@ fn flown(distortion: Distortion, focal: f64, (path, seed): (&str, u64), duration
     }
     let config = config.validated("lens").unwrap();
     let mut entry =
-        Entry::new(Path::new(""), (path, 0.0), ("room", Scene::Room), seed, duration_s, Fault::None);
+        Entry::new(Path::new(""), (path, 0.0), ("room", Scene::Room), seed, duration_s, CampaignFault::None);
     entry.scenario.resolution_scale = 0.5;
     let setup = Setup { config: Some(config), overrides: Vec::new(), mono: false, cache: None, threads: 2 };
     entry.fly_as(&setup).unwrap()

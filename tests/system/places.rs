@@ -5,7 +5,7 @@ use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::read_tum;
 use plumbline_estimator::places::{ExtractorOptions, LocatorOptions, MapLimits, PlaceMap};
 use plumbline_flight::places::build::{BuildOptions, LocatedFrame, build, locate};
-use plumbline_flight::places::frames::{Choice, Frames};
+use plumbline_flight::places::frames::{Choice, RecordedFrames};
 use plumbline_tests::shared;
 use std::path::Path;
 
@@ -27,9 +27,9 @@ impl Room {
         Some(Self { folder, poses })
     }
 
-    fn frames(&self, offset: usize) -> Frames {
+    fn frames(&self, offset: usize) -> RecordedFrames {
         let options = ExtractorOptions { max_features: FEATURES, ..ExtractorOptions::default() };
-        Frames::open(Path::new(&self.folder), None, Choice { every: 2, offset }, &options).unwrap()
+        RecordedFrames::open(Path::new(&self.folder), None, Choice { every: 2, offset }, &options).unwrap()
     }
 
     fn map(&self, offset: usize) -> PlaceMap {
@@ -125,7 +125,7 @@ fn images_of_another_place_are_not_found() {
     let map = room.map(0);
     let options = ExtractorOptions { max_features: FEATURES, ..ExtractorOptions::default() };
     let hall = shared.join("euroc/MH_05_mono_clip");
-    let mut frames = Frames::open(&hall, None, Choice { every: 10, offset: 0 }, &options).unwrap();
+    let mut frames = RecordedFrames::open(&hall, None, Choice { every: 10, offset: 0 }, &options).unwrap();
     let mut looked_at = 0;
     locate(&mut frames, &map, &LocatorOptions::default(), FEATURES, |frame| {
         looked_at += 1;

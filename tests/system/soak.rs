@@ -2,7 +2,7 @@
 //! other tests.
 
 use super::accuracy::with_and_without_lines;
-use plumbline_lab::campaign::{Fault, PATHS, SCENES};
+use plumbline_lab::campaign::{CampaignFault, PATHS, SCENES};
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
 use plumbline_tests::entry;
 
@@ -15,7 +15,7 @@ fn soak_a_minute_of_flight_keeps_heading_and_covariance() {
     let is_flown = |k: usize| soak_minutes() >= SOAK_IN_FULL_MIN || k.is_multiple_of(2);
     for (i, scene) in SCENES.into_iter().enumerate() {
         for (_, (path, _)) in PATHS.into_iter().enumerate().filter(|(j, _)| is_flown(i + j)) {
-            let Some(entry) = entry(path, scene, 1, 60.0, Fault::None) else { return };
+            let Some(entry) = entry(path, scene, 1, 60.0, CampaignFault::None) else { return };
             let report = entry.fly(None, false, None, 2).unwrap();
             println!("{}", entry.row(&report));
             let accuracy = report.accuracy.as_ref().unwrap();
@@ -41,7 +41,7 @@ fn soak_a_minute_of_flight_keeps_heading_and_covariance() {
 fn soak_lines_lower_the_error_by_a_third_where_texture_is_missing() {
     let mut sums_m = [0.0; 2];
     for (path, _) in PATHS {
-        let Some(entry) = entry(path, SCENES[2], 1, 60.0, Fault::None) else { return };
+        let Some(entry) = entry(path, SCENES[2], 1, 60.0, CampaignFault::None) else { return };
         for (sum_m, report) in sums_m.iter_mut().zip(with_and_without_lines(&entry)) {
             *sum_m += report.ate_rmse_m.unwrap();
         }

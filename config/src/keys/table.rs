@@ -7,7 +7,7 @@ use crate::keys::Table as _;
 
 /// A table in Markdown with a row for each key that a user may have a reason to change.
 pub(crate) fn markdown() -> String {
-    let mut rows = "| key | default | range | meaning |\n|---|---|---|---|\n".to_owned();
+    let mut rows = "| key | default (range) | meaning |\n|---|---|---|\n".to_owned();
     add("", Config::keys(), &mut rows);
     rows
 }
@@ -30,13 +30,14 @@ fn add(path: &str, keys: &[Key], rows: &mut String) {
 fn row(name: &str, key: &Key) -> String {
     let default = key.default.map_or_else(|| "required".into(), |default| format!("`{}`", default()));
     let range = match ((key.kind)(), key.range_with_unit()) {
-        (_, Some(range)) => range,
+        (_, Some(range)) => format!(" ({range})"),
         (Kind::Word(words), None) => {
-            words().current.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
+            let words: Vec<_> = words().current.iter().map(|word| format!("`{word}`")).collect();
+            format!(" ({})", words.join(", "))
         }
         _ => String::new(),
     };
-    format!("| `{name}` | {default} | {range} | {} |\n", first_sentence(key.text).replace('|', "\\|"))
+    format!("| `{name}` | {default}{range} | {} |\n", first_sentence(key.text).replace('|', "\\|"))
 }
 
 /// What stands before the first full stop, or before the colon of a list of words.

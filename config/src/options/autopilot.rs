@@ -15,7 +15,7 @@ pub struct AutopilotConfig {
     /// "serial:///dev/ttyS0:921600"; empty for none.
     #[key(default)]
     pub connect: String,
-    /// Rate of the odometry messages, Hz.
+    /// Rate of the odometry messages.
     #[key(default = 40.0, range = 30.0..=50.0, unit = HZ, cure = "write it in Hz; PX4 asks for 30 to 50")]
     pub rate_hz: f64,
     /// The vehicle's MAVLink system (MAV_SYS_ID of PX4, SYSID_THISMAV of ArduPilot).

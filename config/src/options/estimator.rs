@@ -38,7 +38,7 @@ pub struct PointsConfig {
     /// Largest number of points tracked at a time.
     #[key(default = 120, range = 8..=2000)]
     pub max_points: usize,
-    /// Side length of the square detection cells, px. An empty cell gets a new point.
+    /// Side of the square detection cells. An empty cell gets a new point.
     #[key(default = 52, range = 8..=128, unit = PIXELS)]
     pub cell_px: usize,
     /// Smallest Shi-Tomasi score of a new point, (grey levels/px)².
@@ -53,20 +53,20 @@ pub struct PointsConfig {
     /// Largest forward-backward error of a tracked point, px.
     #[key(default = 0.4, range = 1e-3..=20.0, unit = PIXELS, experiment)]
     pub max_forward_backward_px: f32,
-    /// Largest distance of a stereo match from its epipolar line, px.
+    /// Largest distance of a stereo match from its epipolar line.
     #[key(default = 2.5, range = 0.01..=50.0, unit = PIXELS)]
     pub max_epipolar_px: f32,
-    /// Points this close to the image edge are dropped, px.
+    /// Points this close to the image edge are dropped.
     #[key(default = 8, range = 0..=200, unit = PIXELS)]
     pub border_px: usize,
     /// Smooths noisy images (by night, at a high gain) before points are looked for.
     #[key(default = true, experiment)]
     pub denoise: bool,
-    /// Tracks only points whose surroundings do not repeat close by, and matches them on the full image: for fine repeated
-    /// texture (perforated plates, fabric), at half as much processor time again.
+    /// Tracks only points whose surroundings do not repeat close by, and matches them on the full image. It is for
+    /// fine repeated texture (perforated plates, fabric), at half as much processor time again.
     #[key(default = false)]
     pub unique_only: bool,
-    /// Standard deviation of a tracked point, px at full resolution.
+    /// Standard deviation of a tracked point, at full resolution.
     #[key(default = 0.4, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
 }
@@ -94,8 +94,8 @@ pub struct WindowConfig {
     /// Longest time between keyframes, s.
     #[key(default = 2.0, range = 0.05..=60.0, unit = SECONDS, experiment)]
     pub max_keyframe_interval_s: f64,
-    /// Moving objects: features that contradict the motion predicted by window and IMU are dropped if they are at most this
-    /// fraction of the frame's features. 0 drops none. With one camera none are dropped.
+    /// Largest fraction of a frame's features that is dropped as moving. Features count as moving if they contradict
+    /// the motion predicted by window and IMU. 0 drops none. With one camera none are dropped.
     #[key(default = 0.85, range = 0.0..=0.95, cure = "write a share between 0 and 0.95; 0 takes nothing for moving")]
     pub max_moving_share: f64,
     /// Errors of single stamps are corrected by what frames show. The calibration of a rig leaves them to the time offset.
@@ -133,14 +133,14 @@ pub struct InitialConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HealthConfig {
-    /// Speed above which the estimate counts as diverged, m/s.
+    /// Speed above which the estimate counts as diverged.
     #[key(default = 20.0, range = 0.5..=300.0, unit = METRES_PER_SECOND, cure = "write it in m/s (is this in km/h?)")]
     pub max_speed_m_s: f64,
-    /// Standard deviation of the velocity in the body frame at which the quality is 0, m/s. After a start, no pose is published
-    /// until the standard deviation is below a tenth of this value.
+    /// Standard deviation of the body's velocity at which the quality is 0. After a start, no pose is published until
+    /// the standard deviation is below a tenth of this value.
     #[key(default = 2.0, range = 0.01..=100.0, unit = METRES_PER_SECOND)]
     pub max_velocity_sigma_m_s: f64,
-    /// Longest time without visual landmarks that the IMU bridges alone, s.
+    /// Longest time without landmarks that the IMU bridges alone.
     #[key(default = 5.0, range = 0.05..=60.0, unit = SECONDS)]
     pub max_blind_s: f64,
     /// Gyroscope bias above which the estimate counts as diverged, rad/s.
@@ -152,8 +152,8 @@ pub struct HealthConfig {
     /// Shortest time between automatic resets, s.
     #[key(default = 2.0, range = 0.0..=600.0, unit = SECONDS, experiment)]
     pub reset_holdoff_s: f64,
-    /// Treat an image that repeats the previous one bit for bit as missing. false for cameras without noise, whose images
-    /// repeat while the vehicle stands.
+    /// Treat an image that repeats the previous one as missing. false for cameras without noise, whose images repeat
+    /// while the vehicle stands.
     #[key(default = true)]
     pub refuse_repeated_images: bool,
 }

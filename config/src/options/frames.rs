@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FramesConfig {
-    /// Path of the Unix socket to listen on, such as "/run/plumbline/frames"; empty for none.
+    /// Unix socket to listen on, such as "/run/plumbline/frames"; empty for none.
     #[key(default)]
     pub listen: String,
 }

@@ -21,14 +21,15 @@ pub struct ImuDriverConfig {
     /// MAVLink message that carries the samples: "highres_imu", "raw_imu", "scaled_imu", "scaled_imu2" or "scaled_imu3".
     #[key(default)]
     pub mavlink_message: MavlinkImu,
-    /// Delay subtracted from every stamp, s: the delay of the sensor's filter (half its averaging time, which for PX4's
-    /// HIGHRES_IMU is 1 / IMU_INTEG_RATE), plus the shortest transmission time if the device does not answer time requests.
+    /// Delay subtracted from every stamp. It is the delay of the sensor's filter (half its averaging time, which for
+    /// PX4's HIGHRES_IMU is 1 / IMU_INTEG_RATE), plus the shortest transmission time if the device does not answer
+    /// time requests.
     #[key(default = 0.0, range = 0.0..=0.1, unit = SECONDS)]
     pub delay_s: f64,
-    /// Let the microcontroller trigger the cameras at their frame rate (protocol "plumbline").
+    /// Let the microcontroller trigger the cameras (protocol "plumbline"). The rate is their frame rate.
     #[key(default = false)]
     pub trigger_cameras: bool,
-    /// Length of the trigger pulse, s.
+    /// Length of the trigger pulse.
     #[key(default = 0.001, range = 1e-6..=0.1, unit = SECONDS)]
     pub trigger_pulse_s: f64,
     /// Exposure time of a triggered camera: "pulse" (the length of the pulse; if the microcontroller does not report it, the

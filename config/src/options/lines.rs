@@ -11,8 +11,8 @@ pub struct LinesConfig {
     /// Extract and use lines.
     #[key(default = true)]
     pub enabled: bool,
-    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are detected at half the resolution, with a threshold
-    /// of 0.7 times this value per half-resolution pixel.
+    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are detected at half the resolution, with a
+    /// threshold of 0.7 times this value per half-resolution pixel.
     #[key(default = 8.0, range = 0.5..=200.0, cure = "write it in grey levels per pixel")]
     pub min_gradient: f64,
     /// Shortest raw segment, px.
@@ -39,8 +39,8 @@ pub struct LinesConfig {
     /// Largest number of raw segments of an image.
     #[key(default = 1000, range = 8..=10_000, experiment)]
     pub max_raw: usize,
-    /// Largest number of segments of an image that are refined at full resolution, described and matched. Long segments of high
-    /// contrast are preferred.
+    /// Largest number of segments of an image that are refined and matched. Long segments of high contrast are
+    /// preferred.
     #[key(default = 48, range = 8..=500)]
     pub max_segments: usize,
     /// Largest Hamming distance of a match, of 256 bits.
@@ -52,17 +52,17 @@ pub struct LinesConfig {
     /// Largest number of line landmarks in the window.
     #[key(default = 120, range = 4..=2000, experiment)]
     pub max_landmarks: usize,
-    /// Standard deviation of the end points of a segment, across the segment, px. It is larger for real lenses than for
+    /// Standard deviation of a segment's end points, across the segment. It is larger for real lenses than for
     /// simulated ones.
     #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
     /// Constrain vertical lines to the direction of gravity.
     #[key(default = true, experiment)]
     pub use_verticals: bool,
-    /// Constrain horizontal lines to common headings: parallel or perpendicular to each other.
+    /// Constrain horizontal lines to common headings. They are parallel or perpendicular to each other.
     #[key(default = true)]
     pub use_vanishing_directions: bool,
-    /// Standard deviation of the angle between a line and the direction of its structure, degrees.
+    /// Standard deviation of the angle between a line and its structure.
     #[key(default = 0.1, range = 0.01..=10.0, unit = DEGREES)]
     pub structure_sigma_deg: f64,
 }

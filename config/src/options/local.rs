@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LocalConfig {
-    /// Path of the Unix socket, such as "/run/plumbline/local"; empty for none.
+    /// Unix socket, such as "/run/plumbline/local"; empty for none.
     #[key(default)]
     pub path: String,
     /// Permissions of the socket, octal. Every user who may connect may read. Only root, the user of the flight and the
     /// socket's group may give commands.
     #[key(default = "0660")]
     pub mode: String,
-    /// Group of the socket, by name or number; empty for the group of the process.
+    /// Group of the socket, by name or number; empty for that of the process.
     #[key(default)]
     pub group: String,
 }

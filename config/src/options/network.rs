@@ -29,8 +29,8 @@ pub struct NetworkConfig {
     /// Offer camera pictures if the link can carry them. They are encoded only while a client subscribes.
     #[key(default = true)]
     pub camera: bool,
-    /// Memory that peers may occupy in the network process, MB. If they exceed it, for example by declaring keys without end,
-    /// the network process ends and is restarted. The flight is not affected.
+    /// Memory that peers may occupy in the network process. If they exceed it, for example by declaring keys without
+    /// end, the network process ends and is restarted. The flight is not affected.
     #[key(default = 96, range = 8..=4096, unit = MEGABYTES)]
     pub max_memory_mb: u32,
     /// Clients that may give commands: "nobody"; "authenticated" (processes of this host, and operators with a certificate;
@@ -86,7 +86,7 @@ pub struct TlsConfig {
     /// Certificate of this vehicle.
     #[key(default)]
     pub certificate: PathBuf,
-    /// Private key of the certificate, readable by its owner only (chmod 600).
+    /// Private key, readable by its owner only (chmod 600).
     #[key(default)]
     pub key: PathBuf,
     /// Revoked certificates, by the names that `plumbline keys` prints: "operator.1" for one, "operator" for all operator
@@ -127,7 +127,7 @@ pub struct LoginConfig {
     /// File with the own password on its first line.
     #[key(default)]
     pub password_file: PathBuf,
-    /// File with a line name:password for each user who may connect; empty admits all.
+    /// File of lines name:password of users who may connect; empty admits all.
     #[key(default)]
     pub users_file: PathBuf,
     /// User names that may give commands.

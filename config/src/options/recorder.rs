@@ -15,10 +15,10 @@ pub struct RecorderConfig {
     /// beginning of the flight.
     #[key(default = KeepPolicy::Beginning)]
     pub keep: KeepPolicy,
-    /// Size at which a new file is started, MB (10^6 bytes).
+    /// Size at which a new file is started (MB: 10^6 bytes).
     #[key(default = 1024, range = 32..=65_536, unit = MEGABYTES)]
     pub max_file_mb: usize,
-    /// Largest size of all files of a flight together, MB (10^6 bytes).
+    /// Largest size of all files of a flight (MB: 10^6 bytes).
     #[key(default = 16_384, range = 32..=16_777_216, unit = MEGABYTES)]
     pub max_total_mb: usize,
     /// Length of the recorder's queue, entries. If it is full, further entries are dropped and counted. 0 sizes it for two and

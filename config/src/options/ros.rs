@@ -22,32 +22,34 @@ pub struct RosConfig {
     /// ROS 2 release of the subscribers: "humble", "iron", "jazzy", "kilted", "rolling".
     #[key(default = RosDistribution::Jazzy)]
     pub distribution: RosDistribution,
-    /// Namespace of node and topics, such as "/robots/one"; "" for `/<vehicle>`, "/" for none.
+    /// Namespace, such as "/robots/one"; "" for `/<vehicle>`, "/" for none.
     #[key(default)]
     pub namespace: String,
-    /// Name of the map frame M, the parent of odom_frame once the vehicle is located in the map.
+    /// Name of the map frame M. It is the parent of odom_frame once the vehicle is located in the map.
     #[key(default = "map")]
     pub map_frame: String,
     /// Name of the odometry frame O, here and in flight logs.
     #[key(default = "odom")]
     pub odom_frame: String,
-    /// Name of the vehicle's frame V, here and in flight logs: x forward, y left, z up, its origin in the IMU.
+    /// Name of the vehicle's frame V, here and in flight logs. Its axes are x forward, y left, z up, its origin is
+    /// the IMU.
     #[key(default = "base_link")]
     pub base_frame: String,
-    /// Name of the body frame B, which is the frame of the IMU, here and in flight logs.
+    /// Name of the body frame B, that of the IMU, here and in flight logs.
     #[key(default = "body")]
     pub body_frame: String,
-    /// Rate of odom, pose and /tf, Hz; 0 publishes a message for each inertial sample.
+    /// Rate of odom, pose and /tf; 0 for one message each inertial sample.
     #[key(default = 50.0, range = 0.0..=4000.0, unit = HZ, cure = "write it in Hz, 0 for every sample")]
     pub rate_hz: f64,
     /// Time in header.stamp: "measurement" (live flights: converted to system time, as ROS expects; recordings and simulations:
     /// their own time) or "publication" (system time).
     #[key(default = RosStamp::Measurement)]
     pub stamp: RosStamp,
-    /// Publish the transforms map_frame -> odom_frame -> base_frame -> body_frame on /tf; false if another node publishes them.
+    /// Publish /tf; false if another node does. The transforms are map_frame -> odom_frame -> base_frame ->
+    /// body_frame.
     #[key(default = true)]
     pub tf: bool,
-    /// Standard deviation of the angular rate in the covariance of the twist, rad/s.
+    /// Standard deviation of the angular rate in the twist.
     #[key(default = 0.01, range = 0.0..=10.0, unit = RADIANS_PER_SECOND)]
     pub angular_rate_sigma_rad_s: f64,
     /// Capacity of the connection to the router: "lan", "wifi" or "radio". Sets rates and sizes of the topics below, which are
@@ -57,24 +59,24 @@ pub struct RosConfig {
     /// Publish the path in odom_frame (nav_msgs/Path) on `path`.
     #[key(default = true)]
     pub path: bool,
-    /// Publish points (sensor_msgs/PointCloud2, `landmarks`) and lines (visualization_msgs/MarkerArray, `lines`) of the window
-    /// in odom_frame.
+    /// Publish points and lines of the window. They are sensor_msgs/PointCloud2 on `landmarks` and
+    /// visualization_msgs/MarkerArray on `lines`, in odom_frame.
     #[key(default = true)]
     pub landmarks: bool,
-    /// Publish the corrected path (`map/path`), all landmarks (`map/landmarks`), and keyframes, loops and lines (`map/markers`)
-    /// in map_frame.
+    /// Publish the map. That is the corrected path (`map/path`), all landmarks (`map/landmarks`), and keyframes,
+    /// loops and lines (`map/markers`) in map_frame.
     #[key(default = true)]
     pub map: bool,
     /// Publish the left image with what is tracked in it: "off", "compressed" (JPEG on `tracks/compressed`) or "raw" (rgb8 on
     /// `tracks`).
     #[key(default = RosPictures::Off)]
     pub tracks: RosPictures,
-    /// Offer the services `reset` (keeps the pose) and `reset_hard` (starts at the origin), std_srvs/Trigger. They need
-    /// network.commands = "anybody": callers show no certificate.
+    /// Offer the services `reset` and `reset_hard`. `reset` keeps the pose, `reset_hard` starts at the origin; both
+    /// are std_srvs/Trigger. They need network.commands = "anybody": callers show no certificate.
     #[key(default = false)]
     pub reset: bool,
-    /// Take stamps on the topic `trigger` (std_msgs/Header), and publish the state at each on `odom_at`; also those at camera
-    /// triggers of the autopilot.
+    /// Take stamps on the topic `trigger`, and publish the state at each on `odom_at`. The type is std_msgs/Header;
+    /// states at camera triggers of the autopilot are published too.
     #[key(default = false)]
     pub trigger: bool,
 }

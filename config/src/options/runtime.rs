@@ -14,8 +14,9 @@ pub struct RuntimeConfig {
     /// Lock all memory (mlockall).
     #[key(default = true)]
     pub lock_memory: bool,
-    /// Largest wake-up latency of idle processors, us. Deeper sleep states delay the tick. 0 keeps the processors awake: use it
-    /// on virtual machines, where each wake-up waits for the host; it produces heat. -1 leaves the latency to the system.
+    /// Largest wake-up latency of idle processors. Deeper sleep states delay the tick. 0 keeps the processors awake:
+    /// use it on virtual machines, where each wake-up waits for the host; it produces heat. -1 leaves the latency to
+    /// the system.
     #[key(default = 50, range = -1..=1_000_000, unit = MICROSECONDS,
         cure = "write it in microseconds; 0 keeps processors awake, -1 leaves it to the system")]
     pub idle_latency_us: i64,

@@ -25,7 +25,7 @@ pub struct CameraConfig {
     /// Focal lengths `[fx, fy]` in pixels.
     #[key(range = 10.0..=2e4, unit = PIXELS, cure = "write it in pixels (is this in mm?)")]
     pub focal_px: [f64; 2],
-    /// Principal point `[cx, cy]` in pixels; the centre of the first pixel is (0, 0).
+    /// Principal point `[cx, cy]` in pixels; the first pixel's centre is (0, 0).
     #[key]
     pub centre_px: [f64; 2],
     /// Lens distortion. Models: "radial-tangential" (k1, k2, p1, p2, as OpenCV and Kalibr's radtan), "equidistant" (k1, k2, k3,
@@ -33,21 +33,20 @@ pub struct CameraConfig {
     /// k2, p1, p2, as Kalibr's omni-radtan), "eucm" (alpha, beta) or "double-sphere" (xi, alpha).
     #[key]
     pub distortion: Distortion,
-    /// Readout time of a rolling shutter in seconds, from the first row to the last; 0 for a global shutter. Stamps are the
-    /// middle of the exposure of the middle row.
+    /// Readout of a rolling shutter, from the first row to the last; 0 for a global shutter. Stamps are the middle of
+    /// the exposure of the middle row.
     #[key(default, range = 0.0..=0.1, unit = SECONDS, cure = "write it in seconds (is this in ms?); 0 for a global shutter")]
     pub readout_s: f64,
-    /// Longest exposure in seconds, from which blur by fast turns is reported; 0 where it is unknown. No estimate depends on
-    /// it.
+    /// Longest exposure, from which blur is reported; 0 where it is unknown. No estimate depends on it.
     #[serde(skip_serializing_if = "is_zero")]
     #[key(default, range = 0.0..=0.2, unit = SECONDS, cure = "write it in seconds (is this in ms?); 0 where it is unknown")]
     pub exposure_s: f64,
-    /// Mask, a PNG picture of the size of the images: black is ignored (parts of the vehicle), all else is looked at. The path
-    /// begins at the folder of this file. Empty for the whole image.
+    /// PNG mask of the size of the images; black is ignored. It is for parts of the vehicle in view. The path begins
+    /// at the folder of this file. Empty for the whole image.
     #[serde(deserialize_with = "mask_or_none", skip_serializing_if = "Option::is_none")]
     #[key(default)]
     pub mask: Option<Mask>,
-    /// `T_BC`, camera to body, row by row; the last column is the camera's position in the body in metres.
+    /// `T_BC`, camera to body, row by row. The last column is the camera's position in the body in metres.
     #[key]
     pub pose_b_c: [[f64; 4]; 4],
 }
@@ -121,56 +120,56 @@ pub struct ImuConfig {
     /// Samples per second.
     #[key(range = 50.0..=4000.0, unit = HZ)]
     pub rate_hz: f64,
-    /// Gyroscope white noise density, rad/s/sqrt(Hz).
+    /// Gyroscope white noise density.
     #[key(range = 1e-7..=0.05, unit = GYRO_DENSITY)]
     pub gyro_noise_density: f64,
-    /// Gyroscope bias random walk, rad/s²/sqrt(Hz).
+    /// Gyroscope bias random walk.
     #[key(range = 1e-9..=0.01, unit = GYRO_WALK)]
     pub gyro_bias_walk: f64,
-    /// Accelerometer white noise density, m/s²/sqrt(Hz).
+    /// Accelerometer white noise density.
     #[key(range = 1e-6..=1.0, unit = ACCEL_DENSITY)]
     pub accel_noise_density: f64,
-    /// Accelerometer bias random walk, m/s³/sqrt(Hz).
+    /// Accelerometer bias random walk.
     #[key(range = 1e-8..=0.1, unit = ACCEL_WALK)]
     pub accel_bias_walk: f64,
-    /// Standard deviation of the coloured error of the gyroscope, rad/s; 0 for none. Coloured errors (Gauss-Markov) occur in
-    /// flight, for example as rectified vibration. They neither average out like white noise nor stay constant like a bias.
+    /// Standard deviation of the gyroscope's coloured error; 0 for none. Coloured errors (Gauss-Markov) occur in
+    /// flight, for example as rectified vibration. They neither average out like white noise nor stay constant like a
+    /// bias.
     #[key(default = 2e-4, range = 0.0..=0.5, unit = RADIANS_PER_SECOND)]
     pub gyro_error_sigma_rad_s: f64,
-    /// Standard deviation of the coloured error of the accelerometer, m/s²; 0 for none.
+    /// Standard deviation of the accelerometer's coloured error; 0 for none.
     // ADIS16448 and rig of EuRoC show 0.01 to 0.03 m/s² an octave against their recorded paths, below 1 Hz and noise of the
     // paths included.
     #[key(default = 0.015, range = 0.0..=5.0, unit = METRES_PER_SECOND_2)]
     pub accel_error_sigma_m_s2: f64,
-    /// Correlation time of both coloured errors, s.
+    /// Correlation time of both coloured errors.
     #[key(default = 1.5, range = 0.05..=100.0, unit = SECONDS)]
     pub error_time_s: f64,
-    /// Standard deviation of the scale and alignment error of the gyroscope, as a fraction of the angular rate. The data sheet
-    /// states it (0.3 % = 0.003); 0 for none.
+    /// Standard deviation of the gyroscope's scale and alignment, as a fraction of the rate. The data sheet states it
+    /// (0.3 % = 0.003); 0 for none.
     // Scale and alignment of a sensor of a few grams after calibration by its maker.
     #[key(default = 0.003, range = 0.0..=0.1, unit = SHARE)]
     pub gyro_scale_sigma: f64,
-    /// Standard deviation of the scale and alignment error of the accelerometer, as a fraction of the specific force beyond
-    /// gravity.
+    /// Standard deviation of the accelerometer's scale and alignment, as a fraction of the force beyond gravity.
     #[key(default = 0.005, range = 0.0..=0.1, unit = SHARE)]
     pub accel_scale_sigma: f64,
-    /// Largest angular rate the sensor can report, rad/s (1000 deg/s).
+    /// Range of the gyroscope (1000 deg/s).
     #[key(default = 17.4, range = 1.0..=100.0, unit = RADIANS_PER_SECOND, cure = "write it in rad/s (1000 deg/s = 17.45 rad/s)")]
     pub gyro_range_rad_s: f64,
-    /// Largest specific force the sensor can report, m/s² (16 g).
+    /// Range of the accelerometer (16 g).
     #[key(default = 156.9, range = 15.0..=2000.0, unit = METRES_PER_SECOND_2, cure = "write it in m/s² (16 g = 156.9 m/s²)")]
     pub accel_range_m_s2: f64,
-    /// A sensor counts as stuck if all three axes repeat their readings bit for bit for this time, s; sooner if the vehicle
+    /// Time after which a sensor counts as stuck, if all axes repeat bit for bit. It is shorter while the vehicle
     /// moves. 0 disables the check, for sensors without noise.
     #[key(default = 0.1, range = 0.0..=10.0, unit = SECONDS, cure = "write it in seconds, 0 to switch it off")]
     pub stuck_after_s: f64,
-    /// Standard deviation of the gyroscope bias at switch-on, rad/s.
+    /// Standard deviation of the gyroscope bias at switch-on.
     #[key(default = 0.1, range = 1e-6..=1.0, unit = RADIANS_PER_SECOND)]
     pub gyro_bias_sigma_rad_s: f64,
-    /// Standard deviation of the accelerometer bias at switch-on, m/s².
+    /// Standard deviation of the accelerometer bias at switch-on.
     #[key(default = 0.3, range = 1e-6..=5.0, unit = METRES_PER_SECOND_2)]
     pub accel_bias_sigma_m_s2: f64,
-    /// Magnitude of gravity, m/s².
+    /// Magnitude of gravity.
     #[key(default = 9.81, range = 9.7..=9.9, unit = METRES_PER_SECOND_2,
         cure = "write the positive magnitude on Earth in m/s², about 9.81")]
     pub gravity_m_s2: f64,
@@ -193,24 +192,24 @@ pub struct RigConfig {
     /// `t_imu = t_camera + time_offset_s`, s.
     #[key(default = 0.0, range = -0.1..=0.1, unit = SECONDS)]
     pub time_offset_s: f64,
-    /// Standard deviation of the time offset, s.
+    /// Standard deviation of the time offset.
     #[key(default = 0.004, range = 0.0..=0.05, unit = SECONDS)]
     pub time_offset_sigma_s: f64,
-    /// Standard deviation of the rotation of the left camera relative to the IMU, rad.
+    /// Standard deviation of the left camera's rotation against the IMU.
     #[key(default = 0.008, range = 0.0..=0.2, unit = RADIANS)]
     pub camera_imu_rotation_sigma_rad: f64,
-    /// Standard deviation of the position of the left camera in the body, m.
+    /// Standard deviation of the left camera's position in the body.
     #[key(default = 0.004, range = 0.0..=0.5, unit = METRES)]
     pub camera_imu_translation_sigma_m: f64,
-    /// Standard deviation of the rotation of the right camera relative to the left, rad.
+    /// Standard deviation of the right camera's rotation against the left.
     #[key(default = 0.001, range = 0.0..=0.1, unit = RADIANS)]
     pub camera_camera_rotation_sigma_rad: f64,
-    /// Standard deviation of the position of the right camera relative to the left, m.
+    /// Standard deviation of the right camera's position against the left.
     #[key(default = 0.0005, range = 0.0..=0.1, unit = METRES)]
     pub camera_camera_translation_sigma_m: f64,
-    /// Time in which the variance of the refined calibration grows by the variance of a careful calibration (1 mm and 0.3 mrad
-    /// to the IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms), s. The growth prevents the refinement from becoming
-    /// overconfident under systematic errors. 0 disables it.
+    /// Time in which the variance of the refined calibration grows by that of a careful one. That is 1 mm and 0.3
+    /// mrad to the IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms. The growth prevents the refinement from
+    /// becoming overconfident under systematic errors. 0 disables it.
     #[key(default = 30.0, range = 0.0..=1e6, unit = SECONDS)]
     pub memory_s: f64,
 }

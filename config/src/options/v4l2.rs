@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct V4l2Config {
-    /// Stable path of the left camera, such as "/dev/v4l/by-path/platform-...-video-index0"; empty for none. The device may
-    /// deliver both images: side by side in an image of twice the width, or interleaved.
+    /// Left camera, such as "/dev/v4l/by-path/platform-...-video-index0"; empty for none. The device may deliver both
+    /// images: side by side in an image of twice the width, or interleaved.
     #[key(default)]
     pub left: String,
-    /// Device of the right camera; empty for one camera, or if `left` delivers both images.
+    /// Right camera; empty for one camera, or if `left` delivers both images.
     #[key(default)]
     pub right: String,
     /// Pixel format: "GREY", "Y8I", "Y10", "Y12", "Y16", "YUYV", "UYVY", "NV12" or "MJPEG"; "auto" takes the first of these
@@ -32,18 +32,18 @@ pub struct V4l2Config {
     /// Exposure, us; 0 leaves it to the camera. Frames are stamped in the middle of the exposure.
     #[key(default = 0.0, range = 0.0..=1e6, unit = MICROSECONDS, cure = "write it in microseconds, 0 to leave it to the camera")]
     pub exposure_us: f64,
-    /// Gain in the driver's own unit, a whole number; -1 leaves it to the camera.
+    /// Gain in the driver's unit, a whole number; -1 leaves it to the camera.
     #[key(default = -1.0, range = -1.0..=1e6, cure = "write it in the driver's own unit, -1 to leave it to the camera")]
     pub gain: f64,
-    /// Time from one row of the sensor to the next, us, for drivers that count the exposure in rows; 0 for others.
+    /// Time from row to row, for drivers that count the exposure in rows; 0 for others.
     #[key(default = 0.0, range = 0.0..=1000.0, unit = MICROSECONDS,
         cure = "write it in microseconds, 0 where the exposure is not counted in rows")]
     pub row_us: f64,
-    /// Time from the end of the exposure to the stamp, us, for drivers that stamp the end of a frame.
+    /// Time from the end of the exposure to the stamp, for drivers that stamp the end of a frame.
     #[key(default = 0.0, range = 0.0..=1e5, unit = MICROSECONDS)]
     pub readout_us: f64,
-    /// Further controls, such as "power_line_frequency=1" or a driver's trigger mode, "trigger_mode=1"; of an extension unit of
-    /// a USB camera xu:UNIT:SELECTOR:BYTES=VALUE, such as "xu:3:2:1=0" (the emitter of a RealSense).
+    /// Further controls, such as "power_line_frequency=1", or xu:UNIT:SELECTOR:BYTES=VALUE of an extension unit.
+    /// Examples are a driver's trigger mode, "trigger_mode=1", and "xu:3:2:1=0", the emitter of a RealSense.
     #[key(default)]
     pub controls: Vec<String>,
 }

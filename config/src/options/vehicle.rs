@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
-    /// Rotation from the IMU's axes to the vehicle's axes (x forward, y left, z up): roll, pitch and yaw, degrees. Rz(yaw)
-    /// Ry(pitch) Rx(roll) transforms coordinates from the IMU to the vehicle. "unknown" if not known: then neither autopilot
-    /// nor ROS 2 is served; `plumbline doctor --live` measures the rotation.
+    /// Roll, pitch and yaw of the rotation from the IMU's axes to the vehicle's (x forward, y left, z up). Rz(yaw)
+    /// Ry(pitch) Rx(roll) transforms coordinates from the IMU to the vehicle. "unknown" if not known: then neither
+    /// autopilot nor ROS 2 is served; `plumbline doctor --live` measures the rotation.
     #[key(default, range = -180.0..=180.0, unit = DEGREES, cure = "write it in degrees, from -180 to 180")]
     pub imu_to_vehicle_deg: Mounting,
 }

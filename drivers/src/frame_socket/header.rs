@@ -13,7 +13,7 @@ pub const MAGIC: [u8; 8] = *b"PLMBFRM1";
 /// | 24..32 | width and height of the left image, px |
 /// | 32..40 | width and height of the right image, px |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Header {
+pub struct FrameHeader {
     /// Counts frames of the camera; a jump says how many were lost.
     pub sequence: u64,
     /// Middle of the exposure, ns.
@@ -33,7 +33,7 @@ pub enum FrameRefusal {
     Empty,
 }
 
-impl Header {
+impl FrameHeader {
     /// Bytes of a header.
     pub const BYTES: usize = 40;
 
@@ -93,22 +93,22 @@ mod tests {
 
     const RIG: [(usize, usize); 2] = [(752, 480), (640, 400)];
 
-    fn header(sizes_px: [(u32, u32); 2]) -> Header {
-        Header { sequence: 0x0102_0304_0506_0708, stamp_ns: -7_000_000_001, sizes_px }
+    fn header(sizes_px: [(u32, u32); 2]) -> FrameHeader {
+        FrameHeader { sequence: 0x0102_0304_0506_0708, stamp_ns: -7_000_000_001, sizes_px }
     }
 
     #[test]
     fn what_is_encoded_comes_back() {
         for sizes in [[(752, 480), (640, 400)], [(0, 0), (640, 400)], [(752, 480), (0, 0)]] {
             let header = header(sizes);
-            assert_eq!(Header::decode(&header.encode(), RIG), Ok(header));
+            assert_eq!(FrameHeader::decode(&header.encode(), RIG), Ok(header));
             assert_eq!(header.valid(), sizes.map(|size| size.0 > 0));
         }
     }
 
     #[test]
     fn the_bytes_are_those_of_the_document() {
-        let bytes = Header { sequence: 5, stamp_ns: 1, sizes_px: [(2, 3), (4, 1)] }.encode();
+        let bytes = FrameHeader { sequence: 5, stamp_ns: 1, sizes_px: [(2, 3), (4, 1)] }.encode();
         let expected =
             b"PLMBFRM1\x05\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\x02\0\0\0\x03\0\0\0\x04\0\0\0\x01\0\0\0";
         assert_eq!(bytes, *expected);
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_the_rig_is_refused_before_its_images_are_read() {
-        let refused = |header: Header| Header::decode(&header.encode(), RIG).unwrap_err();
+        let refused = |header: FrameHeader| FrameHeader::decode(&header.encode(), RIG).unwrap_err();
         assert_eq!(
             refused(header([(u32::MAX, u32::MAX), (640, 400)])),
             FrameRefusal::Size(0, (u32::MAX, u32::MAX))
@@ -124,8 +124,9 @@ mod tests {
         assert_eq!(refused(header([(752, 480), (640, 480)])), FrameRefusal::Size(1, (640, 480)));
         assert_eq!(refused(header([(752, 0), (640, 400)])), FrameRefusal::Size(0, (752, 0)));
         assert_eq!(refused(header([(0, 0); 2])), FrameRefusal::Empty);
-        let one_camera = Header::decode(&header([(752, 480), (640, 400)]).encode(), [(752, 480), (0, 0)]);
+        let one_camera =
+            FrameHeader::decode(&header([(752, 480), (640, 400)]).encode(), [(752, 480), (0, 0)]);
         assert_eq!(one_camera, Err(FrameRefusal::Size(1, (640, 400))));
-        assert_eq!(Header::decode(&[b'P'; Header::BYTES], RIG), Err(FrameRefusal::Foreign));
+        assert_eq!(FrameHeader::decode(&[b'P'; FrameHeader::BYTES], RIG), Err(FrameRefusal::Foreign));
     }
 }

@@ -1,7 +1,7 @@
 //! The source of frames: waits for a program, reads what it sends.
 
 use super::figures::{SocketFigures, SocketMonitor, Trouble};
-use super::header::Header;
+use super::header::FrameHeader;
 use crate::clock::{StampFigures, StampProblem, monotonic_ns};
 use crate::stop::StopFlag;
 use crate::unix_socket::{SocketFile, is_served};
@@ -152,9 +152,9 @@ impl SocketStereo {
     /// Reads a frame; `None` when there is none to hand out (yet).
     fn receive(&mut self, frame: &mut StereoFrame) -> Option<()> {
         self.begun_ns = None;
-        let mut bytes = [0; Header::BYTES];
+        let mut bytes = [0; FrameHeader::BYTES];
         self.filled(&mut bytes, true)?;
-        let header = match Header::decode(&bytes, self.sizes_px) {
+        let header = match FrameHeader::decode(&bytes, self.sizes_px) {
             Ok(header) => header,
             Err(refusal) => {
                 self.lose(Trouble::Refused(refusal));
@@ -212,7 +212,7 @@ impl SocketStereo {
         Filled::Whole
     }
 
-    fn hand_out(&mut self, header: &Header, frame: &mut StereoFrame) -> Option<()> {
+    fn hand_out(&mut self, header: &FrameHeader, frame: &mut StereoFrame) -> Option<()> {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
         let found = StampProblem::of_stamp(header.stamp_ns, now.monotonic_ns, now.system_ns);

@@ -23,7 +23,7 @@ fn rig() -> Rig {
 /// A frame whose pixels are all `grey`, measured `age_ms` ago.
 fn frame(sequence: u64, grey: u8, age_ms: i64) -> Vec<u8> {
     let sizes_px = SIZES.map(|(width, height)| (width as u32, height as u32));
-    let header = Header { sequence, stamp_ns: monotonic_ns() - age_ms * 1_000_000, sizes_px };
+    let header = FrameHeader { sequence, stamp_ns: monotonic_ns() - age_ms * 1_000_000, sizes_px };
     [&header.encode()[..], &[grey; BYTES]].concat()
 }
 
@@ -55,7 +55,7 @@ fn frames_come_in_pieces_of_any_size_and_say_how_many_were_lost() {
     assert!((10..5000).contains(&age_ms), "{age_ms} ms");
     let mut sender = writer.join().unwrap();
     // The left image alone.
-    let header = Header { sequence: 12, stamp_ns: monotonic_ns(), sizes_px: [(64, 48), (0, 0)] };
+    let header = FrameHeader { sequence: 12, stamp_ns: monotonic_ns(), sizes_px: [(64, 48), (0, 0)] };
     sender.write_all(&header.encode()).unwrap();
     sender.write_all(&[40; 64 * 48]).unwrap();
     let (number, [left, _], valid) = rig.next();
@@ -164,7 +164,7 @@ fn what_is_no_frame_of_this_rig_is_sent_away_with_the_reason() {
     for (bytes, says) in [
         (vec![b'x'; 64], "docs/frame-socket.md"),
         (
-            Header { sequence: 1, stamp_ns: 1, sizes_px: [(640, 480), (0, 0)] }.encode().to_vec(),
+            FrameHeader { sequence: 1, stamp_ns: 1, sizes_px: [(640, 480), (0, 0)] }.encode().to_vec(),
             "640 x 480 px was sent, and camera[0] has 64 x 48",
         ),
     ] {

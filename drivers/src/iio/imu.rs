@@ -6,7 +6,7 @@ use super::merge::Merge;
 use super::unit::{Unit, UnitFigures, Wanted};
 use crate::clock::monotonic_ns;
 use crate::inertial::{
-    FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, SampleVerdict, Watch,
+    FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, SampleVerdict, SampleWatch,
 };
 use crate::{DriverError, Faults, ImuReading, ImuSource, StopFlag};
 use nalgebra::Vector3;
@@ -25,7 +25,7 @@ pub struct IioImu {
     /// The accelerometer, where it is a device of its own, and how both come together.
     accel: Option<(Unit, Merge)>,
     delay_ns: i64,
-    watch: Watch,
+    watch: SampleWatch,
     numbering: Numbering,
     stop: StopFlag,
     post: Post,
@@ -76,7 +76,7 @@ impl IioImu {
             gyro: Unit::open(roots, wanted(gyro, quantities, true))?,
             accel,
             delay_ns: (driver.delay_s * 1e9).round() as i64,
-            watch: Watch::new(imu),
+            watch: SampleWatch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             stop,
             post: Post::default(),

@@ -9,13 +9,13 @@ const WAITING: usize = 256;
 const LONGEST_NS: i64 = 50_000_000;
 
 /// A vector and its time, ns.
-pub type Stamped = (i64, Vector3<f64>);
+pub type StampedVector = (i64, Vector3<f64>);
 
 /// Both streams on their way together. Allocates at its construction alone.
 #[derive(Debug)]
 pub struct Merge {
-    gyro: VecDeque<Stamped>,
-    accel: VecDeque<Stamped>,
+    gyro: VecDeque<StampedVector>,
+    accel: VecDeque<StampedVector>,
     /// Samples of the gyroscope without an accelerometer around them.
     alone: u64,
 }
@@ -29,7 +29,7 @@ impl Default for Merge {
 
 impl Merge {
     /// Takes a sample of the gyroscope; stamps rise.
-    pub fn gyro(&mut self, sample: Stamped) {
+    pub fn gyro(&mut self, sample: StampedVector) {
         if self.gyro.len() == WAITING {
             self.gyro.pop_front();
             self.alone += 1;
@@ -38,7 +38,7 @@ impl Merge {
     }
 
     /// Takes a sample of the accelerometer; stamps rise.
-    pub fn accel(&mut self, sample: Stamped) {
+    pub fn accel(&mut self, sample: StampedVector) {
         if self.accel.len() == WAITING {
             self.accel.pop_front();
         }
@@ -52,7 +52,7 @@ impl Merge {
     }
 
     /// The next sample of the gyroscope, and the accelerometer at its time.
-    pub fn next(&mut self) -> Option<(Stamped, Vector3<f64>)> {
+    pub fn next(&mut self) -> Option<(StampedVector, Vector3<f64>)> {
         loop {
             let gyro = *self.gyro.front()?;
             while self.accel.len() > 1 && self.accel[1].0 <= gyro.0 {
@@ -82,7 +82,7 @@ impl Merge {
     }
 }
 
-fn between(before: Stamped, after: Stamped, at_ns: i64) -> Vector3<f64> {
+fn between(before: StampedVector, after: StampedVector, at_ns: i64) -> Vector3<f64> {
     let share = (at_ns - before.0) as f64 / (after.0 - before.0) as f64;
     before.1.lerp(&after.1, share)
 }

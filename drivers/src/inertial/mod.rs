@@ -1,4 +1,4 @@
-//! Common parts of all live inertial sensors: [`Watch`] checks the samples, [`Numbering`] numbers them so
+//! Common parts of all live inertial sensors: [`SampleWatch`] checks the samples, [`Numbering`] numbers them so
 //! that losses show, and [`ImuMonitor`] shows the figures while the sensor runs.
 
 mod figures;
@@ -8,4 +8,4 @@ mod watch;
 pub(crate) use figures::Post;
 pub use figures::{FramingFigures, ImuFigures, ImuMonitor, LinkFigures};
 pub use numbering::{LossFigures, Numbering};
-pub use watch::{SampleVerdict, Watch, WatchFigures};
+pub use watch::{SampleVerdict, SampleWatch, WatchFigures};

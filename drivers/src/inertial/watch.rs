@@ -43,7 +43,7 @@ pub enum SampleVerdict {
 
 /// Looks at samples.
 #[derive(Clone, Debug)]
-pub struct Watch {
+pub struct SampleWatch {
     gyro_range: f64,
     accel_range: f64,
     last: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -53,7 +53,7 @@ pub struct Watch {
     figures: WatchFigures,
 }
 
-impl Watch {
+impl SampleWatch {
     /// For a sensor of these ranges.
     #[must_use]
     pub fn new(imu: &ImuConfig) -> Self {
@@ -124,10 +124,10 @@ impl Watch {
 mod tests {
     use super::*;
 
-    fn watch() -> Watch {
+    fn watch() -> SampleWatch {
         let mut imu = ImuConfig::with_noise(200.0, (1e-3, 1e-5), (1e-2, 1e-3));
         (imu.gyro_range_rad_s, imu.accel_range_m_s2) = (10.0, 100.0);
-        Watch::new(&imu)
+        SampleWatch::new(&imu)
     }
 
     fn of(x: f64) -> Vector3<f64> {
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn a_sensor_that_repeats_itself_is_stuck_and_one_that_rests_is_not() {
         let mut watch = watch();
-        let look = |watch: &mut Watch, accel: f64| watch.look(&of(0.5), &of(accel), false);
+        let look = |watch: &mut SampleWatch, accel: f64| watch.look(&of(0.5), &of(accel), false);
         assert!((0..30).all(|_| look(&mut watch, 9.8) == SampleVerdict::Use));
         assert_eq!(watch.figures().stuck, 20);
         // At rest the last bit of one axis goes to and fro.
@@ -168,7 +168,7 @@ mod tests {
     #[test]
     fn a_step_of_the_temperature_counts_once_and_warming_up_does_not() {
         let mut watch = watch();
-        let per_ms = |watch: &mut Watch, from_ms: i64, to_ms: i64, at: &dyn Fn(i64) -> f64| {
+        let per_ms = |watch: &mut SampleWatch, from_ms: i64, to_ms: i64, at: &dyn Fn(i64) -> f64| {
             (from_ms..to_ms).for_each(|ms| watch.temperature(at(ms), ms * 1_000_000));
         };
         per_ms(&mut watch, 0, 20_000, &|ms| 20.0 + 1e-3 * ms as f64);

@@ -1,7 +1,7 @@
 //! Our own protocol, of a microcontroller: `docs/serial-protocol.md` and the crate `plumbline-protocol`.
 
 use super::framing::Scan;
-use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol, Questions, TimeUnit, vector};
+use super::protocol::{Content, DeviceSample, Outgoing, Protocol, Questions, TimeAnswer, TimeUnit, vector};
 use plumbline_protocol::{Error, Imu, MAX_FRAME, Message, Settings, decode, encode};
 
 /// A device that has not said who it is, or what it does, is asked again after this, ns.
@@ -77,7 +77,7 @@ impl Protocol for Plumbline {
         match decode(encoded) {
             Ok(Message::Imu(imu)) => Self::sample(&imu),
             Ok(Message::Time(time)) => match i64::try_from(time.asked_ns) {
-                Ok(asked_ns) if self.questions.take(asked_ns) => Content::Answer(Answer {
+                Ok(asked_ns) if self.questions.take(asked_ns) => Content::Answer(TimeAnswer {
                     asked_ns,
                     device_received_ns: time.received_ns as i64,
                     device_sent_ns: time.sent_ns as i64,
@@ -212,7 +212,7 @@ mod tests {
         let mut device = Plumbline::new(Settings::default());
         said(&mut device, 77);
         let time = |asked_ns| framed(&Message::Time(Time { asked_ns, received_ns: 5, sent_ns: 6 }));
-        let answer = Answer { asked_ns: 77, device_received_ns: 5, device_sent_ns: 6 };
+        let answer = TimeAnswer { asked_ns: 77, device_received_ns: 5, device_sent_ns: 6 };
         let found = contents(&mut device, &[time(76), time(77), time(77), time(u64::MAX)].concat());
         assert_eq!(found, [Content::Other, Content::Answer(answer), Content::Other, Content::Other]);
     }

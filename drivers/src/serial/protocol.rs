@@ -52,7 +52,7 @@ pub enum Content {
     /// A sample.
     Sample(DeviceSample),
     /// The answer to a question for the time.
-    Answer(Answer),
+    Answer(TimeAnswer),
     /// The cameras were triggered.
     Trigger(Trigger),
     /// The device says who it is.
@@ -98,7 +98,7 @@ impl DeviceSample {
 /// The answer to a question for the time: the host's time of the question, and when the device received it and answered by
 /// its own clock, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub struct TimeAnswer {
     /// Departure of the question.
     pub asked_ns: i64,
     /// Arrival of the question at the device.

@@ -1,10 +1,10 @@
 //! From what the frames of a device say to readings: a function of bytes and of their times, without a device or a clock.
 
 use super::framing::Deframer;
-use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
+use super::protocol::{Content, DeviceSample, Outgoing, Protocol, TimeAnswer};
 use crate::ImuReading;
 use crate::clock::{DeviceClock, RoundTrip, StampPace, Stamped, Unwrap};
-use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, Watch};
+use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, SampleWatch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_protocol::Trigger;
@@ -32,7 +32,7 @@ pub struct Stream {
     counter: Unwrap,
     clock: DeviceClock,
     pace: StampPace,
-    watch: Watch,
+    watch: SampleWatch,
     numbering: Numbering,
     delay_ns: i64,
     triggers: Option<Producer<TriggerEvent>>,
@@ -56,7 +56,7 @@ impl Stream {
             counter: Unwrap::new(protocol.counter_bits()),
             clock: DeviceClock::new(protocol.asks_time()),
             pace: StampPace::default(),
-            watch: Watch::new(imu),
+            watch: SampleWatch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             delay_ns,
             triggers,
@@ -157,7 +157,7 @@ impl Stream {
         Some(ImuReading { sequence, sample: ImuSample { stamp, gyro: sample.gyro, accel: sample.accel } })
     }
 
-    fn answer(&mut self, answer: &Answer, arrival_ns: i64) {
+    fn answer(&mut self, answer: &TimeAnswer, arrival_ns: i64) {
         self.clock.round_trip(&RoundTrip {
             sent_ns: answer.asked_ns,
             device_received_ns: answer.device_received_ns,

@@ -127,7 +127,7 @@ impl Person {
         }
         let part = since_s / self.crossing_s - crossing;
         let middle_s = (crossing + 0.5) * self.crossing_s - self.phase_s;
-        let camera = |motion: super::Motion| motion.pose_w_b * self.pose_b_c;
+        let camera = |motion: super::MotionState| motion.pose_w_b * self.pose_b_c;
         let view = camera(flight.motion_at(middle_s.at_least(0.0)));
         let forward = view.rotation * Vector3::z();
         // Where the camera looks straight down, the horizon gives no right.

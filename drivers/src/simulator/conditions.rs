@@ -17,7 +17,7 @@ const SUB_EXPOSURES_PER_MS: f64 = 0.8;
 const SUB_EXPOSURES: (f64, f64) = (3.0, 8.0);
 
 /// A condition with its doses.
-pub type Condition = Named<Conditions>;
+pub type SimulatedCondition = Named<Conditions>;
 
 /// Family of the conditions.
 #[derive(Clone, Copy, Debug)]

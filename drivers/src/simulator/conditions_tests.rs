@@ -22,7 +22,7 @@ fn flight(scene: Scene, shape: impl Fn(&mut Scenario)) -> Simulator {
 
 /// The flight in a condition.
 fn flight_in(scene: Scene, condition: &str) -> Simulator {
-    let condition: Condition = condition.parse().unwrap();
+    let condition: SimulatedCondition = condition.parse().unwrap();
     flight(scene, |scenario| condition.apply(scenario))
 }
 
@@ -94,7 +94,7 @@ fn people_fill_up_to_their_share_of_the_view() {
     for (condition, most) in [("people:33", 0.33), ("people:60", 0.6)] {
         let simulator = flight(Scene::Hall, |scenario| {
             ahead(scenario);
-            condition.parse::<Condition>().unwrap().apply(scenario);
+            condition.parse::<SimulatedCondition>().unwrap().apply(scenario);
         });
         let shares = (0..16).map(|k| difference(&left(&simulator, 5 * k), &left(&empty, 5 * k)));
         let largest = shares.fold(0.0, f64::max);
@@ -196,7 +196,7 @@ fn conditions_give_the_same_bits_in_any_order() {
             let names =
                 ["rolling-shutter:10", "people:60", "vehicle-parts", "glare", "blur:3:2", "auto-exposure"];
             for condition in names {
-                condition.parse::<Condition>().unwrap().apply(scenario);
+                condition.parse::<SimulatedCondition>().unwrap().apply(scenario);
             }
         })
     };

@@ -9,7 +9,7 @@
 //! f`, and the specific force `f` becomes `M_a f + c`, where `M_g` and `M_a` hold scale and misalignment, `S`
 //! the sensitivity of the gyroscope to forces, and `c` is a Gauss-Markov process.
 
-use super::trajectory::{Motion, Trajectory};
+use super::trajectory::{MotionState, Trajectory};
 use crate::random::{Draws, Purpose};
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
@@ -210,13 +210,13 @@ impl ImuModel {
     }
 
     /// The specific force at rest or in `motion`, m/s².
-    pub(super) fn force(&self, motion: &Motion) -> Vector3<f64> {
+    pub(super) fn force(&self, motion: &MotionState) -> Vector3<f64> {
         let up = Vector3::new(0.0, 0.0, self.config.gravity_m_s2);
         motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up))
     }
 
     /// Angular rate and specific force at sample `k` as the sensor has them before biases, noise and vibration.
-    fn felt(&self, k: u64, motion: &Motion) -> (Vector3<f64>, Vector3<f64>) {
+    fn felt(&self, k: u64, motion: &MotionState) -> (Vector3<f64>, Vector3<f64>) {
         let (mut omega, mut force) = (motion.omega_b, self.force(motion));
         if let Some(axes) = &self.axes {
             (omega, force) = (axes.gyro * omega + axes.gyro_by_force * force, axes.accel * force);

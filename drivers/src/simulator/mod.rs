@@ -59,7 +59,7 @@ mod pictures;
 mod tests;
 
 pub use calibration::{draw_calibration, mistake_intrinsics};
-pub use conditions::{Condition, Conditions};
+pub use conditions::{Conditions, SimulatedCondition};
 pub use effects::{Effects, Glare, LightSteps, Warming};
 pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
 pub use imu_errors::{ImuError, ImuErrors};
@@ -69,7 +69,7 @@ pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, USUAL_D
 pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
 pub use surroundings::Surroundings;
-pub use trajectory::{Motion, Trajectory};
+pub use trajectory::{MotionState, Trajectory};
 pub use world::Hit;
 
 use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};

@@ -167,7 +167,7 @@ impl<F> Eq for Named<F> {}
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Condition, ImuError};
+    use super::super::{ImuError, SimulatedCondition};
     use super::*;
 
     fn each_case_changes_a_flight<F: Family>() {
@@ -186,9 +186,9 @@ mod tests {
         let mut scenario = Scenario::default();
         error.apply(&mut scenario);
         assert_eq!((scenario.imu.force_sigma_m_s2, scenario.imu.force_time_s), (0.07, 2.0));
-        assert_eq!("blur:10:6".parse::<Condition>().unwrap().to_string(), "blur:10:6:1");
+        assert_eq!("blur:10:6".parse::<SimulatedCondition>().unwrap().to_string(), "blur:10:6:1");
         assert!("forse".parse::<ImuError>().unwrap_err().contains("misalignment"));
-        assert!("force".parse::<Condition>().unwrap_err().contains("rolling-shutter"));
+        assert!("force".parse::<SimulatedCondition>().unwrap_err().contains("rolling-shutter"));
         assert!("force:-1".parse::<ImuError>().unwrap_err().contains("m/s²"));
         assert!("scale:1:2".parse::<ImuError>().unwrap_err().contains("1 doses"));
     }

@@ -18,7 +18,7 @@
 //! up to 1 Hz. What a force error does faster than that (1 mm and less) the path takes over, and the images with it.
 
 use super::spline::Spline;
-use super::trajectory::{Motion, Trajectory};
+use super::trajectory::{MotionState, Trajectory};
 use crate::StampedPose;
 use nalgebra::{Isometry3, Matrix5, Matrix5x1, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, Timestamp, median};
@@ -74,7 +74,8 @@ pub(super) fn reconcile(
     let begin = path.begin().plus_seconds(-offset_s);
     let range = within(samples, begin, path.end().plus_seconds(-offset_s));
     let samples = &samples[range.clone()];
-    let recorded: Vec<Motion> = samples.iter().map(|s| path.motion(s.stamp.plus_seconds(offset_s))).collect();
+    let recorded: Vec<MotionState> =
+        samples.iter().map(|s| path.motion(s.stamp.plus_seconds(offset_s))).collect();
     let attitudes = attitudes(samples, &recorded, &bias_gyro);
     let (bias_accel, tilt) = force_model(samples, &recorded, &attitudes, gravity_m_s2)?;
     let level = levelled(&tilt, gravity_m_s2);
@@ -135,7 +136,11 @@ fn offset_and_bias(path: &Trajectory, samples: &[ImuSample]) -> Result<(f64, Vec
 }
 
 /// Attitudes that turn as the gyroscope says, and stay with those of the path.
-fn attitudes(samples: &[ImuSample], recorded: &[Motion], bias: &Vector3<f64>) -> Vec<UnitQuaternion<f64>> {
+fn attitudes(
+    samples: &[ImuSample],
+    recorded: &[MotionState],
+    bias: &Vector3<f64>,
+) -> Vec<UnitQuaternion<f64>> {
     let mut now = recorded[0].pose_w_b.rotation;
     let mut turned = vec![now];
     for pair in samples.windows(2) {
@@ -145,7 +150,8 @@ fn attitudes(samples: &[ImuSample], recorded: &[Motion], bias: &Vector3<f64>) ->
         now.renormalize();
         turned.push(now);
     }
-    let lead = |(m, q): (&Motion, &UnitQuaternion<f64>)| (m.pose_w_b.rotation * q.inverse()).scaled_axis();
+    let lead =
+        |(m, q): (&MotionState, &UnitQuaternion<f64>)| (m.pose_w_b.rotation * q.inverse()).scaled_axis();
     let leads: Vec<_> = recorded.iter().zip(&turned).map(lead).collect();
     let leads = slow(samples, &leads, ATTITUDE_KNOT_S, ATTITUDE_OUTLIER_RAD);
     turned.iter().zip(leads).map(|(q, lead)| UnitQuaternion::from_scaled_axis(lead) * q).collect()
@@ -194,7 +200,7 @@ fn limited(v: Vector3<f64>, limit: f64) -> Vector3<f64> {
 /// that of gravity: `R f - g - a = R b + w`, fitted to the means of both sides.
 fn force_model(
     samples: &[ImuSample],
-    recorded: &[Motion],
+    recorded: &[MotionState],
     attitudes: &[UnitQuaternion<f64>],
     gravity_m_s2: f64,
 ) -> Result<(Vector3<f64>, Vector3<f64>), String> {

@@ -30,7 +30,7 @@ const KNOCK_PHASE_S: f64 = 0.005;
 
 /// State of motion at one time. `W` is the world (z up), `B` the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct MotionState {
     /// Pose of the body in the world, metres.
     pub pose_w_b: Isometry3<f64>,
     /// Velocity in the world, m/s.
@@ -123,18 +123,18 @@ impl Trajectory {
 
     /// Motion at `stamp`; before and after the flight, that of its ends.
     #[must_use]
-    pub fn motion(&self, stamp: Timestamp) -> Motion {
+    pub fn motion(&self, stamp: Timestamp) -> MotionState {
         self.motion_at(stamp.seconds_since(self.begin))
     }
 
     /// Motion `t_s` seconds after the beginning.
     #[must_use]
-    pub fn motion_at(&self, t_s: f64) -> Motion {
+    pub fn motion_at(&self, t_s: f64) -> MotionState {
         let (position, attitude) = (self.position.jet(t_s), self.attitude.jet(t_s));
         let q = Quaternion::from(nalgebra::Vector4::from(attitude.value));
         let rate = Quaternion::from(nalgebra::Vector4::from(attitude.first));
         let translation = Translation3::from(Vector3::from(position.value));
-        let mut motion = Motion {
+        let mut motion = MotionState {
             pose_w_b: Isometry3::from_parts(translation, UnitQuaternion::new_normalize(q)),
             v_w_b: position.first.into(),
             a_w_b: position.second.into(),

@@ -3,7 +3,7 @@
 
 use super::source::{Exposure, Triggered};
 use crate::clock::monotonic_ns;
-use crate::frame_socket::{Header, SocketStereo};
+use crate::frame_socket::{FrameHeader, SocketStereo};
 use crate::random::{Draws, Purpose};
 use crate::serial::SerialImu;
 use crate::serial::realtime::{send, terminal, wait_until};
@@ -81,7 +81,7 @@ fn run_camera(device: Device, path: &Path) {
         if n % 11 == 5 || n == NOT_COUNTED {
             continue;
         }
-        let header = Header { sequence: number, stamp_ns: monotonic_ns(), sizes_px: [(64, 48), (0, 0)] };
+        let header = FrameHeader { sequence: number, stamp_ns: monotonic_ns(), sizes_px: [(64, 48), (0, 0)] };
         sender.write_all(&header.encode()).unwrap();
         sender.write_all(&[n as u8; 64 * 48]).unwrap();
     }

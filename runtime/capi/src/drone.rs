@@ -5,7 +5,7 @@ use crate::call::call;
 use crate::estimator::reset_kind;
 use crate::handles::Registry;
 use crate::pointers::{self, Out, out};
-use crate::status::{Error, Failure, Status};
+use crate::status::{CallFailure, Error, Status};
 use crate::types::{Frame, Frames, Imu, ImuAbout, ImuSample, Local, Record, RecordContent, RecordKind};
 use plumbline_client::{FrameSender, ImuLine, SensorAbout, monotonic_ns};
 use plumbline_config::Timestamp;
@@ -68,7 +68,11 @@ pub unsafe extern "C" fn plumbline_local_read(
     })
 }
 
-fn read(local: &mut plumbline_client::Local, timeout: Duration, to: Out<Record>) -> Result<Status, Failure> {
+fn read(
+    local: &mut plumbline_client::Local,
+    timeout: Duration,
+    to: Out<Record>,
+) -> Result<Status, CallFailure> {
     let end = Instant::now() + timeout;
     while let Some(header) = local.next_header(Some(end.saturating_duration_since(Instant::now())))? {
         let content = local.content();
@@ -83,7 +87,8 @@ fn read(local: &mut plumbline_client::Local, timeout: Duration, to: Out<Record>)
             Some(Kind::End) => return Ok(Status::FlightEnded),
             _ => continue,
         };
-        let short = || Failure::new(Status::Foreign, "a record is shorter than its layout; check the path");
+        let short =
+            || CallFailure::new(Status::Foreign, "a record is shorter than its layout; check the path");
         let (kind, content) = record.ok_or_else(short)?;
         to.write(Record { kind, content });
         return Ok(Status::Ok);
@@ -108,13 +113,13 @@ pub unsafe extern "C" fn plumbline_local_at(
         let to = out(instant, "the place for the state")?;
         if patience_ms > MAX_PATIENCE_MS || settled > 1 {
             let text = format!("patience_ms is at most {MAX_PATIENCE_MS}, and settled 0 or 1");
-            return Err(Failure::new(Status::BadArgument, text));
+            return Err(CallFailure::new(Status::BadArgument, text));
         }
         let stamp = Timestamp::from_nanos(stamp_ns);
         let at = At { stamp, patience_ms, is_settled: settled == 1 };
         let told = LOCALS.with(local.addr(), |local| Ok(local.at(at)?))?;
-        let bytes = told.map_err(|answer| Failure::new(Status::Refused, answer.words))?;
-        let foreign = |what: &str| Failure::new(Status::Foreign, what);
+        let bytes = told.map_err(|answer| CallFailure::new(Status::Refused, answer.words))?;
+        let foreign = |what: &str| CallFailure::new(Status::Foreign, what);
         let (answer, _) = layout::instant(&bytes).map_err(foreign)?;
         to.write(pointers::from_record(&bytes).ok_or_else(|| foreign("a state at an instant is too short"))?);
         Ok(if answer.outcome.refusal().is_none() { Status::Ok } else { Status::NoPose })
@@ -154,12 +159,15 @@ pub unsafe extern "C" fn plumbline_local_save_map(
     })
 }
 
-fn command(local: *mut Local, request: &Request, timeout_ms: u32) -> Result<Answer, Failure> {
+fn command(local: *mut Local, request: &Request, timeout_ms: u32) -> Result<Answer, CallFailure> {
     LOCALS.with(local.addr(), |local| {
         let answer = local.command(request, ms(timeout_ms))?;
         match answer.status {
             Verdict::Done => Ok(answer),
-            _ => Err(Failure::new(Status::Refused, format!("the flight has not done it: {}", answer.words))),
+            _ => Err(CallFailure::new(
+                Status::Refused,
+                format!("the flight has not done it: {}", answer.words),
+            )),
         }
     })
 }
@@ -221,7 +229,7 @@ pub unsafe extern "C" fn plumbline_imu_open(
         let figures = [about.rate_hz, about.gyro_range_rad_s, about.accel_range_m_s2];
         if !figures.iter().all(|figure| figure.is_finite() && *figure > 0.0) {
             let text = "rate and ranges of the sensor have to be finite and above zero; give those of [imu]";
-            return Err(Failure::new(Status::BadArgument, text));
+            return Err(CallFailure::new(Status::BadArgument, text));
         }
         let [rate_hz, gyro_range_rad_s, accel_range_m_s2] = figures;
         let about = SensorAbout { rate_hz, gyro_range_rad_s, accel_range_m_s2 };

@@ -4,7 +4,7 @@
 use crate::call::call;
 use crate::handles::Registry;
 use crate::pointers::{self, Out, out};
-use crate::status::{Error, Failure, Status};
+use crate::status::{CallFailure, Error, Status};
 use crate::types::{Estimate, Estimator, Frame, ImuSample, Odometry, Reset};
 use plumbline_config::{Config, ConfigError, ImageView, Timestamp, ValidConfig};
 use plumbline_estimator::{FrameInput, HealthBits, ImuAdmission, ResetKind};
@@ -36,7 +36,7 @@ impl Core {
         }
     }
 
-    fn add_imu(&mut self, sample: &ImuSample, to: Option<Out<Odometry>>) -> Result<Status, Failure> {
+    fn add_imu(&mut self, sample: &ImuSample, to: Option<Out<Odometry>>) -> Result<Status, CallFailure> {
         let sample = sample.of_estimator();
         let (admission, odometry) = self.estimator.propagate_admitted(&sample);
         if let Some(failure) = refusal(admission) {
@@ -51,7 +51,7 @@ impl Core {
         Ok(Status::Ok)
     }
 
-    fn add_frame(&mut self, frame: &Frame, to: Option<Out<Estimate>>) -> Result<Status, Failure> {
+    fn add_frame(&mut self, frame: &Frame, to: Option<Out<Estimate>>) -> Result<Status, CallFailure> {
         let images = [self.image(frame, 0)?, self.image(frame, 1)?];
         let input = FrameInput::new(Timestamp::from_nanos(frame.stamp_ns), images).numbered(frame.sequence);
         let estimate = self.estimator.add_frame(&input);
@@ -65,13 +65,13 @@ impl Core {
         if estimate.is_refused() {
             let text =
                 "the stamp of the frame is not later than that of the frame before; the frame was refused";
-            return Err(Failure::new(Status::OutOfOrder, text));
+            return Err(CallFailure::new(Status::OutOfOrder, text));
         }
         Ok(if estimate.has_pose() { Status::Ok } else { Status::NoPose })
     }
 
     /// An image that is lent, of the size of its camera.
-    fn image<'a>(&self, frame: &Frame, camera: usize) -> Result<Option<ImageView<'a>>, Failure> {
+    fn image<'a>(&self, frame: &Frame, camera: usize) -> Result<Option<ImageView<'a>>, CallFailure> {
         let (image, side) = [(&frame.left, "left"), (&frame.right, "right")][camera];
         let Some(view) = pointers::image(image, side)? else { return Ok(None) };
         let text = match self.sizes_px.get(camera) {
@@ -80,7 +80,7 @@ impl Core {
             None => "the configuration has one camera".into(),
         };
         let own = format!("the {side} image has {} x {} px", view.width(), view.height());
-        Err(Failure::new(Status::ImageSize, format!("{own}, and {text}; they have to agree")))
+        Err(CallFailure::new(Status::ImageSize, format!("{own}, and {text}; they have to agree")))
     }
 }
 
@@ -95,7 +95,7 @@ impl ImuSample {
 }
 
 /// Failure for a sample that was refused.
-fn refusal(admission: ImuAdmission) -> Option<Failure> {
+fn refusal(admission: ImuAdmission) -> Option<CallFailure> {
     let (status, text) = match admission {
         ImuAdmission::Accepted | ImuAdmission::ClockSet => return None,
         ImuAdmission::NotLater => {
@@ -105,14 +105,14 @@ fn refusal(admission: ImuAdmission) -> Option<Failure> {
         ImuAdmission::NotFinite => (Status::NotFinite, "a value is not a finite number"),
         ImuAdmission::OutOfRange => (Status::OutOfRange, "a value is far beyond the sensor's range in [imu]"),
     };
-    Some(Failure::new(status, format!("the inertial sample was refused: {text}")))
+    Some(CallFailure::new(status, format!("the inertial sample was refused: {text}")))
 }
 
 fn create(
     config: Result<ValidConfig, ConfigError>,
     estimator: Out<*mut Estimator>,
-) -> Result<Status, Failure> {
-    let config = config.map_err(|error| Failure::new(Status::Configuration, error.to_string()))?;
+) -> Result<Status, CallFailure> {
+    let config = config.map_err(|error| CallFailure::new(Status::Configuration, error.to_string()))?;
     estimator.write(without_provenance_mut(ESTIMATORS.add(Core::new(&config))));
     Ok(Status::Ok)
 }
@@ -214,11 +214,11 @@ pub unsafe extern "C" fn plumbline_estimator_reset(
 }
 
 /// Kind of a reset by its number in the header.
-pub(crate) fn reset_kind(kind: u32) -> Result<ResetKind, Failure> {
+pub(crate) fn reset_kind(kind: u32) -> Result<ResetKind, CallFailure> {
     match kind {
         _ if kind == Reset::Soft as u32 => Ok(ResetKind::Soft),
         _ if kind == Reset::Hard as u32 => Ok(ResetKind::Hard),
-        _ => Err(Failure::new(
+        _ => Err(CallFailure::new(
             Status::BadArgument,
             format!("{kind} is no kind of reset; 1 is soft, 2 is hard"),
         )),

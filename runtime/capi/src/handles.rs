@@ -1,7 +1,7 @@
 //! Handles: numbers that stand for objects of the library. A handle is never an address, and a number is never given
 //! twice, so that one that was freed, or is of another type, is recognized without touching memory.
 
-use crate::status::{Failure, Status};
+use crate::status::{CallFailure, Status};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
@@ -32,12 +32,12 @@ impl<T> Registry<T> {
         handle
     }
 
-    fn find(&self, handle: usize) -> Result<Arc<Mutex<T>>, Failure> {
+    fn find(&self, handle: usize) -> Result<Arc<Mutex<T>>, CallFailure> {
         if handle == 0 {
-            return Err(Failure::null("the handle"));
+            return Err(CallFailure::null("the handle"));
         }
         let unknown = "the handle was freed, is of another type, or never was one";
-        self.objects().get(&handle).cloned().ok_or_else(|| Failure::new(Status::BadHandle, unknown))
+        self.objects().get(&handle).cloned().ok_or_else(|| CallFailure::new(Status::BadHandle, unknown))
     }
 
     /// Does `work` on the object of a handle, which no other thread may use meanwhile. Where it panics, the handle is
@@ -45,22 +45,22 @@ impl<T> Registry<T> {
     pub(crate) fn with<R>(
         &self,
         handle: usize,
-        work: impl FnOnce(&mut T) -> Result<R, Failure>,
-    ) -> Result<R, Failure> {
+        work: impl FnOnce(&mut T) -> Result<R, CallFailure>,
+    ) -> Result<R, CallFailure> {
         let object = self.find(handle)?;
         let mut object = match object.try_lock() {
             Ok(object) => object,
             Err(TryLockError::WouldBlock) => return Err(busy()),
             Err(TryLockError::Poisoned(_)) => {
                 let text = "an earlier call failed within the library; free the handle, and make another";
-                return Err(Failure::new(Status::Poisoned, text));
+                return Err(CallFailure::new(Status::Poisoned, text));
             }
         };
         work(&mut object)
     }
 
     /// Frees the object of a handle, poisoned or not.
-    pub(crate) fn free(&self, handle: usize) -> Result<(), Failure> {
+    pub(crate) fn free(&self, handle: usize) -> Result<(), CallFailure> {
         let object = self.find(handle)?;
         if let Err(TryLockError::WouldBlock) = object.try_lock() {
             return Err(busy());
@@ -71,6 +71,6 @@ impl<T> Registry<T> {
     }
 }
 
-fn busy() -> Failure {
-    Failure::new(Status::Busy, "another thread uses the handle; use one for each thread, or take turns")
+fn busy() -> CallFailure {
+    CallFailure::new(Status::Busy, "another thread uses the handle; use one for each thread, or take turns")
 }

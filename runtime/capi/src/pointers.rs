@@ -1,39 +1,39 @@
 //! Memory of the caller: read and written here alone. What a pointer has to be stands in the header of the crate.
 #![allow(unsafe_code)]
 
-use crate::status::{Error, Failure, Status};
+use crate::status::{CallFailure, Error, Status};
 use crate::types::{Image, Numbers};
 use plumbline_config::ImageView;
 use std::ffi::{CStr, c_char};
 use std::path::Path;
 
 /// The text at `text`, by its name in the header.
-pub(crate) fn text<'a>(text: *const c_char, what: &str) -> Result<&'a str, Failure> {
+pub(crate) fn text<'a>(text: *const c_char, what: &str) -> Result<&'a str, CallFailure> {
     if text.is_null() {
-        return Err(Failure::null(what));
+        return Err(CallFailure::null(what));
     }
     // SAFETY: not null, and by the contract a string that ends with a zero, which lives during the call.
     let text = unsafe { CStr::from_ptr(text) };
-    text.to_str().map_err(|_| Failure::new(Status::BadArgument, format!("{what} is not UTF-8")))
+    text.to_str().map_err(|_| CallFailure::new(Status::BadArgument, format!("{what} is not UTF-8")))
 }
 
 /// The path at `path`.
-pub(crate) fn path<'a>(path: *const c_char) -> Result<&'a Path, Failure> {
+pub(crate) fn path<'a>(path: *const c_char) -> Result<&'a Path, CallFailure> {
     text(path, "the path").map(Path::new)
 }
 
 /// A copy of the structure at `from`, by its name in the header. Alignment does not matter.
-pub(crate) fn read<T: Copy>(from: *const T, what: &str) -> Result<T, Failure> {
+pub(crate) fn read<T: Copy>(from: *const T, what: &str) -> Result<T, CallFailure> {
     if from.is_null() {
-        return Err(Failure::null(what));
+        return Err(CallFailure::null(what));
     }
     // SAFETY: not null, and by the contract a structure of this type, of numbers and pointers alone.
     Ok(unsafe { from.read_unaligned() })
 }
 
 /// A place for the caller's result, by its name in the header: refused before any work is done.
-pub(crate) fn out<T>(to: *mut T, what: &str) -> Result<Out<T>, Failure> {
-    if to.is_null() { Err(Failure::null(what)) } else { Ok(Out(to)) }
+pub(crate) fn out<T>(to: *mut T, what: &str) -> Result<Out<T>, CallFailure> {
+    if to.is_null() { Err(CallFailure::null(what)) } else { Ok(Out(to)) }
 }
 
 /// Memory of the caller for a result.
@@ -83,7 +83,7 @@ pub(crate) fn write_text(to: *mut c_char, size: usize, text: &str) -> usize {
 }
 
 /// Writes the error of a call, if the caller wants it.
-pub(crate) fn write_error(to: *mut Error, failure: &Failure) {
+pub(crate) fn write_error(to: *mut Error, failure: &CallFailure) {
     if to.is_null() {
         return;
     }
@@ -95,11 +95,11 @@ pub(crate) fn write_error(to: *mut Error, failure: &Failure) {
 }
 
 /// Views the image that a caller lends; `None` for one that did not arrive. `side` names it in messages.
-pub(crate) fn image<'a>(image: &Image, side: &str) -> Result<Option<ImageView<'a>>, Failure> {
+pub(crate) fn image<'a>(image: &Image, side: &str) -> Result<Option<ImageView<'a>>, CallFailure> {
     if image.pixels.is_null() {
         return Ok(None);
     }
-    let refused = |text: String| Failure::new(Status::ImageSize, format!("the {side} image: {text}"));
+    let refused = |text: String| CallFailure::new(Status::ImageSize, format!("the {side} image: {text}"));
     let (width, height) = (image.width as usize, image.height as usize);
     if width == 0 || height == 0 {
         return Err(refused(format!(

@@ -62,12 +62,12 @@ pub struct Error {
 
 /// Reason why a call fails.
 #[derive(Debug)]
-pub struct Failure {
+pub struct CallFailure {
     pub(crate) status: Status,
     pub(crate) text: String,
 }
 
-impl Failure {
+impl CallFailure {
     pub(crate) fn new(status: Status, text: impl Into<String>) -> Self {
         Self { status, text: text.into() }
     }
@@ -77,7 +77,7 @@ impl Failure {
     }
 }
 
-impl From<ClientError> for Failure {
+impl From<ClientError> for CallFailure {
     fn from(error: ClientError) -> Self {
         let status = match error {
             ClientError::Connect { .. } | ClientError::Line { .. } => Status::Connect,

@@ -3,7 +3,7 @@
 use crate::call::call;
 use crate::handles::Registry;
 use crate::pointers::from_record;
-use crate::status::{Error, Failure, Status};
+use crate::status::{CallFailure, Error, Status};
 use crate::types::{Estimate, Instant, Odometry};
 use crate::version::PLUMBLINE_ABI;
 use plumbline_record::fields::Record;
@@ -110,7 +110,7 @@ fn a_handle_in_use_is_refused_to_a_second_thread_and_not_freed() {
         })
     });
     inside.recv().unwrap();
-    let status = |outcome: Result<(), Failure>| outcome.map_err(|failure| failure.status);
+    let status = |outcome: Result<(), CallFailure>| outcome.map_err(|failure| failure.status);
     assert_eq!(status(NUMBERS.with(handle, |_| Ok(()))), Err(Status::Busy));
     assert_eq!(status(NUMBERS.free(handle)), Err(Status::Busy));
     go.send(()).unwrap();

@@ -14,9 +14,9 @@ use plumbline_lab::campaign::table::{
     HEALTH_HEAD, RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, health_rows, means,
     ratio_rows, silence_row, trust_row,
 };
-use plumbline_lab::campaign::{Entry, Fault, Setup, drawn};
+use plumbline_lab::campaign::{CampaignFault, Entry, Setup, drawn};
 use plumbline_lab::report::Report;
-use plumbline_lab::report::paired::{Comparison, Variant};
+use plumbline_lab::report::paired::{PairedComparison, Variant};
 use plumbline_lab::sweep::run::fly_each;
 use serde::Serialize;
 use std::fmt::Display;
@@ -222,14 +222,14 @@ fn compare(
     let mut comparisons = Vec::new();
     for other in against {
         comparisons.push(match other {
-            Against::File(before) => Comparison::of(before, &here),
+            Against::File(before) => PairedComparison::of(before, &here),
             Against::Changes(changes) => {
                 let name = paired::name(changes);
                 say_unless_closed(args.writes_files(), format_args!("\n{name}\n\n{TABLE_HEAD}"));
                 let overrides = args.overrides.iter().chain(changes).cloned().collect();
                 let setup = Setup { overrides, ..setup.clone() };
                 let flown = fly_all(entries, &setup, args);
-                Comparison::of(&here, &variant(name, entries, &flown)?)
+                PairedComparison::of(&here, &variant(name, entries, &flown)?)
             }
         });
     }
@@ -279,8 +279,8 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
             faults.into_iter().flat_map(|fault| flights.iter().map(move |entry| entry.with_fault(fault))),
         );
     }
-    let errors = each_named(&args.imu_error)?.into_iter().map(Fault::Inertial);
-    let conditions = each_named(&args.condition)?.into_iter().map(Fault::Condition);
+    let errors = each_named(&args.imu_error)?.into_iter().map(CampaignFault::Inertial);
+    let conditions = each_named(&args.condition)?.into_iter().map(CampaignFault::Condition);
     for fault in errors.chain(conditions) {
         entries.extend(sound.iter().map(|entry| entry.with_fault(fault)));
     }
@@ -288,15 +288,16 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
 }
 
 /// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
-fn faults(args: &CampaignArgs) -> Result<(Vec<Fault>, Vec<Fault>), Usage> {
+fn faults(args: &CampaignArgs) -> Result<(Vec<CampaignFault>, Vec<CampaignFault>), Usage> {
     let end_s = args.choice.duration;
     // With one camera there is no right one to lose, and without the left there is none.
-    let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
+    let possible = |fault: &CampaignFault| !(args.mono && fault.needs_two_cameras());
     // Recorded samples have the errors of their sensor.
-    let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
-    let with_dose = Fault::conditions().chain(Fault::injected());
-    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
-    let happens = |fault: &Fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < end_s);
+    let errors = CampaignFault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
+    let with_dose = CampaignFault::conditions().chain(CampaignFault::injected());
+    let usual: Vec<CampaignFault> =
+        CampaignFault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
+    let happens = |fault: &CampaignFault| fault.injected_from_s().is_none_or(|begin_s| begin_s < end_s);
     if args.fault.is_empty() {
         return Ok(usual.into_iter().partition(happens));
     }
@@ -305,17 +306,18 @@ fn faults(args: &CampaignArgs) -> Result<(Vec<Fault>, Vec<Fault>), Usage> {
         let kind = wanted.split([':', '@']).next().unwrap_or_default();
         if kind != wanted && (wanted.contains('@') || InjectedFault::kinds().any(|known| known.name == kind))
         {
-            chosen.push(Fault::Injected(injected(wanted, end_s)?));
+            chosen.push(CampaignFault::Injected(injected(wanted, end_s)?));
             continue;
         }
         if wanted.contains(':') {
-            let fault = wanted.parse().map(Fault::Condition);
-            chosen.push(fault.or_else(|_| wanted.parse().map(Fault::Inertial)).map_err(Usage)?);
+            let fault = wanted.parse().map(CampaignFault::Condition);
+            chosen.push(fault.or_else(|_| wanted.parse().map(CampaignFault::Inertial)).map_err(Usage)?);
             continue;
         }
         let prefix = wanted.to_lowercase().replace('-', "");
-        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&prefix);
-        let (in_flight, after): (Vec<Fault>, Vec<Fault>) =
+        let begins =
+            |fault: &&CampaignFault| fault.name().to_lowercase().replace('-', "").starts_with(&prefix);
+        let (in_flight, after): (Vec<CampaignFault>, Vec<CampaignFault>) =
             usual.iter().filter(begins).partition(|f| happens(f));
         if in_flight.is_empty() {
             return Err(match after.first() {
@@ -332,7 +334,7 @@ fn faults(args: &CampaignArgs) -> Result<(Vec<Fault>, Vec<Fault>), Usage> {
 /// The line of the faults that were left out because the flight ends before they begin.
 fn not_flown(args: &CampaignArgs) -> Result<Option<String>, Usage> {
     let late = if args.faults { faults(args)?.1 } else { Vec::new() };
-    let names: Vec<String> = late.into_iter().map(Fault::name).collect();
+    let names: Vec<String> = late.into_iter().map(CampaignFault::name).collect();
     Ok((!names.is_empty()).then(|| {
         let end_s = args.choice.duration;
         format!("\nnot flown: {}: begin after the flight's end at {end_s} s", names.join(", "))
@@ -340,7 +342,7 @@ fn not_flown(args: &CampaignArgs) -> Result<Option<String>, Usage> {
 }
 
 /// No fault of `usual` has such a name.
-fn unknown(wanted: &str, usual: &[Fault]) -> Usage {
+fn unknown(wanted: &str, usual: &[CampaignFault]) -> Usage {
     let mut kinds: Vec<String> = Vec::new();
     for fault in usual {
         let name = fault.name();
@@ -390,7 +392,7 @@ mod tests {
     /// Names of the faults that a command line asks for.
     fn chosen(line: &str) -> Vec<String> {
         let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
-        faults(&args).unwrap().0.into_iter().map(Fault::name).collect()
+        faults(&args).unwrap().0.into_iter().map(CampaignFault::name).collect()
     }
 
     #[test]
@@ -400,7 +402,10 @@ mod tests {
         assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
         assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
         assert!(each_named::<ImuErrors>(&["force:x".to_owned()]).is_err());
-        assert_eq!(each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+        assert_eq!(
+            each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(),
+            CampaignFault::inertial().count()
+        );
     }
 
     #[test]
@@ -450,6 +455,9 @@ mod tests {
         assert_eq!(chosen("--faults --fault people"), people);
         assert_eq!(chosen("--faults --fault blur:10:6"), ["blur:10:6:1"]);
         assert!(chosen("--faults").contains(&"night:20:4:8".to_owned()));
-        assert_eq!(each_named::<Conditions>(&["all".to_owned()]).unwrap().len(), Fault::conditions().count());
+        assert_eq!(
+            each_named::<Conditions>(&["all".to_owned()]).unwrap().len(),
+            CampaignFault::conditions().count()
+        );
     }
 }

@@ -4,7 +4,7 @@ use super::Usage;
 use super::simulated::trajectories;
 use clap::Args;
 use plumbline_drivers::simulator::{FlightPath, Scene};
-use plumbline_lab::campaign::{Entry, Fault, PATHS, RECORDED_PATHS, SCENES};
+use plumbline_lab::campaign::{CampaignFault, Entry, PATHS, RECORDED_PATHS, SCENES};
 use std::path::{Path, PathBuf};
 
 /// Where flights along trajectories that are not built in start, s.
@@ -69,7 +69,8 @@ impl FlightChoice {
                     if starts_s.is_empty() { std::slice::from_ref(full_flight_s) } else { starts_s };
                 for start_s in starts_s {
                     let start = (path.as_str(), *start_s);
-                    let new = |&seed| Entry::new(&folder, start, scene, seed, self.duration, Fault::None);
+                    let new =
+                        |&seed| Entry::new(&folder, start, scene, seed, self.duration, CampaignFault::None);
                     entries.extend(self.seed.iter().map(new));
                 }
             }

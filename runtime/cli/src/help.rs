@@ -5,7 +5,7 @@ use super::Usage;
 use super::command_line::{Cli, HelpArgs};
 use clap::{Command, CommandFactory as _};
 use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{Condition, ImuError};
+use plumbline_drivers::simulator::{ImuError, SimulatedCondition};
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 
@@ -48,7 +48,7 @@ const TABLES: [Table; 3] = [
         "conditions",
         "Conditions of light, camera, scene or motion in a simulated flight, such as `--condition blur:10:6`. Omitted doses have \
          the defaults in brackets.",
-        Condition::help,
+        SimulatedCondition::help,
     ),
     (
         "faults",

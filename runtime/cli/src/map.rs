@@ -11,7 +11,7 @@ use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::places::{ExtractorOptions, LocatorOptions, MapLimits};
 use plumbline_flight::flight::{RecordingKind, open_recording, recording_kind};
 use plumbline_flight::places::build::{BuildOptions, LocatedFrame, build, locate};
-use plumbline_flight::places::frames::{Choice, Frames};
+use plumbline_flight::places::frames::{Choice, RecordedFrames};
 use plumbline_flight::places::{MapContents, codec, merge, ply, read_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
 use std::fmt::Write as _;
@@ -87,16 +87,16 @@ struct ImageArgs {
 }
 
 impl ImageArgs {
-    fn open(&self, max_features: usize) -> Result<Frames> {
+    fn open(&self, max_features: usize) -> Result<RecordedFrames> {
         check_recorded(&self.dataset)?;
         let choice = Choice { every: self.every as usize, offset: self.first as usize };
         let options = ExtractorOptions { max_features, ..ExtractorOptions::default() };
         let config = load_config(self.config.as_deref())?;
         if recording_kind(&self.dataset) == RecordingKind::Dataset {
-            return Ok(Frames::open(&self.dataset, config, choice, &options)?);
+            return Ok(RecordedFrames::open(&self.dataset, config, choice, &options)?);
         }
         let flight = open_recording(&self.dataset, config, &self.topics.names()?, None, false)?;
-        Ok(Frames::of(flight.stereo, &flight.config, flight.config.camera.len(), choice, &options))
+        Ok(RecordedFrames::of(flight.stereo, &flight.config, flight.config.camera.len(), choice, &options))
     }
 }
 

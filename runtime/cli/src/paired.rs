@@ -4,8 +4,8 @@ use super::{Usage, say};
 use anyhow::{Context, Result, ensure};
 use plumbline_config::ValidConfig;
 use plumbline_flight::flight::with_overrides;
-use plumbline_lab::report::paired::{Comparison, Variant};
-use plumbline_lab::sweep::{Axis, CellResult};
+use plumbline_lab::report::paired::{PairedComparison, Variant};
+use plumbline_lab::sweep::{CellResult, SweepAxis};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -40,7 +40,7 @@ fn changes(text: &str) -> Result<Vec<String>, Usage> {
             "--against: '{text}' is neither key=value,key=value nor the name of a file that ends in .json"
         ))
     };
-    let axis = Axis::parse(text).map_err(|_| bad())?;
+    let axis = SweepAxis::parse(text).map_err(|_| bad())?;
     let mut changes = vec![format!("{}={}", axis.key, axis.values[0])];
     for value in &axis.values[1..] {
         if !value.contains('=') {
@@ -86,9 +86,9 @@ pub fn variants(results: &[CellResult]) -> Vec<Variant> {
 
 /// Compares every setting of a sweep with the first.
 #[must_use]
-pub fn with_first(variants: &[Variant]) -> Vec<Comparison> {
+pub fn with_first(variants: &[Variant]) -> Vec<PairedComparison> {
     match variants {
-        [base, others @ ..] => others.iter().map(|other| Comparison::of(base, other)).collect(),
+        [base, others @ ..] => others.iter().map(|other| PairedComparison::of(base, other)).collect(),
         [] => Vec::new(),
     }
 }
@@ -97,7 +97,7 @@ pub fn with_first(variants: &[Variant]) -> Vec<Comparison> {
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
+pub fn write(comparisons: &[PairedComparison], json: Option<&Path>) -> Result<()> {
     let Some(path) = json.filter(|_| !comparisons.is_empty()) else { return Ok(()) };
     let text = serde_json::to_string_pretty(comparisons)?;
     std::fs::write(path, text).with_context(|| path.display().to_string())
@@ -107,7 +107,7 @@ pub fn write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
 ///
 /// # Errors
 /// When there is nothing to compare.
-pub fn say_each(comparisons: &[Comparison]) -> Result<()> {
+pub fn say_each(comparisons: &[PairedComparison]) -> Result<()> {
     ensure!(!comparisons.is_empty(), Usage("only one variant; give a second one to compare with".into()));
     for comparison in comparisons {
         say(format_args!("\n{}", comparison.markdown()));

@@ -13,7 +13,7 @@ use plumbline_flight::log::channel::Channel;
 use plumbline_flight::log::cursor::Cursor;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::{EvaluateError, load_trajectory};
-use plumbline_lab::plot::{self, Alignment, SIDES_PX, SIZE_PX, Subject};
+use plumbline_lab::plot::{self, PlotSubject, SIDES_PX, SIZE_PX, TruthAlignment};
 use plumbline_lab::sweep::Common;
 use std::path::{Path, PathBuf};
 
@@ -90,30 +90,30 @@ pub fn run(args: &PlotArgs) -> Result<()> {
 }
 
 /// The alignment that was asked for, or the one that suits what is known.
-fn alignment(asked: Option<Align>, subject: &Subject) -> Alignment {
+fn alignment(asked: Option<Align>, subject: &PlotSubject) -> TruthAlignment {
     match asked {
-        Some(align) => Alignment::Fitted(align.into()),
-        None if subject.has_states() => Alignment::FirstPose,
-        None => Alignment::Fitted(Align::Se3.into()),
+        Some(align) => TruthAlignment::Fitted(align.into()),
+        None if subject.has_states() => TruthAlignment::FirstPose,
+        None => TruthAlignment::Fitted(Align::Se3.into()),
     }
 }
 
 /// Subject of the plot, with its truth where that comes with it.
-fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::StampedPose>)> {
+fn subject(args: &PlotArgs) -> Result<(Option<PlotSubject>, Vec<plumbline_drivers::StampedPose>)> {
     let path = Path::new(&args.estimate);
     let name = args.title.as_deref().unwrap_or(&args.estimate);
     let kind = if path.is_file() { recording_kind(path) } else { RecordingKind::Dataset };
     if args.estimate.starts_with("sim:") || path.is_dir() || kind == RecordingKind::Bag {
         let (rows, truth) = flown(args)?;
         let truth = truth.poses(rows.iter().map(|row| row.stamp));
-        return Ok((Subject::of_states(name, &rows), truth));
+        return Ok((PlotSubject::of_states(name, &rows), truth));
     }
     let subject = if is_log(path) {
-        Subject::of_states(name, &logged_states(path)?)
+        PlotSubject::of_states(name, &logged_states(path)?)
     } else if is_states(path) {
-        Subject::of_states(name, &read_states(path)?)
+        PlotSubject::of_states(name, &read_states(path)?)
     } else {
-        Subject::of_trajectory(name, &load_trajectory(path)?)
+        PlotSubject::of_trajectory(name, &load_trajectory(path)?)
     };
     Ok((subject, Vec::new()))
 }
@@ -137,13 +137,13 @@ pub(super) fn flown_subject(
     name: &str,
     rows: &[Estimate],
     truth: &Truth,
-) -> Result<Option<Subject>, EvaluateError> {
-    let Some(subject) = Subject::of_states(name, rows) else { return Ok(None) };
+) -> Result<Option<PlotSubject>, EvaluateError> {
+    let Some(subject) = PlotSubject::of_states(name, rows) else { return Ok(None) };
     let truth = truth.poses(rows.iter().map(|row| row.stamp));
     if truth.is_empty() {
         return Ok(Some(subject));
     }
-    subject.with_truth(&truth, Alignment::FirstPose).map(Some)
+    subject.with_truth(&truth, TruthAlignment::FirstPose).map(Some)
 }
 
 /// The estimates that a flight log holds, as they were recorded.

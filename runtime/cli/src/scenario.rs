@@ -3,7 +3,8 @@
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{
-    Condition, Effects, FlightPath, ImuError, Inertial, Scenario, Scene, USUAL_DURATION_S, recorded_along,
+    Effects, FlightPath, ImuError, Inertial, Scenario, Scene, SimulatedCondition, USUAL_DURATION_S,
+    recorded_along,
 };
 use plumbline_drivers::{FrameFaults, InjectedFault, LostCamera};
 use std::ops::Range;
@@ -34,7 +35,7 @@ pub struct ScenarioArgs {
     /// Condition of light, camera, scene or motion, such as blur:10:6; may be repeated: see
     /// `plumbline help conditions`.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',')]
-    pub condition: Vec<Condition>,
+    pub condition: Vec<SimulatedCondition>,
     /// Give the estimator a calibration that the seed draws around the true one, with K times the standard deviations
     /// in [rig] of the configuration (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]

@@ -11,7 +11,7 @@ use plumbline_flight::flight::with_overrides;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::sweep::open_table::{Format, OpenTable};
 use plumbline_lab::sweep::{
-    Axis, Cell, CellResult, Common, NamedTruth, Plan, Subject, cell, folder, run, table,
+    Cell, CellResult, Common, NamedTruth, Plan, Subject, SweepAxis, cell, folder, run, table,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,7 +60,7 @@ pub struct SweepArgs {
     pub axes: Vec<String>,
     /// Seeds of simulated flights, such as 1,2,5 or 1..3 (that is 1, 2 and 3).
     #[arg(long, value_parser = parse_seeds, value_name = "SEEDS")]
-    pub seeds: Option<Seeds>,
+    pub seeds: Option<SeedList>,
     /// Start times, seconds into each data set or path, such as 0,0.5,1. Each flight is flown from each start to its
     /// end.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
@@ -116,10 +116,10 @@ pub struct SweepArgs {
 
 /// Seeds of simulated flights.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Seeds(Vec<u64>);
+pub struct SeedList(Vec<u64>);
 
 /// `1,2,5` or `1..3`.
-fn parse_seeds(text: &str) -> Result<Seeds, String> {
+fn parse_seeds(text: &str) -> Result<SeedList, String> {
     const MOST: u64 = 10_000;
     let bad = || format!("'{text}' is not a list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| bad());
@@ -136,7 +136,11 @@ fn parse_seeds(text: &str) -> Result<Seeds, String> {
     let mut distinct = seeds.clone();
     distinct.sort_unstable();
     distinct.dedup();
-    if distinct.len() == seeds.len() { Ok(Seeds(seeds)) } else { Err(format!("'{text}' has a seed twice")) }
+    if distinct.len() == seeds.len() {
+        Ok(SeedList(seeds))
+    } else {
+        Err(format!("'{text}' has a seed twice"))
+    }
 }
 
 /// Runs the command.
@@ -194,7 +198,7 @@ pub(super) fn cache_folder() -> PathBuf {
 
 /// The sweep that the arguments describe, every setting checked.
 fn plan(args: &SweepArgs) -> Result<Plan> {
-    let axes = args.axes.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>();
+    let axes = args.axes.iter().map(|text| SweepAxis::parse(text)).collect::<Result<Vec<_>, _>>();
     let axes = axes.map_err(|e| Usage(e.to_string()))?;
     let mut subjects =
         args.datasets.iter().map(|name| subject(name, args.shared.as_deref())).collect::<Result<Vec<_>>>()?;
@@ -382,8 +386,8 @@ mod tests {
 
     #[test]
     fn seeds_are_a_list_or_a_range_with_both_ends() {
-        assert_eq!(parse_seeds("1..3"), Ok(Seeds(vec![1, 2, 3])));
-        assert_eq!(parse_seeds("7,2"), Ok(Seeds(vec![7, 2])));
+        assert_eq!(parse_seeds("1..3"), Ok(SeedList(vec![1, 2, 3])));
+        assert_eq!(parse_seeds("7,2"), Ok(SeedList(vec![7, 2])));
         for bad in ["3..1", "x", "1,,2", "0..99999999", "1,1"] {
             assert!(parse_seeds(bad).is_err(), "{bad}");
         }

@@ -3,7 +3,7 @@
 use crate::error::ClientError;
 use crate::socket::{connect, send_all};
 use plumbline_config::{ImageView, Timestamp};
-use plumbline_drivers::frame_socket::Header;
+use plumbline_drivers::frame_socket::FrameHeader;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
@@ -45,8 +45,11 @@ impl FrameSender {
         let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
         let size =
             |image: &Option<ImageView<'_>>| image.map_or((0, 0), |i| (side(i.width()), side(i.height())));
-        let header =
-            Header { sequence, stamp_ns: stamp.as_nanos(), sizes_px: [size(&images[0]), size(&images[1])] };
+        let header = FrameHeader {
+            sequence,
+            stamp_ns: stamp.as_nanos(),
+            sizes_px: [size(&images[0]), size(&images[1])],
+        };
         self.bytes.clear();
         self.bytes.extend(header.encode());
         images.iter().flatten().flat_map(ImageView::rows).for_each(|row| self.bytes.extend_from_slice(row));

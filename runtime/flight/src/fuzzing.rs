@@ -2,7 +2,7 @@
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
-use crate::autopilot::inbox::{Inbox, Received};
+use crate::autopilot::inbox::{MavlinkInbox, Received};
 use crate::autopilot::timesync::TimeSync;
 use crate::local::client::Records;
 use crate::local::request::{self, Numbered, Request, TooLong};
@@ -119,7 +119,7 @@ pub fn mavlink(data: &[u8]) {
 }
 
 fn received(bytes: &[u8], piece: usize) -> Vec<Received> {
-    let (mut inbox, mut messages) = (Inbox::default(), Vec::new());
+    let (mut inbox, mut messages) = (MavlinkInbox::default(), Vec::new());
     for piece in bytes.chunks(piece) {
         inbox.put(piece, |message| messages.push(message));
     }

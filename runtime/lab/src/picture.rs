@@ -46,13 +46,13 @@ impl PictureError {
 
 /// An RGB picture of 8 bits a channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
+pub struct RgbImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
 }
 
-impl Picture {
+impl RgbImage {
     /// A picture of one colour.
     #[must_use]
     pub fn new(width: usize, height: usize, colour: Rgb) -> Self {
@@ -186,18 +186,18 @@ mod tests {
 
     const WHITE: Rgb = [255; 3];
 
-    fn black() -> Picture {
-        Picture::new(24, 16, [0; 3])
+    fn black() -> RgbImage {
+        RgbImage::new(24, 16, [0; 3])
     }
 
-    fn light(picture: &Picture, x: usize, y: usize) -> u8 {
+    fn light(picture: &RgbImage, x: usize, y: usize) -> u8 {
         picture.pixel(x, y).unwrap()[1]
     }
 
     #[test]
     fn a_line_covers_its_pixels_and_no_others() {
         for turned in [false, true] {
-            let mut picture = Picture::new(16, 16, [0; 3]);
+            let mut picture = RgbImage::new(16, 16, [0; 3]);
             let place = |a: f32, b: f32| if turned { Vector2::new(b, a) } else { Vector2::new(a, b) };
             picture.line(place(3.0, 5.0), place(12.0, 5.0), 1.0, WHITE);
             for (u, v) in (0..16).flat_map(|u| (0..16).map(move |v| (u, v))) {
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn the_light_of_a_line_is_its_length_times_its_thickness() {
         for (x, y) in [(60.0, 10.0), (60.3, 44.7), (12.4, 57.1), (50.0, 58.0)] {
-            let mut picture = Picture::new(64, 64, [0; 3]);
+            let mut picture = RgbImage::new(64, 64, [0; 3]);
             let (from, to) = (Vector2::new(8.2, 9.1), Vector2::new(x, y));
             picture.line(from, to, 3.0, WHITE);
             let light: f32 = picture.pixels.iter().map(|&p| f32::from(p) / 765.0).sum();
@@ -242,8 +242,8 @@ mod tests {
         let mut picture = black();
         picture.gray(&image.view(), 22, 15, 0.5);
         assert_eq!((light(&picture, 21, 15), light(&picture, 22, 15), light(&picture, 23, 14)), (0, 100, 0));
-        picture.paste(&Picture::new(5, 5, [9; 3]), 21, 13);
-        picture.paste(&Picture::new(5, 5, [9; 3]), 100, 100);
+        picture.paste(&RgbImage::new(5, 5, [9; 3]), 21, 13);
+        picture.paste(&RgbImage::new(5, 5, [9; 3]), 100, 100);
         assert_eq!((light(&picture, 21, 13), light(&picture, 23, 15)), (9, 9));
     }
 
@@ -251,7 +251,7 @@ mod tests {
     fn what_is_written_can_be_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.png");
-        let mut picture = Picture::new(3, 2, [10, 20, 30]);
+        let mut picture = RgbImage::new(3, 2, [10, 20, 30]);
         picture.fill(1, 1, 9, 9, WHITE);
         picture.write_png(&path).unwrap();
         let mut reader =

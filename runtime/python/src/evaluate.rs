@@ -17,7 +17,7 @@ const NORM_TOLERANCE: f64 = 0.01;
 /// Options, as `plumbline.evaluate` puts them together.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub struct Options {
+pub struct EvaluateArguments {
     align: String,
     delta_frames: usize,
     delta_m: Option<f64>,
@@ -26,7 +26,7 @@ pub struct Options {
     time_offset_s: Option<f64>,
 }
 
-impl Options {
+impl EvaluateArguments {
     fn checked(&self, py: Python<'_>) -> PyResult<EvaluateOptions> {
         let alignment = match self.align.as_str() {
             "none" => AlignmentMode::None,
@@ -101,7 +101,7 @@ pub fn evaluate_trajectories<'py>(
     py: Python<'py>,
     estimate: (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>),
     truth: (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>),
-    options: Options,
+    options: EvaluateArguments,
 ) -> PyResult<Bound<'py, PyDict>> {
     let options = options.checked(py)?;
     let estimate = poses((&estimate.0, &estimate.1, &estimate.2))?;

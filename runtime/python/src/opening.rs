@@ -16,7 +16,7 @@ use std::str::FromStr;
 /// Options, as `plumbline.flights` puts them together.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub struct Options {
+pub struct OpeningOptions {
     set: Vec<String>,
     start: f64,
     duration: Option<f64>,
@@ -34,7 +34,7 @@ pub struct Options {
     imu_errors: Vec<String>,
 }
 
-impl Options {
+impl OpeningOptions {
     /// Opens `dataset` with `config`, or with the one that goes with it.
     ///
     /// # Errors
@@ -114,7 +114,7 @@ impl Options {
             error.apply(&mut scenario);
         }
         for condition in
-            parsed::<plumbline_drivers::simulator::Condition>(py, "conditions", &self.conditions)?
+            parsed::<plumbline_drivers::simulator::SimulatedCondition>(py, "conditions", &self.conditions)?
         {
             condition.apply(&mut scenario);
         }

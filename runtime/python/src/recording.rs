@@ -3,7 +3,7 @@
 use crate::arrays::{block, nanoseconds};
 use crate::config::PyConfig;
 use crate::errors::{Class, of_driver};
-use crate::opening::Options;
+use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, ValidConfig};
@@ -51,7 +51,7 @@ impl Recording {
     fn new(
         dataset: &Bound<'_, PyAny>,
         config: Option<&Bound<'_, PyAny>>,
-        options: Options,
+        options: OpeningOptions,
     ) -> PyResult<Self> {
         let flight = options.open(dataset, config)?;
         let frame = StereoFrame::new(image_sizes(&flight.config.camera));

@@ -2,7 +2,7 @@
 
 use crate::config::PyConfig;
 use crate::errors::{Class, of_flight};
-use crate::opening::Options;
+use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
@@ -113,7 +113,7 @@ pub fn replay<'py>(
     py: Python<'py>,
     dataset: &Bound<'py, PyAny>,
     config: Option<&Bound<'py, PyAny>>,
-    options: Options,
+    options: OpeningOptions,
     keep: Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let keep: Keep = keep.extract()?;

@@ -6,12 +6,12 @@ use plumbline_boards::{chessboard, markers, refine};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp, ValidConfig, import};
 use plumbline_drivers::clock::monotonic_ns;
-use plumbline_drivers::frame_socket::Header;
+use plumbline_drivers::frame_socket::FrameHeader;
 use plumbline_drivers::{StereoFrame, StopFlag};
 use plumbline_flight::flight::open_cameras_alone;
 use plumbline_flight::log::{Recorder, WhenFull};
 use plumbline_lab::calibrate::camera::images::{Images, make_folder, read};
-use plumbline_lab::calibrate::camera::live::{Gathering, LiveError, gather};
+use plumbline_lab::calibrate::camera::live::{BoardCapture, LiveError, gather};
 use plumbline_lab::calibrate::camera::recording::read_log;
 use plumbline_lab::calibrate::camera::result::Residual;
 use plumbline_lab::calibrate::camera::{
@@ -182,7 +182,7 @@ fn gathered(
     let (config, stop, kept) = (rig(cameras, folder), StopFlag::new(), AtomicUsize::new(0));
     let source = open_cameras_alone(&config, &stop).unwrap().source;
     let sizes_px: Vec<_> = cameras.iter().map(|model| (model.width_px, model.height_px)).collect();
-    let gathering = Gathering {
+    let gathering = BoardCapture {
         target,
         kind: LensKind::RadialTangential,
         detector: &OPENCV,
@@ -213,7 +213,7 @@ fn show(taken: &[Pair], socket: &Path, kept: &AtomicUsize) {
         for _ in 0..100 {
             let images = pair.images.each_ref().map(|image| image.as_ref().unwrap());
             let sizes_px = images.map(|image| (image.width() as u32, image.height() as u32));
-            let header = Header { sequence, stamp_ns: monotonic_ns(), sizes_px };
+            let header = FrameHeader { sequence, stamp_ns: monotonic_ns(), sizes_px };
             let [left, right] = images.map(GrayImage::pixels);
             for bytes in [&header.encode()[..], left, right] {
                 if sender.write_all(bytes).is_err() {

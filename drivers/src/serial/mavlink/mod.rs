@@ -11,7 +11,7 @@ mod messages;
 mod wire;
 
 use super::framing::Scan;
-use super::protocol::{Answer, Content, Outgoing, Protocol, Questions, TimeUnit};
+use super::protocol::{Content, Outgoing, Protocol, Questions, TimeAnswer, TimeUnit};
 use plumbline_config::options::MavlinkImu;
 use wire::{MAX_WRITTEN, MavlinkFrame, MessageKind};
 
@@ -64,7 +64,11 @@ impl Mavlink {
         if sync.tc1 <= 0 || !self.questions.take(sync.ts1) {
             return Content::Other;
         }
-        Content::Answer(Answer { asked_ns: sync.ts1, device_received_ns: sync.tc1, device_sent_ns: sync.tc1 })
+        Content::Answer(TimeAnswer {
+            asked_ns: sync.ts1,
+            device_received_ns: sync.tc1,
+            device_sent_ns: sync.tc1,
+        })
     }
 
     fn say(&mut self, kind: MessageKind, payload: [u8; wire::MAX_PAYLOAD], into: &mut Outgoing) {

@@ -88,7 +88,7 @@ fn a_question_for_the_time_is_that_of_pymavlink_and_its_answer_counts_once() {
     assert!(outgoing.bytes().starts_with(&asked), "{:02X?}", outgoing.bytes());
     assert_eq!(contents(&mut autopilot, &hex(TIMESYNC)), [Content::Other]);
     autopilot.request(1_234_567_890_123, &mut outgoing);
-    let answer = Answer {
+    let answer = TimeAnswer {
         asked_ns: 1_234_567_890_123,
         device_received_ns: 5_000_000_000,
         device_sent_ns: 5_000_000_000,

@@ -8,7 +8,7 @@ use plumbline_drivers::{CameraMonitor, StereoFrame, StopFlag};
 use plumbline_flight::flight::open_cameras_alone;
 use plumbline_lab::calibrate::camera::gather::Gathered;
 use plumbline_lab::calibrate::camera::images::make_folder;
-use plumbline_lab::calibrate::camera::live::{Gathering, gather};
+use plumbline_lab::calibrate::camera::live::{BoardCapture, gather};
 use plumbline_lab::calibrate::camera::{Detector, LensKind, Pair, Target};
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -92,7 +92,7 @@ pub(super) fn pairs(args: &LiveArgs, out: &Path, wanted: &Wanted<'_>) -> Result<
     let sizes_px: Vec<_> = config.camera.iter().map(|c| (c.width_px, c.height_px)).collect();
     let used = if wanted.mono { 1 } else { sizes_px.len() };
     make_folder(&folder, used, true)?;
-    let gathering = Gathering {
+    let gathering = BoardCapture {
         target: wanted.target,
         kind: wanted.kind,
         detector: wanted.detector,

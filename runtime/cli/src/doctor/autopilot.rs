@@ -4,8 +4,8 @@ use super::verdict::CheckVerdict;
 use mavlink::MavHeader;
 use mavlink::dialects::common::{MavMessage, MavState};
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint};
-use plumbline_flight::autopilot::inbox::{CHUNK, Inbox};
-use plumbline_flight::autopilot::link::Link;
+use plumbline_flight::autopilot::inbox::{CHUNK, MavlinkInbox};
+use plumbline_flight::autopilot::link::AutopilotLink;
 use plumbline_flight::autopilot::message;
 use plumbline_flight::autopilot::sender::{AUTOPILOT, COMPONENT};
 use plumbline_flight::schedule::ticker::Monotonic;
@@ -22,7 +22,7 @@ pub(super) fn check(config: &AutopilotConfig) -> CheckVerdict {
         return CheckVerdict::Fine("none configured".into());
     }
     let link = AutopilotEndpoint::parse(&config.connect)
-        .and_then(|endpoint| Link::open(&endpoint).map_err(|error| error.to_string()));
+        .and_then(|endpoint| AutopilotLink::open(&endpoint).map_err(|error| error.to_string()));
     match link {
         Ok(mut link) => judge(config, &heard(&mut link, config.system_id)),
         Err(words) => CheckVerdict::NotFit(words),
@@ -30,8 +30,8 @@ pub(super) fn check(config: &AutopilotConfig) -> CheckVerdict {
 }
 
 /// Systems and components that sent something, until the autopilot has.
-fn heard(link: &mut Link, system_id: u32) -> BTreeSet<(u32, u8)> {
-    let (mut inbox, mut bytes, mut heard) = (Inbox::default(), [0; CHUNK], BTreeSet::new());
+fn heard(link: &mut AutopilotLink, system_id: u32) -> BTreeSet<(u32, u8)> {
+    let (mut inbox, mut bytes, mut heard) = (MavlinkInbox::default(), [0; CHUNK], BTreeSet::new());
     let began = Monotonic::now();
     let (end, mut next) = (began.plus_nanos(PATIENCE_NS), began);
     let mut now = began;

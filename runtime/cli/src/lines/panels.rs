@@ -3,7 +3,7 @@
 use super::Layer;
 use plumbline_config::ImageView;
 use plumbline_estimator::lines::Segment;
-use plumbline_lab::picture::{Picture, Rgb};
+use plumbline_lab::picture::{Rgb, RgbImage};
 use plumbline_lab::plot::Caption;
 
 /// The image is darkened to this share of its light.
@@ -26,8 +26,8 @@ fn colour(layer: Layer) -> Rgb {
 }
 
 /// The darkened image with the segments of one layer, at the image's own size.
-pub(super) fn panel(image: &ImageView<'_>, layer: Layer, segments: &[Segment]) -> Picture {
-    let mut picture = Picture::new(image.width(), image.height(), BACKGROUND);
+pub(super) fn panel(image: &ImageView<'_>, layer: Layer, segments: &[Segment]) -> RgbImage {
+    let mut picture = RgbImage::new(image.width(), image.height(), BACKGROUND);
     picture.gray(image, 0, 0, BRIGHTNESS);
     let unit = (image.width().max(image.height()) as f32 / UNIT_WIDTH_PX).max(0.7);
     for segment in segments {
@@ -41,9 +41,9 @@ pub(super) fn panel(image: &ImageView<'_>, layer: Layer, segments: &[Segment]) -
 }
 
 /// A panel of each layer with its name and number above.
-pub(super) fn side_by_side(image: &ImageView<'_>, layers: [(Layer, &[Segment]); 3]) -> Picture {
+pub(super) fn side_by_side(image: &ImageView<'_>, layers: [(Layer, &[Segment]); 3]) -> RgbImage {
     let sizes = Sizes::of(image);
-    let mut picture = Picture::new(
+    let mut picture = RgbImage::new(
         layers.len() * (image.width() + sizes.gap) - sizes.gap,
         sizes.strip + image.height(),
         BACKGROUND,
@@ -72,7 +72,7 @@ impl Sizes {
         Self { unit, gap: 4 * unit, strip: 15 * unit }
     }
 
-    fn caption(&self, picture: &mut Picture, left: usize, width: usize, layer: Layer, count: usize) {
+    fn caption(&self, picture: &mut RgbImage, left: usize, width: usize, layer: Layer, count: usize) {
         let things = if count == 1 { "segment" } else { "segments" };
         let mut at = left + 2 * self.unit;
         for (words, colour) in

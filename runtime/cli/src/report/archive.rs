@@ -14,11 +14,11 @@ const FOLDER: &str = "plumbline-report";
 const MAX_NAME: usize = 100;
 
 /// An archive that is being written.
-pub struct Archive {
+pub struct ReportArchive {
     out: GzEncoder<BufWriter<File>>,
 }
 
-impl Archive {
+impl ReportArchive {
     /// Creates the file, replacing one of that name.
     pub fn create(path: &Path) -> io::Result<Self> {
         let file = BufWriter::new(File::create(path)?);
@@ -74,7 +74,7 @@ mod tests {
     fn tar_lists_and_extracts_what_was_added() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("report.tar.gz");
-        let mut archive = Archive::create(&path).unwrap();
+        let mut archive = ReportArchive::create(&path).unwrap();
         let long = vec![b'x'; 3 * BLOCK + 7];
         archive.add("a.txt", b"hello\n").unwrap();
         archive.add("long.csv", &long).unwrap();

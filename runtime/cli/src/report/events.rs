@@ -19,7 +19,7 @@ pub const MAX_EVENTS: usize = 200;
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Event {
+pub struct ReportEvent {
     /// Time of the event, s after the first estimate.
     pub time_s: f64,
     /// Description of the event.
@@ -29,15 +29,15 @@ pub struct Event {
 }
 
 /// The events of a flight in order.
-pub fn events(rows: &[Estimate]) -> Vec<Event> {
+pub fn events(rows: &[Estimate]) -> Vec<ReportEvent> {
     let Some(first) = rows.first() else { return Vec::new() };
-    let mut events: Vec<Event> = Vec::new();
+    let mut events: Vec<ReportEvent> = Vec::new();
     let mut last_set = [f64::NEG_INFINITY; HealthBits::NAMES.len()];
     let mut before: Option<&Estimate> = None;
     let mut had_pose = false;
     for row in rows {
         let time_s = row.stamp.seconds_since(first.stamp);
-        let mut tell = |what: String, is_trouble| events.push(Event { time_s, what, is_trouble });
+        let mut tell = |what: String, is_trouble| events.push(ReportEvent { time_s, what, is_trouble });
         if row.has_pose() && !had_pose {
             had_pose = true;
             tell("first pose".into(), false);
@@ -69,7 +69,7 @@ pub fn events(rows: &[Estimate]) -> Vec<Event> {
 }
 
 /// Spans around the troubles, merged, s after the first estimate.
-pub fn spans(events: &[Event]) -> Vec<(f64, f64)> {
+pub fn spans(events: &[ReportEvent]) -> Vec<(f64, f64)> {
     let mut spans: Vec<(f64, f64)> = Vec::new();
     for event in events.iter().filter(|event| event.is_trouble).take(MAX_EVENTS) {
         let (from, to) = ((event.time_s - AROUND_S).max(0.0), event.time_s + AROUND_S);
@@ -87,7 +87,7 @@ pub fn is_within(spans: &[(f64, f64)], time_s: f64) -> bool {
 }
 
 /// Events as CSV.
-pub fn events_csv(events: &[Event]) -> String {
+pub fn events_csv(events: &[ReportEvent]) -> String {
     let mut text = String::from("time_s,event\n");
     for event in events.iter().take(MAX_EVENTS) {
         let _ = writeln!(text, "{:.3},{}", event.time_s, event.what);

@@ -9,7 +9,7 @@ use super::progress::Progress;
 use super::topics::TopicArgs;
 use super::{Usage, check_outputs, doctor, load_config, say, stop_on_signal, sweep};
 use anyhow::{Context, Result, ensure};
-use archive::Archive;
+use archive::ReportArchive;
 use clap::{Args, ValueEnum};
 use events::{events, events_csv, health_csv, is_within, samples_csv, spans, states_csv};
 use plumbline_config::{ImageView, Timestamp, ValidConfig};
@@ -23,7 +23,7 @@ use plumbline_flight::log::LogReader;
 use plumbline_flight::log::build_id::BuildId;
 use plumbline_flight::log::inventory;
 use plumbline_flight::pipeline::{Control, RunOptions};
-use plumbline_lab::picture::Picture;
+use plumbline_lab::picture::RgbImage;
 use plumbline_lab::plot::{self, SIZE_PX};
 use plumbline_lab::report::{Report, late_findings};
 use plumbline_lab::sweep::{Common, Subject};
@@ -110,7 +110,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     };
     let files = files(args, &topics, &known)?;
     let written = || args.out.display().to_string();
-    let mut archive = Archive::create(&args.out).with_context(written)?;
+    let mut archive = ReportArchive::create(&args.out).with_context(written)?;
     for File { name, content } in files {
         let content = match content {
             Content::Text(text) => secrets.scrubbed(&text).into_bytes(),
@@ -387,11 +387,11 @@ fn since(stamp: Timestamp, first: Timestamp) -> f64 {
     stamp.seconds_since(first).max(0.0)
 }
 
-fn side_by_side(frame: &StereoFrame) -> Picture {
+fn side_by_side(frame: &StereoFrame) -> RgbImage {
     let views: Vec<ImageView<'_>> = (0..2).filter_map(|camera| frame.image(camera)).collect();
     let width = views.iter().map(ImageView::width).sum();
     let height = views.iter().map(ImageView::height).max().unwrap_or(0);
-    let mut picture = Picture::new(width, height, [0; 3]);
+    let mut picture = RgbImage::new(width, height, [0; 3]);
     let mut left = 0;
     for view in &views {
         picture.gray(view, left, 0, 1.0);

@@ -2,9 +2,9 @@
 
 use super::clock::StampClock;
 use super::flow::FlowMeter;
-use super::frames::Frames;
+use super::frames::VehicleFrames;
 use super::handover::{FlowHandover, Handover, Signals, flow_ring, handover_ring};
-use super::link::{Link, LinkError};
+use super::link::{AutopilotLink, LinkError};
 use super::sender::{BridgeFigures, Sender};
 use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use crate::pipeline::{Instants, Stamps};
@@ -78,11 +78,11 @@ impl Bridge {
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
-        let frames = Frames::new(&mounting.rot_v_b().ok_or(BridgeError::Mounting)?);
+        let frames = VehicleFrames::new(&mounting.rot_v_b().ok_or(BridgeError::Mounting)?);
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = match stamps {
-            Stamps::OfHost => Link::open_patiently(&endpoint),
-            Stamps::Replayed => Link::open(&endpoint)?,
+            Stamps::OfHost => AutopilotLink::open_patiently(&endpoint),
+            Stamps::Replayed => AutopilotLink::open(&endpoint)?,
         };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
         let (flow_writer, flows) = flow_ring();
@@ -180,13 +180,13 @@ impl Subscriber for Bridge {
 struct TickListener {
     signals: Arc<Signals>,
     writer: Writer<Handover>,
-    frames: Frames,
+    frames: VehicleFrames,
     clock: StampClock,
     rot_l_o: Option<UnitQuaternion<f64>>,
 }
 
 impl TickListener {
-    fn new(signals: Arc<Signals>, writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
+    fn new(signals: Arc<Signals>, writer: Writer<Handover>, frames: VehicleFrames, stamps: Stamps) -> Self {
         Self { signals, writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
     }
 }

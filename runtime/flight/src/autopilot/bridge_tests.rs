@@ -272,7 +272,7 @@ fn without_the_key_nobody_listens_to_the_front_end_and_no_flow_is_sent() {
 #[test]
 fn a_failed_estimate_is_lost_at_once() {
     let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-    let frames = Frames::new(&UnitQuaternion::identity());
+    let frames = VehicleFrames::new(&UnitQuaternion::identity());
     let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
     let mut window = WindowListener { signals: Arc::clone(&signals), has_flow: false };
     tick.said(&fresh());

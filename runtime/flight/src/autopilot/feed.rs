@@ -3,10 +3,10 @@
 //! Nothing is sent before the first pose. A message never repeats the stamp of one before it: where the tick has missed its time,
 //! the deadline passes without a message. While the odometry is lost, the last pose goes out with quality -1.
 
-use super::frames::{Frames, VehicleOdometry};
+use super::frames::{VehicleFrames, VehicleOdometry};
 use super::handover::Handover;
 use super::message;
-use super::status::{Condition, Reason, STALE_NS};
+use super::status::{OdometryCondition, Reason, STALE_NS};
 use crate::schedule::ticker::Monotonic;
 use mavlink::dialects::common::ODOMETRY_DATA;
 use plumbline_config::options::LostPose;
@@ -19,8 +19,8 @@ const MIN_FLYING_QUALITY: i8 = 20;
 
 /// State of what is sent.
 #[derive(Clone, Debug)]
-pub struct Feed {
-    frames: Frames,
+pub struct MessageFeed {
+    frames: VehicleFrames,
     lost_pose: LostPose,
     newest: Option<Handover>,
     /// Last pose that was good, and the count of steps that belongs to it.
@@ -29,10 +29,10 @@ pub struct Feed {
     sent: Monotonic,
 }
 
-impl Feed {
+impl MessageFeed {
     /// A feed without odometry.
     #[must_use]
-    pub fn new(frames: Frames, lost_pose: LostPose) -> Self {
+    pub fn new(frames: VehicleFrames, lost_pose: LostPose) -> Self {
         Self { frames, lost_pose, newest: None, last: None, sent: Monotonic(i64::MIN) }
     }
 
@@ -48,49 +48,51 @@ impl Feed {
         has_pose: bool,
         now: Monotonic,
         has_stamp: impl Fn(Monotonic) -> bool,
-    ) -> Condition {
-        let Some(Handover { odometry, measured, rot_l_o }) = &self.newest else { return Condition::Starting };
+    ) -> OdometryCondition {
+        let Some(Handover { odometry, measured, rot_l_o }) = &self.newest else {
+            return OdometryCondition::Starting;
+        };
         if now.0.saturating_sub(measured.0) > STALE_NS {
-            return Condition::Lost(Reason::Silent);
+            return OdometryCondition::Lost(Reason::Silent);
         }
         if !has_pose {
-            return Condition::Lost(Reason::Failed);
+            return OdometryCondition::Lost(Reason::Failed);
         }
         if !has_stamp(*measured) {
-            return Condition::Lost(Reason::NoClock);
+            return OdometryCondition::Lost(Reason::NoClock);
         }
-        match Condition::of(odometry.state) {
-            Condition::Tracking => {}
+        match OdometryCondition::of(odometry.state) {
+            OdometryCondition::Tracking => {}
             lost => return lost,
         }
         if odometry.quality < MIN_QUALITY {
-            return Condition::Lost(Reason::Uncertain);
+            return OdometryCondition::Lost(Reason::Uncertain);
         }
         let vehicle = self.frames.convert(odometry, rot_l_o);
         if !vehicle.is_finite() {
-            return Condition::Lost(Reason::NotFinite);
+            return OdometryCondition::Lost(Reason::NotFinite);
         }
         self.last = Some((vehicle, odometry.steps()));
-        Condition::Tracking
+        OdometryCondition::Tracking
     }
 
     /// True if the odometry in this condition is good enough for flight: it tracks, and its velocity is known well.
     #[must_use]
-    pub fn is_usable(&self, condition: Condition) -> bool {
+    pub fn is_usable(&self, condition: OdometryCondition) -> bool {
         let quality = self.newest.as_ref().map_or(0, |newest| newest.odometry.quality);
-        condition == Condition::Tracking && quality >= MIN_FLYING_QUALITY
+        condition == OdometryCondition::Tracking && quality >= MIN_FLYING_QUALITY
     }
 
     /// Message for a deadline at `now` in this condition; `usec` stamps a time, where that is known.
     pub fn message(
         &mut self,
-        condition: Condition,
+        condition: OdometryCondition,
         now: Monotonic,
         usec: impl Fn(Monotonic) -> Option<u64>,
     ) -> Option<ODOMETRY_DATA> {
         let (vehicle, steps) = self.last.as_ref()?;
         let (message, stamped) = match (condition, &self.newest) {
-            (Condition::Tracking, Some(newest)) => {
+            (OdometryCondition::Tracking, Some(newest)) => {
                 let (at, quality) = (newest.measured, newest.odometry.quality);
                 (message::tracking(vehicle, usec(at)?, quality, *steps), at)
             }
@@ -114,19 +116,19 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    fn feed(lost_pose: LostPose) -> Feed {
-        Feed::new(Frames::new(&UnitQuaternion::identity()), lost_pose)
+    fn feed(lost_pose: LostPose) -> MessageFeed {
+        MessageFeed::new(VehicleFrames::new(&UnitQuaternion::identity()), lost_pose)
     }
 
     /// What is sent at `now`, ms.
-    fn sent(feed: &mut Feed, has_pose: bool, now_ms: i64) -> Option<ODOMETRY_DATA> {
+    fn sent(feed: &mut MessageFeed, has_pose: bool, now_ms: i64) -> Option<ODOMETRY_DATA> {
         let now = Monotonic(now_ms * MS);
         let condition = feed.condition(has_pose, now, |_| true);
         feed.message(condition, now, |at| Some((at.0 / 1000) as u64))
     }
 
-    fn taken(feed: &mut Feed, at_ms: i64, odometry: Odometry) {
-        let frames = Frames::new(&UnitQuaternion::identity());
+    fn taken(feed: &mut MessageFeed, at_ms: i64, odometry: Odometry) {
+        let frames = VehicleFrames::new(&UnitQuaternion::identity());
         let rot_l_o = frames.local_frame(&odometry.pose_o_b);
         feed.take(Handover { odometry, measured: Monotonic(at_ms * MS), rot_l_o });
     }

@@ -14,7 +14,7 @@ const MIN_HORIZONTAL: f64 = 0.1;
 
 /// How the IMU sits in the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frames {
+pub struct VehicleFrames {
     rot_f_b: UnitQuaternion<f64>,
 }
 
@@ -34,7 +34,7 @@ pub struct VehicleOdometry {
     pub velocity_covariance: Matrix3<f64>,
 }
 
-impl Frames {
+impl VehicleFrames {
     /// Frames of an IMU whose axes `rot_v_b` takes to those of the vehicle.
     #[must_use]
     pub fn new(rot_v_b: &UnitQuaternion<f64>) -> Self {
@@ -108,8 +108,8 @@ mod tests {
     use plumbline_config::options::VehicleConfig;
     use plumbline_estimator::NavCovariance;
 
-    fn mounted(imu_to_vehicle_deg: [f64; 3]) -> Frames {
-        Frames::new(&VehicleConfig::mounted(imu_to_vehicle_deg).rot_v_b().unwrap())
+    fn mounted(imu_to_vehicle_deg: [f64; 3]) -> VehicleFrames {
+        VehicleFrames::new(&VehicleConfig::mounted(imu_to_vehicle_deg).rot_v_b().unwrap())
     }
 
     fn level_pose(heading: f64) -> Isometry3<f64> {

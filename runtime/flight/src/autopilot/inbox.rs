@@ -33,7 +33,7 @@ pub struct InboxFigures {
 }
 
 /// Puts messages together from pieces of any size.
-pub struct Inbox {
+pub struct MavlinkInbox {
     reader: MavlinkReader<Chunk>,
     figures: InboxFigures,
     /// Bytes taken and bytes that became messages.
@@ -59,7 +59,7 @@ impl Read for Chunk {
     }
 }
 
-impl Default for Inbox {
+impl Default for MavlinkInbox {
     fn default() -> Self {
         let chunk = Chunk { bytes: [0; CHUNK], from: 0, to: 0 };
         Self {
@@ -70,7 +70,7 @@ impl Default for Inbox {
     }
 }
 
-impl Inbox {
+impl MavlinkInbox {
     /// Takes bytes, at most [`CHUNK`] of them, and hands every message that they complete to `take`.
     pub fn put(&mut self, bytes: &[u8], mut take: impl FnMut(Received)) {
         for piece in bytes.chunks(CHUNK) {
@@ -137,7 +137,7 @@ mod tests {
         bytes
     }
 
-    fn all(inbox: &mut Inbox, bytes: &[u8]) -> Vec<i64> {
+    fn all(inbox: &mut MavlinkInbox, bytes: &[u8]) -> Vec<i64> {
         let mut found = Vec::new();
         inbox.put(bytes, |received| found.extend(received.timesync.map(|t| t.tc1)));
         found
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn messages_are_put_together_from_single_bytes_and_found_amid_noise() {
-        let mut inbox = Inbox::default();
+        let mut inbox = MavlinkInbox::default();
         let mut stream = vec![0xFD, 0xFE, 7, 0xFD];
         stream.extend(timesync(11));
         stream.extend([0xFD; 5]);
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_changed_byte_spoils_one_message_and_is_counted() {
-        let mut inbox = Inbox::default();
+        let mut inbox = MavlinkInbox::default();
         let (mut bad, good) = (timesync(11), timesync(12));
         bad[14] ^= 1;
         assert_eq!(all(&mut inbox, &[bad.clone(), good].concat()), [12]);
@@ -171,7 +171,7 @@ mod tests {
         let message = TIMESYNC_DATA { tc1: 9, ts1: 5, target_system: 0, target_component: 0 };
         let mut bytes = Vec::new();
         mavlink::write_v1_msg(&mut bytes, header, &MavMessage::TIMESYNC(message)).unwrap();
-        assert_eq!(all(&mut Inbox::default(), &bytes), [9]);
+        assert_eq!(all(&mut MavlinkInbox::default(), &bytes), [9]);
     }
 
     proptest! {
@@ -179,7 +179,7 @@ mod tests {
         fn no_bytes_make_it_panic_and_the_next_message_is_found(
             noise in prop::collection::vec(any::<u8>(), 0..3 * CHUNK),
         ) {
-            let mut inbox = Inbox::default();
+            let mut inbox = MavlinkInbox::default();
             all(&mut inbox, &noise);
             // A length in the noise may have swallowed a message's worth of bytes.
             all(&mut inbox, &[0; 300]);
@@ -192,7 +192,7 @@ mod tests {
             let place = place.min(bytes.len() - 1);
             bytes[place] = value;
             bytes.truncate(cut);
-            all(&mut Inbox::default(), &bytes);
+            all(&mut MavlinkInbox::default(), &bytes);
         }
     }
 }

@@ -59,16 +59,16 @@ pub enum LinkError {
 
 /// The line to the autopilot.
 #[derive(Debug)]
-pub enum Link {
+pub enum AutopilotLink {
     /// Datagrams.
     Udp(UdpLink),
     /// A serial device.
     Serial(SerialLink),
     /// What is not to be had yet.
-    Awaited(Awaited<Box<Link>>),
+    Awaited(Awaited<Box<AutopilotLink>>),
 }
 
-impl Link {
+impl AutopilotLink {
     /// Opens the line.
     ///
     /// # Errors
@@ -341,15 +341,15 @@ mod tests {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use std::time::{Duration, Instant};
 
-    fn open(text: &str) -> Result<Link, LinkError> {
-        Link::open(&AutopilotEndpoint::parse(text).unwrap())
+    fn open(text: &str) -> Result<AutopilotLink, LinkError> {
+        AutopilotLink::open(&AutopilotEndpoint::parse(text).unwrap())
     }
 
     fn soon() -> Monotonic {
         Monotonic::now().plus_nanos(2_000_000_000)
     }
 
-    fn read(link: &mut Link) -> Vec<u8> {
+    fn read(link: &mut AutopilotLink) -> Vec<u8> {
         assert!(link.wait(soon()), "nothing came");
         let mut bytes = [0; CHUNK];
         let count = link.read(&mut bytes, Monotonic::now());
@@ -454,7 +454,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let device = folder.path().join("autopilot");
         let endpoint = AutopilotEndpoint::parse(&format!("serial://{}:921600", device.display())).unwrap();
-        let mut link = Link::open_patiently(&endpoint);
+        let mut link = AutopilotLink::open_patiently(&endpoint);
         assert!(!link.send(b"odometry", Monotonic::now()), "it is not there yet");
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();

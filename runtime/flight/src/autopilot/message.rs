@@ -162,14 +162,14 @@ pub fn statustext(severity: MavSeverity, text: &str) -> STATUSTEXT_DATA {
 #[cfg(test)]
 mod tests {
     use super::super::fixture::odometry;
-    use super::super::frames::Frames;
+    use super::super::frames::VehicleFrames;
     use super::*;
     use mavlink::dialects::common::MavMessage;
     use mavlink::{MavHeader, MavlinkVersion};
     use plumbline_config::options::VehicleConfig;
 
     fn vehicle() -> VehicleOdometry {
-        let frames = Frames::new(&VehicleConfig::mounted([180.0, -90.0, 0.0]).rot_v_b().unwrap());
+        let frames = VehicleFrames::new(&VehicleConfig::mounted([180.0, -90.0, 0.0]).rot_v_b().unwrap());
         let o = odometry();
         frames.convert(&o, &frames.local_frame(&o.pose_o_b))
     }

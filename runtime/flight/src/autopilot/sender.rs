@@ -1,12 +1,12 @@
 //! The bridge's thread: sends on its deadlines, and answers in between.
 
-use super::feed::Feed;
-use super::frames::Frames;
+use super::feed::MessageFeed;
+use super::frames::VehicleFrames;
 use super::handover::{FlowHandover, Handover, Signals};
-use super::inbox::{CHUNK, Inbox, Received};
-use super::link::Link;
+use super::inbox::{CHUNK, MavlinkInbox, Received};
+use super::link::AutopilotLink;
 use super::message;
-use super::status::{Announcer, Condition, FlowSwitch};
+use super::status::{Announcer, FlowSwitch, OdometryCondition};
 use super::timesync::TimeSync;
 use super::words::{News, apart, teller};
 use crate::pipeline::{InstantRequest, Instants};
@@ -92,8 +92,8 @@ impl fmt::Display for BridgeFigures {
 
 /// Owns the line.
 pub struct Sender {
-    link: Link,
-    feed: Feed,
+    link: AutopilotLink,
+    feed: MessageFeed,
     clock: AutopilotClock,
     words: Writer<News>,
     header: MavHeader,
@@ -122,10 +122,10 @@ pub struct Sender {
 impl Sender {
     /// A sender that has sent nothing.
     #[must_use]
-    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames) -> Self {
+    pub fn new(config: &AutopilotConfig, link: AutopilotLink, frames: VehicleFrames) -> Self {
         Self {
             link,
-            feed: Feed::new(frames, config.lost_pose),
+            feed: MessageFeed::new(frames, config.lost_pose),
             clock: config.clock,
             words: teller(config.connect.clone()),
             header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
@@ -156,7 +156,7 @@ impl Sender {
         mut ticker: Ticker,
         pulse: &Pulse,
     ) -> BridgeFigures {
-        let mut inbox = Inbox::default();
+        let mut inbox = MavlinkInbox::default();
         while !signals.stop.load(Ordering::Relaxed) {
             self.listen_until(ticker.due(), &mut inbox);
             let release = ticker.wait();
@@ -183,12 +183,12 @@ impl Sender {
             self.watch(now);
         }
         let now = Monotonic::now();
-        self.send_odometry(Condition::Stopped, now);
-        self.announce(Condition::Stopped, now);
+        self.send_odometry(OdometryCondition::Stopped, now);
+        self.announce(OdometryCondition::Stopped, now);
         self.figures(&inbox)
     }
 
-    fn figures(&self, inbox: &Inbox) -> BridgeFigures {
+    fn figures(&self, inbox: &MavlinkInbox) -> BridgeFigures {
         let inbox = inbox.figures();
         let ms = |ns: i64| ns as f64 * 1e-6;
         BridgeFigures {
@@ -203,12 +203,12 @@ impl Sender {
     }
 
     /// Condition of the newest odometry.
-    fn condition(&mut self, has_pose: bool, now: Monotonic) -> Condition {
+    fn condition(&mut self, has_pose: bool, now: Monotonic) -> OdometryCondition {
         let (clock, timesync) = (self.clock, &self.timesync);
         self.feed.condition(has_pose, now, |at| stamp_usec(clock, timesync, at).is_some())
     }
 
-    fn send_odometry(&mut self, condition: Condition, now: Monotonic) {
+    fn send_odometry(&mut self, condition: OdometryCondition, now: Monotonic) {
         let (clock, timesync) = (self.clock, &self.timesync);
         let message = self.feed.message(condition, now, |at| stamp_usec(clock, timesync, at));
         if let Some(message) = message
@@ -235,7 +235,7 @@ impl Sender {
         }
     }
 
-    fn send_others(&mut self, condition: Condition, now: Monotonic) {
+    fn send_others(&mut self, condition: OdometryCondition, now: Monotonic) {
         if now.0.saturating_sub(self.heartbeat.0) >= HEARTBEAT_NS {
             self.heartbeat = now;
             self.send::<HEARTBEAT_DATA>(&message::heartbeat(condition.mav_state()), now);
@@ -254,7 +254,7 @@ impl Sender {
         }
     }
 
-    fn announce(&mut self, condition: Condition, now: Monotonic) {
+    fn announce(&mut self, condition: OdometryCondition, now: Monotonic) {
         for (severity, words) in
             [self.announcer.news(condition, now), self.flow_switch.news()].into_iter().flatten()
         {
@@ -289,7 +289,7 @@ impl Sender {
     }
 
     /// Takes what comes in until `due`.
-    fn listen_until(&mut self, due: Monotonic, inbox: &mut Inbox) {
+    fn listen_until(&mut self, due: Monotonic, inbox: &mut MavlinkInbox) {
         let mut answers = 0;
         for _ in 0..MAX_READS {
             if Monotonic::now() >= due || !self.link.wait(due) {
@@ -412,8 +412,8 @@ mod tests {
         let free = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap();
         let config = AutopilotConfig { connect: format!("udpin://{free}"), ..AutopilotConfig::default() };
         let endpoint = AutopilotEndpoint::parse(&config.connect).unwrap();
-        let frames = Frames::new(&nalgebra::UnitQuaternion::identity());
-        let mut sender = Sender::new(&config, Link::open(&endpoint).unwrap(), frames);
+        let frames = VehicleFrames::new(&nalgebra::UnitQuaternion::identity());
+        let mut sender = Sender::new(&config, AutopilotLink::open(&endpoint).unwrap(), frames);
         let began = sender.began;
         let at = |s: i64| Monotonic(began.0 + s * 1_000_000_000);
         let hear = |sender: &mut Sender, system_id: u32, component_id: u8, s: i64| {
@@ -438,8 +438,8 @@ mod tests {
     fn the_state_at_a_trigger_is_asked_for_by_the_clock_of_the_data() {
         let config = AutopilotConfig { connect: "udp://127.0.0.1:9".into(), ..AutopilotConfig::default() };
         let endpoint = AutopilotEndpoint::parse(&config.connect).unwrap();
-        let frames = Frames::new(&nalgebra::UnitQuaternion::identity());
-        let mut sender = Sender::new(&config, Link::open(&endpoint).unwrap(), frames);
+        let frames = VehicleFrames::new(&nalgebra::UnitQuaternion::identity());
+        let mut sender = Sender::new(&config, AutopilotLink::open(&endpoint).unwrap(), frames);
         let instants = Arc::new(Instants::default());
         sender.instants = Some(Arc::clone(&instants));
         let mut desk = InstantDesk::new(instants);

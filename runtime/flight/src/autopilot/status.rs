@@ -15,7 +15,7 @@ const FLOW_HOLD_NS: i64 = 2_000_000_000;
 
 /// How the odometry is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Condition {
+pub enum OdometryCondition {
     /// There has been none yet.
     Starting,
     /// Good.
@@ -43,7 +43,7 @@ pub enum Reason {
     NoClock,
 }
 
-impl Condition {
+impl OdometryCondition {
     /// Returns the condition for odometry in this state.
     #[must_use]
     pub fn of(state: TrackingState) -> Self {
@@ -84,19 +84,23 @@ impl Condition {
 /// Tells changes between tracking and lost, once each.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Announcer {
-    told: Option<Condition>,
+    told: Option<OdometryCondition>,
     at: Option<Monotonic>,
 }
 
 impl Announcer {
     /// What is to be said now. One kind of loss that follows another is no news.
-    pub fn news(&mut self, condition: Condition, now: Monotonic) -> Option<(MavSeverity, &'static str)> {
+    pub fn news(
+        &mut self,
+        condition: OdometryCondition,
+        now: Monotonic,
+    ) -> Option<(MavSeverity, &'static str)> {
         let is_old = match (self.told, condition) {
-            (Some(Condition::Lost(_)), Condition::Lost(_)) => true,
+            (Some(OdometryCondition::Lost(_)), OdometryCondition::Lost(_)) => true,
             (told, condition) => told == Some(condition),
         };
         let is_soon = self.at.is_some_and(|at| now.0.saturating_sub(at.0) < PAUSE_NS);
-        if is_old || (is_soon && condition != Condition::Stopped) {
+        if is_old || (is_soon && condition != OdometryCondition::Stopped) {
             return None;
         }
         let words = condition.words()?;
@@ -172,11 +176,11 @@ mod tests {
         let mut said = Vec::new();
         for k in 0..400_i64 {
             let condition = match k {
-                0..100 => Condition::Starting,
-                100..200 => Condition::Tracking,
-                200..250 => Condition::Lost(Reason::Blind),
-                250..300 => Condition::Lost(Reason::Failed),
-                _ => Condition::Tracking,
+                0..100 => OdometryCondition::Starting,
+                100..200 => OdometryCondition::Tracking,
+                200..250 => OdometryCondition::Lost(Reason::Blind),
+                250..300 => OdometryCondition::Lost(Reason::Failed),
+                _ => OdometryCondition::Tracking,
             };
             said.extend(announcer.news(condition, Monotonic(k * SECOND / 40)).map(|(_, words)| words));
         }
@@ -186,7 +190,7 @@ mod tests {
     #[test]
     fn a_state_that_flickers_is_told_once_a_second() {
         let mut announcer = Announcer::default();
-        let flicker = [Condition::Tracking, Condition::Lost(Reason::Blind)];
+        let flicker = [OdometryCondition::Tracking, OdometryCondition::Lost(Reason::Blind)];
         let said = (0..400_i64)
             .filter(|k| announcer.news(flicker[*k as usize % 2], Monotonic(k * SECOND / 40)).is_some());
         assert!(said.count() <= 10);
@@ -195,11 +199,14 @@ mod tests {
     #[test]
     fn who_comes_later_is_told_what_was_said() {
         let mut announcer = Announcer::default();
-        assert!(announcer.news(Condition::Tracking, Monotonic(0)).is_some());
-        assert!(announcer.news(Condition::Tracking, Monotonic(9 * SECOND)).is_none());
+        assert!(announcer.news(OdometryCondition::Tracking, Monotonic(0)).is_some());
+        assert!(announcer.news(OdometryCondition::Tracking, Monotonic(9 * SECOND)).is_none());
         announcer.repeat();
-        assert!(announcer.news(Condition::Tracking, Monotonic(9 * SECOND)).is_some());
-        assert!(announcer.news(Condition::Stopped, Monotonic(9 * SECOND)).is_some(), "the end never waits");
+        assert!(announcer.news(OdometryCondition::Tracking, Monotonic(9 * SECOND)).is_some());
+        assert!(
+            announcer.news(OdometryCondition::Stopped, Monotonic(9 * SECOND)).is_some(),
+            "the end never waits"
+        );
     }
 
     #[test]
@@ -248,8 +255,10 @@ mod tests {
             Reason::NotFinite,
             Reason::NoClock,
         ];
-        let conditions =
-            reasons.map(Condition::Lost).into_iter().chain([Condition::Tracking, Condition::Stopped]);
+        let conditions = reasons
+            .map(OdometryCondition::Lost)
+            .into_iter()
+            .chain([OdometryCondition::Tracking, OdometryCondition::Stopped]);
         assert!(conditions.map(|c| c.words().unwrap().1).all(|words| words.len() <= 50));
     }
 }

@@ -102,11 +102,11 @@ impl Meter {
 
 /// Meter shared with the report; uncontended while the source runs.
 #[derive(Clone, Debug)]
-pub struct SharedMeter(Arc<Mutex<(Meter, Pairs)>>);
+pub struct SharedMeter(Arc<Mutex<(Meter, PairCounts)>>);
 
 /// Counts of frames by the images they had.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Pairs {
+pub struct PairCounts {
     /// Both.
     pub pairs: u64,
     /// The left one alone.
@@ -117,16 +117,16 @@ pub struct Pairs {
 
 impl SharedMeter {
     fn new(rate_hz: f64) -> Self {
-        Self(Arc::new(Mutex::new((Meter::new(rate_hz), Pairs::default()))))
+        Self(Arc::new(Mutex::new((Meter::new(rate_hz), PairCounts::default()))))
     }
 
-    fn lock(&self) -> MutexGuard<'_, (Meter, Pairs)> {
+    fn lock(&self) -> MutexGuard<'_, (Meter, PairCounts)> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// After the flight: what was brought.
     #[must_use]
-    pub fn figures(&self) -> (StreamFigures, Pairs) {
+    pub fn figures(&self) -> (StreamFigures, PairCounts) {
         let held = self.lock();
         (held.0.figures(), held.1)
     }

@@ -1,6 +1,6 @@
 //! Opening live sensors: the inertial sensor and the cameras that a configuration names.
 
-use super::capture::{Pairs, SharedMeter, StreamFigures, Watched};
+use super::capture::{PairCounts, SharedMeter, StreamFigures, Watched};
 use super::{Flight, FlightError};
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
@@ -36,7 +36,7 @@ pub struct SensorView<M> {
 impl<M> SensorView<M> {
     /// Figures of its stream, complete after the flight.
     #[must_use]
-    pub fn figures(&self) -> (StreamFigures, Pairs) {
+    pub fn figures(&self) -> (StreamFigures, PairCounts) {
         self.meter.figures()
     }
 }

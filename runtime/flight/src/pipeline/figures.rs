@@ -96,7 +96,7 @@ pub struct Figures {
     /// Sums over frames of points tracked and landmarks in the window.
     pub points: (u64, u64),
     /// Sums over frames of line segments.
-    pub lines: LineMoments,
+    pub lines: LineCounts,
     /// Frames with each health bit, and qualities from the first pose on.
     pub health: HealthTally,
     /// Time offset at the end, s.
@@ -107,7 +107,7 @@ pub struct Figures {
 
 /// Sums over frames of the line segments of the left image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LineMoments {
+pub struct LineCounts {
     /// Found.
     pub raw: u64,
     /// Long enough.
@@ -124,7 +124,7 @@ pub struct LineMoments {
     pub cut_short: u64,
 }
 
-impl LineMoments {
+impl LineCounts {
     fn add(&mut self, figures: &FrameFigures) {
         self.raw += u64::from(figures.lines_raw);
         self.kept += u64::from(figures.lines_kept);
@@ -154,7 +154,7 @@ impl Default for Figures {
             handout_us: Times::of_us(),
             stages: StageTimes::default(),
             points: (0, 0),
-            lines: LineMoments::default(),
+            lines: LineCounts::default(),
             health: HealthTally::default(),
             time_offset_s: 0.0,
             first_frame: None,

@@ -1,6 +1,6 @@
 //! Maps from stereo images with known poses, and images located in them.
 
-use super::frames::{Frames, PlacesError};
+use super::frames::{PlacesError, RecordedFrames};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
@@ -36,7 +36,7 @@ pub struct BuildFigures {
 /// # Errors
 /// When the data set cannot be read, has one camera only, or no frame has a pose.
 pub fn build(
-    frames: &mut Frames,
+    frames: &mut RecordedFrames,
     poses: &[StampedPose],
     options: &BuildOptions,
 ) -> Result<(PlaceMap, BuildFigures), PlacesError> {
@@ -84,7 +84,7 @@ pub struct LocatedFrame {
 /// # Errors
 /// When the data set cannot be read.
 pub fn locate(
-    frames: &mut Frames,
+    frames: &mut RecordedFrames,
     map: &PlaceMap,
     options: &LocatorOptions,
     max_features: usize,

@@ -53,7 +53,7 @@ impl Choice {
 }
 
 /// The frames of a recording.
-pub struct Frames {
+pub struct RecordedFrames {
     stereo: Box<dyn StereoSource>,
     frame: StereoFrame,
     pyramids: [Pyramid; 2],
@@ -64,7 +64,7 @@ pub struct Frames {
     number: usize,
 }
 
-impl Frames {
+impl RecordedFrames {
     /// Opens a EuRoC data set, of which the IMU may be missing. Without a configuration the calibration is that of
     /// the data set.
     ///

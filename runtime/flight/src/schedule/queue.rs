@@ -28,13 +28,13 @@ impl<T> Queue<T> {
     }
 
     /// A place for an entry, if there is room.
-    pub fn place(&self) -> Option<Place<'_, T>> {
+    pub fn place(&self) -> Option<QueueSlot<'_, T>> {
         let capacity = self.entries.capacity();
         // Release of the reader's last: the place that is given is one that it has left.
         let taken = self.given.fetch_update(Ordering::AcqRel, Ordering::Relaxed, |given| {
             (given < capacity).then_some(given + 1)
         });
-        taken.is_ok().then(|| Place { queue: self })
+        taken.is_ok().then(|| QueueSlot { queue: self })
     }
 
     /// Adds an entry.
@@ -68,11 +68,11 @@ impl<T> Queue<T> {
 
 /// A place in a queue, to be filled or left.
 #[derive(Debug)]
-pub struct Place<'a, T> {
+pub struct QueueSlot<'a, T> {
     queue: &'a Queue<T>,
 }
 
-impl<T> Place<'_, T> {
+impl<T> QueueSlot<'_, T> {
     /// Puts the entry there.
     pub fn fill(self, entry: T) {
         let queue = self.queue;
@@ -84,7 +84,7 @@ impl<T> Place<'_, T> {
     }
 }
 
-impl<T> Drop for Place<'_, T> {
+impl<T> Drop for QueueSlot<'_, T> {
     fn drop(&mut self) {
         self.queue.given.fetch_sub(1, Ordering::AcqRel);
     }

@@ -236,13 +236,13 @@ impl Blocks {
 mod tests {
     use super::*;
     use plumbline_config::Config;
-    use plumbline_drivers::simulator::{Condition, Scenario, Scene, Simulator};
+    use plumbline_drivers::simulator::{Scenario, Scene, SimulatedCondition, Simulator};
 
     /// Masks of a flight through a room under `condition`, and the simulator.
     fn learned(condition: &str, duration_s: f64) -> (Result<FoundMasks, MaskError>, Simulator) {
         let mut scenario =
             Scenario { scene: Scene::Room, duration_s, resolution_scale: 0.5, ..Scenario::default() };
-        condition.parse::<Condition>().unwrap().apply(&mut scenario);
+        condition.parse::<SimulatedCondition>().unwrap().apply(&mut scenario);
         let simulator = Simulator::new(&Config::preset("sim").unwrap(), &scenario).unwrap();
         let found = find(&mut simulator.stereo(), &simulator.config().camera, 4, &mut |_| ());
         (found, simulator)

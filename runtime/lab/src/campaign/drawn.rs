@@ -3,7 +3,7 @@
 //! A health bit that names a sensor is a statement. Over many drawn flights the table counts how often each was made, and how often it
 //! was right.
 
-use super::{Entry, Fault};
+use super::{CampaignFault, Entry};
 use crate::report::Report;
 use crate::report::honesty::Honesty;
 use crate::report::silence::MAX_NAMELESS_S;
@@ -128,17 +128,19 @@ fn draw(sound: &[Entry], random: &mut Random, number: usize) -> Result<Entry, St
     let [jitter, missing, crowd] = [0; 3].map(|_| random.unit() < DISTURBED_SHARE);
     let (jitter_ms, share) = (dose(random, JITTER_MS), dose(random, MISSING_SHARE));
     let percent = dose(random, CROWD_PERCENT);
-    let injected = |text: String| text.parse().map(Fault::Injected);
+    let injected = |text: String| text.parse().map(CampaignFault::Injected);
     let from = format!("@{from_s:.2}");
     let disturbances = [
         jitter.then(|| injected(format!("stamp-jitter:{jitter_ms:.2}{from}"))),
         missing.then(|| injected(format!("frames-missing:{share:.2}{from}"))),
-        crowd.then(|| format!("people:{percent:.0}:{CROWD_M_S}:{from_s:.1}").parse().map(Fault::Condition)),
+        crowd.then(|| {
+            format!("people:{percent:.0}:{CROWD_M_S}:{from_s:.1}").parse().map(CampaignFault::Condition)
+        }),
     ];
     for disturbance in disturbances.into_iter().flatten() {
         entry = entry.with_beside(disturbance?);
     }
-    Ok(if is_sound { entry } else { entry.with_fault(Fault::Injected(failure)) })
+    Ok(if is_sound { entry } else { entry.with_fault(CampaignFault::Injected(failure)) })
 }
 
 /// Bits that name a sensor or its clock.
@@ -209,7 +211,7 @@ pub fn tables<'a>(flights: impl Iterator<Item = (&'a Entry, &'a Report)>) -> Str
 
 fn kind(entry: &Entry) -> String {
     match entry.fault {
-        Fault::Injected(fault) => fault.kind().name.to_owned(),
+        CampaignFault::Injected(fault) => fault.kind().name.to_owned(),
         _ => "none".to_owned(),
     }
 }
@@ -241,8 +243,9 @@ mod tests {
     use std::path::Path;
 
     fn sound() -> Vec<Entry> {
-        let entry =
-            |path| Entry::new(Path::new(""), (path, 0.0), super::super::SCENES[0], 1, 12.0, Fault::None);
+        let entry = |path| {
+            Entry::new(Path::new(""), (path, 0.0), super::super::SCENES[0], 1, 12.0, CampaignFault::None)
+        };
         vec![entry("yaws"), entry("hover")]
     }
 
@@ -255,7 +258,7 @@ mod tests {
         let faults = |entries: &[Entry]| entries.iter().map(|entry| entry.fault.name()).collect::<Vec<_>>();
         assert_eq!(faults(&entries), faults(&drawn(&sound(), 400, 7).unwrap()));
         assert_ne!(faults(&entries), faults(&drawn(&sound(), 400, 8).unwrap()));
-        let none = entries.iter().filter(|entry| entry.fault == Fault::None).count();
+        let none = entries.iter().filter(|entry| entry.fault == CampaignFault::None).count();
         assert!((30..90).contains(&none), "{none}");
         let beside = entries.iter().filter(|entry| !entry.beside.is_empty()).count();
         assert!((120..230).contains(&beside), "{beside}");
@@ -269,7 +272,7 @@ mod tests {
             honesty: Some(Honesty { since_fault_s: Some([(name, s)].into()), ..Honesty::default() }),
             ..Report::default()
         };
-        let dead = sound()[0].with_fault(Fault::Injected("accel-dead:x@5".parse().unwrap()));
+        let dead = sound()[0].with_fault(CampaignFault::Injected("accel-dead:x@5".parse().unwrap()));
         let reports = [raised("accelerometer contradicted", 0.5), raised("gyroscope contradicted", 0.5)];
         let text = tables(reports.iter().map(|report| (&dead, report)));
         assert!(text.contains("| accelerometer contradicted | 1 | 1 | 100 % |  |"), "{text}");

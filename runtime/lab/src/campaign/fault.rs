@@ -3,7 +3,7 @@
 use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{Condition, FlightPath, ImuError, Scene};
+use plumbline_drivers::simulator::{FlightPath, ImuError, Scene, SimulatedCondition};
 use plumbline_drivers::{
     ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, InjectedFault, LostCamera,
 };
@@ -31,7 +31,7 @@ const CLEAR_PX: f64 = 62.0;
 
 /// What goes wrong in a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum CampaignFault {
     /// Nothing.
     None,
     /// Both images black for 1.5 s.
@@ -97,12 +97,12 @@ pub enum Fault {
     /// An error of the inertial sensor.
     Inertial(ImuError),
     /// A condition of light, camera, scene or motion.
-    Condition(Condition),
+    Condition(SimulatedCondition),
     /// A fault of the streams or of the calibration, with its dose.
     Injected(InjectedFault),
 }
 
-impl Fault {
+impl CampaignFault {
     /// The errors of inertial sensors, in their usual doses.
     pub fn inertial() -> impl Iterator<Item = Self> {
         ImuError::cases().map(Self::Inertial)
@@ -110,7 +110,7 @@ impl Fault {
 
     /// The conditions of light, camera, scene and motion, in their usual doses.
     pub fn conditions() -> impl Iterator<Item = Self> {
-        Condition::cases().map(Self::Condition)
+        SimulatedCondition::cases().map(Self::Condition)
     }
 
     /// The faults of streams and calibration, in their usual doses.
@@ -274,7 +274,7 @@ impl Fault {
 
     /// Whether the flight is as long as it is asked for, and may end soon after the fault.
     fn is_of_any_length(self) -> bool {
-        use Fault::{Blackout, Drops, Extrinsics, Flicker, LeftLost, None, Offset, RightLost};
+        use CampaignFault::{Blackout, Drops, Extrinsics, Flicker, LeftLost, None, Offset, RightLost};
         self.is_compared()
             || matches!(self, None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics)
     }

@@ -1,7 +1,7 @@
 //! Faults with a dose: which health bits name them, and the table that judges the estimate under them.
 
 use super::table::number;
-use super::{Entry, Fault};
+use super::{CampaignFault, Entry};
 use crate::report::Report;
 use crate::report::honesty::Honesty;
 use crate::report::silence::MAX_NAMELESS_S;
@@ -25,7 +25,7 @@ const NAMED_BY: [(&str, &[HealthBits]); 14] = [
     ("images-exchanged", &[HealthBits::CAMERAS_DISAGREE]),
 ];
 
-impl Fault {
+impl CampaignFault {
     /// Health bits of which one should name this fault with a dose; none where the estimate should only stay right.
     #[must_use]
     pub fn named_by(self) -> &'static [HealthBits] {
@@ -44,7 +44,7 @@ struct Naming<'a> {
 }
 
 impl<'a> Naming<'a> {
-    fn of(fault: Fault, honesty: &'a Honesty) -> Self {
+    fn of(fault: CampaignFault, honesty: &'a Honesty) -> Self {
         let named_by = fault.named_by();
         let names: Vec<&str> = HealthBits::NAMES
             .iter()
@@ -65,7 +65,7 @@ pub const HONESTY_HEAD: &str = "\
 /// The row of a flight with a fault that has a dose; none of another.
 #[must_use]
 pub fn honesty_row(entry: &Entry, report: &Report) -> Option<String> {
-    let Fault::Injected(_) = entry.fault else { return None };
+    let CampaignFault::Injected(_) = entry.fault else { return None };
     let honesty = report.honesty.as_ref();
     let naming = honesty.map(|honesty| Naming::of(entry.fault, honesty));
     let bit = |(name, s): &(&str, f64)| format!("{name} {s:.2}");
@@ -106,7 +106,7 @@ pub fn honesty_row(entry: &Entry, report: &Report) -> Option<String> {
 pub fn honesty_summary<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Option<String> {
     let (mut count, mut honest, mut nameable, mut named) = (0, 0, 0, 0);
     for (entry, report) in flights {
-        let Fault::Injected(_) = entry.fault else { continue };
+        let CampaignFault::Injected(_) = entry.fault else { continue };
         count += 1;
         let Some(honesty) = &report.honesty else { continue };
         honest += u32::from(honesty.is_honest());
@@ -125,14 +125,14 @@ mod tests {
 
     #[test]
     fn the_longest_beginning_names_a_fault() {
-        let bits = |text: &str| Fault::Injected(text.parse().unwrap()).named_by();
+        let bits = |text: &str| CampaignFault::Injected(text.parse().unwrap()).named_by();
         assert_eq!(bits("imu-late:50"), [HealthBits::IMU_LATE]);
         assert!(bits("imu-frozen").contains(&HealthBits::GYRO_CONTRADICTED), "with noise nothing repeats");
         assert_eq!(
             bits("image-late:right:1"),
             [HealthBits::CAMERAS_OUT_OF_STEP, HealthBits::CAMERAS_DISAGREE]
         );
-        assert!(bits("stamp-jitter:2").is_empty() && Fault::Blackout.named_by().is_empty());
+        assert!(bits("stamp-jitter:2").is_empty() && CampaignFault::Blackout.named_by().is_empty());
     }
 
     #[test]
@@ -140,7 +140,7 @@ mod tests {
         let since_fault_s =
             Some([("accelerometer noisy", 0.4), ("accelerometer stuck", 0.2), ("IMU gap", 0.1)].into());
         let honesty = Honesty { since_fault_s, ..Honesty::default() };
-        let naming = Naming::of(Fault::Injected("accel-dead:x".parse().unwrap()), &honesty);
+        let naming = Naming::of(CampaignFault::Injected("accel-dead:x".parse().unwrap()), &honesty);
         assert_eq!(naming.first, Some(("accelerometer stuck", 0.2)));
         assert_eq!(naming.others, [("IMU gap", 0.1)]);
     }

@@ -10,10 +10,10 @@ pub mod honest;
 mod silent;
 pub mod table;
 
-pub use fault::{Fault, SILENT_FROM_S};
+pub use fault::{CampaignFault, SILENT_FROM_S};
 
 use crate::report::Report;
-use crate::report::silence::Silence;
+use crate::report::silence::SilentFailure;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
@@ -63,9 +63,9 @@ pub struct Entry {
     /// Name of the scene.
     pub scene: &'static str,
     /// What goes wrong.
-    pub fault: Fault,
+    pub fault: CampaignFault,
     /// Disturbances beside it.
-    pub beside: Vec<Fault>,
+    pub beside: Vec<CampaignFault>,
     /// What is simulated.
     pub scenario: Scenario,
 }
@@ -79,15 +79,21 @@ impl Entry {
         (scene_name, scene): (&'static str, Scene),
         seed: u64,
         duration_s: f64,
-        fault: Fault,
+        fault: CampaignFault,
     ) -> Self {
         let flown = match FlightPath::named(path) {
             FlightPath::Tum(_) => FlightPath::Tum(trajectories.join(format!("{path}.tum.gz"))),
             built_in => built_in,
         };
         let scenario = Scenario { scene, path: flown, start_s, duration_s, seed, ..Scenario::default() };
-        Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, beside: Vec::new(), scenario }
-            .with_fault(fault)
+        Self {
+            path: path.to_owned(),
+            scene: scene_name,
+            fault: CampaignFault::None,
+            beside: Vec::new(),
+            scenario,
+        }
+        .with_fault(fault)
     }
 
     /// Flight with the inertial samples of `folder` that were recorded along its path.
@@ -106,7 +112,7 @@ impl Entry {
 
     /// Returns the flight with a fault.
     #[must_use]
-    pub fn with_fault(&self, fault: Fault) -> Self {
+    pub fn with_fault(&self, fault: CampaignFault) -> Self {
         let mut faulty = Self { fault, ..self.clone() };
         fault.shape(&mut faulty);
         faulty
@@ -114,8 +120,8 @@ impl Entry {
 
     /// Returns the flight with a disturbance beside its fault.
     #[must_use]
-    pub fn with_beside(mut self, disturbance: Fault) -> Self {
-        if let Fault::Condition(condition) = disturbance {
+    pub fn with_beside(mut self, disturbance: CampaignFault) -> Self {
+        if let CampaignFault::Condition(condition) = disturbance {
             condition.apply(&mut self.scenario);
         }
         self.beside.push(disturbance);
@@ -181,9 +187,9 @@ impl Entry {
     }
 
     /// What became of the estimate, where a sensor failed in silence.
-    fn silence(&self, flown: &Flown, rows: &[Estimate]) -> Option<Silence> {
+    fn silence(&self, flown: &Flown, rows: &[Estimate]) -> Option<SilentFailure> {
         let Truth::Simulated(simulator) = &flown.truth else { return None };
-        Silence::of(rows, &flown.truth, simulator.frame_time(0), SILENT_FROM_S)
+        SilentFailure::of(rows, &flown.truth, simulator.frame_time(0), SILENT_FROM_S)
     }
 
     /// Whether the sensor that failed in silence was named in time, and the estimates that could be used were as good as they

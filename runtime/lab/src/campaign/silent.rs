@@ -1,6 +1,6 @@
 //! Sensors that fail without a word: faults that last from one moment to the end of the flight.
 
-use super::fault::{Fault, SILENT_FROM_S};
+use super::fault::{CampaignFault, SILENT_FROM_S};
 use plumbline_drivers::{ClockFault, ImageFaults, ImuFaults, StuckFault};
 use plumbline_estimator::HealthBits;
 use std::ops::Range;
@@ -10,7 +10,7 @@ fn lasting() -> Range<f64> {
     SILENT_FROM_S..f64::INFINITY
 }
 
-impl Fault {
+impl CampaignFault {
     /// The health bits of which one names the sensor that fails in silence; none for faults of another kind.
     #[must_use]
     pub fn names(self) -> &'static [HealthBits] {

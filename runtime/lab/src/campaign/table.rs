@@ -1,8 +1,8 @@
 //! The results of a campaign as Markdown: a row a flight, then the means of each scene.
 
-use super::{Entry, Fault, SCENES};
+use super::{CampaignFault, Entry, SCENES};
 use crate::evaluate::paired::PairedDifference;
-use crate::evaluate::{FlightConsistency, Nees, Output};
+use crate::evaluate::{ConsistencyOutput, FlightConsistency, Nees};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
 use crate::report::trust::Trust;
@@ -41,7 +41,7 @@ pub fn row(entry: &Entry, report: &Report) -> String {
 }
 
 /// The five figures of an output.
-fn nees(report: &Report, of: Output) -> String {
+fn nees(report: &Report, of: ConsistencyOutput) -> String {
     let ratios = report.consistency.as_ref().map_or([None; 5], |consistency| of(consistency).ratios());
     ratios.map(|ratio| number(ratio, 2)).join(" / ")
 }
@@ -87,7 +87,7 @@ pub const RATIO_HEAD: &str = "\
 #[must_use]
 pub fn ratio_rows<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Vec<String> {
     let flights: Vec<_> = flights.into_iter().collect();
-    let mut compared: Vec<Fault> = Vec::new();
+    let mut compared: Vec<CampaignFault> = Vec::new();
     for (entry, _) in &flights {
         if entry.fault.is_compared() && !compared.contains(&entry.fault) {
             compared.push(entry.fault);
@@ -110,12 +110,12 @@ impl Pair<'_> {
     }
 }
 
-fn ratio_row(fault: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
+fn ratio_row(fault: CampaignFault, flights: &[(&Entry, &Report)]) -> Option<String> {
     let ate = |report: &Report| report.accuracy.as_ref().map(|a| a.ate_percent);
     let sound = |entry: &Entry| {
         let is_same = |other: &Entry| {
             let of = |e: &Entry| (e.path.clone(), e.scene, e.scenario.seed);
-            other.fault == Fault::None && of(other) == of(entry)
+            other.fault == CampaignFault::None && of(other) == of(entry)
         };
         flights.iter().find(|(other, _)| is_same(other)).and_then(|(_, report)| ate(report))
     };
@@ -156,7 +156,7 @@ pub const HEALTH_HEAD: &str = "\
 #[must_use]
 pub fn health_rows<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Vec<String> {
     let mut rows: BTreeMap<&str, (u64, u64)> = BTreeMap::new();
-    for (_, report) in flights.into_iter().filter(|(entry, _)| entry.fault == Fault::None) {
+    for (_, report) in flights.into_iter().filter(|(entry, _)| entry.fault == CampaignFault::None) {
         for (name, frames) in &report.health_frames {
             let (flights, sum) = rows.entry(name).or_default();
             (*flights, *sum) = (*flights + 1, *sum + frames);
@@ -198,7 +198,7 @@ pub fn silence_row(entry: &Entry, report: &Report) -> Option<String> {
 /// The means of each scene over its flights without a fault, and over all of these: a table of its own.
 #[must_use]
 pub fn means<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> String {
-    let sound: Vec<_> = flights.into_iter().filter(|(entry, _)| entry.fault == Fault::None).collect();
+    let sound: Vec<_> = flights.into_iter().filter(|(entry, _)| entry.fault == CampaignFault::None).collect();
     let mut lines = vec![
         "| scene | flights | with poses | mean ATE % | worst ATE % | mean yaw deg/min | resets | mean frame cpu ms p50 |"
             .to_owned(),

@@ -25,7 +25,7 @@ mod noise;
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
 pub use consistency::{
-    Consistency, FlightConsistency, Nees, Output, consistency, mean_ratio_bounds, nees, pose_error,
+    Consistency, ConsistencyOutput, FlightConsistency, Nees, consistency, mean_ratio_bounds, nees, pose_error,
 };
 pub use delta::Delta;
 pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};

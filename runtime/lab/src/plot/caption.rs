@@ -3,7 +3,7 @@
 use super::axes::letters;
 use super::raster::{FINENESS, Raster};
 use super::register_letters;
-use crate::picture::{Picture, Rgb};
+use crate::picture::{Rgb, RgbImage};
 use plotters::prelude::DrawingBackend as _;
 use plotters::style::text_anchor::HPos;
 use plotters::style::{FontStyle, RGBColor, TextStyle};
@@ -31,7 +31,7 @@ impl<'a> Caption<'a> {
     }
 
     /// Writes the words from `left` on, with the middle of the line at `middle`, px. Words without letters are left out.
-    pub fn draw(&self, picture: &mut Picture, left: usize, middle: usize) {
+    pub fn draw(&self, picture: &mut RgbImage, left: usize, middle: usize) {
         let [x, y] = [left, middle].map(|px| i32::try_from(px).unwrap_or(i32::MAX / FINENESS) * FINENESS);
         let _ = Raster::on(picture).draw_text(self.words, &self.style, (x, y));
     }
@@ -44,14 +44,14 @@ mod tests {
     const WHITE: Rgb = [255; 3];
 
     /// Columns and rows of the pixels that are no longer black.
-    fn lit(picture: &Picture) -> Vec<(usize, usize)> {
+    fn lit(picture: &RgbImage) -> Vec<(usize, usize)> {
         let all = (0..picture.height()).flat_map(|y| (0..picture.width()).map(move |x| (x, y)));
         all.filter(|(x, y)| picture.pixel(*x, *y).is_some_and(|pixel| pixel[0] > 0)).collect()
     }
 
     #[test]
     fn words_are_as_wide_as_they_say_around_their_middle() {
-        let mut picture = Picture::new(200, 40, [0; 3]);
+        let mut picture = RgbImage::new(200, 40, [0; 3]);
         let caption = Caption::new("merged 120", 20, WHITE);
         caption.draw(&mut picture, 30, 20);
         let lit = lit(&picture);
@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn words_are_cut_at_the_rim() {
-        let mut picture = Picture::new(24, 16, [0; 3]);
+        let mut picture = RgbImage::new(24, 16, [0; 3]);
         for (left, middle) in [(3, 8), (20, 14), (500, 8), (3, usize::MAX)] {
             Caption::new("raw 8", 14, WHITE).draw(&mut picture, left, middle);
         }

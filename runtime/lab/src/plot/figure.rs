@@ -6,7 +6,7 @@ use super::axes::{
 };
 use super::panels::{BAND, ESTIMATE, Panel, Pieces, TRUTH, panels};
 use super::raster::FINENESS;
-use super::subject::Subject;
+use super::subject::PlotSubject;
 use nalgebra::Vector3;
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
@@ -33,7 +33,7 @@ const SMALLEST_VIEW_M: f64 = 0.01;
 const TRUTH_GAP_S: f64 = 0.25;
 
 /// Draws the whole figure.
-pub(super) fn draw<B: DrawingBackend>(subject: &Subject, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+pub(super) fn draw<B: DrawingBackend>(subject: &PlotSubject, area: &DrawingArea<B, Shift>) -> Drawn<B> {
     area.fill(&WHITE)?;
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as i32 / FINENESS, height as i32 / FINENESS);
@@ -53,7 +53,7 @@ pub(super) fn draw<B: DrawingBackend>(subject: &Subject, area: &DrawingArea<B, S
 }
 
 /// The title, and the figures of the flight in a line below it.
-fn head<B: DrawingBackend>(subject: &Subject, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+fn head<B: DrawingBackend>(subject: &PlotSubject, area: &DrawingArea<B, Shift>) -> Drawn<B> {
     let title = letters(19.0, FontStyle::Bold, INK, HPos::Left);
     area.draw_text(&shortened(&subject.name), &title, (fine(MARGIN_PX), fine(22)))?;
     let small = letters(LETTERS_PX + 1.0, FontStyle::Normal, GREY_INK, HPos::Left);
@@ -70,7 +70,7 @@ fn shortened(name: &str) -> String {
     format!("\u{2026}{}", name.chars().skip(count - LONGEST).collect::<String>())
 }
 
-fn facts(subject: &Subject) -> String {
+fn facts(subject: &PlotSubject) -> String {
     let last = subject.samples[subject.samples.len() - 1].stamp;
     let mut parts = vec![format!("{} poses in {:.1} s", subject.samples.len(), subject.time_s(last))];
     if let Some((rmse_m, length_m)) = subject.ate_rmse_m {
@@ -89,24 +89,24 @@ fn facts(subject: &Subject) -> String {
 }
 
 /// Positions of estimate and truth.
-fn positions(subject: &Subject) -> impl Iterator<Item = Vector3<f64>> {
+fn positions(subject: &PlotSubject) -> impl Iterator<Item = Vector3<f64>> {
     let truth = subject.truth.iter().map(|p| p.pose.translation.vector);
     subject.samples.iter().map(|s| s.pose_o_b.translation.vector).chain(truth)
 }
 
 /// Lowest and highest coordinate along an axis, m.
-fn bounds(subject: &Subject, axis: usize) -> (f64, f64) {
+fn bounds(subject: &PlotSubject, axis: usize) -> (f64, f64) {
     let coordinates = positions(subject).map(|p| p[axis]);
     coordinates.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
-fn extent(subject: &Subject, axis: usize) -> f64 {
+fn extent(subject: &PlotSubject, axis: usize) -> f64 {
     let (low, high) = bounds(subject, axis);
     high - low
 }
 
 /// The ranges of two axes that show the whole path with one metre equally long on both, and m a pixel.
-fn equal_ranges(subject: &Subject, plane: [usize; 2], rect: Rect) -> ([Range<f64>; 2], f64) {
+fn equal_ranges(subject: &PlotSubject, plane: [usize; 2], rect: Rect) -> ([Range<f64>; 2], f64) {
     let (width_px, height_px) = inner_size_px(rect);
     let sizes_px = [f64::from(width_px), f64::from(height_px)];
     let need = |k: usize| extent(subject, plane[k]) * (1.0 + 2.0 * PATH_MARGIN) / sizes_px[k];
@@ -121,7 +121,7 @@ fn equal_ranges(subject: &Subject, plane: [usize; 2], rect: Rect) -> ([Range<f64
 
 /// The path from above or from the side.
 fn view<B: DrawingBackend>(
-    subject: &Subject,
+    subject: &PlotSubject,
     area: &DrawingArea<B, Shift>,
     rect: Rect,
     plane: [usize; 2],
@@ -156,7 +156,7 @@ fn view<B: DrawingBackend>(
 }
 
 /// The true positions, broken where the truth is not known.
-fn truth_pieces(subject: &Subject) -> Vec<Vec<Vector3<f64>>> {
+fn truth_pieces(subject: &PlotSubject) -> Vec<Vec<Vector3<f64>>> {
     let is_near =
         |pair: [plumbline_config::Timestamp; 2]| pair[1].nanos_since(pair[0]) as f64 * 1e-9 <= TRUTH_GAP_S;
     let pieces = subject.truth.chunk_by(|a, b| is_near([a.stamp, b.stamp]));
@@ -178,7 +178,11 @@ fn thinned(points: impl Iterator<Item = (f64, f64)>, distance: f64) -> Vec<(f64,
 }
 
 /// The curves over time, one panel above the other on one axis of time.
-fn time_panels<B: DrawingBackend>(subject: &Subject, area: &DrawingArea<B, Shift>, rect: Rect) -> Drawn<B> {
+fn time_panels<B: DrawingBackend>(
+    subject: &PlotSubject,
+    area: &DrawingArea<B, Shift>,
+    rect: Rect,
+) -> Drawn<B> {
     let panels = panels(subject);
     let last_s = subject.time_s(subject.samples[subject.samples.len() - 1].stamp);
     let time = 0.0..last_s.max(1e-3);
@@ -198,7 +202,7 @@ fn time_panels<B: DrawingBackend>(subject: &Subject, area: &DrawingArea<B, Shift
 }
 
 fn time_panel<B: DrawingBackend>(
-    subject: &Subject,
+    subject: &PlotSubject,
     area: &DrawingArea<B, Shift>,
     panel: &Panel,
     rect: Rect,

@@ -1,7 +1,7 @@
 //! A flight as one picture: its path from above and from the side over the truth, and its errors with three standard
 //! deviations, velocity and biases over time, as SVG or PNG.
 //!
-//! A [`Subject`] is what is shown, made of a trajectory or of a table of states, with the truth beside it where it is
+//! A [`PlotSubject`] is what is shown, made of a trajectory or of a table of states, with the truth beside it where it is
 //! known; [`write()`] draws it. The `panels` say which curves there are, the `figure` where they stand, and the `raster`
 //! turns them into pixels; an SVG is drawn by the same code. The letters are Roboto (Apache-2.0), in the binary.
 //! [`write_lenses`] draws the cameras of a calibration in the same way.
@@ -18,9 +18,9 @@ mod subject;
 pub use caption::Caption;
 pub use lenses::LensFigure;
 pub use log_log::{LogCurve, LogFigure, LogPanel};
-pub use subject::{Alignment, Subject};
+pub use subject::{PlotSubject, TruthAlignment};
 
-use crate::picture::{Picture, PictureError};
+use crate::picture::{PictureError, RgbImage};
 use plotters::prelude::{DrawingBackend, IntoDrawingArea, SVGBackend};
 use plotters::style::{FontStyle, register_font};
 use raster::{FINENESS, Raster};
@@ -92,7 +92,7 @@ pub fn check_name(path: &Path) -> Result<(), PlotError> {
 ///
 /// # Errors
 /// When the ending is unknown, or the file cannot be written.
-pub fn write(subject: &Subject, path: &Path, size_px: (u32, u32)) -> Result<(), PlotError> {
+pub fn write(subject: &PlotSubject, path: &Path, size_px: (u32, u32)) -> Result<(), PlotError> {
     write_drawing(&Drawing::Flight(subject), path, size_px)
 }
 
@@ -115,7 +115,7 @@ pub fn write_log_log(figure: &LogFigure, path: &Path) -> Result<(), PlotError> {
 
 /// What a figure shows.
 enum Drawing<'a> {
-    Flight(&'a Subject),
+    Flight(&'a PlotSubject),
     LogLog(&'a LogFigure),
     Lenses(&'a [LensFigure], (&'a str, &'a str)),
 }
@@ -130,8 +130,8 @@ fn write_drawing(drawing: &Drawing<'_>, path: &Path, size_px: (u32, u32)) -> Res
     }
 }
 
-fn png(drawing: &Drawing<'_>, (width, height): (u32, u32)) -> Result<Picture, PlotError> {
-    let mut picture = Picture::new(width as usize, height as usize, [255; 3]);
+fn png(drawing: &Drawing<'_>, (width, height): (u32, u32)) -> Result<RgbImage, PlotError> {
+    let mut picture = RgbImage::new(width as usize, height as usize, [255; 3]);
     draw(drawing, Raster::on(&mut picture))?;
     Ok(picture)
 }

@@ -1,6 +1,6 @@
 //! The curves of a flight over time, as panels to be drawn one above the other.
 
-use super::subject::{Sample, Subject};
+use super::subject::{PlotSubject, Sample};
 use nalgebra::Vector3;
 use plotters::style::RGBColor;
 use plumbline_estimator::Estimate;
@@ -75,7 +75,7 @@ impl Panel {
 }
 
 /// The panels of a flight, the most telling first.
-pub(super) fn panels(subject: &Subject) -> Vec<Panel> {
+pub(super) fn panels(subject: &PlotSubject) -> Vec<Panel> {
     let mut panels = Vec::new();
     if subject.alignment.is_some() {
         panels.extend(error_panels(subject));
@@ -88,7 +88,7 @@ pub(super) fn panels(subject: &Subject) -> Vec<Panel> {
     panels
 }
 
-fn error_panels(subject: &Subject) -> Vec<Panel> {
+fn error_panels(subject: &PlotSubject) -> Vec<Panel> {
     const TITLES: [&str; 3] = ["Position error x [m]", "Position error y [m]", "Position error z [m]"];
     let mut panels: Vec<Panel> = (0..3)
         .map(|axis| {
@@ -110,7 +110,7 @@ fn error_panels(subject: &Subject) -> Vec<Panel> {
 }
 
 /// What is shown where the truth is not known: the path, and what the estimate says of its own errors.
-fn path_panels(subject: &Subject) -> Vec<Panel> {
+fn path_panels(subject: &PlotSubject) -> Vec<Panel> {
     let position = three(subject, &|s| Some(s.pose_o_b.translation.vector));
     let mut panels = vec![Panel::new("Position in O [m]", position)];
     let heading = pieces(subject, &|s| Some(s.pose_o_b.rotation.euler_angles().2.to_degrees()));
@@ -127,7 +127,7 @@ fn path_panels(subject: &Subject) -> Vec<Panel> {
     panels
 }
 
-fn state_panels(subject: &Subject) -> Vec<Panel> {
+fn state_panels(subject: &PlotSubject) -> Vec<Panel> {
     let state = |of: fn(&Estimate) -> Vector3<f64>| three(subject, &move |s| s.nav.as_ref().map(of));
     let mut panels = vec![
         Panel::new("Velocity in O [m/s]", state(|n| n.v_o_b)),
@@ -150,17 +150,17 @@ fn three_sigma(variance: f64) -> f64 {
     3.0 * variance.max(0.0).sqrt()
 }
 
-fn position_band(subject: &Subject, axis: usize) -> Pieces {
+fn position_band(subject: &PlotSubject, axis: usize) -> Pieces {
     pieces(subject, &|s| s.nav.as_ref().map(|nav| three_sigma(nav.covariance[(axis, axis)])))
 }
 
 /// Three sigma of the heading, degrees.
-fn heading_band(subject: &Subject) -> Pieces {
+fn heading_band(subject: &PlotSubject) -> Pieces {
     pieces(subject, &|s| s.nav.as_ref().map(|nav| three_sigma(heading_variance(nav)).to_degrees()))
 }
 
 /// The components of a vector as three curves.
-fn three(subject: &Subject, of: &dyn Fn(&Sample) -> Option<Vector3<f64>>) -> Vec<Curve> {
+fn three(subject: &PlotSubject, of: &dyn Fn(&Sample) -> Option<Vector3<f64>>) -> Vec<Curve> {
     let component = |axis: usize| Curve {
         name: NAMES[axis].into(),
         colour: AXES[axis],
@@ -170,7 +170,7 @@ fn three(subject: &Subject, of: &dyn Fn(&Sample) -> Option<Vector3<f64>>) -> Vec
 }
 
 /// A quantity over time, broken where the estimate is.
-fn pieces(subject: &Subject, of: &dyn Fn(&Sample) -> Option<f64>) -> Pieces {
+fn pieces(subject: &PlotSubject, of: &dyn Fn(&Sample) -> Option<f64>) -> Pieces {
     let (mut found, mut last_piece): (Pieces, _) = (Vec::new(), None);
     for sample in &subject.samples {
         let value = of(sample).filter(|value| value.is_finite());
@@ -242,11 +242,11 @@ mod tests {
     }
 
     /// Subject with ten rows; the fourth and fifth have no pose.
-    fn subject() -> Subject {
+    fn subject() -> PlotSubject {
         let state = |k| if k == 3 || k == 4 { TrackingState::Failed } else { TrackingState::Tracking };
         let rows: Vec<Estimate> =
             (0..10).map(|k| Estimate { state: state(k), ..row(f64::from(k)) }).collect();
-        Subject::of_states("rows", &rows).unwrap()
+        PlotSubject::of_states("rows", &rows).unwrap()
     }
 
     #[test]

@@ -1,9 +1,9 @@
-//! The plotting library's drawing surface over a [`Picture`]: smooth lines, areas and letters in pixels.
+//! The plotting library's drawing surface over a [`RgbImage`]: smooth lines, areas and letters in pixels.
 //!
 //! The library draws at whole coordinates. Its surface here is finer than the pixels by [`FINENESS`], so that curves
 //! do not go in steps; an SVG is drawn on the same surface, and told its size in pixels.
 
-use crate::picture::Picture;
+use crate::picture::RgbImage;
 use nalgebra::Vector2;
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{
@@ -20,12 +20,12 @@ const EM: f64 = 1.0 / 1.24;
 
 /// A picture that the plotting library draws on.
 pub(super) struct Raster<'a> {
-    picture: &'a mut Picture,
+    picture: &'a mut RgbImage,
 }
 
 impl<'a> Raster<'a> {
     /// Draws on `picture`.
-    pub(super) fn on(picture: &'a mut Picture) -> Self {
+    pub(super) fn on(picture: &'a mut RgbImage) -> Self {
         Self { picture }
     }
 
@@ -216,8 +216,8 @@ mod tests {
 
     const BLACK: BackendColor = BackendColor { alpha: 1.0, rgb: (0, 0, 0) };
 
-    fn white(width: usize, height: usize) -> Picture {
-        Picture::new(width, height, [255; 3])
+    fn white(width: usize, height: usize) -> RgbImage {
+        RgbImage::new(width, height, [255; 3])
     }
 
     fn grey(raster: &Raster<'_>, x: usize, y: usize) -> u8 {

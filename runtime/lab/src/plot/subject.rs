@@ -16,14 +16,14 @@ const GAP_PERIODS: f64 = 3.5;
 
 /// How the truth is brought into the frame of the estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Alignment {
+pub enum TruthAlignment {
     /// By position and yaw at the first pose: what the covariance, which begins there, speaks of.
     FirstPose,
     /// Fitted over the whole flight, as `plumbline evaluate` does.
     Fitted(AlignmentMode),
 }
 
-impl Alignment {
+impl TruthAlignment {
     /// In words, for the figure.
     pub(super) fn words(self) -> &'static str {
         match self {
@@ -54,7 +54,7 @@ pub(super) struct Sample {
 
 /// An estimated flight, to be drawn.
 #[derive(Clone, Debug)]
-pub struct Subject {
+pub struct PlotSubject {
     pub(super) name: String,
     pub(super) samples: Vec<Sample>,
     /// All of the truth within the time of the flight, in the odometry frame.
@@ -62,12 +62,12 @@ pub struct Subject {
     /// When the estimate was reset.
     pub(super) resets: Vec<Timestamp>,
     /// How the truth was brought to the estimate.
-    pub(super) alignment: Option<Alignment>,
+    pub(super) alignment: Option<TruthAlignment>,
     /// Root mean square position error after SE(3) alignment, m, and the length of the true path, m.
     pub(super) ate_rmse_m: Option<(f64, f64)>,
 }
 
-impl Subject {
+impl PlotSubject {
     /// A flight of which only poses are known; `None` without any.
     #[must_use]
     pub fn of_trajectory(name: &str, poses: &[StampedPose]) -> Option<Self> {
@@ -134,7 +134,11 @@ impl Subject {
     ///
     /// # Errors
     /// When the two have no time in common, or too little for the alignment.
-    pub fn with_truth(mut self, truth: &[StampedPose], alignment: Alignment) -> Result<Self, EvaluateError> {
+    pub fn with_truth(
+        mut self,
+        truth: &[StampedPose],
+        alignment: TruthAlignment,
+    ) -> Result<Self, EvaluateError> {
         let estimate: Vec<StampedPose> =
             self.samples.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_o_b }).collect();
         let mut truth = truth.to_vec();
@@ -152,8 +156,8 @@ impl Subject {
         }
         let pairs = Pairs { estimate: estimate_known, reference };
         let to_estimate = Inverse::of(&match alignment {
-            Alignment::FirstPose => at_first_pose(&pairs),
-            Alignment::Fitted(mode) => align(&pairs, mode)?,
+            TruthAlignment::FirstPose => at_first_pose(&pairs),
+            TruthAlignment::Fitted(mode) => align(&pairs, mode)?,
         });
         for pose in &mut truth {
             pose.pose = to_estimate.apply(&pose.pose);
@@ -249,7 +253,7 @@ mod tests {
         (0..6000 / step_ms).map(|k| stamped(k * step_ms)).collect()
     }
 
-    fn largest_error(subject: &Subject) -> (f64, f64) {
+    fn largest_error(subject: &PlotSubject) -> (f64, f64) {
         let errors: Vec<_> = subject.samples.iter().filter_map(Sample::error).collect();
         assert!(errors.len() + 20 > subject.samples.len());
         let largest = |norms: &mut dyn Iterator<Item = f64>| norms.fold(0.0, f64::max);
@@ -263,11 +267,11 @@ mod tests {
     fn the_same_flight_in_another_frame_has_no_error() {
         let world = Isometry3::new(Vector3::new(5.0, -3.0, 2.0), Vector3::z() * 2.1);
         for alignment in [
-            Alignment::FirstPose,
-            Alignment::Fitted(AlignmentMode::Se3),
-            Alignment::Fitted(AlignmentMode::Yaw),
+            TruthAlignment::FirstPose,
+            TruthAlignment::Fitted(AlignmentMode::Se3),
+            TruthAlignment::Fitted(AlignmentMode::Yaw),
         ] {
-            let subject = Subject::of_trajectory("circle", &circle(&Isometry3::identity(), 50)).unwrap();
+            let subject = PlotSubject::of_trajectory("circle", &circle(&Isometry3::identity(), 50)).unwrap();
             let subject = subject.with_truth(&circle(&world, 5), alignment).unwrap();
             let (position, attitude) = largest_error(&subject);
             assert!(position < 1e-9 && attitude < 1e-9, "{alignment:?}: {position} {attitude}");
@@ -277,8 +281,9 @@ mod tests {
     #[test]
     fn the_truth_between_two_poses_is_interpolated() {
         let truth = circle(&Isometry3::identity(), 40);
-        let subject = Subject::of_trajectory("circle", &circle(&Isometry3::identity(), 25)).unwrap();
-        let (position, attitude) = largest_error(&subject.with_truth(&truth, Alignment::FirstPose).unwrap());
+        let subject = PlotSubject::of_trajectory("circle", &circle(&Isometry3::identity(), 25)).unwrap();
+        let (position, attitude) =
+            largest_error(&subject.with_truth(&truth, TruthAlignment::FirstPose).unwrap());
         // A chord of 0.04 rad lies 0.2 mm within the circle.
         assert!(position < 3e-4 && attitude < 1e-9, "{position} {attitude}");
     }
@@ -293,8 +298,8 @@ mod tests {
                 ..*p
             })
             .collect();
-        let subject = Subject::of_trajectory("circle", &poses).unwrap();
-        let subject = subject.with_truth(&turned, Alignment::Fitted(AlignmentMode::None)).unwrap();
+        let subject = PlotSubject::of_trajectory("circle", &poses).unwrap();
+        let subject = subject.with_truth(&turned, TruthAlignment::Fitted(AlignmentMode::None)).unwrap();
         for (_, attitude) in subject.samples.iter().filter_map(Sample::error) {
             assert!((attitude + Vector3::z() * 0.01).norm() < 1e-9, "{attitude}");
         }
@@ -304,9 +309,9 @@ mod tests {
     fn a_pause_breaks_the_curve() {
         let mut poses = circle(&Isometry3::identity(), 50);
         poses.drain(40..60);
-        let subject = Subject::of_trajectory("circle", &poses).unwrap();
+        let subject = PlotSubject::of_trajectory("circle", &poses).unwrap();
         assert_eq!((subject.samples[39].piece, subject.samples[40].piece), (0, 1));
-        assert!(Subject::of_trajectory("nothing", &[]).is_none());
+        assert!(PlotSubject::of_trajectory("nothing", &[]).is_none());
     }
 
     #[test]
@@ -315,8 +320,8 @@ mod tests {
             .iter()
             .map(|p| StampedPose { stamp: p.stamp.plus_nanos(1_000_000_000_000), ..*p })
             .collect();
-        let subject = Subject::of_trajectory("circle", &circle(&Isometry3::identity(), 50)).unwrap();
-        let message = subject.with_truth(&later, Alignment::FirstPose).unwrap_err().to_string();
+        let subject = PlotSubject::of_trajectory("circle", &circle(&Isometry3::identity(), 50)).unwrap();
+        let message = subject.with_truth(&later, TruthAlignment::FirstPose).unwrap_err().to_string();
         assert!(message.contains("no stamps within"), "{message}");
     }
 }

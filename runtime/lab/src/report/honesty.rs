@@ -24,7 +24,7 @@ const FRAME_GAP_S: f64 = 0.15;
 
 /// Figures of position, velocity in the body, and tilt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Figures {
+pub struct HonestyFigures {
     /// Position.
     pub position: f64,
     /// Velocity in the body.
@@ -33,7 +33,7 @@ pub struct Figures {
     pub tilt: f64,
 }
 
-impl Figures {
+impl HonestyFigures {
     fn take(&mut self, [position, velocity, tilt]: [f64; 3]) {
         self.position = self.position.max(position);
         self.velocity = self.velocity.max(velocity);
@@ -54,11 +54,11 @@ pub struct Honesty {
     pub usable: f64,
     /// Largest errors along an axis of the estimates that may be used, in standard deviations; an error of a fifth of its floor
     /// (2 cm, 3 cm/s, 6 mrad) counts as one at least.
-    pub worst_sigmas: Figures,
+    pub worst_sigmas: HonestyFigures,
     /// Largest errors of the estimates that may be used: m, m/s, rad.
-    pub worst_usable: Figures,
+    pub worst_usable: HonestyFigures,
     /// Largest errors of all estimates: m, m/s, rad.
-    pub worst: Figures,
+    pub worst: HonestyFigures,
     /// Jumps of the position that no reset counts.
     pub jumps: u64,
     /// The largest of them, m.
@@ -109,7 +109,7 @@ impl Honesty {
 
 impl fmt::Display for Honesty {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Figures { position, velocity, tilt } = self.worst_sigmas;
+        let HonestyFigures { position, velocity, tilt } = self.worst_sigmas;
         write!(
             f,
             "{:.0} % of the frames usable, within {position:.1} sigma of position, {velocity:.1} of velocity, {tilt:.1} of tilt; \
@@ -214,7 +214,7 @@ mod tests {
                 state.pose_o_b.rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.03, 0.0, 0.5));
             }
         });
-        let Figures { position, velocity, tilt } = honest.worst_sigmas;
+        let HonestyFigures { position, velocity, tilt } = honest.worst_sigmas;
         assert!((position - 3.98).abs() < 1e-6 && (velocity - 2.0).abs() < 0.02, "{honest:?}");
         // Yaw is no part of the tilt; the third axis is not across the vertical.
         assert!((2.8..3.05).contains(&tilt) && honest.is_honest(), "{honest:?}");

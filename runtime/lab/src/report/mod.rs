@@ -12,7 +12,7 @@ pub mod trust;
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use honesty::Honesty;
-use places::Places;
+use places::PlacesReport;
 use plumbline_drivers::Faults;
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
@@ -25,9 +25,9 @@ use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{DriverFaults, LiveFigures, Outcome};
 use plumbline_flight::schedule::times::Percentiles;
 use plumbline_record::digest::config_hash;
-use sensors::Sensors;
+use sensors::SensorReport;
 use serde::Serialize;
-use silence::Silence;
+use silence::SilentFailure;
 use std::collections::BTreeMap;
 use trust::Trust;
 
@@ -59,7 +59,7 @@ pub struct Report {
     /// SHA-256 over the bits of all odometry.
     pub odometry_digest: String,
     /// The map, where places are switched on.
-    pub places: Option<Places>,
+    pub places: Option<PlacesReport>,
     /// Computation of a frame, ms of wall time.
     pub frame_ms: Percentiles,
     /// Computation of a frame, ms of processor time.
@@ -73,7 +73,7 @@ pub struct Report {
     pub live: Option<LiveFigures>,
     /// What the sensors of a live flight brought.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub sensors: Option<Sensors>,
+    pub sensors: Option<SensorReport>,
     /// Points, means per frame.
     pub points: Points,
     /// Line segments of the left image, means per frame.
@@ -102,7 +102,7 @@ pub struct Report {
     pub trust: Option<Trust>,
     /// What became of the estimate of a sensor that failed in silence, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub silence: Option<Silence>,
+    pub silence: Option<SilentFailure>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// What the drivers survived.
@@ -212,7 +212,7 @@ impl Report {
             ate_rmse_m: accuracy.as_ref().map(|a| a.ate_rmse_m),
             estimate_digest: outcome.estimate_digest.clone(),
             odometry_digest: outcome.odometry_digest.clone(),
-            places: Places::of(flown),
+            places: PlacesReport::of(flown),
             frame_ms: f.frame_ms.percentiles(),
             frame_cpu_ms: f.frame_cpu_ms.percentiles(),
             stage_ms: stages_ms(outcome),
@@ -252,7 +252,7 @@ impl Report {
     /// Adds the figures of live sensors; allocations of their threads count.
     #[must_use]
     pub fn of_sensors(self, sensors: &LiveSensors) -> Self {
-        let sensors = Sensors::of(sensors);
+        let sensors = SensorReport::of(sensors);
         let allocations = sensors.imu.stream.allocations + sensors.cameras.stream.allocations;
         Self { hot_path_allocations: self.hot_path_allocations + allocations, sensors: Some(sensors), ..self }
     }
@@ -293,7 +293,7 @@ impl Report {
             lines.push(format!("{:<18}{}", "faults", self.injected.join(", ")));
             lines.extend(self.honesty.as_ref().map(|honesty| format!("{:<18}{honesty}", "")));
         }
-        lines.extend(self.places.as_ref().map(Places::line));
+        lines.extend(self.places.as_ref().map(PlacesReport::line));
         let p = &self.frame_ms;
         // A live flight takes as long as it takes.
         let speed = match &self.sensors {
@@ -315,7 +315,7 @@ impl Report {
             "odometry", h.p50, h.p99, h.max
         ));
         lines.extend(self.live.iter().flat_map(live_lines));
-        lines.extend(self.sensors.iter().flat_map(Sensors::lines));
+        lines.extend(self.sensors.iter().flat_map(SensorReport::lines));
         lines.push(format!(
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations

@@ -62,7 +62,7 @@ impl Variant {
 
 /// A variant against another.
 #[derive(Clone, Debug, Serialize)]
-pub struct Comparison {
+pub struct PairedComparison {
     /// What the variant is compared with.
     pub base: String,
     /// The variant.
@@ -75,7 +75,7 @@ pub struct Comparison {
     pub figures: Vec<(String, PairedDifference)>,
 }
 
-impl Comparison {
+impl PairedComparison {
     /// Compares `variant` with `base` over the flights of both.
     #[must_use]
     pub fn of(base: &Variant, variant: &Variant) -> Self {
@@ -153,7 +153,7 @@ mod tests {
     fn flights_are_paired_by_everything_but_their_report() {
         let base = variant("as it was", |seed| 0.01 * f64::from(seed), 1..11);
         let better = variant("better", |seed| 0.009 * f64::from(seed), 2..13);
-        let comparison = Comparison::of(&base, &better);
+        let comparison = PairedComparison::of(&base, &better);
         assert_eq!((comparison.flights, comparison.unpaired), (9, 3));
         let (name, difference) = &comparison.figures[0];
         assert_eq!((name.as_str(), difference.flights), ("ATE mm", 9));
@@ -171,6 +171,6 @@ mod tests {
     #[test]
     fn few_flights_decide_nothing() {
         let few = variant("a", f64::from, 1..5);
-        assert!(Comparison::of(&few, &few).markdown().contains("; 8 are needed to decide"));
+        assert!(PairedComparison::of(&few, &few).markdown().contains("; 8 are needed to decide"));
     }
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// The map of a flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Places {
+pub struct PlacesReport {
     /// Keyframes of the map at the end.
     pub keyframes: u32,
     /// Places seen again.
@@ -29,7 +29,7 @@ pub struct Places {
     pub map_digest: String,
 }
 
-impl Places {
+impl PlacesReport {
     /// Figures of a flight; `None` if places are switched off.
     #[must_use]
     pub fn of(flown: &Flown) -> Option<Self> {

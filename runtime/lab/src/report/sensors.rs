@@ -4,21 +4,21 @@ use plumbline_drivers::{
     CameraMonitor, ImuFigures, SocketFigures, TriggerFigures, TriggerMonitor, V4l2Figures,
 };
 use plumbline_flight::flight::LiveSensors;
-use plumbline_flight::flight::capture::{Pairs, StreamFigures};
+use plumbline_flight::flight::capture::{PairCounts, StreamFigures};
 use serde::Serialize;
 
 /// The sensors of a live flight.
 #[derive(Clone, Debug, Serialize)]
-pub struct Sensors {
+pub struct SensorReport {
     /// The inertial sensor.
-    pub imu: Imu,
+    pub imu: ImuReport,
     /// The cameras.
-    pub cameras: Cameras,
+    pub cameras: CameraReport,
 }
 
 /// The inertial sensor.
 #[derive(Clone, Debug, Serialize)]
-pub struct Imu {
+pub struct ImuReport {
     /// Where it is.
     pub name: String,
     /// Its samples.
@@ -31,7 +31,7 @@ pub struct Imu {
 
 /// The cameras.
 #[derive(Clone, Debug, Serialize)]
-pub struct Cameras {
+pub struct CameraReport {
     /// Where they are.
     pub name: String,
     /// Their frames.
@@ -39,7 +39,7 @@ pub struct Cameras {
     pub stream: StreamFigures,
     /// Which images frames had.
     #[serde(flatten)]
-    pub pairs: Pairs,
+    pub pairs: PairCounts,
     /// Why left and right bring nothing at the end, as far as they do not.
     pub trouble: [Option<String>; 2],
     /// Cameras of the kernel.
@@ -53,11 +53,11 @@ pub struct Cameras {
     pub triggers: Option<TriggerFigures>,
 }
 
-impl Sensors {
+impl SensorReport {
     /// After a flight.
     #[must_use]
     pub fn of(sensors: &LiveSensors) -> Self {
-        let imu = Imu {
+        let imu = ImuReport {
             name: sensors.imu.name.clone(),
             stream: sensors.imu.figures().0,
             figures: sensors.imu.monitor.read(),
@@ -70,7 +70,7 @@ impl Sensors {
         let trouble = sensors.cameras.monitor.trouble();
         Self {
             imu,
-            cameras: Cameras {
+            cameras: CameraReport {
                 name: sensors.cameras.name.clone(),
                 stream,
                 pairs,

@@ -29,7 +29,7 @@ pub const NAMES: [HealthBits; 7] = [
 
 /// A flight in which a sensor fails in silence from some moment on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Silence {
+pub struct SilentFailure {
     /// When each health bit that names a sensor was up first, s since the sensor failed, in words.
     pub named_s: Vec<(&'static str, f64)>,
     /// Share of the frames since then whose estimate may be used: quality 20 and better.
@@ -42,7 +42,7 @@ pub struct Silence {
     pub worst_m: f64,
 }
 
-impl Silence {
+impl SilentFailure {
     /// Judges the estimates `rows` of a flight, in which a sensor fails `begin_s` seconds after `first`; `None` without a pose
     /// whose truth is known.
     #[must_use]
@@ -96,7 +96,7 @@ mod tests {
     use plumbline_estimator::{NavCovariance, TrackingState};
 
     /// Ten seconds at 20 Hz, 1 cm and 1 crad sure; from 5 s on off along x by `error_m`, with that quality and health.
-    fn silence(error_m: f64, quality: i8, named_from_s: f64) -> Silence {
+    fn silence(error_m: f64, quality: i8, named_from_s: f64) -> SilentFailure {
         let stamp = |k: i64| Timestamp::from_nanos(k * 50_000_000);
         let at = |x: f64| Isometry3::from_parts(Vector3::new(x, 0.0, 0.0).into(), Default::default());
         let truth: Vec<_> = (0..200).map(|k| StampedPose { stamp: stamp(k), pose: at(0.0) }).collect();
@@ -116,7 +116,7 @@ mod tests {
             }
         };
         let rows: Vec<_> = (0..200).map(row).collect();
-        Silence::of(&rows, &Truth::of_poses(&truth), stamp(0), 5.0).unwrap()
+        SilentFailure::of(&rows, &Truth::of_poses(&truth), stamp(0), 5.0).unwrap()
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub struct CellResult {
     #[serde(default)]
     pub start_s: Option<f64>,
     /// The figures; `None` if it could not be flown.
-    pub figures: Option<Figures>,
+    pub figures: Option<CellFigures>,
     /// Why it could not be flown.
     pub error: Option<String>,
     /// The whole report, as `replay --report` writes it.
@@ -78,7 +78,7 @@ pub struct CellResult {
 
 /// The figures of a flight that cells are compared by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct CellFigures {
     /// Frames taken.
     pub frames: u64,
     /// Cameras that were used.
@@ -118,7 +118,7 @@ pub struct Figures {
     pub estimate_digest: String,
 }
 
-impl Figures {
+impl CellFigures {
     fn of(report: &Report) -> Self {
         let accuracy = report.accuracy.as_ref();
         Self {
@@ -172,7 +172,7 @@ impl Cell {
             subject: self.subject.name(),
             seed: self.seed,
             start_s: self.start_s,
-            figures: report.as_ref().map(Figures::of),
+            figures: report.as_ref().map(CellFigures::of),
             error,
             report: report.and_then(|report| serde_json::to_value(report).ok()),
         })
@@ -337,7 +337,7 @@ pub(super) mod tests {
 
     /// A result without a flight.
     pub(in crate::sweep) fn result(cell: &Cell, ate_rmse_m: f64) -> CellResult {
-        let figures = Figures {
+        let figures = CellFigures {
             frames: 4_000,
             cameras: Some(2),
             completion: 0.98,

@@ -9,7 +9,7 @@ const DEPTH: usize = 4;
 
 /// Data sets below a folder.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Found {
+pub struct FoundDataSets {
     /// Folders of data sets that can be flown, sorted by name.
     pub data_sets: Vec<PathBuf>,
     /// Folders that are left out, each with the reason.
@@ -20,8 +20,8 @@ pub struct Found {
 ///
 /// # Errors
 /// When a folder cannot be read, or there is no data set.
-pub fn data_sets(folder: &Path) -> Result<Found, SweepError> {
-    let mut found = Found::default();
+pub fn data_sets(folder: &Path) -> Result<FoundDataSets, SweepError> {
+    let mut found = FoundDataSets::default();
     search(folder, DEPTH, &mut found)?;
     if found.data_sets.is_empty() {
         return Err(SweepError::NoDataSets { path: folder.to_owned() });
@@ -40,7 +40,7 @@ pub fn data_sets(folder: &Path) -> Result<Found, SweepError> {
     Ok(found)
 }
 
-fn search(folder: &Path, depth: usize, found: &mut Found) -> Result<(), SweepError> {
+fn search(folder: &Path, depth: usize, found: &mut FoundDataSets) -> Result<(), SweepError> {
     let holds = |name: &str| folder.join("mav0").join(name).is_dir();
     if folder.join("mav0").is_dir() {
         match (holds("cam0"), holds("imu0")) {

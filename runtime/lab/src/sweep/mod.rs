@@ -14,8 +14,8 @@ pub mod run;
 pub mod subject;
 pub mod table;
 
-pub use cell::{Cell, CellError, CellResult, Figures};
-pub use plan::{Axis, Plan};
+pub use cell::{Cell, CellError, CellFigures, CellResult};
+pub use plan::{Plan, SweepAxis};
 pub use subject::{Common, NamedTruth, Subject};
 
 use std::path::PathBuf;

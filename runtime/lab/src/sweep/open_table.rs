@@ -2,7 +2,7 @@
 
 use super::published::{Knowledge, PublishedFigure, SUITES, Suite};
 use super::table::{distinct, markdown, number, quoted, ratio};
-use super::{CellResult, Figures};
+use super::{CellFigures, CellResult};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ struct Column {
     head: &'static str,
     csv: &'static str,
     digits: usize,
-    of: fn(&Figures) -> Option<f64>,
+    of: fn(&CellFigures) -> Option<f64>,
 }
 
 /// The figures, in order; each is the median over the starts, but `max`, the largest of all.
@@ -102,7 +102,7 @@ fn span(numbers: impl Iterator<Item = usize> + Clone) -> Option<[usize; 2]> {
 impl Row {
     fn of(name: String, results: &[&CellResult]) -> Self {
         let figures = results.iter().filter_map(|r| r.figures.as_ref());
-        let flown: Vec<&Figures> = figures.filter(|f| f.completion > 0.0).collect();
+        let flown: Vec<&CellFigures> = figures.filter(|f| f.completion > 0.0).collect();
         let figures = std::array::from_fn(|k| {
             let values = flown.iter().filter_map(|f| (COLUMNS[k].of)(f));
             if k == LONGEST { values.reduce(f64::max) } else { median(values) }

@@ -6,14 +6,14 @@ use std::sync::Arc;
 
 /// A key of the configuration and the values that it takes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Axis {
+pub struct SweepAxis {
     /// Dotted path of the key.
     pub key: String,
     /// Its values as TOML.
     pub values: Vec<String>,
 }
 
-impl Axis {
+impl SweepAxis {
     /// Parses `key=value,value`; commas within brackets and quotes belong to a value.
     ///
     /// # Errors
@@ -51,7 +51,7 @@ fn split_values(text: &str) -> Vec<&str> {
 }
 
 /// Every setting of some axes; the last axis turns fastest.
-fn settings(axes: &[Axis]) -> Vec<Vec<String>> {
+fn settings(axes: &[SweepAxis]) -> Vec<Vec<String>> {
     axes.iter().fold(vec![Vec::new()], |settings, axis| {
         let with = |setting: &Vec<String>, value: &String| {
             let change = format!("{}={value}", axis.key);
@@ -80,7 +80,7 @@ impl Plan {
     /// # Errors
     /// When a key is swept twice.
     pub fn new(
-        axes: Vec<Axis>,
+        axes: Vec<SweepAxis>,
         subjects: Vec<Subject>,
         seeds: Vec<u64>,
         common: Common,
@@ -167,7 +167,7 @@ pub(super) mod tests {
     /// Two keys of three and two values, over one recorded and one simulated flight with two seeds.
     pub(in crate::sweep) fn plan() -> Plan {
         let axes = ["estimator.points.sigma_px=0.3,0.4,0.5", "estimator.lines.enabled=true,false"];
-        let axes = axes.iter().map(|text| Axis::parse(text).unwrap()).collect();
+        let axes = axes.iter().map(|text| SweepAxis::parse(text).unwrap()).collect();
         let simulated = Subject::Simulated {
             name: "sim:room".into(),
             scenario: Box::default(),
@@ -202,16 +202,16 @@ pub(super) mod tests {
 
     #[test]
     fn commas_within_brackets_and_quotes_do_not_split() {
-        let axis = Axis::parse("a.b=[1, 2],[3, 4], \"x,y\"").unwrap();
+        let axis = SweepAxis::parse("a.b=[1, 2],[3, 4], \"x,y\"").unwrap();
         assert_eq!(axis.values, ["[1, 2]", "[3, 4]", "\"x,y\""]);
         for bad in ["a.b", "=1", "a=", "a=1,,2"] {
-            assert!(Axis::parse(bad).is_err(), "{bad}");
+            assert!(SweepAxis::parse(bad).is_err(), "{bad}");
         }
     }
 
     #[test]
     fn a_key_is_swept_once() {
-        let axis = Axis::parse("a.b=1").unwrap();
+        let axis = SweepAxis::parse("a.b=1").unwrap();
         let twice = Plan::new(vec![axis.clone(), axis], Vec::new(), Vec::new(), Common::default());
         assert!(matches!(twice, Err(SweepError::DoubleAxis(key)) if key == "a.b"));
     }

@@ -1,7 +1,7 @@
 //! What a sweep came to: a row a setting, the best first and marked, and everything as CSV.
 
-use super::{CellResult, Figures};
-use crate::evaluate::{FlightConsistency, Nees, Output};
+use super::{CellFigures, CellResult};
+use crate::evaluate::{ConsistencyOutput, FlightConsistency, Nees};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -24,8 +24,8 @@ struct Means {
 impl Means {
     fn of<'a>(results: impl Iterator<Item = &'a CellResult>) -> Self {
         let results: Vec<&CellResult> = results.collect();
-        let figures: Vec<&Figures> = results.iter().filter_map(|r| r.figures.as_ref()).collect();
-        let mean_of = |of: &dyn Fn(&Figures) -> Option<f64>| mean(figures.iter().filter_map(|f| of(f)));
+        let figures: Vec<&CellFigures> = results.iter().filter_map(|r| r.figures.as_ref()).collect();
+        let mean_of = |of: &dyn Fn(&CellFigures) -> Option<f64>| mean(figures.iter().filter_map(|f| of(f)));
         Self {
             flights: results.len(),
             failed: results.len() - figures.iter().filter(|f| f.completion > 0.0).count(),
@@ -52,7 +52,7 @@ impl Means {
 }
 
 /// The figure `k` of [`Nees::NAMES`].
-pub(super) fn ratio(figures: &Figures, of: Output, k: usize) -> Option<f64> {
+pub(super) fn ratio(figures: &CellFigures, of: ConsistencyOutput, k: usize) -> Option<f64> {
     figures.consistency.as_ref().and_then(|consistency| of(consistency).ratios()[k])
 }
 
@@ -206,7 +206,7 @@ pub fn csv(results: &[CellResult]) -> String {
     let mut text = head.join(",") + "\n";
     for result in results {
         let number = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
-        let figure = |of: fn(&Figures) -> Option<f64>| number(result.figures.as_ref().and_then(of));
+        let figure = |of: fn(&CellFigures) -> Option<f64>| number(result.figures.as_ref().and_then(of));
         let cells = [
             result.subject.clone(),
             result.seed.map_or_else(String::new, |seed| seed.to_string()),

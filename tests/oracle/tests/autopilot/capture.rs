@@ -7,8 +7,8 @@ use plumbline_config::{ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_estimator::Odometry;
-use plumbline_flight::autopilot::feed::Feed;
-use plumbline_flight::autopilot::frames::Frames;
+use plumbline_flight::autopilot::feed::MessageFeed;
+use plumbline_flight::autopilot::frames::VehicleFrames;
 use plumbline_flight::autopilot::handover::Handover;
 use plumbline_flight::flight::{Flight, Truth};
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
@@ -60,8 +60,8 @@ struct Taken {
 }
 
 struct Sending {
-    frames: Frames,
-    feed: Feed,
+    frames: VehicleFrames,
+    feed: MessageFeed,
     rot_l_o: Option<UnitQuaternion<f64>>,
     period_ns: i64,
     due: Option<Timestamp>,
@@ -73,8 +73,8 @@ pub struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
     pub fn new(config: &ValidConfig) -> Self {
-        let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle.rot_v_b().unwrap()));
-        let feed = Feed::new(frames, autopilot.lost_pose);
+        let (autopilot, frames) = (&config.autopilot, VehicleFrames::new(&config.vehicle.rot_v_b().unwrap()));
+        let feed = MessageFeed::new(frames, autopilot.lost_pose);
         let period_ns = (1e9 / autopilot.rate_hz) as i64;
         let sending = Some(Sending { frames, feed, rot_l_o: None, period_ns, due: None });
         Self(Arc::new(Mutex::new(Taken { sending, ..Taken::default() })))

@@ -12,7 +12,7 @@ use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_estimator::shutter::RowTurns;
-use plumbline_lab::campaign::Fault;
+use plumbline_lab::campaign::CampaignFault;
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::{Detector, Line};
 use plumbline_tests::{entry, shared};
@@ -200,7 +200,7 @@ fn rig(is_distorted: bool) -> Config {
 /// Tallies of ours merged, ours unmerged and LSD over one flight.
 fn tally(config: &Config, path: &str, scene: (&'static str, Scene)) -> [Tally; 3] {
     let seconds = (PAIRS * PAIR_STEP + 2) as f64 / 20.0;
-    let entry = entry(path, scene, 1, seconds, Fault::None).unwrap();
+    let entry = entry(path, scene, 1, seconds, CampaignFault::None).unwrap();
     let simulator = Simulator::new(config, &entry.scenario).unwrap();
     let model = simulator.config().camera[0].model();
     let (mut scratch, size) = (simulator.scratch(), simulator.image_sizes()[0]);

@@ -44,7 +44,7 @@ use front_end::FrontEndEnd;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::Faults;
 use plumbline_estimator::places::PlaceMap;
-use shared::{Origin, Pace, Shared};
+use shared::{Origin, RunPace, Shared};
 use std::sync::Arc;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
@@ -117,7 +117,7 @@ impl Live {
                 (first, Origin::soon(stamp.unwrap_or(Timestamp::MIN)))
             }
         };
-        let pace = Pace { stamps, origin, speed };
+        let pace = RunPace { stamps, origin, speed };
         let shared = Shared::new(TaskTable::new(&config, speed), heartbeats, host, control, pace);
         let tasks = Tasks::new(&config, Sensors { imu, first, stereo }, stages);
         let ended = run_tasks(&shared, tasks, &team, listener);

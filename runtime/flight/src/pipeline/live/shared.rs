@@ -39,7 +39,7 @@ impl Origin {
 
 /// Relation between the time of data and that of the clock.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct RunPace {
     /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
     /// Origin of both times.
@@ -53,7 +53,7 @@ pub struct Shared<'a> {
     pub table: TaskTable,
     pub heartbeats: Heartbeats,
     pub control: &'a Control,
-    pub pace: Pace,
+    pub pace: RunPace,
     host: Arc<Host>,
     /// Time that the window took for its last frame, ms, as the bits of an `f64`.
     window_ms: AtomicU64,
@@ -71,7 +71,7 @@ impl<'a> Shared<'a> {
         heartbeats: Heartbeats,
         host: Arc<Host>,
         control: &'a Control,
-        pace: Pace,
+        pace: RunPace,
     ) -> Self {
         Self {
             table,
@@ -88,7 +88,7 @@ impl<'a> Shared<'a> {
 
     /// Time on the clock at which data of `stamp` are due.
     pub fn due(&self, stamp: Timestamp) -> Monotonic {
-        let Pace { stamps, origin, speed } = self.pace;
+        let RunPace { stamps, origin, speed } = self.pace;
         match stamps {
             Stamps::OfHost => Monotonic(stamp.as_nanos()),
             Stamps::Replayed => {
@@ -104,7 +104,7 @@ impl<'a> Shared<'a> {
 
     /// The time of data that are due at `at`.
     pub fn data_time(&self, at: Monotonic) -> Timestamp {
-        let Pace { stamps, origin, speed } = self.pace;
+        let RunPace { stamps, origin, speed } = self.pace;
         match stamps {
             Stamps::OfHost => Timestamp::from_nanos(at.0),
             Stamps::Replayed => origin.stamp.plus_nanos(((at.0 - origin.due.0) as f64 * speed) as i64),

@@ -59,7 +59,7 @@ pub enum LiveError {
 
 /// What is gathered, and how.
 #[derive(Clone, Copy, Debug)]
-pub struct Gathering<'a> {
+pub struct BoardCapture<'a> {
     /// The board.
     pub target: &'a Target,
     /// Lenses of the cameras.
@@ -84,7 +84,7 @@ pub struct Gathering<'a> {
 pub fn gather(
     source: Box<dyn StereoSource>,
     frame: StereoFrame,
-    gathering: &Gathering<'_>,
+    gathering: &BoardCapture<'_>,
     stop: &StopFlag,
     tell: &mut dyn FnMut(&Gathered),
 ) -> Result<Vec<Pair>, LiveError> {
@@ -122,7 +122,7 @@ fn read(
 fn look(
     newest: &Newest,
     mut frame: StereoFrame,
-    gathering: &Gathering<'_>,
+    gathering: &BoardCapture<'_>,
     stop: &StopFlag,
     tell: &mut dyn FnMut(&Gathered),
 ) -> Result<(Vec<Pair>, u64), LiveError> {
@@ -151,7 +151,7 @@ fn look(
 
 /// Finds the board in frames.
 struct Eyes<'a> {
-    gathering: &'a Gathering<'a>,
+    gathering: &'a BoardCapture<'a>,
     /// The width of the border of its markers, once some were found.
     border: Option<i32>,
 }
@@ -173,7 +173,7 @@ impl Eyes<'_> {
     }
 
     fn corners(&mut self, image: &ImageView<'_>) -> Result<Vec<Corner>, Fault> {
-        let Gathering { target, detector, .. } = *self.gathering;
+        let BoardCapture { target, detector, .. } = *self.gathering;
         if let Target::Chessboard { columns, rows, .. } = *target {
             return Ok(detect::chessboard(detector, [columns, rows], image)?.corners);
         }

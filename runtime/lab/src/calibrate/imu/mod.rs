@@ -13,7 +13,7 @@ mod tests;
 pub use allan::{AllanPoint, allan_variance};
 pub use figure::write_figure;
 pub use fit::{AxisNoise, Measured, fit};
-pub use rest::{Rest, longest_rest};
+pub use rest::{RestInterval, longest_rest};
 
 use nalgebra::Vector3;
 use plumbline_config::ImuSample;
@@ -51,7 +51,7 @@ pub struct SensorNoise {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
     /// The part at rest.
-    pub rest: Rest,
+    pub rest: RestInterval,
     /// Gyroscope and accelerometer.
     pub sensors: [SensorNoise; 2],
     /// Mean rate at rest, rad/s: the bias of the gyroscope, and the turn of the earth.

@@ -2,7 +2,7 @@
 //!
 //! Half seconds are looked at one by one. One is steady when its means are those of the half second before: it neither
 //! turned nor tilted nor set off. It is at rest when, besides, it scatters no more than steady ones do by their median, times
-//! [`SCATTER`]: nobody pushed it. So a vehicle that stands with its rotors on is at rest, and [`Rest::is_shaken`].
+//! [`SCATTER`]: nobody pushed it. So a vehicle that stands with its rotors on is at rest, and [`RestInterval::is_shaken`].
 
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, median};
@@ -27,7 +27,7 @@ const LONGEST_GAP_S: f64 = 0.1;
 
 /// The rest that was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rest {
+pub struct RestInterval {
     /// The samples of the longest rest.
     pub range: Range<usize>,
     /// Their distance, s: the median of the recording.
@@ -48,7 +48,7 @@ pub struct Rest {
     pub quiet: [f64; 2],
 }
 
-impl Rest {
+impl RestInterval {
     /// Whether it scatters more than a sensor does by itself.
     #[must_use]
     pub fn is_shaken(&self) -> bool {
@@ -66,7 +66,7 @@ struct Piece {
 
 /// The longest rest among `samples`, which are in order of time; `None` for less than two pieces.
 #[must_use]
-pub fn longest_rest(samples: &[ImuSample]) -> Option<Rest> {
+pub fn longest_rest(samples: &[ImuSample]) -> Option<RestInterval> {
     let dt_s = median(samples.windows(2).map(|pair| pair[1].stamp.seconds_since(pair[0].stamp)))?;
     let size = ((PIECE_S / dt_s).round() as usize).max(4);
     let pieces: Vec<Piece> = samples.chunks_exact(size).map(|chunk| piece(chunk, dt_s)).collect();
@@ -94,7 +94,7 @@ pub fn longest_rest(samples: &[ImuSample]) -> Option<Rest> {
     let since = |k: usize| samples[k.min(samples.len() - 1)].stamp.seconds_since(samples[0].stamp);
     let length_s = range.len() as f64 * dt_s;
     let spanned = if range.is_empty() { 0.0 } else { since(range.end - 1) - since(range.start) + dt_s };
-    Some(Rest {
+    Some(RestInterval {
         dt_s,
         begin_s: since(range.start),
         length_s,

@@ -26,7 +26,7 @@ pub struct FlightConsistency {
 }
 
 /// Figures of one output of a flight.
-pub type Output = fn(&FlightConsistency) -> &Nees;
+pub type ConsistencyOutput = fn(&FlightConsistency) -> &Nees;
 
 /// Figures of one output; `None` where the truth is unknown or nothing could be judged. [`super::errors`] has the
 /// definitions.
@@ -106,7 +106,8 @@ impl LargestErrors {
 
 impl FlightConsistency {
     /// Both outputs with their names.
-    pub const OUTPUTS: [(&str, Output); 2] = [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
+    pub const OUTPUTS: [(&str, ConsistencyOutput); 2] =
+        [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
 
     /// Judges what was published by the truth; `None` where no truth is known.
     #[must_use]

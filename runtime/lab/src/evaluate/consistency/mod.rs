@@ -9,7 +9,7 @@
 pub mod errors;
 pub mod flown;
 
-pub use flown::{FlightConsistency, Nees, Output};
+pub use flown::{ConsistencyOutput, FlightConsistency, Nees};
 
 use nalgebra::{Isometry3, SMatrix, SVector, Vector6};
 use serde::{Deserialize, Serialize};
