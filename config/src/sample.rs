@@ -4,7 +4,7 @@ use crate::Timestamp;
 use nalgebra::Vector3;
 
 /// One reading of the inertial measurement unit, in the body frame `B` (the IMU's own).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImuSample {
     /// Measurement time.
     pub stamp: Timestamp,

@@ -7,13 +7,19 @@
 
 use crate::DriverError;
 use plumbline_config::{GrayImage, ImageView, ImuSample, Timestamp};
+use plumbline_fields::Record;
 
 /// An inertial sample with its place in the sensor's stream.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("Imu")]
 pub struct ImuReading {
     /// Counts samples of the sensor from 0; a jump says how many were lost.
+    #[field(1)]
     pub sequence: u64,
     /// The sample.
+    #[field(2, path = stamp, wire = "stamp_ns")]
+    #[field(3, path = gyro, about = "Angular rate x y z in B, rad/s.")]
+    #[field(4, path = accel, about = "Specific force x y z in B, m/s^2.")]
     pub sample: ImuSample,
 }
 

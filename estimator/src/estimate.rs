@@ -3,11 +3,13 @@
 use crate::origin::OriginUncertainty;
 use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use plumbline_config::Timestamp;
+use plumbline_fields::{Part, Record, Value};
 
 pub use crate::health::HealthBits;
 
 /// State of the estimator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Record)]
+#[record("State", "an unknown state")]
 pub enum TrackingState {
     /// Gathering data; there is no pose yet.
     #[default]
@@ -28,44 +30,76 @@ pub type NavCovariance = SMatrix<f64, 9, 9>;
 pub type BiasVariances = SVector<f64, 6>;
 
 /// The estimate after one frame. Frames: `O` odometry (z up, origin at the first pose), `B` body.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Estimate")]
 pub struct Estimate {
     /// Sequence number of the frame.
+    #[field(1, digest = 2, at = 16, columns = (2, &["frame"]))]
     pub frame_sequence: u64,
     /// Time of the state on the IMU's time axis (image stamp plus time offset).
+    #[field(2, wire = "stamp_ns", digest = 1, at = 0, columns = (1, &["stamp_ns"]))]
     pub stamp: Timestamp,
     /// State of the estimator; while `Initialising` or `Failed` the values below are meaningless.
+    #[field(3, digest = 10, at = 528, columns = (3, &["tracking"]))]
     pub state: TrackingState,
     /// Pose of the body in the odometry frame.
+    #[field(4, digest = 3, at = 24, columns = (7, &[
+        "p_o_b_x_m", "p_o_b_y_m", "p_o_b_z_m", "q_o_b_x", "q_o_b_y", "q_o_b_z", "q_o_b_w",
+    ]))]
     pub pose_o_b: Isometry3<f64>,
     /// Velocity of the body in the odometry frame, m/s.
+    #[field(5, wire = "velocity_o_b", digest = 4, at = 80, columns = (8, &["v_o_b_x_m_s", "v_o_b_y_m_s", "v_o_b_z_m_s"]))]
     pub v_o_b: Vector3<f64>,
     /// Gyroscope bias, rad/s.
+    #[field(6, digest = 5, at = 104, columns = (9, &["bias_gyro_x_rad_s", "bias_gyro_y_rad_s", "bias_gyro_z_rad_s"]))]
     pub bias_gyro: Vector3<f64>,
     /// Accelerometer bias, m/s².
+    #[field(7, digest = 6, at = 128, columns = (10, &["bias_accel_x_m_s2", "bias_accel_y_m_s2", "bias_accel_z_m_s2"]))]
     pub bias_accel: Vector3<f64>,
-    /// Covariance of pose and velocity.
+    /// Covariance of position (m), attitude (rad) and velocity (m/s).
+    #[field(8, digest = 7, at = 152, columns = (11, &[
+        "var_p_x_m2", "var_p_y_m2", "var_p_z_m2", "var_theta_x_rad2", "var_theta_y_rad2", "var_theta_z_rad2",
+        "var_v_x_m2_s2", "var_v_y_m2_s2", "var_v_z_m2_s2", "var_heading_rad2",
+    ]))]
     pub covariance: NavCovariance,
     /// Share of [`Self::covariance`] that comes from before the last reset.
+    #[field(none)]
     pub origin: OriginUncertainty,
-    /// Variances of the biases.
-    pub bias_variances: BiasVariances,
     /// `t_imu - t_camera` as refined online, s.
+    #[field(
+        9, pair = time_offset_sigma_s, digest = 8, digest_as = |o| Part::get(&o.time_offset_s), at = 512,
+        columns = (12, &["time_offset_s", "time_offset_sigma_s"]),
+        about = "`t_imu - t_camera` as refined online, and its standard deviation, s."
+    )]
     pub time_offset_s: f64,
     /// Standard deviation of [`Self::time_offset_s`], s.
+    #[field(none)]
     pub time_offset_sigma_s: f64,
     /// Pose of the left camera in the body, as refined online.
+    #[field(10, digest = 9, columns = (13, &[
+        "p_b_c0_x_m", "p_b_c0_y_m", "p_b_c0_z_m", "q_b_c0_x", "q_b_c0_y", "q_b_c0_z", "q_b_c0_w",
+    ]))]
     pub pose_b_c0: Isometry3<f64>,
     /// -1 failed, else 0..=100.
+    #[field(11, digest = 11, at = 529, columns = (4, &["quality"]))]
     pub quality: i8,
     /// Errors and warnings.
+    #[field(12, wire = "health_bits", digest = 12, at = 520, columns = (5, &["health_bits"]))]
     pub health: HealthBits,
     /// Number of resets. Where it changes the pose may jump by any amount; in between each frame corrects it by
     /// millimetres with two cameras, now and then by some centimetres with one. [`Odometry`] takes such corrections up at
     /// a bounded rate.
+    #[field(13, digest = 13, at = 524, columns = (6, &["reset_counter"]))]
     pub reset_counter: u32,
     /// Figures of this frame.
+    #[field(14)]
     pub figures: FrameFigures,
+    /// Variances of the biases: gyroscope (rad²/s²), accelerometer (m²/s⁴).
+    #[field(15, columns = (27, &[
+        "var_bias_gyro_x_rad2_s2", "var_bias_gyro_y_rad2_s2", "var_bias_gyro_z_rad2_s2",
+        "var_bias_accel_x_m2_s4", "var_bias_accel_y_m2_s4", "var_bias_accel_z_m2_s4",
+    ]))]
+    pub bias_variances: BiasVariances,
 }
 
 impl Estimate {
@@ -89,91 +123,89 @@ impl Estimate {
     }
 }
 
-/// Defines the figures of a frame from their names, so that a new one is written, read and compared everywhere.
-macro_rules! frame_figures {
-    ($($(#[$doc:meta])* $name:ident,)*) => {
-        /// Work and outcome figures of one frame.
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-        pub struct FrameFigures {
-            $($(#[$doc])* pub $name: u32,)*
-            /// True if this frame became a keyframe.
-            pub is_keyframe: bool,
-        }
-
-        impl FrameFigures {
-            /// Names of all figures.
-            pub const NAMES: [&str; Self::COUNT] = [$(stringify!($name),)* "is_keyframe"];
-            const COUNT: usize = [$(stringify!($name)),*].len() + 1;
-
-            /// The figures as numbers, in the order of [`Self::NAMES`]; 1 for a keyframe.
-            #[must_use]
-            pub fn values(&self) -> [u32; Self::COUNT] {
-                [$(self.$name,)* self.is_keyframe.into()]
-            }
-
-            /// The figures of their numbers in the order of [`Self::NAMES`].
-            #[must_use]
-            pub fn of_values([$($name,)* is_keyframe]: [u32; Self::COUNT]) -> Self {
-                Self { $($name,)* is_keyframe: is_keyframe != 0 }
-            }
-        }
-    };
-}
-
-frame_figures! {
+/// Work and outcome figures of one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Record)]
+#[record("Figures")]
+pub struct FrameFigures {
     /// Points tracked in this frame.
-    points_tracked,
+    #[field(1, columns = (14, &["points_tracked"]))]
+    pub points_tracked: u32,
     /// Tracked points seen by both cameras.
-    points_stereo,
+    #[field(2, columns = (15, &["points_stereo"]))]
+    pub points_stereo: u32,
     /// Landmarks in the window after this frame.
-    points_in_window,
+    #[field(3, columns = (16, &["points_in_window"]))]
+    pub points_in_window: u32,
     /// Line segments found in the left image.
-    lines_raw,
+    #[field(4, columns = (17, &["lines_raw"]))]
+    pub lines_raw: u32,
     /// Line segments that are long enough.
-    lines_kept,
+    #[field(5, columns = (18, &["lines_kept"]))]
+    pub lines_kept: u32,
     /// Line segments after merging.
-    lines_merged,
+    #[field(6, columns = (19, &["lines_merged"]))]
+    pub lines_merged: u32,
     /// Merged line segments that continue a track.
-    lines_matched,
+    #[field(7, columns = (20, &["lines_matched"]))]
+    pub lines_matched: u32,
     /// Images whose line budget was spent before their last seed.
-    lines_cut_short,
+    #[field(8, columns = (21, &["lines_cut_short"]))]
+    pub lines_cut_short: u32,
     /// Line landmarks in the window after this frame.
-    lines_in_window,
+    #[field(9, columns = (22, &["lines_in_window"]))]
+    pub lines_in_window: u32,
     /// Line landmarks in the window along a direction of the structure.
-    lines_in_structure,
+    #[field(13, columns = (23, &["lines_in_structure"]))]
+    pub lines_in_structure: u32,
     /// Keyframes in the window.
-    keyframes,
+    #[field(10, columns = (24, &["keyframes"]))]
+    pub keyframes: u32,
     /// Solver iterations.
-    iterations,
+    #[field(11, columns = (25, &["iterations"]))]
+    pub iterations: u32,
+    /// True if this frame became a keyframe.
+    #[field(12, at = 530, columns = (26, &["is_keyframe"]))]
+    pub is_keyframe: bool,
 }
 
-/// The newest state carried forward to an inertial sample (200 Hz). Corrections enter at a bounded rate
-/// ([`crate::propagator::blend`]); a step is made only where [`Self::reset_counter`] or [`Self::jumps`] changes.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The newest state carried forward to an inertial sample (200 Hz). Corrections enter at a bounded rate; a step is made only where [`Self::reset_counter`] or [`Self::jumps`] changes.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Odometry")]
 pub struct Odometry {
     /// Counts odometry outputs.
+    #[field(1, at = 16)]
     pub sequence: u64,
     /// Time of the inertial sample.
+    #[field(2, wire = "stamp_ns", digest = 1, at = 0)]
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame.
+    #[field(3, digest = 2, at = 24)]
     pub pose_o_b: Isometry3<f64>,
     /// Velocity of the body in the odometry frame, m/s.
+    #[field(4, wire = "velocity_o_b", digest = 3, at = 80)]
     pub v_o_b: Vector3<f64>,
     /// Angular rate of the body, bias removed, in `B`, rad/s.
+    #[field(5, digest = 4, at = 104)]
     pub angular_rate_b: Vector3<f64>,
     /// Covariance, grown since the last frame by the IMU's noise, by what its biases may be, by what it did not measure,
     /// and by the corrections that are still to enter.
+    #[field(6, digest = 5, at = 128)]
     pub covariance: NavCovariance,
     /// State of the estimate it rests on.
+    #[field(7, at = 500)]
     pub state: TrackingState,
     /// Quality of the estimate it rests on.
+    #[field(8, at = 501)]
     pub quality: i8,
     /// Reset counter of the estimate it rests on.
+    #[field(9, at = 492)]
     pub reset_counter: u32,
     /// Number of steps within the same odometry frame since the beginning: corrections too large for a bounded rate, and
     /// odometry that resumed after an interruption without a reset.
+    #[field(10, digest = 6, digest_as = |o| Value::Whole(o.steps().into()), at = 496)]
     pub jumps: u32,
     /// Share of [`Self::covariance`] that comes from before the last reset.
+    #[field(none)]
     pub origin: OriginUncertainty,
 }
 

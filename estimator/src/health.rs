@@ -3,9 +3,25 @@
 //! From this table come the findings of a flight, the table in `docs/health.md` and the class `plumbline.Health` of the Python
 //! package; `make messages` writes both files.
 
+use plumbline_fields::{Part, Shape, Value};
+
 /// Error and warning bits of an estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HealthBits(pub u32);
+
+/// One number in messages.
+impl Part for HealthBits {
+    const SHAPE: Shape = Shape::Uint32;
+
+    fn get(&self) -> Value<'_> {
+        Value::Whole(self.0.into())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        self.0 = value.whole() as u32;
+        Ok(())
+    }
+}
 
 /// A health bit as people are told of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

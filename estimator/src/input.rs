@@ -1,6 +1,7 @@
 //! Input of the estimator beside inertial samples: frames and resets.
 
 use plumbline_config::{ImageView, Timestamp};
+use plumbline_fields::Record;
 
 /// The images of one instant, lent for the time of the call.
 ///
@@ -76,9 +77,11 @@ impl ImuAdmission {
 }
 
 /// Extent of a reset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Record)]
+#[record("ResetOrder.Kind", "an unknown kind of reset")]
 pub enum ResetKind {
     /// The map and the window go; the pose stays, with biases and calibration: the new start continues from them.
+    #[default]
     Soft,
     /// Discards everything, refined calibration, biases and stamps too: the new start begins at the origin.
     Hard,

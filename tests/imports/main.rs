@@ -38,6 +38,7 @@ const ESTIMATOR: &[&str] = &[
 /// Our crates.
 const CRATES: &[&str] = &[
     "config",
+    "config/fields",
     "config/keys",
     "drivers",
     "drivers/protocol",

@@ -88,7 +88,7 @@ impl Key {
 }
 
 /// The lines of a doc comment, one paragraph a line.
-fn comment(attributes: &[Attribute]) -> String {
+pub fn comment(attributes: &[Attribute]) -> String {
     let lines =
         attributes.iter().filter(|attribute| attribute.path().is_ident("doc")).filter_map(|attribute| {
             let Meta::NameValue(doc) = &attribute.meta else { return None };
@@ -100,7 +100,7 @@ fn comment(attributes: &[Attribute]) -> String {
 }
 
 /// What stands before the next comma.
-fn tokens(input: ParseStream<'_>) -> Result<Vec<TokenTree>> {
+pub fn tokens(input: ParseStream<'_>) -> Result<Vec<TokenTree>> {
     let mut found = Vec::new();
     while !input.is_empty() && !input.peek(Token![,]) {
         found.push(input.parse()?);

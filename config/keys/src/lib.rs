@@ -1,4 +1,6 @@
-//! The attribute `#[keys]`: one declaration of a table of the configuration, for the crate `plumbline-config`.
+//! Declarations beside the field: keys of a configuration by the attribute `#[keys]`, and records by `#[derive(Record)]`.
+//!
+//! # Keys, for the crate `plumbline-config`
 //!
 //! ```text
 //! /// Detection and tracking of points.
@@ -22,8 +24,36 @@
 //!
 //! The keys of the table (`crate::keys::Table`), serde's defaults and `Default` (`with_required` where keys are required) are made from a
 //! struct; the words that a key may have from an enum. The comment of a field is the text of its key.
+//!
+//! # Records, for the crate `plumbline-fields`
+//!
+//! ```text
+//! /// The newest state at an inertial sample.
+//! #[derive(Default, Record)]
+//! #[record("Odometry")]
+//! pub struct Odometry {
+//!     /// Time of the inertial sample.
+//!     #[field(2, wire = "stamp_ns", digest = 1, at = 0)]
+//!     pub stamp: Timestamp,
+//! }
+//! ```
+//!
+//! A record has the name of its message, and after it fields that are more than one place of it (`Field`). A field has its number in
+//! messages, and each where it applies:
+//!
+//! - `wire = "..."`, its name in the schema, if that is another, and `about = "..."` for another text than its comment;
+//! - `path = NAME`, for a field of the field; `pair = NAME`, for another that is one field with it;
+//! - `digest = PLACE`, place in the digest, from 1; `digest_as = |o| ...`, for another value there;
+//! - `at = BYTE`, first byte in the fixed layout of the local socket;
+//! - `columns = (PLACE, &["..."])`, place among the columns of a table, from 1, and their names;
+//! - `most = COUNT`, the bound of what comes from the network; `one`, a single number; `single`, numbers of single precision;
+//! - `none` alone, for what is left out on purpose.
+//!
+//! Numbers, places and bytes are those of logs, digests and programs that exist: a new field takes the next number. An enumeration has
+//! `#[record("Name", "an unknown name")]`, and its enumerators count from 1 in messages.
 
 mod key;
+mod record;
 
 use key::Key;
 use proc_macro2::TokenStream;
@@ -44,6 +74,13 @@ pub fn keys(_: proc_macro::TokenStream, item: proc_macro::TokenStream) -> proc_m
     };
     let made = made.unwrap_or_else(Error::into_compile_error);
     quote!(#input #made).into()
+}
+
+/// Makes a struct a record, and an enumeration a field of records.
+#[proc_macro_derive(Record, attributes(record, field))]
+pub fn record(item: proc_macro::TokenStream) -> proc_macro::TokenStream {
+    let input = parse_macro_input!(item as DeriveInput);
+    record::of(&input).unwrap_or_else(Error::into_compile_error).into()
 }
 
 /// A field with its key.

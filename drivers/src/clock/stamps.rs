@@ -1,5 +1,6 @@
 //! Defects of the stamps of a device or a program, in words that name the clock found and the clock expected.
 
+use plumbline_fields::Record;
 use serde::Serialize;
 use std::fmt;
 
@@ -110,16 +111,21 @@ impl StampProblem {
 }
 
 /// Stamps of a source: how many were used, and what was wrong with the others.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Record)]
+#[record("Stamps")]
 pub struct StampFigures {
     /// Frames or samples that were handed out.
+    #[field(1)]
     pub used: u64,
     /// Frames stamped by their arrival instead, since their stamp was of no clock of this computer.
+    #[field(2)]
     pub restamped: u64,
     /// Frames or samples that were dropped, since their stamp was repeated, went back, or was of no use.
+    #[field(3)]
     pub refused: u64,
     /// Defect of the stamps, if any.
     #[serde(skip)]
+    #[field(none)]
     pub problem: Option<StampProblem>,
 }
 

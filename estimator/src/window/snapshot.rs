@@ -5,49 +5,66 @@ use super::landmark::{LineLandmark, PointLandmark};
 use crate::estimate::Estimate;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
+use plumbline_fields::Record;
 
 /// Landmarks further from their host than this are directions rather than places, m.
 const FARTHEST_M: f64 = 100.0;
 
 /// A keyframe. Its measurement time names it: no two frames share one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("WindowKeyframe")]
 pub struct SnapshotKeyframe {
     /// When it was taken, on the IMU's time axis.
+    #[field(1, wire = "stamp_ns")]
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame.
+    #[field(2)]
     pub pose_o_b: Isometry3<f64>,
 }
 
 /// A point landmark.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("WindowPoint")]
 pub struct SnapshotPoint {
-    /// The keyframe that hosts it.
+    /// Stamp of the keyframe that hosts it.
+    #[field(1, wire = "host_ns")]
     pub host: Timestamp,
     /// Where it is in the odometry frame, m.
+    #[field(2, wire = "position_o", single)]
     pub p_o: Vector3<f64>,
 }
 
 /// A line landmark, cut off where its host saw it end.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("WindowLine")]
 pub struct SnapshotLine {
-    /// The keyframe that hosts it.
+    /// Stamp of the keyframe that hosts it.
+    #[field(1, wire = "host_ns")]
     pub host: Timestamp,
     /// Both ends in the odometry frame, m.
+    #[field(2, single)]
     pub ends_o: [Vector3<f64>; 2],
 }
 
-/// Keyframes and landmarks of the window after one frame, oldest first.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Keyframes and landmarks of the window after one frame, oldest first; on the key `map/keyframe` a keyframe that has left it, with its
+/// own landmarks as last estimated, which never changes again.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Window")]
 pub struct MapSnapshot {
     /// Time of the newest frame.
+    #[field(1, wire = "stamp_ns")]
     pub stamp: Timestamp,
     /// Resets so far.
+    #[field(2)]
     pub reset_counter: u32,
     /// Keyframes.
+    #[field(3, most = 64)]
     pub keyframes: Vec<SnapshotKeyframe>,
     /// Points with a depth.
+    #[field(4, most = 10_000)]
     pub points: Vec<SnapshotPoint>,
     /// Lines with a place.
+    #[field(5, most = 5_000)]
     pub lines: Vec<SnapshotLine>,
 }
 

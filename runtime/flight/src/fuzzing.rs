@@ -14,8 +14,8 @@ use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{ImuSource as _, StereoFrame, StereoSource as _};
-use plumbline_record::fields::Parts;
 use plumbline_record::parts::ImageAbout;
+use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Decode;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -88,15 +88,10 @@ fn log_message(channel: Channel, payload: &[u8]) {
 
 /// Asserts that a decoded message is the same after encoding and decoding it once more.
 fn again(decode: Decode, payload: &[u8]) {
-    let written = |record: &dyn Parts| {
-        let mut bytes = Vec::new();
-        record.append(&mut bytes);
-        bytes
-    };
     let Ok(value) = decode(payload) else { return };
-    let first = written(&*value);
+    let first = encode(&*value);
     let Ok(back) = decode(&first) else { panic!("what was written is refused: {first:?}") };
-    assert_eq!(written(&*back), first);
+    assert_eq!(encode(&*back), first);
 }
 
 /// Bytes from an autopilot: the first says how long the pieces are that the others come in. Messages are the same

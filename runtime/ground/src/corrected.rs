@@ -59,7 +59,11 @@ impl Corrected {
             sequence: envelope.sequence,
             published_ns: envelope.published_ns,
             pieces: unbroken.map(piece).collect(),
-            loops: message.loops.iter().map(|ends| [place(&ends[0].p_m_b), place(&ends[1].p_m_b)]).collect(),
+            loops: message
+                .loops
+                .iter()
+                .map(|ends| [place(&ends.seen.p_m_b), place(&ends.seen_by.p_m_b)])
+                .collect(),
             drift_m: message.drift_m,
         });
         self.announced = self.announced.max(envelope.sequence.saturating_add(1));
@@ -120,7 +124,7 @@ pub fn in_odometry(pose_m_o: &Isometry3<f64>, [x, y, z]: [f32; 3]) -> Vector3<f6
 mod tests {
     use super::*;
     use plumbline_config::Timestamp;
-    use plumbline_estimator::places::mapper::path::LoopEnd;
+    use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds};
     use plumbline_record::messages::Envelope;
 
     fn correction(published_ns: i64, pose_m_o: Option<Isometry3<f64>>) -> Heard<MapEstimate> {
@@ -146,7 +150,7 @@ mod tests {
         let end = |x: f64| LoopEnd { stamp, p_m_b: Vector3::new(x, x + 1.0, x + 2.0) };
         let mut message = MapPath::new(0);
         message.poses = vec![at(0.0, 0), at(7.0, 0), at(14.0, 1)];
-        message.loops = vec![[end(0.0), end(14.0)]];
+        message.loops = vec![LoopEnds { seen: end(0.0), seen_by: end(14.0) }];
         message.drift_m = Some(0.256);
         Heard { envelope: Envelope { published_ns, sequence, ..Envelope::default() }, message }
     }

@@ -179,11 +179,19 @@ fn print_state(vehicle: &str, Heard { envelope, message }: &Heard<FullEstimate>)
     }
 }
 
-/// Takes `bytes` as a message of a vehicle on the topic of this number, counted round.
+/// Number of a published topic in seeds, which stays while others come: that of its kind, if it has one.
 #[cfg(any(test, feature = "fuzzing"))]
-pub fn apply_numbered(fleet: &Mutex<Fleet>, topic: u8, bytes: &[u8]) {
+pub fn seed_number(topic: Topic) -> u8 {
+    let mut without_kind = Topic::published().filter(|(topic, _)| topic.kind() == 0);
+    without_kind.position(|(known, _)| known == topic).map_or(topic.kind() as u8, |place| place as u8)
+}
+
+/// Takes `bytes` as a message of a vehicle on the topic of this number; others are counted round.
+#[cfg(any(test, feature = "fuzzing"))]
+pub fn apply_numbered(fleet: &Mutex<Fleet>, number: u8, bytes: &[u8]) {
     let topics: Vec<Topic> = Topic::published().map(|(topic, _)| topic).collect();
-    apply(fleet, topics[usize::from(topic) % topics.len()], "drone", bytes, 0, false);
+    let known = topics.iter().find(|topic| seed_number(**topic) == number);
+    apply(fleet, *known.unwrap_or(&topics[usize::from(number) % topics.len()]), "drone", bytes, 0, false);
 }
 
 #[cfg(test)]

@@ -210,7 +210,7 @@ impl Outputs {
 
     fn take(&mut self, record: Record, message: &[u8], commands: &Commands) {
         if let Some((_, ros)) = &mut self.ros {
-            ros.take(&record);
+            ros.take(&record, message);
         }
         if let Record::Answer(answer) = record {
             return commands.take(answer);

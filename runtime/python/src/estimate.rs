@@ -2,8 +2,9 @@
 
 use crate::arrays::view;
 use nalgebra::{Isometry3, SMatrix, Vector3};
-use plumbline_estimator::estimate::{FrameFigures, NavCovariance, TrackingState};
+use plumbline_estimator::estimate::{FrameFigures, TrackingState};
 use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::fields::Record as _;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -19,19 +20,53 @@ pub(crate) fn orientation<'py>(
     view(owner, pose.rotation.coords.as_slice(), &[4], None)
 }
 
-pub(crate) fn covariance<'py>(
-    owner: &Bound<'py, PyAny>,
-    matrix: &NavCovariance,
-) -> PyResult<Bound<'py, PyAny>> {
-    // It lies by columns.
-    view(owner, matrix.as_slice(), &[9, 9], Some(&[1, 9]))
-}
-
 /// 4x4 matrix of a pose, row by row.
 pub(crate) fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
     let rows: SMatrix<f64, 4, 4> = pose.to_homogeneous().transpose();
     crate::arrays::block(py, rows.as_slice().to_vec(), &[4, 4])
 }
+
+/// Methods of a class of states: its own, and those that all have, of the state in this field.
+macro_rules! state_methods {
+    (impl $class:ident of $field:ident { $($own:tt)* }) => {
+        #[pymethods]
+        impl $class {
+            $($own)*
+
+            /// Position of B in O, m, shape (3,).
+            #[getter]
+            fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::vector(slf.as_any(), &slf.get().$field.pose_o_b.translation.vector)
+            }
+
+            /// Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,).
+            #[getter]
+            fn orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::orientation(slf.as_any(), &slf.get().$field.pose_o_b)
+            }
+
+            /// Velocity of B in O, m/s, shape (3,).
+            #[getter]
+            fn velocity<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::vector(slf.as_any(), &slf.get().$field.v_o_b)
+            }
+
+            /// Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9).
+            #[getter]
+            fn covariance<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+                // It lies by columns.
+                $crate::arrays::view(slf.as_any(), slf.get().$field.covariance.as_slice(), &[9, 9], Some(&[1, 9]))
+            }
+
+            /// Pose of B in O as a matrix, shape (4, 4), m.
+            fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::matrix(py, &self.$field.pose_o_b)
+            }
+        }
+    };
+}
+
+pub(crate) use state_methods;
 
 /// Name of a state, as in the tables of `plumbline replay --states`.
 pub const fn state_name(state: TrackingState) -> &'static str {
@@ -55,152 +90,124 @@ pub struct PyEstimate {
     pub estimate: Estimate,
 }
 
-#[pymethods]
-impl PyEstimate {
-    /// Sequence number of the frame.
-    #[getter]
-    fn frame(&self) -> u64 {
-        self.estimate.frame_sequence
-    }
-
-    /// Time of the state on the clock of the IMU, ns: the stamp of the image plus the estimated time offset.
-    #[getter]
-    fn stamp_ns(&self) -> i64 {
-        self.estimate.stamp.as_nanos()
-    }
-
-    /// "initialising", "tracking", "blind" (IMU alone) or "failed".
-    #[getter]
-    fn state(&self) -> &'static str {
-        state_name(self.estimate.state)
-    }
-
-    /// True if pose, velocity, biases and covariance are valid.
-    #[getter]
-    fn has_pose(&self) -> bool {
-        self.estimate.has_pose()
-    }
-
-    /// Position of B in O, m, shape (3,).
-    #[getter]
-    fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().estimate.pose_o_b.translation.vector)
-    }
-
-    /// Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,).
-    #[getter]
-    fn orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        orientation(slf.as_any(), &slf.get().estimate.pose_o_b)
-    }
-
-    /// Velocity of B in O, m/s, shape (3,).
-    #[getter]
-    fn velocity<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().estimate.v_o_b)
-    }
-
-    /// Bias of the gyroscope, rad/s, shape (3,).
-    #[getter]
-    fn gyro_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().estimate.bias_gyro)
-    }
-
-    /// Bias of the accelerometer, m/s^2, shape (3,).
-    #[getter]
-    fn accel_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().estimate.bias_accel)
-    }
-
-    /// Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9).
-    #[getter]
-    fn covariance<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        covariance(slf.as_any(), &slf.get().estimate.covariance)
-    }
-
-    /// Variances of the biases: gyroscope (0:3, rad^2/s^2) and accelerometer (3:6, m^2/s^4), shape (6,).
-    #[getter]
-    fn bias_variances<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        view(slf.as_any(), slf.get().estimate.bias_variances.as_slice(), &[6], None)
-    }
-
-    /// Position of the left camera in B, refined online, m, shape (3,).
-    #[getter]
-    fn camera_position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().estimate.pose_b_c0.translation.vector)
-    }
-
-    /// Rotation that takes coordinates from the left camera to B, refined online: quaternion x y z w, shape (4,).
-    #[getter]
-    fn camera_orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        orientation(slf.as_any(), &slf.get().estimate.pose_b_c0)
-    }
-
-    /// Time of the IMU minus time of the cameras, refined online, s.
-    #[getter]
-    fn time_offset_s(&self) -> f64 {
-        self.estimate.time_offset_s
-    }
-
-    /// Standard deviation of `time_offset_s`, s.
-    #[getter]
-    fn time_offset_sigma_s(&self) -> f64 {
-        self.estimate.time_offset_sigma_s
-    }
-
-    /// Quality from 0 to 100; -1 if the estimator failed.
-    #[getter]
-    fn quality(&self) -> i8 {
-        self.estimate.quality
-    }
-
-    /// Errors and warnings: bits of `plumbline.Health`.
-    #[getter]
-    fn health(&self) -> u32 {
-        self.estimate.health.0
-    }
-
-    /// Names of the bits of `health`.
-    #[getter]
-    fn health_names(&self) -> Vec<&'static str> {
-        self.estimate.health.names().collect()
-    }
-
-    /// Number of resets so far: the pose may jump where it changes.
-    #[getter]
-    fn reset_counter(&self) -> u32 {
-        self.estimate.reset_counter
-    }
-
-    /// Counts of the frame by name: points, lines, landmarks, iterations.
-    #[getter]
-    fn figures<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let figures = PyDict::new(py);
-        for (name, value) in FrameFigures::NAMES.iter().zip(self.estimate.figures.values()) {
-            figures.set_item(name, value)?;
+state_methods! {
+    impl PyEstimate of estimate {
+        /// Sequence number of the frame.
+        #[getter]
+        fn frame(&self) -> u64 {
+            self.estimate.frame_sequence
         }
-        Ok(figures)
-    }
 
-    /// Pose of B in O as a matrix, shape (4, 4), m.
-    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        matrix(py, &self.estimate.pose_o_b)
-    }
+        /// Time of the state on the clock of the IMU, ns: the stamp of the image plus the estimated time offset.
+        #[getter]
+        fn stamp_ns(&self) -> i64 {
+            self.estimate.stamp.as_nanos()
+        }
 
-    fn __repr__(&self) -> String {
-        let e = &self.estimate;
-        let place = match e.pose() {
-            Some(pose) => {
-                let p = &pose.translation.vector;
-                format!("position [{:.3}, {:.3}, {:.3}] m", p.x, p.y, p.z)
+        /// "initialising", "tracking", "blind" (IMU alone) or "failed".
+        #[getter]
+        fn state(&self) -> &'static str {
+            state_name(self.estimate.state)
+        }
+
+        /// True if pose, velocity, biases and covariance are valid.
+        #[getter]
+        fn has_pose(&self) -> bool {
+            self.estimate.has_pose()
+        }
+
+        /// Bias of the gyroscope, rad/s, shape (3,).
+        #[getter]
+        fn gyro_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            vector(slf.as_any(), &slf.get().estimate.bias_gyro)
+        }
+
+        /// Bias of the accelerometer, m/s^2, shape (3,).
+        #[getter]
+        fn accel_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            vector(slf.as_any(), &slf.get().estimate.bias_accel)
+        }
+
+        /// Variances of the biases: gyroscope (0:3, rad^2/s^2) and accelerometer (3:6, m^2/s^4), shape (6,).
+        #[getter]
+        fn bias_variances<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            view(slf.as_any(), slf.get().estimate.bias_variances.as_slice(), &[6], None)
+        }
+
+        /// Position of the left camera in B, refined online, m, shape (3,).
+        #[getter]
+        fn camera_position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            vector(slf.as_any(), &slf.get().estimate.pose_b_c0.translation.vector)
+        }
+
+        /// Rotation that takes coordinates from the left camera to B, refined online: quaternion x y z w, shape (4,).
+        #[getter]
+        fn camera_orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            orientation(slf.as_any(), &slf.get().estimate.pose_b_c0)
+        }
+
+        /// Time of the IMU minus time of the cameras, refined online, s.
+        #[getter]
+        fn time_offset_s(&self) -> f64 {
+            self.estimate.time_offset_s
+        }
+
+        /// Standard deviation of `time_offset_s`, s.
+        #[getter]
+        fn time_offset_sigma_s(&self) -> f64 {
+            self.estimate.time_offset_sigma_s
+        }
+
+        /// Quality from 0 to 100; -1 if the estimator failed.
+        #[getter]
+        fn quality(&self) -> i8 {
+            self.estimate.quality
+        }
+
+        /// Errors and warnings: bits of `plumbline.Health`.
+        #[getter]
+        fn health(&self) -> u32 {
+            self.estimate.health.0
+        }
+
+        /// Names of the bits of `health`.
+        #[getter]
+        fn health_names(&self) -> Vec<&'static str> {
+            self.estimate.health.names().collect()
+        }
+
+        /// Number of resets so far: the pose may jump where it changes.
+        #[getter]
+        fn reset_counter(&self) -> u32 {
+            self.estimate.reset_counter
+        }
+
+        /// Counts of the frame by name: points, lines, landmarks, iterations.
+        #[getter]
+        fn figures<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+            let figures = PyDict::new(py);
+            for field in FrameFigures::FIELDS {
+                figures.set_item(field.about.name, (field.get)(&self.estimate.figures).whole())?;
             }
-            None => "no pose".into(),
-        };
-        let state = state_name(e.state);
-        format!(
-            "<plumbline.Estimate frame {} at {} ns: {state}, {place}>",
-            e.frame_sequence,
-            e.stamp.as_nanos()
-        )
+            Ok(figures)
+        }
+
+        fn __repr__(&self) -> String {
+            let e = &self.estimate;
+            let place = match e.pose() {
+                Some(pose) => {
+                    let p = &pose.translation.vector;
+                    format!("position [{:.3}, {:.3}, {:.3}] m", p.x, p.y, p.z)
+                }
+                None => "no pose".into(),
+            };
+            let state = state_name(e.state);
+            format!(
+                "<plumbline.Estimate frame {} at {} ns: {state}, {place}>",
+                e.frame_sequence,
+                e.stamp.as_nanos()
+            )
+        }
     }
 }
 
@@ -211,94 +218,66 @@ pub struct PyOdometry {
     pub odometry: Odometry,
 }
 
-#[pymethods]
-impl PyOdometry {
-    /// Count of odometry outputs.
-    #[getter]
-    fn sequence(&self) -> u64 {
-        self.odometry.sequence
-    }
+state_methods! {
+    impl PyOdometry of odometry {
+        /// Count of odometry outputs.
+        #[getter]
+        fn sequence(&self) -> u64 {
+            self.odometry.sequence
+        }
 
-    /// Time of the inertial sample, ns.
-    #[getter]
-    fn stamp_ns(&self) -> i64 {
-        self.odometry.stamp.as_nanos()
-    }
+        /// Time of the inertial sample, ns.
+        #[getter]
+        fn stamp_ns(&self) -> i64 {
+            self.odometry.stamp.as_nanos()
+        }
 
-    /// State of the estimate that it rests on: "initialising", "tracking", "blind" or "failed".
-    #[getter]
-    fn state(&self) -> &'static str {
-        state_name(self.odometry.state)
-    }
+        /// State of the estimate that it rests on: "initialising", "tracking", "blind" or "failed".
+        #[getter]
+        fn state(&self) -> &'static str {
+            state_name(self.odometry.state)
+        }
 
-    /// True if pose, velocity and covariance are valid.
-    #[getter]
-    fn has_pose(&self) -> bool {
-        has_pose(self.odometry.state)
-    }
+        /// True if pose, velocity and covariance are valid.
+        #[getter]
+        fn has_pose(&self) -> bool {
+            has_pose(self.odometry.state)
+        }
 
-    /// Position of B in O, m, shape (3,).
-    #[getter]
-    fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().odometry.pose_o_b.translation.vector)
-    }
+        /// Angular rate of B in B, bias removed, rad/s, shape (3,).
+        #[getter]
+        fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            vector(slf.as_any(), &slf.get().odometry.angular_rate_b)
+        }
 
-    /// Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,).
-    #[getter]
-    fn orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        orientation(slf.as_any(), &slf.get().odometry.pose_o_b)
-    }
+        /// Quality of the estimate that it rests on: 0 to 100, -1 if the estimator failed.
+        #[getter]
+        fn quality(&self) -> i8 {
+            self.odometry.quality
+        }
 
-    /// Velocity of B in O, m/s, shape (3,).
-    #[getter]
-    fn velocity<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().odometry.v_o_b)
-    }
+        /// Number of resets so far.
+        #[getter]
+        fn reset_counter(&self) -> u32 {
+            self.odometry.reset_counter
+        }
 
-    /// Angular rate of B in B, bias removed, rad/s, shape (3,).
-    #[getter]
-    fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().odometry.angular_rate_b)
-    }
+        /// Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit.
+        #[getter]
+        fn jumps(&self) -> u32 {
+            self.odometry.jumps
+        }
 
-    /// Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9).
-    #[getter]
-    fn covariance<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        covariance(slf.as_any(), &slf.get().odometry.covariance)
-    }
-
-    /// Quality of the estimate that it rests on: 0 to 100, -1 if the estimator failed.
-    #[getter]
-    fn quality(&self) -> i8 {
-        self.odometry.quality
-    }
-
-    /// Number of resets so far.
-    #[getter]
-    fn reset_counter(&self) -> u32 {
-        self.odometry.reset_counter
-    }
-
-    /// Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit.
-    #[getter]
-    fn jumps(&self) -> u32 {
-        self.odometry.jumps
-    }
-
-    /// Pose of B in O as a matrix, shape (4, 4), m.
-    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        matrix(py, &self.odometry.pose_o_b)
-    }
-
-    fn __repr__(&self) -> String {
-        let (o, p) = (&self.odometry, &self.odometry.pose_o_b.translation.vector);
-        let state = state_name(o.state);
-        format!(
-            "<plumbline.Odometry at {} ns: {state}, position [{:.3}, {:.3}, {:.3}] m>",
-            o.stamp.as_nanos(),
-            p.x,
-            p.y,
-            p.z
-        )
+        fn __repr__(&self) -> String {
+            let (o, p) = (&self.odometry, &self.odometry.pose_o_b.translation.vector);
+            let state = state_name(o.state);
+            format!(
+                "<plumbline.Odometry at {} ns: {state}, position [{:.3}, {:.3}, {:.3}] m>",
+                o.stamp.as_nanos(),
+                p.x,
+                p.y,
+                p.z
+            )
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! State at an instant.
 
-use crate::estimate::{covariance, matrix, orientation, state_name, vector};
+use crate::estimate::{state_methods, state_name, vector};
 use plumbline_estimator::Instant;
 use pyo3::prelude::*;
 
@@ -10,86 +10,58 @@ pub struct PyInstant {
     pub instant: Instant,
 }
 
-#[pymethods]
-impl PyInstant {
-    /// The instant, ns.
-    #[getter]
-    fn stamp_ns(&self) -> i64 {
-        self.instant.stamp.as_nanos()
-    }
+state_methods! {
+    impl PyInstant of instant {
+        /// The instant, ns.
+        #[getter]
+        fn stamp_ns(&self) -> i64 {
+            self.instant.stamp.as_nanos()
+        }
 
-    /// Time of the estimate before it, ns.
-    #[getter]
-    fn estimated_ns(&self) -> i64 {
-        self.instant.estimated.as_nanos()
-    }
+        /// Time of the estimate before it, ns.
+        #[getter]
+        fn estimated_ns(&self) -> i64 {
+            self.instant.estimated.as_nanos()
+        }
 
-    /// Whether there is an estimate after it too: the answer would not change any more.
-    #[getter]
-    fn settled(&self) -> bool {
-        self.instant.is_settled
-    }
+        /// Whether there is an estimate after it too: the answer would not change any more.
+        #[getter]
+        fn settled(&self) -> bool {
+            self.instant.is_settled
+        }
 
-    /// State of the estimate before it: "tracking" or "blind".
-    #[getter]
-    fn state(&self) -> &'static str {
-        state_name(self.instant.state)
-    }
+        /// State of the estimate before it: "tracking" or "blind".
+        #[getter]
+        fn state(&self) -> &'static str {
+            state_name(self.instant.state)
+        }
 
-    /// Position of B in O, m, shape (3,).
-    #[getter]
-    fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().instant.pose_o_b.translation.vector)
-    }
+        /// Angular rate of B in B, bias removed, rad/s, shape (3,).
+        #[getter]
+        fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+            vector(slf.as_any(), &slf.get().instant.angular_rate_b)
+        }
 
-    /// Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,).
-    #[getter]
-    fn orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        orientation(slf.as_any(), &slf.get().instant.pose_o_b)
-    }
+        /// Quality of the estimate before it: 0 to 100.
+        #[getter]
+        fn quality(&self) -> i8 {
+            self.instant.quality
+        }
 
-    /// Velocity of B in O, m/s, shape (3,).
-    #[getter]
-    fn velocity<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().instant.v_o_b)
-    }
+        /// Number of resets until then.
+        #[getter]
+        fn reset_counter(&self) -> u32 {
+            self.instant.reset_counter
+        }
 
-    /// Angular rate of B in B, bias removed, rad/s, shape (3,).
-    #[getter]
-    fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        vector(slf.as_any(), &slf.get().instant.angular_rate_b)
-    }
-
-    /// Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9).
-    #[getter]
-    fn covariance<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        covariance(slf.as_any(), &slf.get().instant.covariance)
-    }
-
-    /// Quality of the estimate before it: 0 to 100.
-    #[getter]
-    fn quality(&self) -> i8 {
-        self.instant.quality
-    }
-
-    /// Number of resets until then.
-    #[getter]
-    fn reset_counter(&self) -> u32 {
-        self.instant.reset_counter
-    }
-
-    /// Pose of B in O as a matrix, shape (4, 4), m.
-    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        matrix(py, &self.instant.pose_o_b)
-    }
-
-    fn __repr__(&self) -> String {
-        let (at, p) = (&self.instant, &self.instant.pose_o_b.translation.vector);
-        let stamp_ns = at.stamp.as_nanos();
-        let state = state_name(at.state);
-        format!(
-            "<plumbline.Instant at {stamp_ns} ns: {state}, position [{:.3}, {:.3}, {:.3}] m>",
-            p.x, p.y, p.z
-        )
+        fn __repr__(&self) -> String {
+            let (at, p) = (&self.instant, &self.instant.pose_o_b.translation.vector);
+            let stamp_ns = at.stamp.as_nanos();
+            let state = state_name(at.state);
+            format!(
+                "<plumbline.Instant at {stamp_ns} ns: {state}, position [{:.3}, {:.3}, {:.3}] m>",
+                p.x, p.y, p.z
+            )
+        }
     }
 }

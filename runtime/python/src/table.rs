@@ -1,15 +1,18 @@
 //! Many values of a flight as columns: one array for each quantity.
 
-use crate::arrays::column;
+use crate::arrays::{Number, column};
 use crate::estimate::has_pose;
 use nalgebra::{Isometry3, SMatrix, SVector};
 use plumbline_config::ImuSample;
 use plumbline_drivers::StampedPose;
-use plumbline_estimator::estimate::{FrameFigures, NavCovariance, TrackingState};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::fields::{Field, Record, Shape, Value};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+
+/// Shape of a covariance of position, attitude and velocity.
+const ROWS_OF_COVARIANCE: &[usize] = &[9, 9];
 
 /// Columns by their names.
 struct Columns<'py>(Bound<'py, PyDict>);
@@ -20,7 +23,7 @@ impl<'py> Columns<'py> {
     }
 
     /// Adds a column of one number a row.
-    fn put<T: crate::arrays::Number>(&self, name: &str, values: impl Iterator<Item = T>) -> PyResult<()> {
+    fn put<T: Number>(&self, name: &str, values: impl Iterator<Item = T>) -> PyResult<()> {
         self.0.set_item(name, column(self.0.py(), values.collect(), &[])?)
     }
 
@@ -29,17 +32,75 @@ impl<'py> Columns<'py> {
         self.0.set_item(name, column(self.0.py(), rows.flatten().collect(), &[N])?)
     }
 
-    /// Adds a column of covariances of position, attitude and velocity; NaN where there is none.
-    fn put_covariances<'a>(&self, rows: impl Iterator<Item = Option<&'a NavCovariance>>) -> PyResult<()> {
-        let mut numbers = Vec::new();
-        for row in rows {
-            match row {
-                // It lies by columns.
-                Some(matrix) => numbers.extend(matrix.transpose().iter()),
-                None => numbers.extend([f64::NAN; 81]),
+    /// Adds the columns of a field; real numbers are NaN in rows of which `is_known` says so.
+    fn put_field<R: Record>(&self, field: &Field<R>, rows: &[R], is_known: fn(&R) -> bool) -> PyResult<()> {
+        let [first, second] = names(field.about.name);
+        let whole = || rows.iter().map(|row| (field.get)(row).whole());
+        let reals = |name: &str, run: usize, shape: &[usize]| {
+            let mut numbers = Vec::new();
+            let width = shape.iter().product();
+            for row in rows {
+                match (field.get)(row) {
+                    // It lies by columns.
+                    Value::Floats([matrix, []]) if is_known(row) && shape == ROWS_OF_COVARIANCE => {
+                        numbers.extend((0..width).map(|k| matrix[k % 9 * 9 + k / 9]));
+                    }
+                    Value::Floats(runs) if is_known(row) && runs[run].len() == width => {
+                        numbers.extend(runs[run])
+                    }
+                    _ => numbers.resize(numbers.len() + width, f64::NAN),
+                }
             }
+            self.0.set_item(name, column(self.0.py(), numbers, shape)?)
+        };
+        match field.about.shape {
+            Shape::Uint64 => self.put(first, whole().map(|n| n as u64)),
+            Shape::Uint32 => self.put(first, whole().map(|n| n as u32)),
+            Shape::Sint32 => self.put(first, whole().map(|n| n as i8)),
+            Shape::Flag => self.put(first, whole().map(|n| n != 0)),
+            Shape::Enumerator(_) => self.put(first, whole().map(|n| n as u8)),
+            Shape::Int64 => self.put(first, whole()),
+            Shape::Covariance => reals(first, 0, ROWS_OF_COVARIANCE),
+            Shape::Message(_) => self.put_part(field, rows),
+            _ => match (field.get)(&R::default()) {
+                Value::Floats([[_], []]) => reals(first, 0, &[]),
+                Value::Floats([[_], [_]]) => reals(first, 0, &[]).and_then(|()| reals(second, 1, &[])),
+                Value::Floats([numbers, []]) => reals(first, 0, &[numbers.len()]),
+                // A pose.
+                _ => reals(first, 0, &[3]).and_then(|()| reals(second, 1, &[4])),
+            },
         }
-        self.0.set_item("covariance", column(self.0.py(), numbers, &[9, 9])?)
+    }
+
+    /// Adds the counts in a part, by their names.
+    fn put_part<R: Record>(&self, field: &Field<R>, rows: &[R]) -> PyResult<()> {
+        let (columns, blank) = (Columns::new(self.0.py()), R::default());
+        let Value::Part(part) = (field.get)(&blank) else { return Ok(()) };
+        for tag in 1..=part.count() as u32 {
+            let Some((about, _)) = part.field(tag) else { continue };
+            let value = |row: &R| match (field.get)(row) {
+                Value::Part(part) => part.field(tag).map_or(0, |(_, value)| value.whole() as u32),
+                _ => 0,
+            };
+            columns.put(about.name, rows.iter().map(value))?;
+        }
+        self.0.set_item(field.about.name, columns.0)
+    }
+}
+
+/// Names of a field in Python; the second is that of the rotation of a pose, or of the other number of a pair.
+fn names(field: &'static str) -> [&'static str; 2] {
+    match field {
+        "frame_sequence" => ["frame", ""],
+        "stamp" => ["stamp_ns", ""],
+        "pose_o_b" | "pose_m_o" => ["position", "orientation"],
+        "pose_b_c0" => ["camera_position", "camera_orientation"],
+        "v_o_b" => ["velocity", ""],
+        "angular_rate_b" => ["angular_rate", ""],
+        "bias_gyro" => ["gyro_bias", ""],
+        "bias_accel" => ["accel_bias", ""],
+        "time_offset_s" => ["time_offset_s", "time_offset_sigma_s"],
+        name => [name, ""],
     }
 }
 
@@ -55,73 +116,30 @@ fn orientation(pose: &Isometry3<f64>) -> [f64; 4] {
     numbers(&pose.rotation.coords)
 }
 
-/// The value, or NaN where there is none.
-fn or_nan<const N: usize>(is_known: bool, value: [f64; N]) -> [f64; N] {
-    if is_known { value } else { [f64::NAN; N] }
-}
-
-fn code(state: TrackingState) -> u8 {
-    match state {
-        TrackingState::Initialising => 0,
-        TrackingState::Tracking => 1,
-        TrackingState::Blind => 2,
-        TrackingState::Failed => 3,
-    }
+/// Columns of every field of records; real numbers are NaN in rows of which `is_known` says so.
+fn records<'py, R: Record>(py: Python<'py>, rows: &[R], is_known: fn(&R) -> bool) -> PyResult<Columns<'py>> {
+    let columns = Columns::new(py);
+    R::FIELDS.iter().try_for_each(|field| columns.put_field(field, rows, is_known))?;
+    Ok(columns)
 }
 
 /// Columns of estimates, one row a frame; real numbers are NaN in a row without a pose.
 pub fn estimates<'py>(py: Python<'py>, rows: &[Estimate]) -> PyResult<Bound<'py, PyDict>> {
-    let columns = Columns::new(py);
-    let of = |of: fn(&Estimate) -> [f64; 3]| rows.iter().map(move |e| or_nan(e.has_pose(), of(e)));
-    columns.put("frame", rows.iter().map(|e| e.frame_sequence))?;
-    columns.put("stamp_ns", rows.iter().map(|e| e.stamp.as_nanos()))?;
-    columns.put("state", rows.iter().map(|e| code(e.state)))?;
+    let columns = records(py, rows, Estimate::has_pose)?;
     columns.put("has_pose", rows.iter().map(Estimate::has_pose))?;
-    columns.put("quality", rows.iter().map(|e| e.quality))?;
-    columns.put("health", rows.iter().map(|e| e.health.0))?;
-    columns.put("reset_counter", rows.iter().map(|e| e.reset_counter))?;
-    columns.put_rows("position", of(|e| position(&e.pose_o_b)))?;
-    columns.put_rows("orientation", rows.iter().map(|e| or_nan(e.has_pose(), orientation(&e.pose_o_b))))?;
-    columns.put_rows("velocity", of(|e| numbers(&e.v_o_b)))?;
-    columns.put_rows("gyro_bias", of(|e| numbers(&e.bias_gyro)))?;
-    columns.put_rows("accel_bias", of(|e| numbers(&e.bias_accel)))?;
-    columns.put_covariances(rows.iter().map(|e| e.has_pose().then_some(&e.covariance)))?;
-    columns
-        .put_rows("bias_variances", rows.iter().map(|e| or_nan(e.has_pose(), numbers(&e.bias_variances))))?;
-    columns.put("time_offset_s", rows.iter().map(|e| or_nan(e.has_pose(), [e.time_offset_s])[0]))?;
-    columns
-        .put("time_offset_sigma_s", rows.iter().map(|e| or_nan(e.has_pose(), [e.time_offset_sigma_s])[0]))?;
-    columns.put_rows("camera_position", of(|e| position(&e.pose_b_c0)))?;
-    columns.put_rows(
-        "camera_orientation",
-        rows.iter().map(|e| or_nan(e.has_pose(), orientation(&e.pose_b_c0))),
-    )?;
-    let figures = Columns::new(py);
-    for (index, name) in FrameFigures::NAMES.iter().enumerate() {
-        figures.put(name, rows.iter().map(|e| e.figures.values()[index]))?;
-    }
-    columns.0.set_item("figures", figures.0)?;
     Ok(columns.0)
 }
 
 /// Columns of odometry, one row an inertial sample; real numbers are NaN in a row without a pose.
 pub fn odometry<'py>(py: Python<'py>, rows: &[Odometry]) -> PyResult<Bound<'py, PyDict>> {
-    let columns = Columns::new(py);
-    let is_known = |o: &Odometry| has_pose(o.state);
-    let of = |of: fn(&Odometry) -> [f64; 3]| rows.iter().map(move |o| or_nan(is_known(o), of(o)));
-    columns.put("sequence", rows.iter().map(|o| o.sequence))?;
-    columns.put("stamp_ns", rows.iter().map(|o| o.stamp.as_nanos()))?;
-    columns.put("state", rows.iter().map(|o| code(o.state)))?;
-    columns.put("has_pose", rows.iter().map(is_known))?;
-    columns.put("quality", rows.iter().map(|o| o.quality))?;
-    columns.put("reset_counter", rows.iter().map(|o| o.reset_counter))?;
-    columns.put("jumps", rows.iter().map(|o| o.jumps))?;
-    columns.put_rows("position", of(|o| position(&o.pose_o_b)))?;
-    columns.put_rows("orientation", rows.iter().map(|o| or_nan(is_known(o), orientation(&o.pose_o_b))))?;
-    columns.put_rows("velocity", of(|o| numbers(&o.v_o_b)))?;
-    columns.put_rows("angular_rate", of(|o| numbers(&o.angular_rate_b)))?;
-    columns.put_covariances(rows.iter().map(|o| is_known(o).then_some(&o.covariance)))?;
+    let columns = records(py, rows, |o| has_pose(o.state))?;
+    columns.put("has_pose", rows.iter().map(|o| has_pose(o.state)))?;
     Ok(columns.0)
+}
+
+/// Columns of poses of the odometry frame in the map, NaN while they are not known.
+pub fn map<'py>(py: Python<'py>, rows: &[MapEstimate]) -> PyResult<Bound<'py, PyDict>> {
+    Ok(records(py, rows, |_| true)?.0)
 }
 
 /// Columns of poses.
@@ -139,20 +157,6 @@ pub fn imu<'py>(py: Python<'py>, rows: &[ImuSample]) -> PyResult<Bound<'py, PyDi
     columns.put("stamp_ns", rows.iter().map(|s| s.stamp.as_nanos()))?;
     columns.put_rows("gyro", rows.iter().map(|s| numbers(&s.gyro)))?;
     columns.put_rows("accel", rows.iter().map(|s| numbers(&s.accel)))?;
-    Ok(columns.0)
-}
-
-/// Columns of poses of the odometry frame in the map, NaN while they are not known.
-pub fn map<'py>(py: Python<'py>, rows: &[MapEstimate]) -> PyResult<Bound<'py, PyDict>> {
-    let columns = Columns::new(py);
-    columns.put("frame", rows.iter().map(|m| m.frame_sequence))?;
-    columns.put("stamp_ns", rows.iter().map(|m| m.stamp.as_nanos()))?;
-    let of = |m: &MapEstimate| m.pose_m_o.as_ref().map_or([f64::NAN; 3], position);
-    columns.put_rows("position", rows.iter().map(of))?;
-    let of = |m: &MapEstimate| m.pose_m_o.as_ref().map_or([f64::NAN; 4], orientation);
-    columns.put_rows("orientation", rows.iter().map(of))?;
-    columns.put("keyframes", rows.iter().map(|m| m.keyframes))?;
-    columns.put("loops_used", rows.iter().map(|m| m.loops_used))?;
     Ok(columns.0)
 }
 

@@ -5,26 +5,13 @@
 //! body's x axis (right perturbation `R Exp(dtheta)`), `cov_p_x_theta_y_m_rad` the covariance of two errors. Quaternions
 //! are Hamilton, columns in the order x y z w. A frame without a pose has empty cells where real numbers would stand.
 
-use crate::fields::{About, Parts as _, Record as _, Shape, Value};
 pub mod instants;
 
+use crate::fields::{About, Parts as _, Record as _, Shape, Value};
 use nalgebra::Vector3;
 use plumbline_estimator::Estimate;
 use std::fmt::Write as _;
 
-/// Columns of the variances of position, attitude and velocity, and of the heading, which follows from them.
-pub const VARIANCES: &[&str] = &[
-    "var_p_x_m2",
-    "var_p_y_m2",
-    "var_p_z_m2",
-    "var_theta_x_rad2",
-    "var_theta_y_rad2",
-    "var_theta_z_rad2",
-    "var_v_x_m2_s2",
-    "var_v_y_m2_s2",
-    "var_v_z_m2_s2",
-    "var_heading_rad2",
-];
 /// Rows and columns of a covariance: names and units.
 const AXES: [(&str, &str); 9] = [
     ("p_x", "m"),
@@ -77,7 +64,7 @@ fn off_diagonal() -> impl Iterator<Item = (usize, usize)> {
 /// Names of all columns, in order.
 #[must_use]
 pub fn names() -> Vec<String> {
-    let blank = Estimate::blank();
+    let blank = Estimate::default();
     let named = fields(&blank).into_iter().flat_map(|(_, about, _)| about.columns.1).map(|n| (*n).to_owned());
     named.chain(covariance_names()).collect()
 }
@@ -200,7 +187,7 @@ pub fn parse_row(line: &str, count: usize) -> Result<Estimate, String> {
         return Err(format!("{found} cells, expected {count}"));
     }
     let mut cells = Cells { cells: line.split(',').enumerate() };
-    let (blank, mut e) = (Estimate::blank(), Estimate::blank());
+    let (blank, mut e) = (Estimate::default(), Estimate::default());
     for (place, about, value) in fields(&blank) {
         let is_first = about.columns.0 <= 26;
         if count == FIRST_COLUMNS && !is_first {

@@ -1,8 +1,7 @@
 //! Recorded outputs against those of a re-execution, bit for bit.
 
-use crate::fields::{Parts, Record, Value};
+use crate::fields::{Parts, Record, Value, stamp_of};
 use crate::orders::InstantAnswer;
-use plumbline_config::Timestamp;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use serde::Serialize;
@@ -38,8 +37,6 @@ pub trait Output: Record {
     const OUTPUT: &'static str;
     /// Its number in its stream.
     fn sequence(&self) -> u64;
-    /// Its measurement time.
-    fn stamp(&self) -> Timestamp;
 }
 
 macro_rules! outputs {
@@ -50,28 +47,13 @@ macro_rules! outputs {
             fn sequence(&self) -> u64 {
                 self.$sequence
             }
-
-            fn stamp(&self) -> Timestamp {
-                self.stamp
-            }
         }
     )*};
 }
 
-impl Output for InstantAnswer {
-    const OUTPUT: &'static str = "state at instant";
-
-    fn sequence(&self) -> u64 {
-        self.sequence
-    }
-
-    fn stamp(&self) -> Timestamp {
-        self.instant.stamp
-    }
-}
-
 outputs! {
     Estimate, "estimate of frame", frame_sequence;
+    InstantAnswer, "state at instant", sequence;
     MapEstimate, "pose in the map of frame", frame_sequence;
     Odometry, "odometry", sequence;
 }
@@ -120,7 +102,7 @@ fn in_full(number: f64) -> String {
 fn told<T: Output>(output: &T, recorded: String, executed: String) -> Difference {
     Difference {
         output: format!("{} {}", T::OUTPUT, output.sequence()),
-        stamp: output.stamp().to_string(),
+        stamp: stamp_of(output).unwrap_or_default().to_string(),
         field: "the output".into(),
         recorded,
         executed,

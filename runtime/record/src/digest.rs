@@ -1,6 +1,6 @@
 //! SHA-256 over the bits of what was estimated: two runs agree in it or differ.
 //!
-//! It holds what a user of the estimate acts on, in the order that [`tables`](crate::tables) give. Left out are the figures
+//! It holds what a user of the estimate acts on, in the order that its fields give. Left out are the figures
 //! of a frame, the variances of the biases and the sigma of the time offset, and of odometry its number, state and
 //! quality: the digests of all flights so far would change with them, and `verify` of the flight log compares these too,
 //! field by field.

@@ -1,5 +1,5 @@
 //! Fixed layouts of odometry and of the main part of an estimate on the local socket (`docs/local-socket.md`). Numbers are
-//! little endian; what [`tables`](crate::tables) gives no byte is zero.
+//! little endian; what no field has is zero.
 
 use crate::fields::{About, Parts, Record, Shape, Value};
 use crate::orders::{InstantAnswer, InstantSource};
@@ -116,7 +116,7 @@ pub fn odometry(bytes: &[u8]) -> Result<(Odometry, i64), &'static str> {
 
 /// Reads every field that has a byte.
 fn taken<T: Record>(bytes: &[u8]) -> Result<T, &'static str> {
-    let mut record = T::blank();
+    let mut record = T::default();
     for field in T::FIELDS {
         let Some(at) = field.about.at else { continue };
         let from = &bytes[at..];

@@ -2,8 +2,8 @@
 //!
 //! - [`said`] has the one type for inputs, orders, outputs and events; [`orders`] and [`event`] are what it holds besides
 //!   the types of drivers and estimator, [`parts`] what a log holds about images and about itself;
-//! - [`tables`] lists each field of each of these types once; [`fields`] is the mechanism;
-//! - what reads the tables: [`protobuf`] and [`schema`] (the messages of the log and of the local socket), [`layout`] (the
+//! - each field of each of these types says beside it by which number it is known, and what else reads it ([`fields`]);
+//! - what reads these declarations: [`protobuf`] and [`schema`] (the messages of the log and of the local socket), [`layout`] (the
 //!   fixed layouts of the local socket), [`digest`], [`compare`], [`columns`];
 //! - [`local`]: records and requests of the local socket, for both of its ends.
 //!
@@ -12,13 +12,12 @@
 #![deny(clippy::disallowed_methods)]
 
 #[macro_use]
-mod declare;
+mod row;
 
 pub mod columns;
 pub mod compare;
 pub mod digest;
 pub mod event;
-pub mod fields;
 pub mod layout;
 pub mod local;
 #[cfg(test)]
@@ -27,10 +26,8 @@ pub mod messages;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;
-mod row;
 pub mod said;
 pub mod schema;
-pub mod tables;
 #[cfg(test)]
 mod tests;
 pub mod topics;
@@ -40,5 +37,6 @@ pub use orders::{
     CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, InstantOutcome, InstantSource, MapOrder,
     MapVerdict, ResetOrder, Verdict,
 };
+pub use plumbline_fields as fields;
 pub use said::{Dropped, Kind};
 pub use topics::Said;

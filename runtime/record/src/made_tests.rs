@@ -1,17 +1,12 @@
 //! Files of the repository that are made of declarations: schema, tables of the documents, names in Python. `make messages`
 //! writes them.
 
-use crate::fields::{Enumeration, Shape};
-use crate::messages::{Envelope, PastPose};
-use crate::row::Message;
-use crate::schema::{PACKAGE, is_repeated, kind, messages, with_topics};
+use crate::fields::{Enumeration, Outline, Shape};
+use crate::messages::Envelope;
+use crate::schema::{PACKAGE, add_topics, enumerations, is_repeated, kind, messages};
 use crate::topics::{Row, Topic};
-use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::HealthBits;
-use plumbline_estimator::TrailState;
 use plumbline_estimator::health::HealthBit;
-use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
-use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -107,7 +102,8 @@ fn log_proto() -> String {
         "// What a flight log holds beside images, version 1: every input, every order, every output, bit for bit.\n//\n\
          // Made by `make messages`, of the tables of the crate plumbline-record.\n//\n\
          // Numbers that must come back bit for bit are repeated fields, which keep a negative zero; a single field of\n\
-         // proto3 does not. Frames and units are those of plumbline.proto; a pose is x y z (m) and the quaternion x y z w.\n\
+         // proto3 does not. Frames and units are those of plumbline.proto; a pose is x y z (m) and the quaternion x y z w, a\n\
+         // covariance 9x9 by columns.\n\
          syntax = \"proto3\";\n\n",
     );
     // Writing to a string cannot fail.
@@ -119,19 +115,11 @@ fn log_proto() -> String {
 
 /// Text of the schema of what is in no log.
 fn plumbline_proto() -> String {
-    let parts = [
-        Message::of::<Envelope>(),
-        Message::of::<SnapshotKeyframe>(),
-        Message::of::<SnapshotPoint>(),
-        Message::of::<SnapshotLine>(),
-        Message::of::<PathPose>(),
-        Message::of::<TrailState>(),
-        Message::of::<LoopEnd>(),
-        Message::of::<[LoopEnd; 2]>(),
-        Message::of::<StampFigures>(),
-        Message::of::<PastPose>(),
-    ];
-    let all = with_topics(parts.into(), |package| package == "plumbline.v1");
+    let of_log = messages();
+    let mut all = of_log.clone();
+    all.push(Outline::of::<Envelope>());
+    add_topics(&mut all, "plumbline.v1");
+    let all = all.split_off(of_log.len());
     let mut out = String::from(
         "// What a flight says on the local socket and over Zenoh beside the messages of its log, version 1.\n//\n\
          // Made by `make messages`, of the tables of the crate plumbline-record.\n//\n\
@@ -144,25 +132,28 @@ fn plumbline_proto() -> String {
     );
     // Enumerations are those of the log.
     let mut known: BTreeSet<&str> =
-        all.iter().flat_map(|m| m.enumerations(false)).map(|of| of.name).collect();
+        all.iter().flat_map(|m| enumerations(m, false)).map(|of| of.name).collect();
     all.iter().for_each(|message| write_message(&mut out, message, &mut known));
-    for name in messages().into_iter().map(|message| message.name).chain(known) {
+    for name in of_log.iter().map(|message| message.name).chain(known) {
         out = out.replace(&format!("\n  {name} "), &format!("\n  log.{name} "));
     }
     out
 }
 
 /// Writes a message, and enumerations outside it that are not written yet.
-fn write_message(out: &mut String, message: &Message, written: &mut BTreeSet<&'static str>) {
-    for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
+fn write_message(out: &mut String, message: &Outline, written: &mut BTreeSet<&'static str>) {
+    for of in enumerations(message, false).filter(|of| written.insert(of.name)) {
         out.push('\n');
         write_enumeration(out, of, "");
     }
     out.push('\n');
-    comment(out, message.about, "");
+    let is_of = |row: &&'static Row| row.message.rsplit('.').next() == Some(message.name);
+    let channel = Topic::ALL.into_iter().map(Topic::row).find(is_of).and_then(|row| row.log);
+    let channel = channel.map_or_else(String::new, |channel| format!("{channel}: "));
+    comment(out, &(channel + message.about), "");
     let _ = writeln!(out, "message {} {{", message.name);
-    message.enumerations(true).for_each(|of| write_enumeration(out, of, "  "));
-    for about in &message.fields {
+    enumerations(message, true).for_each(|of| write_enumeration(out, of, "  "));
+    for about in (message.fields)() {
         comment(out, about.about, "  ");
         let repeated = if is_repeated(about.shape) { "repeated " } else { "" };
         let _ = writeln!(out, "  {repeated}{} {} = {};", type_name(about.shape), about.wire, about.tag);
@@ -191,6 +182,8 @@ fn write_enumeration(out: &mut String, of: &Enumeration, indent: &str) {
 /// Writes a comment in lines of at most 120 characters.
 fn comment(out: &mut String, about: &str, indent: &str) {
     let mut line = String::new();
+    // Links of rustdoc are names here.
+    let about = about.replace("[`", "`").replace("`]", "`").replace("`Self::", "`");
     for word in about.split_whitespace() {
         if !line.is_empty() && indent.len() + 3 + line.len() + 1 + word.len() > 120 {
             let _ = writeln!(out, "{indent}//{line}");

@@ -1,31 +1,126 @@
-//! Messages that are in no log: what the local socket and the network carry besides, each field once.
+//! What a flight says: the table of topics, and the messages whose types are no other crate's.
 //!
-//! Types of the estimator have their tables here, others are defined by them. Frames, units and rules are those of
-//! [`tables`](crate::tables).
+//! A new message is a struct here, or where it is made, and a row of the table.
 
-use crate::fields::{Field, Part, Parts, Record, Value};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use crate::event::Event;
+use crate::orders::{CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, MapOrder, ResetOrder};
+use crate::parts::{FrameAbout, Recording};
+use crate::row::ALL_OF_IT;
+use crate::row::Priority::{Background, Data, DataHigh, DataLow, InteractiveHigh, RealTime};
+use crate::row::Subscription::{Always, Asked, Other};
+use crate::said::FullEstimate;
+use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Timestamp;
+use plumbline_drivers::ImuReading;
 use plumbline_drivers::clock::StampFigures;
-use plumbline_estimator::places::mapper::path::{LoopEnd, MapPath, PathPose};
-use plumbline_estimator::window::snapshot::{MapSnapshot, SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{HealthBits, TrackingState, Trail, TrailState};
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::{Estimate, HealthBits, MapSnapshot, Odometry, TrackingState, Trail};
+use plumbline_fields::{Parts, Record, Value};
 
-message! {
-    /// What every message on a key of the network comes in. The message itself is that of log or local socket, byte by byte.
-    Envelope as "Envelope";
+// Those of the log come first, in the order that seals of logs have: new ones come last among them.
+topics! {
+    /// Inertial samples.
+    Imu (Imu: ImuReading) = "plumbline.v1.log.Imu".record::<ImuReading>().log("/input/imu").input();
+    /// Left images.
+    Left = "foxglove.CompressedImage".log("/input/left").input();
+    /// Right images.
+    Right = "foxglove.CompressedImage".log("/input/right").input();
+    /// Frames: number, stamp, hashes of the images.
+    Frame = "plumbline.v1.log.Frame".record::<FrameAbout>().log("/input/frame").input();
+    /// What became of frames.
+    FrameOrder (Order: FrameOrder) = "plumbline.v1.log.FrameOrder".record::<FrameOrder>().log("/order/frame").input();
+    /// When estimates took effect.
+    CorrectionOrder (Correction: CorrectionOrder) = "plumbline.v1.log.CorrectionOrder".record::<CorrectionOrder>().log("/order/correction").input();
+    /// Resets.
+    ResetOrder (Reset: ResetOrder) = "plumbline.v1.log.ResetOrder".record::<ResetOrder>().log("/order/reset").input();
+    /// What became of frames for the map.
+    MapOrder (MapOrder: MapOrder) = "plumbline.v1.log.MapOrder".record::<MapOrder>().log("/order/map").input();
+    /// Main part of an estimate.
+    Estimate = "plumbline.v1.log.Estimate".record::<Estimate>().log("/output/estimate").kind(17, Always);
+    /// Pose of the odometry frame in the map.
+    MapEstimate (MapEstimate: MapEstimate) = "plumbline.v1.log.MapEstimate".record::<MapEstimate>().log("/output/map").kind(20, Asked).key("map/correction", Data, [5.0, 5.0, 1.0]);
+    /// Odometry at the rate of the IMU.
+    Odometry (Odometry: Odometry) = "plumbline.v1.log.Odometry".record::<Odometry>().log("/output/odometry").kind(16, Always).key("odom", RealTime, [f64::INFINITY, 50.0, 10.0]);
+    /// Position of the body, to be drawn.
+    Transform = "foxglove.FrameTransform".log("/tf");
+    /// Pose of the body, to be drawn.
+    Pose = "foxglove.PoseInFrame".log("/pose");
+    /// Events.
+    Event (Event: Event) = "foxglove.Log".log("/event");
+    /// State of the recording.
+    Recording = "plumbline.v1.log.Recording".record::<Recording>().log("/recorder");
+    /// Calibration of the left camera.
+    LeftCalibration = "foxglove.CameraCalibration".log("/calibration/left");
+    /// Calibration of the right camera.
+    RightCalibration = "foxglove.CameraCalibration".log("/calibration/right");
+    /// Where cameras and vehicle are on the body.
+    Mounting = "foxglove.FrameTransforms".log("/tf_static");
+    /// When states at instants were asked for.
+    InstantOrder (InstantOrder: InstantOrder) = "plumbline.v1.log.InstantOrder".record::<InstantOrder>().log("/order/instant").input();
+    /// State at an instant that was asked for: to the one who asked, and on subscription those of camera triggers.
+    Instant (Instant: InstantAnswer) = "plumbline.v1.log.Instant".record::<InstantAnswer>().log("/output/instant").kind(27, Asked);
+
+    /// Greeting, first on every connection.
+    Hello = "".kind(1, Other);
+    /// Count of the records that this reader has lost.
+    Lost = "".kind(2, Other);
+    /// Answer to a request.
+    Result = "".kind(3, Other);
+    /// Configuration in force, once on each subscription.
+    Configuration = "plumbline.v1.Configuration".record::<Configuration>().kind(18, Asked).answers("config");
+    /// Complete estimate, with figures of the frame's processing.
+    FullEstimate (Estimate: FullEstimate) = "plumbline.v1.FullEstimate".record::<FullEstimate>().kind(19, Asked).key("state", DataHigh, [f64::INFINITY, 10.0, 1.0]);
+    /// Keyframes and landmarks of the window, after each keyframe.
+    Window = "plumbline.v1.Window".record::<MapSnapshot>().kind(21, Asked).key("scene", DataLow, [2.0, 1.0, 0.0]);
+    /// Path corrected by loop closures, after each keyframe of the map.
+    Path = "plumbline.v1.Path".record::<MapPath>().kind(22, Asked).key("map/path", Data, [1.0, 0.5, 0.1]).answers("map/path");
+    /// Rung of the degradation ladder, on subscription and on change.
+    Ladder = "plumbline.v1.Ladder".record::<Ladder>().kind(23, Asked);
+    /// Left camera picture with what is tracked in it, while somebody asks for it.
+    Picture = "plumbline.v1.Picture".record::<Picture>().kind(24, Other).key("camera", Background, [5.0, 2.0, 0.0]);
+    /// End of the flight.
+    End = "".kind(25, Other);
+    /// State of live sensors, on subscription and on change: clocks of the stamps, faults, what the data show to be wrong.
+    Sensors = "plumbline.v1.Sensors".record::<SensorNews>().kind(26, Asked);
+    /// Trail of the last seconds, smoothed: the poses of the window as they are known now, after each frame.
+    Trail = "plumbline.v1.Trail".record::<Trail>().kind(28, Asked);
+
+    /// Health: state, bits, rates, notices; also on change.
+    Health = "plumbline.v1.Health".record::<Health>().key("health", InteractiveHigh, [5.0, 5.0, 1.0]);
+    /// Keyframe that has left the window, with its landmarks as last estimated.
+    Keyframe = "plumbline.v1.Window".record::<MapSnapshot>().key("map/keyframe", Data, ALL_OF_IT).answers_each("map/keyframe");
+    /// Poses of the past.
+    Trajectory = "plumbline.v1.Trajectory".record::<Trajectory>().answers_each("trajectory");
+    /// The vehicle's clock.
+    Clock = "plumbline.v1.Clock".record::<Clock>().answers("clock");
+    /// Resets the estimator: `?kind=soft` keeps the pose, `?kind=hard` starts at the origin.
+    Reset = "plumbline.v1.ResetDone".record::<ResetDone>().commands("command/reset");
+    /// Writes the map to the file that the vehicle was started with.
+    MapSave = "plumbline.v1.MapSaved".record::<MapSaved>().commands("command/map_save");
+}
+
+/// What every message on a key of the network comes in. The message itself is that of log or local socket, byte by byte.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Envelope")]
+pub struct Envelope {
     /// Measurement time, ns on the sensors' time axis.
-    1 stamp_ns: i64;
+    #[field(1)]
+    pub stamp_ns: i64,
     /// Time of publication by the vehicle's system clock, ns since 1970.
-    2 published_ns: i64;
+    #[field(2)]
+    pub published_ns: i64,
     /// Counts the messages of this key: a jump tells of lost ones.
-    3 sequence: u64;
+    #[field(3)]
+    pub sequence: u64,
     /// Counts resets: the pose may jump when it changes.
-    4 reset_counter: u32;
+    #[field(4)]
+    pub reset_counter: u32,
     /// -1 failed, else 0 to 100; 0 in messages that have none.
-    5 quality: i8;
+    #[field(5)]
+    pub quality: i8,
     /// The message.
-    6 message: Vec<u8>;
+    #[field(6)]
+    pub message: Vec<u8>,
 }
 
 impl Envelope {
@@ -54,263 +149,177 @@ impl Envelope {
     }
 }
 
-message! {
-    /// Configuration in force.
-    Configuration as "Configuration";
+/// Configuration in force.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Configuration")]
+pub struct Configuration {
     /// TOML, every key.
-    1 toml: String;
+    #[field(1)]
+    pub toml: String,
     /// SHA-256 of `toml`, hexadecimal.
-    2 sha256: String;
+    #[field(2)]
+    pub sha256: String,
     /// Stamps are CLOCK_MONOTONIC of the vehicle's computer; otherwise those of a recording or simulation.
-    3 stamps_of_host: bool;
+    #[field(3)]
+    pub stamps_of_host: bool,
     /// Version of the program.
-    4 version: String;
+    #[field(4)]
+    pub version: String,
 }
 
-record! {
-    /// A keyframe of the window. No two share a stamp.
-    SnapshotKeyframe as "WindowKeyframe",
-    blank Self { stamp: Timestamp::default(), pose_o_b: Isometry3::identity() };
-    1 stamp as "stamp_ns";
-    /// Body in O: x y z qx qy qz qw.
-    2 pose_o_b as "pose_o_b";
-}
-
-record! {
-    /// A point of the window.
-    SnapshotPoint as "WindowPoint", blank Self { host: Timestamp::default(), p_o: Vector3::zeros() };
-    /// Stamp of the keyframe that hosts it.
-    1 host as "host_ns";
-    /// x y z in O, m.
-    2 p_o as "position_o", [.single()];
-}
-
-record! {
-    /// A line of the window.
-    SnapshotLine as "WindowLine", blank Self { host: Timestamp::default(), ends_o: [Vector3::zeros(); 2] };
-    /// Stamp of the keyframe that hosts it.
-    1 host as "host_ns";
-    /// Both ends, x y z x y z in O, m.
-    2 ends_o as "ends_o", [.single()];
-}
-
-record! {
-    /// Keyframes and landmarks of the window, after each keyframe; on `map/keyframe` a keyframe that has left it, with its own
-    /// landmarks as last estimated, which never changes again.
-    MapSnapshot as "Window", blank Self::default();
-    1 stamp as "stamp_ns";
-    2 reset_counter as "reset_counter";
-    3 keyframes as "keyframes", [.at_most(64)];
-    4 points as "points", [.at_most(10_000)];
-    5 lines as "lines", [.at_most(5_000)];
-}
-
-record! {
-    /// A state of the trail.
-    TrailState as "TrailState",
-    blank Self { stamp: Timestamp::default(), pose_o_b: Isometry3::identity(), v_o_b: Vector3::zeros() };
-    1 stamp as "stamp_ns";
-    /// Body in O: x y z qx qy qz qw.
-    2 pose_o_b as "pose_o_b";
-    /// m/s, in O.
-    3 v_o_b as "velocity_o_b";
-}
-
-record! {
-    /// Trail of the last seconds: the states of the frames in the window as they are known now, oldest first.
-    Trail as "Trail", blank Self::default();
-    1 stamp as "stamp_ns";
-    2 reset_counter as "reset_counter";
-    3 states as "states", [.at_most(64)];
-}
-
-record! {
-    /// A keyframe on the corrected path.
-    PathPose as "PathPose",
-    blank Self { stamp: Timestamp::default(), reset_counter: 0, pose_m_b: Isometry3::identity() };
-    1 stamp as "stamp_ns";
-    /// Count of resets: where it changes, the path is broken.
-    2 reset_counter as "reset_counter";
-    /// Body in M: x y z qx qy qz qw.
-    3 pose_m_b as "pose_m_b", [.single()];
-}
-
-record! {
-    /// One end of a loop: a keyframe of this flight.
-    LoopEnd as "LoopEnd", blank Self { stamp: Timestamp::default(), p_m_b: Vector3::zeros() };
-    1 stamp as "stamp_ns";
-    /// Body in M, x y z, m.
-    2 p_m_b as "position_m", [.single()];
-}
-
-impl Record for [LoopEnd; 2] {
-    const NAME: &'static str = "Loop";
-    const ABOUT: &'static str = "A place that was seen again.";
-    const FIELDS: &'static [Field<Self>] = &[
-        Field::new(
-            (1, "seen", "seen", "The keyframe that was seen again."),
-            LoopEnd::SHAPE,
-            |o| Part::get(&o[0]),
-            |o, value| o[0].set(value),
-        ),
-        Field::new(
-            (2, "seen_by", "seen_by", "The keyframe that saw it."),
-            LoopEnd::SHAPE,
-            |o| Part::get(&o[1]),
-            |o, value| o[1].set(value),
-        ),
-    ];
-
-    fn blank() -> Self {
-        [LoopEnd::blank(); 2]
-    }
-}
-
-record! {
-    /// Path corrected by loop closures, as a whole, after each keyframe of the map.
-    MapPath as "Path", blank Self::new(0);
-    /// Keyframes of this flight whose place in the map is known, oldest first; at most 2000, evenly thinned out.
-    1 poses as "poses", [.at_most(2_000)];
-    /// The newest loops that count, at most 2000. What was seen again of a loaded map is not among them.
-    2 loops as "loops", [.at_most(2_000)];
-    /// How far the odometry alone would have put the newest keyframe from where the map has it, counted from the beginning of
-    /// its piece of unbroken odometry, m; empty while its place in the map is not known.
-    3 drift_m as "drift_m";
-    // The limit of the list.
-    besides { .. };
-}
-
-message! {
-    /// Rung of the degradation ladder, when it changes.
-    Ladder as "Ladder";
+/// Rung of the degradation ladder, when it changes.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Ladder")]
+pub struct Ladder {
     /// Steps down from full work.
-    1 level: u32;
+    #[field(1)]
+    pub level: u32,
     /// Name of the rung.
-    2 name: String;
+    #[field(2)]
+    pub name: String,
 }
 
-record! {
-    /// Stamps of a live sensor.
-    StampFigures as "Stamps", blank Self::default();
-    /// Frames or samples that were handed out.
-    1 used as "used";
-    /// Stamped by their arrival, since their stamp was of no clock of this computer.
-    2 restamped as "restamped";
-    /// Dropped, since their stamp was repeated, went back, or was of no use.
-    3 refused as "refused";
-    besides { problem: _ };
-}
-
-message! {
-    /// Live sensors, once for each subscription and on change.
-    SensorNews as "Sensors";
+/// Live sensors, once for each subscription and on change.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Sensors")]
+pub struct SensorNews {
     /// What is wrong, and what to do: one line each.
-    1 notices: Vec<String>, [.at_most(16)];
+    #[field(1, most = 16)]
+    pub notices: Vec<String>,
     /// Stamps of the frames.
-    2 frames: StampFigures;
+    #[field(2)]
+    pub frames: StampFigures,
     /// Stamps of the inertial samples.
-    3 samples: StampFigures;
+    #[field(3)]
+    pub samples: StampFigures,
 }
 
-message! {
-    /// Left image with what is tracked in it: grey levels on the local socket, a JPEG on the network.
-    Picture as "Picture";
+/// Left image with what is tracked in it: grey levels on the local socket, a JPEG on the network.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Picture")]
+pub struct Picture {
     /// Sequence number of the frame.
-    1 frame: u64;
+    #[field(1)]
+    pub frame: u64,
     /// Time of the frame, on the IMU's time axis.
-    2 stamp_ns: Timestamp;
+    #[field(2)]
+    pub stamp_ns: Timestamp,
     /// Width, px.
-    3 width_px: u32;
+    #[field(3)]
+    pub width_px: u32,
     /// Height, px.
-    4 height_px: u32;
+    #[field(4)]
+    pub height_px: u32,
     /// Grey levels, row by row.
-    5 pixels: Vec<u8>;
+    #[field(5)]
+    pub pixels: Vec<u8>,
     /// x, y (px) and age (frames) of each point.
-    6 points: Vec<[f32; 3]>;
+    #[field(6)]
+    pub points: Vec<[f32; 3]>,
     /// Both ends of each line, px.
-    7 lines: Vec<[f32; 4]>;
+    #[field(7)]
+    pub lines: Vec<[f32; 4]>,
     /// JPEG image.
-    8 jpeg: Vec<u8>;
+    #[field(8)]
+    pub jpeg: Vec<u8>,
 }
 
-message! {
-    /// Health of a vehicle, five times a second (once over radio) and on change.
-    Health as "Health";
+/// Health of a vehicle, five times a second (once over radio) and on change.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Health")]
+pub struct Health {
     /// How far the estimator is.
-    1 state: TrackingState;
+    #[field(1)]
+    pub state: TrackingState,
     /// Error and warning bits.
-    2 bits: HealthBits;
+    #[field(2)]
+    pub bits: HealthBits,
     /// Frames a second over the last second.
-    3 frame_rate_hz: f64, [.one()];
+    #[field(3, one)]
+    pub frame_rate_hz: f64,
     /// Computation of the last frame, ms.
-    4 frame_ms: f64, [.one()];
+    #[field(4, one)]
+    pub frame_ms: f64,
     /// Messages dropped because the network was slower than the vehicle.
-    5 dropped: u64;
+    #[field(5)]
+    pub dropped: u64,
     /// Rung of the degradation ladder.
-    6 ladder: Ladder;
+    #[field(6)]
+    pub ladder: Ladder,
     /// Keyframes that left the window so far: who has fewer asks for those that are missing.
-    7 keyframes: u64;
+    #[field(7)]
+    pub keyframes: u64,
     /// Messages on map/path so far: who has an older one asks for the newest.
-    8 paths: u64;
+    #[field(8)]
+    pub paths: u64,
     /// The vehicle sends camera pictures to whom it may concern.
-    9 offers_camera: bool;
+    #[field(9)]
+    pub offers_camera: bool,
     /// How the IMU is mounted: takes coordinates from B to V (`vehicle.imu_to_vehicle_deg` of the configuration). The rotation from V
     /// to O is that from B to O times the inverse of this. Empty where it is unknown: then nothing is known of the vehicle's attitude.
-    10 rot_v_b: Option<UnitQuaternion<f64>>;
+    #[field(10)]
+    pub rot_v_b: Option<UnitQuaternion<f64>>,
     /// Live sensors, and what is wrong beyond the bits.
-    11 sensors: SensorNews;
+    #[field(11)]
+    pub sensors: SensorNews,
 }
 
-message! {
-    /// Poses of frames that the vehicle still holds, oldest first.
-    Trajectory as "Trajectory";
+/// Poses of frames that the vehicle still holds, oldest first.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Trajectory")]
+pub struct Trajectory {
     /// The poses.
-    1 poses: Vec<PastPose>;
-}
-
-record! {
-    /// A pose of the past.
-    PastPose as "PastPose", blank Self { stamp: Timestamp::default(), pose_o_b: Isometry3::identity(), reset_counter: 0 };
-    1 stamp as "stamp_ns";
-    /// Body in O: x y z qx qy qz qw.
-    2 pose_o_b as "pose_o_b";
-    3 reset_counter as "reset_counter";
+    #[field(1)]
+    pub poses: Vec<PastPose>,
 }
 
 /// A pose of the past.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("PastPose")]
 pub struct PastPose {
     /// Measurement time.
+    #[field(1, wire = "stamp_ns")]
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame.
+    #[field(2)]
     pub pose_o_b: Isometry3<f64>,
     /// Resets so far.
+    #[field(3)]
     pub reset_counter: u32,
 }
 
-message! {
-    /// For the offset between two clocks. The asker notes when it asked and when the answer came.
-    Clock as "Clock";
+/// For the offset between two clocks. The asker notes when it asked and when the answer came.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Clock")]
+pub struct Clock {
     /// When the vehicle saw the question, ns since 1970 by its system clock.
-    1 received_ns: i64;
+    #[field(1)]
+    pub received_ns: i64,
     /// When it answered.
-    2 answered_ns: i64;
+    #[field(2)]
+    pub answered_ns: i64,
 }
 
-message! {
-    /// Answer of a reset.
-    ResetDone as "ResetDone";
+/// Answer of a reset.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("ResetDone")]
+pub struct ResetDone {
     /// Count of resets after it.
-    1 reset_counter: u32;
+    #[field(1)]
+    pub reset_counter: u32,
     /// The outcome in words.
-    2 words: String;
+    #[field(2)]
+    pub words: String,
 }
 
-message! {
-    /// Answer of a map that was saved.
-    MapSaved as "MapSaved";
+/// Answer of a map that was saved.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("MapSaved")]
+pub struct MapSaved {
     /// Keyframes of the map.
-    1 keyframes: u32;
+    #[field(1)]
+    pub keyframes: u32,
     /// The outcome in words.
-    2 words: String;
+    #[field(2)]
+    pub words: String,
 }

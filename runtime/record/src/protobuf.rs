@@ -1,6 +1,6 @@
 //! Records as messages of the log, and back. Nothing is rounded; what does not fit is refused with a reason.
 
-use crate::fields::{About, Field, Part, Parts, Record, Shape, Value};
+use crate::fields::{About, NO_MESSAGE, Parts, Record, Shape, Value};
 use prost::bytes::Buf;
 use prost::encoding::{
     DecodeContext, WireType, decode_key, decode_varint, encode_key, encode_varint, skip_field,
@@ -10,32 +10,28 @@ use prost::encoding::{
 const MAX_NUMBERS: usize = 81;
 /// Rows and columns of a covariance.
 const ROWS: usize = 9;
-const NO_MESSAGE: &str = "not a message of its schema";
 
 /// Message of `record`.
 #[must_use]
-pub fn encode<T: Record>(record: &T) -> Vec<u8> {
+pub fn encode(record: &dyn Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     append(record, &mut bytes);
     bytes
 }
 
 /// Appends the message of `record`: its fields in the order of their numbers, without those that are 0.
-pub fn append<T: Record>(record: &T, to: &mut Vec<u8>) {
-    for tag in 1..=T::FIELDS.len() as u32 {
-        if let Some(field) = field_of::<T>(tag) {
-            append_value(tag, field.about.shape, (field.get)(record), to);
-        }
+pub fn append(record: &dyn Parts, to: &mut Vec<u8>) {
+    for (tag, (about, value)) in numbered(record) {
+        append_value(tag, about.shape, value, to);
     }
 }
 
 /// Message of `record` with no more of a covariance than its diagonal.
 #[must_use]
-pub fn encode_brief<T: Record>(record: &T) -> Vec<u8> {
+pub fn encode_brief(record: &dyn Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for tag in 1..=T::FIELDS.len() as u32 {
-        let Some(field) = field_of::<T>(tag) else { continue };
-        match (field.about.shape, (field.get)(record)) {
+    for (tag, (about, value)) in numbered(record) {
+        match (about.shape, value) {
             (Shape::Covariance, Value::Floats([numbers, _])) => {
                 let diagonal: heapless::Vec<f64, ROWS> = numbers.iter().step_by(ROWS + 1).copied().collect();
                 append_value(tag, Shape::Floats, Value::floats(&diagonal), &mut bytes);
@@ -46,8 +42,9 @@ pub fn encode_brief<T: Record>(record: &T) -> Vec<u8> {
     bytes
 }
 
-fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
-    T::FIELDS.iter().find(|field| field.about.tag == tag)
+/// Fields of a record in the order of their numbers.
+fn numbered(record: &dyn Parts) -> impl Iterator<Item = (u32, (&'static About, Value<'_>))> {
+    (1..=record.count() as u32).filter_map(|tag| Some((tag, record.field(tag)?)))
 }
 
 fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
@@ -92,11 +89,7 @@ fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
             first.iter().chain(second).for_each(|number| to.extend(number.to_le_bytes()));
         }
         Value::Bytes(bytes) => append_bytes(tag, bytes, to),
-        Value::Part(part) => {
-            let mut bytes = Vec::new();
-            part.append(&mut bytes);
-            append_bytes(tag, &bytes, to);
-        }
+        Value::Part(part) => append_bytes(tag, &encode(part), to),
     }
 }
 
@@ -104,11 +97,7 @@ fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
 fn append_item(tag: u32, item: Value<'_>, to: &mut Vec<u8>) {
     match item {
         Value::Text(text) => append_bytes(tag, text.as_bytes(), to),
-        Value::Part(part) => {
-            let mut bytes = Vec::new();
-            part.append(&mut bytes);
-            append_bytes(tag, &bytes, to);
-        }
+        Value::Part(part) => append_bytes(tag, &encode(part), to),
         _ => {}
     }
 }
@@ -123,67 +112,60 @@ fn append_bytes(tag: u32, bytes: &[u8], to: &mut Vec<u8>) {
 ///
 /// # Errors
 /// When the bytes are no message that a recorder writes: what is wrong, in words.
-pub fn decode<T: Record>(mut bytes: &[u8]) -> Result<T, &'static str> {
-    let (mut record, mut seen) = (T::blank(), 0u64);
-    while bytes.has_remaining() {
-        let (tag, wire) = decode_key(&mut bytes).map_err(|_| NO_MESSAGE)?;
-        match field_of::<T>(tag) {
-            Some(field) => {
-                set(field, &mut record, wire, &mut bytes)?;
-                seen |= 1 << tag;
-            }
-            // Of a later version.
-            None => {
-                skip_field(wire, tag, &mut bytes, DecodeContext::default()).map_err(|_| NO_MESSAGE)?;
-            }
-        }
-    }
-    for field in T::FIELDS.iter().filter(|field| field.about.tag > 0 && seen & (1 << field.about.tag) == 0) {
-        let absent = if field.about.shape == Shape::Double { Value::floats(&[0.0]) } else { Value::Missing };
-        (field.set)(&mut record, absent)?;
-    }
+pub fn decode<T: Record>(bytes: &[u8]) -> Result<T, &'static str> {
+    let mut record = T::default();
+    fill(&mut record, bytes)?;
     Ok(record)
 }
 
+/// Fills a record that has just begun.
+fn fill(record: &mut dyn Parts, mut bytes: &[u8]) -> Result<(), &'static str> {
+    let mut seen = 0u64;
+    while bytes.has_remaining() {
+        let (tag, wire) = decode_key(&mut bytes).map_err(|_| NO_MESSAGE)?;
+        if record.field(tag).is_some() {
+            set(record, tag, wire, &mut bytes)?;
+            seen |= 1 << tag;
+        } else {
+            // Of a later version.
+            skip_field(wire, tag, &mut bytes, DecodeContext::default()).map_err(|_| NO_MESSAGE)?;
+        }
+    }
+    for tag in (1..=record.count() as u32).filter(|tag| seen & (1 << tag) == 0) {
+        let is_double = record.field(tag).is_some_and(|(about, _)| about.shape == Shape::Double);
+        record.put(tag, if is_double { Value::floats(&[0.0]) } else { Value::Missing })?;
+    }
+    Ok(())
+}
+
 /// Reads a field.
-fn set<T: Record>(
-    field: &Field<T>,
-    record: &mut T,
-    wire: WireType,
-    bytes: &mut &[u8],
-) -> Result<(), &'static str> {
-    let shape = field.about.shape;
-    match (shape, wire) {
-        (
-            Shape::Bytes | Shape::Text | Shape::Texts | Shape::Message(_) | Shape::Messages(_),
-            WireType::LengthDelimited,
-        ) => (field.set)(record, Value::Bytes(delimited(bytes)?)),
-        (Shape::Singles, WireType::LengthDelimited) => set_singles(field, record, delimited(bytes)?),
+fn set(record: &mut dyn Parts, tag: u32, wire: WireType, bytes: &mut &[u8]) -> Result<(), &'static str> {
+    let Some((About { shape, .. }, value)) = record.field(tag) else { return Ok(()) };
+    let is_list_of_singles = matches!(value, Value::Singles(_));
+    match (*shape, wire) {
+        (Shape::Message(_) | Shape::Messages(_), WireType::LengthDelimited) => {
+            fill(record.begin_part(tag)?, delimited(bytes)?)
+        }
+        (Shape::Bytes | Shape::Text | Shape::Texts, WireType::LengthDelimited) => {
+            record.put(tag, Value::Bytes(delimited(bytes)?))
+        }
+        (Shape::Singles, WireType::LengthDelimited) if is_list_of_singles => {
+            record.put(tag, Value::Bytes(delimited(bytes)?))
+        }
+        (Shape::Singles, WireType::LengthDelimited) => {
+            let (numbers, []) = delimited(bytes)?.as_chunks::<4>() else { return Err(NO_MESSAGE) };
+            put_numbers(record, tag, numbers.iter().map(|number| f32::from_le_bytes(*number).into()))
+        }
         (Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance, WireType::LengthDelimited) => {
             let (numbers, []) = delimited(bytes)?.as_chunks::<8>() else { return Err(NO_MESSAGE) };
-            let mut all = heapless::Vec::<f64, MAX_NUMBERS>::new();
-            for number in numbers {
-                all.push(f64::from_le_bytes(*number)).map_err(|_| "a field has too many numbers")?;
-            }
-            (field.set)(record, Value::floats(&all))
+            put_numbers(record, tag, numbers.iter().map(|number| f64::from_le_bytes(*number)))
         }
         (Shape::Double, WireType::SixtyFourBit) => {
             let (number, rest) = bytes.split_first_chunk::<8>().ok_or(NO_MESSAGE)?;
             *bytes = rest;
-            (field.set)(record, Value::floats(&[f64::from_le_bytes(*number)]))
+            record.put(tag, Value::floats(&[f64::from_le_bytes(*number)]))
         }
-        (
-            Shape::Bytes
-            | Shape::Text
-            | Shape::Texts
-            | Shape::Double
-            | Shape::Singles
-            | Shape::Message(_)
-            | Shape::Messages(_),
-            _,
-        )
-        | (Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance, _) => Err(NO_MESSAGE),
-        (shape, WireType::Varint) => {
+        (shape, WireType::Varint) if shape.is_whole() => {
             let number = decode_varint(bytes).map_err(|_| NO_MESSAGE)?;
             let number = match shape {
                 Shape::Uint32 => i64::from(number as u32),
@@ -192,23 +174,23 @@ fn set<T: Record>(
                 Shape::Flag => i64::from(number != 0),
                 _ => number as i64,
             };
-            (field.set)(record, Value::Whole(number))
+            record.put(tag, Value::Whole(number))
         }
         _ => Err(NO_MESSAGE),
     }
 }
 
-/// Reads numbers of single precision: few that the record has in double precision, or a list as it is.
-fn set_singles<T: Record>(field: &Field<T>, record: &mut T, bytes: &[u8]) -> Result<(), &'static str> {
-    if matches!((field.get)(record), Value::Singles(_)) {
-        return (field.set)(record, Value::Bytes(bytes));
-    }
-    let (numbers, []) = bytes.as_chunks::<4>() else { return Err(NO_MESSAGE) };
+/// Writes the few numbers that a field of a record has.
+fn put_numbers(
+    record: &mut dyn Parts,
+    tag: u32,
+    numbers: impl Iterator<Item = f64>,
+) -> Result<(), &'static str> {
     let mut all = heapless::Vec::<f64, MAX_NUMBERS>::new();
     for number in numbers {
-        all.push(f32::from_le_bytes(*number).into()).map_err(|_| "a field has too many numbers")?;
+        all.push(number).map_err(|_| "a field has too many numbers")?;
     }
-    (field.set)(record, Value::floats(&all))
+    record.put(tag, Value::floats(&all))
 }
 
 /// Takes bytes behind their length.
@@ -218,62 +200,4 @@ fn delimited<'a>(bytes: &mut &'a [u8]) -> Result<&'a [u8], &'static str> {
     let (field, rest) = bytes.split_at_checked(length).ok_or(NO_MESSAGE)?;
     *bytes = rest;
     Ok(field)
-}
-
-impl<T: Record> Parts for T {
-    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>)) {
-        T::FIELDS.iter().for_each(|field| sink(&field.about, (field.get)(self)));
-    }
-
-    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str> {
-        match T::FIELDS.iter().find(|field| field.about.tag == tag) {
-            Some(field) => (field.set)(self, value),
-            None => Ok(()),
-        }
-    }
-
-    fn append(&self, to: &mut Vec<u8>) {
-        append(self, to);
-    }
-}
-
-/// A record inside a record, which cannot be absent.
-impl<T: Record> Part for T {
-    const SHAPE: Shape = Shape::Message(T::NAME);
-
-    fn get(&self) -> Value<'_> {
-        Value::Part(self)
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        let Value::Bytes(bytes) = value else { return Err("a part is missing") };
-        *self = decode(bytes)?;
-        Ok(())
-    }
-
-    fn open(&mut self) -> Option<&mut dyn Parts> {
-        Some(self)
-    }
-}
-
-/// Items of a list, at most.
-const MAX_ITEMS: usize = 65_536;
-
-/// A list of records, which come one by one.
-impl<T: Record> Part for Vec<T> {
-    const SHAPE: Shape = Shape::Messages(T::NAME);
-
-    fn get(&self) -> Value<'_> {
-        Value::Items(self)
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        if let Value::Bytes(bytes) = value {
-            if self.len() >= MAX_ITEMS {
-                return Err("a list is too long");
-            }
-            self.push(decode(bytes)?);
-        }
-        Ok(())
-    }
 }

@@ -1,6 +1,6 @@
-//! Row of the table of topics.
+//! Row of the table of topics, and the macro that the table is written with.
 
-use crate::fields::{About, Enumeration, Parts, Record, Shape};
+use crate::fields::{Outline, Parts, Record};
 use crate::protobuf::decode;
 
 /// Priority of a key of the network.
@@ -66,7 +66,7 @@ pub struct Row {
     /// Reads its message; none for a fixed layout, and for what is drawn.
     pub decode: Option<Decode>,
     /// Schema of its message.
-    pub(crate) schema: Option<fn() -> Message>,
+    pub(crate) schema: Option<Outline>,
     /// Channel of the log.
     pub log: Option<&'static str>,
     /// True if a re-execution needs it.
@@ -102,7 +102,7 @@ impl Row {
 
     pub(crate) const fn record<T: Record>(mut self) -> Self {
         self.decode = Some(|bytes| Ok(Box::new(decode::<T>(bytes)?)));
-        self.schema = Some(Message::of::<T>);
+        self.schema = Some(Outline::of::<T>());
         self
     }
 
@@ -142,31 +142,56 @@ impl Row {
     }
 }
 
-/// A message of the schema.
-pub(crate) struct Message {
-    pub name: &'static str,
-    #[cfg(test)]
-    pub about: &'static str,
-    pub fields: Vec<&'static About>,
-}
-
-impl Message {
-    pub fn of<T: Record>() -> Self {
-        let fields = T::FIELDS.iter().map(|field| &field.about).filter(|about| about.tag > 0).collect();
-        Self {
-            name: T::NAME,
-            #[cfg(test)]
-            about: T::ABOUT,
-            fields,
+/// Defines the topics by their rows: description, name, the variant of [`Said`] and its type where a stage says it, message, ways.
+macro_rules! topics {
+    ($($(#[doc = $about:literal])+ $topic:ident $(($said:ident: $held:ty))? = $message:literal $(. $way:ident $(::<$record:ty>)? ($($of:tt)*))*;)*) => {
+        /// Something that a flight says.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum Topic {
+            $($(#[doc = $about])+ $topic,)*
         }
-    }
 
-    /// Enumerations that its fields have, those inside the message or those outside it.
-    pub fn enumerations(&self, is_inside: bool) -> impl Iterator<Item = &'static Enumeration> {
-        let of = |about: &&About| match about.shape {
-            Shape::Enumerator(of) => Some(of),
-            _ => None,
-        };
-        self.fields.iter().filter_map(of).filter(move |of| of.name.contains('.') == is_inside)
-    }
+        /// Input, order, output or event of a flight: a value of fixed size, copied without allocation. Images are handed over
+        /// apart.
+        // The estimate is the largest by far, and boxing it would allocate.
+        #[allow(clippy::large_enum_variant)]
+        #[derive(Clone, Debug)]
+        pub enum Said {
+            $($(
+                #[doc = concat!("Record of [`Topic::", stringify!($topic), "`].")]
+                $said($held),
+            )?)*
+        }
+
+        impl Said {
+            /// Its topic.
+            #[must_use]
+            pub const fn topic(&self) -> Topic {
+                match self {
+                    $($(Self::$said(_) => Topic::$topic,)?)*
+                }
+            }
+
+            /// Its record; none for an event, which is drawn.
+            #[must_use]
+            pub fn record(&self) -> Option<&dyn $crate::fields::Parts> {
+                match self {
+                    $($(Self::$said(record) => $crate::said::Told::record(record),)?)*
+                }
+            }
+        }
+
+        impl Topic {
+            /// Every topic, in the order of the enumeration.
+            pub const ALL: [Self; [$(stringify!($topic)),*].len()] = [$(Self::$topic),*];
+
+            /// Its row.
+            #[must_use]
+            pub const fn row(self) -> &'static $crate::row::Row {
+                const ROWS: [$crate::row::Row; Topic::ALL.len()] =
+                    [$($crate::row::Row::of(concat!($($about),+).trim_ascii(), $message)$(.$way $(::<$record>)? ($($of)*))*),*];
+                &ROWS[self as usize]
+            }
+        }
+    };
 }

@@ -1,8 +1,8 @@
 //! Messages of a flight besides records of the estimator, and counts of entries that were not recorded.
 
 use crate::event::Event;
-use crate::fields::{Parts, Record};
 use plumbline_estimator::Estimate;
+use plumbline_fields::{Parts, Record};
 use std::fmt;
 
 /// Record of a flight, if it is one: an event is drawn instead.
@@ -23,12 +23,15 @@ impl Told for Event {
     }
 }
 
-/// Estimate with what the local socket says besides.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Estimate of a frame, with what the local socket says besides.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("FullEstimate")]
 pub struct FullEstimate {
     /// The estimate.
+    #[field(1)]
     pub estimate: Estimate,
     /// Wall time of the frame's computation, ms. No log holds it: it is not the same twice.
+    #[field(2, one)]
     pub frame_ms: f64,
 }
 

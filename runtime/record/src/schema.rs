@@ -1,14 +1,8 @@
 //! The schema of the log's messages, made of the tables: descriptors, which stand in every log. A test writes the text of
 //! `proto/plumbline/v1/log.proto`, for programs that read the log or the local socket.
 
-use crate::fields::{About, Enumeration, Shape};
-use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
-use crate::parts::{FrameAbout, ImageAbout, Recording};
-use crate::row::Message;
+use crate::fields::{About, Enumeration, Outline, Shape};
 use crate::topics::Topic;
-use plumbline_drivers::ImuReading;
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, FrameFigures, Odometry};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
@@ -21,36 +15,46 @@ pub const PACKAGE: &str = "plumbline.v1.log";
 /// File of the text.
 const FILE: &str = "plumbline/v1/log.proto";
 
-/// All messages of the log, in the order of the schema; those of topics that came later at the end.
-pub(crate) fn messages() -> Vec<Message> {
-    let first = [
-        Message::of::<ImuReading>(),
-        Message::of::<ImageAbout>(),
-        Message::of::<FrameAbout>(),
-        Message::of::<FrameOrder>(),
-        Message::of::<CorrectionOrder>(),
-        Message::of::<ResetOrder>(),
-        Message::of::<MapOrder>(),
-        Message::of::<FrameFigures>(),
-        Message::of::<Estimate>(),
-        Message::of::<Odometry>(),
-        Message::of::<MapEstimate>(),
-        Message::of::<Recording>(),
-    ];
-    with_topics(first.into(), |package| package == PACKAGE)
-}
-
-/// Messages, and those of the topics of a package that are not among them.
-pub(crate) fn with_topics(mut all: Vec<Message>, is_package: impl Fn(&str) -> bool) -> Vec<Message> {
-    let rows = Topic::ALL.into_iter().map(Topic::row);
-    let of_package =
-        rows.filter(|row| row.message.rsplit_once('.').is_some_and(|(package, _)| is_package(package)));
-    for message in of_package.filter_map(|row| row.schema).map(|schema| schema()) {
-        if all.iter().all(|known| known.name != message.name) {
-            all.push(message);
-        }
+/// All messages of the log. Programs that read logs know the first ones by their bytes: odometry comes before the map.
+pub(crate) fn messages() -> Vec<Outline> {
+    let mut all = Vec::new();
+    add_topics(&mut all, PACKAGE);
+    let place = |name: &str| all.iter().position(|message| message.name == name);
+    if let (Some(odometry), Some(map)) = (place("Odometry"), place("MapEstimate")) {
+        all.swap(odometry, map);
     }
     all
+}
+
+/// Adds the messages of the topics of a package, each behind its parts, that are not among them.
+pub(crate) fn add_topics(all: &mut Vec<Outline>, package: &str) {
+    for row in Topic::ALL.into_iter().map(Topic::row) {
+        let is_of_package = row.message.rsplit_once('.').is_some_and(|(of, _)| of == package);
+        if let Some(message) = row.schema.filter(|_| is_of_package) {
+            add(all, message);
+        }
+    }
+}
+
+fn add(all: &mut Vec<Outline>, message: Outline) {
+    if all.contains(&message) {
+        return;
+    }
+    for about in (message.fields)() {
+        if let Shape::Message(part) | Shape::Messages(part) = about.shape {
+            add(all, *part);
+        }
+    }
+    all.push(message);
+}
+
+/// Enumerations that the fields of a message have, those inside the message or those outside it.
+pub(crate) fn enumerations(message: &Outline, is_inside: bool) -> impl Iterator<Item = &'static Enumeration> {
+    let of = |about: &About| match about.shape {
+        Shape::Enumerator(of) => Some(of),
+        _ => None,
+    };
+    (message.fields)().into_iter().filter_map(of).filter(move |of| of.name.contains('.') == is_inside)
 }
 
 /// The `FileDescriptorSet` of the messages.
@@ -61,18 +65,18 @@ pub fn descriptors() -> Vec<u8> {
         name: Some(FILE.into()),
         package: Some(PACKAGE.into()),
         message_type: messages.iter().map(message_descriptor).collect(),
-        enum_type: messages.iter().flat_map(|m| m.enumerations(false)).take(1).map(enumeration).collect(),
+        enum_type: messages.iter().flat_map(|m| enumerations(m, false)).take(1).map(enumeration).collect(),
         syntax: Some("proto3".into()),
         ..FileDescriptorProto::default()
     };
     FileDescriptorSet { file: vec![file] }.encode_to_vec()
 }
 
-fn message_descriptor(message: &Message) -> DescriptorProto {
+fn message_descriptor(message: &Outline) -> DescriptorProto {
     DescriptorProto {
         name: Some(message.name.into()),
-        field: message.fields.iter().map(|about| field_descriptor(about)).collect(),
-        enum_type: message.enumerations(true).map(enumeration).collect(),
+        field: (message.fields)().into_iter().map(field_descriptor).collect(),
+        enum_type: enumerations(message, true).map(enumeration).collect(),
         ..DescriptorProto::default()
     }
 }
@@ -116,7 +120,7 @@ pub(crate) const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
         Shape::Singles => (Type::Float, None),
         Shape::Bytes => (Type::Bytes, None),
         Shape::Text | Shape::Texts => (Type::String, None),
-        Shape::Message(name) | Shape::Messages(name) => (Type::Message, Some(name)),
+        Shape::Message(of) | Shape::Messages(of) => (Type::Message, Some(of.name)),
     }
 }
 

@@ -8,27 +8,36 @@ use crate::estimate::Estimate;
 use crate::places::graph::edge::{turn, wrapped, yaw_of};
 use nalgebra::Isometry3;
 use plumbline_config::{Portable, Timestamp};
+use plumbline_fields::Record;
 
 /// Time in which two thirds of a correction are taken up, s.
 const TIME_CONSTANT_S: f64 = 1.0;
 
 /// Pose of the odometry frame in the map, for one frame.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("MapEstimate")]
 pub struct MapEstimate {
     /// Sequence number of the frame.
+    #[field(1, digest = 2)]
     pub frame_sequence: u64,
     /// Time of the state on the IMU's time axis.
+    #[field(2, wire = "stamp_ns", digest = 1)]
     pub stamp: Timestamp,
-    /// Pose of the odometry frame in the map, smoothly followed: a turn about the vertical and a shift. `None` while it
+    /// Pose of the odometry frame in the map, smoothly followed: a turn about the vertical and a shift. Absent while it
     /// is not known.
+    #[field(3, digest = 3)]
     pub pose_m_o: Option<Isometry3<f64>>,
     /// Resets of the odometry so far.
+    #[field(4, digest = 4)]
     pub reset_counter: u32,
     /// Keyframes of the map.
+    #[field(5, digest = 5)]
     pub keyframes: u32,
     /// Places seen again so far.
+    #[field(6, digest = 6)]
     pub sightings: u32,
     /// Loops that count now.
+    #[field(7, digest = 7)]
     pub loops_used: u32,
 }
 

@@ -4,40 +4,65 @@ use super::Mapper;
 use crate::places::graph::{EdgeKind, Node};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
+use plumbline_fields::Record;
 
 /// A loop counts when its weight is more than this.
 const COUNTS: f64 = 0.5;
 
 /// A keyframe on the corrected path.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("PathPose")]
 pub struct PathPose {
     /// Time of the pose.
+    #[field(1, wire = "stamp_ns")]
     pub stamp: Timestamp,
     /// Resets of the odometry up to then: poses of one count are joined by unbroken odometry.
+    #[field(2)]
     pub reset_counter: u32,
     /// Pose of the body in the map.
+    #[field(3, single)]
     pub pose_m_b: Isometry3<f64>,
 }
 
 /// One end of a loop: a keyframe of this flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("LoopEnd")]
 pub struct LoopEnd {
     /// Time of the end.
+    #[field(1, wire = "stamp_ns")]
     pub stamp: Timestamp,
     /// Position of the body in the map, m.
+    #[field(2, wire = "position_m", single)]
     pub p_m_b: Vector3<f64>,
 }
 
-/// The corrected path with its loops, in memory that stands.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// A place that was seen again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
+#[record("Loop")]
+pub struct LoopEnds {
+    /// The keyframe that was seen again.
+    #[field(1)]
+    pub seen: LoopEnd,
+    /// The keyframe that saw it.
+    #[field(2)]
+    pub seen_by: LoopEnd,
+}
+
+/// The corrected path with its loops.
+#[derive(Clone, Debug, Default, PartialEq, Record)]
+#[record("Path")]
 pub struct MapPath {
     /// Keyframes whose place in the map is known, oldest first; evenly thinned out to the limit.
+    #[field(1, most = 2_000)]
     pub poses: Vec<PathPose>,
     /// The newest loops that count, between keyframes of this flight: the one that was seen again, and the one that saw it.
-    pub loops: Vec<[LoopEnd; 2]>,
+    #[field(2, most = 2_000)]
+    pub loops: Vec<LoopEnds>,
     /// Distance between the odometry's position of the newest keyframe and that in the map, counted from the
-    /// beginning of its piece of unbroken odometry, m. `None` where its place in the map is not known.
+    /// beginning of its piece of unbroken odometry, m. Absent where its place in the map is not known.
+    #[field(3)]
     pub drift_m: Option<f64>,
+    #[field(none)]
     limit: usize,
 }
 
@@ -69,9 +94,9 @@ impl Mapper {
         }
         let counting = || {
             let loops = self.graph.edges().iter().filter(|e| e.kind != EdgeKind::Sequential);
-            loops
-                .filter(|e| e.weight > COUNTS)
-                .filter_map(|e| Some([self.loop_end(e.from)?, self.loop_end(e.to)?]))
+            loops.filter(|e| e.weight > COUNTS).filter_map(|e| {
+                Some(LoopEnds { seen: self.loop_end(e.from)?, seen_by: self.loop_end(e.to)? })
+            })
         };
         let too_many = counting().count().saturating_sub(*limit);
         loops.extend(counting().skip(too_many));

@@ -26,6 +26,12 @@ const ODOMETRY_LANE: usize = 50;
 const ESTIMATE_LANE: usize = 40;
 /// States at instants that wait for the socket: as many as may be asked for at a time.
 const INSTANT_LANE: usize = 256;
+/// Other records that wait for the socket, of each thread: two seconds of one a frame.
+const OTHERS_LANE: usize = 40;
+/// Threads that say something.
+const PRODUCERS: usize = 4;
+/// Topics that have lanes of their own.
+const OWN: [Kind; 3] = [Kind::Odometry, Kind::Instant, Kind::FullEstimate];
 /// Trails that are filled, wait or are read.
 const TRAILS: usize = 8;
 /// Snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
@@ -45,13 +51,15 @@ pub fn now_ns() -> i64 {
 /// An entry with the time it was handed over, ns since 1970.
 pub type Handed<T> = (T, i64);
 
-/// Writing ends, each for one thread of the run.
+/// Writing ends, which the listeners of the run take.
 #[derive(Debug)]
 pub struct Writers {
-    pub odometry: LaneWriter<Handed<Odometry>>,
-    pub instants: LaneWriter<Handed<InstantAnswer>>,
-    pub estimates: LaneWriter<Handed<FullEstimate>>,
-    pub others: LaneWriter<Said>,
+    /// Taken by the listener on the tick's thread.
+    pub tick: Option<(LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>)>,
+    /// Taken by the listener on the window's thread.
+    pub estimates: Option<LaneWriter<Handed<FullEstimate>>>,
+    /// One for each thread that says something.
+    pub others: Vec<LaneWriter<Said>>,
 }
 
 /// Reading ends of [`Writers`].
@@ -60,7 +68,7 @@ pub struct Waiting {
     pub odometry: LaneReader<Handed<Odometry>>,
     pub instants: LaneReader<Handed<InstantAnswer>>,
     pub estimates: LaneReader<Handed<FullEstimate>>,
-    pub others: LaneReader<Said>,
+    pub others: Vec<LaneReader<Said>>,
 }
 
 /// State that the run and the socket's thread share.
@@ -88,7 +96,7 @@ pub struct Shared {
     wanted: AtomicU64,
     /// Highest rate of pictures that a reader wants, mHz.
     pictures_mhz: AtomicU32,
-    losses: [LaneLosses; 4],
+    losses: Vec<LaneLosses>,
 }
 
 impl Shared {
@@ -100,7 +108,14 @@ impl Shared {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
         let (instants_in, instants, instant_losses) = lane(INSTANT_LANE);
         let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
-        let (others_in, others, other_losses) = lane(ESTIMATE_LANE);
+        let mut losses = vec![odometry_losses, instant_losses, estimate_losses];
+        let (mut others_in, mut others) = (Vec::new(), Vec::new());
+        for _ in 0..PRODUCERS {
+            let (writer, reader, lost) = lane(OTHERS_LANE);
+            others_in.push(writer);
+            others.push(reader);
+            losses.push(lost);
+        }
         let shared = Self {
             bell: EventBell::new()?,
             pulse: Arc::new(Pulse::new(TaskId::Local)),
@@ -113,12 +128,11 @@ impl Shared {
             shots: Pool::new(SHOTS, || Shot::new(config)),
             wanted: AtomicU64::new(0),
             pictures_mhz: AtomicU32::new(0),
-            losses: [odometry_losses, instant_losses, estimate_losses, other_losses],
+            losses,
         };
         let writers = Writers {
-            odometry: odometry_in,
-            instants: instants_in,
-            estimates: estimates_in,
+            tick: Some((odometry_in, instants_in)),
+            estimates: Some(estimates_in),
             others: others_in,
         };
         Ok((shared, writers, Waiting { odometry, instants, estimates, others }))
@@ -144,6 +158,28 @@ impl Shared {
     fn wake(&self) {
         self.pulse.give();
         self.bell.ring();
+    }
+}
+
+/// Copies what a thread says and a reader wants, and has no way of its own; the rest is taken by `inner`.
+pub struct RelayListener {
+    pub shared: Arc<Shared>,
+    pub others: LaneWriter<Said>,
+    pub inner: Box<dyn Listener>,
+}
+
+impl Listener for RelayListener {
+    fn shown(&mut self, view: View<'_>) {
+        self.inner.shown(view);
+    }
+
+    fn said(&mut self, said: &Said) {
+        let topic = said.topic();
+        if !OWN.contains(&topic) && self.shared.wants(topic) {
+            self.others.push(said.clone());
+            self.shared.wake();
+        }
+        self.inner.said(said);
     }
 }
 
@@ -195,11 +231,10 @@ impl Listener for TickListener {
     }
 }
 
-/// Copies estimates, the window, and what else the window's thread says and a reader wants.
+/// Copies estimates, and the window.
 pub struct WindowListener {
     pub shared: Arc<Shared>,
     pub estimates: LaneWriter<Handed<FullEstimate>>,
-    pub others: LaneWriter<Said>,
 }
 
 impl Listener for WindowListener {
@@ -217,17 +252,12 @@ impl Listener for WindowListener {
 
     fn said(&mut self, said: &Said) {
         let wants = |kind: &Kind| self.shared.wants(*kind);
-        match said {
-            // Odometry carries the health of the newest estimate.
-            Said::Estimate(full)
-                if [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(wants) =>
-            {
-                self.estimates.push((full.clone(), now_ns()));
-                self.shared.wake();
-            }
-            Said::Estimate(_) => {}
-            said if wants(&said.topic()) => self.others.push(said.clone()),
-            _ => {}
+        // Odometry carries the health of the newest estimate.
+        if let Said::Estimate(full) = said
+            && [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(wants)
+        {
+            self.estimates.push((full.clone(), now_ns()));
+            self.shared.wake();
         }
     }
 }

@@ -364,9 +364,11 @@ impl Server {
             self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
             self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
-        while let Some(said) = self.waiting.others.pop() {
-            if let Some(record) = said.record() {
-                self.send(said.topic(), |to| record.append(to));
+        for thread in 0..self.waiting.others.len() {
+            while let Some(said) = self.waiting.others[thread].pop() {
+                if let Some(record) = said.record() {
+                    self.send(said.topic(), |to| protobuf::append(record, to));
+                }
             }
         }
         let shared = Arc::clone(&self.shared);

@@ -3,7 +3,7 @@
 use super::LocalError;
 use super::door::Door;
 use super::listener::{
-    FrontEndListener, Handed, PlacesListener, Shared, TickListener, WindowListener, Writers,
+    FrontEndListener, PlacesListener, RelayListener, Shared, TickListener, WindowListener, Writers,
 };
 use super::picture::Shot;
 use super::server::Server;
@@ -11,15 +11,11 @@ use super::words::{Admission, LinkWord, LinkWords};
 use crate::flight::Output;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::{Control, Stamps};
-use crate::schedule::lane::LaneWriter;
 use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
-use plumbline_estimator::Odometry;
 use plumbline_record::digest::config_hash;
 use plumbline_record::messages::Configuration;
-use plumbline_record::said::FullEstimate;
-use plumbline_record::{InstantAnswer, Said};
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -48,18 +44,11 @@ impl LinkDoor {
 pub struct LocalSocket {
     shared: Arc<Shared>,
     /// Taken by the listeners of the run.
-    odometry: Option<OdometryWriters>,
-    estimates: Option<EstimateWriters>,
+    writers: Writers,
     shot: Option<Shot>,
     admissions: Sender<Admission>,
     thread: Option<JoinHandle<()>>,
 }
-
-/// Writing ends of the tick's thread.
-type OdometryWriters = (LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>);
-
-/// Writing ends of the window's thread.
-type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<Said>);
 
 impl LocalSocket {
     /// Makes the socket of `local.path`, where one is named, and serves its readers from a thread of normal priority.
@@ -86,15 +75,7 @@ impl LocalSocket {
                 theirs.pulse.die();
             }
         })?;
-        let Writers { odometry, instants, estimates, others } = writers;
-        Ok(Self {
-            shared,
-            odometry: Some((odometry, instants)),
-            estimates: Some((estimates, others)),
-            shot: Some(shot),
-            admissions,
-            thread: Some(thread),
-        })
+        Ok(Self { shared, writers, shot: Some(shot), admissions, thread: Some(thread) })
     }
 
     /// Entrance for the network process.
@@ -133,23 +114,29 @@ impl Output for LocalSocket {
 
 impl Subscriber for LocalSocket {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        let Some(others) = self.writers.others.pop_if(|_| producer != Producer::Watchdog) else {
+            return Box::new(());
+        };
         let shared = Arc::clone(&self.shared);
-        match producer {
-            Producer::Tick => match self.odometry.take() {
-                Some((odometry, instants)) => Box::new(TickListener::new(shared, odometry, instants)),
+        let inner: Box<dyn Listener> = match producer {
+            Producer::Tick => match self.writers.tick.take() {
+                Some((odometry, instants)) => {
+                    Box::new(TickListener::new(Arc::clone(&shared), odometry, instants))
+                }
                 None => Box::new(()),
             },
-            Producer::Window => match self.estimates.take() {
-                Some((estimates, others)) => Box::new(WindowListener { shared, estimates, others }),
+            Producer::Window => match self.writers.estimates.take() {
+                Some(estimates) => Box::new(WindowListener { shared: Arc::clone(&shared), estimates }),
                 None => Box::new(()),
             },
             Producer::FrontEnd => match self.shot.take() {
-                Some(shot) => Box::new(FrontEndListener::new(shared, shot)),
+                Some(shot) => Box::new(FrontEndListener::new(Arc::clone(&shared), shot)),
                 None => Box::new(()),
             },
-            Producer::Places => Box::new(PlacesListener(shared)),
+            Producer::Places => Box::new(PlacesListener(Arc::clone(&shared))),
             Producer::Watchdog => Box::new(()),
-        }
+        };
+        Box::new(RelayListener { shared, others, inner })
     }
 
     fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {

@@ -5,7 +5,7 @@
 //! into parts ([`part`], [`parts`]) that each say what they belong to ([`about`]). Reading: a [`reader`] goes through
 //! the parts, a [`cursor`] hands out one kind at a time, and [`source`] makes sensor streams of it.
 //! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`plumbline_record::compare`]). What the
-//! bytes mean is in [`channel`], [`plumbline_record::tables`], [`image`] and [`rig`].
+//! bytes mean is in [`channel`], [`plumbline_record::fields`], [`image`] and [`rig`].
 
 pub mod about;
 pub mod build_id;

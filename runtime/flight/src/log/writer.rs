@@ -212,7 +212,7 @@ impl LogWriter {
 
     fn put(&mut self, channel: Channel, stamp: Timestamp, record: &dyn Parts) -> Result<(), LogError> {
         self.buffer.clear();
-        record.append(&mut self.buffer);
+        protobuf::append(record, &mut self.buffer);
         self.put_buffer(channel, drawn::log_time(stamp))
     }
 

@@ -1,10 +1,11 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-ground --run-ignored only fuzz_seeds`.
 
+use super::super::listen::seed_number;
 use super::super::test_messages::window;
 use super::fixture::{estimate, odometry, put};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
+use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_record::fields::Parts;
 use plumbline_record::messages::{
@@ -16,13 +17,8 @@ use plumbline_record::topics::Topic;
 
 /// A message of a key, in its envelope.
 fn sent(topic: Topic, record: &dyn Parts) -> (u8, Vec<u8>) {
-    let mut message = Vec::new();
-    record.append(&mut message);
-    if topic == Topic::Odometry {
-        message = encode_brief(&odometry());
-    }
-    let number = Topic::published().position(|(known, _)| known == topic).unwrap();
-    (number as u8, encode(&Envelope::around(record, message, 7, 5)))
+    let message = if topic == Topic::Odometry { encode_brief(record) } else { encode(record) };
+    (seed_number(topic), encode(&Envelope::around(record, message, 7, 5)))
 }
 
 /// A message of every topic, each with its number and its length.
@@ -33,7 +29,7 @@ fn network_messages() -> Vec<Vec<u8>> {
     let end = LoopEnd { stamp, p_m_b: Vector3::x() };
     let mut path = MapPath::new(0);
     path.poses = vec![PathPose { stamp, reset_counter: 0, pose_m_b: Isometry3::identity() }; 2];
-    path.loops = vec![[end; 2]];
+    path.loops = vec![LoopEnds { seen: end, seen_by: end }];
     path.drift_m = Some(0.1);
     let past = PastPose { stamp, pose_o_b: Isometry3::identity(), reset_counter: 0 };
     let ladder = Ladder { level: 0, name: "full".into() };

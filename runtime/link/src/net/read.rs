@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     use plumbline_config::Timestamp;
-    use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
+    use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};
     use plumbline_estimator::places::{MapEstimate, MapPath};
     use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotPoint};
     use plumbline_estimator::{MapSnapshot, NavCovariance, Odometry, TrackingState};
@@ -192,7 +192,7 @@ mod tests {
         let path = |poses: usize, loops: usize, drift_m| {
             let mut path = MapPath::new(0);
             path.poses = vec![at; poses];
-            path.loops = vec![[end; 2]; loops];
+            path.loops = vec![LoopEnds { seen: end, seen_by: end }; loops];
             path.drift_m = drift_m;
             path
         };

@@ -4,6 +4,7 @@ use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
 use super::scene::Scene;
 use crate::net::pace::Rates;
+use crate::net::relay::Relayed;
 use crate::net::task_bell::TaskBell;
 use crate::net::{Commands, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
@@ -97,7 +98,7 @@ impl Drop for RosOutput {
 /// Reading ends of the rings of a [`RosFeed`].
 struct Waiting {
     odometry: LaneReader<Odometry>,
-    scene: LaneReader<Record>,
+    scene: LaneReader<Relayed>,
     shots: LaneReader<Shot>,
     instants: LaneReader<InstantAnswer>,
 }
@@ -149,14 +150,14 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Sha
 pub struct RosFeed {
     shared: Arc<Shared>,
     odometry: LaneWriter<Odometry>,
-    scene: LaneWriter<Record>,
+    scene: LaneWriter<Relayed>,
     shots: LaneWriter<Shot>,
     instants: LaneWriter<InstantAnswer>,
 }
 
 impl RosFeed {
-    /// Takes a record, if it is one that ROS 2 is shown.
-    pub fn take(&mut self, record: &Record) {
+    /// Takes a record with its message, if it is one that ROS 2 is shown.
+    pub fn take(&mut self, record: &Record, message: &[u8]) {
         match record {
             Record::Odometry(odometry, _) => {
                 self.odometry.push((**odometry).clone());
@@ -170,7 +171,11 @@ impl RosFeed {
                 self.shots.push(shot.clone());
                 self.shared.bell.ring();
             }
-            record if Scene::draws(record) => self.scene.push(record.clone()),
+            record if Scene::draws(record) => {
+                // Only what is kept as it came needs its message.
+                let message = if matches!(record, Record::Other(_)) { message.to_vec() } else { Vec::new() };
+                self.scene.push(Relayed { record: record.clone(), message });
+            }
             _ => {}
         }
     }

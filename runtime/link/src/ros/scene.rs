@@ -3,10 +3,14 @@
 use super::landmarks::LandmarkMap;
 use super::path::PathHistory;
 use crate::net::pace::Rates;
+use crate::net::relay::Relayed;
 use nalgebra::Isometry3;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_flight::local::Record;
+use plumbline_record::protobuf::decode;
+use plumbline_record::topics::Topic;
+use std::collections::BTreeMap;
 
 /// Path, map and landmarks of a flight, in bounded memory.
 #[derive(Clone, Debug)]
@@ -19,6 +23,8 @@ pub struct Scene {
     pub corrected: MapPath,
     /// Newest pose of the odometry frame in the map.
     pub estimate: Option<MapEstimate>,
+    /// Newest message of each other topic.
+    others: BTreeMap<Topic, Vec<u8>>,
 }
 
 impl Scene {
@@ -30,23 +36,35 @@ impl Scene {
             landmarks: LandmarkMap::new(rates.keyframe_landmarks),
             corrected: MapPath::new(0),
             estimate: None,
+            others: BTreeMap::new(),
         }
     }
 
     /// True if [`Scene::take`] has a use for a record.
     #[must_use]
     pub fn draws(record: &Record) -> bool {
-        matches!(record, Record::MapEstimate(_) | Record::Window(_) | Record::Path(_))
+        matches!(record, Record::MapEstimate(_) | Record::Window(_) | Record::Path(_) | Record::Other(_))
     }
 
     /// Takes a record of the flight.
-    pub fn take(&mut self, record: Record) {
+    pub fn take(&mut self, Relayed { record, message }: Relayed) {
         match record {
             Record::MapEstimate(newest) => self.estimate = Some(newest),
             Record::Window(snapshot) => self.landmarks.update(snapshot),
             Record::Path(path) => self.corrected = path,
+            Record::Other(kind) => {
+                if let Some(topic) = Topic::of_kind(kind) {
+                    self.others.insert(topic, message);
+                }
+            }
             _ => {}
         }
+    }
+
+    /// Newest record of a topic that has no place of its own here.
+    #[must_use]
+    pub fn newest<T: plumbline_record::fields::Record>(&self, topic: Topic) -> Option<T> {
+        decode(self.others.get(&topic)?).ok()
     }
 
     /// Pose of the frame of `odometry` in the map, if it is known: after a reset the odometry frame is another one.
@@ -54,5 +72,26 @@ impl Scene {
     pub fn pose_m_o(&self, odometry: &Odometry) -> Option<Isometry3<f64>> {
         let estimate = self.estimate.as_ref()?;
         estimate.pose_m_o.filter(|_| estimate.reset_counter == odometry.reset_counter)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::options::Link;
+    use plumbline_record::messages::Ladder;
+    use plumbline_record::protobuf::encode;
+
+    #[test]
+    fn what_a_flight_says_is_kept_for_views_whatever_it_is() {
+        let mut scene = Scene::new(&Rates::of(Link::Lan));
+        for level in [1, 2] {
+            let message = encode(&Ladder { level, name: "no lines".into() });
+            let record = Record::Other(Topic::Ladder.kind());
+            assert!(Scene::draws(&record));
+            scene.take(Relayed { record, message });
+        }
+        assert_eq!(scene.newest::<Ladder>(Topic::Ladder).unwrap().level, 2);
+        assert_eq!(scene.newest::<Ladder>(Topic::Sensors), None);
     }
 }

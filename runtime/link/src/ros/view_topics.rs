@@ -1,5 +1,7 @@
-//! The topics that RViz 2 draws. Each is computed at a bounded rate of data time, and only while it has subscribers.
+//! The topics that RViz 2 and others draw: a row of a table each. A view is drawn at a bounded rate of data time, and only while it has
+//! subscribers.
 
+use super::cdr;
 use super::frames::Frames;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{CompressedImage, Header, Image, MarkerArray, Path, PointCloud2, Time};
@@ -13,37 +15,123 @@ use crate::net::pace::{Pace, Rates};
 use plumbline_config::Timestamp;
 use plumbline_config::options::{RosConfig, RosPictures};
 use plumbline_flight::local::Shot;
-use plumbline_record::topics;
+use plumbline_record::topics::Topic;
+use serde::Serialize;
 use zenoh::qos::Priority;
 
 /// Messages that a subscriber is advised to hold: each replaces the one before.
 const DEPTH: u32 = 1;
 
+/// A view: name of its topic, topic of the flight whose rate it has, whether the configuration has it (with a map or without), and its
+/// message of what the flight has said so far, if there is one.
+struct View {
+    name: &'static str,
+    priority: Priority,
+    rate: Topic,
+    is_on: fn(&RosConfig, bool) -> bool,
+    interface: fn() -> InterfaceType,
+    draw: fn(&Scene, &Drawn<'_>) -> Option<Vec<u8>>,
+}
+
+/// Frames and times as headers have them.
+struct Drawn<'a> {
+    frames: &'a Frames<'a>,
+    time: &'a dyn Fn(Timestamp) -> Time,
+}
+
+impl<'a> Drawn<'a> {
+    /// Header in the frame of the corrected path; none while there is no such path.
+    fn in_map(&self, scene: &Scene) -> Option<Header<'a>> {
+        let newest = scene.corrected.poses.last()?;
+        Some(Header { stamp: (self.time)(newest.stamp), frame_id: self.frames.map })
+    }
+}
+
+/// All views. What the flight says besides is in the scene too ([`Scene::newest`]).
+const VIEWS: &[View] = &[
+    View {
+        name: "path",
+        priority: Priority::Data,
+        rate: Topic::Path,
+        is_on: |options, _| options.path,
+        interface: InterfaceType::of::<Path<'_>>,
+        draw: |scene, at| {
+            encoded(&views::path(at.frames, at.frames.odom, scene.path.poses().iter().copied(), at.time))
+        },
+    },
+    View {
+        name: "landmarks",
+        priority: Priority::DataLow,
+        rate: Topic::Window,
+        is_on: |options, _| options.landmarks,
+        interface: InterfaceType::of::<PointCloud2<'_>>,
+        draw: |scene, at| {
+            let window = scene.landmarks.window()?;
+            let points = window.points.iter().map(|point| point.p_o.cast());
+            encoded(&views::cloud(at.frames.header((at.time)(window.stamp)), points))
+        },
+    },
+    View {
+        name: "lines",
+        priority: Priority::DataLow,
+        rate: Topic::Window,
+        is_on: |options, _| options.landmarks,
+        interface: InterfaceType::of::<MarkerArray<'_>>,
+        draw: |scene, at| {
+            let window = scene.landmarks.window()?;
+            let lines = window.lines.iter().map(|line| line.ends_o);
+            encoded(&views::lines(&at.frames.header((at.time)(window.stamp)), lines))
+        },
+    },
+    View {
+        name: "map/path",
+        priority: Priority::Data,
+        rate: Topic::Path,
+        is_on: |options, has_map| options.map && has_map,
+        interface: InterfaceType::of::<Path<'_>>,
+        draw: |scene, at| {
+            at.in_map(scene)?;
+            let poses = scene.corrected.poses.iter().map(|at| (at.stamp, at.pose_m_b));
+            encoded(&views::path(at.frames, at.frames.map, poses, at.time))
+        },
+    },
+    View {
+        name: "map/landmarks",
+        priority: Priority::DataLow,
+        rate: Topic::Path,
+        is_on: |options, has_map| options.map && has_map,
+        interface: InterfaceType::of::<PointCloud2<'_>>,
+        draw: |scene, at| {
+            let header = at.in_map(scene)?;
+            let landmarks = scene.landmarks.corrected(&scene.corrected, scene.estimate.as_ref());
+            encoded(&views::cloud(header, landmarks.points))
+        },
+    },
+    View {
+        name: "map/markers",
+        priority: Priority::DataLow,
+        rate: Topic::Path,
+        is_on: |options, has_map| options.map && has_map,
+        interface: InterfaceType::of::<MarkerArray<'_>>,
+        draw: |scene, at| {
+            let header = at.in_map(scene)?;
+            let landmarks = scene.landmarks.corrected(&scene.corrected, scene.estimate.as_ref());
+            encoded(&views::map(&header, &scene.corrected, &landmarks))
+        },
+    },
+];
+
+fn encoded<T: Interface + Serialize>(message: &T) -> Option<Vec<u8>> {
+    cdr::encode(message).ok()
+}
+
 /// Publishers of the views, as far as the configuration has them.
 pub struct ViewTopics {
-    path: Option<TopicPublisher>,
-    window: Option<Window>,
-    map: Option<Map>,
+    views: Vec<(&'static View, Pace, TopicPublisher)>,
     tracks: Option<TopicPublisher>,
     pictures: RosPictures,
     rates: Rates,
-    path_pace: Pace,
-    window_pace: Pace,
-    map_pace: Pace,
     picture_pace: Pace,
-}
-
-/// Content of the window.
-struct Window {
-    landmarks: TopicPublisher,
-    lines: TopicPublisher,
-}
-
-/// The map.
-struct Map {
-    path: TopicPublisher,
-    landmarks: TopicPublisher,
-    markers: TopicPublisher,
 }
 
 /// Stamps of one publication: as headers have them, and the present time, ns since 1970.
@@ -65,45 +153,24 @@ impl ViewTopics {
         has_map: bool,
     ) -> Result<Self, NetError> {
         let rates = Rates::of(options.link);
-        let path = match options.path {
-            true => Some(declare::<Path<'_>>(declaring, "path", Priority::Data).await?),
-            false => None,
-        };
-        let window = match options.landmarks {
-            true => Some(Window {
-                landmarks: declare::<PointCloud2<'_>>(declaring, "landmarks", Priority::DataLow).await?,
-                lines: declare::<MarkerArray<'_>>(declaring, "lines", Priority::DataLow).await?,
-            }),
-            false => None,
-        };
-        let map = match options.map && has_map {
-            true => Some(Map {
-                path: declare::<Path<'_>>(declaring, "map/path", Priority::Data).await?,
-                landmarks: declare::<PointCloud2<'_>>(declaring, "map/landmarks", Priority::DataLow).await?,
-                markers: declare::<MarkerArray<'_>>(declaring, "map/markers", Priority::DataLow).await?,
-            }),
-            false => None,
-        };
-        let priority = Priority::Background;
+        let mut views = Vec::new();
+        for view in VIEWS.iter().filter(|view| (view.is_on)(options, has_map)) {
+            let publisher = declare(declaring, view.name, (view.interface)(), view.priority).await?;
+            views.push((view, Pace::new(rates.hz(view.rate)), publisher));
+        }
         let tracks = match options.tracks {
             RosPictures::Off => None,
             RosPictures::Compressed => {
-                Some(declare::<CompressedImage<'_>>(declaring, "tracks/compressed", priority).await?)
+                Some(("tracks/compressed", InterfaceType::of::<CompressedImage<'_>>()))
             }
-            RosPictures::Raw => Some(declare::<Image<'_>>(declaring, "tracks", priority).await?),
+            RosPictures::Raw => Some(("tracks", InterfaceType::of::<Image<'_>>())),
         };
-        Ok(Self {
-            path,
-            window,
-            map,
-            tracks,
-            pictures: options.tracks,
-            rates,
-            path_pace: Pace::new(rates.hz(topics::Topic::Path)),
-            window_pace: Pace::new(rates.hz(topics::Topic::Window)),
-            map_pace: Pace::new(rates.hz(topics::Topic::Path)),
-            picture_pace: Pace::new(rates.hz(topics::Topic::Picture)),
-        })
+        let tracks = match tracks {
+            Some((name, interface)) => Some(declare(declaring, name, interface, Priority::Background).await?),
+            None => None,
+        };
+        let picture_pace = Pace::new(rates.hz(Topic::Picture));
+        Ok(Self { views, tracks, pictures: options.tracks, rates, picture_pace })
     }
 
     /// Publishes what is due at `stamp`.
@@ -114,78 +181,20 @@ impl ViewTopics {
         stamp: Timestamp,
         clock: &Clock<F>,
     ) {
-        if self.path_pace.admits(stamp) {
-            self.send_path(scene, frames, clock).await;
-        }
-        if self.window_pace.admits(stamp) {
-            self.send_window(scene, frames, clock).await;
-        }
-        if self.map_pace.admits(stamp) {
-            self.send_map(scene, frames, clock).await;
-        }
-    }
-
-    async fn send_path<F: Fn(Timestamp) -> Time>(
-        &mut self,
-        scene: &Scene,
-        frames: &Frames<'_>,
-        clock: &Clock<F>,
-    ) {
-        if let Some(path) = &mut self.path
-            && path.has_subscribers().await
-        {
-            let poses = scene.path.poses().iter().copied();
-            path.put(&views::path(frames, frames.odom, poses, &clock.time), clock.now_ns).await;
-        }
-    }
-
-    async fn send_window<F: Fn(Timestamp) -> Time>(
-        &mut self,
-        scene: &Scene,
-        frames: &Frames<'_>,
-        clock: &Clock<F>,
-    ) {
-        let (Some(window), Some(snapshot)) = (&mut self.window, scene.landmarks.window()) else { return };
-        let header = frames.header((clock.time)(snapshot.stamp));
-        if window.landmarks.has_subscribers().await {
-            let points = snapshot.points.iter().map(|point| point.p_o.cast());
-            window.landmarks.put(&views::cloud(header.clone(), points), clock.now_ns).await;
-        }
-        if window.lines.has_subscribers().await {
-            let lines = snapshot.lines.iter().map(|line| line.ends_o);
-            window.lines.put(&views::lines(&header, lines), clock.now_ns).await;
-        }
-    }
-
-    async fn send_map<F: Fn(Timestamp) -> Time>(
-        &mut self,
-        scene: &Scene,
-        frames: &Frames<'_>,
-        clock: &Clock<F>,
-    ) {
-        let (Some(map), Some(newest)) = (&mut self.map, scene.corrected.poses.last()) else { return };
-        let header = Header { stamp: (clock.time)(newest.stamp), frame_id: frames.map };
-        if map.path.has_subscribers().await {
-            let poses = scene.corrected.poses.iter().map(|at| (at.stamp, at.pose_m_b));
-            map.path.put(&views::path(frames, frames.map, poses, &clock.time), clock.now_ns).await;
-        }
-        let (cloud, markers) = (map.landmarks.has_subscribers().await, map.markers.has_subscribers().await);
-        if !cloud && !markers {
-            return;
-        }
-        let landmarks = scene.landmarks.corrected(&scene.corrected, scene.estimate.as_ref());
-        if markers {
-            map.markers.put(&views::map(&header, &scene.corrected, &landmarks), clock.now_ns).await;
-        }
-        if cloud {
-            map.landmarks.put(&views::cloud(header, landmarks.points), clock.now_ns).await;
+        for (view, pace, publisher) in &mut self.views {
+            if !pace.admits(stamp) || !publisher.has_subscribers().await {
+                continue;
+            }
+            if let Some(message) = (view.draw)(scene, &Drawn { frames, time: &clock.time }) {
+                publisher.put_encoded(message, clock.now_ns).await;
+            }
         }
     }
 
     /// Rate of pictures that is wanted now, Hz.
     pub async fn pictures_hz(&self) -> f64 {
         match &self.tracks {
-            Some(tracks) if tracks.has_subscribers().await => self.rates.hz(topics::Topic::Picture),
+            Some(tracks) if tracks.has_subscribers().await => self.rates.hz(Topic::Picture),
             _ => 0.0,
         }
     }
@@ -212,12 +221,12 @@ impl ViewTopics {
 }
 
 /// Declares the publisher of a topic in the namespace of the node.
-async fn declare<T: Interface>(
+async fn declare(
     declaring: &mut Declaring<'_>,
     name: &str,
+    interface: InterfaceType,
     priority: Priority,
 ) -> Result<TopicPublisher, NetError> {
-    let name = declaring.node().qualified(name);
-    let topic = RosTopic { name, interface: InterfaceType::of::<T>(), depth: DEPTH };
+    let topic = RosTopic { name: declaring.node().qualified(name), interface, depth: DEPTH };
     TopicPublisher::declare(declaring, topic, priority).await
 }

@@ -88,7 +88,8 @@ pub fn lines<'a>(
 #[must_use]
 pub fn map<'a>(header: &Header<'a>, path: &MapPath, landmarks: &MapLandmarks) -> MarkerArray<'a> {
     let keyframes = path.poses.iter().map(|at| at.pose_m_b.translation.vector.into()).collect();
-    let loops = path.loops.iter().flatten().map(|end| end.p_m_b.into()).collect();
+    let loops =
+        path.loops.iter().flat_map(|ends| [ends.seen, ends.seen_by]).map(|end| end.p_m_b.into()).collect();
     let lines = landmarks.lines.iter().flatten().map(|end| end.cast::<f64>().into()).collect();
     MarkerArray {
         markers: vec![

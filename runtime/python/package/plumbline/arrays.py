@@ -166,7 +166,11 @@ class MapPoses(_Rows):
     """Position of O in M, m, shape (N, 3)."""
     orientation: Floats
     """Rotation from O to M: quaternions x y z w, shape (N, 4)."""
+    reset_counter: "NDArray[np.uint32]"
+    """Number of resets so far, shape (N,)."""
     keyframes: "NDArray[np.uint32]"
     """Keyframes of the map, shape (N,)."""
+    sightings: "NDArray[np.uint32]"
+    """Places seen again so far, shape (N,)."""
     loops_used: "NDArray[np.uint32]"
     """Loops that count, shape (N,)."""

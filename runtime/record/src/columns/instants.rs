@@ -32,7 +32,7 @@ const RATES: [&str; 2] = ["w_b_y_rad_s", "w_b_z_rad_s"];
 #[must_use]
 pub fn names() -> Vec<String> {
     let first = FIRST.into_iter().chain(RATES).map(str::to_owned);
-    let variances = super::VARIANCES[..AXES.len()].iter().map(|name| (*name).to_owned());
+    let variances = super::names().into_iter().filter(|name| name.starts_with("var_")).take(AXES.len());
     first.chain(variances).chain(super::covariance_names()).collect()
 }
 

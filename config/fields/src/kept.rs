@@ -1,10 +1,12 @@
 //! Types that records keep: numbers, vectors, poses, covariances, texts and lists as fields.
 
-use super::{Part, Shape, Value};
-use nalgebra::{Isometry3, Quaternion, SVector, UnitQuaternion, Vector3};
+use crate::{Outline, Part, Parts, Record, Shape, Value};
+use nalgebra::{Isometry3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::{BiasVariances, HealthBits, NavCovariance};
 use std::slice::from_ref;
+
+/// Items of a list, at most.
+const MAX_ITEMS: usize = 65_536;
 
 /// Implements [`Part`] for whole numbers. One that is absent is 0, as in proto3.
 macro_rules! whole {
@@ -33,7 +35,6 @@ whole! {
     i8, Sint32, |v| i64::from(*v), |v| i8::try_from(v).map_err(|_| "a quality out of range");
     bool, Flag, |v| i64::from(*v), |v| Ok(v != 0);
     Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
-    HealthBits, Uint32, |v| i64::from(v.0), |v| Ok(HealthBits(v as u32));
 }
 
 impl Part for f64 {
@@ -157,7 +158,8 @@ impl Part for [Vector3<f64>; 2] {
     }
 }
 
-impl Part for NavCovariance {
+/// A covariance of position, attitude and velocity.
+impl Part for SMatrix<f64, 9, 9> {
     const SHAPE: Shape = Shape::Covariance;
 
     fn get(&self) -> Value<'_> {
@@ -174,8 +176,8 @@ impl Part for NavCovariance {
     }
 }
 
-/// Absent in logs from before there were any: those of a sensor whose biases are known.
-impl Part for BiasVariances {
+/// Variances of biases. Absent in logs from before there were any: those of a sensor whose biases are known.
+impl Part for SVector<f64, 6> {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -269,5 +271,70 @@ impl<const N: usize> Part for Vec<[f32; N]> {
             self.extend(groups.iter().map(|group| group.map(f32::from_le_bytes)));
         }
         Ok(())
+    }
+}
+
+/// A record inside a record, which cannot be absent.
+impl<T: Record> Part for T {
+    const SHAPE: Shape = Shape::Message(const { &Outline::of::<T>() });
+
+    fn get(&self) -> Value<'_> {
+        Value::Part(self)
+    }
+
+    fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
+        Err("a part is missing")
+    }
+
+    fn open(&mut self) -> Option<&mut dyn Parts> {
+        Some(self)
+    }
+
+    fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {
+        *self = T::default();
+        Ok(self)
+    }
+}
+
+/// A record inside a record, which may be absent.
+impl<T: Record> Part for Option<T> {
+    const SHAPE: Shape = Shape::Message(const { &Outline::of::<T>() });
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, |part| Value::Part(part))
+    }
+
+    fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
+        *self = None;
+        Ok(())
+    }
+
+    fn open(&mut self) -> Option<&mut dyn Parts> {
+        self.as_mut().map(|part| part as &mut dyn Parts)
+    }
+
+    fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {
+        Ok(self.insert(T::default()))
+    }
+}
+
+/// A list of records, which come one by one.
+impl<T: Record> Part for Vec<T> {
+    const SHAPE: Shape = Shape::Messages(const { &Outline::of::<T>() });
+
+    fn get(&self) -> Value<'_> {
+        Value::Items(self)
+    }
+
+    /// Of a list that is absent.
+    fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {
+        if self.len() >= MAX_ITEMS {
+            return Err("a list is too long");
+        }
+        Ok(self.push_mut(T::default()))
     }
 }

@@ -1,16 +1,20 @@
-//! The mechanism: a table of fields for each type, and the value of a field in a form that every reader of a table
+//! Records as data: the fields of a type, each declared once beside it, and the value of a field in a form that every reader
 //! understands.
 //!
-//! A type of a flight's records lists its fields once ([`Record::FIELDS`], written with `record!` in
-//! [`tables`](crate::tables)). Whatever is made of records reads the tables: the bytes of the log and their schema
-//! ([`protobuf`](crate::protobuf), [`schema`](crate::schema)), the digest ([`digest`](crate::digest)), the comparison
-//! ([`compare`](crate::compare)), the columns of a table ([`columns`](crate::columns)), the fixed layouts of the local
-//! socket ([`layout`](crate::layout)).
+//! `#[derive(Record)]` makes the table of a type ([`Record::FIELDS`]) of the attributes of its fields ([`plumbline_keys`] has what they
+//! may say). The bytes of logs, local socket and network, their schema, digests, comparisons and the columns of tables are made of these
+//! by the crate `plumbline-record`.
 
-mod enumerations;
 mod kept;
 
 pub use kept::set_pair;
+pub use plumbline_keys::Record;
+
+use plumbline_config::Timestamp;
+use std::fmt;
+
+/// Finding about bytes that are no message.
+pub const NO_MESSAGE: &str = "not a message of its schema";
 
 /// Value of a field.
 #[derive(Clone, Copy)]
@@ -19,7 +23,7 @@ pub enum Value<'a> {
     Whole(i64),
     /// Real numbers in up to two runs, such as position and rotation of a pose.
     Floats([&'a [f64]; 2]),
-    /// Bytes; a part that is still encoded.
+    /// Bytes.
     Bytes(&'a [u8]),
     /// Real numbers of single precision.
     Singles(&'a [f32]),
@@ -92,15 +96,61 @@ pub enum Shape {
     Bytes,
     /// `string`.
     Text,
-    /// Message of this name.
-    Message(&'static str),
-    /// List of messages of this name.
-    Messages(&'static str),
+    /// Message.
+    Message(&'static Outline),
+    /// List of messages.
+    Messages(&'static Outline),
     /// `repeated string`.
     Texts,
 }
 
-/// Enumeration of the log's schema.
+impl Shape {
+    /// True for whole numbers, flags and enumerators.
+    #[must_use]
+    pub const fn is_whole(self) -> bool {
+        use Shape::{Enumerator, Flag, Int64, Sint32, Uint32, Uint64};
+        matches!(self, Uint64 | Int64 | Uint32 | Sint32 | Flag | Enumerator(_))
+    }
+}
+
+/// Message of a record in the schema.
+#[derive(Clone, Copy)]
+pub struct Outline {
+    /// Its name.
+    pub name: &'static str,
+    /// Its comment.
+    pub about: &'static str,
+    /// Its fields.
+    pub fields: fn() -> Vec<&'static About>,
+}
+
+impl Outline {
+    /// Message of a type.
+    #[must_use]
+    pub const fn of<T: Record>() -> Self {
+        Self {
+            name: T::NAME,
+            about: T::ABOUT,
+            fields: || T::FIELDS.iter().map(|field| &field.about).collect(),
+        }
+    }
+}
+
+impl fmt::Debug for Outline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl PartialEq for Outline {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Eq for Outline {}
+
+/// Enumeration of the schema.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Enumeration {
     /// Its name in the schema, from the message that holds it on.
@@ -113,16 +163,16 @@ pub struct Enumeration {
     pub about: &'static [&'static str],
 }
 
-/// Facts about a field in the tables.
+/// Facts about a field.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
-    /// Number in the messages of the log; 0 for a field of tables only, which follows from others.
+    /// Number in messages.
     pub tag: u32,
     /// Name in the program and in comparisons.
     pub name: &'static str,
-    /// Name in the schema of the log.
+    /// Name in the schema.
     pub wire: &'static str,
-    /// Comment in the schema of the log.
+    /// Comment in the schema.
     pub about: &'static str,
     /// Form.
     pub shape: Shape,
@@ -148,7 +198,17 @@ pub struct Field<T: 'static> {
     pub set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
     /// Opens the record inside the record, if it is one.
     pub open: fn(&mut T) -> Option<&mut dyn Parts>,
+    /// Begins the record inside the record, or the next of its list, anew.
+    pub begin: fn(&mut T) -> Result<&mut dyn Parts, &'static str>,
 }
+
+impl<T> Clone for Field<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Copy for Field<T> {}
 
 impl<T> Field<T> {
     /// A field of this number, name, and name in the schema.
@@ -160,19 +220,23 @@ impl<T> Field<T> {
         set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
     ) -> Self {
         let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]), most: 0 };
-        Self { about, get, get_for_digest: get, set, open: |_| None }
+        Self { about, get, get_for_digest: get, set, open: |_| None, begin: |_| Err(NO_MESSAGE) }
     }
 
-    /// Returns the field as one that can be opened.
+    /// Returns the field as one that can be opened, and begun anew.
     #[must_use]
-    pub const fn opened(mut self, open: fn(&mut T) -> Option<&mut dyn Parts>) -> Self {
-        self.open = open;
+    pub const fn opened(
+        mut self,
+        open: fn(&mut T) -> Option<&mut dyn Parts>,
+        begin: fn(&mut T) -> Result<&mut dyn Parts, &'static str>,
+    ) -> Self {
+        (self.open, self.begin) = (open, begin);
         self
     }
 
     /// Returns the field with its bound where it comes from the network: items of a list, bytes of a text, or numbers.
     #[must_use]
-    pub const fn at_most(mut self, most: usize) -> Self {
+    pub const fn most(mut self, most: usize) -> Self {
         self.about.most = most;
         self
     }
@@ -198,10 +262,10 @@ impl<T> Field<T> {
         self
     }
 
-    /// Returns the field with its place in the digest, where `get` is taken for it.
+    /// Returns the field with `get` taken for it by the digest.
     #[must_use]
-    pub const fn digest_as(mut self, place: u8, get: fn(&T) -> Value<'_>) -> Self {
-        (self.about.digest, self.get_for_digest) = (place, get);
+    pub const fn digest_as(mut self, get: fn(&T) -> Value<'_>) -> Self {
+        self.get_for_digest = get;
         self
     }
 
@@ -214,27 +278,28 @@ impl<T> Field<T> {
 
     /// Returns the field with its place among the columns, from 1, and their names.
     #[must_use]
-    pub const fn columns(mut self, place: u8, names: &'static [&'static str]) -> Self {
-        self.about.columns = (place, names);
+    pub const fn columns(mut self, columns: (u8, &'static [&'static str])) -> Self {
+        self.about.columns = columns;
         self
     }
 }
 
-/// Type of a flight's records.
-pub trait Record: Sized + 'static {
-    /// Name of its message in the schema of the log.
+/// Type of records. Every field is still to be written to its default.
+pub trait Record: Default + 'static {
+    /// Name of its message in the schema.
     const NAME: &'static str;
-    /// Comment in the schema of the log.
+    /// Comment in the schema.
     const ABOUT: &'static str;
     /// Its fields, in the order of the schema.
     const FIELDS: &'static [Field<Self>];
-
-    /// A value that every field is still to be written to.
-    fn blank() -> Self;
 }
 
-/// Record whose type is not known to the reader: one that is part of another.
+/// Record whose type is not known to the reader.
 pub trait Parts {
+    /// Number of its fields.
+    fn count(&self) -> usize;
+    /// Field of this number with its value.
+    fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)>;
     /// Calls `sink` with every field, in the order of the schema.
     fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>));
     /// Writes field `tag`.
@@ -242,8 +307,48 @@ pub trait Parts {
     /// # Errors
     /// When the value does not fit: what is wrong, in words.
     fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str>;
-    /// Appends its message.
-    fn append(&self, to: &mut Vec<u8>);
+    /// Begins the record in field `tag`, or the next of its list, anew.
+    ///
+    /// # Errors
+    /// When the field is none, or the list is too long.
+    fn begin_part(&mut self, tag: u32) -> Result<&mut dyn Parts, &'static str>;
+}
+
+/// Measurement time of a record: that of its field `stamp_ns`, if it has one.
+#[must_use]
+pub fn stamp_of(record: &dyn Parts) -> Option<Timestamp> {
+    let mut stamp = None;
+    record.visit(&mut |about, value| match value {
+        Value::Whole(ns) if about.wire == "stamp_ns" => stamp = Some(Timestamp::from_nanos(ns)),
+        _ => {}
+    });
+    stamp
+}
+
+fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
+    T::FIELDS.iter().find(|field| field.about.tag == tag)
+}
+
+impl<T: Record> Parts for T {
+    fn count(&self) -> usize {
+        T::FIELDS.len()
+    }
+
+    fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)> {
+        field_of::<T>(tag).map(|field| (&field.about, (field.get)(self)))
+    }
+
+    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>)) {
+        T::FIELDS.iter().for_each(|field| sink(&field.about, (field.get)(self)));
+    }
+
+    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str> {
+        field_of::<T>(tag).map_or(Ok(()), |field| (field.set)(self, value))
+    }
+
+    fn begin_part(&mut self, tag: u32) -> Result<&mut dyn Parts, &'static str> {
+        field_of::<T>(tag).map_or(Err(NO_MESSAGE), |field| (field.begin)(self))
+    }
 }
 
 /// List inside a record.
@@ -288,6 +393,13 @@ pub trait Part {
     /// Opens it, if it is a record.
     fn open(&mut self) -> Option<&mut dyn Parts> {
         None
+    }
+    /// Begins the record, or the next of a list, anew.
+    ///
+    /// # Errors
+    /// When it is none, or the list is too long.
+    fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {
+        Err(NO_MESSAGE)
     }
 }
 
