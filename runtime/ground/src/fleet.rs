@@ -140,15 +140,14 @@ impl Fleet {
     /// Applies `change` to a vehicle, and announces changes of its state, resets and work budget.
     fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
-        let before = (vehicle.resets, vehicle.rung.clone());
+        let before = (vehicle.resets, vehicle.news.clone());
         let was_shared = vehicle.is_shared();
-        let known = std::mem::take(&mut vehicle.notices);
-        vehicle.notices.clone_from(&known);
         change(vehicle);
         let is_news = vehicle.is_shared() && !was_shared;
-        let after = (vehicle.resets, vehicle.rung.clone());
+        let after = (vehicle.resets, vehicle.news.ladder.name.clone());
+        let notices = vehicle.news.sensors.notices.iter();
         let fresh: Vec<String> =
-            vehicle.notices.iter().filter(|notice| !known.contains(notice)).cloned().collect();
+            notices.filter(|notice| !before.1.sensors.notices.contains(notice)).cloned().collect();
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
@@ -169,9 +168,8 @@ impl Fleet {
         for notice in fresh {
             self.announce(Some(name), Severity::Warning, notice);
         }
-        if let (Some(old), Some(new)) = (before.1, after.1)
-            && old != new
-        {
+        let (old, new) = (before.1.ladder.name, after.1);
+        if !old.is_empty() && !new.is_empty() && old != new {
             self.announce(Some(name), Severity::Warning, format!("work budget: {new}"));
         }
     }

@@ -44,7 +44,7 @@ fn vehicle(v: &Vehicle) -> Value {
         },
         "clock": {"offset_ms": v.clock.offset_ns().map(ms), "round_trip_ms": v.clock.round_trip_ns().map(ms)},
         "keyframes": {"have": v.map.len(), "announced": v.map.announced},
-        "dropped_by_vehicle": v.dropped,
+        "dropped_by_vehicle": v.news.dropped,
         "resets": v.resets,
     })
 }

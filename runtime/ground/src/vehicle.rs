@@ -10,8 +10,8 @@ use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
 use motion::Motion;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
+use nalgebra::{Isometry3, Vector3};
+use plumbline_estimator::{Estimate, HealthBits, Odometry, TrackingState};
 use plumbline_link::net::plain;
 use plumbline_link::net::read::Heard;
 use plumbline_record::messages::{Envelope, Health, PastPose, Picture as Shown};
@@ -34,35 +34,6 @@ pub struct Picture {
     pub message: Arc<Heard<Shown>>,
     /// Counts images.
     pub version: u64,
-}
-
-/// Figures of an estimate beside its pose.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Details {
-    /// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
-    pub position_covariance: Option<[f64; 6]>,
-    /// Points tracked and in the window.
-    pub points: (u32, u32),
-    /// Lines tracked and in the window.
-    pub lines: (u32, u32),
-    /// Gyroscope bias, rad/s.
-    pub bias_gyro: Option<[f64; 3]>,
-    /// Accelerometer bias, m/s^2.
-    pub bias_accel: Option<[f64; 3]>,
-}
-
-impl Details {
-    fn of(e: &Estimate) -> Self {
-        let c: &NavCovariance = &e.covariance;
-        let figures = &e.figures;
-        Self {
-            position_covariance: Some([c[(0, 0)], c[(0, 1)], c[(0, 2)], c[(1, 1)], c[(1, 2)], c[(2, 2)]]),
-            points: (figures.points_tracked, figures.points_in_window),
-            lines: (figures.lines_matched, figures.lines_in_window),
-            bias_gyro: Some(e.bias_gyro.into()),
-            bias_accel: Some(e.bias_accel.into()),
-        }
-    }
 }
 
 /// Name of a tracking state.
@@ -97,9 +68,6 @@ pub struct Vehicle {
     pub stamp_ns: i64,
     /// Newest pose of the body in the odometry frame; `None` while there is no valid estimate, whose pose says nothing.
     pub pose_o_b: Option<Isometry3<f64>>,
-    /// Mounting of the IMU: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown
-    /// until the vehicle has sent it.
-    pub rot_v_b: Option<UnitQuaternion<f64>>,
     /// Place of the odometry in the map, and the corrected path.
     pub corrected: Corrected,
     /// Newest velocity in O, m/s.
@@ -108,8 +76,10 @@ pub struct Vehicle {
     pub rate_b: Vector3<f64>,
     /// Standard deviations of position (m), attitude (rad), velocity (m/s).
     pub sigmas: [f64; 9],
-    /// Figures of the newest estimate.
-    pub details: Details,
+    /// Newest estimate.
+    pub estimate: Option<Estimate>,
+    /// Newest health message, its texts made plain.
+    pub news: Health,
     /// 0 to 100; -1 while there is no valid estimate.
     pub quality: i32,
     /// Name of the tracking state.
@@ -118,24 +88,8 @@ pub struct Vehicle {
     pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
-    /// Health bits.
-    pub bits: u32,
-    /// Names of the bits that are set.
-    pub health_words: Vec<String>,
-    /// Faults beyond the health bits, with cures.
-    pub notices: Vec<String>,
-    /// Frames stamped by their arrival, frames dropped and samples dropped for their stamps.
-    pub bad_stamps: [u64; 3],
-    /// Work budget: name of the step of the degradation ladder.
-    pub rung: Option<String>,
-    /// Computation of a frame, ms.
-    pub frame_ms: f64,
-    /// Frames a second.
-    pub frame_rate_hz: f64,
-    /// Messages that the vehicle dropped before the network.
-    pub dropped: u64,
-    /// True if the vehicle sends camera images to subscribers.
-    pub offers_camera: bool,
+    /// Health bits, of whatever came last.
+    pub bits: HealthBits,
     /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
     pub latency_ms: Option<f64>,
     /// Offset of its clock against this host's.
@@ -174,25 +128,17 @@ impl Default for Vehicle {
             delays: Delays::default(),
             stamp_ns: 0,
             pose_o_b: None,
-            rot_v_b: None,
             corrected: Corrected::default(),
             v_o_b: Vector3::zeros(),
             rate_b: Vector3::zeros(),
             sigmas: [0.0; 9],
-            details: Details::default(),
+            estimate: None,
+            news: Health::default(),
             quality: 0,
             state_words: "unknown",
             state_news: StateNews::default(),
             resets: 0,
-            bits: 0,
-            health_words: Vec::new(),
-            notices: Vec::new(),
-            bad_stamps: [0; 3],
-            rung: None,
-            frame_ms: 0.0,
-            frame_rate_hz: 0.0,
-            dropped: 0,
-            offers_camera: false,
+            bits: HealthBits::default(),
             latency_ms: None,
             clock: ClockEstimate::default(),
             track: Track::default(),
@@ -255,8 +201,8 @@ impl Vehicle {
             self.apply_envelope(envelope, estimate.state);
             self.apply_motion(&estimate.pose_o_b, &estimate.v_o_b);
         }
-        self.apply_bits(estimate.health);
-        self.details = Details::of(estimate);
+        self.bits = estimate.health;
+        self.estimate = Some(estimate.clone());
         if envelope.quality >= 0 {
             self.poses.push(PoseSample {
                 stamp_ns: envelope.stamp_ns,
@@ -279,23 +225,12 @@ impl Vehicle {
         if self.odom.is_stale(now) {
             self.state_words = state_words(message.state);
         }
-        self.apply_bits(message.bits);
-        let sensors = &message.sensors;
-        self.notices = sensors.notices.iter().map(|notice| plain(notice)).collect();
-        self.bad_stamps = [sensors.frames.restamped, sensors.frames.refused, sensors.samples.refused];
-        self.rung = (!message.ladder.name.is_empty()).then(|| plain(&message.ladder.name));
-        self.frame_ms = message.frame_ms;
-        self.frame_rate_hz = message.frame_rate_hz;
-        self.dropped = message.dropped;
-        self.offers_camera = message.offers_camera;
-        self.rot_v_b = message.rot_v_b;
+        self.bits = message.bits;
+        self.news = message.clone();
+        let texts = self.news.sensors.notices.iter_mut().chain([&mut self.news.ladder.name]);
+        texts.for_each(|text| *text = plain(text));
         self.map.announce(message.keyframes, envelope.published_ns, place == SequencePlace::Restarted);
         self.corrected.announce(message.paths);
-    }
-
-    fn apply_bits(&mut self, bits: HealthBits) {
-        self.bits = bits.0;
-        self.health_words = bits.names().map(str::to_owned).collect();
     }
 
     fn apply_envelope(&mut self, envelope: &Envelope, state: TrackingState) {

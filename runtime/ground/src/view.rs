@@ -180,9 +180,9 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
     let health = format!(
         "{}; frame {:.1} ms; lost {}, dropped {}",
         vehicle.health_summary(now),
-        vehicle.frame_ms,
+        vehicle.news.frame_ms,
         vehicle.odom.lost + vehicle.state.lost,
-        vehicle.dropped
+        vehicle.news.dropped
     );
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));

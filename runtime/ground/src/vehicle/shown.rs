@@ -63,7 +63,7 @@ impl Vehicle {
     /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
     #[must_use]
     pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
-        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.rot_v_b?);
+        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.news.rot_v_b?);
         Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
     }
 
@@ -76,7 +76,7 @@ impl Vehicle {
     /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
     #[must_use]
     pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
-        let rate_v = self.rot_v_b? * self.rate_b;
+        let rate_v = self.news.rot_v_b? * self.rate_b;
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
@@ -102,8 +102,10 @@ impl Vehicle {
         if !self.is_current(now) {
             return "health unknown".into();
         }
-        let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
-        let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
+        let notices = self.news.sensors.notices.iter();
+        let notices = notices.map(|notice| notice.split(": ").next().unwrap_or(notice));
+        let mut all: Vec<&str> = self.bits.names().collect();
+        all.extend(notices);
         match (all.is_empty(), self.quality) {
             (false, _) => all.join(", "),
             (true, ..0) => "no valid estimate".into(),

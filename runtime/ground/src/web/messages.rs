@@ -1,10 +1,12 @@
 //! JSON messages to the page; `runtime/ground/web/js` reads them.
 
 use super::super::corrected::Corrected;
+use super::super::fields::fields;
 use super::super::fleet::{Fleet, FleetEvent};
 use super::super::map::{MapKeyframe, Scene};
 use super::super::vehicle::Vehicle;
 use nalgebra::Isometry3;
+use plumbline_estimator::Estimate;
 use plumbline_link::net::read::Heard;
 use plumbline_record::messages::Picture;
 use plumbline_record::topics::Topic;
@@ -62,28 +64,25 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "pose_vehicle": v.pose_o_v().as_ref().map(pose),
         "attitude_deg": v.attitude().map(|a| [a.roll_deg, a.pitch_deg, a.heading_deg]),
         "rate_deg_s": v.attitude_rates().map(|rates| <[f64; 3]>::from(rates.map(f64::to_degrees))),
-        "covariance": v.details.position_covariance,
+        "covariance": v.estimate.as_ref().map(position_covariance),
         "sigma": v.pose_o_b.map(|_| sigma),
         "stamp_ns": v.stamp_ns.to_string(),
-        "words": v.health_words,
-        "bits": v.bits,
-        "notices": v.notices,
-        "stamps": {
-            "frames_restamped": v.bad_stamps[0], "frames_refused": v.bad_stamps[1], "samples_refused": v.bad_stamps[2],
-        },
-        "rung": v.rung,
-        "frame_ms": v.frame_ms,
-        "frame_rate_hz": v.frame_rate_hz,
-        "points": {"tracked": v.details.points.0, "in_window": v.details.points.1},
-        "lines": {"tracked": v.details.lines.0, "in_window": v.details.lines.1},
-        "bias_gyro": v.details.bias_gyro,
-        "bias_accel": v.details.bias_accel,
+        "words": v.bits.names().collect::<Vec<_>>(),
+        "bits": v.bits.0,
+        "health": fields(&v.news),
+        "figures": v.estimate.as_ref().map(|e| fields(&e.figures)),
+        "bias_gyro": v.estimate.as_ref().map(|e| e.bias_gyro.as_slice()),
+        "bias_accel": v.estimate.as_ref().map(|e| e.bias_accel.as_slice()),
         "link": link(v, now),
         "keyframes": {"have": v.map.len(), "total": v.map.announced},
-        "offers_camera": v.offers_camera,
         "others": v.others.iter().map(|(topic, fields)| (key_name(*topic), fields)).collect::<BTreeMap<_, _>>(),
         "recording": {"on": v.is_recording, "samples": recording.0, "seconds": recording.1},
     })
+}
+
+/// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
+fn position_covariance(e: &Estimate) -> [f64; 6] {
+    [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| e.covariance[at])
 }
 
 fn link(v: &Vehicle, now: Instant) -> Value {
@@ -98,7 +97,6 @@ fn link(v: &Vehicle, now: Instant) -> Value {
         "offset_ms": v.clock.offset_ns().map(ms),
         "rtt_ms": v.clock.round_trip_ns().map(ms),
         "lost": v.odom.lost + v.state.lost,
-        "dropped": v.dropped,
         "bytes_s": live.map(|channel| channel.bytes_per_s).sum::<f64>(),
         "quality": v.odom.arrived.map(|share| (100.0 * share).round()),
     })
@@ -215,9 +213,9 @@ mod tests {
         known.health("drone", &health(0, Health { sensors, ..Health::default() }), 100, Instant::now());
         let told: Value = serde_json::from_str(&fleet(&known, 0, Instant::now())).unwrap();
         let vehicle = &told["vehicles"][0];
-        assert_eq!(vehicle["notices"][0], "mounting unknown: set it");
-        let stamps = json!({"frames_restamped": 3, "frames_refused": 0, "samples_refused": 5});
-        assert_eq!(vehicle["stamps"], stamps);
+        let sensors = &vehicle["health"]["sensors"];
+        assert_eq!(sensors["notices"][0], "mounting unknown: set it");
+        assert_eq!((&sensors["frames"]["restamped"], &sensors["samples"]["refused"]), (&json!(3), &json!(5)));
         assert!(vehicle["attitude_deg"].is_null());
     }
 

@@ -42,7 +42,7 @@ export class Camera {
 
   update() {
     const { vehicle } = this.store;
-    const offers = vehicle?.state.offers_camera === true;
+    const offers = vehicle?.state.health?.offers_camera === true;
     this.watch(this.isWanted && offers ? [vehicle.name] : []);
     if (this.shownOf !== null && this.shownOf !== vehicle?.name) this.clear();
     const age = this.shownOf === null ? NaN : (performance.now() - this.shownAt) / 1000;

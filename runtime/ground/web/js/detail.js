@@ -23,12 +23,12 @@ const FIELDS = {
   'position-map': (v) => f.vector(tuple(v.state.pose_map, 7)?.slice(0, 3), 3),
   'semi-axes': (v) => ellipsoid(v.state.covariance)?.semiAxes.map(f.significant).join(' ') ?? f.UNKNOWN,
   'stamp': (v) => f.stampSeconds(v.state.stamp_ns),
-  'bad-stamps': (v) => badStamps(v.state.stamps),
-  'rung': (v) => v.state.rung ?? f.UNKNOWN,
-  'frame-ms': (v) => f.number(v.state.frame_ms, 1),
-  'frame-rate': (v) => f.number(v.state.frame_rate_hz, 1),
-  'points': (v) => f.ratio(v.state.points, 'tracked', 'in_window'),
-  'lines': (v) => f.ratio(v.state.lines, 'tracked', 'in_window'),
+  'bad-stamps': (v) => badStamps(v.state.health?.sensors),
+  'rung': (v) => v.state.health?.ladder?.name || f.UNKNOWN,
+  'frame-ms': (v) => f.number(v.state.health?.frame_ms, 1),
+  'frame-rate': (v) => f.number(v.state.health?.frame_rate_hz, 1),
+  'points': (v) => f.ratio(v.state.figures, 'points_tracked', 'points_in_window'),
+  'lines': (v) => f.ratio(v.state.figures, 'lines_matched', 'lines_in_window'),
   'keyframes': (v) => f.ratio(v.state.keyframes, 'have', 'total'),
   'bias-gyro': (v) => f.vector(v.state.bias_gyro?.map?.((x) => 1000 * x), 2),
   'bias-accel': (v) => f.vector(v.state.bias_accel, 3),
@@ -39,7 +39,7 @@ const FIELDS = {
   'rtt': (v) => f.number(v.state.link?.rtt_ms, 2),
   'offset': (v) => f.number(v.state.link?.offset_ms, 2),
   'lost': (v) => f.count(v.state.link?.lost),
-  'dropped': (v) => f.count(v.state.link?.dropped),
+  'dropped': (v) => f.count(v.state.health?.dropped),
   'bytes': (v) => f.number(v.state.link?.bytes_s / 1000, 1),
   'bits': (v) => `bits ${f.bits(v.state.bits)}`,
 };
@@ -52,8 +52,8 @@ function attitudeOf(vehicle) {
 }
 
 // Frames stamped by arrival, frames dropped and samples dropped for their stamps.
-function badStamps(stamps) {
-  const counts = [stamps?.frames_restamped, stamps?.frames_refused, stamps?.samples_refused];
+function badStamps(sensors) {
+  const counts = [sensors?.frames?.restamped, sensors?.frames?.refused, sensors?.samples?.refused];
   return counts.every(Number.isFinite) ? counts.join(' / ') : f.UNKNOWN;
 }
 
@@ -123,7 +123,8 @@ export class Detail {
     const notes = [];
     if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}: showing the last values received`);
     if (presence === 'lost') notes.push(`link lost ${since(age)}: showing the last values received`);
-    const notices = vehicle && Array.isArray(vehicle.state.notices) ? vehicle.state.notices.slice(0, 16).map(String) : [];
+    const told = vehicle?.state.health?.sensors?.notices;
+    const notices = Array.isArray(told) ? told.slice(0, 16).map(String) : [];
     const key = JSON.stringify([vehicle?.name, words, notes, notices]);
     if (key === this.shown) return;
     this.shown = key;

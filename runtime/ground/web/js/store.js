@@ -224,9 +224,9 @@ function historyRow(vehicle) {
     faulty: Array.isArray(state.words) && state.words.length > 0 ? 1 : 0,
     sigmaPosition: state.sigma?.position_m,
     sigmaAttitude: state.sigma?.attitude_deg,
-    frameMs: state.frame_ms,
+    frameMs: state.health?.frame_ms,
     latencyMs: state.link?.latency_ms,
-    points: state.points?.tracked,
-    lines: state.lines?.tracked,
+    points: state.figures?.points_tracked,
+    lines: state.figures?.lines_matched,
   };
 }

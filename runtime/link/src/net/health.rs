@@ -1,32 +1,12 @@
 //! Health messages: five times a second, and on change.
 
-use nalgebra::UnitQuaternion;
 use plumbline_config::options::VehicleConfig;
 use plumbline_estimator::Estimate;
-use plumbline_record::messages::{Envelope, Health, Ladder, SensorNews};
+use plumbline_record::messages::{Envelope, Health, SensorNews};
 use std::time::{Duration, Instant};
 
 /// Weight of a new frame rate in the smoothed one.
 const SMOOTHING: f64 = 0.1;
-
-/// Content of a health message beside the estimate.
-#[derive(Clone, Debug)]
-pub struct Circumstances {
-    /// Messages dropped because the network was slower than the vehicle.
-    pub dropped: u64,
-    /// Rung of the degradation ladder.
-    pub ladder: Ladder,
-    /// Keyframes of the map so far.
-    pub keyframes: u64,
-    /// Corrected paths so far.
-    pub paths: u64,
-    /// True if camera images are offered.
-    pub offers_camera: bool,
-    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
-    pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// State of live sensors.
-    pub sensors: SensorNews,
-}
 
 /// State of live sensors, with what is wrong beyond the health bits before their notices.
 fn noticed(is_mounted: bool, sensors: &SensorNews) -> SensorNews {
@@ -52,14 +32,9 @@ impl HealthFeed {
         Self { period, last: None, sent: Instant::now(), frame_rate_hz: 0.0, last_stamp_ns: 0 }
     }
 
-    /// The message to send after this estimate, if one is due: on change, or after the period. The envelope, still empty, has what
-    /// is known of the estimate.
-    pub fn update(
-        &mut self,
-        e: &Estimate,
-        frame_ms: f64,
-        around: &Circumstances,
-    ) -> Option<(Envelope, Health)> {
+    /// The message to send after this estimate, if one is due: on change, or after the period. `around` has what is known beside the
+    /// estimate; the envelope, still empty, what is known of it.
+    pub fn update(&mut self, e: &Estimate, around: Health) -> Option<(Envelope, Health)> {
         let stamp_ns = e.stamp.as_nanos();
         let period_s = (stamp_ns - self.last_stamp_ns) as f64 * 1e-9;
         if self.last_stamp_ns != 0 && period_s > 0.0 {
@@ -76,14 +51,8 @@ impl HealthFeed {
             state: e.state,
             bits: e.health,
             frame_rate_hz: self.frame_rate_hz,
-            frame_ms,
-            dropped: around.dropped,
-            ladder: around.ladder.clone(),
-            keyframes: around.keyframes,
-            paths: around.paths,
-            offers_camera: around.offers_camera,
-            rot_v_b: around.rot_v_b,
             sensors: noticed(around.rot_v_b.is_some(), &around.sensors),
+            ..around
         };
         Some(self.sending(Envelope::around(e, Vec::new(), 0, 0), health))
     }
@@ -119,23 +88,15 @@ mod tests {
     #[test]
     fn an_unknown_mounting_and_bad_stamps_are_told_also_while_no_estimate_comes() {
         let mut feed = HealthFeed::new(Duration::ZERO);
-        let around = Circumstances {
-            dropped: 0,
-            ladder: Ladder::default(),
-            keyframes: 0,
-            paths: 0,
-            offers_camera: false,
-            rot_v_b: None,
-            sensors: SensorNews::default(),
-        };
-        assert_eq!(feed.renew(&around.sensors, 0, 0), None, "nothing was sent yet");
-        let (before, first) = feed.update(&estimate(), 1.0, &around).unwrap();
+        let sensors = SensorNews::default();
+        assert_eq!(feed.renew(&sensors, 0, 0), None, "nothing was sent yet");
+        let (before, first) = feed.update(&estimate(), Health::default()).unwrap();
         assert!(first.rot_v_b.is_none() && first.sensors.notices[0].starts_with("mounting unknown: set it"));
-        let (now, again) = feed.renew(&around.sensors, 2, 3).unwrap();
+        let (now, again) = feed.renew(&sensors, 2, 3).unwrap();
         assert_eq!((now, again.keyframes, again.paths), (before, 2, 3), "it goes on");
-        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&around.sensors, 2, 3), None);
+        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&sensors, 2, 3), None);
         let mut feed = HealthFeed::new(Duration::ZERO);
-        feed.update(&estimate(), 1.0, &around).unwrap();
+        feed.update(&estimate(), Health::default()).unwrap();
         let frames = StampFigures { refused: 7, ..StampFigures::default() };
         let news = SensorNews { notices: vec!["stamps repeat".into()], frames, ..SensorNews::default() };
         let (_, renewed) = feed.renew(&news, 0, 0).unwrap();

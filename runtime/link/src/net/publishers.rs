@@ -9,7 +9,7 @@ use super::commands::Commands;
 use super::datagrams::Datagrams;
 use super::endpoints::Endpoints;
 use super::error::NetError;
-use super::health::{Circumstances, HealthFeed};
+use super::health::HealthFeed;
 use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
 use super::outlet::Outlet;
@@ -219,7 +219,8 @@ impl Publishers {
             archive.keyframes.count()
         };
         self.resets.send_replace(estimate.reset_counter);
-        let around = Circumstances {
+        let around = Health {
+            frame_ms,
             dropped: shared.dropped(),
             ladder: self.ladder.clone(),
             keyframes,
@@ -227,8 +228,9 @@ impl Publishers {
             offers_camera: self.offers_camera,
             rot_v_b: self.rot_v_b,
             sensors: self.sensors.clone(),
+            ..Health::default()
         };
-        if let Some(health) = self.health.update(estimate, frame_ms, &around) {
+        if let Some(health) = self.health.update(estimate, around) {
             self.send_health(health).await;
         }
     }
