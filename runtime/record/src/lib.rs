@@ -1,6 +1,6 @@
 //! Output of a flight, and every form that it takes.
 //!
-//! - [`said`] has the one type for inputs, orders, outputs and events; [`orders`] and [`event`] are what it holds besides
+//! - [`messages`] has the table of topics, and the one type for inputs, orders, outputs and events; [`orders`] and [`event`] are what it holds besides
 //!   the types of drivers and estimator, [`parts`] what a log holds about images and about itself;
 //! - each field of each of these types says beside it by which number it is known, and what else reads it ([`fields`]);
 //! - what reads these declarations: [`protobuf`] and [`schema`] (the messages of the log and of the local socket), [`layout`] (the

@@ -19,7 +19,9 @@ const CHUNK_NS: u64 = 500_000_000;
 const MESSAGE_OVERHEAD: u64 = 64;
 /// Kept free in a part for the summary at its end, bytes: schemas and statistics, and for each chunk its
 /// index.
-const SUMMARY_BYTES: u64 = 64 << 10;
+const SUMMARY_BYTES: u64 = (64 << 10) + MORE_TOPICS_BYTES;
+/// Schemas of the topics beyond the first twenty, each of which lists all messages.
+pub(super) const MORE_TOPICS_BYTES: u64 = (8 << 10) * (Channel::LOGGED.len() as u64 - 20);
 const CHUNK_INDEX_BYTES: u64 = 512;
 /// The state of the recording at the end of a chunk, bytes at most.
 const RECORDING_BYTES: u64 = 128;

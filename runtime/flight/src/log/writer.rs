@@ -6,7 +6,7 @@ use super::about::About;
 use super::channel::Channel;
 use super::entry::LogEntry;
 use super::narrate::Narrator;
-use super::part::Part;
+use super::part::{MORE_TOPICS_BYTES, Part};
 use super::part_file::{OpenPart, Patience, Syncer};
 use super::parts::{existing_parts, part_path};
 use super::room::Room;
@@ -24,7 +24,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 /// Size of a part without any message, bytes: configuration, schemas, summary.
-const NEW_PART_BYTES: u64 = 128 << 10;
+const NEW_PART_BYTES: u64 = (128 << 10) + 2 * MORE_TOPICS_BYTES;
 
 /// Limits of the recording.
 #[derive(Clone, Copy, Debug)]
