@@ -56,6 +56,8 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod camera;
+#[cfg(feature = "toml")]
+mod cures;
 mod doubts;
 mod error;
 #[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]

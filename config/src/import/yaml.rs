@@ -45,6 +45,7 @@ impl Document {
                     line: at.map_or(1, |at| at.line() as usize),
                     column: at.map_or(1, |at| at.column() as usize),
                     message: error.to_string().replace('\n', " "),
+                    cure: "correct the syntax there".into(),
                 }
             })?;
         Ok(Self { origin: origin.to_owned(), root })
