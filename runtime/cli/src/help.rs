@@ -25,7 +25,7 @@ const TASKS: [(&str, &[&str]); 4] = [
 ];
 
 /// Options of a simulated flight that the help of `simulate` explains, and that of `replay` leaves out.
-const OF_SIMULATE: [&str; 11] = [
+const OF_SIMULATE: [&str; 10] = [
     "imu",
     "imu_error",
     "calibration_error",
@@ -35,7 +35,6 @@ const OF_SIMULATE: [&str; 11] = [
     "time_offset_ms",
     "extrinsics_error_deg",
     "lost_camera",
-    "drop_rate",
     "flicker",
 ];
 
@@ -71,7 +70,8 @@ pub fn command() -> Command {
     full().mut_subcommand("replay", |replay| {
         let replay =
             OF_SIMULATE.iter().fold(replay, |replay, name| replay.mut_arg(name, |arg| arg.hide(true)));
-        replay.after_help("Simulated flights take the options of `plumbline simulate` too.")
+        let others = OF_SIMULATE.map(|name| format!("--{}", name.replace('_', "-"))).join(", ");
+        replay.after_help(format!("Explained by `plumbline simulate --help`: {others}."))
     })
 }
 
@@ -126,9 +126,14 @@ fn help_of(words: &[&str]) -> clap::Error {
     }
 }
 
-/// Every command: by task, then the others.
+/// Every command: by task, then the others, and the tables.
 fn all(cli: &Command) -> String {
-    format!("{}\nOther commands:\n{}", by_task(cli), rows(cli, &other_names(cli)))
+    let tables = TABLES.iter().map(|(name, about, _)| {
+        let subject = about.split(", such as").next().unwrap_or(about);
+        filled(&format!("  help {name:12}{subject}"), 19)
+    });
+    let tables = tables.collect::<Vec<_>>().join("\n");
+    format!("{}\nOther commands:\n{}\nTables:\n{tables}\n", by_task(cli), rows(cli, &other_names(cli)))
 }
 
 /// Commands of [`TASKS`] that this build has.
@@ -263,6 +268,9 @@ mod tests {
         for name in cli.get_subcommands().map(Command::get_name) {
             assert!(help.contains(name) && all(&cli).contains(&format!("\n  {name} ")), "{name}");
         }
+        for (name, ..) in TABLES {
+            assert!(all(&cli).contains(&format!("\n  help {name} ")), "{name}");
+        }
     }
 
     #[test]
@@ -278,8 +286,11 @@ mod tests {
         let help = |wanted: &str| &found.iter().find(|(name, _)| name == wanted).unwrap().1;
         for name in OF_SIMULATE {
             let option = format!("--{} ", name.replace('_', "-"));
-            let is_in = |help: &str| format!("{help} ").replace('\n', " ").contains(&option);
-            assert!(is_in(help("simulate")) && !is_in(help("replay")), "{name}");
+            let is_explained =
+                |help: &str| help.lines().any(|line| line.trim_start().starts_with(option.trim()));
+            assert!(is_explained(help("simulate")) && !is_explained(help("replay")), "{name}");
+            let words = help("replay").split_whitespace().map(|word| word.trim_end_matches([',', '.']));
+            assert!(words.clone().any(|word| word == option.trim()), "{name} is not named");
         }
     }
 
