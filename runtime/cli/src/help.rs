@@ -103,10 +103,15 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         return Ok(());
     }
     if words.iter().try_fold(&cli, |above, word| above.find_subcommand(word)).is_none() {
-        let tables = TABLES.map(|(name, ..)| name).join(", ");
+        let tables = TABLES.map(|(name, ..)| name);
+        let cure = match alike(&words, &tables) {
+            Some(name) => format!("did you mean `plumbline help {name}`?"),
+            None => "`plumbline help all` lists the commands".into(),
+        };
         let message = format!(
-            "help {}: there is no such command, and no such table ({tables}); `plumbline help all` lists the commands",
-            words.join(" ")
+            "help {}: there is no such command, and no such table ({}); {cure}",
+            words.join(" "),
+            tables.join(", ")
         );
         return Err(Usage(message).into());
     }
@@ -114,6 +119,19 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         // A reader that has gone, as `head` does, is no failure.
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
+    }
+}
+
+/// The command or table whose name is most like the first of these words, as clap finds it.
+fn alike(words: &[&str], tables: &[&'static str]) -> Option<String> {
+    let word = words.first()?;
+    let beginning = word.get(..4).filter(|_| word.len() > 4);
+    let table = tables.iter().find(|table| beginning.is_some_and(|beginning| table.starts_with(beginning)));
+    let refused = command().try_get_matches_from(["plumbline", word]).err()?;
+    match (table, refused.get(clap::error::ContextKind::SuggestedSubcommand)) {
+        (Some(table), _) => Some((*table).to_owned()),
+        (None, Some(clap::error::ContextValue::Strings(names))) => names.last().cloned(),
+        _ => None,
     }
 }
 
@@ -287,7 +305,7 @@ mod tests {
         for name in OF_SIMULATE {
             let option = format!("--{} ", name.replace('_', "-"));
             let is_explained =
-                |help: &str| help.lines().any(|line| line.trim_start().starts_with(option.trim()));
+                |help: &str| help.lines().any(|line| line.starts_with(&format!("      {}", option.trim())));
             assert!(is_explained(help("simulate")) && !is_explained(help("replay")), "{name}");
             let words = help("replay").split_whitespace().map(|word| word.trim_end_matches([',', '.']));
             assert!(words.clone().any(|word| word == option.trim()), "{name} is not named");
@@ -308,6 +326,17 @@ mod tests {
             let text = of(name);
             assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");
         }
+    }
+
+    #[test]
+    fn mistyped_commands_and_tables_have_their_neighbour() {
+        let run = |word: &str| run(&HelpArgs { topic: vec![word.into()] }).unwrap_err().to_string();
+        for (word, name) in
+            [("evalute", "evaluate"), ("fault", "faults"), ("condition", "conditions"), ("replya", "replay")]
+        {
+            assert!(run(word).contains(&format!("did you mean `plumbline help {name}`?")), "{}", run(word));
+        }
+        assert!(run("xyzzy").contains("`plumbline help all` lists the commands"));
     }
 
     #[test]
