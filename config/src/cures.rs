@@ -1,8 +1,11 @@
 //! Cures of values of the wrong type, and of lines that are no TOML: what to write in their place.
 
+#[cfg(feature = "toml")]
 use crate::keys::{Kind, Words};
+#[cfg(feature = "toml")]
 use toml::de::DeValue;
 
+#[cfg(feature = "toml")]
 /// Cure of a `value` that a key of this `kind` cannot have; `key` is its path, such as `camera[0].distortion`.
 pub(crate) fn of_type(key: &str, value: &DeValue<'_>, kind: &Kind) -> String {
     match (value, kind) {
@@ -54,15 +57,18 @@ pub(crate) fn of_type(key: &str, value: &DeValue<'_>, kind: &Kind) -> String {
     }
 }
 
+#[cfg(feature = "toml")]
 /// The key's path as it is written in a heading.
 fn heading(key: &str) -> String {
     key.split('.').map(|part| part.split('[').next().unwrap_or(part)).collect::<Vec<_>>().join(".")
 }
 
+#[cfg(feature = "toml")]
 fn quoted(words: &Words) -> String {
     words.current.iter().map(|word| format!("{word:?}")).collect::<Vec<_>>().join(", ")
 }
 
+#[cfg(feature = "toml")]
 /// A value without parts, as it stands in the file.
 fn written(value: &DeValue<'_>) -> Option<String> {
     match value {
@@ -75,6 +81,7 @@ fn written(value: &DeValue<'_>) -> Option<String> {
     }
 }
 
+#[cfg(feature = "toml")]
 /// A number with a decimal point that is a whole number.
 fn whole(float: &str) -> Option<i64> {
     let value: f64 = float.replace('_', "").parse().ok()?;
@@ -82,7 +89,8 @@ fn whole(float: &str) -> Option<i64> {
     (whole as f64 == value && whole.unsigned_abs() < 1 << 53).then_some(whole)
 }
 
-fn of_text_for_a_number(text: &str) -> String {
+/// Cure of a text where a number is expected.
+pub(crate) fn of_text_for_a_number(text: &str) -> String {
     if text.parse::<f64>().is_ok() {
         return format!("write it without quotation marks: {text}");
     }
@@ -92,6 +100,7 @@ fn of_text_for_a_number(text: &str) -> String {
     }
 }
 
+#[cfg(feature = "toml")]
 fn of_text_for_a_switch(text: &str) -> String {
     match text {
         "true" | "yes" | "on" | "1" => "write true, without quotation marks".into(),
@@ -108,6 +117,7 @@ fn number_and_unit(text: &str) -> Option<(String, &str)> {
     Some((number, text[end..].trim()))
 }
 
+#[cfg(feature = "toml")]
 /// Cure of a line that is no TOML.
 pub(crate) fn of_syntax(line: &str) -> String {
     let otherwise = || "correct the syntax there".to_owned();
@@ -130,7 +140,7 @@ pub(crate) fn of_syntax(line: &str) -> String {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "toml"))]
 mod tests {
     use crate::Config;
 

@@ -56,7 +56,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod camera;
-#[cfg(feature = "toml")]
+#[cfg(any(feature = "toml", feature = "yaml"))]
 mod cures;
 mod doubts;
 mod error;
