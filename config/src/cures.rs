@@ -94,6 +94,10 @@ pub(crate) fn of_text_for_a_number(text: &str) -> String {
     if text.parse::<f64>().is_ok() {
         return format!("write it without quotation marks: {text}");
     }
+    let with_point = text.replace(',', ".");
+    if with_point.parse::<f64>().is_ok() {
+        return format!("write a decimal point, not a comma: {with_point}");
+    }
     match number_and_unit(text) {
         Some((number, _)) => format!("write the number alone, as the name of the key has the unit: {number}"),
         None => "write a number, without quotation marks".into(),
@@ -127,8 +131,11 @@ pub(crate) fn of_syntax(line: &str) -> String {
     if ["true", "false", "yes", "no", "on", "off"].contains(&lower.as_str()) {
         return "a switch is true or false, in small letters".into();
     }
+    let with_point = value.replace(',', ".");
+    if value.contains(',') && with_point.parse::<f64>().is_ok() {
+        return format!("write a decimal point, not a comma: {with_point}");
+    }
     match number_and_unit(value) {
-        Some((number, "")) if value.contains(',') => format!("write a decimal point, not a comma: {number}"),
         Some((number, unit)) if unit.starts_with(|c: char| c.is_alphabetic() || c == '°' || c == '%') => {
             format!("write the number alone, as the name of the key has the unit: {number}")
         }
@@ -156,7 +163,8 @@ mod tests {
         for (table, line, cure) in [
             ("imu", "rate_hz = \"200\"", "without quotation marks: 200"),
             ("imu", "rate_hz = \"200 Hz\"", "the name of the key has the unit: 200"),
-            ("imu", "rate_hz = \"1,5\"", "the unit: 1.5"),
+            ("imu", "rate_hz = \"1,5\"", "not a comma: 1.5"),
+            ("imu", "rate_hz = \"2,8e-3\"", "not a comma: 2.8e-3"),
             ("imu", "rate_hz = \"fast\"", "write a number, without quotation marks"),
             ("imu", "rate_hz = true", "write one number"),
             ("imu", "rate_hz = [200]", "write the value without brackets"),

@@ -365,7 +365,10 @@ fn slips_in_files_of_kalibr_are_refused_with_what_to_write() {
     let rate = message(RADTAN, &with(IMU, "200.0", "200 Hz"));
     assert!(rate.contains("imu.yaml: `update_rate`") && rate.contains("has the unit: 200"), "{rate}");
     let comma = message(RADTAN, &with(IMU, "0.0028", "2,8e-3"));
-    assert!(comma.contains("`accelerometer_noise_density`") && comma.contains("write a number"), "{comma}");
+    assert!(
+        comma.contains("`accelerometer_noise_density`") && comma.contains("not a comma: 2.8e-3"),
+        "{comma}"
+    );
 }
 
 /// ROS's `plumb_bob` with four numbers has no k3.
