@@ -62,6 +62,7 @@ pub struct ValidConfig {
 
 /// Text that a configuration was read from, for messages. Configurations with the same values are equal, whatever their source.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(not(feature = "toml"), allow(dead_code, reason = "known of texts alone"))]
 pub(crate) struct Source {
     /// File, preset or other origin; empty for a configuration that was put together in code.
     pub origin: String,
