@@ -144,7 +144,7 @@ impl Sides {
                 "left and right images are the same",
                 format!("in {} of {} pairs", self.equal, self.looked_at),
                 "one camera, topic or folder that is used for both sides",
-                "name the other camera: `driver.v4l2.right`, `--topic right=NAME`, or copy the folder cam1 again",
+                "name the other camera: `driver.v4l2.right`, `plumbline replay --topic right=NAME`, or copy the folder cam1 again",
             ));
         }
         (self.wrong >= MIN_VOTES && self.wrong > MAJORITY * self.right).then(|| {
