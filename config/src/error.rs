@@ -59,7 +59,7 @@ pub enum ConfigError {
         limit_bytes: u64,
     },
     /// The text is not TOML or YAML.
-    #[error("{origin}: line {line}, column {column}: {message}; correct the syntax there")]
+    #[error("{origin}: line {line}, column {column}: {message}; {cure}")]
     Syntax {
         /// File or other origin of the text.
         origin: String,
@@ -69,6 +69,8 @@ pub enum ConfigError {
         column: usize,
         /// Expectation of the parser.
         message: String,
+        /// Cure.
+        cure: String,
     },
     /// A configuration was expected, and the text is YAML.
     #[error(
@@ -93,6 +95,29 @@ pub enum ConfigError {
         /// The name asked for.
         name: String,
         /// The names there are.
+        known: &'static [&'static str],
+    },
+    /// Neither a file nor a preset of this name exists.
+    #[error(
+        "{name}: no such file, and no preset of this name; {}",
+        if alike.is_empty() { format!("choose one of {}", known.join(", ")) } else { format!("did you mean {}?", alike.join(" or ")) }
+    )]
+    NeitherFileNorPreset {
+        /// The name asked for.
+        name: String,
+        /// Presets with a similar name.
+        alike: Vec<&'static str>,
+        /// The names there are.
+        known: &'static [&'static str],
+    },
+    /// The defaults were named as a configuration, and there are none for the sensors.
+    #[error(
+        "defaults: no configuration by themselves, as cameras and IMU have no defaults; write `[[camera]]` and `[imu]` into a file \
+         (`plumbline config defaults` prints every key), or choose one of {}",
+        known.join(", ")
+    )]
+    OnlyDefaults {
+        /// Names of the presets.
         known: &'static [&'static str],
     },
     /// A directory holds no calibration in a layout that is understood.

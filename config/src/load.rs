@@ -7,12 +7,13 @@
 //! reports everything it refuses at once.
 
 use crate::error::{ConfigError, Violation};
+use crate::keys::file;
 use crate::mask_file;
 use crate::options::Config;
 use crate::presets::{DEFAULTS, PRESETS, preset_file};
 use crate::shape::{BASE_KEY, Document};
 use crate::text;
-use crate::valid::ValidConfig;
+use crate::valid::{Source, ValidConfig};
 use serde::Deserialize as _;
 use std::path::Path;
 use toml::{Table, Value};
@@ -36,6 +37,8 @@ impl Config {
         let name = name.as_ref();
         match name.to_str() {
             Some(preset) if PRESETS.contains(&preset) => Self::preset(preset),
+            // A word that is no path is meant as a preset.
+            Some(word) if !word.contains(['/', '.']) && !name.exists() => Err(no_preset(word)),
             _ => Self::load(name),
         }
     }
@@ -81,7 +84,17 @@ impl Config {
             told(error.message(), error.span().map(|span| text::line_and_column(text, span.start).0))
         })?;
         let valid = complete(&mut config).and_then(|()| config.validated(origin));
-        valid.map_err(|error| error.with_lines(|key| document.line_of(key)))
+        let valid = valid.map_err(|error| error.with_lines(|key| document.line_of(key)))?;
+        let unset = Self::unset_keys(&valid).into_iter().map(|unset| {
+            let line = document.exact_line_of(&unset.key);
+            (unset.key, line)
+        });
+        let source = Source {
+            origin: origin.to_owned(),
+            unset: unset.collect(),
+            base: document.base().map(|(name, _)| name.to_owned()),
+        };
+        Ok(valid.with_source(source))
     }
 
     /// A configuration that ships with Plumbline, see [`PRESETS`].
@@ -99,6 +112,29 @@ impl Config {
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         toml::to_string(self).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
     }
+
+    /// As [`Self::to_toml`], with the comment of every key. Keys for experiments are there `with_experiments`, and where one of them
+    /// differs from its default. `header` is the first comment.
+    #[must_use]
+    pub fn to_commented_toml(&self, header: &str, with_experiments: bool) -> String {
+        let short = file::with_header(self, header, false);
+        let is_whole = || Self::from_toml_str(&short, header).is_ok_and(|config| *config == *self);
+        if !with_experiments && is_whole() { short } else { file::with_header(self, header, true) }
+    }
+}
+
+/// Error of a name that is neither a file nor a preset.
+fn no_preset(name: &str) -> ConfigError {
+    if name == DEFAULTS {
+        return ConfigError::OnlyDefaults { known: PRESETS };
+    }
+    let nearest = PRESETS.iter().map(|known| (strsim::levenshtein(name, known), *known)).min();
+    let begins = PRESETS.iter().copied().filter(|known| !name.is_empty() && known.starts_with(name));
+    let alike = match nearest {
+        Some((edits, known)) if edits <= name.len() / 3 => vec![known],
+        _ => begins.collect(),
+    };
+    ConfigError::NeitherFileNorPreset { name: name.to_owned(), alike, known: PRESETS }
 }
 
 /// What a text starts from: a preset in full, or nothing where it is the defaults.

@@ -1,10 +1,10 @@
 //! The shape of a configuration text: which keys it may have, must have, and of what type, by their declarations
 //! ([`crate::keys`]).
 
-use crate::Config;
 use crate::error::{ConfigError, Violation};
 use crate::keys::{Key, Kind, Table as _, Variant};
 use crate::text::{Lines, line_and_column};
+use crate::{Config, cures};
 use std::borrow::Cow;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -44,7 +44,8 @@ impl<'a> Document<'a> {
                 return ConfigError::Yaml { origin: origin.to_owned() };
             }
             let message = error.message().trim().replace('\n', " ");
-            ConfigError::Syntax { origin: origin.to_owned(), line, column, message }
+            let cure = cures::of_syntax(text.lines().nth(line - 1).unwrap_or_default());
+            ConfigError::Syntax { origin: origin.to_owned(), line, column, message, cure }
         })?;
         Ok(Self { lines: Lines::of(text), root })
     }
@@ -71,11 +72,22 @@ impl<'a> Document<'a> {
 
     /// The line of a key such as `camera[1].pose_b_c`, or of the innermost of its tables that is there.
     pub fn line_of(&self, key: &str) -> Option<usize> {
+        self.find(key).0
+    }
+
+    /// The line of a key that is there itself.
+    pub fn exact_line_of(&self, key: &str) -> Option<usize> {
+        Some(self.find(key)).filter(|(_, is_there)| *is_there).and_then(|(line, _)| line)
+    }
+
+    fn find(&self, key: &str) -> (Option<usize>, bool) {
         let mut table = Some(self.root.get_ref());
         let mut line = None;
         for part in key.split('.') {
             let (name, index) = split_index(part);
-            let Some((found, mut value)) = table.and_then(|t| t.get_key_value(name)) else { break };
+            let Some((found, mut value)) = table.and_then(|t| t.get_key_value(name)) else {
+                return (line, false);
+            };
             line = Some(self.lines.at(found.span().start));
             if let Some(element) = index.and_then(|i| value.get_ref().get(i)) {
                 value = element;
@@ -83,7 +95,7 @@ impl<'a> Document<'a> {
             }
             table = value.get_ref().as_table();
         }
-        line
+        (line, true)
     }
 }
 
@@ -223,7 +235,13 @@ impl Check<'_> {
             (DeValue::Array(list), Kind::Array(length, element)) => {
                 if list.len() != *length {
                     let reason = format!("has {} elements instead of {length}", list.len());
-                    return self.refuse(at, reason, "give exactly that many");
+                    let cure = match element() {
+                        Kind::Array(numbers, _) => {
+                            format!("give {length} rows, each of {numbers} numbers in brackets")
+                        }
+                        _ => "give exactly that many".into(),
+                    };
+                    return self.refuse(at, reason, cure);
                 }
                 self.array(at, value, &element());
             }
@@ -248,7 +266,7 @@ impl Check<'_> {
             }
             (other, kind) => {
                 let reason = format!("is {} where {} is expected", article(other.type_str()), wanted(kind));
-                self.refuse(at, reason, "correct the value");
+                self.refuse(at, reason, cures::of_type(&at.key, other, kind));
             }
         }
     }

@@ -23,7 +23,8 @@ pub(crate) fn read_bounded(path: &Path) -> Result<String, ConfigError> {
         let before = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
         let (line, column) = line_and_column(&before, before.len());
         let message = "not UTF-8 text".to_owned();
-        ConfigError::Syntax { origin: path.display().to_string(), line, column, message }
+        let cure = "save the file as UTF-8".to_owned();
+        ConfigError::Syntax { origin: path.display().to_string(), line, column, message, cure }
     })
 }
 

@@ -50,8 +50,8 @@ impl HealthBit {
 
 /// Causes and cure of readings that repeat.
 const STUCK: (&str, &str) = (
-    "a sensor or driver that hands out old readings, or a simulator without noise",
-    "restart the sensor; for data without noise set `imu.stuck_after_s = 0`",
+    "a sensor or driver that hands out old readings, a range that is too small (it stays at its end), or a simulator without noise",
+    "restart the sensor, or choose a larger range; for data without noise set `imu.stuck_after_s = 0`",
 );
 /// Causes and cure of images that repeat.
 const FROZEN: (&str, &str) = (
@@ -166,7 +166,8 @@ health_bits! {
     );
     /// The estimator assumes at least twice the configured noise of the accelerometer.
     15 ACCEL_NOISY "accelerometer noisy", "the accelerometer is noisier than configured, or contradicts the scale of the images", (
-        "vibration, a configured noise that is that of a data sheet, or a distance between the cameras (baseline) that is wrong",
+        "vibration, a configured noise that is that of a data sheet, stamps of the samples that scatter or are late, or a distance between \
+         the cameras (baseline) that is wrong",
         "set `imu.accel_noise_density` to the noise in flight and damp the mounting; `plumbline doctor` measures noise and scale",
     );
     /// Readings of the gyroscope, or of one of its axes, repeat bit for bit, and are not used.
@@ -215,8 +216,9 @@ health_bits! {
     );
     /// For several frames the images have shown another motion than the forces; these hardly count, and the quality is at most 10.
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
-        "a shock, forces beyond the range, columns or signs of the accelerometer, a loose mounting, or a broken sensor",
-        "nothing after a shock; else run `plumbline doctor` on the data, and look at mounting and range",
+        "a shock, forces beyond the range, stamps that are off, columns or signs of the accelerometer, a loose mounting, or a broken \
+         sensor",
+        "nothing after a shock; else run `plumbline doctor` on the data, and look at stamps, mounting and range",
     );
     /// The images turn otherwise than the gyroscope, and no delay explains it; the quality is at most 10.
     28 GYRO_CONTRADICTED "gyroscope contradicted", "the images contradict the gyroscope", (

@@ -168,7 +168,32 @@ const CASES: &[Case] = &[
         command: &["fly", "--config", "mipi-stereo"],
         damage: none,
         status: 2,
-        words: &["2 keys refused", "driver.v4l2.right", "CHANGE-ME"],
+        words: &[
+            "2 keys refused\n  `driver.v4l2.left` (line ",
+            "\n  `driver.v4l2.right` (line ",
+            "CHANGE-ME",
+        ],
+    },
+    Case {
+        name: "a value of another type",
+        command: &["config", "TOML"],
+        damage: |folder| set(folder, "rate_hz", "\"20 Hz\""),
+        status: 2,
+        words: &["camera[0].rate_hz", "(line ", "the name of the key has the unit: 20"],
+    },
+    Case {
+        name: "defaults as a configuration",
+        command: &["replay", "FLIGHT", "--config", "defaults"],
+        damage: none,
+        status: 2,
+        words: &["defaults: no configuration by themselves", "plumbline config defaults", "euroc, sim"],
+    },
+    Case {
+        name: "a preset whose name is mistyped",
+        command: &["replay", "FLIGHT", "--config", "realsense"],
+        damage: none,
+        status: 2,
+        words: &["did you mean realsense-d435i or realsense-d455?"],
     },
     Case {
         name: "an autopilot and an unknown mounting",
@@ -410,7 +435,11 @@ fn every_bad_input_is_named_with_its_cure_and_ends_with_the_right_status() {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let output = plumbline(&arguments);
         let said = stderr(&output);
-        let last = said.trim_end().lines().last().unwrap_or_default().to_owned();
+        // Several refused keys have a line each, below the one of the program.
+        let is_of_a_list = |line: &&str| line.starts_with("  `");
+        let below = said.trim_end().lines().rev().take_while(is_of_a_list).count();
+        let last: Vec<&str> = said.trim_end().lines().rev().take(below + 1).collect();
+        let last = last.into_iter().rev().collect::<Vec<_>>().join("\n");
         // Errors of arguments are clap's, and have several lines.
         let last = if said.starts_with("error: ") { said.replace('\n', " ") } else { last };
         let missing: Vec<_> = case.words.iter().filter(|words| !last.contains(**words)).collect();

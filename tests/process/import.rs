@@ -94,8 +94,8 @@ fn presets_are_written_to_a_file_and_named_where_one_is_meant() {
         String::from_utf8_lossy(&printed).trim_end()
     );
     fails(&["config", "euroc", "--out", &out], 2, &["my.toml", "--overwrite"]);
-    fails(&["config", &out, "--all"], 2, &["--all", "defaults", "my.toml"]);
-    fails(&["config", &out, "--out", &out], 2, &["writes a preset", "realsense-d455"]);
+    fails(&["config", &out, "--all"], 2, &["--all", "defaults", "my.toml", "--merged"]);
+    fails(&["config", &out, "--out", &out], 2, &["--out", "--merged", "realsense-d455"]);
     fails(&["config", "orbbec"], 2, &["orbbec", "no preset of this name", "realsense-d455", "oak-d"]);
 }
 
@@ -115,6 +115,11 @@ fn every_key_is_printed_with_its_default_and_a_file_may_start_from_a_preset() {
     };
     let (of_short, of_full) = (hash(&short), hash(&full));
     assert!(of_short.len() == 64 && of_short == of_full, "{of_short} {of_full}");
+    std::fs::write(&short, "base = \"sim\"\n[estimator.window]\ncauchy_scale = 3.0\n").unwrap();
+    let merged = printed(&["config", short.to_str().unwrap(), "--merged"]);
+    assert!(merged.starts_with("# Values of ") && merged.contains("\ncauchy_scale = 3.0\n"), "{merged}");
+    std::fs::write(&full, &merged).unwrap();
+    assert_eq!(hash(&short), hash(&full));
     std::fs::write(&short, "base = \"sim\"\n[network]\nlink = \"lann\"\n").unwrap();
     fails(
         &["config", short.to_str().unwrap()],

@@ -37,6 +37,10 @@ pub(super) fn kalibr(camera: &Node<'_>, coefficients_key: &str) -> Result<Lens, 
         None => "pinhole",
     };
     let intrinsics = camera.get("intrinsics")?;
+    if intrinsics.elements().is_ok_and(|elements| elements.len() == 9) {
+        let cure = "give fu, fv, pu, pv: its numbers 1, 5, 3 and 6, row by row";
+        return Err(intrinsics.refuse("is a camera matrix of 9 numbers", cure));
+    }
     match model {
         "pinhole" => Ok(Lens::new(intrinsics.numbers()?, pinhole_distortion(camera, coefficients_key)?)),
         "omni" => {
@@ -84,6 +88,10 @@ fn pinhole_distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Disto
             let [k1, k2, p1, p2] = radtan(&coefficients()?, Some(&model))?;
             Ok(Distortion::RadialTangential { k1, k2, p1, p2 })
         }
+        // With four numbers k3 is left out.
+        "plumb_bob" if coefficients()?.elements()?.len() == 4 => {
+            coefficients()?.numbers().map(|[k1, k2, p1, p2]| Distortion::RadialTangential { k1, k2, p1, p2 })
+        }
         "plumb_bob" => coefficients()?.numbers().map(|[k1, k2, p1, p2, k3]| brown(k1, k2, p1, p2, k3)),
         "equidistant" | "equi" => {
             coefficients()?.numbers().map(|[k1, k2, k3, k4]| Distortion::Equidistant { k1, k2, k3, k4 })
@@ -101,12 +109,31 @@ fn pinhole_distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Disto
             })
         }
         "none" => Ok(STRAIGHT),
-        _ => Err(model.refuse(
+        name => Err(other_name(&model, name).unwrap_or_else(|| model.refuse(
             "is no known model",
             "calibrate with radtan (radial-tangential), equidistant, plumb_bob (k1 k2 p1 p2 k3) or rational_polynomial (k1 k2 p1 \
              p2 k3 k4 k5 k6)",
-        )),
+        ))),
     }
+}
+
+/// Names of distortion models in other programs, and those in files of Kalibr with the same numbers.
+const OTHER_NAMES: [(&str, &str); 8] = [
+    ("fisheye", "equidistant"),
+    ("kannala_brandt", "equidistant"),
+    ("kannala_brandt4", "equidistant"),
+    ("kb4", "equidistant"),
+    ("opencv_fisheye", "equidistant"),
+    ("brown_conrady", "plumb_bob"),
+    ("opencv", "plumb_bob"),
+    ("opencv8", "rational_polynomial"),
+];
+
+/// Error of a model by the name that another program gives it.
+fn other_name(model: &Node<'_>, name: &str) -> Option<ConfigError> {
+    let (_, known) = OTHER_NAMES.iter().find(|(other, _)| name.eq_ignore_ascii_case(other))?;
+    let cure = format!("write `{}: {known}` if its numbers are of that model, in that order", model.name());
+    Some(model.refuse(format!("{name} is another program's name, probably of {known}"), cure))
 }
 
 /// The four coefficients of radtan. More of them are of another model: named by `model`, the key of a pinhole's.

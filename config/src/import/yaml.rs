@@ -1,7 +1,7 @@
 //! A YAML tree that knows its file and the path of its keys, so that every complaint names both.
 
 use crate::error::{ConfigError, Violation};
-use crate::text;
+use crate::{cures, text};
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use std::fmt;
@@ -45,6 +45,7 @@ impl Document {
                     line: at.map_or(1, |at| at.line() as usize),
                     column: at.map_or(1, |at| at.column() as usize),
                     message: error.to_string().replace('\n', " "),
+                    cure: "correct the syntax there".into(),
                 }
             })?;
         Ok(Self { origin: origin.to_owned(), root })
@@ -92,7 +93,12 @@ impl<'a> Node<'a> {
             Value::List(_) => "a list",
             Value::Map(_) => "a table",
         };
-        self.refuse(format!("is {is} where {wanted} is expected"), "correct the value")
+        let cure = match self.value {
+            Value::Text(text) if wanted.ends_with("number") => cures::of_text_for_a_number(text.trim()),
+            Value::Null => format!("write {wanted} behind it, or below it with blanks before it"),
+            _ => format!("write {wanted}"),
+        };
+        self.refuse(format!("is {is} where {wanted} is expected"), cure)
     }
 
     /// The last part of its key.

@@ -75,6 +75,12 @@ pub(crate) fn full(config: &Config, remarks: &Remarks, with_experiments: bool) -
     file.text
 }
 
+/// Every key with its value in `config`, below a comment of one's own.
+pub(crate) fn with_header(config: &Config, header: &str, with_experiments: bool) -> String {
+    let remarks = Remarks { header: vec![format!("# {header}")], ..Remarks::default() };
+    full(config, &remarks, with_experiments)
+}
+
 struct File<'a> {
     text: String,
     remarks: &'a Remarks,

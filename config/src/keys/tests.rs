@@ -101,6 +101,27 @@ fn a_file_takes_what_it_does_not_set_from_its_base() {
 }
 
 #[test]
+fn a_file_is_printed_with_the_values_of_its_base_and_is_the_same_then() {
+    for (text, words) in [
+        ("base = \"sim\"\n[imu]\nrate_hz = 400.0\n", "\nrate_hz = 400.0\n"),
+        ("base = \"sim\"\n[estimator.window]\nkeyframes = 9\n", "\nkeyframes = 9\n"),
+        // A key for experiments, which is else left out.
+        ("base = \"sim\"\n[estimator.window]\ncauchy_scale = 3.0\n", "\ncauchy_scale = 3.0\n"),
+        ("base = \"mipi-stereo\"\n", "CHANGE-ME"),
+        ("base = \"sim\"\n[network]\nvehicle = \"hawk\"\n", "\nvehicle = \"hawk\"\n"),
+    ] {
+        let config = parsed(text).unwrap();
+        let printed = config.to_commented_toml("Values of drone.toml.", false);
+        assert!(printed.starts_with("# Values of drone.toml.\n") && printed.contains(words), "{printed}");
+        assert!(!printed.contains("\nbase = "), "{printed}");
+        assert_eq!(parsed(&printed).unwrap(), config, "{text}");
+        assert_eq!(parsed(&config.to_commented_toml("All.", true)).unwrap(), config, "{text}");
+    }
+    let short = parsed("base = \"sim\"\n").unwrap().to_commented_toml("Short.", false);
+    assert!(!short.contains("cauchy_scale"), "{short}");
+}
+
+#[test]
 fn a_list_is_taken_from_a_file_or_its_base_as_a_whole() {
     let left = preset_text("sim").unwrap();
     let [first, second] = [left.find("\n[[camera]]\n"), left.rfind("\n[[camera]]\n")].map(Option::unwrap);

@@ -327,6 +327,58 @@ fn refused_values_are_said_of_the_file_and_key_that_they_are_from() {
     assert!(digits.contains("copy T_cam_imu from the calibration with all its digits"), "{digits}");
 }
 
+#[test]
+fn slips_in_files_of_kalibr_are_refused_with_what_to_write() {
+    let message = |chain: &str, imu: &str| kalibr_texts(chain, imu).expect_err("is refused").to_string();
+    for (from, to, words) in [
+        (
+            "458.654,",
+            "\"458.654\",",
+            "`cam0.intrinsics[0]`: is a text where a finite number is expected; write it without quotation marks: 458.654",
+        ),
+        ("458.654,", "458.654 px,", "as the name of the key has the unit: 458.654"),
+        (
+            "[458.654, 457.296, 367.215, 248.375]",
+            "[458.654, 0, 367.215, 0, 457.296, 248.375, 0, 0, 1]",
+            "is a camera matrix of 9 numbers; give fu, fv, pu, pv",
+        ),
+        (
+            "distortion_model: radtan",
+            "distortion_model: fisheye",
+            "write `distortion_model: equidistant` if its numbers are of that model",
+        ),
+        (
+            "distortion_model: radtan",
+            "distortion_model: Brown_Conrady",
+            "write `distortion_model: plumb_bob`",
+        ),
+        ("distortion_model: radtan", "distortion_model: fov", "is no known model"),
+        (
+            "distortion_model: radtan",
+            "distortion_model:",
+            "is empty where a text is expected; write a text behind it",
+        ),
+    ] {
+        let said = message(&RADTAN.replacen(from, to, 1), IMU);
+        assert!(said.contains(words) && !said.contains("correct the value"), "{to}: {said}");
+    }
+    let rate = message(RADTAN, &with(IMU, "200.0", "200 Hz"));
+    assert!(rate.contains("imu.yaml: `update_rate`") && rate.contains("has the unit: 200"), "{rate}");
+    let comma = message(RADTAN, &with(IMU, "0.0028", "2,8e-3"));
+    assert!(
+        comma.contains("`accelerometer_noise_density`") && comma.contains("not a comma: 2.8e-3"),
+        "{comma}"
+    );
+}
+
+/// ROS's `plumb_bob` with four numbers has no k3.
+#[test]
+fn plumb_bob_of_four_numbers_is_radial_tangential() {
+    let four = RADTAN.replace("distortion_model: radtan", "distortion_model: plumb_bob");
+    let [of_four, of_radtan] = [&four, RADTAN].map(|chain| kalibr_texts(chain, IMU).unwrap().camera.clone());
+    assert_eq!(of_four, of_radtan);
+}
+
 /// Numbers of OpenVINS's configuration of a T265: a little more than 90 degrees to each side.
 pub(super) const T265: &str = "cam0:
   T_cam_imu:

@@ -191,3 +191,19 @@ fn what_a_base_would_have_given_is_said_where_it_is_missing() {
     let part = said("base = \"euroc\"\n[[camera]]\nexposure_s = 0.01\n");
     assert!(part.contains("copy the cameras whole"), "{part}");
 }
+
+#[test]
+fn names_that_are_neither_file_nor_preset_are_told_with_what_is_alike() {
+    let said = |name: &str| Config::load_or_preset(name).expect_err("refused").to_string();
+    for (name, words) in [
+        ("euroq", "did you mean euroc?"),
+        ("realsense", "did you mean realsense-d435i or realsense-d455?"),
+        ("zed-mni", "did you mean zed-mini?"),
+        ("orbbec", "choose one of euroc, sim, "),
+        ("defaults", "cameras and IMU have no defaults; write `[[camera]]` and `[imu]` into a file"),
+        ("./defaults", "./defaults: cannot be read"),
+        ("drone.toml", "drone.toml: cannot be read"),
+    ] {
+        assert!(said(name).contains(words), "{name}: {}", said(name));
+    }
+}

@@ -47,6 +47,11 @@ pub(crate) fn cameras(topics: &[Topic], named: &BagTopics, wanted: usize) -> Res
     let (left, right) = (find(&named.left)?, find(&named.right)?);
     let all = candidates(topics);
     match (left, right) {
+        (Some(left), Some(right)) if left == right => Err(format!(
+            "{} is named for the left camera and for the right one: name the topic of each, or fly with --mono; {}",
+            printable(named.left.as_deref().unwrap_or_default()),
+            list(topics)
+        )),
         (Some(left), Some(right)) if wanted > 1 => Ok(vec![left, right]),
         (Some(left), None) if wanted > 1 => {
             let partner = pairs(topics, &all).into_iter().find(|pair| pair.0 == left);
@@ -346,6 +351,12 @@ mod tests {
         let [left, right, imu_name] = ["/b", "/a", "/j"].map(|name| Some(name.to_owned()));
         let named = BagTopics { left, right, imu: imu_name, accel: None };
         assert_eq!((cameras(&two, &named, 2), imu(&two, &named, both)), (Ok(vec![1, 0]), Ok(whole(3))));
+        let same = BagTopics { left: Some("/a".into()), right: Some("/a".into()), ..BagTopics::default() };
+        assert!(
+            cameras(&two, &same, 2)
+                .unwrap_err()
+                .contains("/a is named for the left camera and for the right one")
+        );
         let wrong = BagTopics { left: Some("/i".into()), imu: Some("/a".into()), ..BagTopics::default() };
         assert!(cameras(&two, &wrong, 2).unwrap_err().contains("/i"));
         assert!(imu(&two, &wrong, both).unwrap_err().contains("its topics: /a (t)"));

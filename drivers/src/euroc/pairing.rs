@@ -28,7 +28,7 @@ pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
     let stamp = row.stamp()?;
     let file = match row.text() {
         None | Some("") => format!("{}.png", stamp.as_nanos()),
-        Some(name) if is_plain_name(name) => name.to_owned(),
+        Some(name) if is_plain_name(in_data(name)) => in_data(name).to_owned(),
         Some(_) => {
             return Err(RowFault::Impossible(
                 "the file name leads out of the folder data; name a file in it",
@@ -39,6 +39,12 @@ pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
 }
 
 /// True if a name stays within its folder.
+/// The name within the folder `data`, which some tables name too.
+fn in_data(name: &str) -> &str {
+    let name = name.strip_prefix("./").unwrap_or(name);
+    name.strip_prefix("data/").unwrap_or(name)
+}
+
 fn is_plain_name(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && !name.contains('\0')
@@ -148,6 +154,16 @@ fn numbered<F>(mut frames: Vec<FrameEntry<F>>, outside: u64) -> Pairing<F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_may_have_their_folder_and_lead_nowhere_else() {
+        for name in ["5.png", "data/5.png", "./5.png", "./data/5.png"] {
+            assert_eq!(parse_image_row(&format!("5,{name}")).unwrap().file, "5.png", "{name}");
+        }
+        for name in ["../5.png", "data/../5.png", "/5.png", "data/data/5.png", "data/", "other/5.png"] {
+            assert!(parse_image_row(&format!("5,{name}")).is_err(), "{name}");
+        }
+    }
 
     fn rows(stamps: &[i64]) -> Vec<ImageRow> {
         stamps.iter().map(|&t| parse_image_row(&t.to_string()).unwrap()).collect()

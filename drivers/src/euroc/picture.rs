@@ -3,7 +3,7 @@
 use super::depth::Depth;
 use super::image::{MAX_FILE_BYTES, decode_png, png_size_of};
 use crate::open_regular;
-use crate::v4l2::jpeg::{LumaDecoder, size_of as jpeg_size_of};
+use crate::v4l2::jpeg::{LumaDecoder, components_of as jpeg_components, size_of as jpeg_size_of};
 use plumbline_config::GrayImage;
 use std::io::{ErrorKind, Read as _};
 use std::path::Path;
@@ -12,7 +12,10 @@ use std::path::Path;
 const JPEG: [u8; 2] = [0xff, 0xd8];
 /// First bytes of formats that are not read, and their names.
 const FOREIGN: [(&[u8], &str); 14] = [
-    (&JPEG, "a JPEG image that cannot be read (baseline of 8 bits is; progressive is not)"),
+    (
+        &JPEG,
+        "a JPEG image that cannot be read (baseline of 8 bits, grey or in colour, is; progressive and CMYK are not)",
+    ),
     (b"II*\0", "a TIFF image"),
     (b"MM\0*", "a TIFF image"),
     (b"BM", "a BMP image"),
@@ -45,7 +48,8 @@ pub(super) const CONVERT: &str =
 
 /// Width and height of a picture that is read, px.
 pub(crate) fn picture_size(file: &[u8]) -> Option<(usize, usize)> {
-    png_size_of(file).or_else(|| jpeg_size_of(file))
+    // Pictures of four inks are not read.
+    png_size_of(file).or_else(|| jpeg_size_of(file).filter(|_| jpeg_components(file) < 4))
 }
 
 /// Buffers that are used again for each picture.
@@ -147,6 +151,18 @@ mod tests {
             assert_eq!(picture_size(bytes), None);
         }
         assert_eq!(foreign(b"\x89PNG"), None);
+        // Start of a frame with so many components, and of its scan.
+        let jpeg = |components: u8| {
+            let list = |of: &[u8]| (1..=components).flat_map(|id| [&[id], of].concat()).collect::<Vec<_>>();
+            let segment =
+                |marker: u8, body: Vec<u8>| [vec![0xff, marker, 0, body.len() as u8 + 2], body].concat();
+            let frame = [vec![8, 0, 16, 0, 16, components], list(&[0x11, 0])].concat();
+            let scan = [vec![components], list(&[0]), vec![0, 63, 0]].concat();
+            [vec![0xff, 0xd8], segment(0xc0, frame), segment(0xda, scan), vec![0xff, 0xd9]].concat()
+        };
+        assert_eq!((picture_size(&jpeg(1)), picture_size(&jpeg(3))), (Some((16, 16)), Some((16, 16))));
+        assert_eq!(picture_size(&jpeg(4)), None);
+        assert!(foreign(&jpeg(4)).is_some_and(|words| words.contains("CMYK")));
         assert_eq!(foreign(b""), None);
     }
 }

@@ -46,14 +46,25 @@ impl RowFault {
         let column = |number: usize| {
             text.split(',').nth(number.saturating_sub(1)).map_or_else(String::new, |c| quoted(c.trim()))
         };
-        // A row without commas has one column, whatever else separates its numbers.
+        // A row without commas has one column, whatever else separates its numbers; so has its beginning where commas are the
+        // points of its numbers.
         let separator = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
-        let other = separator.into_iter().find(|(sign, _)| !text.contains(',') && text.contains(*sign));
+        let first = text.split(',').next().unwrap_or_default().trim();
+        let other = separator.into_iter().find(|(sign, _)| first.contains(*sign));
         match (self, other) {
             (Self::Unreadable, _) => "is longer than any row, or not text".into(),
             (_, Some((_, name))) => {
-                format!("{} is separated by {name}; separate its columns by commas", quoted(text))
+                let points = if text.contains(',') { ", and write points in its numbers" } else { "" };
+                format!("{} is separated by {name}; separate its columns by commas{points}", quoted(text))
             }
+            _ if is_after_an_index(text) => format!(
+                "{} has a column before the time, as of row numbers; write the table without it",
+                quoted(text)
+            ),
+            (Self::Seconds, _) if first.contains(['e', 'E']) => format!(
+                "the time {} is written with an exponent, which rounds it; write all digits of the nanoseconds",
+                column(1)
+            ),
             (Self::Seconds, _) => format!(
                 "the time {} is not a whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
                 column(1)
@@ -66,6 +77,16 @@ impl RowFault {
             (Self::Impossible(why), _) => why.into(),
         }
     }
+}
+
+/// Largest number of a row; a time in nanoseconds is larger from the first second on.
+const MAX_ROW_NUMBER: i64 = 100_000_000;
+
+/// True if the second column looks like the time, and the first like the number of the row.
+fn is_after_an_index(text: &str) -> bool {
+    let mut columns = text.split(',').map(|column| column.trim().parse::<i64>());
+    let (Some(Ok(number)), Some(Ok(time))) = (columns.next(), columns.next()) else { return false };
+    (0..MAX_ROW_NUMBER).contains(&number) && time > 10 * MAX_ROW_NUMBER
 }
 
 /// The beginning of `text` in quotes, without control characters.
@@ -176,9 +197,9 @@ pub(crate) fn read_rows<T: Stamped>(
     Ok(table)
 }
 
-/// A first line of column names without `#`.
+/// A first line of column names without `#`, or in quotation marks.
 fn is_header(text: &str) -> bool {
-    text.starts_with(|c: char| c.is_ascii_alphabetic())
+    text.trim_start_matches(['"', '\'', '#', ' ']).starts_with(|c: char| c.is_ascii_alphabetic())
 }
 
 fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), DriverError> {
@@ -237,10 +258,14 @@ impl<'a> Row<'a> {
         Self { columns: text.split(',').peekable(), read: 0 }
     }
 
-    /// The next column, trimmed.
+    /// The next column, without blanks and the quotation marks that some programs set.
     pub(crate) fn text(&mut self) -> Option<&'a str> {
         self.read += 1;
-        self.columns.next().map(str::trim)
+        let unquoted = |column: &'a str| {
+            let inner = column.strip_prefix('"').and_then(|column| column.strip_suffix('"'));
+            inner.unwrap_or(column).trim()
+        };
+        self.columns.next().map(|column| unquoted(column.trim()))
     }
 
     /// True if all further columns are empty.
@@ -291,6 +316,12 @@ mod tests {
             ("x,1,2,3,4,5,6", "the time 'x' is not a whole number"),
             ("5;1;2;3;4;5;6", "separated by semicolons"),
             ("5 1 2 3 4 5 6", "separated by spaces"),
+            (
+                "5;0,1;0,2;0,3;9,8;0;0",
+                "separated by semicolons; separate its columns by commas, and write points",
+            ),
+            ("1.40363658e+18,1,2,3,4,5,6", "'1.40363658e+18' is written with an exponent, which rounds it"),
+            ("17,1403636579758000000,1,2,3,4,5", "has a column before the time"),
             ("5,1,2,3,4", "ends before column 6"),
             ("5,1,2,3,4,abc,6", "column 6 is 'abc'"),
             ("5,1,2,3,4,inf,6", "column 6 is 'inf'"),
@@ -298,6 +329,14 @@ mod tests {
         ] {
             assert!(why(row).contains(words), "{row}: {}", why(row));
         }
+    }
+
+    #[test]
+    fn columns_in_quotation_marks_are_read_with_their_header() {
+        let rows = "\"#timestamp\",\"w_x\"\n\"5\", \"1\",2,3,4,5,\"6\"\n\"6\",1,2,3,4,5,6\n";
+        let table = read_rows(Path::new("data.csv"), "", rows.as_bytes(), parse_imu_row).unwrap();
+        assert_eq!((table.rows.len(), table.corrupt), (2, 0));
+        assert!(parse_imu_row("\"5,1,2,3,4,5,6").is_err());
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use super::table::{Row, RowFault, Stamped, read_table};
 use crate::tum::unit_quaternion;
-use crate::{DriverError, TruthState};
+use crate::{DriverError, TruthState, open_regular};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use plumbline_config::Timestamp;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Folders of the tables of the truth, best first: the batch estimate of EuRoC, the motion captures of TUM-VI and EuRoC, and
@@ -23,7 +24,25 @@ pub fn ground_truth_table(path: &Path) -> Option<PathBuf> {
 /// True if a table of the ground truth holds positions without attitudes.
 #[must_use]
 pub fn is_of_positions(table: &Path) -> bool {
-    table.parent().is_some_and(|folder| folder.ends_with(POSITIONS))
+    table.parent().is_some_and(|folder| folder.ends_with(POSITIONS)) || begins_with_a_position(table)
+}
+
+/// Bytes at the beginning of a table in which its first row ends.
+const BEGINNING: u64 = 4096;
+
+/// True if the first row of a table has a time and a position, and no more.
+fn begins_with_a_position(table: &Path) -> bool {
+    let mut beginning = Vec::new();
+    let Ok(file) = open_regular(table) else { return false };
+    if file.take(BEGINNING).read_to_end(&mut beginning).is_err() {
+        return false;
+    }
+    let text = String::from_utf8_lossy(&beginning);
+    let is_row = |line: &&str| line.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '"');
+    text.lines().find(is_row).is_some_and(|row| {
+        let mut row = Row::new(row);
+        row.stamp().is_ok() && row.numbers::<3>().is_ok() && row.is_at_end()
+    })
 }
 
 impl Stamped for TruthState {
@@ -76,6 +95,22 @@ mod tests {
         assert_eq!(state.v_w_b, Vector3::new(4.0, 5.0, 6.0));
         assert_eq!(state.bias_gyro.x, 7.0);
         assert_eq!(state.bias_accel.z, 12.0);
+    }
+
+    #[test]
+    fn tables_of_positions_are_known_by_their_first_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = folder.path().join("data.csv");
+        for (text, is_of) in [
+            ("#t,x,y,z\n5,1.0,2.0,3.0\n", true),
+            ("timestamp,x,y,z\n5,1,2,3,\n", true),
+            ("#t\n5,1,2,3,1,0,0,0\n", false),
+            ("#t\n", false),
+            ("5,1,2\n", false),
+        ] {
+            std::fs::write(&table, text).unwrap();
+            assert_eq!(is_of_positions(&table), is_of, "{text}");
+        }
     }
 
     #[test]

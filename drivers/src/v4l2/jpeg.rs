@@ -50,6 +50,11 @@ pub(crate) fn size_of(bytes: &[u8]) -> Option<(usize, usize)> {
     Parts::of(bytes).ok().map(|parts| parts.size())
 }
 
+/// Number of components of an image; 0 where it is none that is read.
+pub(crate) fn components_of(bytes: &[u8]) -> u8 {
+    Parts::of(bytes).map_or(0, |parts| parts.frame[5])
+}
+
 /// An image taken apart (T.81, Annex B).
 struct Parts<'a> {
     /// Segments up to the frame's.

@@ -56,6 +56,9 @@ const DISPUTED_QUALITY: i8 = 10;
 /// Turns since a contradiction began by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
+/// Errors of the stamps of a turn explain so much of it, s; and this share of what differs must be left.
+const STAMPS_S: f64 = 0.012;
+const UNEXPLAINED_SHARE: f64 = 0.5;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
 /// Samples after a hole of this length are on probation, ns, for so long at most, s.
@@ -433,20 +436,23 @@ impl RotationWatch {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, nor much of it, and the images do turn.
+    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, nor much of it, errors of stamps do not
+    /// explain most of it, and the images do turn.
     fn is_gyro_named(&self, contradiction: &Contradiction) -> bool {
         let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
-        let (mut seen, mut off, mut count) = (0.0, 0.0, 0);
+        let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0);
         for turn in newest {
             let Some(difference) = self.angles.difference(turn, 0, &contradiction.bias_gyro) else {
                 continue;
             };
             seen += turn.seen.norm();
             off += difference.norm();
+            left += beyond_stamps(&difference, turn).norm();
             count += 1;
         }
         let is_open = matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed);
-        is_open && !contradiction.is_delay_suspected && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
+        let is_left = left > UNEXPLAINED_SHARE * off && !contradiction.is_delay_suspected;
+        is_open && is_left && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
     }
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.
@@ -482,6 +488,14 @@ impl RotationWatch {
         of_rotation += up_b * up_b.transpose() * (self.left_rad.squared() - tilt_rad.squared());
         Some(added)
     }
+}
+
+/// What is left of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
+fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
+    let rate = turn.seen / turn.to.seconds_since(turn.from);
+    let squared = rate.norm_squared();
+    let error_s = if squared > 0.0 { difference.dot(&rate) / squared } else { 0.0 };
+    difference - rate * error_s.clamp(-STAMPS_S, STAMPS_S)
 }
 
 #[cfg(test)]

@@ -175,7 +175,9 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         say(&format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
     }
     if args.drawn.is_some() {
-        say(&format_args!("\n{}", drawn::tables(reports())));
+        let flights: Vec<_> =
+            reports().filter_map(|(e, report)| Some((e, report.honesty.as_ref()?))).collect();
+        say(&format_args!("\n{}", drawn::tables(&flights)));
     }
     if let Some(line) = not_flown(args)? {
         say(&line);

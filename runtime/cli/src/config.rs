@@ -16,6 +16,7 @@ const EXAMPLES: &str = "Examples:
   plumbline config defaults                every key with its default, range and explanation
   plumbline config realsense-d455          print the preset of a real rig (docs/rigs)
   plumbline config my.toml                 check a configuration
+  plumbline config my.toml --merged        what a flight uses of it, its base and the defaults
   plumbline config euroc --out my.toml     the same, into a file
   plumbline config import --camchain camchain.yaml --imu imu.yaml --inflate 10 --imu-to-vehicle unknown --out my.toml";
 
@@ -27,10 +28,13 @@ pub struct ConfigArgs {
     command: Option<ConfigCommand>,
     #[arg(required = true, help = file_help())]
     file: Option<String>,
+    /// Print the values that a flight with this file uses: every key, from the file, its base or the defaults.
+    #[arg(long)]
+    merged: bool,
     /// Print every key, also those for experiments, which no flight needs changed.
     #[arg(long)]
     all: bool,
-    /// Write the preset to this file instead of printing it.
+    /// Write what is printed of a preset, or by --merged, to this file.
     #[arg(long, value_name = "OUT.toml")]
     out: Option<PathBuf>,
     /// Replace an existing file.
@@ -87,25 +91,22 @@ fn check(file: &str, args: &ConfigArgs) -> Result<()> {
     if file == DEFAULTS || PRESETS.contains(&file) {
         return give_preset(file, args);
     }
-    if args.all {
-        return Err(Usage(format!(
-            "--all: prints the keys of {DEFAULTS} or of a preset, and {file} is none"
-        ))
-        .into());
-    }
-    if args.out.is_some() {
-        let message =
-            format!("--out: writes a preset, and {file} is none; choose one of {}", PRESETS.join(", "));
+    if (args.all || args.out.is_some()) && !args.merged {
+        let option = if args.all { "--all" } else { "--out" };
+        let message = format!(
+            "{option}: prints {DEFAULTS} or a preset, and {file} is none; add --merged to print all values of this file, or choose \
+             one of {}",
+            PRESETS.join(", ")
+        );
         return Err(Usage(message).into());
     }
-    // A word that is no path is meant as a preset.
-    if !file.contains(['/', '.']) && !Path::new(file).exists() {
-        let message =
-            format!("{file}: no such file, and no preset of this name: choose one of {}", PRESETS.join(", "));
-        return Err(Usage(message).into());
+    let config = Config::load_or_preset(file)?;
+    if args.merged {
+        config.unset_keys().iter().for_each(|unset| tracing::warn!("{unset}"));
+        let header = format!("Values of {}, with those of its base and the defaults.", file.escape_debug());
+        return give(&config.to_commented_toml(&header, args.all), &format!("all values of {file}"), args);
     }
-    let config = Config::load(file)?;
-    config.refuse_unset_keys(file)?;
+    config.refuse_unset_keys()?;
     warn_of_doubts(&config);
     say(format_args!("{file}: valid, {} camera(s), hash {}", config.camera.len(), config_hash(&config)));
     Ok(())
@@ -115,15 +116,21 @@ fn check(file: &str, args: &ConfigArgs) -> Result<()> {
 fn give_preset(name: &str, args: &ConfigArgs) -> Result<()> {
     let text = match args.all || name == DEFAULTS {
         true => every_key(name, args.all)?,
+        false if args.merged => every_key(name, false)?,
         false => preset_text(name)?.to_owned(),
     };
+    give(&text, &format!("preset {name}"), args)
+}
+
+/// Prints a text, or writes it to the file that was named; `what` says what it is.
+fn give(text: &str, what: &str, args: &ConfigArgs) -> Result<()> {
     let Some(out) = &args.out else {
         say(text.trim_end());
         return Ok(());
     };
     check_new(out, args.overwrite)?;
-    std::fs::write(out, &text).with_context(|| out.display().to_string())?;
-    say(format_args!("{}: written, preset {name}", out.display()));
+    std::fs::write(out, text).with_context(|| out.display().to_string())?;
+    say(format_args!("{}: written, {what}", out.display()));
     Ok(())
 }
 

@@ -25,7 +25,7 @@ const TASKS: [(&str, &[&str]); 4] = [
 ];
 
 /// Options of a simulated flight that the help of `simulate` explains, and that of `replay` leaves out.
-const OF_SIMULATE: [&str; 11] = [
+const OF_SIMULATE: [&str; 10] = [
     "imu",
     "imu_error",
     "calibration_error",
@@ -35,7 +35,6 @@ const OF_SIMULATE: [&str; 11] = [
     "time_offset_ms",
     "extrinsics_error_deg",
     "lost_camera",
-    "drop_rate",
     "flicker",
 ];
 
@@ -71,7 +70,8 @@ pub fn command() -> Command {
     full().mut_subcommand("replay", |replay| {
         let replay =
             OF_SIMULATE.iter().fold(replay, |replay, name| replay.mut_arg(name, |arg| arg.hide(true)));
-        replay.after_help("Simulated flights take the options of `plumbline simulate` too.")
+        let others = OF_SIMULATE.map(|name| format!("--{}", name.replace('_', "-"))).join(", ");
+        replay.after_help(format!("Explained by `plumbline simulate --help`: {others}."))
     })
 }
 
@@ -103,10 +103,15 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         return Ok(());
     }
     if words.iter().try_fold(&cli, |above, word| above.find_subcommand(word)).is_none() {
-        let tables = TABLES.map(|(name, ..)| name).join(", ");
+        let tables = TABLES.map(|(name, ..)| name);
+        let cure = match alike(&words, &tables) {
+            Some(name) => format!("did you mean `plumbline help {name}`?"),
+            None => "`plumbline help all` lists the commands".into(),
+        };
         let message = format!(
-            "help {}: there is no such command, and no such table ({tables}); `plumbline help all` lists the commands",
-            words.join(" ")
+            "help {}: there is no such command, and no such table ({}); {cure}",
+            words.join(" "),
+            tables.join(", ")
         );
         return Err(Usage(message).into());
     }
@@ -114,6 +119,19 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         // A reader that has gone, as `head` does, is no failure.
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
+    }
+}
+
+/// The command or table whose name is most like the first of these words, as clap finds it.
+fn alike(words: &[&str], tables: &[&'static str]) -> Option<String> {
+    let word = words.first()?;
+    let beginning = word.get(..4).filter(|_| word.len() > 4);
+    let table = tables.iter().find(|table| beginning.is_some_and(|beginning| table.starts_with(beginning)));
+    let refused = command().try_get_matches_from(["plumbline", word]).err()?;
+    match (table, refused.get(clap::error::ContextKind::SuggestedSubcommand)) {
+        (Some(table), _) => Some((*table).to_owned()),
+        (None, Some(clap::error::ContextValue::Strings(names))) => names.last().cloned(),
+        _ => None,
     }
 }
 
@@ -126,9 +144,14 @@ fn help_of(words: &[&str]) -> clap::Error {
     }
 }
 
-/// Every command: by task, then the others.
+/// Every command: by task, then the others, and the tables.
 fn all(cli: &Command) -> String {
-    format!("{}\nOther commands:\n{}", by_task(cli), rows(cli, &other_names(cli)))
+    let tables = TABLES.iter().map(|(name, about, _)| {
+        let subject = about.split(", such as").next().unwrap_or(about);
+        filled(&format!("  help {name:12}{subject}"), 19)
+    });
+    let tables = tables.collect::<Vec<_>>().join("\n");
+    format!("{}\nOther commands:\n{}\nTables:\n{tables}\n", by_task(cli), rows(cli, &other_names(cli)))
 }
 
 /// Commands of [`TASKS`] that this build has.
@@ -263,6 +286,9 @@ mod tests {
         for name in cli.get_subcommands().map(Command::get_name) {
             assert!(help.contains(name) && all(&cli).contains(&format!("\n  {name} ")), "{name}");
         }
+        for (name, ..) in TABLES {
+            assert!(all(&cli).contains(&format!("\n  help {name} ")), "{name}");
+        }
     }
 
     #[test]
@@ -278,8 +304,11 @@ mod tests {
         let help = |wanted: &str| &found.iter().find(|(name, _)| name == wanted).unwrap().1;
         for name in OF_SIMULATE {
             let option = format!("--{} ", name.replace('_', "-"));
-            let is_in = |help: &str| format!("{help} ").replace('\n', " ").contains(&option);
-            assert!(is_in(help("simulate")) && !is_in(help("replay")), "{name}");
+            let is_explained =
+                |help: &str| help.lines().any(|line| line.starts_with(&format!("      {}", option.trim())));
+            assert!(is_explained(help("simulate")) && !is_explained(help("replay")), "{name}");
+            let words = help("replay").split_whitespace().map(|word| word.trim_end_matches([',', '.']));
+            assert!(words.clone().any(|word| word == option.trim()), "{name} is not named");
         }
     }
 
@@ -297,6 +326,17 @@ mod tests {
             let text = of(name);
             assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");
         }
+    }
+
+    #[test]
+    fn mistyped_commands_and_tables_have_their_neighbour() {
+        let run = |word: &str| run(&HelpArgs { topic: vec![word.into()] }).unwrap_err().to_string();
+        for (word, name) in
+            [("evalute", "evaluate"), ("fault", "faults"), ("condition", "conditions"), ("replya", "replay")]
+        {
+            assert!(run(word).contains(&format!("did you mean `plumbline help {name}`?")), "{}", run(word));
+        }
+        assert!(run("xyzzy").contains("`plumbline help all` lists the commands"));
     }
 
     #[test]

@@ -127,7 +127,7 @@ pub use signals::stop_on_signal;
 use clap::FromArgMatches as _;
 use command_line::{Cli, Command};
 use plumbline_link::net::threads;
-use say::within;
+use say::{last_words, within};
 use std::io::Write as _;
 use std::os::unix::process::CommandExt as _;
 use std::process::ExitCode;
@@ -157,7 +157,7 @@ pub fn main() -> ExitCode {
         Ok(status) => status,
         Err(error) => {
             // A terminal that is gone takes no words, and that is no reason to panic; nor is one that stands still.
-            let words = format!("plumbline: {}\n", one_line(&error));
+            let words = format!("plumbline: {}\n", last_words(&error));
             within(PATIENCE, move || drop(std::io::stderr().write_all(words.as_bytes())));
             ExitCode::from(exit_status::exit_status(&error))
         }

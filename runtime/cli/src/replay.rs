@@ -101,7 +101,7 @@ pub struct ReplayArgs {
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Ground truth in place of that of the data set: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth in place of that of the data set: TUM (also .gz) or EuRoC.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Use only frames A to B of a data set or log.
@@ -110,7 +110,7 @@ pub struct ReplayArgs {
     /// Stop at this time, seconds into the data set, log or path.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache the rendered frames of a simulated flight in this folder. Flights along one --path FILE share frames.
+    /// Cache rendered frames here. Flights along one --path FILE share them.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.

@@ -37,15 +37,54 @@ pub fn within(patience: Duration, speak: impl FnOnce() + Send + 'static) {
 
 /// The error and its causes on one line.
 pub fn one_line(error: &anyhow::Error) -> String {
+    let text = with_causes(error);
+    text.split('\n').map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
+}
+
+/// As [`one_line`], but each of several refused keys has a line of its own.
+pub fn last_words(error: &anyhow::Error) -> String {
+    let text = with_causes(error);
+    if text.contains("\n  `") { text } else { one_line(error) }
+}
+
+fn with_causes(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
+        // A cause that begins with its context says all of it.
+        if cause.starts_with(&line) {
+            line = cause;
         // A cause that its context already quotes says nothing new.
-        if !line.contains(&cause) {
+        } else if !line.contains(&cause) {
             if !line.is_empty() {
                 line.push_str(": ");
             }
             line.push_str(&cause);
         }
     }
-    line.split('\n').map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::Config;
+
+    #[test]
+    fn several_refused_keys_have_a_line_each_and_all_else_one() {
+        let refused = |text: &str| anyhow::Error::from(Config::from_toml_str(text, "a.toml").unwrap_err());
+        let several = refused("base = \"sim\"\n[imu]\nrate = 1\ngravity = 2\n").context("a.toml");
+        let words = last_words(&several);
+        let lines: Vec<&str> = words.lines().collect();
+        assert_eq!((lines.len(), lines[0]), (3, "a.toml: 2 keys refused"), "{words}");
+        assert!(
+            lines[1].starts_with("  `imu.rate` (line 3): ")
+                && lines[2].starts_with("  `imu.gravity` (line 4): "),
+            "{words}"
+        );
+        assert_eq!(one_line(&several).lines().count(), 1);
+        let one = refused("base = \"sim\"\n[imu]\nrate = 1\n").context("fly");
+        assert_eq!(last_words(&one), one_line(&one));
+        assert!(last_words(&one).starts_with("fly: a.toml: `imu.rate` (line 3): "), "{one:?}");
+        assert_eq!(last_words(&anyhow::anyhow!("first\n  second")), "first; second");
+    }
 }

@@ -312,28 +312,52 @@ fn soak_network_two_thousand_connections_that_say_nothing() {
         is_over.store(true, Ordering::Relaxed);
         (survived, idle.join().unwrap(), operator.join().unwrap())
     });
-    println!("{opened} idle connections, an operator let in {operator} times: {survived:?}");
-    assert!(opened as usize > IDLE && operator > 0, "{opened} {operator}");
+    println!("{opened} idle connections, {operator:?}: {survived:?}");
+    assert!(opened as usize > IDLE && operator.told > 0, "{opened} {operator:?}");
     assert!(survived.most_descriptors < MAX_DESCRIPTORS, "{survived:?}");
     assert!(survived.deaths == 0 && survived.longest_silence_s < MAX_SILENCE_S, "{survived:?}");
 }
 
-/// Sessions of an operator, one after the other, each of which asks for the configuration; how often it was told.
-pub fn command_again_and_again(folder: &Path, endpoint: &str, is_over: &AtomicBool) -> u64 {
+/// An operator's sessions, one after the other.
+#[derive(Debug, Default)]
+pub struct Operator {
+    /// Sessions whose question was answered.
+    pub told: u64,
+    /// Sessions that were not let in while the vehicle listened.
+    pub kept_out: u64,
+    /// Sessions that were let in, and had no answer.
+    pub unanswered: u64,
+    /// Longest time until a session was let in, s.
+    pub slowest_s: f64,
+}
+
+/// Sessions of an operator, one after the other, each of which asks for the configuration.
+pub fn command_again_and_again(folder: &Path, endpoint: &str, is_over: &AtomicBool) -> Operator {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-    let mut told = 0;
+    let mut seen = Operator::default();
     while !is_over.load(Ordering::Relaxed) {
-        told += runtime.block_on(async {
-            let Ok(operator) = try_to_connect(folder, "operator", endpoint).await else { return 0 };
+        runtime.block_on(async {
+            let begun = Instant::now();
+            let Ok(operator) = try_to_connect(folder, "operator", endpoint).await else {
+                // Between two flights there is nobody to reach.
+                let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+                seen.kept_out += u64::from(TcpStream::connect(address).is_ok());
+                return;
+            };
+            seen.slowest_s = seen.slowest_s.max(begun.elapsed().as_secs_f64());
             let asked = operator.get("plumbline/drone/config").timeout(Duration::from_secs(5)).await;
             let is_told = match asked {
                 Ok(replies) => replies.recv_async().await.is_ok_and(|reply| reply.into_result().is_ok()),
                 Err(_) => false,
             };
             let _ = operator.close().await;
-            u64::from(is_told)
+            if is_told {
+                seen.told += 1;
+            } else {
+                seen.unanswered += 1;
+            }
         });
         std::thread::sleep(Duration::from_millis(500));
     }
-    told
+    seen
 }

@@ -1,4 +1,5 @@
-//! On which side of a pair near things are shifted: to the other one where left and right are swapped.
+//! On which side of a pair near things are shifted: to the other one where left and right are swapped, and to none where both are one
+//! image.
 
 use super::Finding;
 use crate::thumbnail::{Thumbnail, to_image, to_thumbnail};
@@ -26,6 +27,13 @@ const MIN_SPREAD: f64 = 4.0;
 const MIN_VOTES: u32 = 30;
 const MAJORITY: u32 = 3;
 
+/// Pixels differ by at least this, grey levels, where two sensors see the same.
+const EQUAL: f32 = 0.01;
+/// Share of such pixels in a pair of one image.
+const MAX_DIFFERENT: f64 = 0.01;
+/// Pairs of one image that are told.
+const MIN_EQUAL: u64 = 3;
+
 /// Cause for exchanged cameras.
 pub const SWAPPED: &str = "that left and right camera are swapped";
 /// See [`SWAPPED`].
@@ -40,6 +48,9 @@ pub struct Sides {
     pairs: u64,
     right: u32,
     wrong: u32,
+    /// Pairs that were looked at, and those of them whose images are equal.
+    looked_at: u64,
+    equal: u64,
 }
 
 /// A square of a thumbnail.
@@ -75,7 +86,15 @@ impl Sides {
     pub fn new(config: &Config) -> Option<Self> {
         let [left, right] = config.camera.get(..2)? else { return None };
         let pose_c1_c0 = right.pose_b_c().inverse() * left.pose_b_c();
-        Some(Self { models: [left.model(), right.model()], pose_c1_c0, pairs: 0, right: 0, wrong: 0 })
+        Some(Self {
+            models: [left.model(), right.model()],
+            pose_c1_c0,
+            pairs: 0,
+            right: 0,
+            wrong: 0,
+            looked_at: 0,
+            equal: 0,
+        })
     }
 
     /// Takes a pair.
@@ -85,6 +104,8 @@ impl Sides {
             return;
         }
         let [left, right] = images;
+        self.looked_at += 1;
+        self.equal += u64::from(are_equal(left, right));
         let (width, height) = (left.width / CELLS.0, left.height / CELLS.1);
         for cell in 0..CELLS.0 * CELLS.1 {
             let corner = (cell % CELLS.0 * width, cell / CELLS.0 * height);
@@ -115,9 +136,17 @@ impl Sides {
         self.wrong += u32::from(swapped > SAME && swapped > configured + BETTER);
     }
 
-    /// Finding: left and right are swapped.
+    /// Finding: left and right are one image, or swapped.
     #[must_use]
     pub fn finding(&self) -> Option<Finding> {
+        if self.equal >= MIN_EQUAL && 2 * self.equal > self.looked_at {
+            return Some(Finding::new(
+                "left and right images are the same",
+                format!("in {} of {} pairs", self.equal, self.looked_at),
+                "one camera, topic or folder that is used for both sides",
+                "name the other camera: `driver.v4l2.right`, `plumbline replay --topic right=NAME`, or copy the folder cam1 again",
+            ));
+        }
         (self.wrong >= MIN_VOTES && self.wrong > MAJORITY * self.right).then(|| {
             Finding::new(
                 "near objects are shifted to the wrong side between the images of a pair",
@@ -130,6 +159,17 @@ impl Sides {
             )
         })
     }
+}
+
+/// True for images with something in them that differ in hardly a pixel.
+fn are_equal(left: &Thumbnail, right: &Thumbnail) -> bool {
+    let pixels = left.pixels.len().max(1) as f64;
+    let mean = left.pixels.iter().map(|p| f64::from(*p)).sum::<f64>() / pixels;
+    let variance = left.pixels.iter().map(|p| (f64::from(*p) - mean).powi(2)).sum::<f64>() / pixels;
+    let different = left.pixels.iter().zip(&right.pixels).filter(|(a, b)| (*a - *b).abs() > EQUAL).count();
+    left.pixels.len() == right.pixels.len()
+        && variance > MIN_SPREAD * MIN_SPREAD
+        && different as f64 <= MAX_DIFFERENT * pixels
 }
 
 /// The middle of the most distinct patch of a cell.

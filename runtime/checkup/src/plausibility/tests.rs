@@ -207,6 +207,20 @@ fn swapped_cameras_are_told() {
 }
 
 #[test]
+fn one_image_on_both_sides_is_named() {
+    let mut flight = Flight::simulated(Scene::Room, 7.0);
+    flight.glimpses.iter_mut().for_each(|glimpse| glimpse.images[1] = glimpse.images[0].clone());
+    names(&flight.findings(), &["left and right images are the same", "driver.v4l2.right"]);
+    // Both cameras in the dark see the same too.
+    flight
+        .glimpses
+        .iter_mut()
+        .flat_map(|glimpse| &mut glimpse.images)
+        .for_each(|image| image.pixels.fill(3.0));
+    assert!(flight.findings().iter().all(|finding| !finding.what.contains("are the same")));
+}
+
+#[test]
 fn focal_lengths_of_another_camera_are_told() {
     let mut flight = Flight::simulated(Scene::Room, 12.0);
     for camera in &mut flight.config.camera {

@@ -1,8 +1,8 @@
 //! Checks that this host and this configuration are fit for a flight.
 
 use super::verdict::{Check, CheckVerdict};
-use plumbline_config::Config;
 use plumbline_config::options::VehicleConfig;
+use plumbline_config::{Config, ValidConfig};
 use plumbline_flight::schedule::bare_timer;
 use plumbline_flight::schedule::host::{HostRefusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use plumbline_flight::schedule::tasks::{TaskId, TaskTable};
@@ -14,7 +14,7 @@ use std::time::Duration;
 const LATE_MS: f64 = 1.0;
 
 /// Every check; the timer of the host is watched for so long.
-pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec<Check> {
+pub(super) fn checks(config: &ValidConfig, table: &TaskTable, watch: Duration) -> Vec<Check> {
     // Held while the timer is watched, as in a flight.
     let awake = limit_idle_latency(config.runtime.idle_latency_us);
     vec![
@@ -31,7 +31,7 @@ pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec
     ]
 }
 
-fn configuration(config: &Config) -> CheckVerdict {
+fn configuration(config: &ValidConfig) -> CheckVerdict {
     let hash = plumbline_record::digest::config_hash(config);
     let cameras = config.camera.len();
     let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);

@@ -122,9 +122,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     archive.finish().with_context(written)?;
     let bytes = std::fs::metadata(&args.out).with_context(written)?.len();
     say(format_args!(
-        "{}: written, {:.1} MB; look at it before you send it (tar -xzf {name}): README.txt says what it holds",
+        "{}: written, {:.0} kB; look at it before you send it (tar -xzf {name}): README.txt says what it holds",
         args.out.display(),
-        bytes as f64 * 1e-6
+        (bytes as f64 * 1e-3).ceil()
     ));
     Ok(())
 }

@@ -29,6 +29,7 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
     // A picture that is named on the command line is looked for from the working directory on.
     Config::from_toml_in(&text, &format!("--set {}", changes.join(" ")), Path::new(""))
+        .map(|changed| changed.in_place_of(config))
         .map_err(|error| with_suggestions(without_lines(error), &known).into())
 }
 

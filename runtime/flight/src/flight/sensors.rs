@@ -46,7 +46,7 @@ impl<M> SensorView<M> {
 /// # Errors
 /// When the configuration names none, or what is there cannot be used. The message names the key or the device.
 pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, LiveSensors), FlightError> {
-    config.refuse_unset_keys("the configuration")?;
+    config.refuse_unset_keys()?;
     check_line(config)?;
     let mut imu = open_imu(config, stop)?.ok_or_else(|| {
         FlightError::Invalid(
@@ -93,7 +93,7 @@ fn sample_clock(driver: &ImuDriverConfig) -> &'static str {
 /// # Errors
 /// When the configuration names no cameras, or what is there cannot be used.
 pub fn open_cameras_alone(config: &ValidConfig, stop: &StopFlag) -> Result<LiveCameras, FlightError> {
-    config.refuse_unset_keys("the configuration")?;
+    config.refuse_unset_keys()?;
     let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
     if config.driver.imu.trigger_cameras
         && let Some(mut imu) = open_imu(config, stop)?

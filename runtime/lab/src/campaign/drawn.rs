@@ -4,7 +4,6 @@
 //! was right.
 
 use super::{CampaignFault, Entry};
-use crate::report::Report;
 use crate::report::honesty::Honesty;
 use crate::report::silence::MAX_NAMELESS_S;
 use plumbline_config::Random;
@@ -167,11 +166,9 @@ const KINDS_HEAD: &str = "\
 | drawn | flights | honest | named within 1 s | another sensor named |
 |---|---|---|---|---|";
 
-/// Tables of drawn flights: what was named, and how each kind fared.
+/// Tables of drawn flights and of how honest each was: what was named, and how each kind fared.
 #[must_use]
-pub fn tables<'a>(flights: impl Iterator<Item = (&'a Entry, &'a Report)>) -> String {
-    let flights: Vec<(&Entry, &Honesty)> =
-        flights.filter_map(|(entry, report)| Some((entry, report.honesty.as_ref()?))).collect();
+pub fn tables(flights: &[(&Entry, &Honesty)]) -> String {
     let (mut claims, mut right_claims) = (0, 0);
     let mut text = format!("{NAMED_HEAD}\n");
     for (bit, name) in HealthBits::NAMES.iter().filter(|(bit, _)| NAMES.contains(bit)) {
@@ -268,13 +265,11 @@ mod tests {
 
     #[test]
     fn a_bit_is_right_where_it_names_what_was_drawn() {
-        let raised = |name: &'static str, s| Report {
-            honesty: Some(Honesty { since_fault_s: Some([(name, s)].into()), ..Honesty::default() }),
-            ..Report::default()
-        };
+        let raised =
+            |name: &'static str, s| Honesty { since_fault_s: Some([(name, s)].into()), ..Honesty::default() };
         let dead = sound()[0].with_fault(CampaignFault::Injected("accel-dead:x@5".parse().unwrap()));
-        let reports = [raised("accelerometer contradicted", 0.5), raised("gyroscope contradicted", 0.5)];
-        let text = tables(reports.iter().map(|report| (&dead, report)));
+        let flown = [raised("accelerometer contradicted", 0.5), raised("gyroscope contradicted", 0.5)];
+        let text = tables(&flown.each_ref().map(|honesty| (&dead, honesty)));
         assert!(text.contains("| accelerometer contradicted | 1 | 1 | 100 % |  |"), "{text}");
         assert!(text.contains("| gyroscope contradicted | 1 | 0 | 0 % | accel-dead |"), "{text}");
         assert!(text.contains("| accel-dead | 2 | 2 | 1 of 2 | 1 |"), "{text}");

@@ -150,8 +150,9 @@ pub fn evaluate(
         Err(EvaluateError::NoPairs(_)) => None,
         other => Some(other?),
     };
-    let spread = Spread::of(&pairs.reference);
-    let scale = align(&pairs, AlignmentMode::Sim3).ok().map(|similarity| similarity.scale);
+    // A scale that is wrong is no error of the rotation.
+    let residual_m = best_fit(&pairs).map_or(ate_m.rmse, |(_, residual_m)| residual_m);
+    let tells_rotation = Spread::of(&pairs.reference).tells_rotation(options.alignment, residual_m);
     Ok(Evaluation {
         estimate_poses: estimate.len(),
         reference_poses: reference.len(),
@@ -162,16 +163,28 @@ pub fn evaluate(
         alignment: options.alignment,
         similarity,
         ate_m,
-        ate_rotation_deg: Some(ate_rotation_deg).filter(|_| spread.tells_rotation(options.alignment, &ate_m)),
+        ate_rotation_deg: Some(ate_rotation_deg).filter(|_| tells_rotation),
         rpe,
         drift: drift(&pairs),
         yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
-        scale_error_percent: scale
-            .filter(|_| spread.tells_scale(&ate_m))
-            .map(|s| 100.0 * (1.0 / s - 1.0))
-            .filter(|e| e.is_finite()),
+        scale_error_percent: scale_error_percent(&pairs),
         misordered: align(&pairs, AlignmentMode::Se3).ok().and_then(|by| misordered(&pairs, &by)),
     })
+}
+
+/// How much too long the estimate is, percent; `None` where the reference hardly moves, against the errors of positions.
+#[must_use]
+pub fn scale_error_percent(pairs: &Pairs) -> Option<f64> {
+    let (scale, residual_m) = best_fit(pairs)?;
+    let error = 100.0 * (1.0 / scale - 1.0);
+    (Spread::of(&pairs.reference).tells_scale(residual_m) && error.is_finite()).then_some(error)
+}
+
+/// Scale of the similarity that fits best, and the root mean square error of positions that is left with it, m.
+fn best_fit(pairs: &Pairs) -> Option<(f64, f64)> {
+    let similarity = align(pairs, AlignmentMode::Sim3).ok()?;
+    let (errors_m, _) = absolute_errors(&aligned(pairs, &similarity)).ok()?;
+    Some((similarity.scale, errors_m.rmse))
 }
 
 /// How far positions are from their mean, along the directions in which they are spread most.
@@ -196,17 +209,17 @@ impl Spread {
     }
 
     /// Whether a rotation about any axis moves positions by more than their errors, so that an alignment by them finds it.
-    fn tells_rotation(&self, alignment: AlignmentMode, ate_m: &Statistics) -> bool {
+    fn tells_rotation(&self, alignment: AlignmentMode, residual_m: f64) -> bool {
         let sigma_m = match alignment {
             AlignmentMode::None | AlignmentMode::Origin => return true,
             AlignmentMode::Yaw => self.sigmas_m[0],
             AlignmentMode::Se3 | AlignmentMode::Sim3 => self.sigmas_m[1],
         };
-        sigma_m > Self::TELLING * ate_m.rmse
+        sigma_m > Self::TELLING * residual_m
     }
 
-    fn tells_scale(&self, ate_m: &Statistics) -> bool {
-        self.sigmas_m[0] > Self::TELLING * ate_m.rmse
+    fn tells_scale(&self, residual_m: f64) -> bool {
+        self.sigmas_m[0] > Self::TELLING * residual_m
     }
 }
 

@@ -53,6 +53,24 @@ fn scale_and_noise_are_measured() {
     assert_eq!(result.rpe, None);
 }
 
+/// The error of a wrong scale is one of the scale, however large it is.
+#[test]
+fn scales_that_are_far_off_are_told_and_hide_no_rotation_error() {
+    let reference = flight(400);
+    for factor in [0.5, 1.4, 2.0, 3.0] {
+        let scaled = |p: &StampedPose| {
+            let mut pose = p.pose;
+            pose.translation.vector *= factor;
+            StampedPose { pose, ..*p }
+        };
+        let estimate: Vec<_> = reference.iter().map(scaled).collect();
+        let result = evaluate(&estimate, &reference, &EvaluateOptions::default()).unwrap();
+        let scale = result.scale_error_percent.unwrap();
+        assert!((scale - 100.0 * (factor - 1.0)).abs() < 0.1, "{factor}: {scale}");
+        assert!(result.ate_rotation_deg.unwrap().max < 1e-3, "{factor}");
+    }
+}
+
 /// At rest the positions are noise, and no rotation or scale is to be had from them.
 #[test]
 fn a_standing_vehicle_has_no_rotation_error_by_positions_and_no_scale_error() {

@@ -3,7 +3,7 @@
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{
     AlignmentMode, Delta, Misordered, Pairs, align, aligned, misordered, nees, path_length_m, pose_error,
-    relative_errors, yaw_drift_deg_per_min,
+    relative_errors, scale_error_percent, yaw_drift_deg_per_min,
 };
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
@@ -26,8 +26,8 @@ pub struct Accuracy {
     pub ate_percent: f64,
     /// Largest position error after alignment, m.
     pub max_error_m: f64,
-    /// Scale of the similarity that fits best, against 1, percent.
-    pub scale_error_percent: f64,
+    /// How much too long the estimate is, percent; `None` where the positions hardly move, against their errors.
+    pub scale_error_percent: Option<f64>,
     /// Root mean square translation error over each second, m; `None` for a flight that is shorter.
     pub rpe_1s_m: Option<f64>,
     /// Growth of the yaw error.
@@ -62,14 +62,13 @@ impl Accuracy {
         let errors = errors_m(&pairs)?;
         let ate_rmse_m = rms(&errors);
         let distance_m = path_length_m(&pairs.reference);
-        let scale = align(&pairs, AlignmentMode::Sim3).map_or(1.0, |s| s.scale);
         let consistency = Consistency::of(&known);
         Some(Self {
             distance_m,
             ate_rmse_m,
             ate_percent: 100.0 * ate_rmse_m / distance_m.max(1e-9),
             max_error_m: errors.iter().copied().fold(0.0, f64::max),
-            scale_error_percent: 100.0 * (1.0 / scale - 1.0),
+            scale_error_percent: scale_error_percent(&pairs),
             rpe_1s_m: relative_errors(&pairs, Delta::Seconds(1.0), true).ok().map(|e| e.translation_m.rmse),
             yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
             nees_ratio: consistency.nees_ratio,

@@ -139,6 +139,16 @@ pub fn late_findings(
     let missing = if known.iter().any(is_uneven) { 0 } else { faults.imu.missing };
     let imu = Faults { missing, ..faults.imu };
     let of_drivers = plausibility::of_faults(imu, faults.cameras, Some(&files.words()));
+    let has_gaps = imu.missing + imu.corrupt + faults.cameras.missing > 0;
+    let of_drivers = match of_drivers {
+        Some(_) if files.are_other_sizes() && !has_gaps => Some(Finding::new(
+            "images change their size",
+            files.words().join("; "),
+            "another mode of the camera while it recorded, or images of another recording among these",
+            "record in one mode of the camera, and fly this recording up to there (`--stop`)",
+        )),
+        of_drivers => of_drivers,
+    };
     // The files of a recording may have named it already, with the place.
     let are_stamps_known =
         known.iter().any(|finding| finding.what.contains("stamp") || finding.what.contains("clock"));
@@ -353,10 +363,13 @@ fn lines_of(outcome: &Outcome) -> Lines {
 /// Lines of the summary about the accuracy.
 fn accuracy_lines(a: &Accuracy) -> [String; 2] {
     let drift = a.yaw_drift_deg_per_min.unwrap_or(f64::NAN);
+    let scale = a.scale_error_percent;
+    let scale =
+        scale.map_or_else(|| "unknown, too little motion".into(), |percent| format!("{percent:+.2} %"));
     [
         format!(
-            "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {:+.2} %",
-            "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
+            "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {scale}",
+            "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m
         ),
         format!("{:<18}yaw drift {drift:+.2} deg/min", ""),
     ]

@@ -116,13 +116,14 @@ impl SensorReport {
             gaps(&imu.stream)
         ));
         let clock = &imu.figures.clock;
-        lines.push(format!(
+        // Without samples there is no delay and no clock.
+        lines.extend((imu.stream.count > 0).then(|| format!(
             "{:<18}delay from the measurement to delivery: median {:.2} ms, p99 {:.2} ms; the IMU's clock runs {}",
             "",
             imu.stream.age_ms.p50,
             imu.stream.age_ms.p99,
             clock_words(-clock.skew_ppm)
-        ));
+        )));
         lines
     }
 }
