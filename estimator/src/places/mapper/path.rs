@@ -201,9 +201,10 @@ mod tests {
         }
         mapper.graph.optimize(500);
         let path = path_of(&mapper, 20);
-        let ends: Vec<_> = path.loops.iter().map(|l| [0, 1].map(|k| l[k].stamp.as_nanos())).collect();
+        let stamps = |l: &LoopEnds| [l.seen.stamp, l.seen_by.stamp].map(Timestamp::as_nanos);
+        let ends: Vec<_> = path.loops.iter().map(stamps).collect();
         assert_eq!(ends, [[0, 10], [1, 9]], "what hangs on the origin is no keyframe of the flight");
-        assert!((path.loops[0][1].p_m_b.x - 10.0).abs() < 0.01, "{path:?}");
+        assert!((path.loops[0].seen_by.p_m_b.x - 10.0).abs() < 0.01, "{path:?}");
         assert!((path.drift_m.unwrap() - 0.1).abs() < 0.01, "{path:?}");
         assert_eq!(path_of(&mapper, 1).loops, path.loops[1..], "the newest are kept");
     }

@@ -51,11 +51,14 @@ pub fn now_ns() -> i64 {
 /// An entry with the time it was handed over, ns since 1970.
 pub type Handed<T> = (T, i64);
 
+/// Writing ends of odometry and of states at instants.
+pub type TickWriters = (LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>);
+
 /// Writing ends, which the listeners of the run take.
 #[derive(Debug)]
 pub struct Writers {
     /// Taken by the listener on the tick's thread.
-    pub tick: Option<(LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>)>,
+    pub tick: Option<TickWriters>,
     /// Taken by the listener on the window's thread.
     pub estimates: Option<LaneWriter<Handed<FullEstimate>>>,
     /// One for each thread that says something.
