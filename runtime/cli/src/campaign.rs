@@ -162,13 +162,11 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if !faulty.is_empty() {
         say(&format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
     }
-    let ratios = ratio_rows(reports());
-    if !ratios.is_empty() {
-        say(&format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
-    }
     let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
-    if !silent.is_empty() {
-        say(&format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+    for (head, rows) in [(RATIO_HEAD, ratio_rows(reports())), (SILENCE_HEAD, silent)] {
+        if !rows.is_empty() {
+            say(&format_args!("\n{head}\n{}", rows.join("\n")));
+        }
     }
     let honest: Vec<_> = reports().filter_map(|(entry, report)| honesty_row(entry, report)).collect();
     if let Some(summary) = honesty_summary(reports()) {

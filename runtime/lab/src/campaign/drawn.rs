@@ -258,7 +258,7 @@ mod tests {
         let none = entries.iter().filter(|entry| entry.fault == CampaignFault::None).count();
         assert!((30..90).contains(&none), "{none}");
         let beside = entries.iter().filter(|entry| !entry.beside.is_empty()).count();
-        assert!((120..230).contains(&beside), "{beside}");
+        assert!((190..270).contains(&beside), "{beside}");
         let late = |entry: &Entry| entry.fault.injected_from_s().is_some_and(|s| !(4.0..=8.0).contains(&s));
         assert!(!entries.iter().any(late));
     }
