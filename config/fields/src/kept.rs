@@ -326,7 +326,7 @@ impl<T: Record> Part for Vec<T> {
         Value::Items(self)
     }
 
-    /// Of a list that is absent.
+    /// Changes nothing: items come one by one, and none where the list is absent.
     fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
         Ok(())
     }

@@ -1,7 +1,6 @@
 //! Tracks from the previous images into the new ones.
 
-use super::{PointTracker, TrackerFigures};
-use crate::points::prediction::PredictedMotion;
+use super::PointTracker;
 use crate::points::temporal::{Followed, Shift, Transition};
 use nalgebra::UnitQuaternion;
 
@@ -11,14 +10,6 @@ const LARGE_TURN_PX: f64 = 8.0;
 const FOUND_SHARE: f64 = 0.6;
 const MIN_TRACKS: usize = 20;
 const TIMES_AS_MANY: f64 = 1.5;
-
-/// What following rests on and leaves, kept while it is tried in another way.
-struct Tried {
-    found: usize,
-    turns: [UnitQuaternion<f64>; 2],
-    motion: Option<PredictedMotion>,
-    figures: TrackerFigures,
-}
 
 impl PointTracker {
     /// Moves every track into this frame, by the camera whose previous image is the newest.
@@ -49,29 +40,25 @@ impl PointTracker {
     /// Follows the tracks as if the cameras had not turned, where the predicted turn led to `found` of them, and keeps to that if it leads to
     /// many times as many: then the gyroscope is wrong.
     fn follow_without_turn(&mut self, found: usize) {
-        let mut tried = Tried {
-            found,
-            turns: [UnitQuaternion::identity(); 2],
-            motion: self.motion.take(),
-            figures: self.figures,
-        };
-        for (view, turn) in self.views.iter_mut().zip(&mut tried.turns) {
-            *turn = std::mem::replace(&mut view.rot_prev_cur_b, UnitQuaternion::identity());
-        }
-        self.figures = TrackerFigures::default();
+        let (motion, figures) = (self.motion.take(), std::mem::take(&mut self.figures));
+        let mut turns = [UnitQuaternion::identity(); 2];
+        self.exchange_turns(&mut turns);
         std::mem::swap(&mut self.before, &mut self.store.tracks);
-        if (self.follow_all() as f64) < TIMES_AS_MANY * tried.found.max(1) as f64 {
+        if (self.follow_all() as f64) < TIMES_AS_MANY * found.max(1) as f64 {
             std::mem::swap(&mut self.before, &mut self.store.tracks);
-            (self.motion, self.figures) = (tried.motion, tried.figures);
-            for (view, turn) in self.views.iter_mut().zip(tried.turns) {
-                view.rot_prev_cur_b = turn;
-            }
+            self.exchange_turns(&mut turns);
+            (self.motion, self.figures) = (motion, figures);
         }
+    }
+
+    fn exchange_turns(&mut self, turns: &mut [UnitQuaternion<f64>; 2]) {
+        let views = self.views.iter_mut().zip(turns);
+        views.for_each(|(view, turn)| std::mem::swap(&mut view.rot_prev_cur_b, turn));
     }
 
     /// Follows all tracks, and returns how many were found; the others are marked as lost.
     fn follow_all(&mut self) -> usize {
-        let is_repeating = self.is_repeating();
+        let is_unique_only = self.is_strict();
         let transitions: [Option<Transition<'_>>; 2] = std::array::from_fn(|c| {
             self.views.get(c).filter(|v| v.can_follow()).map(|view| Transition {
                 index: c,
@@ -84,7 +71,7 @@ impl PointTracker {
                 max_return_px: self.options.max_forward_backward_px,
                 border_px: self.options.border_px as f64,
                 use_reference: self.use_reference,
-                is_unique_only: self.options.unique_only || is_repeating,
+                is_unique_only,
                 shift: self.motion.filter(|_| view.frames == 1).map(|motion| {
                     let pose_b_c = &self.rig[c].pose_b_c;
                     let pose_cur_prev_c = (pose_b_c.inverse() * motion.pose_prev_cur_b * pose_b_c).inverse();
