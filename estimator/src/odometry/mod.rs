@@ -18,6 +18,7 @@ mod moving_tests;
 mod pair;
 #[cfg(test)]
 mod pair_tests;
+mod pair_shift;
 mod pair_time;
 #[cfg(test)]
 mod poison_tests;
@@ -65,6 +66,7 @@ use judgement::Velocity;
 use measurements::Measurer;
 use nalgebra::{SVector, Vector3};
 use pair::PairWatch;
+use pair_shift::PairShift;
 use pair_time::PairTime;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
@@ -136,6 +138,7 @@ pub struct Odometer {
     zero_velocity: ZeroVelocityDetector,
     pair: PairWatch,
     pair_time: PairTime,
+    pair_shift: PairShift,
     rotation: RotationWatch,
     forces: ForceWatch,
     sudden_force: SuddenForce,
@@ -209,6 +212,7 @@ impl Odometer {
             zero_velocity: ZeroVelocityDetector::new(rate_hz, setup.left().focal_px[0]),
             pair: PairWatch::new(setup.camera.len(), rate_hz),
             pair_time: PairTime::default(),
+            pair_shift: PairShift::default(),
             rotation: RotationWatch::new(imu),
             forces: ForceWatch::new(window.options.gravity_o),
             sudden_force: SuddenForce::new(),

@@ -62,6 +62,7 @@ impl Odometer {
         self.forces.clear();
         self.sudden_force = SuddenForce::new();
         self.pair_time.clear();
+        self.pair_shift.clear();
         self.imu.trust();
         self.reset_counter += 1;
         if kind == ResetKind::Hard {

@@ -56,6 +56,11 @@ const DISPUTED_QUALITY: i8 = 10;
 /// Turns since a contradiction began by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
+/// And the share of them that differ by themselves: an image that jumps differs once, and a crowd that is taken for the scene by little.
+const DIFFERING_SHARE: f64 = 0.5;
+/// A contradiction is not the gyroscope's if the accelerometer was contradicted this shortly before, s: the images go on alone since, and not
+/// as well.
+const FORCES_BEFORE_S: f64 = 2.0;
 /// Errors of the stamps of a turn explain so much of it, s; and this share of what differs must be left.
 const STAMPS_S: f64 = 0.012;
 const UNEXPLAINED_SHARE: f64 = 0.5;
@@ -93,6 +98,11 @@ struct Contradiction {
     bias_gyro: Vector3<f64>,
     /// Frames on end that agree.
     agreeing: u32,
+    /// Frames so far, and those that differ by themselves.
+    frames: u32,
+    differing: u32,
+    /// False if something else is as likely to be wrong.
+    may_name_gyro: bool,
 }
 
 /// Inertial samples after a hole, which may be late.
@@ -127,6 +137,8 @@ pub(super) struct SeenTurn {
     /// Frames, or samples, are missing since the frame before.
     pub(super) skips_frames: bool,
     pub(super) skips_samples: bool,
+    /// The accelerometer is contradicted.
+    pub(super) is_force_contradicted: bool,
 }
 
 /// Difference between a frame's rotation by the images and by the gyroscope.
@@ -163,6 +175,8 @@ pub(super) struct RotationWatch {
     /// When a hole in a stream began, and until when it is thought of.
     suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
+    /// When the accelerometer was last contradicted.
+    forces_contradicted: Option<Timestamp>,
     probation: Option<Probation>,
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
@@ -180,6 +194,7 @@ impl RotationWatch {
             drift: StampDrift::default(),
             suspicious: None,
             contradiction: None,
+            forces_contradicted: None,
             probation: None,
             left_m: 0.0,
             left_rad: 0.0,
@@ -228,6 +243,9 @@ impl RotationWatch {
         if frame.skips_samples || dt_s > FRAME_HOLE_S {
             let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
             self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
+        }
+        if frame.is_force_contradicted {
+            self.forces_contradicted = Some(to);
         }
         let begun = self.begin_probation();
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
@@ -348,6 +366,9 @@ impl RotationWatch {
             is_delay_suspected: false,
             bias_gyro: frame.bias_gyro,
             agreeing: 0,
+            frames: 1,
+            differing: u32::from(excess > 1.0),
+            may_name_gyro: self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S),
         });
         self.contradiction.map(|contradiction| contradiction.since)
     }
@@ -376,6 +397,8 @@ impl RotationWatch {
     fn settle(&mut self, contradicts: bool, adds_up: bool, turn: &Turn) {
         let Some(mut contradiction) = self.contradiction else { return };
         let dt_s = turn.to.seconds_since(turn.from);
+        contradiction.frames += 1;
+        contradiction.differing += u32::from(contradicts);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
             let delay = delay(&self.angles, &self.turns, contradiction.since, &contradiction.bias_gyro);
             contradiction.is_delay_suspected = delay == Delay::Suspected;
@@ -452,7 +475,8 @@ impl RotationWatch {
         }
         let is_open = matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed);
         let is_left = left > UNEXPLAINED_SHARE * off && !contradiction.is_delay_suspected;
-        is_open && is_left && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
+        let differs = f64::from(contradiction.differing) >= DIFFERING_SHARE * f64::from(contradiction.frames);
+        is_open && is_left && differs && contradiction.may_name_gyro && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
     }
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.

@@ -80,6 +80,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                         &noise,
                     )
                     .is_none(),
+                is_force_contradicted: false,
             };
             let _ = watch.update(&frame);
         }

@@ -81,6 +81,7 @@ impl Odometer {
                 bias_sigma_rad_s: largest_sigma(&self.bias_variances, 0),
                 skips_frames: health.contains(HealthBits::FRAME_GAP),
                 skips_samples: coverage.has_gap,
+                is_force_contradicted: self.forces.is_contradicted(),
             });
             if let Some(since) = since {
                 self.imu.distrust(since);
@@ -173,10 +174,16 @@ impl Odometer {
         }
         let begins_to_disagree =
             health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
-        if begins_to_disagree && self.left_sees() {
+        self.pair_shift.add(self.window.image_shifts());
+        if begins_to_disagree && self.left_sees() && self.pair_shift.jumped().is_none() {
             self.window.forget_images(RIGHT);
         }
-        self.pair_time.distrusted_at(stamp, self.left_sees()).is_some()
+        self.distrusted_camera(stamp).is_some()
+    }
+
+    /// Camera whose image of the frame of `stamp` is not used.
+    fn distrusted_camera(&self, stamp: Timestamp) -> Option<usize> {
+        self.pair_shift.jumped().or_else(|| self.pair_time.distrusted_at(stamp, self.left_sees()))
     }
 
     /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
@@ -187,7 +194,10 @@ impl Odometer {
         if is_out_of_step {
             health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
         }
-        let Some(camera) = self.pair_time.distrusted_at(stamp, self.left_sees()) else { return };
+        if self.pair_shift.jumped().is_some() {
+            health.insert(HealthBits::CAMERAS_DISAGREE);
+        }
+        let Some(camera) = self.distrusted_camera(stamp) else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == RIGHT && is_out_of_step && !was_out_of_step {
             self.window.forget_images(camera);

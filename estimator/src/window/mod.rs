@@ -25,6 +25,7 @@ pub mod dense;
 mod doubt;
 pub mod eliminate;
 pub mod epipolar;
+pub mod image_shift;
 pub mod factor;
 pub mod factorization;
 pub mod feature;

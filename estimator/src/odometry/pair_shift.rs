@@ -1,0 +1,71 @@
+//! A camera of a pair whose image jumps against that of the other.
+//!
+//! Known landmarks tell how far each image is from where the predicted pose has them ([`crate::window::image_shift`]). An error of the pose
+//! moves both, so that the shift of one against the other stays as it was, within a tenth of a pixel, whatever the vehicle does. Where it
+//! leaves its mean, one camera has been knocked, or its image is frozen, late or of another place: that which is further from
+//! where the landmarks were expected. Its images are not used until the shift is back.
+
+use crate::window::image_shift::ImageShifts;
+use nalgebra::Vector2;
+use plumbline_config::Portable;
+
+/// Frames of which the mean shift is taken, at least before anything is judged, and at most.
+const FRAMES_OF_MEAN: [u32; 2] = [5, 20];
+/// A pair has jumped if its shift is this far from the mean, px, and so many times the spread of the last frames.
+const JUMP_PX: f64 = 1.0;
+const JUMP_SPREADS: f64 = 8.0;
+/// Frames on end with half of that, at most, before the camera is used again.
+const FRAMES_TO_AGREE: u32 = 10;
+
+/// The camera that has jumped.
+#[derive(Clone, Copy, Debug)]
+struct Jumped {
+    camera: usize,
+    /// Frames on end in which it is back.
+    agreeing: u32,
+}
+
+/// Running mean of the shift of the right image against the left one, and the camera that has jumped.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PairShift {
+    frames: u32,
+    mean_px: Vector2<f64>,
+    /// Mean square of the distance from the mean, px².
+    spread: f64,
+    jumped: Option<Jumped>,
+}
+
+impl PairShift {
+    /// Takes the shifts of a frame, if it has any.
+    pub(super) fn add(&mut self, shifts: Option<ImageShifts>) {
+        let Some(shifts) = shifts else { return };
+        let off = shifts.of_pair - self.mean_px;
+        let bound_px = JUMP_PX.at_least(JUMP_SPREADS * self.spread.sqrt());
+        if let Some(jumped) = &mut self.jumped {
+            jumped.agreeing = if off.norm() < 0.5 * bound_px { jumped.agreeing + 1 } else { 0 };
+            if jumped.agreeing >= FRAMES_TO_AGREE {
+                self.jumped = None;
+            }
+        } else if self.frames >= FRAMES_OF_MEAN[0] && off.norm() > bound_px {
+            let [left_px, right_px] = shifts.of_camera.map(|shift| shift.norm());
+            self.jumped = Some(Jumped { camera: usize::from(right_px > left_px), agreeing: 0 });
+        } else {
+            let is_first = self.frames == 0;
+            self.frames = (self.frames + 1).min(FRAMES_OF_MEAN[1]);
+            let share = 1.0 / f64::from(self.frames);
+            self.mean_px += off * share;
+            let squared = if is_first { 0.0 } else { off.norm_squared() };
+            self.spread += share * (squared - self.spread);
+        }
+    }
+
+    /// The camera whose images are not used.
+    pub(super) fn jumped(&self) -> Option<usize> {
+        self.jumped.map(|jumped| jumped.camera)
+    }
+
+    /// Forgets all frames.
+    pub(super) fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
