@@ -5,6 +5,7 @@
 //! health, make room. It sees no image: points come from [`crate::points`], lines from [`crate::lines`], or
 //! both from a test.
 
+mod contradiction;
 mod force_watch;
 mod gyro_angles;
 mod inherited;
@@ -16,9 +17,9 @@ pub mod measurements;
 #[cfg(test)]
 mod moving_tests;
 mod pair;
+mod pair_shift;
 #[cfg(test)]
 mod pair_tests;
-mod pair_shift;
 mod pair_time;
 #[cfg(test)]
 mod poison_tests;

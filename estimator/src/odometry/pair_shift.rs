@@ -69,3 +69,60 @@ impl PairShift {
         *self = Self::default();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two seconds of frames whose right image is shifted by `px` and the left one by as much as the pose is off, then one with `newest`.
+    fn watched(px: impl Fn(u32) -> Vector2<f64>, newest: [Vector2<f64>; 2]) -> PairShift {
+        let mut watch = PairShift::default();
+        for k in 0..40 {
+            let pose = Vector2::new(libm::sin(f64::from(k)), libm::cos(f64::from(k))) * 3.0;
+            let noise = Vector2::new(libm::sin(f64::from(k * k)), libm::cos(f64::from(k * k))) * 0.05;
+            watch.add(Some(of([pose, pose + px(k) + noise])));
+        }
+        watch.add(Some(of(newest)));
+        watch
+    }
+
+    fn of(of_camera: [Vector2<f64>; 2]) -> ImageShifts {
+        ImageShifts { of_camera, of_pair: of_camera[1] - of_camera[0] }
+    }
+
+    #[test]
+    fn a_pair_that_is_out_of_line_for_good_or_drifts_has_not_jumped() {
+        let low = Vector2::new(0.0, 8.0);
+        assert_eq!(watched(|_| low, [Vector2::zeros(), low]).jumped(), None);
+        let warm = |k: u32| Vector2::new(0.02 * f64::from(k), 0.0);
+        assert_eq!(watched(warm, [Vector2::zeros(), warm(40)]).jumped(), None);
+    }
+
+    #[test]
+    fn the_camera_that_is_further_off_has_jumped() {
+        let [jump, pose] = [Vector2::new(4.0, 0.0), Vector2::new(0.5, 0.3)];
+        assert_eq!(watched(|_| Vector2::zeros(), [pose + jump, pose]).jumped(), Some(0));
+        assert_eq!(watched(|_| Vector2::zeros(), [pose, pose - jump]).jumped(), Some(1));
+    }
+
+    #[test]
+    fn a_camera_is_used_again_once_its_image_has_been_back_for_ten_frames() {
+        let zero = Vector2::zeros();
+        let mut watch = watched(|_| zero, [zero, Vector2::new(0.0, 5.0)]);
+        for k in 0..FRAMES_TO_AGREE {
+            assert_eq!(watch.jumped(), Some(1), "{k}");
+            watch.add(None);
+            watch.add(Some(of([zero, Vector2::new(0.1, 0.1)])));
+        }
+        assert_eq!(watch.jumped(), None);
+    }
+
+    #[test]
+    fn nothing_is_said_before_the_mean_is_known() {
+        let mut watch = PairShift::default();
+        for px in [0.0, 3.0, -3.0] {
+            watch.add(Some(of([Vector2::zeros(), Vector2::new(px, 0.0)])));
+            assert_eq!(watch.jumped(), None);
+        }
+    }
+}

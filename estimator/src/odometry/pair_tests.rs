@@ -4,9 +4,13 @@ use super::synthetic::{World, config, stamp};
 use super::trust_tests::anchored;
 use super::*;
 use crate::window::state::FrameTime;
+use nalgebra::Vector2;
 
 /// Time after which a camera is late, s.
 const BEGIN_S: f64 = 6.0;
+
+/// Time at which a shifted image is back, s.
+const BACK_S: f64 = 10.0;
 
 /// A camera that is late.
 #[derive(Clone, Copy)]
@@ -17,12 +21,23 @@ struct Late {
     is_repeat_seen: bool,
 }
 
-/// Flies for 14 s; returns the largest error of the position, m, and when the pair was first said to be out of step, s after it was.
-fn fly(late: Option<Late>) -> (f64, Option<f64>) {
+/// A flight of 14 s.
+struct Flown {
+    /// Largest error of the position, m.
+    largest_m: f64,
+    /// When the pair was first said to be out of step, s after [`BEGIN_S`].
+    named_s: Option<f64>,
+    /// Times of the frames in which the cameras were said to disagree, s after it.
+    disagree_s: Vec<f64>,
+}
+
+/// Flies with what is tracked as `spoil` leaves it.
+fn fly_spoilt(mut spoil: impl FnMut(&mut World, f64, &mut Tracked)) -> Flown {
     let mut world = World::new(&config(2), 5, 400);
     let mut odometer = Odometer::new(&world.config);
     let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
-    let (mut origin, mut largest_m, mut named_s, mut next_imu) = (None, 0.0f64, None, 0u32);
+    let mut flown = Flown { largest_m: 0.0, named_s: None, disagree_s: Vec::new() };
+    let (mut origin, mut next_imu) = (None, 0u32);
     for k in 0..280u32 {
         let t = 0.2 + f64::from(k) * 0.05;
         while f64::from(next_imu) * 0.005 <= t + 0.0051 {
@@ -31,32 +46,54 @@ fn fly(late: Option<Late>) -> (f64, Option<f64>) {
         }
         tracked.points = world.observe(t, [true; 2]);
         tracked.health = HealthBits::default();
-        if let Some(late) = late.filter(|_| t > BEGIN_S) {
-            let before = world.observe(t - 0.05 * late.frames, [true; 2]);
-            let is_repeated = late.is_repeat_seen && t < BEGIN_S + 0.05;
-            if is_repeated {
-                tracked.health.insert([HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN][late.camera]);
-            }
-            for point in &mut tracked.points {
-                let seen = before.iter().find(|o| o.track_id == point.track_id).filter(|_| !is_repeated);
-                point.px[late.camera] = seen.and_then(|o| o.px[late.camera]);
-                point.xy[late.camera] = seen.and_then(|o| o.xy[late.camera]);
-            }
-            tracked.points.retain(|o| o.px.iter().any(Option::is_some));
-        }
+        spoil(&mut world, t, &mut tracked);
         tracked.sequence = u64::from(k);
         tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
         let estimate = odometer.process(&tracked, &mut (), &mut feedback);
         tracked.samples.clear();
         if estimate.health.contains(HealthBits::CAMERAS_OUT_OF_STEP) {
-            named_s.get_or_insert(t - BEGIN_S);
+            flown.named_s.get_or_insert(t - BEGIN_S);
+        }
+        if estimate.health.contains(HealthBits::CAMERAS_DISAGREE) {
+            flown.disagree_s.push(t - BEGIN_S);
         }
         let Some(pose) = estimate.pose() else { continue };
         let truth = world.pose_o_b(t);
         let expected = *origin.get_or_insert_with(|| anchored(pose, &truth)) * truth;
-        largest_m = largest_m.max((pose.translation.vector - expected.translation.vector).norm());
+        let error_m = (pose.translation.vector - expected.translation.vector).norm();
+        flown.largest_m = flown.largest_m.max(error_m);
     }
-    (largest_m, named_s)
+    flown
+}
+
+/// Flies with a camera that is late; returns the largest error of the position, m, and when that was said, s after it was.
+fn fly(late: Option<Late>) -> (f64, Option<f64>) {
+    let flown = fly_spoilt(|world, t, tracked| {
+        let Some(late) = late.filter(|_| t > BEGIN_S) else { return };
+        let before = world.observe(t - 0.05 * late.frames, [true; 2]);
+        let is_repeated = late.is_repeat_seen && t < BEGIN_S + 0.05;
+        if is_repeated {
+            tracked.health.insert([HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN][late.camera]);
+        }
+        for point in &mut tracked.points {
+            let seen = before.iter().find(|o| o.track_id == point.track_id).filter(|_| !is_repeated);
+            point.px[late.camera] = seen.and_then(|o| o.px[late.camera]);
+            point.xy[late.camera] = seen.and_then(|o| o.xy[late.camera]);
+        }
+        tracked.points.retain(|o| o.px.iter().any(Option::is_some));
+    });
+    (flown.largest_m, flown.named_s)
+}
+
+/// Flies with an image that is shifted by this much, normalized, until [`BACK_S`].
+fn fly_shifted(camera: usize, by: Vector2<f64>) -> Flown {
+    fly_spoilt(|_, t, tracked| {
+        if (BEGIN_S..BACK_S).contains(&t) {
+            for xy in tracked.points.iter_mut().filter_map(|point| point.xy[camera].as_mut()) {
+                *xy += by;
+            }
+        }
+    })
 }
 
 #[test]
@@ -78,4 +115,17 @@ fn a_camera_that_is_late_since_it_repeated_an_image_is_left_out() {
 fn a_right_camera_that_is_late_unnoticed_is_named_and_left_out() {
     let (largest_m, named_s) = fly(Some(Late { camera: 1, frames: 1.0, is_repeat_seen: false }));
     assert!(largest_m < 0.3 && named_s.is_some_and(|s| s < 2.0), "{largest_m} m, {named_s:?}");
+}
+
+#[test]
+fn a_camera_whose_image_is_shifted_is_left_out_from_its_first_frame_on() {
+    let shifts = [(0, [0.02, 0.0]), (1, [-0.009, 0.0]), (0, [0.0, 0.012]), (1, [0.0, -0.012])];
+    for (camera, [x, y]) in shifts {
+        let Flown { largest_m, disagree_s, .. } = fly_shifted(camera, Vector2::new(x, y));
+        let shift = format!("{camera}, ({x}, {y})");
+        assert!(largest_m < 0.05, "{shift}: {largest_m} m");
+        assert!(disagree_s.first().is_some_and(|s| *s < 0.1), "{shift}: {disagree_s:?}");
+        let last_s = disagree_s.last().map_or(0.0, |s| s + BEGIN_S - BACK_S);
+        assert!((0.0..1.0).contains(&last_s), "{shift}: used again {last_s} s after it is back");
+    }
 }

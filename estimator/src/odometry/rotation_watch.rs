@@ -14,8 +14,8 @@
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
+use super::contradiction::{Contradiction, Culprit, Evidence, NewestTurn};
 use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
-use super::lag::{Delay, delay};
 use super::stamp_drift::StampDrift;
 use super::stamp_error::TimeError;
 use super::stamp_noise::StampNoise;
@@ -29,7 +29,7 @@ use plumbline_config::{ImuSample, Portable, Timestamp};
 
 /// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
 /// single frames.
-const AGREES_RAD: f64 = 1.5e-3;
+pub(super) const AGREES_RAD: f64 = 1.5e-3;
 /// And by as many standard deviations of the difference.
 const AGREES_SIGMAS: f64 = 5.0;
 /// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
@@ -45,25 +45,9 @@ const PLAIN_S: f64 = 0.015;
 /// A hole in a stream is thought of for so long, s; frames that are further apart than this have one between them, s.
 const SUSPICIOUS_S: f64 = 1.0;
 const FRAME_HOLE_S: f64 = 0.25;
-/// Frames on end that agree before it is believed again: half a second at 20 Hz, and twice as many if somebody was named.
-const FRAMES_TO_AGREE: u32 = 10;
-/// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
-const PROVES_RAD: f64 = 3e-3;
-/// A contradiction without a name is a dispute after this time, s.
-const DISPUTE_S: f64 = 1.0;
-/// Quality while it is not known which of the sensors is wrong, or while the images are late.
-const DISPUTED_QUALITY: i8 = 10;
-/// Turns since a contradiction began by which the gyroscope is named, and how much of what differs the images turn by themselves.
-const TURNS_TO_NAME: usize = 10;
-const TURNING_SHARE: f64 = 0.2;
-/// And the share of them that differ by themselves: an image that jumps differs once, and a crowd that is taken for the scene by little.
-const DIFFERING_SHARE: f64 = 0.5;
 /// A contradiction is not the gyroscope's if the accelerometer was contradicted this shortly before, s: the images go on alone since, and not
 /// as well.
 const FORCES_BEFORE_S: f64 = 2.0;
-/// Errors of the stamps of a turn explain so much of it, s; and this share of what differs must be left.
-const STAMPS_S: f64 = 0.012;
-const UNEXPLAINED_SHARE: f64 = 0.5;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
 /// Samples after a hole of this length are on probation, ns, for so long at most, s.
@@ -73,37 +57,6 @@ const PROBATION_S: f64 = 1.0;
 const FRAMES_TO_PROVE: u32 = 3;
 const PROVING_TURN_RAD: f64 = 3e-3;
 const PROVING_NS: i64 = 90_000_000;
-
-/// Sensor that is wrong.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Culprit {
-    /// Not known yet.
-    Unknown,
-    /// Inertial samples are late by so many seconds.
-    Imu(f64),
-    /// Images are late by so many seconds.
-    Images(f64),
-    /// It could not be found out.
-    Disputed,
-}
-
-/// A contradiction that lasts.
-#[derive(Clone, Copy, Debug)]
-struct Contradiction {
-    since: Timestamp,
-    culprit: Culprit,
-    /// True while a delay would explain much of it.
-    is_delay_suspected: bool,
-    /// The bias before it, rad/s.
-    bias_gyro: Vector3<f64>,
-    /// Frames on end that agree.
-    agreeing: u32,
-    /// Frames so far, and those that differ by themselves.
-    frames: u32,
-    differing: u32,
-    /// False if something else is as likely to be wrong.
-    may_name_gyro: bool,
-}
 
 /// Inertial samples after a hole, which may be late.
 #[derive(Clone, Copy, Debug)]
@@ -290,7 +243,7 @@ impl RotationWatch {
         let contradicted = match self.contradiction {
             Some(_) => {
                 let adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
-                self.settle(excess > 1.0, adds_up, &turn);
+                self.settle(&NewestTurn { turn, differs: excess > 1.0, adds_up });
                 None
             }
             None => self.suspect(excess, frame),
@@ -360,17 +313,11 @@ impl RotationWatch {
         let is_plain = newest.rad.norm() > PLAIN_RAD + PLAIN_S * newest.rate_rad_s() && excess > PLAIN;
         let alone = (is_plain || (hole.is_some() && excess > 1.0)).then_some(from);
         let first = alone.or_else(|| self.contradicted_since(frame.bias_sigma_rad_s))?;
-        self.contradiction = Some(Contradiction {
-            since: hole.map_or(first, |(begun, _)| begun.min(first)),
-            culprit: Culprit::Unknown,
-            is_delay_suspected: false,
-            bias_gyro: frame.bias_gyro,
-            agreeing: 0,
-            frames: 1,
-            differing: u32::from(excess > 1.0),
-            may_name_gyro: self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S),
-        });
-        self.contradiction.map(|contradiction| contradiction.since)
+        let since = hole.map_or(first, |(begun, _)| begun.min(first));
+        let may_name_gyro =
+            self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S);
+        self.contradiction = Some(Contradiction::begin(since, frame.bias_gyro, excess > 1.0, may_name_gyro));
+        Some(since)
     }
 
     /// Since when differences add up to more than is admitted.
@@ -392,52 +339,22 @@ impl RotationWatch {
         self.hole_before(stamp).is_some()
     }
 
-    /// Within a contradiction: who is to blame, and whether it is over. The newest frame alone may contradict (`contradicts`), and what
-    /// differs in frames that agree may add up to too much (`adds_up`).
-    fn settle(&mut self, contradicts: bool, adds_up: bool, turn: &Turn) {
+    /// Goes on with a contradiction.
+    fn settle(&mut self, newest: &NewestTurn) {
         let Some(mut contradiction) = self.contradiction else { return };
-        let dt_s = turn.to.seconds_since(turn.from);
-        contradiction.frames += 1;
-        contradiction.differing += u32::from(contradicts);
-        if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
-            let delay = delay(&self.angles, &self.turns, contradiction.since, &contradiction.bias_gyro);
-            contradiction.is_delay_suspected = delay == Delay::Suspected;
-            if let Delay::Found(lag_s) = delay {
-                contradiction.culprit =
-                    if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
-            } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
-                contradiction.culprit = Culprit::Disputed;
-                self.left_m += DISPUTED_M_S * dt_s;
-                self.left_rad += turn.seen.norm();
-            }
+        let is_over = contradiction.settle(newest, &self.evidence());
+        if contradiction.culprit == Culprit::Disputed {
+            self.left_m += DISPUTED_M_S * newest.turn.to.seconds_since(newest.turn.from);
+            self.left_rad += newest.turn.seen.norm();
         }
-        if contradicts {
-            contradiction.agreeing = 0;
-        } else if self.proves_agreement(turn, &contradiction) {
-            contradiction.agreeing += 1;
-        }
-        let named = matches!(contradiction.culprit, Culprit::Imu(_) | Culprit::Images(_));
-        let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 } && !adds_up;
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
             self.differences.clear();
         }
     }
 
-    /// True if agreement of the turn with the gyroscope is evidence: the turn is large, or would contradict the gyroscope under
-    /// the lag in question.
-    fn proves_agreement(&self, turn: &Turn, contradiction: &Contradiction) -> bool {
-        let lag_s = match contradiction.culprit {
-            Culprit::Unknown => return true,
-            Culprit::Disputed => return turn.seen.norm() > PROVES_RAD,
-            Culprit::Imu(lag_s) => lag_s,
-            Culprit::Images(late_s) => -late_s,
-        };
-        // The gyroscope of a later time is known for an earlier turn only.
-        let lag_ns = (lag_s * 1e9) as i64;
-        let known =
-            self.turns.iter().rev().find_map(|t| self.angles.difference(t, lag_ns, &contradiction.bias_gyro));
-        known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
+    fn evidence(&self) -> Evidence<'_> {
+        Evidence { angles: &self.angles, turns: &self.turns }
     }
 
     /// True while the inertial samples are distrusted.
@@ -447,44 +364,14 @@ impl RotationWatch {
 
     /// Says in `health` what was found.
     pub(super) fn report(&self, health: &mut HealthBits) {
-        let Some(contradiction) = &self.contradiction else { return };
-        if self.is_gyro_named(contradiction) {
-            health.insert(HealthBits::GYRO_CONTRADICTED);
+        if let Some(contradiction) = &self.contradiction {
+            contradiction.report(&self.evidence(), health);
         }
-        health.insert(match contradiction.culprit {
-            Culprit::Unknown => HealthBits::IMU_CONTRADICTED,
-            Culprit::Imu(_) => HealthBits::IMU_LATE,
-            Culprit::Images(_) => HealthBits::IMAGES_LATE,
-            Culprit::Disputed => HealthBits::ROTATION_DISPUTED,
-        });
-    }
-
-    /// True if the gyroscope is the faulty sensor: after so long no delay explains the contradiction, nor much of it, errors of stamps do not
-    /// explain most of it, and the images do turn.
-    fn is_gyro_named(&self, contradiction: &Contradiction) -> bool {
-        let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
-        let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0);
-        for turn in newest {
-            let Some(difference) = self.angles.difference(turn, 0, &contradiction.bias_gyro) else {
-                continue;
-            };
-            seen += turn.seen.norm();
-            off += difference.norm();
-            left += beyond_stamps(&difference, turn).norm();
-            count += 1;
-        }
-        let is_open = matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed);
-        let is_left = left > UNEXPLAINED_SHARE * off && !contradiction.is_delay_suspected;
-        let differs = f64::from(contradiction.differing) >= DIFFERING_SHARE * f64::from(contradiction.frames);
-        is_open && is_left && differs && contradiction.may_name_gyro && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
     }
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
-        match self.contradiction.map(|c| c.culprit) {
-            None | Some(Culprit::Imu(_)) => quality,
-            Some(_) => quality.min(DISPUTED_QUALITY),
-        }
+        self.contradiction.map_or(quality, |contradiction| contradiction.bounded(quality))
     }
 
     /// Covariance to add to that of the state `nav`, which turns by `rate_b`, for errors that it does not include.
@@ -512,14 +399,6 @@ impl RotationWatch {
         of_rotation += up_b * up_b.transpose() * (self.left_rad.squared() - tilt_rad.squared());
         Some(added)
     }
-}
-
-/// What is left of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
-fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
-    let rate = turn.seen / turn.to.seconds_since(turn.from);
-    let squared = rate.norm_squared();
-    let error_s = if squared > 0.0 { difference.dot(&rate) / squared } else { 0.0 };
-    difference - rate * error_s.clamp(-STAMPS_S, STAMPS_S)
 }
 
 #[cfg(test)]

@@ -71,7 +71,10 @@ impl Window {
 }
 
 /// Measurements of a landmark by the left and the right camera of frame `index`.
-pub(super) fn pair_in(landmark: &PointLandmark, index: u8) -> Option<[&super::reprojection::PointMeasurement; 2]> {
+pub(super) fn pair_in(
+    landmark: &PointLandmark,
+    index: u8,
+) -> Option<[&super::reprojection::PointMeasurement; 2]> {
     let [.., left, right] = &landmark.observations[..] else { return None };
     let is_pair = left.frame == index && right.frame == index && left.camera == 0 && right.camera == 1;
     is_pair.then_some([&left.measured, &right.measured])

@@ -9,7 +9,6 @@ use super::landmark::PointLandmark;
 use super::reprojection::PointMeasurement;
 use super::state::Mount;
 use nalgebra::{Vector2, Vector3};
-use plumbline_config::Portable;
 
 /// Fewest landmarks that tell a shift, and as many as are looked at.
 const MIN_PAIRS: usize = 12;

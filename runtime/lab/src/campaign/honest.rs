@@ -11,14 +11,23 @@ use plumbline_estimator::HealthBits;
 const NAMED_BY: [(&str, &[HealthBits]); 14] = [
     ("accel-", &[HealthBits::ACCEL_STUCK, HealthBits::ACCEL_CONTRADICTED, HealthBits::ACCEL_NOISY]),
     ("gyro-", &[HealthBits::GYRO_STUCK, HealthBits::GYRO_CONTRADICTED]),
-    ("imu-frozen", &[HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK, HealthBits::GYRO_CONTRADICTED]),
+    (
+        "imu-frozen",
+        &[
+            HealthBits::GYRO_STUCK,
+            HealthBits::ACCEL_STUCK,
+            HealthBits::GYRO_CONTRADICTED,
+            HealthBits::ACCEL_CONTRADICTED,
+        ],
+    ),
     ("imu-late", &[HealthBits::IMU_LATE]),
     ("imu-gap", &[HealthBits::IMU_GAP]),
     ("stamp-late", &[HealthBits::IMAGES_LATE]),
     ("clock-back", &[HealthBits::BAD_STAMP]),
     ("frame-gap", &[HealthBits::FRAME_GAP]),
     ("image-black", &[HealthBits::DARK]),
-    ("image-frozen", &[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]),
+    // With noise it does not repeat its image, but sees other things than the other camera.
+    ("image-frozen", &[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN, HealthBits::CAMERAS_DISAGREE]),
     ("image-repeat", &[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]),
     ("image-late", &[HealthBits::CAMERAS_OUT_OF_STEP, HealthBits::CAMERAS_DISAGREE]),
     ("image-shift", &[HealthBits::CAMERAS_DISAGREE]),
