@@ -88,6 +88,8 @@ pub struct Feedback {
     pub turn_rate_b: Vector3<f64>,
     /// Inertial samples are distrusted, since they contradict the images.
     pub distrusts_imu: bool,
+    /// The camera whose image counts as missing while the other one delivers.
+    pub untracked_camera: Option<usize>,
     /// Resets so far.
     pub reset_counter: u32,
     /// State of the frame that was solved, by which points are predicted; `None` unless the front-end asked for
@@ -158,6 +160,7 @@ impl Feedback {
             bias_gyro: Vector3::zeros(),
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,
+            untracked_camera: None,
             reset_counter: 0,
             known_state: None,
             known_points: Vec::with_capacity(setup.estimator.points.max_points),

@@ -42,6 +42,7 @@ pub struct FrontEnd {
     bias_gyro: Vector3<f64>,
     turn_rate_b: Vector3<f64>,
     distrusts_imu: bool,
+    untracked_camera: Option<usize>,
     frozen: FrozenWatch,
     condition: ConditionWatch,
     reset_counter: u32,
@@ -90,6 +91,7 @@ impl FrontEnd {
             bias_gyro: Vector3::zeros(),
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,
+            untracked_camera: None,
             frozen: FrozenWatch::new(setup),
             condition: ConditionWatch::default(),
             reset_counter: 0,
@@ -169,6 +171,7 @@ impl FrontEnd {
         self.bias_gyro = feedback.bias_gyro;
         self.turn_rate_b = feedback.turn_rate_b;
         self.distrusts_imu = feedback.distrusts_imu;
+        self.untracked_camera = feedback.untracked_camera;
         self.known_state.clone_from(&feedback.known_state);
         self.known_points.clone_from(&feedback.known_points);
     }
@@ -417,6 +420,9 @@ impl FrontEnd {
                     health.insert(missing[camera]);
                 }
             }
+        }
+        if let (Some(camera), [Some(_), Some(_)]) = (self.untracked_camera, &images) {
+            images[camera] = None;
         }
         images
     }

@@ -6,7 +6,7 @@ use super::rotation_watch::AGREES_RAD;
 use crate::estimate::HealthBits;
 use heapless::Deque;
 use nalgebra::Vector3;
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// Frames on end that agree before it is over: half a second at 20 Hz, and twice as many if a delay was found.
 const FRAMES_TO_AGREE: u32 = 10;
@@ -19,9 +19,16 @@ const DISPUTED_QUALITY: i8 = 10;
 /// Turns by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
-/// Share of the turns that differ by themselves if the gyroscope is wrong: an image that jumps differs once, and a crowd that is taken
-/// for the scene by little.
-const DIFFERING_SHARE: f64 = 0.5;
+/// Mean over the frames of the squared multiple of what may differ, by which a gyroscope is wrong, and as much of it as counts: an image that
+/// jumps differs once, and a crowd that is taken for the scene by little.
+const MEAN_EXCESS_SQUARED: f64 = 0.7;
+const MOST_EXCESS: f64 = 2.0;
+/// It is wrong at once if so many frames on end differ by so many times what may, in one direction (cosine), and turn this many times as fast as
+/// the images have: no delay and no jump of an image does that.
+const PLAIN_FRAMES: u32 = 2;
+const PLAIN_EXCESS: f64 = 4.0;
+const PLAIN_COSINE: f64 = 0.8;
+const PLAIN_SPEED: f64 = 2.0;
 /// Errors of the stamps of a turn explain so much of it, s; and this share of what differs must be left.
 const STAMPS_S: f64 = 0.012;
 const UNEXPLAINED_SHARE: f64 = 0.5;
@@ -50,10 +57,18 @@ pub(super) struct Evidence<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NewestTurn {
     pub(super) turn: Turn,
-    /// True if it contradicts by itself.
-    pub(super) differs: bool,
+    /// Difference from the gyroscope, rad, and as a multiple of what it may come to.
+    pub(super) difference: Vector3<f64>,
+    pub(super) excess: f64,
     /// True if the frames that agree differ by too much in sum.
     pub(super) adds_up: bool,
+}
+
+impl NewestTurn {
+    /// True if it contradicts by itself.
+    pub(super) fn differs(&self) -> bool {
+        self.excess > 1.0
+    }
 }
 
 /// A contradiction that lasts.
@@ -67,37 +82,56 @@ pub(super) struct Contradiction {
     is_delay_suspected: bool,
     /// Frames on end that agree.
     agreeing: u32,
-    /// Frames so far, and those that differ by themselves.
+    /// Frames so far, at most as many as turns are kept, and the mean over them of the squared excess.
     frames: u32,
-    differing: u32,
+    mean_excess_squared: f64,
+    /// Frames on end that differ plainly, and the last difference.
+    plain: u32,
+    last: Vector3<f64>,
     /// False if something else is as likely to be wrong as the gyroscope.
     may_name_gyro: bool,
 }
 
 impl Contradiction {
-    /// A contradiction that begins, with a frame that `differs` by itself or not.
-    pub(super) fn begin(
-        since: Timestamp,
-        bias_gyro: Vector3<f64>,
-        differs: bool,
-        may_name_gyro: bool,
-    ) -> Self {
+    /// A contradiction that begins.
+    pub(super) fn begin(since: Timestamp, bias_gyro: Vector3<f64>, may_name_gyro: bool) -> Self {
         Self {
             since,
             culprit: Culprit::Unknown,
             bias_gyro,
             is_delay_suspected: false,
             agreeing: 0,
-            frames: 1,
-            differing: u32::from(differs),
+            frames: 0,
+            mean_excess_squared: 0.0,
+            plain: 0,
+            last: Vector3::zeros(),
             may_name_gyro,
         }
     }
 
+    /// Takes what a frame differs by.
+    pub(super) fn count(&mut self, newest: &NewestTurn, evidence: &Evidence<'_>) {
+        self.frames = (self.frames + 1).min(MAX_TURNS as u32);
+        let excess_squared = newest.excess.at_most(MOST_EXCESS).squared();
+        self.mean_excess_squared += (excess_squared - self.mean_excess_squared) / f64::from(self.frames);
+        if self.plain < PLAIN_FRAMES {
+            let fastest =
+                evidence.turns.iter().map(Turn::rate_rad_s).fold(0.0, |most, x: f64| x.at_least(most));
+            let speed = newest.difference.norm() / newest.turn.dt_s();
+            let is_plain = newest.excess > PLAIN_EXCESS && speed > PLAIN_SPEED * fastest;
+            let along = self.last.dot(&newest.difference) / (self.last.norm() * newest.difference.norm());
+            self.plain = match (is_plain, along > PLAIN_COSINE) {
+                (true, true) => self.plain + 1,
+                (true, false) => 1,
+                (false, _) => 0,
+            };
+        }
+        self.last = newest.difference;
+    }
+
     /// Takes another frame: who is to blame, and whether it is over.
     pub(super) fn settle(&mut self, newest: &NewestTurn, evidence: &Evidence<'_>) -> bool {
-        self.frames += 1;
-        self.differing += u32::from(newest.differs);
+        self.count(newest, evidence);
         if self.is_open() {
             let delay = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
             self.is_delay_suspected = delay == Delay::Suspected;
@@ -107,7 +141,7 @@ impl Contradiction {
                 self.culprit = Culprit::Disputed;
             }
         }
-        if newest.differs {
+        if newest.differs() {
             self.agreeing = 0;
         } else if self.proves_agreement(&newest.turn, evidence) {
             self.agreeing += 1;
@@ -149,10 +183,13 @@ impl Contradiction {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: after so many turns, half of which differ by themselves, no delay explains the
-    /// contradiction, nor much of it, errors of stamps do not explain most of it, and the images do turn.
+    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of it, errors
+    /// of stamps do not explain most of it, and the images do turn.
     fn is_gyro_named(&self, Evidence { angles, turns }: &Evidence<'_>) -> bool {
-        let is_lasting = f64::from(self.differing) >= DIFFERING_SHARE * f64::from(self.frames);
+        if self.plain >= PLAIN_FRAMES {
+            return true;
+        }
+        let is_lasting = self.mean_excess_squared >= MEAN_EXCESS_SQUARED;
         if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }
@@ -175,7 +212,7 @@ impl Contradiction {
 
 /// What is left of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
 fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
-    let rate = turn.seen / turn.to.seconds_since(turn.from);
+    let rate = turn.seen / turn.dt_s();
     let squared = rate.norm_squared();
     let error_s = if squared > 0.0 { difference.dot(&rate) / squared } else { 0.0 };
     difference - rate * error_s.clamp(-STAMPS_S, STAMPS_S)

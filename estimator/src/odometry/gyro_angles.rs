@@ -26,6 +26,18 @@ pub(super) struct Turn {
     pub(super) skips_frames: bool,
 }
 
+impl Turn {
+    /// Time it takes, s.
+    pub(super) fn dt_s(&self) -> f64 {
+        self.to.seconds_since(self.from)
+    }
+
+    /// Speed at which the images turn, rad/s.
+    pub(super) fn rate_rad_s(&self) -> f64 {
+        self.seen.norm() / self.dt_s()
+    }
+}
+
 /// The integral of the gyroscope's readings up to a sample.
 #[derive(Clone, Copy, Debug)]
 struct Angle {
@@ -133,7 +145,7 @@ impl GyroAngles {
     ) -> Option<Vector3<f64>> {
         let (from, holes) = self.angle_at(turn.from.plus_nanos(lag_ns))?;
         let (to, holes_after) = self.angle_until(turn.to.plus_nanos(lag_ns), lag_ns == 0)?;
-        let measured = to - from - bias_gyro * turn.to.seconds_since(turn.from);
+        let measured = to - from - bias_gyro * turn.dt_s();
         (holes == holes_after).then(|| turn.seen - measured)
     }
 }

@@ -324,6 +324,7 @@ impl Odometer {
         feedback.bias_gyro = self.biases().0;
         feedback.turn_rate_b = self.turn_rate_b();
         feedback.distrusts_imu = self.rotation.is_distrusting();
+        feedback.untracked_camera = self.pair_shift.untracked();
         feedback.reset_counter = self.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;

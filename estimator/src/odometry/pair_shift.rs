@@ -14,14 +14,22 @@ const FRAMES_OF_MEAN: [u32; 2] = [5, 20];
 /// A pair has jumped if its shift is this far from the mean, px, and so many times the spread of the last frames.
 const JUMP_PX: f64 = 1.0;
 const JUMP_SPREADS: f64 = 8.0;
+/// The other camera is off by less than this share: where both are, the pose or the landmarks are wrong.
+const OTHER_SHARE: f64 = 0.5;
 /// Frames on end with half of that, at most, before the camera is used again.
 const FRAMES_TO_AGREE: u32 = 10;
+/// The left camera leads the tracks. They go on in the right one if the left one is not to be used, but for the last two of so many frames, by
+/// which it can show that it is back.
+const LEFT: usize = 0;
+const FRAMES_TO_PROBE: u32 = 20;
+const PROBES: u32 = 2;
 
 /// The camera that has jumped.
 #[derive(Clone, Copy, Debug)]
 struct Jumped {
     camera: usize,
-    /// Frames on end in which it is back.
+    /// Frames since, and frames on end in which it is back.
+    frames: u32,
     agreeing: u32,
 }
 
@@ -38,6 +46,9 @@ pub(super) struct PairShift {
 impl PairShift {
     /// Takes the shifts of a frame, if it has any.
     pub(super) fn add(&mut self, shifts: Option<ImageShifts>) {
+        if let Some(jumped) = &mut self.jumped {
+            jumped.frames += 1;
+        }
         let Some(shifts) = shifts else { return };
         let off = shifts.of_pair - self.mean_px;
         let bound_px = JUMP_PX.at_least(JUMP_SPREADS * self.spread.sqrt());
@@ -48,7 +59,10 @@ impl PairShift {
             }
         } else if self.frames >= FRAMES_OF_MEAN[0] && off.norm() > bound_px {
             let [left_px, right_px] = shifts.of_camera.map(|shift| shift.norm());
-            self.jumped = Some(Jumped { camera: usize::from(right_px > left_px), agreeing: 0 });
+            if left_px.min(right_px) < OTHER_SHARE * left_px.max(right_px) {
+                let camera = usize::from(right_px > left_px);
+                self.jumped = Some(Jumped { camera, frames: 0, agreeing: 0 });
+            }
         } else {
             let is_first = self.frames == 0;
             self.frames = (self.frames + 1).min(FRAMES_OF_MEAN[1]);
@@ -62,6 +76,12 @@ impl PairShift {
     /// The camera whose images are not used.
     pub(super) fn jumped(&self) -> Option<usize> {
         self.jumped.map(|jumped| jumped.camera)
+    }
+
+    /// The camera whose images points are not to be followed in.
+    pub(super) fn untracked(&self) -> Option<usize> {
+        let jumped = self.jumped.filter(|jumped| jumped.camera == LEFT && jumped.agreeing == 0)?;
+        (jumped.frames % FRAMES_TO_PROBE < FRAMES_TO_PROBE - PROBES).then_some(LEFT)
     }
 
     /// Forgets all frames.
@@ -103,6 +123,8 @@ mod tests {
         let [jump, pose] = [Vector2::new(4.0, 0.0), Vector2::new(0.5, 0.3)];
         assert_eq!(watched(|_| Vector2::zeros(), [pose + jump, pose]).jumped(), Some(0));
         assert_eq!(watched(|_| Vector2::zeros(), [pose, pose - jump]).jumped(), Some(1));
+        let far = Vector2::new(0.0, 9.0);
+        assert_eq!(watched(|_| Vector2::zeros(), [far, far + jump]).jumped(), None, "the pose is wrong");
     }
 
     #[test]

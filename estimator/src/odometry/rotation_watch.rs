@@ -240,13 +240,13 @@ impl RotationWatch {
         }
         let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
         self.prove(excess <= 1.0, &turn);
-        let contradicted = match self.contradiction {
-            Some(_) => {
-                let adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
-                self.settle(&NewestTurn { turn, differs: excess > 1.0, adds_up });
-                None
-            }
-            None => self.suspect(excess, frame),
+        let mut newest = NewestTurn { turn, difference: rad, excess, adds_up: false };
+        let contradicted = if self.contradiction.is_some() {
+            newest.adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
+            self.settle(&newest);
+            None
+        } else {
+            self.suspect(&newest, frame)
         };
         contradicted.or(begun)
     }
@@ -306,17 +306,19 @@ impl RotationWatch {
     }
 
     /// Before a contradiction: whether it begins, and since when.
-    fn suspect(&mut self, excess: f64, frame: &SeenTurn) -> Option<Timestamp> {
+    fn suspect(&mut self, newest: &NewestTurn, frame: &SeenTurn) -> Option<Timestamp> {
         let [from, to] = frame.span;
         let hole = self.hole_before(to);
-        let newest = self.differences.back()?;
-        let is_plain = newest.rad.norm() > PLAIN_RAD + PLAIN_S * newest.rate_rad_s() && excess > PLAIN;
-        let alone = (is_plain || (hole.is_some() && excess > 1.0)).then_some(from);
+        let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
+        let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
+        let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
         let first = alone.or_else(|| self.contradicted_since(frame.bias_sigma_rad_s))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         let may_name_gyro =
             self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S);
-        self.contradiction = Some(Contradiction::begin(since, frame.bias_gyro, excess > 1.0, may_name_gyro));
+        let mut contradiction = Contradiction::begin(since, frame.bias_gyro, may_name_gyro);
+        contradiction.count(newest, &self.evidence());
+        self.contradiction = Some(contradiction);
         Some(since)
     }
 

@@ -173,7 +173,7 @@ fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
     let of_rotation = added.fixed_view::<3, 3>(NavState::ROT, NavState::ROT).into_owned();
     assert!((of_rotation - up_b * up_b.transpose() * 0.04).norm() < 1e-12, "{of_rotation}");
     let from = Timestamp::from_nanos(0);
-    let mut disputed = Contradiction::begin(from, Vector3::zeros(), true, true);
+    let mut disputed = Contradiction::begin(from, Vector3::zeros(), true);
     disputed.culprit = Culprit::Disputed;
     watch.contradiction = Some(disputed);
     let added = watch.added_covariance(&nav, &Vector3::zeros()).expect("something is left");
