@@ -152,10 +152,10 @@ health_bits! {
         "a computer that does not keep up",
         "use fewer points, smaller images or a faster computer",
     );
-    /// Both cameras deliver, and few points are found in both images.
+    /// Few points are found in both images, or one image has jumped against the other.
     13 CAMERAS_DISAGREE "cameras disagree", "left and right images do not agree", (
-        "images that are not of the same moment (one camera late by a frame), cameras that are exchanged, or a calibration of \
-         the pair that is wrong",
+        "images that are not of the same moment (one camera late or frozen), a camera that has been knocked, cameras that are \
+         exchanged, or a calibration of the pair that is wrong",
         "run `plumbline doctor` on the data: it tells these apart",
     );
     /// The images contradict the inertial samples as a whole; the estimate follows the images.

@@ -140,6 +140,18 @@ mod tests {
     }
 
     #[test]
+    fn tracks_leave_a_left_camera_that_has_jumped_but_for_two_frames_a_second() {
+        let (zero, jump) = (Vector2::zeros(), Vector2::new(5.0, 0.0));
+        let mut watch = watched(|_| zero, [jump, zero]);
+        let left_out = (0..60).filter(|_| {
+            watch.add(None);
+            watch.untracked() == Some(LEFT)
+        });
+        assert_eq!(left_out.count(), 54);
+        assert_eq!(watched(|_| zero, [zero, jump]).untracked(), None, "the right one does not lead");
+    }
+
+    #[test]
     fn nothing_is_said_before_the_mean_is_known() {
         let mut watch = PairShift::default();
         for px in [0.0, 3.0, -3.0] {

@@ -27,12 +27,23 @@ struct Wrong {
     scale: f64,
     /// Error of the rate about x, rad/s.
     step_rad_s: f64,
+    /// Turn about y that the images see once and the vehicle does not make, rad.
+    jump_rad: f64,
+    /// True if the accelerometer is contradicted from half a second before on.
+    is_force_wrong: bool,
     /// Until when, s.
     until_s: f64,
 }
 
-const NOTHING: Wrong =
-    Wrong { imu_late_s: 0.0, images_late_s: 0.0, scale: 1.0, step_rad_s: 0.0, until_s: f64::INFINITY };
+const NOTHING: Wrong = Wrong {
+    imu_late_s: 0.0,
+    images_late_s: 0.0,
+    scale: 1.0,
+    step_rad_s: 0.0,
+    jump_rad: 0.0,
+    is_force_wrong: false,
+    until_s: f64::INFINITY,
+};
 
 /// Flies for twelve seconds; of each frame its time, what is said of it and the quality left of 90.
 fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
@@ -62,12 +73,17 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
         }
         if let Some((last_s, last_age_s)) = last_s {
             let noise = angle(f64::from(k * k)) * 2e-4;
+            let jump = if last_s < BEGIN_S && t >= BEGIN_S {
+                Vector3::y() * wrong.jump_rad
+            } else {
+                Vector3::zeros()
+            };
             let frame = SeenTurn {
                 span: [at(last_s), at(t)],
                 stamps: [at(last_s), at(t)],
                 rate_b: Vector3::zeros(),
                 time_sigma_s: None,
-                seen: angle(t - age_s) - angle(last_s - last_age_s) + noise,
+                seen: angle(t - age_s) - angle(last_s - last_age_s) + noise + jump,
                 covariance: Matrix3::identity() * 1.6e-7,
                 bias_gyro: Vector3::zeros(),
                 bias_sigma_rad_s: 1e-3,
@@ -80,7 +96,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                         &noise,
                     )
                     .is_none(),
-                is_force_contradicted: false,
+                is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
             };
             let _ = watch.update(&frame);
         }
@@ -147,6 +163,33 @@ fn a_gyroscope_that_exaggerates_is_disputed_and_believed_again_when_it_agrees() 
         said.last().map(|(_, health, quality)| (*health, *quality)),
         Some((HealthBits::default(), 90))
     );
+}
+
+#[test]
+fn a_gyroscope_that_turns_faster_than_any_delay_explains_is_named_after_two_frames() {
+    for step_rad_s in [3.0, -6.0] {
+        let said = fly(Wrong { step_rad_s, until_s: BEGIN_S + 0.2, ..NOTHING });
+        let named_s = first_s(&said, HealthBits::GYRO_CONTRADICTED);
+        assert!(named_s.is_some_and(|s| s < 0.2), "{step_rad_s}: {named_s:?}");
+    }
+}
+
+#[test]
+fn a_gyroscope_that_exaggerates_is_named_within_a_second_unless_forces_were_wrong_before() {
+    let fault = Wrong { scale: 1.5, until_s: 8.0, ..NOTHING };
+    assert!(first_s(&fly(fault), HealthBits::GYRO_CONTRADICTED).is_some_and(|s| (0.0..1.0).contains(&s)));
+    let said = fly(Wrong { is_force_wrong: true, ..fault });
+    assert_eq!(first_s(&said, HealthBits::GYRO_CONTRADICTED), None);
+    assert!(first_s(&said, HealthBits::IMU_CONTRADICTED).is_some_and(|s| s < 1.0));
+}
+
+#[test]
+fn an_image_that_jumps_once_is_not_the_gyroscopes_fault() {
+    for jump_rad in [0.03, 0.3] {
+        let said = fly(Wrong { jump_rad, ..NOTHING });
+        assert_eq!(first_s(&said, HealthBits::GYRO_CONTRADICTED), None, "{jump_rad}");
+        assert!(first_s(&said, HealthBits::IMU_CONTRADICTED).is_some_and(|s| s < 0.2), "{jump_rad}");
+    }
 }
 
 #[test]
