@@ -3,7 +3,7 @@
 //! Known landmarks tell how far each image is from where the predicted pose has them ([`crate::window::image_shift`]). An error of the pose
 //! moves both, so that the shift of one against the other stays as it was, within a tenth of a pixel, whatever the vehicle does. Where it
 //! leaves its mean, one camera has been knocked, or its image is frozen, late or of another place: that which is further from
-//! where the landmarks were expected. Its images are not used until the shift is back.
+//! where the landmarks were expected, if the other one sees them there. Its images are not used until the shift is back.
 
 use crate::window::image_shift::ImageShifts;
 use nalgebra::Vector2;
@@ -12,10 +12,10 @@ use plumbline_config::Portable;
 /// Frames of which the mean shift is taken, at least before anything is judged, and at most.
 const FRAMES_OF_MEAN: [u32; 2] = [5, 20];
 /// A pair has jumped if its shift is this far from the mean, px, and so many times the spread of the last frames.
-const JUMP_PX: f64 = 1.0;
+const JUMP_PX: f64 = 1.5;
 const JUMP_SPREADS: f64 = 8.0;
-/// The other camera is off by less than this share: where both are, the pose or the landmarks are wrong.
-const OTHER_SHARE: f64 = 0.5;
+/// The other camera sees most landmarks where they were expected, within this share of the jump: else the pose is wrong, or a crowd moves.
+const OTHER_SHARE: f64 = 0.4;
 /// Frames on end with half of that, at most, before the camera is used again.
 const FRAMES_TO_AGREE: u32 = 10;
 /// The left camera leads the tracks. They go on in the right one if the left one is not to be used, but for the last two of so many frames, by
@@ -58,8 +58,8 @@ impl PairShift {
                 self.jumped = None;
             }
         } else if self.frames >= FRAMES_OF_MEAN[0] && off.norm() > bound_px {
-            let [left_px, right_px] = shifts.of_camera.map(|shift| shift.norm());
-            if left_px.min(right_px) < OTHER_SHARE * left_px.max(right_px) {
+            let [left_px, right_px] = shifts.of_camera;
+            if left_px.min(right_px) < OTHER_SHARE * off.norm() {
                 let camera = usize::from(right_px > left_px);
                 self.jumped = Some(Jumped { camera, frames: 0, agreeing: 0 });
             }
@@ -107,7 +107,7 @@ mod tests {
     }
 
     fn of(of_camera: [Vector2<f64>; 2]) -> ImageShifts {
-        ImageShifts { of_camera, of_pair: of_camera[1] - of_camera[0] }
+        ImageShifts { of_camera: of_camera.map(|shift| shift.norm()), of_pair: of_camera[1] - of_camera[0] }
     }
 
     #[test]

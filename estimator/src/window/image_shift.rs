@@ -16,12 +16,12 @@ const MAX_PAIRS: usize = 128;
 /// Forward component of a ray, scaled by the inverse depth, below which it is not seen.
 const MIN_FORWARD: f64 = 0.02;
 
-/// Median distances of what each camera of the newest frame sees from where it was expected, px.
+/// Medians over the landmarks of how far they are seen from where they were expected, px.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageShifts {
-    /// Of the left and the right image.
-    pub of_camera: [Vector2<f64>; 2],
-    /// Of the right image against the left one.
+    /// Distances in the left and the right image.
+    pub of_camera: [f64; 2],
+    /// Shift of the right image against the left one.
     pub of_pair: Vector2<f64>,
 }
 
@@ -33,7 +33,7 @@ impl Window {
     pub fn image_shifts(&self) -> Option<ImageShifts> {
         let newest = self.frames.len().checked_sub(1)?;
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
-        let mut distances: [Distances; 6] = Default::default();
+        let mut distances: [Distances; 4] = Default::default();
         for landmark in self.points.all() {
             if !landmark.is_triangulated || usize::from(landmark.host) == newest {
                 continue;
@@ -41,16 +41,15 @@ impl Window {
             let Some(pair) = pair_in(landmark, newest as u8) else { continue };
             let Some([left, right]) = self.distances(landmark, pair, &mounts) else { continue };
             let apart = right - left;
-            for (all, one) in distances.iter_mut().zip([left.x, left.y, right.x, right.y, apart.x, apart.y]) {
+            for (all, one) in distances.iter_mut().zip([left.norm(), right.norm(), apart.x, apart.y]) {
                 let _ = all.push(one);
             }
         }
         if distances[0].len() < MIN_PAIRS {
             return None;
         }
-        let [lx, ly, rx, ry, x, y] = distances.map(|all| median(all) * self.options.focal_px);
-        let of_camera = [Vector2::new(lx, ly), Vector2::new(rx, ry)];
-        Some(ImageShifts { of_camera, of_pair: Vector2::new(x, y) })
+        let [left, right, x, y] = distances.map(|all| median(all) * self.options.focal_px);
+        Some(ImageShifts { of_camera: [left, right], of_pair: Vector2::new(x, y) })
     }
 
     /// Distance of a landmark in each image of the newest frame from where its pose has it, normalized.
