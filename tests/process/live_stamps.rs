@@ -214,7 +214,7 @@ fn doctor_names_samples_in_another_unit_and_the_program_that_is_missing() {
 fn readers_of_the_local_socket_hear_of_bad_stamps() {
     use plumbline_flight::local::record::{Kind, Kinds};
     use plumbline_flight::local::request::Request;
-    use plumbline_flight::local::{Client, Record};
+    use plumbline_flight::local::{Client, LocalRecord};
 
     let folder = tempfile::tempdir().unwrap();
     let sensor = imu(&folder.path().join("imu"), |now| now);
@@ -224,7 +224,7 @@ fn readers_of_the_local_socket_hear_of_bad_stamps() {
     let mut client = Client::new(UnixStream::connect(folder.path().join("local")).unwrap());
     client.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Sensors]))).unwrap();
     let news = loop {
-        if let Record::Sensors(news) = client.next_record().unwrap() {
+        if let LocalRecord::Sensors(news) = client.next_record().unwrap() {
             break news;
         }
     };

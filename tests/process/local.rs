@@ -5,8 +5,8 @@ use plumbline_config::Config;
 use plumbline_estimator::ResetKind;
 use plumbline_flight::flight::Output as _;
 use plumbline_flight::local::record::Kinds;
-use plumbline_flight::local::request::{Request, Status};
-use plumbline_flight::local::{Client, LocalSocket, Record};
+use plumbline_flight::local::request::{Request, RequestStatus};
+use plumbline_flight::local::{Client, LocalRecord, LocalSocket};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, now_ns};
@@ -173,7 +173,7 @@ fn kill_again_and_again(vehicle: &Running, endpoint: &str, times: usize) -> Vec<
 fn a_reader_of_another_user() {
     let Ok(socket) = std::env::var("PLUMBLINE_TEST_SOCKET") else { return };
     let mut client = Client::new(connected(Path::new(&socket)));
-    assert_eq!(client.next_record().unwrap(), Record::Hello(false));
+    assert_eq!(client.next_record().unwrap(), LocalRecord::Hello(false));
     let mut requests = client.requests().unwrap();
     for request in [Request::Reset(ResetKind::Hard), Request::SaveMap, Request::Watch(5_000), Request::Ready]
     {
@@ -182,11 +182,11 @@ fn a_reader_of_another_user() {
     let (mut refused, mut odometry) = (0, 0);
     while refused < 4 || odometry < 100 {
         match client.next_record().unwrap() {
-            Record::Answer(answer) => {
-                assert_eq!(answer.status, Status::Refused);
+            LocalRecord::Answer(answer) => {
+                assert_eq!(answer.status, RequestStatus::Refused);
                 refused += 1;
             }
-            Record::Odometry(..) => odometry += 1,
+            LocalRecord::Odometry(..) => odometry += 1,
             _ => {}
         }
     }
@@ -407,14 +407,14 @@ mod realtime {
         let (mut got, mut delays, mut last) = (Got::default(), BTreeMap::new(), None);
         while let Ok(record) = client.next_record() {
             match record {
-                Record::Odometry(odometry, handed_over_ns) => {
+                LocalRecord::Odometry(odometry, handed_over_ns) => {
                     got.received += 1;
                     got.gaps += u64::from(last.is_some_and(|last| odometry.sequence != last + 1));
                     last = Some(odometry.sequence);
                     *delays.entry(now_ns() - handed_over_ns).or_insert(0u64) += 1;
                 }
-                Record::Lost(count) => got.lost = count,
-                Record::End => got.has_ended = true,
+                LocalRecord::Lost(count) => got.lost = count,
+                LocalRecord::End => got.has_ended = true,
                 _ => {}
             }
         }

@@ -16,7 +16,7 @@ use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_co
 use plumbline_flight::local::LocalSocket;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_ground as ground;
-use plumbline_ground::connection::Connection;
+use plumbline_ground::connection::StationSession;
 use plumbline_ground::fleet::Fleet;
 use plumbline_lab::report::Report;
 use plumbline_link::net::Endpoints;
@@ -110,7 +110,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
 /// A ground station in this process: it knows of the flight what comes over the network.
 struct Station {
     runtime: tokio::runtime::Runtime,
-    connection: Connection,
+    connection: StationSession,
     address: SocketAddr,
 }
 
@@ -123,7 +123,7 @@ impl Station {
         let endpoints = Endpoints { vehicle: "*".into(), hears, connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
         let (connection, address) = runtime.block_on(async {
-            let connection = Connection::open(&endpoints, &fleet, false).await?;
+            let connection = StationSession::open(&endpoints, &fleet, false).await?;
             let page = ground::web::bind(args.http)
                 .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
             let address = ground::web::serve(page, fleet, connection.clone(), true, &[]).await?;

@@ -5,7 +5,8 @@
 use crate::autopilot::inbox::{MavlinkInbox, Received};
 use crate::autopilot::timesync::TimeSync;
 use crate::local::client::Records;
-use crate::local::request::{self, Numbered, Request, TooLong};
+use crate::local::record::TooLong;
+use crate::local::request::{self, Numbered, Request};
 use crate::log::channel::Channel;
 use crate::log::source::{LogImu, LogStereo};
 use crate::log::{LogReader, image};

@@ -1,12 +1,12 @@
 //! The network process: reads a flight from its local socket, publishes it, and brings commands back.
 
-use crate::net::{Commands, Endpoints, Feed, NetError, Publisher};
+use crate::net::{CommandRelay, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
 use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, ClientError, Failure, Record};
+use plumbline_flight::local::{Client, Failure, LocalRecord, RecordError};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_record::messages::Configuration;
 use std::io;
@@ -64,7 +64,7 @@ pub enum NetworkProcessError {
     Net(#[from] NetError),
     /// The flight's records cannot be read.
     #[error(transparent)]
-    Client(#[from] ClientError),
+    Client(#[from] RecordError),
     /// The flight's configuration is none of this version.
     #[error("the configuration of the flight cannot be used: {0}")]
     Config(#[from] ConfigError),
@@ -111,7 +111,7 @@ pub fn serve(
     requests.send(&Request::Subscribe(WANTED))?;
     let (configuration, may_command) = greeted(&mut client)?;
     stream.set_read_timeout(None)?;
-    let commands = Arc::new(Commands::new(requests, may_command));
+    let commands = Arc::new(CommandRelay::new(requests, may_command));
     let outputs = match Outputs::start(&configuration, options, &commands) {
         Ok(outputs) => outputs,
         Err(error) => {
@@ -125,19 +125,24 @@ pub fn serve(
 }
 
 /// Reads up to the configuration; also whether the flight takes commands of this process.
-fn greeted(client: &mut Client) -> Result<(Configuration, bool), ClientError> {
+fn greeted(client: &mut Client) -> Result<(Configuration, bool), RecordError> {
     let mut may_command = false;
     loop {
         match client.next_record()? {
-            Record::Hello(rights) => may_command = rights,
-            Record::Configuration(configuration) => return Ok((configuration, may_command)),
+            LocalRecord::Hello(rights) => may_command = rights,
+            LocalRecord::Configuration(configuration) => return Ok((configuration, may_command)),
             _ => {}
         }
     }
 }
 
 /// Hands out records until the flight or `stop` ends it; then what waits is sent.
-fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands, stop: &AtomicBool) -> Ended {
+fn until_the_end(
+    client: &mut Client,
+    mut outputs: Outputs,
+    commands: &CommandRelay,
+    stop: &AtomicBool,
+) -> Ended {
     let is_over = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -149,10 +154,10 @@ fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands,
         });
         let ended = loop {
             match client.next_record() {
-                Ok(Record::End) => break Ended::FlightOver,
+                Ok(LocalRecord::End) => break Ended::FlightOver,
                 Ok(record) => outputs.take(record, client.content(), commands),
                 Err(error) => {
-                    if !matches!(error, ClientError::Closed) && !stop.load(Ordering::Relaxed) {
+                    if !matches!(error, RecordError::Closed) && !stop.load(Ordering::Relaxed) {
                         tracing::warn!("{error}");
                     }
                     break Ended::FlightGone;
@@ -176,7 +181,7 @@ impl Outputs {
     fn start(
         configuration: &Configuration,
         options: &LinkOptions,
-        commands: &Arc<Commands>,
+        commands: &Arc<CommandRelay>,
     ) -> Result<Self, NetworkProcessError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
         let rot_v_b = config.vehicle.rot_v_b();
@@ -198,7 +203,7 @@ impl Outputs {
     fn start_net(
         config: &ValidConfig,
         options: &LinkOptions,
-        commands: &Arc<Commands>,
+        commands: &Arc<CommandRelay>,
     ) -> Result<Option<(Publisher, Feed)>, NetError> {
         if !has_network(&config.network, options) {
             return Ok(None);
@@ -208,11 +213,11 @@ impl Outputs {
         start(config, &endpoints, Arc::clone(commands)).map(Some)
     }
 
-    fn take(&mut self, record: Record, message: &[u8], commands: &Commands) {
+    fn take(&mut self, record: LocalRecord, message: &[u8], commands: &CommandRelay) {
         if let Some((_, ros)) = &mut self.ros {
             ros.take(&record, message);
         }
-        if let Record::Answer(answer) = record {
+        if let LocalRecord::Answer(answer) = record {
             return commands.take(answer);
         }
         if let Some((_, feed)) = &mut self.net {

@@ -5,7 +5,7 @@ use crate::local::{FLIGHT_S, Flight, connected, costs_the_flight_nothing};
 use crate::vehicle::{PLUMBLINE, Running, eventually, free_port};
 use plumbline_flight::local::record::Kinds;
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, Record};
+use plumbline_flight::local::{Client, LocalRecord};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -119,7 +119,7 @@ fn reads(socket: &std::path::Path, patience: Duration) -> Option<Duration> {
         stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
         let mut client = Client::new(stream);
         while let Ok(record) = client.next_record() {
-            if matches!(record, Record::Odometry(..)) {
+            if matches!(record, LocalRecord::Odometry(..)) {
                 return Some(begun.elapsed());
             }
         }
@@ -140,7 +140,7 @@ fn soak_silent_readers_of_the_local_socket_keep_nobody_out() {
         let stays = std::thread::spawn(move || {
             let (mut received, mut last) = (0_u64, Instant::now());
             while let Ok(record) = stays.next_record() {
-                if matches!(record, Record::Odometry(..)) {
+                if matches!(record, LocalRecord::Odometry(..)) {
                     (received, last) = (received + 1, Instant::now());
                 }
             }

@@ -1,15 +1,15 @@
 //! The other end of the socket: records as values, and requests.
 
 use super::picture::Shot;
-use super::record::{Header, Kind, MAGIC};
+use super::record::{Header, Kind, MAGIC, TooLong};
 use super::request::{Answer, Request};
 use crate::sensor_board::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Trail};
 use plumbline_record::InstantAnswer;
 use plumbline_record::layout;
-use plumbline_record::local::incoming::{Incoming, TooLong};
-use plumbline_record::messages::{Configuration, Ladder, Picture};
+use plumbline_record::local::incoming::Incoming;
+use plumbline_record::messages::{Configuration, LadderRung, Picture};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
 use std::io::{self, ErrorKind, Read, Write as _};
@@ -19,7 +19,7 @@ use thiserror::Error;
 
 /// What a flight sends.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Record {
+pub enum LocalRecord {
     /// Greeting; whether commands are taken.
     Hello(bool),
     /// Records that were lost so far.
@@ -43,7 +43,7 @@ pub enum Record {
     /// Corrected path.
     Path(MapPath),
     /// Rung of the degradation ladder.
-    Ladder(Ladder),
+    Ladder(LadderRung),
     /// State of live sensors.
     Sensors(SensorNews),
     /// Camera picture.
@@ -57,7 +57,7 @@ pub enum Record {
 /// Why no record can be read.
 #[derive(Debug, Error)]
 #[non_exhaustive]
-pub enum ClientError {
+pub enum RecordError {
     /// The other end has closed.
     #[error("the flight has closed the socket")]
     Closed,
@@ -86,68 +86,68 @@ impl<R: Read> Records<R> {
     ///
     /// # Errors
     /// When the stream has ended, cannot be read, or is none of a flight.
-    pub fn next_record(&mut self) -> Result<Record, ClientError> {
+    pub fn next_record(&mut self) -> Result<LocalRecord, RecordError> {
         loop {
             match self.incoming.next_header() {
                 Ok(Some(header)) => {
-                    return record(&header, self.incoming.content()).map_err(ClientError::Foreign);
+                    return record(&header, self.incoming.content()).map_err(RecordError::Foreign);
                 }
                 Ok(None) => self.receive()?,
-                Err(TooLong) => return Err(ClientError::Foreign("a record is too long")),
+                Err(TooLong) => return Err(RecordError::Foreign("a record is too long")),
             }
         }
     }
 
-    fn receive(&mut self) -> Result<(), ClientError> {
+    fn receive(&mut self) -> Result<(), RecordError> {
         match self.from.read(self.incoming.room()) {
-            Ok(0) => Err(ClientError::Closed),
+            Ok(0) => Err(RecordError::Closed),
             Ok(count) => {
                 self.incoming.add(count);
                 Ok(())
             }
             Err(error) if error.kind() == ErrorKind::Interrupted => Ok(()),
-            Err(error) if error.kind() == ErrorKind::ConnectionReset => Err(ClientError::Closed),
-            Err(error) => Err(ClientError::Io(error)),
+            Err(error) if error.kind() == ErrorKind::ConnectionReset => Err(RecordError::Closed),
+            Err(error) => Err(RecordError::Io(error)),
         }
     }
 }
 
 /// Record in the content behind a header.
-fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
-    let Some(kind) = Kind::of_kind(header.kind) else { return Ok(Record::Other(header.kind)) };
+fn record(header: &Header, content: &[u8]) -> Result<LocalRecord, &'static str> {
+    let Some(kind) = Kind::of_kind(header.kind) else { return Ok(LocalRecord::Other(header.kind)) };
     Ok(match kind {
         Kind::Hello => match content.split_first_chunk::<8>() {
-            Some((magic, [rights, ..])) if *magic == MAGIC => Record::Hello(rights & 1 != 0),
+            Some((magic, [rights, ..])) if *magic == MAGIC => LocalRecord::Hello(rights & 1 != 0),
             _ => return Err("not the greeting of a flight"),
         },
         Kind::Lost => {
             let count = content.first_chunk().ok_or("a count is too short")?;
-            Record::Lost(u64::from_le_bytes(*count))
+            LocalRecord::Lost(u64::from_le_bytes(*count))
         }
-        Kind::Result => Record::Answer(Answer::decode(header.sequence, content)?),
+        Kind::Result => LocalRecord::Answer(Answer::decode(header.sequence, content)?),
         Kind::Odometry => {
             let (odometry, handed_over_ns) = layout::odometry(content)?;
-            Record::Odometry(Box::new(odometry), handed_over_ns)
+            LocalRecord::Odometry(Box::new(odometry), handed_over_ns)
         }
         Kind::Instant => {
             let (mut answer, handed_over_ns) = layout::instant(content)?;
             answer.sequence = header.sequence;
-            Record::Instant(Box::new(answer), handed_over_ns)
+            LocalRecord::Instant(Box::new(answer), handed_over_ns)
         }
-        Kind::Trail => Record::Trail(decode(content)?),
-        Kind::Configuration => Record::Configuration(decode(content)?),
+        Kind::Trail => LocalRecord::Trail(decode(content)?),
+        Kind::Configuration => LocalRecord::Configuration(decode(content)?),
         Kind::FullEstimate => {
             let FullEstimate { estimate, frame_ms } = decode(content)?;
-            Record::Estimate(Box::new(estimate), frame_ms)
+            LocalRecord::Estimate(Box::new(estimate), frame_ms)
         }
-        Kind::MapEstimate => Record::MapEstimate(decode(content)?),
-        Kind::Window => Record::Window(decode(content)?),
-        Kind::Path => Record::Path(decode(content)?),
-        Kind::Ladder => Record::Ladder(decode(content)?),
-        Kind::Sensors => Record::Sensors(decode(content)?),
-        Kind::Picture => Record::Picture(decode::<Picture>(content)?.try_into()?),
-        Kind::End => Record::End,
-        _ => Record::Other(header.kind),
+        Kind::MapEstimate => LocalRecord::MapEstimate(decode(content)?),
+        Kind::Window => LocalRecord::Window(decode(content)?),
+        Kind::Path => LocalRecord::Path(decode(content)?),
+        Kind::Ladder => LocalRecord::Ladder(decode(content)?),
+        Kind::Sensors => LocalRecord::Sensors(decode(content)?),
+        Kind::Picture => LocalRecord::Picture(decode::<Picture>(content)?.try_into()?),
+        Kind::End => LocalRecord::End,
+        _ => LocalRecord::Other(header.kind),
     })
 }
 
@@ -168,7 +168,7 @@ impl Client {
     ///
     /// # Errors
     /// When the flight has gone, or sends what is no record.
-    pub fn next_record(&mut self) -> Result<Record, ClientError> {
+    pub fn next_record(&mut self) -> Result<LocalRecord, RecordError> {
         self.records.next_record()
     }
 

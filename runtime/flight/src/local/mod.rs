@@ -26,7 +26,7 @@ mod words;
 pub use crate::sensor_board::{SensorBoard, SensorNews};
 pub use plumbline_record::local::{record, request};
 
-pub use client::{Client, ClientError, Record};
+pub use client::{Client, LocalRecord, RecordError};
 pub use picture::Shot;
 pub use request::Failure;
 pub use socket::{LinkDoor, LocalSocket};
