@@ -2,12 +2,14 @@
 
 use crate::net::{CommandRelay, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
+use plumbline_client::{ClientError, Local};
 use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
+use plumbline_flight::local::Failure;
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, Failure, LocalRecord, RecordError};
 use plumbline_flight::pipeline::Stamps;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::messages::Configuration;
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -64,7 +66,7 @@ pub enum NetworkProcessError {
     Net(#[from] NetError),
     /// The flight's records cannot be read.
     #[error(transparent)]
-    Client(#[from] RecordError),
+    Client(#[from] ClientError),
     /// The flight's configuration is none of this version.
     #[error("the configuration of the flight cannot be used: {0}")]
     Config(#[from] ConfigError),
@@ -106,7 +108,7 @@ pub fn serve(
     stop: &AtomicBool,
 ) -> Result<Ended, NetworkProcessError> {
     stream.set_read_timeout(Some(GREETING_PATIENCE))?;
-    let mut client = Client::new(stream.try_clone()?);
+    let mut client = Local::over(stream.try_clone()?);
     let mut requests = client.requests()?;
     requests.send(&Request::Subscribe(WANTED))?;
     let (configuration, may_command) = greeted(&mut client)?;
@@ -125,7 +127,7 @@ pub fn serve(
 }
 
 /// Reads up to the configuration; also whether the flight takes commands of this process.
-fn greeted(client: &mut Client) -> Result<(Configuration, bool), RecordError> {
+fn greeted(client: &mut Local) -> Result<(Configuration, bool), ClientError> {
     let mut may_command = false;
     loop {
         match client.next_record()? {
@@ -138,7 +140,7 @@ fn greeted(client: &mut Client) -> Result<(Configuration, bool), RecordError> {
 
 /// Hands out records until the flight or `stop` ends it; then what waits is sent.
 fn until_the_end(
-    client: &mut Client,
+    client: &mut Local,
     mut outputs: Outputs,
     commands: &CommandRelay,
     stop: &AtomicBool,
@@ -157,7 +159,7 @@ fn until_the_end(
                 Ok(LocalRecord::End) => break Ended::FlightOver,
                 Ok(record) => outputs.take(record, client.content(), commands),
                 Err(error) => {
-                    if !matches!(error, RecordError::Closed) && !stop.load(Ordering::Relaxed) {
+                    if !matches!(error, ClientError::Closed) && !stop.load(Ordering::Relaxed) {
                         tracing::warn!("{error}");
                     }
                     break Ended::FlightGone;

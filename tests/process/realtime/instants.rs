@@ -2,10 +2,11 @@
 
 use super::live::AWAKE;
 use crate::plumbline;
+use plumbline_client::Local;
 use plumbline_config::{Random, Timestamp};
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::{At, Request};
-use plumbline_flight::local::{Client, LocalRecord};
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
@@ -17,13 +18,13 @@ const COUNT: usize = 1_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 const MS: i64 = 1_000_000;
 
-fn connected(socket: &std::path::Path) -> Client {
+fn connected(socket: &std::path::Path) -> Local {
     let end = Instant::now() + PATIENCE;
     loop {
         match UnixStream::connect(socket) {
             Ok(stream) => {
                 stream.set_read_timeout(Some(PATIENCE)).unwrap();
-                return Client::new(stream);
+                return Local::over(stream);
             }
             Err(error) => assert!(Instant::now() < end, "{}: {error}", socket.display()),
         }
@@ -32,7 +33,7 @@ fn connected(socket: &std::path::Path) -> Client {
 }
 
 /// Asks, and waits for the answer.
-fn asked(client: &mut Client, stamp: Timestamp, patience_ms: u32, is_settled: bool) -> InstantAnswer {
+fn asked(client: &mut Local, stamp: Timestamp, patience_ms: u32, is_settled: bool) -> InstantAnswer {
     let at = At { stamp, patience_ms, is_settled };
     let mut requests = client.requests().unwrap();
     requests.send(&Request::At(at)).unwrap();

@@ -3,9 +3,10 @@
 
 use crate::local::{FLIGHT_S, Flight, connected, costs_the_flight_nothing};
 use crate::vehicle::{PLUMBLINE, Running, eventually, free_port};
+use plumbline_client::Local;
 use plumbline_flight::local::record::Kinds;
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, LocalRecord};
+use plumbline_record::local::content::LocalRecord;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -117,7 +118,7 @@ fn reads(socket: &std::path::Path, patience: Duration) -> Option<Duration> {
     while begun.elapsed() < patience {
         let Ok(stream) = UnixStream::connect(socket) else { continue };
         stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
-        let mut client = Client::new(stream);
+        let mut client = Local::over(stream);
         while let Ok(record) = client.next_record() {
             if matches!(record, LocalRecord::Odometry(..)) {
                 return Some(begun.elapsed());
@@ -133,7 +134,7 @@ fn soak_silent_readers_of_the_local_socket_keep_nobody_out() {
     costs_the_flight_nothing(|| {
         let flight = Flight::new(FLIGHT_S);
         let vehicle = Running::start(flight.command());
-        let mut stays = Client::new(connected(&flight.socket()));
+        let mut stays = Local::over(connected(&flight.socket()));
         // Who has asked for something gives way after all who have not.
         stays.requests().unwrap().send(&Request::Subscribe(Kinds::SUBSCRIBABLE)).unwrap();
         // It stays if it has had odometry in the flight's last second too.

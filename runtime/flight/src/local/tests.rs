@@ -2,14 +2,16 @@
 
 use super::record::{Header, Kind, Kinds, encoded};
 use super::request::{Answer, At, Failure, Request, RequestStatus};
-use super::{Client, LinkWord, LocalRecord, LocalSocket, RecordError};
+use super::{LinkWord, LocalSocket};
 use crate::flight::Output as _;
 use crate::fuzzing::fixture;
 use crate::pipeline::instants::{InstantDesk, Standing};
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber as _};
 use crate::pipeline::{Control, Stamps};
+use plumbline_client::{ClientError, Local};
 use plumbline_config::{Config, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimate, Odometry, ResetKind, TrackingState};
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::messages::LadderRung;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{InstantAnswer, InstantSource, Said};
@@ -54,8 +56,8 @@ impl Flight {
     }
 
     /// A reader that has been greeted.
-    fn reader(&self) -> Client {
-        let mut client = Client::new(self.stream());
+    fn reader(&self) -> Local {
+        let mut client = Local::over(self.stream());
         assert_eq!(client.next_record().unwrap(), LocalRecord::Hello(true));
         client
     }
@@ -76,7 +78,7 @@ fn said(estimate: Estimate) -> Said {
     Said::Estimate(FullEstimate { estimate, frame_ms: 3.5 })
 }
 
-fn answer(client: &mut Client) -> Answer {
+fn answer(client: &mut Local) -> Answer {
     loop {
         if let LocalRecord::Answer(answer) = client.next_record().unwrap() {
             return answer;
@@ -95,7 +97,7 @@ fn a_reader_receives_odometry_and_estimates_without_a_request() {
     assert_eq!(reader.next_record().unwrap(), LocalRecord::Other(Kind::Estimate.kind()));
     flight.end();
     assert_eq!(reader.next_record().unwrap(), LocalRecord::End);
-    assert!(matches!(reader.next_record(), Err(RecordError::Closed)));
+    assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
 }
 
 #[test]
@@ -166,7 +168,7 @@ fn commands_reach_the_run_and_are_answered() {
 fn what_is_no_request_is_refused_and_does_nothing() {
     let flight = Flight::start();
     let mut stream = flight.stream();
-    let mut reader = Client::new(stream.try_clone().unwrap());
+    let mut reader = Local::over(stream.try_clone().unwrap());
     stream.write_all(&encoded(999, 4, |to| to.push(1))).unwrap();
     stream.write_all(&Request::Alive.encode(5)).unwrap();
     let failed = Request::Failed(Failure { is_usage: false, words: "no".into() });
@@ -179,7 +181,7 @@ fn what_is_no_request_is_refused_and_does_nothing() {
     );
     // After a length beyond bounds nothing can be understood.
     stream.write_all(&Header { kind: 1, length: u32::MAX, ..Header::default() }.encode()).unwrap();
-    assert!(matches!(reader.next_record(), Err(RecordError::Closed)));
+    assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
     assert_eq!(flight.control.take_reset(), None);
 }
 
@@ -204,7 +206,7 @@ fn a_reader_that_floods_requests_and_reads_nothing_is_not_read_from() {
 fn a_half_open_reader_goes_on_reading_beside_more_readers_than_places() {
     let mut flight = Flight::start();
     let stream = flight.stream();
-    let mut half_open = Client::new(stream.try_clone().unwrap());
+    let mut half_open = Local::over(stream.try_clone().unwrap());
     assert_eq!(half_open.next_record().unwrap(), LocalRecord::Hello(true));
     stream.shutdown(Shutdown::Write).unwrap();
     // It is known to read: it has taken more than a socket holds.
@@ -214,8 +216,8 @@ fn a_half_open_reader_goes_on_reading_beside_more_readers_than_places() {
         assert_eq!(got.sequence, sent.sequence);
     }
     // Each newcomer is greeted; the one that came first and has asked nothing makes way.
-    let mut readers: Vec<Client> = (0..128).map(|_| flight.reader()).collect();
-    assert!(matches!(readers[0].next_record(), Err(RecordError::Closed)));
+    let mut readers: Vec<Local> = (0..128).map(|_| flight.reader()).collect();
+    assert!(matches!(readers[0].next_record(), Err(ClientError::Closed)));
     drop(readers);
     let sent = flight.tick();
     let LocalRecord::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
@@ -227,7 +229,7 @@ fn reports_of_the_network_process_reach_its_keeper() {
     let flight = Flight::start();
     let ((ours, theirs), (words, said)) = (UnixStream::pair().unwrap(), channel());
     assert!(flight.socket.link_door().admit(ours, words));
-    let mut requests = Client::new(theirs).requests().unwrap();
+    let mut requests = Local::over(theirs).requests().unwrap();
     requests.send(&Request::Subscribe(Kinds::DEFAULT)).unwrap();
     requests.send(&Request::Ready).unwrap();
     requests.send(&Request::Alive).unwrap();
@@ -240,7 +242,7 @@ fn reports_of_the_network_process_reach_its_keeper() {
 
 /// Whether a reader that comes now is greeted, and receives the odometry of the next tick.
 fn is_served(flight: &mut Flight) -> bool {
-    let mut client = Client::new(flight.stream());
+    let mut client = Local::over(flight.stream());
     if client.next_record().ok() != Some(LocalRecord::Hello(true)) {
         return false;
     }

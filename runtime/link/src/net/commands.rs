@@ -1,7 +1,7 @@
 //! Commands on their way back to the flight, over the local socket.
 
+use plumbline_client::Requests;
 use plumbline_estimator::ResetKind;
-use plumbline_flight::local::client::Requests;
 use plumbline_flight::local::request::{Answer, At, Request, RequestStatus};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};

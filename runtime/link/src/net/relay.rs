@@ -3,8 +3,9 @@
 use super::pace::Pace;
 use super::task_bell::TaskBell;
 use plumbline_estimator::{Estimate, Odometry};
-use plumbline_flight::local::{LocalRecord, Shot};
+use plumbline_flight::local::Shot;
 use plumbline_flight::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use crate::net::relay::Relayed;
 use nalgebra::Isometry3;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::{MapEstimate, MapPath};
-use plumbline_flight::local::LocalRecord;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::protobuf::decode;
 use plumbline_record::topics::Topic;
 use std::collections::BTreeMap;

@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn an_answer_goes_out_with_the_stamp_that_was_asked_for() {
         let (ours, theirs) = std::os::unix::net::UnixStream::pair().unwrap();
-        let requests = plumbline_flight::local::Client::new(ours).requests().unwrap();
+        let requests = plumbline_client::Local::over(ours).requests().unwrap();
         let (commands, triggers) = (CommandRelay::new(requests, false), Triggers::default());
         for ns in 1..=(MAX_WAITING as i64 + 1) {
             triggers.ask(ns, Stamps::Replayed, &commands);
