@@ -3,7 +3,7 @@
 use crate::origin::OriginUncertainty;
 use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_fields::{Part, Record, Value};
+use plumbline_fields::{FieldContent, Record, Value};
 
 pub use crate::health::HealthBits;
 
@@ -67,7 +67,7 @@ pub struct Estimate {
     pub origin: OriginUncertainty,
     /// `t_imu - t_camera` as refined online, s.
     #[field(
-        9, pair = time_offset_sigma_s, digest = 8, digest_as = |o| Part::get(&o.time_offset_s), at = 512,
+        9, pair = time_offset_sigma_s, digest = 8, digest_as = |o| FieldContent::get(&o.time_offset_s), at = 512,
         columns = (12, &["time_offset_s", "time_offset_sigma_s"]),
         about = "`t_imu - t_camera` as refined online, and its standard deviation, s."
     )]

@@ -3,14 +3,14 @@
 //! From this table come the findings of a flight, the table in `docs/health.md` and the class `plumbline.Health` of the Python
 //! package; `make messages` writes both files.
 
-use plumbline_fields::{Part, Shape, Value};
+use plumbline_fields::{FieldContent, Shape, Value};
 
 /// Error and warning bits of an estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HealthBits(pub u32);
 
 /// One number in messages.
-impl Part for HealthBits {
+impl FieldContent for HealthBits {
     const SHAPE: Shape = Shape::Uint32;
 
     fn get(&self) -> Value<'_> {

@@ -2,9 +2,10 @@
 
 use super::vehicle::{PLUMBLINE, Running, eventually};
 use super::{plumbline, stderr};
+use plumbline_client::Local;
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, Record};
+use plumbline_record::local::content::LocalRecord;
 use std::fs;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -133,12 +134,12 @@ fn readers_of_the_local_socket_hear_what_the_data_of_a_flight_show_to_be_wrong()
     command.args(["--set", &format!("local.path=\"{}\"", socket.display())]);
     let running = Running::start(command);
     eventually("the local socket is there", Duration::from_secs(20), || socket.exists());
-    let mut client = Client::new(UnixStream::connect(&socket).unwrap());
+    let mut client = Local::over(UnixStream::connect(&socket).unwrap());
     client.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Sensors]))).unwrap();
     let notices = loop {
         match client.next_record() {
-            Ok(Record::Sensors(news)) if !news.notices.is_empty() => break news.notices,
-            Ok(Record::End) | Err(_) => panic!("nothing was told: {}", running.words()),
+            Ok(LocalRecord::Sensors(news)) if !news.notices.is_empty() => break news.notices,
+            Ok(LocalRecord::End) | Err(_) => panic!("nothing was told: {}", running.words()),
             Ok(_) => {}
         }
     };

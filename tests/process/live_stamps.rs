@@ -212,19 +212,20 @@ fn doctor_names_samples_in_another_unit_and_the_program_that_is_missing() {
 
 #[test]
 fn readers_of_the_local_socket_hear_of_bad_stamps() {
+    use plumbline_client::Local;
     use plumbline_flight::local::record::{Kind, Kinds};
     use plumbline_flight::local::request::Request;
-    use plumbline_flight::local::{Client, Record};
+    use plumbline_record::local::content::LocalRecord;
 
     let folder = tempfile::tempdir().unwrap();
     let sensor = imu(&folder.path().join("imu"), |now| now);
     let (running, socket) = flight(folder.path());
     let sender = frames(&socket, |_| 0);
     said(&running, "stamps are 0");
-    let mut client = Client::new(UnixStream::connect(folder.path().join("local")).unwrap());
+    let mut client = Local::over(UnixStream::connect(folder.path().join("local")).unwrap());
     client.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Sensors]))).unwrap();
     let news = loop {
-        if let Record::Sensors(news) = client.next_record().unwrap() {
+        if let LocalRecord::Sensors(news) = client.next_record().unwrap() {
             break news;
         }
     };

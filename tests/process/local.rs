@@ -1,16 +1,18 @@
 //! The local socket and the network process: real flights, with readers of every kind.
 
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use plumbline_client::Local;
 use plumbline_config::Config;
 use plumbline_estimator::ResetKind;
 use plumbline_flight::flight::Output as _;
+use plumbline_flight::local::LocalSocket;
 use plumbline_flight::local::record::Kinds;
-use plumbline_flight::local::request::{Request, Status};
-use plumbline_flight::local::{Client, LocalSocket, Record};
+use plumbline_flight::local::request::{Request, RequestStatus};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, now_ns};
 use plumbline_record::Said;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_test_support::{Need, skip};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -172,8 +174,8 @@ fn kill_again_and_again(vehicle: &Running, endpoint: &str, times: usize) -> Vec<
 #[ignore = "a process of another test"]
 fn a_reader_of_another_user() {
     let Ok(socket) = std::env::var("PLUMBLINE_TEST_SOCKET") else { return };
-    let mut client = Client::new(connected(Path::new(&socket)));
-    assert_eq!(client.next_record().unwrap(), Record::Hello(false));
+    let mut client = Local::over(connected(Path::new(&socket)));
+    assert_eq!(client.next_record().unwrap(), LocalRecord::Hello(false));
     let mut requests = client.requests().unwrap();
     for request in [Request::Reset(ResetKind::Hard), Request::SaveMap, Request::Watch(5_000), Request::Ready]
     {
@@ -182,11 +184,11 @@ fn a_reader_of_another_user() {
     let (mut refused, mut odometry) = (0, 0);
     while refused < 4 || odometry < 100 {
         match client.next_record().unwrap() {
-            Record::Answer(answer) => {
-                assert_eq!(answer.status, Status::Refused);
+            LocalRecord::Answer(answer) => {
+                assert_eq!(answer.status, RequestStatus::Refused);
                 refused += 1;
             }
-            Record::Odometry(..) => odometry += 1,
+            LocalRecord::Odometry(..) => odometry += 1,
             _ => {}
         }
     }
@@ -367,10 +369,9 @@ mod realtime {
             let vehicle = Running::start(flight.command());
             let quick = std::thread::spawn({
                 let socket = flight.socket();
-                move || read_to_the_end(Client::new(connected(&socket)), Instant::now())
+                move || read_to_the_end(Local::over(connected(&socket)), Instant::now())
             });
-            let mut stalled: Vec<Client> =
-                (0..64).map(|_| Client::new(connected(&flight.socket()))).collect();
+            let mut stalled: Vec<Local> = (0..64).map(|_| Local::over(connected(&flight.socket()))).collect();
             for reader in &stalled {
                 reader.requests().unwrap().send(&Request::Subscribe(Kinds::SUBSCRIBABLE)).unwrap();
             }
@@ -402,19 +403,19 @@ mod realtime {
         p99_us: f64,
     }
 
-    fn read_to_the_end(mut client: Client, from: Instant) -> Got {
+    fn read_to_the_end(mut client: Local, from: Instant) -> Got {
         std::thread::sleep(from.saturating_duration_since(Instant::now()));
         let (mut got, mut delays, mut last) = (Got::default(), BTreeMap::new(), None);
         while let Ok(record) = client.next_record() {
             match record {
-                Record::Odometry(odometry, handed_over_ns) => {
+                LocalRecord::Odometry(odometry, handed_over_ns) => {
                     got.received += 1;
                     got.gaps += u64::from(last.is_some_and(|last| odometry.sequence != last + 1));
                     last = Some(odometry.sequence);
                     *delays.entry(now_ns() - handed_over_ns).or_insert(0u64) += 1;
                 }
-                Record::Lost(count) => got.lost = count,
-                Record::End => got.has_ended = true,
+                LocalRecord::Lost(count) => got.lost = count,
+                LocalRecord::End => got.has_ended = true,
                 _ => {}
             }
         }
@@ -439,7 +440,7 @@ mod realtime {
         let change = |config: &mut Config| config.local.path = path.display().to_string();
         let config = Config::preset("sim").unwrap().with("test", change).unwrap();
         let mut socket = LocalSocket::start(&config, Stamps::OfHost, Arc::default()).unwrap();
-        let reading = Client::new(connected(&path));
+        let reading = Local::over(connected(&path));
         let reading = std::thread::spawn(move || read_to_the_end(reading, Instant::now()));
         let mut tick = socket.listener(Producer::Tick);
         crate::network::send_at_200_hz(

@@ -9,7 +9,7 @@ use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, Feed, Publisher, now_ns};
 use plumbline_record::Said;
-use plumbline_record::messages::Trajectory;
+use plumbline_record::messages::PastTrajectory;
 use plumbline_record::topics::Topic;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -150,7 +150,7 @@ fn a_client_with_default_settings_receives_every_answer() {
             while let Ok(reply) = replies.recv_async().await {
                 let sample = reply.into_result().unwrap_or_else(|e| panic!("{selector}: {e:?}"));
                 let bytes = sample.payload().to_bytes();
-                let message = plumbline_record::protobuf::decode::<Trajectory>(&bytes).unwrap();
+                let message = plumbline_record::protobuf::decode::<PastTrajectory>(&bytes).unwrap();
                 stamps.extend(message.poses.iter().map(|pose| pose.stamp));
                 count += 1;
             }

@@ -3,9 +3,9 @@
 
 use super::vehicle::free_port;
 use plumbline_config::Config;
-use plumbline_config::options::{Commands, TlsConfig};
+use plumbline_config::options::{CommandAccess, TlsConfig};
 use plumbline_ground::command::{self, ResetWords};
-use plumbline_link::net::keys::{self, Request};
+use plumbline_link::net::keys::{self, KeysRequest};
 use plumbline_link::net::{Endpoints, Mode, Publisher};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -87,7 +87,7 @@ fn allowed(role: usize, guard: Guard) -> BTreeSet<Field> {
 }
 
 pub fn make_keys(folder: &Path, renew: bool) {
-    let request = Request { folder, roles: &[], vehicles: &[], hosts: &[], days: 2, renew };
+    let request = KeysRequest { folder, roles: &[], vehicles: &[], hosts: &[], days: 2, renew };
     keys::make(&request).unwrap();
 }
 
@@ -439,7 +439,7 @@ fn network_somebody_who_answers_everything_reports_no_command_as_done() {
     let runtime = runtime();
     let drone = vehicle(Endpoints {
         listen: vec![endpoint.clone()],
-        commands: Commands::Authenticated,
+        commands: CommandAccess::Authenticated,
         ..Endpoints::default()
     });
     let outcome = runtime.block_on(async {

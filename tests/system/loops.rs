@@ -6,7 +6,7 @@ use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
-use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber, View};
+use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_test_support::kept;
@@ -31,8 +31,8 @@ impl Subscriber for Updates {
 }
 
 impl Listener for Updates {
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Mapped(mapped) = view {
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Mapped(mapped) = view {
             self.0.lock().unwrap().push(*mapped.update);
         }
     }

@@ -1,6 +1,6 @@
 //! Types that records keep: numbers, vectors, poses, covariances, texts and lists as fields.
 
-use crate::{Outline, Part, Parts, Record, Shape, Value};
+use crate::{FieldContent, Outline, Parts, Record, Shape, Value};
 use nalgebra::{Isometry3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use std::slice::from_ref;
@@ -8,10 +8,10 @@ use std::slice::from_ref;
 /// Items of a list, at most.
 const MAX_ITEMS: usize = 65_536;
 
-/// Implements [`Part`] for whole numbers. One that is absent is 0, as in proto3.
+/// Implements [`FieldContent`] for whole numbers. One that is absent is 0, as in proto3.
 macro_rules! whole {
     ($($type:ty, $shape:ident, $get:expr, $set:expr;)*) => {$(
-        impl Part for $type {
+        impl FieldContent for $type {
             const SHAPE: Shape = Shape::$shape;
 
             fn get(&self) -> Value<'_> {
@@ -37,7 +37,7 @@ whole! {
     Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
 }
 
-impl Part for f64 {
+impl FieldContent for f64 {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -59,7 +59,7 @@ pub fn set_pair(first: &mut f64, second: &mut f64, value: Value<'_>) -> Result<(
     Ok(())
 }
 
-impl Part for Vector3<f64> {
+impl FieldContent for Vector3<f64> {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -72,7 +72,7 @@ impl Part for Vector3<f64> {
     }
 }
 
-impl Part for Isometry3<f64> {
+impl FieldContent for Isometry3<f64> {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -88,11 +88,11 @@ impl Part for Isometry3<f64> {
     }
 }
 
-impl Part for Option<Isometry3<f64>> {
+impl FieldContent for Option<Isometry3<f64>> {
     const SHAPE: Shape = Shape::FloatsIfKnown;
 
     fn get(&self) -> Value<'_> {
-        self.as_ref().map_or(Value::Missing, Part::get)
+        self.as_ref().map_or(Value::Missing, FieldContent::get)
     }
 
     fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
@@ -108,7 +108,7 @@ impl Part for Option<Isometry3<f64>> {
     }
 }
 
-impl Part for Option<UnitQuaternion<f64>> {
+impl FieldContent for Option<UnitQuaternion<f64>> {
     const SHAPE: Shape = Shape::FloatsIfKnown;
 
     fn get(&self) -> Value<'_> {
@@ -127,7 +127,7 @@ impl Part for Option<UnitQuaternion<f64>> {
     }
 }
 
-impl Part for Option<f64> {
+impl FieldContent for Option<f64> {
     const SHAPE: Shape = Shape::FloatsIfKnown;
 
     fn get(&self) -> Value<'_> {
@@ -144,7 +144,7 @@ impl Part for Option<f64> {
 }
 
 /// Both ends of a line.
-impl Part for [Vector3<f64>; 2] {
+impl FieldContent for [Vector3<f64>; 2] {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -159,7 +159,7 @@ impl Part for [Vector3<f64>; 2] {
 }
 
 /// A covariance of position, attitude and velocity.
-impl Part for SMatrix<f64, 9, 9> {
+impl FieldContent for SMatrix<f64, 9, 9> {
     const SHAPE: Shape = Shape::Covariance;
 
     fn get(&self) -> Value<'_> {
@@ -177,7 +177,7 @@ impl Part for SMatrix<f64, 9, 9> {
 }
 
 /// Variances of biases. Absent in logs from before there were any: those of a sensor whose biases are known.
-impl Part for SVector<f64, 6> {
+impl FieldContent for SVector<f64, 6> {
     const SHAPE: Shape = Shape::Floats;
 
     fn get(&self) -> Value<'_> {
@@ -193,7 +193,7 @@ impl Part for SVector<f64, 6> {
     }
 }
 
-impl Part for Vec<u8> {
+impl FieldContent for Vec<u8> {
     const SHAPE: Shape = Shape::Bytes;
 
     fn get(&self) -> Value<'_> {
@@ -209,7 +209,7 @@ impl Part for Vec<u8> {
     }
 }
 
-impl Part for String {
+impl FieldContent for String {
     const SHAPE: Shape = Shape::Text;
 
     fn get(&self) -> Value<'_> {
@@ -234,7 +234,7 @@ fn text_of(value: Value<'_>) -> Result<String, &'static str> {
 const MAX_TEXTS: usize = 256;
 
 /// A list of texts, which come one by one.
-impl Part for Vec<String> {
+impl FieldContent for Vec<String> {
     const SHAPE: Shape = Shape::Texts;
 
     fn get(&self) -> Value<'_> {
@@ -254,7 +254,7 @@ impl Part for Vec<String> {
 }
 
 /// A list of groups of numbers, one after the other.
-impl<const N: usize> Part for Vec<[f32; N]> {
+impl<const N: usize> FieldContent for Vec<[f32; N]> {
     const SHAPE: Shape = Shape::Singles;
 
     fn get(&self) -> Value<'_> {
@@ -275,7 +275,7 @@ impl<const N: usize> Part for Vec<[f32; N]> {
 }
 
 /// A record inside a record, which cannot be absent.
-impl<T: Record> Part for T {
+impl<T: Record> FieldContent for T {
     const SHAPE: Shape = Shape::Message(const { &Outline::of::<T>() });
 
     fn get(&self) -> Value<'_> {
@@ -297,7 +297,7 @@ impl<T: Record> Part for T {
 }
 
 /// A record inside a record, which may be absent.
-impl<T: Record> Part for Option<T> {
+impl<T: Record> FieldContent for Option<T> {
     const SHAPE: Shape = Shape::Message(const { &Outline::of::<T>() });
 
     fn get(&self) -> Value<'_> {
@@ -319,7 +319,7 @@ impl<T: Record> Part for Option<T> {
 }
 
 /// A list of records, which come one by one.
-impl<T: Record> Part for Vec<T> {
+impl<T: Record> FieldContent for Vec<T> {
     const SHAPE: Shape = Shape::Messages(const { &Outline::of::<T>() });
 
     fn get(&self) -> Value<'_> {

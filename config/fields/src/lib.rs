@@ -380,7 +380,7 @@ impl Items for Vec<String> {
 }
 
 /// Type of a field.
-pub trait Part {
+pub trait FieldContent {
     /// Its form.
     const SHAPE: Shape;
     /// Reads it.
@@ -405,6 +405,6 @@ pub trait Part {
 
 /// Form of what `place` points to.
 #[must_use]
-pub const fn shape_of<T, P: Part>(_place: fn(&T) -> &P) -> Shape {
+pub const fn shape_of<T, P: FieldContent>(_place: fn(&T) -> &P) -> Shape {
     P::SHAPE
 }

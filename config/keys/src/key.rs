@@ -7,7 +7,7 @@ use syn::{Attribute, Error, Expr, Field, Lit, Meta, Result, Token};
 
 /// The declaration of a key.
 #[derive(Default)]
-pub struct Key {
+pub struct KeyDeclaration {
     pub default: Option<TokenStream>,
     range: Option<[TokenStream; 2]>,
     unit: Option<TokenStream>,
@@ -16,7 +16,7 @@ pub struct Key {
     text: String,
 }
 
-impl Key {
+impl KeyDeclaration {
     /// The key of a field, whose attribute is taken off.
     pub fn take_from(field: &mut Field) -> Result<Self> {
         let name = field.ident.clone();

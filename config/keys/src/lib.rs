@@ -55,7 +55,7 @@
 mod key;
 mod record;
 
-use key::Key;
+use key::KeyDeclaration;
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 use syn::{Data, DeriveInput, Error, Field, Fields, Ident, Result, parse_macro_input, parse_quote};
@@ -86,7 +86,7 @@ pub fn record(item: proc_macro::TokenStream) -> proc_macro::TokenStream {
 /// A field with its key.
 struct Entry {
     field: Field,
-    key: Key,
+    key: KeyDeclaration,
 }
 
 impl Entry {
@@ -105,7 +105,7 @@ fn of_table(name: &Ident, fields: &mut Fields) -> Result<TokenStream> {
     };
     let mut entries = Vec::new();
     for field in &mut fields.named {
-        let key = Key::take_from(field)?;
+        let key = KeyDeclaration::take_from(field)?;
         let entry = Entry { field: field.clone(), key };
         if entry.key.default.is_some() {
             let path = format!("{name}::{}", entry.default_function());

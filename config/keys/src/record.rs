@@ -101,12 +101,12 @@ fn row(field: &Field, input: ParseStream<'_>) -> Result<TokenStream> {
             ::plumbline_fields::Field::<Self>::new(
                 #facts,
                 ::plumbline_fields::shape_of(|o: &Self| &o.#place),
-                |o| ::plumbline_fields::Part::get(&o.#place),
-                |o, value| ::plumbline_fields::Part::set(&mut o.#place, value),
+                |o| ::plumbline_fields::FieldContent::get(&o.#place),
+                |o, value| ::plumbline_fields::FieldContent::set(&mut o.#place, value),
             )
             .opened(
-                |o| ::plumbline_fields::Part::open(&mut o.#place),
-                |o| ::plumbline_fields::Part::begin(&mut o.#place),
+                |o| ::plumbline_fields::FieldContent::open(&mut o.#place),
+                |o| ::plumbline_fields::FieldContent::begin(&mut o.#place),
             )#readers
         },
     })
@@ -125,7 +125,7 @@ fn of_enum(kind: &Ident, data: &DataEnum, list: &TokenStream) -> Result<TokenStr
     let abouts = data.variants.iter().map(|variant| comment(&variant.attrs));
     let unspecified = format!("{prefix}_UNSPECIFIED");
     Ok(quote! {
-        impl ::plumbline_fields::Part for #kind {
+        impl ::plumbline_fields::FieldContent for #kind {
             const SHAPE: ::plumbline_fields::Shape = {
                 static ABOUT: ::plumbline_fields::Enumeration = ::plumbline_fields::Enumeration {
                     name: #name,

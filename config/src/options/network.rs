@@ -35,8 +35,8 @@ pub struct NetworkConfig {
     pub max_memory_mb: u32,
     /// Clients that may give commands: "nobody"; "authenticated" (processes of this host, and operators with a certificate;
     /// refused while an unauthenticated listener is open); or "anybody".
-    #[key(default = Commands::Authenticated)]
-    pub commands: Commands,
+    #[key(default = CommandAccess::Authenticated)]
+    pub commands: CommandAccess,
     /// Certificates for `tls/` endpoints, PEM files from `plumbline keys`; empty for none.
     #[key(default)]
     pub tls: TlsConfig,
@@ -63,7 +63,7 @@ pub enum Link {
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Commands {
+pub enum CommandAccess {
     /// No client.
     Nobody,
     /// Processes of this host, and operators with a certificate. Refused while an unauthenticated listener is open to

@@ -1,8 +1,8 @@
 use super::euroc;
 use crate::camera::Distortion;
 use crate::options::{
-    Commands, FlowMessages, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure, V4l2Format,
-    VehicleConfig,
+    CommandAccess, FlowMessages, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure,
+    V4l2Format, VehicleConfig,
 };
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
@@ -342,7 +342,7 @@ fn what_ros_is_offered_must_be_allowed_and_fit_its_link() {
     assert_eq!(
         refused(|c| {
             c.ros.reset = true;
-            c.network.commands = Commands::Anybody;
+            c.network.commands = CommandAccess::Anybody;
         }),
         []
     );

@@ -3,7 +3,7 @@
 use super::network::{is_endpoint, no_endpoint, shortened};
 use crate::Config;
 use crate::error::Violation;
-use crate::options::{Commands, Link, RosPictures};
+use crate::options::{CommandAccess, Link, RosPictures};
 
 /// Longest namespace and frame: both are part of keys or of every message.
 const MAX_NAMESPACE_BYTES: usize = 128;
@@ -14,7 +14,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     if !is_endpoint(&ros.router) {
         found.push(no_endpoint("ros.router".into(), &ros.router));
     }
-    if ros.reset && config.network.commands != Commands::Anybody {
+    if ros.reset && config.network.commands != CommandAccess::Anybody {
         let reason =
             "a caller of a ROS service shows no certificate, and `network.commands` refuses such commands";
         let cure = "set `network.commands` to \"anybody\", which takes commands from every client that can reach the \

@@ -20,7 +20,7 @@ static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 /// Reasons why bytes are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Error {
+pub enum FrameError {
     /// Longer or shorter than any.
     Length,
     /// It breaks the rule of its encoding.
@@ -31,7 +31,7 @@ pub enum Error {
     Unknown,
 }
 
-impl fmt::Display for Error {
+impl fmt::Display for FrameError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Length => "a frame of impossible length",
@@ -42,7 +42,7 @@ impl fmt::Display for Error {
     }
 }
 
-impl core::error::Error for Error {}
+impl core::error::Error for FrameError {}
 
 /// Writes the frame of a message, zeros before and after it, and gives its bytes.
 pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
@@ -61,23 +61,23 @@ pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8]
 ///
 /// # Errors
 /// When it is no message.
-pub fn decode(encoded: &[u8]) -> Result<Message, Error> {
+pub fn decode(encoded: &[u8]) -> Result<Message, FrameError> {
     if !(MIN_BODY + 1..=MAX_ENCODED).contains(&encoded.len()) {
-        return Err(Error::Length);
+        return Err(FrameError::Length);
     }
     let mut bytes = [0; MAX_ENCODED];
     let bytes = &mut bytes[..encoded.len()];
     bytes.copy_from_slice(encoded);
     // A zero within would end the frame before its end.
     if bytes.contains(&0) {
-        return Err(Error::Encoding);
+        return Err(FrameError::Encoding);
     }
-    let length = cobs::decode_in_place(bytes).map_err(|_| Error::Encoding)?;
-    let body = bytes.get(..length).ok_or(Error::Encoding)?;
-    let (content, crc) = body.split_last_chunk::<CRC_BYTES>().ok_or(Error::Length)?;
+    let length = cobs::decode_in_place(bytes).map_err(|_| FrameError::Encoding)?;
+    let body = bytes.get(..length).ok_or(FrameError::Encoding)?;
+    let (content, crc) = body.split_last_chunk::<CRC_BYTES>().ok_or(FrameError::Length)?;
     if CRC.checksum(content) != u32::from_le_bytes(*crc) {
-        return Err(Error::Checksum);
+        return Err(FrameError::Checksum);
     }
-    let (kind, payload) = content.split_first().ok_or(Error::Length)?;
-    Message::read(*kind, &mut Reader(payload)).ok_or(Error::Unknown)
+    let (kind, payload) = content.split_first().ok_or(FrameError::Length)?;
+    Message::read(*kind, &mut Reader(payload)).ok_or(FrameError::Unknown)
 }

@@ -55,7 +55,7 @@ mod receiver;
 mod tests;
 mod timer;
 
-pub use frame::{Error, MAX_FRAME, decode, encode};
+pub use frame::{FrameError, MAX_FRAME, decode, encode};
 pub use message::{Flags, Hello, Imu, Message, Settings, Time, Trigger, VERSION};
 pub use receiver::Receiver;
 pub use timer::Timer;

@@ -1,6 +1,6 @@
 //! Bytes as they come, to messages.
 
-use crate::frame::{Error, MAX_ENCODED, decode};
+use crate::frame::{FrameError, MAX_ENCODED, decode};
 use crate::message::Message;
 
 /// Puts messages together from single bytes.
@@ -26,7 +26,7 @@ impl Receiver {
     }
 
     /// Takes a byte: the message that it completes, or what was wrong with the bytes before it.
-    pub fn push(&mut self, byte: u8) -> Option<Result<Message, Error>> {
+    pub fn push(&mut self, byte: u8) -> Option<Result<Message, FrameError>> {
         if byte != 0 {
             match self.bytes.get_mut(self.length) {
                 Some(place) => {
@@ -40,7 +40,7 @@ impl Receiver {
         let (length, was_lost) = (self.length, self.is_lost);
         (self.length, self.is_lost) = (0, false);
         match (was_lost, length) {
-            (true, _) => Some(Err(Error::Length)),
+            (true, _) => Some(Err(FrameError::Length)),
             // Between the zeros of neighbours.
             (false, 0) => None,
             (false, _) => Some(decode(&self.bytes[..length])),

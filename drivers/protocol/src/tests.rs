@@ -8,7 +8,7 @@ fn framed(message: &Message) -> Vec<u8> {
     encode(message, &mut [0; MAX_FRAME]).to_vec()
 }
 
-fn all_of(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Result<Message, Error>> {
+fn all_of(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Result<Message, FrameError>> {
     bytes.iter().filter_map(|byte| receiver.push(*byte)).collect()
 }
 
@@ -94,7 +94,7 @@ fn noise_costs_no_frame_that_it_does_not_hit() {
     let noise: Vec<u8> = (1..=255).collect();
     let stream = [&noise, &framed(&sample(1)), &noise[..9], &framed(&sample(2))].concat();
     let found = all_of(&mut receiver, &stream);
-    assert_eq!(found, [Err(Error::Length), Ok(sample(1)), Err(Error::Encoding), Ok(sample(2))]);
+    assert_eq!(found, [Err(FrameError::Length), Ok(sample(1)), Err(FrameError::Encoding), Ok(sample(2))]);
 }
 
 #[test]
@@ -121,10 +121,10 @@ fn a_longer_payload_of_a_later_version_is_understood_and_a_shorter_one_is_not() 
     let asked = |extra: &[u8]| body(&[&[0x82][..], &7_u64.to_le_bytes(), extra].concat());
     assert_eq!(asked(&[]), Ok(Message::AskTime { asked_ns: 7 }));
     assert_eq!(asked(&[1, 2, 3]), Ok(Message::AskTime { asked_ns: 7 }));
-    assert_eq!(body(&[0x82, 7, 0, 0]), Err(Error::Unknown));
-    assert_eq!(body(&[0x42, 7]), Err(Error::Unknown));
-    assert_eq!(decode(&[]), Err(Error::Length));
-    assert_eq!(decode(&[1; MAX_FRAME]), Err(Error::Length));
+    assert_eq!(body(&[0x82, 7, 0, 0]), Err(FrameError::Unknown));
+    assert_eq!(body(&[0x42, 7]), Err(FrameError::Unknown));
+    assert_eq!(decode(&[]), Err(FrameError::Length));
+    assert_eq!(decode(&[1; MAX_FRAME]), Err(FrameError::Length));
 }
 
 #[test]
@@ -169,7 +169,7 @@ proptest! {
         let place = at % frame.len();
         frame[place] = value;
         for message in all_of(&mut Receiver::new(), &frame).into_iter().flatten() {
-            prop_assert_eq!(decode(&framed(&message)[1..]).err(), Some(Error::Encoding));
+            prop_assert_eq!(decode(&framed(&message)[1..]).err(), Some(FrameError::Encoding));
             let again = framed(&message);
             prop_assert_eq!(decode(&again[1..again.len() - 1]), Ok(message));
         }

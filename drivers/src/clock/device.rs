@@ -1,6 +1,6 @@
 //! The clock of one device, learnt while its samples come.
 
-use super::envelope::Envelope;
+use super::envelope::LowerEnvelope;
 use super::round_trip::{RoundTrip, RoundTrips};
 use plumbline_config::Portable;
 use serde::Serialize;
@@ -81,7 +81,7 @@ pub struct DeviceClock {
     /// The first sample: its time by the device, and when it was there, ns.
     origin: Option<(i64, i64)>,
     /// Host less device at the arrivals, relative to the origin.
-    arrivals: Envelope,
+    arrivals: LowerEnvelope,
     trips: RoundTrips,
     /// Delay of the promptest sample beyond its round trips, ns.
     one_way_ns: i64,

@@ -12,12 +12,12 @@ pub const MAX_SKEW: f64 = 0.02;
 
 /// A lower envelope that forgets.
 #[derive(Clone, Debug, Default)]
-pub struct Envelope {
+pub struct LowerEnvelope {
     old: Hull,
     young: Hull,
 }
 
-impl Envelope {
+impl LowerEnvelope {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.old.clear();
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn what_is_older_than_two_spans_is_forgotten_and_one_span_is_always_seen() {
-        let mut envelope = Envelope::default();
+        let mut envelope = LowerEnvelope::default();
         let step = SPAN_NS / 100;
         for k in 0..1000 {
             // A delay that was never as small again.

@@ -2,9 +2,9 @@
 //!
 //! A question left the host before the device saw it, and its answer reached the host after the device gave it. So the
 //! device's clock lies between two lines: above that of the questions, below that of the answers. The promptest of each
-//! way decide, on their own ([`Envelope`]); the middle is wrong by at most half the difference of both ways.
+//! way decide, on their own ([`LowerEnvelope`]); the middle is wrong by at most half the difference of both ways.
 
-use super::envelope::{Envelope, SPAN_NS};
+use super::envelope::{LowerEnvelope, SPAN_NS};
 
 /// A question and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,9 +29,9 @@ const LONGEST_NS: i64 = 500_000_000;
 /// Both lines, in coordinates of device time (x) and host less device (y).
 #[derive(Clone, Debug, Default)]
 pub struct RoundTrips {
-    answers: Envelope,
+    answers: LowerEnvelope,
     /// Mirrored at the x axis: what limits from below is an upper hull.
-    questions: Envelope,
+    questions: LowerEnvelope,
     latest_x: Option<i64>,
     quickest_ns: Option<i64>,
 }

@@ -2,7 +2,7 @@
 
 use super::framing::Scan;
 use super::protocol::{Content, DeviceSample, Outgoing, Protocol, Questions, TimeAnswer, TimeUnit, vector};
-use plumbline_protocol::{Error, Imu, MAX_FRAME, Message, Settings, decode, encode};
+use plumbline_protocol::{FrameError, Imu, MAX_FRAME, Message, Settings, decode, encode};
 
 /// A device that has not said who it is, or what it does, is asked again after this, ns.
 const AGAIN_NS: i64 = 1_000_000_000;
@@ -63,8 +63,8 @@ impl Protocol for Plumbline {
         };
         let end = begin + length;
         match decode(&bytes[begin..end]) {
-            Ok(_) | Err(Error::Unknown) => Scan::Frame(end + 1),
-            Err(Error::Length) => Scan::BadLength(end + 1),
+            Ok(_) | Err(FrameError::Unknown) => Scan::Frame(end + 1),
+            Err(FrameError::Length) => Scan::BadLength(end + 1),
             Err(_) => Scan::BadChecksum(end + 1),
         }
     }
@@ -95,7 +95,7 @@ impl Protocol for Plumbline {
                 Content::Settings(settings)
             }
             // What the host says, heard back, and types of later versions.
-            Ok(_) | Err(Error::Unknown) => Content::Other,
+            Ok(_) | Err(FrameError::Unknown) => Content::Other,
             Err(_) => Content::Malformed,
         }
     }

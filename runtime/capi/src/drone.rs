@@ -11,7 +11,7 @@ use plumbline_client::{FrameSender, ImuLine, SensorAbout, monotonic_ns};
 use plumbline_config::Timestamp;
 use plumbline_record::layout;
 use plumbline_record::local::record::Kind;
-use plumbline_record::local::request::{Answer, At, MAX_PATIENCE_MS, Request, Status as Verdict};
+use plumbline_record::local::request::{Answer, At, MAX_PATIENCE_MS, Request, RequestStatus};
 use std::ffi::c_char;
 use std::ptr::without_provenance_mut;
 use std::time::{Duration, Instant};
@@ -163,7 +163,7 @@ fn command(local: *mut Local, request: &Request, timeout_ms: u32) -> Result<Answ
     LOCALS.with(local.addr(), |local| {
         let answer = local.command(request, ms(timeout_ms))?;
         match answer.status {
-            Verdict::Done => Ok(answer),
+            RequestStatus::Done => Ok(answer),
             _ => Err(CallFailure::new(
                 Status::Refused,
                 format!("the flight has not done it: {}", answer.words),

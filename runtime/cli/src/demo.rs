@@ -2,7 +2,7 @@
 //! watched by a ground station with its page.
 
 use super::exit_status::{FAULT, last_resort};
-use super::link_process::LinkProcess;
+use super::link_process::start_socket;
 use super::progress::{Glance, Progress};
 use super::scenario::parse_scene;
 use super::{Usage, log_lines, stop_on_signal};
@@ -13,10 +13,9 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::StereoFrame;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
-use plumbline_flight::local::LocalSocket;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_ground as ground;
-use plumbline_ground::connection::Connection;
+use plumbline_ground::connection::StationSession;
 use plumbline_ground::fleet::Fleet;
 use plumbline_lab::report::Report;
 use plumbline_link::net::Endpoints;
@@ -77,10 +76,8 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let endpoint = free_endpoint()?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = Outputs::default();
-    let socket = LocalSocket::start(&flight.config, flight.stamps, Arc::clone(&control))?;
-    let (door, listen) = (socket.link_door(), vec![endpoint.clone()]);
-    outputs.add(socket);
-    outputs.add(LinkProcess::start(door, &flight.config, LinkOptions { listen, ..LinkOptions::default() })?);
+    let link = LinkOptions { listen: vec![endpoint.clone()], ..LinkOptions::default() };
+    start_socket(&mut outputs, &flight, &control, Some(link))?;
     println!(
         "Flying for {:.0} s in the {} with {}x{} stereo images.",
         args.duration, args.scene, size.width_px, size.height_px
@@ -110,7 +107,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
 /// A ground station in this process: it knows of the flight what comes over the network.
 struct Station {
     runtime: tokio::runtime::Runtime,
-    connection: Connection,
+    connection: StationSession,
     address: SocketAddr,
 }
 
@@ -123,7 +120,7 @@ impl Station {
         let endpoints = Endpoints { vehicle: "*".into(), hears, connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
         let (connection, address) = runtime.block_on(async {
-            let connection = Connection::open(&endpoints, &fleet, false).await?;
+            let connection = StationSession::open(&endpoints, &fleet, false).await?;
             let page = ground::web::bind(args.http)
                 .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
             let address = ground::web::serve(page, fleet, connection.clone(), true, &[]).await?;

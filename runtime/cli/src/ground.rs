@@ -7,7 +7,7 @@ mod in_terminal;
 use super::{check_outputs, say, stop_on_signal, supervisor};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use plumbline_ground::connection::Connection;
+use plumbline_ground::connection::StationSession;
 use plumbline_ground::fleet::Fleet;
 use plumbline_ground::{self as ground, foxglove, lock, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
@@ -203,11 +203,11 @@ impl Background {
         fleet: &Arc<Mutex<Fleet>>,
         print_states: bool,
         is_over: &impl Fn() -> bool,
-    ) -> Result<Option<Connection>, NetError> {
+    ) -> Result<Option<StationSession>, NetError> {
         let (endpoints, fleet) = (endpoints.clone(), Arc::clone(fleet));
         let (done, opened) = std::sync::mpsc::sync_channel(1);
         self.runtime().spawn(async move {
-            let _ = done.send(Connection::open(&endpoints, &fleet, print_states).await);
+            let _ = done.send(StationSession::open(&endpoints, &fleet, print_states).await);
         });
         while !is_over() {
             if let Ok(outcome) = opened.recv_timeout(LOOK) {
@@ -221,7 +221,7 @@ impl Background {
         &self,
         page: std::net::TcpListener,
         fleet: Arc<Mutex<Fleet>>,
-        line: Connection,
+        line: StationSession,
         args: &GroundArgs,
     ) -> Result<SocketAddr> {
         let serving = web::serve(page, fleet, line, args.gives_commands(), &args.http_name);
@@ -229,7 +229,7 @@ impl Background {
     }
 
     /// Takes the station off the network, if that goes quickly.
-    fn close(&self, line: &Connection) {
+    fn close(&self, line: &StationSession) {
         let line = line.clone();
         let closing = self.runtime().spawn(async move { line.close().await });
         let _ = self.runtime().block_on(async { tokio::time::timeout(END_PATIENCE, closing).await });

@@ -4,7 +4,7 @@ use super::say;
 use anyhow::Result;
 use clap::Args;
 use plumbline_link::net::certificate;
-use plumbline_link::net::keys::{self, ROLES, Request};
+use plumbline_link::net::keys::{self, KeysRequest, ROLES};
 use std::path::PathBuf;
 
 /// Arguments of `plumbline keys`.
@@ -37,7 +37,7 @@ pub struct KeysArgs {
 /// # Errors
 /// When a file cannot be written.
 pub fn run(args: &KeysArgs) -> Result<()> {
-    let request = Request {
+    let request = KeysRequest {
         folder: &args.folder,
         roles: &args.role,
         vehicles: &args.vehicle,

@@ -106,6 +106,7 @@ pub mod report;
 #[cfg(feature = "ground")]
 mod reset;
 mod router;
+pub mod run_args;
 mod say;
 pub mod scenario;
 mod setup;

@@ -2,8 +2,9 @@
 //! waits for it.
 
 use plumbline_config::ValidConfig;
-use plumbline_flight::flight::Output;
-use plumbline_flight::local::{Failure, LinkDoor, LinkWord};
+use plumbline_flight::flight::{Flight, Output, Outputs};
+use plumbline_flight::local::{Failure, LinkDoor, LinkWord, LocalSocket, SensorBoard};
+use plumbline_flight::pipeline::Control;
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_link::net::threads;
 use plumbline_link::process::LinkOptions;
@@ -13,6 +14,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -39,6 +41,30 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 const LAST_WORDS: Duration = Duration::from_secs(3);
 /// Period of the check for its end.
 const GLANCE: Duration = Duration::from_millis(10);
+
+/// Starts the local socket of a flight where one is named or `link` reads it, and the network process with these options; returns
+/// where the state of the sensors is posted for both.
+///
+/// # Errors
+/// When the socket cannot be made or the network not be used.
+pub fn start_socket(
+    outputs: &mut Outputs,
+    flight: &Flight,
+    control: &Arc<Control>,
+    link: Option<LinkOptions>,
+) -> anyhow::Result<Option<SensorBoard>> {
+    let config = &flight.config;
+    if link.is_none() && config.local.path.is_empty() {
+        return Ok(None);
+    }
+    let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
+    let (door, board) = (socket.link_door(), socket.sensor_board());
+    outputs.add(socket);
+    if let Some(link) = link {
+        outputs.add(LinkProcess::start(door, config, link)?);
+    }
+    Ok(Some(board))
+}
 
 /// Why a flight has no network.
 #[derive(Debug, Error)]

@@ -6,16 +6,16 @@ mod written;
 
 use super::exit_status::last_resort;
 use super::progress::Progress;
+use super::run_args::{RunArgs, check_recording};
 use super::scenario::ScenarioArgs;
 use super::simulated::{are_given, simulated};
 use super::topics::TopicArgs;
-use super::{Usage, check_maps, check_outputs, load_config, parse_range, say, stop_on_signal};
-use anyhow::{Context, Result};
+use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use anyhow::Result;
 use clap::Args;
 use live::start_outputs;
 use plumbline_config::Config;
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::{
@@ -24,7 +24,6 @@ use plumbline_flight::flight::{
 };
 use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
-use plumbline_flight::places::read_known_map;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::accuracy::ForeignTruth;
 use plumbline_lab::report::{Report, late_findings};
@@ -39,6 +38,7 @@ const MAX_RESERVED_READINGS: usize = 1_440_000;
 // Help texts name tables of the configuration in brackets.
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
+#[command(mut_arg("listen", |a| a.requires("publish")), mut_arg("connect", |a| a.requires("publish")))]
 pub struct ReplayArgs {
     /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
     /// sim:low-texture, sim:far. Its options are given below, or after a ?: sim:room?path=demo&duration=10.
@@ -47,9 +47,6 @@ pub struct ReplayArgs {
     /// log, or preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Change a key for the estimator, such as estimator.points.sigma_px=0.3; may be repeated. What is simulated stays.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
     /// Playback speed relative to real time. Default: as fast as possible.
     #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
@@ -57,22 +54,12 @@ pub struct ReplayArgs {
     /// and more: share the work on a frame.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
-    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived. The one to compare with other
-    /// systems and to cite.
-    #[arg(long, value_name = "OUT.tum")]
-    pub trajectory: Option<PathBuf>,
     /// Write the trajectory as known at the end (TUM format), by all later images and loops: no vehicle knew it in flight.
     #[arg(long = "final", value_name = "OUT.tum")]
     pub final_trajectory: Option<PathBuf>,
     /// Write the causal trajectory in the map (TUM format), loops closed.
     #[arg(long, value_name = "OUT.tum")]
     pub map_trajectory: Option<PathBuf>,
-    /// Continue a map of `map build`, `map merge` or --save-map. Poses are output in its frame too once a place is recognized.
-    #[arg(long, value_name = "IN.map")]
-    pub map: Option<PathBuf>,
-    /// Write the map at the end, and on each `plumbline map save`.
-    #[arg(long, value_name = "OUT.map")]
-    pub save_map: Option<PathBuf>,
     /// Odometry only: do not recognize places, close loops or build a map.
     #[arg(long, conflicts_with_all = ["final_trajectory", "map_trajectory", "map", "save_map"])]
     pub no_loop: bool,
@@ -95,12 +82,6 @@ pub struct ReplayArgs {
     /// Draw path, errors, covariance, velocity and biases (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
-    /// Record for Foxglove and `verify`; [recorder] sets the contents.
-    #[arg(long, value_name = "LOG.mcap")]
-    pub record: Option<PathBuf>,
-    /// Write the report (JSON).
-    #[arg(long, value_name = "OUT.json")]
-    pub report: Option<PathBuf>,
     /// Ground truth in place of that of the data set: TUM (also .gz) or EuRoC.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -122,19 +103,13 @@ pub struct ReplayArgs {
     /// Publish over Zenoh, at --listen, --connect and those of [network].
     #[arg(long)]
     pub publish: bool,
-    /// With --publish: listen here, as tcp/127.0.0.1:7447; may be repeated.
-    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
-    pub listen: Vec<String>,
-    /// With --publish: connect to this router or station; may be repeated. Beside others, a udp/ endpoint carries odometry only.
-    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
-    pub connect: Vec<String>,
     /// With --speed 1: send odometry over MAVLink, to udp://127.0.0.1:14540 or serial:///dev/ttyS0:921600, by [autopilot] of the
     /// configuration.
     #[arg(long, value_name = "udp://HOST:PORT")]
     pub autopilot: Option<String>,
-    /// Print the report as JSON instead of the summary.
-    #[arg(long)]
-    pub json: bool,
+    /// Options of the run.
+    #[command(flatten)]
+    pub run: RunArgs,
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
@@ -148,12 +123,12 @@ pub struct ReplayArgs {
 /// # Errors
 /// When the flight cannot be opened, run or written.
 pub fn run(args: &ReplayArgs) -> Result<()> {
-    let (stamps, at_out) = (checked(args)?, instants::file(args));
+    let log = args.run.log()?;
+    let (stamps, at_out) = (checked(args, log.as_ref())?, instants::file(args));
     let flight = prepared(open(args)?, args)?;
-    check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut instants = stamps.map(|stamps| KeptInstants::of(stamps, &control));
-    let (mut outputs, board) = start_outputs(args, &flight, &control)?;
+    let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
     let mut odometry = args
         .odometry
         .as_ref()
@@ -182,16 +157,13 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref(), &file_defects);
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
+    let words = args.run.write(&flown, &report)?;
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
     write_map_outputs(args, &flown)?;
     if let Some(states) = states {
         write_state_outputs(args, &states.into_rows(), &flown.truth)?;
     }
-    let json = serde_json::to_string_pretty(&report)?;
-    if let Some(path) = &args.report {
-        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
-    }
-    say(if args.json { json } else { report.summary() });
+    say(words);
     if let (Some(instants), Some(path)) = (instants, &at_out) {
         instants::write(path, &instants.into_rows(), &flown.poses)?;
     }
@@ -199,14 +171,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
 }
 
 /// Checks the options before anything is opened; returns the instants that are asked for.
-fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>> {
+fn checked(args: &ReplayArgs, log: Option<&PathBuf>) -> Result<Option<Vec<plumbline_config::Timestamp>>> {
     if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
-    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
-    let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
     let at_out = instants::file(args);
-    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
+    let of_states = [&args.odometry, &args.covariance, &args.states, &args.plot];
+    let others = [&args.final_trajectory, &args.map_trajectory, &at_out];
+    check_outputs(args.run.files().chain(of_states.into_iter().chain(others).flatten()).chain(log))?;
     if at_out.is_some() && at_out == args.at {
         return Err(Usage("--at-out: is the list itself; name another file".into()).into());
     }
@@ -227,9 +199,7 @@ fn judge(args: &ReplayArgs, report: &Report, flown: &Flown) -> Result<()> {
         "{dataset}: no pose was found in {frames} frames: {}",
         report.why_no_pose()
     );
-    if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
-        anyhow::bail!("the recording failed: {recording}");
-    }
+    check_recording(report)?;
     if let Some(file) = args.truth.as_ref().filter(|_| report.accuracy.is_none()) {
         ForeignTruth::check(&flown.name, &flown.poses, &flown.truth, file)?;
     }
@@ -277,7 +247,7 @@ fn check_mentions(args: &ReplayArgs) -> Result<(), Usage> {
 
 /// The flight with what the arguments change of it.
 fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
-    flight.config = with_overrides(&flight.config, &args.overrides)?;
+    flight.config = with_overrides(&flight.config, &args.run.overrides)?;
     if args.no_lines {
         flight.config = flight.config.with("--no-lines", |config| config.estimator.lines.enabled = false)?;
     }
@@ -287,9 +257,7 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
     if args.no_loop {
         flight.config = flight.config.with("--no-loop", |config| config.estimator.places.enabled = false)?;
     }
-    if let Some(path) = &args.map {
-        flight.map = Some(read_known_map(path, Mapper::limits(flight.config.setup()))?);
-    }
+    args.run.take_map(&mut flight)?;
     if let Some(connect) = &args.autopilot {
         let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
         flight.config = flight.config.with("--autopilot", change)?;

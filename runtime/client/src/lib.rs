@@ -1,4 +1,4 @@
-//! Programs beside a flight of Plumbline on the same computer: what the C library and the Python package are made of.
+//! Programs beside a flight of Plumbline on the same computer: what the network process, the C library and the Python package are made of.
 //!
 //! - [`Local`] reads the local socket (`docs/local-socket.md`) and gives commands;
 //! - [`FrameSender`] sends stereo frames to `plumbline fly` (`docs/frame-socket.md`);
@@ -18,5 +18,5 @@ mod tests;
 pub use error::ClientError;
 pub use frames::FrameSender;
 pub use imu::{ImuLine, SensorAbout};
-pub use local::Local;
+pub use local::{Local, Requests};
 pub use plumbline_drivers::clock::monotonic_ns;

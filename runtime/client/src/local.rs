@@ -3,9 +3,11 @@
 use crate::error::ClientError;
 use crate::socket::{Deadline, connect, receive, send_all};
 use plumbline_record::layout::INSTANT_BYTES;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::local::incoming::Incoming;
 use plumbline_record::local::record::{Header, Kind, Kinds, MAGIC};
 use plumbline_record::local::request::{Answer, At, Request};
+use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -21,10 +23,9 @@ const GREETING_LIMIT: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub struct Local {
     path: PathBuf,
-    stream: UnixStream,
+    requests: Requests,
     incoming: Incoming,
     may_command: bool,
-    requests: u64,
     /// Connection that asks for states at instants, once one was asked for.
     asking: Option<Box<Self>>,
 }
@@ -37,8 +38,7 @@ impl Local {
     pub fn connect(path: impl AsRef<Path>, patience: Duration) -> Result<Self, ClientError> {
         let path = path.as_ref().to_owned();
         let stream = connect(&path, patience)?;
-        let incoming = Incoming::default();
-        let mut local = Self { path, stream, incoming, may_command: false, requests: 0, asking: None };
+        let mut local = Self { path, ..Self::over(stream) };
         match local.next_header(Some(GREETING_LIMIT))? {
             Some(Header { kind, .. }) if kind == Kind::Hello.kind() => {}
             Some(_) => return Err(ClientError::Foreign("no greeting came")),
@@ -49,6 +49,14 @@ impl Local {
             _ => return Err(ClientError::Foreign("another greeting came")),
         }
         Ok(local)
+    }
+
+    /// Connection over a stream that is connected. Its first record is the greeting of the flight.
+    #[must_use]
+    pub fn over(stream: UnixStream) -> Self {
+        let requests = Requests { stream, number: 0 };
+        let incoming = Incoming::default();
+        Self { path: PathBuf::new(), requests, incoming, may_command: false, asking: None }
     }
 
     /// True if the flight takes commands of this program's user.
@@ -62,7 +70,7 @@ impl Local {
     /// # Errors
     /// When the flight has gone.
     pub fn subscribe(&mut self, kinds: Kinds) -> Result<(), ClientError> {
-        self.request(&Request::Subscribe(kinds)).map(|_| ())
+        self.requests.send(&Request::Subscribe(kinds)).map(|_| ())
     }
 
     /// Waits for the next record of any kind, without a limit where there is no `timeout`; `None` when none came in time.
@@ -77,11 +85,30 @@ impl Local {
             if let Some(header) = next.map_err(|_| ClientError::Foreign("a record is too long"))? {
                 return Ok(Some(header));
             }
-            match receive(&self.stream, self.incoming.room(), deadline)? {
+            match receive(&self.requests.stream, self.incoming.room(), deadline)? {
                 Some(count) => self.incoming.add(count),
                 None => return Ok(None),
             }
         }
+    }
+
+    /// Waits for the next record, for as long as the read timeout of the stream. Its content is that of [`Self::content`].
+    ///
+    /// # Errors
+    /// When the flight has gone, is silent, or sends what is no record.
+    pub fn next_record(&mut self) -> Result<LocalRecord, ClientError> {
+        let limit = self.requests.stream.read_timeout()?;
+        let silent = ClientError::Silent(limit.unwrap_or_default().as_secs_f64());
+        let header = self.next_header(limit)?.ok_or(silent)?;
+        LocalRecord::decode(&header, self.content()).map_err(ClientError::Foreign)
+    }
+
+    /// Writing end, for another thread, which numbers its requests by itself.
+    ///
+    /// # Errors
+    /// When the system has no more file descriptors.
+    pub fn requests(&self) -> Result<Requests, ClientError> {
+        Ok(Requests { stream: self.requests.stream.try_clone()?, number: 0 })
     }
 
     /// Content of the record whose header came last, until the next call that waits.
@@ -99,7 +126,7 @@ impl Local {
         let deadline = Deadline::after(Some(timeout));
         let mut other = Self::connect(&self.path, Duration::ZERO)?;
         other.subscribe(Kinds::default())?;
-        let number = other.request(command)?;
+        let number = other.requests.send(command)?;
         while let Some(header) = other.next_header(deadline.left())? {
             if header.kind == Kind::Result.kind() && header.sequence == number {
                 return Answer::decode(number, other.content()).map_err(ClientError::Foreign);
@@ -124,7 +151,7 @@ impl Local {
         };
         let limit = Duration::from_millis(at.patience_ms.into()) + INSTANT_LIMIT;
         let deadline = Deadline::after(Some(limit));
-        let number = other.request(&Request::At(at))?;
+        let number = other.requests.send(&Request::At(at))?;
         while let Some(header) = other.next_header(deadline.left())? {
             if header.sequence != number {
                 continue;
@@ -142,10 +169,28 @@ impl Local {
         }
         Err(ClientError::Silent(limit.as_secs_f64()))
     }
+}
 
-    fn request(&mut self, request: &Request) -> Result<u64, ClientError> {
-        self.requests += 1;
-        send_all(&self.stream, &request.encode(self.requests), SEND_LIMIT)?;
-        Ok(self.requests)
+/// Writing end of a connection.
+#[derive(Debug)]
+pub struct Requests {
+    stream: UnixStream,
+    number: u64,
+}
+
+impl Requests {
+    /// Sends a request; its answer carries the number that is returned.
+    ///
+    /// # Errors
+    /// When the flight has gone, or takes nothing.
+    pub fn send(&mut self, request: &Request) -> Result<u64, ClientError> {
+        self.number += 1;
+        send_all(&self.stream, &request.encode(self.number), SEND_LIMIT)?;
+        Ok(self.number)
+    }
+
+    /// Ends the connection, also for the thread that reads.
+    pub fn close(&self) {
+        let _ = self.stream.shutdown(Shutdown::Both);
     }
 }

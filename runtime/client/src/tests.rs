@@ -9,7 +9,7 @@ use plumbline_drivers::{ImuSource as _, SerialImu, SocketStereo, StereoFrame, St
 use plumbline_estimator::{Odometry, ResetKind};
 use plumbline_record::layout;
 use plumbline_record::local::record::{Kind, Kinds, MAGIC, encoded};
-use plumbline_record::local::request::{Answer, Inbox, Request, Status};
+use plumbline_record::local::request::{Answer, Inbox, Request, RequestStatus};
 use std::io::{Read as _, Write as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
@@ -133,14 +133,15 @@ fn odometry_is_read_and_a_command_is_answered_beside_it() {
         let asked = requests(&mut commander, 2);
         assert_eq!(asked[0].1, Some(Request::Subscribe(Kinds::default())));
         assert_eq!(asked[1].1, Some(Request::Reset(ResetKind::Soft)));
-        let answer = Answer { number: asked[1].0, status: Status::Done, value: 0, words: "reset".into() };
+        let answer =
+            Answer { number: asked[1].0, status: RequestStatus::Done, value: 0, words: "reset".into() };
         commander.write_all(&answer.encode()).unwrap();
         reader
     });
     let mut local = connected(&path).unwrap();
     assert!(local.may_command());
     let answer = local.command(&Request::Reset(ResetKind::Soft), PATIENCE).unwrap();
-    assert_eq!((answer.status, answer.words.as_str()), (Status::Done, "reset"));
+    assert_eq!((answer.status, answer.words.as_str()), (RequestStatus::Done, "reset"));
     for sequence in 0..2 {
         let header = local.next_header(Some(PATIENCE)).unwrap().unwrap();
         assert_eq!((header.kind, header.sequence), (Kind::Odometry.kind(), sequence));

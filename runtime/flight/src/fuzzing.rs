@@ -4,8 +4,8 @@
 
 use crate::autopilot::inbox::{MavlinkInbox, Received};
 use crate::autopilot::timesync::TimeSync;
-use crate::local::client::Records;
-use crate::local::request::{self, Numbered, Request, TooLong};
+use crate::local::record::TooLong;
+use crate::local::request::{self, Numbered, Request};
 use crate::log::channel::Channel;
 use crate::log::source::{LogImu, LogStereo};
 use crate::log::{LogReader, image};
@@ -14,6 +14,8 @@ use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{ImuSource as _, StereoFrame, StereoSource as _};
+use plumbline_record::local::content::LocalRecord;
+use plumbline_record::local::incoming::Incoming;
 use plumbline_record::parts::ImageAbout;
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Decode;
@@ -164,9 +166,18 @@ fn requests(bytes: &[u8], piece: usize) -> Vec<Numbered> {
 }
 
 /// Bytes of a flight to a reader of the local socket: read to their end.
-pub fn local_records(data: &[u8]) {
-    let mut records = Records::new(data);
-    while records.next_record().is_ok() {}
+pub fn local_records(mut data: &[u8]) {
+    let mut incoming = Incoming::default();
+    while !data.is_empty() {
+        let room = incoming.room();
+        let (piece, rest) = data.split_at(room.len().min(data.len()));
+        room[..piece.len()].copy_from_slice(piece);
+        incoming.add(piece.len());
+        data = rest;
+        while let Ok(Some(header)) = incoming.next_header() {
+            let _ = LocalRecord::decode(&header, incoming.content());
+        }
+    }
 }
 
 #[cfg(test)]

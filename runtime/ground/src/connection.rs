@@ -12,9 +12,9 @@ const LOOK: Duration = Duration::from_millis(500);
 
 /// The session of a station, once there is one.
 #[derive(Clone, Default)]
-pub struct Connection(Arc<OnceLock<Session>>);
+pub struct StationSession(Arc<OnceLock<Session>>);
 
-impl Connection {
+impl StationSession {
     /// Opens the session and fills the fleet from it. A client without anybody at the other end goes on trying: a
     /// router passes nothing on to a station that is a peer, so it must not become one meanwhile.
     ///

@@ -1,8 +1,8 @@
 //! Foxglove's view of a vehicle: topics, their schemas, and the news of each.
 
-use super::map::{MapKeyframe, Scene};
+use super::map::{MapKeyframe, WindowScene};
 use super::track::PoseSample;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_flight::log::drawn::{frame_transform, log_time, pose_in, timestamp};
@@ -88,7 +88,7 @@ pub struct Sent {
 
 impl DrawnTopic {
     /// News of `vehicle` since `sent`, which is brought up to date.
-    pub fn news(self, name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
+    pub fn news(self, name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Vec<Drawn> {
         match self {
             Self::Pose | Self::Transform => self.pose(name, vehicle, sent).into_iter().collect(),
             Self::Path => path_news(name, vehicle, sent).into_iter().collect(),
@@ -97,7 +97,7 @@ impl DrawnTopic {
         }
     }
 
-    fn pose(self, name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
+    fn pose(self, name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Drawn> {
         let pose = vehicle.pose_o_b.filter(|_| sent.stamp_ns != Some(vehicle.stamp_ns))?;
         sent.stamp_ns = Some(vehicle.stamp_ns);
         let stamp = Timestamp::from_nanos(vehicle.stamp_ns);
@@ -127,7 +127,7 @@ pub fn path<'a>(
     scene::poses(stamp, &odometry_frame(name), &poses).encode_to_vec()
 }
 
-fn path_news(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
+fn path_news(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Drawn> {
     let newest = vehicle.poses.newest()?.stamp_ns;
     let is_due = sent.stamp_ns.is_none_or(|last| newest.saturating_sub(last) >= PATH_NS || newest < last);
     if !is_due && sent.epoch == Some(vehicle.track.epoch) {
@@ -148,12 +148,12 @@ pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> foxglove::
 
 /// The window of a vehicle as it is now.
 #[must_use]
-pub fn window(name: &str, stamp: Timestamp, window: &Scene) -> foxglove::SceneEntity {
+pub fn window(name: &str, stamp: Timestamp, window: &WindowScene) -> foxglove::SceneEntity {
     let content = SceneContent::of_coordinates(&window.points_o, &window.lines_o, &window.keyframes);
     scene::entity(stamp, &odometry_frame(name), "window", &content, Landmarks::InWindow)
 }
 
-fn scene_news(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
+fn scene_news(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Vec<Drawn> {
     let (stamp, map) = (Timestamp::from_nanos(vehicle.stamp_ns), &vehicle.map);
     let mut updates = Vec::new();
     if sent.epoch != Some(map.epoch) {
@@ -173,7 +173,7 @@ fn scene_news(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Vec<Drawn> {
     updates.iter().map(|update| (log_time(stamp), update.encode_to_vec())).collect()
 }
 
-fn image(name: &str, vehicle: &Vehicle, sent: &mut Sent) -> Option<Drawn> {
+fn image(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Drawn> {
     let picture = vehicle.picture.as_ref().filter(|picture| picture.version != sent.version)?;
     sent.version = picture.version;
     let stamp_ns = picture.message.envelope.stamp_ns;
@@ -223,7 +223,7 @@ mod tests {
         fleet.alive("drone", true);
         let vehicle = fleet.vehicles.get_mut("drone").unwrap();
         let mut sent = [Sent::default(); 2];
-        let mut count = |vehicle: &Vehicle| {
+        let mut count = |vehicle: &VehicleState| {
             let topics = [DrawnTopic::Pose, DrawnTopic::Transform].into_iter().zip(&mut sent);
             topics.map(|(topic, sent)| topic.news("drone", vehicle, sent).len()).sum::<usize>()
         };

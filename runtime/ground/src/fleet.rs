@@ -1,8 +1,9 @@
 //! Data received from all vehicles, in bounded memory.
 
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 use plumbline_estimator::Odometry;
 use plumbline_link::net::read::Heard;
+use plumbline_record::Severity;
 use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use serde::Serialize;
@@ -16,18 +17,6 @@ pub const MAX_VEHICLES: usize = 64;
 pub const MAX_NAME: usize = 64;
 /// Events that are kept.
 const MAX_EVENTS: usize = 200;
-
-/// Severity of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Severity {
-    /// Information.
-    Info,
-    /// Needs attention.
-    Warning,
-    /// Needs action.
-    Error,
-}
 
 /// An entry of the list of events.
 #[derive(Clone, Debug, Serialize)]
@@ -46,7 +35,7 @@ pub struct FleetEvent {
 #[derive(Clone, Debug)]
 pub struct Fleet {
     /// The vehicles.
-    pub vehicles: BTreeMap<String, Vehicle>,
+    pub vehicles: BTreeMap<String, VehicleState>,
     /// Messages that could not be decoded.
     pub malformed: u64,
     /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
@@ -79,14 +68,14 @@ impl Default for Fleet {
 
 impl Fleet {
     /// The vehicle that sent a message; `None`, and counted, if its name is impossible or no place is left.
-    pub fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
+    pub fn vehicle(&mut self, name: &str) -> Option<&mut VehicleState> {
         if !self.vehicles.contains_key(name) {
             if !is_name(name) || !self.make_room() {
                 self.refused += 1;
                 return None;
             }
             self.arrivals += 1;
-            self.vehicles.insert(name.to_owned(), Vehicle::arrived(self.arrivals));
+            self.vehicles.insert(name.to_owned(), VehicleState::arrived(self.arrivals));
         }
         self.vehicles.get_mut(name)
     }
@@ -138,7 +127,7 @@ impl Fleet {
     }
 
     /// Applies `change` to a vehicle, and announces changes of its state, resets and work budget.
-    fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
+    fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut VehicleState)) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.news.clone());
         let was_shared = vehicle.is_shared();

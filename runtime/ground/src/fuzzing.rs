@@ -9,7 +9,7 @@ use super::listen::apply_numbered;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
 use plumbline_link::net::{read, security};
-use plumbline_record::messages::{MapSaved, ResetDone, Trajectory};
+use plumbline_record::messages::{MapSaved, PastTrajectory, ResetDone};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -46,7 +46,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
             vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
         }
         b't' => {
-            let Some(Trajectory { poses: mut past }) = read::decode(payload) else { return };
+            let Some(PastTrajectory { poses: mut past }) = read::decode(payload) else { return };
             past.sort_by_key(|pose| pose.stamp);
             if let Some(vehicle) = lock(fleet).vehicle("drone") {
                 vehicle.fill(&past);

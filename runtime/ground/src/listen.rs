@@ -2,7 +2,7 @@
 
 use super::fields::fields;
 use super::fleet::{Fleet, is_name, lock};
-use super::vehicle::{Vehicle, state_words};
+use super::vehicle::{VehicleState, state_words};
 use super::{READER_HAS_LEFT, recover};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{MapSnapshot, Odometry};
@@ -131,7 +131,7 @@ fn apply(
             let heard = read::heard::<MapSnapshot>(bytes);
             taken(fleet, vehicle, heard, |v, heard| v.map.set_scene(&heard.message))
         }
-        Topic::Picture => taken(fleet, vehicle, read::picture(bytes), Vehicle::show),
+        Topic::Picture => taken(fleet, vehicle, read::picture(bytes), VehicleState::show),
         topic => taken(fleet, vehicle, other(topic, bytes), |v, text| _ = v.others.insert(topic, text)),
     };
     if is_decoded.is_none() {
@@ -144,7 +144,7 @@ fn taken<M>(
     fleet: &Mutex<Fleet>,
     vehicle: &str,
     message: Option<M>,
-    take: impl FnOnce(&mut Vehicle, M),
+    take: impl FnOnce(&mut VehicleState, M),
 ) -> Option<()> {
     let message = message?;
     if let Some(vehicle) = lock(fleet).vehicle(vehicle) {

@@ -28,7 +28,7 @@ pub struct MapKeyframe {
 
 /// Keyframes and landmarks in the vehicle's window now.
 #[derive(Clone, Debug, Default)]
-pub struct Scene {
+pub struct WindowScene {
     /// Keyframes.
     pub keyframes: Vec<Isometry3<f64>>,
     /// Points, x y z in O.
@@ -65,7 +65,7 @@ pub struct Map {
     /// Keyframes below this number lie in a frame that is gone, and are not queried.
     first: u64,
     /// The window now.
-    pub scene: Scene,
+    pub scene: WindowScene,
 }
 
 impl Map {
@@ -117,20 +117,20 @@ impl Map {
         }
         let (points_o, lines_o) = landmarks(message);
         let keyframes = message.keyframes.iter().map(|keyframe| keyframe.pose_o_b).collect();
-        self.scene = Scene { keyframes, points_o, lines_o, version: self.scene.version + 1 };
+        self.scene = WindowScene { keyframes, points_o, lines_o, version: self.scene.version + 1 };
     }
 
     /// Discards all keyframes: they are counted anew.
     pub fn clear(&mut self) {
         let (since_reset, version) = (self.since_reset, self.scene.version + 1);
-        let scene = Scene { version, ..Scene::default() };
+        let scene = WindowScene { version, ..WindowScene::default() };
         *self = Self { epoch: self.epoch + 1, since_reset, scene, ..Self::default() };
     }
 
     /// Starts an odometry frame that is there since this many resets: keyframes and window of older ones are discarded.
     pub fn start_frame(&mut self, since_reset: u32) {
         self.since_reset = since_reset;
-        self.scene = Scene { version: self.scene.version + 1, ..Scene::default() };
+        self.scene = WindowScene { version: self.scene.version + 1, ..WindowScene::default() };
         let is_old = |keyframe: &MapKeyframe| keyframe.reset_counter < since_reset;
         if !self.keyframes.values().any(is_old) {
             return;

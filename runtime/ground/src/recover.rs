@@ -8,7 +8,7 @@ use plumbline_estimator::places::MapPath;
 use plumbline_link::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use plumbline_link::net::read::{self, Heard};
 use plumbline_link::net::{ROOT, now_ns};
-use plumbline_record::messages::{Clock, PastPose, Trajectory};
+use plumbline_record::messages::{Clock, PastPose, PastTrajectory};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -113,7 +113,7 @@ async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
 /// Queries the path so far; returns whether a reply arrived.
 async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     let selector = format!("{ROOT}/{name}/trajectory/**?step_ms={PAST_STEP_MS}");
-    let answers = get(session, fleet, &selector, Priority::DataLow, read::decode::<Trajectory>).await;
+    let answers = get(session, fleet, &selector, Priority::DataLow, read::decode::<PastTrajectory>).await;
     let mut past: Vec<PastPose> = answers.iter().flat_map(|answer| answer.poses.iter().copied()).collect();
     past.sort_by_key(|pose| pose.stamp);
     if let Some(vehicle) = lock(fleet).vehicle(name) {

@@ -2,7 +2,7 @@
 
 use super::channel::Channel;
 use super::fleet::Fleet;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 use serde_json::{Value, json};
 use std::io;
 use std::path::Path;
@@ -32,7 +32,7 @@ fn channel(channel: &Channel) -> Value {
     })
 }
 
-fn vehicle(v: &Vehicle) -> Value {
+fn vehicle(v: &VehicleState) -> Value {
     let ms = |ns: i64| ns as f64 * 1e-6;
     json!({
         "odom": channel(&v.odom),

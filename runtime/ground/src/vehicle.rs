@@ -29,7 +29,7 @@ const MAX_RECORDED: usize = 1_080_000;
 
 /// A camera image as it was received.
 #[derive(Clone, Debug)]
-pub struct Picture {
+pub struct ReceivedPicture {
     /// The message.
     pub message: Arc<Heard<Shown>>,
     /// Counts images.
@@ -49,7 +49,7 @@ pub const fn state_words(state: TrackingState) -> &'static str {
 
 /// One vehicle.
 #[derive(Clone, Debug)]
-pub struct Vehicle {
+pub struct VehicleState {
     /// True while its liveliness token is there.
     pub is_alive: bool,
     /// Number of the vehicle in the order in which the station received them.
@@ -109,14 +109,14 @@ pub struct Vehicle {
     /// Newest message of each topic that has no place of its own.
     pub others: BTreeMap<Topic, Value>,
     /// Newest picture.
-    pub picture: Option<Picture>,
+    pub picture: Option<ReceivedPicture>,
     /// The newest recording.
     pub recording: Option<Samples>,
     /// True while a recording goes on.
     pub is_recording: bool,
 }
 
-impl Default for Vehicle {
+impl Default for VehicleState {
     fn default() -> Self {
         Self {
             is_alive: false,
@@ -155,7 +155,7 @@ impl Default for Vehicle {
     }
 }
 
-impl Vehicle {
+impl VehicleState {
     /// One that nothing was heard of yet.
     #[must_use]
     pub fn arrived(arrival: u64) -> Self {
@@ -272,7 +272,7 @@ impl Vehicle {
     /// Applies a camera image.
     pub fn show(&mut self, message: Heard<Shown>) {
         let version = self.picture.as_ref().map_or(0, |picture| picture.version) + 1;
-        self.picture = Some(Picture { message: Arc::new(message), version });
+        self.picture = Some(ReceivedPicture { message: Arc::new(message), version });
     }
 
     /// Starts a new recording, or ends the current one.

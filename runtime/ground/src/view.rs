@@ -9,7 +9,7 @@ pub use log_pane::LogPane;
 
 use super::fleet::{Fleet, lock};
 use super::terminal::is_gone;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 use super::{NO_VEHICLE, REDRAW, quit};
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use keyboard::Keyboard;
@@ -121,7 +121,7 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
 }
 
 /// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
-fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &Vehicle, now: Instant, area: Rect) {
+fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: Instant, area: Rect) {
     let block = Block::bordered().title(title(name, vehicle, now));
     let inner = block.inner(area);
     frame.render_widget(block, area);
@@ -137,7 +137,7 @@ fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &Vehicle, now: Insta
     frame.render_widget(Paragraph::new(figures(vehicle, now)), text);
 }
 
-fn title(name: &str, vehicle: &Vehicle, now: Instant) -> Line<'static> {
+fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
     let presence = vehicle.presence(now);
     let colour = match presence {
         "tracking" => Color::Green,
@@ -151,7 +151,7 @@ fn title(name: &str, vehicle: &Vehicle, now: Instant) -> Line<'static> {
     ])
 }
 
-fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
+fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
     let position = vehicle.pose_o_b.map_or_else(
         || "no pose".to_owned(),
         |pose| {

@@ -1,13 +1,15 @@
 //! The network process: reads a flight from its local socket, publishes it, and brings commands back.
 
-use crate::net::{Commands, Endpoints, Feed, NetError, Publisher};
+use crate::net::{CommandRelay, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
+use plumbline_client::{ClientError, Local};
 use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
+use plumbline_flight::local::Failure;
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, ClientError, Failure, Record};
 use plumbline_flight::pipeline::Stamps;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::messages::Configuration;
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -106,12 +108,12 @@ pub fn serve(
     stop: &AtomicBool,
 ) -> Result<Ended, NetworkProcessError> {
     stream.set_read_timeout(Some(GREETING_PATIENCE))?;
-    let mut client = Client::new(stream.try_clone()?);
+    let mut client = Local::over(stream.try_clone()?);
     let mut requests = client.requests()?;
     requests.send(&Request::Subscribe(WANTED))?;
     let (configuration, may_command) = greeted(&mut client)?;
     stream.set_read_timeout(None)?;
-    let commands = Arc::new(Commands::new(requests, may_command));
+    let commands = Arc::new(CommandRelay::new(requests, may_command));
     let outputs = match Outputs::start(&configuration, options, &commands) {
         Ok(outputs) => outputs,
         Err(error) => {
@@ -125,19 +127,24 @@ pub fn serve(
 }
 
 /// Reads up to the configuration; also whether the flight takes commands of this process.
-fn greeted(client: &mut Client) -> Result<(Configuration, bool), ClientError> {
+fn greeted(client: &mut Local) -> Result<(Configuration, bool), ClientError> {
     let mut may_command = false;
     loop {
         match client.next_record()? {
-            Record::Hello(rights) => may_command = rights,
-            Record::Configuration(configuration) => return Ok((configuration, may_command)),
+            LocalRecord::Hello(rights) => may_command = rights,
+            LocalRecord::Configuration(configuration) => return Ok((configuration, may_command)),
             _ => {}
         }
     }
 }
 
 /// Hands out records until the flight or `stop` ends it; then what waits is sent.
-fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands, stop: &AtomicBool) -> Ended {
+fn until_the_end(
+    client: &mut Local,
+    mut outputs: Outputs,
+    commands: &CommandRelay,
+    stop: &AtomicBool,
+) -> Ended {
     let is_over = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -149,7 +156,7 @@ fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands,
         });
         let ended = loop {
             match client.next_record() {
-                Ok(Record::End) => break Ended::FlightOver,
+                Ok(LocalRecord::End) => break Ended::FlightOver,
                 Ok(record) => outputs.take(record, client.content(), commands),
                 Err(error) => {
                     if !matches!(error, ClientError::Closed) && !stop.load(Ordering::Relaxed) {
@@ -176,7 +183,7 @@ impl Outputs {
     fn start(
         configuration: &Configuration,
         options: &LinkOptions,
-        commands: &Arc<Commands>,
+        commands: &Arc<CommandRelay>,
     ) -> Result<Self, NetworkProcessError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
         let rot_v_b = config.vehicle.rot_v_b();
@@ -198,7 +205,7 @@ impl Outputs {
     fn start_net(
         config: &ValidConfig,
         options: &LinkOptions,
-        commands: &Arc<Commands>,
+        commands: &Arc<CommandRelay>,
     ) -> Result<Option<(Publisher, Feed)>, NetError> {
         if !has_network(&config.network, options) {
             return Ok(None);
@@ -208,11 +215,11 @@ impl Outputs {
         start(config, &endpoints, Arc::clone(commands)).map(Some)
     }
 
-    fn take(&mut self, record: Record, message: &[u8], commands: &Commands) {
+    fn take(&mut self, record: LocalRecord, message: &[u8], commands: &CommandRelay) {
         if let Some((_, ros)) = &mut self.ros {
             ros.take(&record, message);
         }
-        if let Record::Answer(answer) = record {
+        if let LocalRecord::Answer(answer) = record {
             return commands.take(answer);
         }
         if let Some((_, feed)) = &mut self.net {

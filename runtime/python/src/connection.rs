@@ -8,7 +8,7 @@ use plumbline_client::{ClientError, Local};
 use plumbline_config::Timestamp;
 use plumbline_record::layout;
 use plumbline_record::local::record::{Header, Kind, Kinds};
-use plumbline_record::local::request::{At, MAX_PATIENCE_MS, Request, Status};
+use plumbline_record::local::request::{At, MAX_PATIENCE_MS, Request, RequestStatus};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
 use pyo3::prelude::*;
@@ -179,7 +179,7 @@ impl Connection {
         let local = guard.as_ref().ok_or_else(|| closed(py))?;
         let answer = py.detach(|| local.command(&request, timeout)).map_err(|error| lost(py, &error))?;
         match answer.status {
-            Status::Done => Ok(answer.words),
+            RequestStatus::Done => Ok(answer.words),
             _ => Err(Class::Run.error(py, format!("the flight refused the reset: {}", answer.words))),
         }
     }

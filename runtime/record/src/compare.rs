@@ -32,7 +32,7 @@ impl fmt::Display for Difference {
 }
 
 /// An output that is recorded and executed again.
-pub trait Output: Record {
+pub trait ComparedOutput: Record {
     /// Name in messages.
     const OUTPUT: &'static str;
     /// Its number in its stream.
@@ -41,7 +41,7 @@ pub trait Output: Record {
 
 macro_rules! outputs {
     ($($type:ident, $name:literal, $sequence:ident;)*) => {$(
-        impl Output for $type {
+        impl ComparedOutput for $type {
             const OUTPUT: &'static str = $name;
 
             fn sequence(&self) -> u64 {
@@ -69,7 +69,7 @@ fn fields(record: &dyn Parts) -> Vec<(&'static str, Value<'_>)> {
 }
 
 /// The first number in which two outputs differ.
-fn difference<T: Output>(recorded: &T, executed: &T) -> Option<Difference> {
+fn difference<T: ComparedOutput>(recorded: &T, executed: &T) -> Option<Difference> {
     let pairs = fields(recorded).into_iter().zip(fields(executed));
     let (field, was, is) = pairs.into_iter().find_map(|((name, was), (_, is))| different(name, was, is))?;
     Some(Difference { field, ..told(recorded, was, is) })
@@ -99,7 +99,7 @@ fn in_full(number: f64) -> String {
     format!("{number:e} (bits {:016x})", number.to_bits())
 }
 
-fn told<T: Output>(output: &T, recorded: String, executed: String) -> Difference {
+fn told<T: ComparedOutput>(output: &T, recorded: String, executed: String) -> Difference {
     Difference {
         output: format!("{} {}", T::OUTPUT, output.sequence()),
         stamp: stamp_of(output).unwrap_or_default().to_string(),
@@ -134,7 +134,7 @@ impl<T> Default for Pairing<T> {
     }
 }
 
-impl<T: Output> Pairing<T> {
+impl<T: ComparedOutput> Pairing<T> {
     /// The next output of the log.
     pub fn recorded(&mut self, output: T) {
         self.recorded.push_back(output);

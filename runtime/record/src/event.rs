@@ -1,13 +1,15 @@
 //! Events of a flight: what people want to know, as text of fixed size, made without allocation.
 
 use plumbline_config::Timestamp;
+use serde::Serialize;
 use std::fmt::{self, Write as _};
 
 /// Longest text of an event, bytes.
 pub const MAX_EVENT_BYTES: usize = 120;
 
 /// Severity of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// Good to know.
     Info,

@@ -4,7 +4,7 @@
 
 use crate::event::Event;
 use crate::orders::{CorrectionOrder, FrameOrder, InstantAnswer, InstantOrder, MapOrder, ResetOrder};
-use crate::parts::{FrameAbout, Recording};
+use crate::parts::{FrameAbout, RecordingState};
 use crate::row::ALL_OF_IT;
 use crate::row::Priority::{Background, Data, DataHigh, DataLow, InteractiveHigh, RealTime};
 use crate::row::Subscription::{Always, Asked, Other};
@@ -48,7 +48,7 @@ topics! {
     /// Events.
     Event (Event: Event) = "foxglove.Log".log("/event");
     /// State of the recording.
-    Recording = "plumbline.v1.log.Recording".record::<Recording>().log("/recorder");
+    Recording = "plumbline.v1.log.Recording".record::<RecordingState>().log("/recorder");
     /// Calibration of the left camera.
     LeftCalibration = "foxglove.CameraCalibration".log("/calibration/left");
     /// Calibration of the right camera.
@@ -75,7 +75,7 @@ topics! {
     /// Path corrected by loop closures, after each keyframe of the map.
     Path = "plumbline.v1.Path".record::<MapPath>().kind(22, Asked).key("map/path", Data, [1.0, 0.5, 0.1]).answers("map/path");
     /// Rung of the degradation ladder, on subscription and on change.
-    Ladder = "plumbline.v1.Ladder".record::<Ladder>().kind(23, Asked);
+    Ladder = "plumbline.v1.Ladder".record::<LadderRung>().kind(23, Asked);
     /// Left camera picture with what is tracked in it, while somebody asks for it.
     Picture = "plumbline.v1.Picture".record::<Picture>().kind(24, Other).key("camera", Background, [5.0, 2.0, 0.0]);
     /// End of the flight.
@@ -90,7 +90,7 @@ topics! {
     /// Keyframe that has left the window, with its landmarks as last estimated.
     Keyframe = "plumbline.v1.Window".record::<MapSnapshot>().key("map/keyframe", Data, ALL_OF_IT).answers_each("map/keyframe");
     /// Poses of the past.
-    Trajectory = "plumbline.v1.Trajectory".record::<Trajectory>().answers_each("trajectory");
+    Trajectory = "plumbline.v1.Trajectory".record::<PastTrajectory>().answers_each("trajectory");
     /// The vehicle's clock.
     Clock = "plumbline.v1.Clock".record::<Clock>().answers("clock");
     /// Resets the estimator: `?kind=soft` keeps the pose, `?kind=hard` starts at the origin.
@@ -170,7 +170,7 @@ pub struct Configuration {
 /// Rung of the degradation ladder, when it changes.
 #[derive(Clone, Debug, Default, PartialEq, Record)]
 #[record("Ladder")]
-pub struct Ladder {
+pub struct LadderRung {
     /// Steps down from full work.
     #[field(1)]
     pub level: u32,
@@ -245,7 +245,7 @@ pub struct Health {
     pub dropped: u64,
     /// Rung of the degradation ladder.
     #[field(6)]
-    pub ladder: Ladder,
+    pub ladder: LadderRung,
     /// Keyframes that left the window so far: who has fewer asks for those that are missing.
     #[field(7)]
     pub keyframes: u64,
@@ -267,7 +267,7 @@ pub struct Health {
 /// Poses of frames that the vehicle still holds, oldest first.
 #[derive(Clone, Debug, Default, PartialEq, Record)]
 #[record("Trajectory")]
-pub struct Trajectory {
+pub struct PastTrajectory {
     /// The poses.
     #[field(1)]
     pub poses: Vec<PastPose>,

@@ -2,7 +2,7 @@
 
 use crate::said::{Dropped, Kind};
 use plumbline_config::Timestamp;
-use plumbline_fields::{Enumeration, Field, Part, Record, Shape, Value};
+use plumbline_fields::{Enumeration, Field, FieldContent, Record, Shape, Value};
 
 /// The count of dropped entries of a kind.
 macro_rules! dropped {
@@ -65,7 +65,7 @@ pub struct FrameAbout {
     dropped!(9, MapEstimate, "map_estimates_dropped", ""),
     dropped!(10, Instant, "instants_dropped", "")
 )]
-pub struct Recording {
+pub struct RecordingState {
     /// End of the recording.
     #[field(1)]
     pub end: End,
@@ -90,7 +90,7 @@ pub enum End {
 }
 
 /// An end that this build does not know is none: the log goes on, or breaks off.
-impl Part for End {
+impl FieldContent for End {
     const SHAPE: Shape = {
         static ABOUT: Enumeration = Enumeration {
             name: "Recording.End",

@@ -22,7 +22,7 @@ pub enum Priority {
 
 /// Key of the network that a topic is published on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Key {
+pub struct NetworkKey {
     /// Key below `plumbline/<vehicle>/`.
     pub name: &'static str,
     /// Priority. What finds no room on the link is dropped.
@@ -76,7 +76,7 @@ pub struct Row {
     /// When readers of the local socket receive it.
     pub subscription: Subscription,
     /// Key of the network.
-    pub key: Option<Key>,
+    pub key: Option<NetworkKey>,
     /// Question that it answers.
     pub question: Option<Question>,
 }
@@ -122,7 +122,7 @@ impl Row {
     }
 
     pub(crate) const fn key(mut self, name: &'static str, priority: Priority, rates_hz: [f64; 3]) -> Self {
-        self.key = Some(Key { name, priority, rates_hz });
+        self.key = Some(NetworkKey { name, priority, rates_hz });
         self
     }
 

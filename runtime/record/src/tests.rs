@@ -6,7 +6,7 @@ use crate::fields::{Parts, Record, Shape, Value};
 use crate::layout;
 use crate::messages::{Picture, SensorNews};
 use crate::orders::{InstantAnswer, InstantOrder, InstantOutcome, InstantSource};
-use crate::parts::{FrameAbout, ImageAbout, Recording};
+use crate::parts::{FrameAbout, ImageAbout, RecordingState};
 use crate::protobuf::{decode, encode};
 use crate::said::FullEstimate;
 use crate::schema;
@@ -63,7 +63,7 @@ fn numbers_of_fields_have_no_gap_and_no_double() {
     check_table::<FullEstimate>();
     check_table::<Odometry>();
     check_table::<MapEstimate>();
-    check_table::<Recording>();
+    check_table::<RecordingState>();
 }
 
 /// Messages of logs from before the tables wrote them are among the fuzzers' seeds.
@@ -91,7 +91,7 @@ fn messages_of_earlier_builds_come_back_byte_for_byte() {
             8 => again::<Estimate>(bytes),
             9 => again::<MapEstimate>(bytes),
             10 => again::<Odometry>(bytes),
-            14 => again::<Recording>(bytes),
+            14 => again::<RecordingState>(bytes),
             _ => panic!("channel {channel} has no table"),
         };
         assert_eq!(back, bytes, "{}", path.display());

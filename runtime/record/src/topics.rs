@@ -11,7 +11,7 @@ use plumbline_config::Timestamp;
 use plumbline_config::options::{ImageRecording, Link};
 
 pub use crate::messages::{Said, Topic};
-pub use crate::row::{Decode, Key, Priority, Question, Row, Subscription};
+pub use crate::row::{Decode, NetworkKey, Priority, Question, Row, Subscription};
 
 impl Topic {
     /// Topics that have a channel of the log, in the order of its seal.
@@ -79,7 +79,7 @@ impl Topic {
     }
 
     /// Topics that are published on a key of the network.
-    pub fn published() -> impl Iterator<Item = (Self, Key)> {
+    pub fn published() -> impl Iterator<Item = (Self, NetworkKey)> {
         Self::ALL.into_iter().filter_map(|topic| Some((topic, topic.row().key?)))
     }
 

@@ -2,10 +2,11 @@
 
 use super::live::AWAKE;
 use crate::plumbline;
+use plumbline_client::Local;
 use plumbline_config::{Random, Timestamp};
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::{At, Request};
-use plumbline_flight::local::{Client, Record};
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
@@ -17,13 +18,13 @@ const COUNT: usize = 1_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 const MS: i64 = 1_000_000;
 
-fn connected(socket: &std::path::Path) -> Client {
+fn connected(socket: &std::path::Path) -> Local {
     let end = Instant::now() + PATIENCE;
     loop {
         match UnixStream::connect(socket) {
             Ok(stream) => {
                 stream.set_read_timeout(Some(PATIENCE)).unwrap();
-                return Client::new(stream);
+                return Local::over(stream);
             }
             Err(error) => assert!(Instant::now() < end, "{}: {error}", socket.display()),
         }
@@ -32,15 +33,15 @@ fn connected(socket: &std::path::Path) -> Client {
 }
 
 /// Asks, and waits for the answer.
-fn asked(client: &mut Client, stamp: Timestamp, patience_ms: u32, is_settled: bool) -> InstantAnswer {
+fn asked(client: &mut Local, stamp: Timestamp, patience_ms: u32, is_settled: bool) -> InstantAnswer {
     let at = At { stamp, patience_ms, is_settled };
     let mut requests = client.requests().unwrap();
     requests.send(&Request::At(at)).unwrap();
     loop {
         match client.next_record().unwrap() {
-            Record::Instant(answer, _) => return *answer,
-            Record::Answer(answer) => panic!("{answer:?}"),
-            Record::End => panic!("the flight ended"),
+            LocalRecord::Instant(answer, _) => return *answer,
+            LocalRecord::Answer(answer) => panic!("{answer:?}"),
+            LocalRecord::End => panic!("the flight ended"),
             _ => {}
         }
     }
@@ -50,7 +51,7 @@ fn asked(client: &mut Client, stamp: Timestamp, patience_ms: u32, is_settled: bo
 fn odometry(socket: &std::path::Path) -> Timestamp {
     let mut client = connected(socket);
     loop {
-        if let Record::Odometry(odometry, _) = client.next_record().unwrap() {
+        if let LocalRecord::Odometry(odometry, _) = client.next_record().unwrap() {
             return odometry.stamp;
         }
     }
@@ -120,7 +121,7 @@ fn states_at_random_instants_come_within_a_millisecond_and_verify() {
 
     // The trail holds the newest frame and those before it, in order.
     client.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Trail]))).unwrap();
-    let Record::Trail(trail) = client.next_record().unwrap() else { panic!("no trail") };
+    let LocalRecord::Trail(trail) = client.next_record().unwrap() else { panic!("no trail") };
     assert!(trail.states.len() > 3 && trail.states.is_sorted_by_key(|state| state.stamp));
     assert_eq!(trail.states.last().map(|state| state.stamp), Some(trail.stamp));
 

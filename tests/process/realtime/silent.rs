@@ -3,9 +3,10 @@
 
 use crate::local::{FLIGHT_S, Flight, connected, costs_the_flight_nothing};
 use crate::vehicle::{PLUMBLINE, Running, eventually, free_port};
+use plumbline_client::Local;
 use plumbline_flight::local::record::Kinds;
 use plumbline_flight::local::request::Request;
-use plumbline_flight::local::{Client, Record};
+use plumbline_record::local::content::LocalRecord;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -117,9 +118,9 @@ fn reads(socket: &std::path::Path, patience: Duration) -> Option<Duration> {
     while begun.elapsed() < patience {
         let Ok(stream) = UnixStream::connect(socket) else { continue };
         stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
-        let mut client = Client::new(stream);
+        let mut client = Local::over(stream);
         while let Ok(record) = client.next_record() {
-            if matches!(record, Record::Odometry(..)) {
+            if matches!(record, LocalRecord::Odometry(..)) {
                 return Some(begun.elapsed());
             }
         }
@@ -133,14 +134,14 @@ fn soak_silent_readers_of_the_local_socket_keep_nobody_out() {
     costs_the_flight_nothing(|| {
         let flight = Flight::new(FLIGHT_S);
         let vehicle = Running::start(flight.command());
-        let mut stays = Client::new(connected(&flight.socket()));
+        let mut stays = Local::over(connected(&flight.socket()));
         // Who has asked for something gives way after all who have not.
         stays.requests().unwrap().send(&Request::Subscribe(Kinds::SUBSCRIBABLE)).unwrap();
         // It stays if it has had odometry in the flight's last second too.
         let stays = std::thread::spawn(move || {
             let (mut received, mut last) = (0_u64, Instant::now());
             while let Ok(record) = stays.next_record() {
-                if matches!(record, Record::Odometry(..)) {
+                if matches!(record, LocalRecord::Odometry(..)) {
                     (received, last) = (received + 1, Instant::now());
                 }
             }

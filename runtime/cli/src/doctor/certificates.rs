@@ -80,7 +80,7 @@ fn days_left(path: &Path, now_s: i64, cure: &str) -> Result<i64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plumbline_link::net::keys::{Request, make};
+    use plumbline_link::net::keys::{KeysRequest, make};
     use std::fs::Permissions;
     use std::time::Duration;
 
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn dates_and_secrecy_decide() {
         let folder = tempfile::tempdir().unwrap();
-        make(&Request {
+        make(&KeysRequest {
             folder: folder.path(),
             roles: &[],
             vehicles: &[],

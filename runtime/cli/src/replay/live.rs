@@ -1,21 +1,23 @@
 //! Receivers of a replay while it goes on: recorder, autopilot, local socket, network.
 
 use super::ReplayArgs;
-use crate::link_process::LinkProcess;
+use crate::link_process::start_socket;
 use crate::{Usage, check_mounting};
 use anyhow::Result;
 use plumbline_config::ValidConfig;
-use plumbline_flight::flight::{Flight, Outputs, is_log};
-use plumbline_flight::local::{LocalSocket, SensorBoard};
+use plumbline_flight::flight::{Flight, Outputs};
+use plumbline_flight::local::SensorBoard;
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::pipeline::Control;
 use plumbline_link::process::{LinkOptions, has_network};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Starts those who are told of the flight while it goes on; returns where findings are posted for readers of the local socket.
 pub fn start_outputs(
     args: &ReplayArgs,
     flight: &Flight,
+    log: Option<&Path>,
     control: &Arc<Control>,
 ) -> Result<(Outputs, Option<SensorBoard>)> {
     let config = &flight.config;
@@ -23,53 +25,34 @@ pub fn start_outputs(
     if wants_autopilot(config, args)? {
         outputs.pilot(flight, control)?;
     }
-    if let Some(path) = &args.record {
-        if !is_log(path) {
-            let message = format!("{}: name the log with the ending .mcap", path.display());
-            return Err(Usage(message).into());
-        }
+    if let Some(path) = log {
         // A live flight never waits for the recorder, one in virtual time loses nothing.
         let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
         outputs.record(path, flight, when_full)?;
     }
-    if let Some(path) = &args.save_map {
+    if let Some(path) = &args.run.save_map {
         outputs.save_map(path, control)?;
     }
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
-    let board = start_network(args, flight, control, &mut outputs)?;
+    let link = args.publish.then(|| publishing(args, config)).transpose()?;
+    let board = start_socket(&mut outputs, flight, control, link)?;
     Ok((outputs, board))
 }
 
-/// Starts the local socket where one is named, and the network process where that is wanted; returns where findings are posted for them.
-fn start_network(
-    args: &ReplayArgs,
-    flight: &Flight,
-    control: &Arc<Control>,
-    outputs: &mut Outputs,
-) -> Result<Option<SensorBoard>> {
-    let config = &flight.config;
-    if !args.publish && config.local.path.is_empty() {
-        return Ok(None);
+/// Options of the network process.
+fn publishing(args: &ReplayArgs, config: &ValidConfig) -> Result<LinkOptions, Usage> {
+    if config.ros.enabled {
+        check_mounting(config)?;
     }
-    let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
-    let (door, board) = (socket.link_door(), socket.sensor_board());
-    outputs.add(socket);
-    if args.publish {
-        if config.ros.enabled {
-            check_mounting(config)?;
-        }
-        let (listen, connect) = (args.listen.clone(), args.connect.clone());
-        let link = LinkOptions { listen, connect, publish: false, is_patient: false };
-        if !has_network(&config.network, &link) {
-            tracing::warn!(
-                "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
-            );
-        }
-        outputs.add(LinkProcess::start(door, config, LinkOptions { publish: true, ..link })?);
+    let link = args.run.link(false);
+    if !has_network(&config.network, &link) {
+        tracing::warn!(
+            "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
+        );
     }
-    Ok(Some(board))
+    Ok(LinkOptions { publish: true, ..link })
 }
 
 /// True if an autopilot is configured that can receive odometry: it flies in real time, or not at all.

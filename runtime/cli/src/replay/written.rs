@@ -8,7 +8,6 @@ use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::Estimate;
 use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{CausalPose, Flown, Truth};
-use plumbline_flight::places::{MapContents, write_map};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -16,16 +15,12 @@ use std::path::Path;
 const COVARIANCE_HEADER: &str = "#timestamp [ns], 6x6 covariance by rows: position x y z [m] in the odometry frame O, attitude x y z \
                                  [rad] about the axes of the body B (R Exp(dtheta)), both against the first pose\n";
 
-/// Writes the trajectories that were asked for.
+/// Writes the odometry and the covariances, where they were asked for.
 pub fn write_trajectories(
     args: &ReplayArgs,
     poses: &[CausalPose],
     odometry: Option<&[StampedPose]>,
 ) -> Result<()> {
-    if let Some(path) = &args.trajectory {
-        let poses: Vec<_> = poses.iter().map(|p| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
-        write_tum(path, &poses)?;
-    }
     if let (Some(path), Some(odometry)) = (&args.odometry, odometry) {
         write_tum(path, odometry)?;
     }
@@ -35,16 +30,13 @@ pub fn write_trajectories(
     Ok(())
 }
 
-/// Writes what was asked for of the map.
+/// Writes the trajectories of the map that were asked for.
 pub fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
     if let Some(path) = &args.final_trajectory {
         write_tum(path, &flown.final_poses())?;
     }
     if let Some(path) = &args.map_trajectory {
         write_tum(path, &flown.poses_in_map())?;
-    }
-    if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
-        write_map(path, &MapContents::of(places.mapper.map()))?;
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use super::frames::VehicleFrames;
 use super::handover::{FlowHandover, Handover, Signals, flow_ring, handover_ring};
 use super::link::{AutopilotLink, LinkError};
 use super::sender::{BridgeFigures, Sender};
-use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use crate::pipeline::{Instants, Stamps};
 use crate::schedule::host::raise_priority;
 use crate::schedule::ring::Writer;
@@ -212,8 +212,8 @@ struct FlowListener {
 }
 
 impl Listener for FlowListener {
-    fn shown(&mut self, view: View<'_>) {
-        let View::Tracked(tracked) = view else { return };
+    fn shown(&mut self, view: ListenerView<'_>) {
+        let ListenerView::Tracked(tracked) = view else { return };
         if tracked.health.contains(HealthBits::BAD_STAMP) {
             return;
         }

@@ -187,7 +187,7 @@ impl Floor {
                 covariance_px2,
             });
         }
-        listener.shown(View::Tracked(&self.tracked));
+        listener.shown(ListenerView::Tracked(&self.tracked));
     }
 }
 

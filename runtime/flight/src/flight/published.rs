@@ -2,7 +2,7 @@
 //! uncertainty of each relative to the one a second before.
 
 use super::trajectory::{EntryStorage, Lent, MAX_RESERVED_FRAMES};
-use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_estimator::HealthBits;
@@ -135,8 +135,8 @@ impl Listener for OfEstimates {
         true
     }
 
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Solved(solved) = view {
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Solved(solved) = view {
             self.steps.entries.extend(solved.step);
         }
     }

@@ -4,7 +4,7 @@ use super::published::{Published, PublishedStates};
 use super::trajectory::{CausalPose, CausalTrajectory, LIVE_FRAMES, MAX_RESERVED_FRAMES};
 use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
-use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
+use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{InjectedFault, StampedPose};
 use plumbline_estimator::places::mapper::Passing;
@@ -20,7 +20,7 @@ pub struct Flown {
     /// Threads of the run.
     pub threads: usize,
     /// Times, counts and digests.
-    pub outcome: Outcome,
+    pub outcome: RunOutcome,
     /// Every pose as it was known when its frame came; of live sensors the first 36,000.
     pub poses: Vec<CausalPose>,
     /// States as they were published, to be judged by the truth; of replayed and simulated flights whose truth is known.

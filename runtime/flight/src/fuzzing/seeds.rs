@@ -2,10 +2,10 @@
 
 use super::fixture::{STAMP, estimate, odometry, put};
 use crate::local::record::{Kind, Kinds, MAGIC, encoded};
-use crate::local::request::{Answer, At, Request, Status};
+use crate::local::request::{Answer, At, Request, RequestStatus};
 use crate::local::{Failure, SensorNews, Shot};
 use crate::log::channel::Channel;
-use crate::log::{about::About, about::METADATA_NAME, drawn, image};
+use crate::log::{drawn, image, part_header::METADATA_NAME, part_header::PartHeader};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Isometry3, Vector3};
@@ -17,8 +17,8 @@ use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{MapSnapshot, ResetKind, Trail, TrailState};
 use plumbline_record::layout;
-use plumbline_record::messages::{Configuration, Ladder, Picture};
-use plumbline_record::parts::Recording;
+use plumbline_record::messages::{Configuration, LadderRung, Picture};
+use plumbline_record::parts::RecordingState;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{
@@ -61,7 +61,7 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
     };
     let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
     let dropped = Dropped([2, 0, 0, 0, 0, 0, 0, 0]);
-    let recording = Recording { dropped, seal: vec![7; 32], ..Recording::default() };
+    let recording = RecordingState { dropped, seal: vec![7; 32], ..RecordingState::default() };
     vec![
         (Channel::Imu, encode(&imu())),
         (Channel::Left, picture(ImageRecording::Png)),
@@ -102,7 +102,7 @@ fn log(with_chunks: bool) -> Vec<u8> {
         .calculate_summary_section_crc(false);
     let mut file = Cursor::new(Vec::new());
     let mut writer = options.create(&mut file).unwrap();
-    let mut metadata = About::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
+    let mut metadata = PartHeader::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
     metadata.insert("flight".into(), "0123456789abcdef".into());
     writer.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata }).unwrap();
     for (sequence, (channel, payload)) in (0u32..).zip(log_messages()) {
@@ -173,7 +173,7 @@ fn local_records() -> Vec<Vec<u8>> {
         sightings: 3,
         loops_used: 2,
     };
-    let answer = Answer { number: 4, status: Status::Refused, value: 0, words: "no".into() };
+    let answer = Answer { number: 4, status: RequestStatus::Refused, value: 0, words: "no".into() };
     let instant = InstantAnswer { number: 3, source: InstantSource::Trigger, ..InstantAnswer::default() };
     let state =
         TrailState { stamp: STAMP, pose_o_b: Isometry3::translation(1.0, 2.0, 3.0), v_o_b: Vector3::x() };
@@ -195,7 +195,7 @@ fn local_records() -> Vec<Vec<u8>> {
         record(Kind::MapEstimate, encode(&map)),
         record(Kind::Window, encode(&snapshot)),
         record(Kind::Path, encode(&path)),
-        record(Kind::Ladder, encode(&Ladder { level: 2, name: "no lines".into() })),
+        record(Kind::Ladder, encode(&LadderRung { level: 2, name: "no lines".into() })),
         record(Kind::Sensors, encode(&SensorNews::default())),
         record(Kind::Picture, encode(&Picture::from(&shot))),
         record(Kind::End, vec![0; 8]),

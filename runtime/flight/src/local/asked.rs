@@ -1,9 +1,9 @@
 //! Requests of states at instants: who asked, and how often anybody may.
 
 use super::allowance::Allowance;
-use super::reader::Reader;
+use super::reader::LocalReader;
 use super::record::{Kind, encoded};
-use super::request::{Answer, At, Status};
+use super::request::{Answer, At, RequestStatus};
 use crate::pipeline::{InstantRequest, Instants};
 use crate::schedule::ticker::Monotonic;
 use plumbline_record::{InstantAnswer, InstantSource, layout};
@@ -44,11 +44,12 @@ impl Asked {
     }
 
     /// Passes on the request of the reader at `place`; the answer if it is refused.
-    pub fn ask(&mut self, place: usize, reader: &mut Reader, number: u64, at: At) -> Option<Answer> {
+    pub fn ask(&mut self, place: usize, reader: &mut LocalReader, number: u64, at: At) -> Option<Answer> {
         let now = Instant::now();
         self.waiting.retain(|waiting| waiting.end > now);
-        let refused =
-            |words: &str| Some(Answer { number, status: Status::Failed, value: 0, words: words.into() });
+        let refused = |words: &str| {
+            Some(Answer { number, status: RequestStatus::Failed, value: 0, words: words.into() })
+        };
         let of_reader = self.waiting.iter().filter(|waiting| waiting.place == place).count();
         if of_reader == MAX_OF_A_READER || self.waiting.len() == MAX_WAITING {
             return refused("busy: too many instants are waited for; ask again when one is answered");

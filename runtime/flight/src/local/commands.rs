@@ -1,7 +1,7 @@
 //! Commands of readers, and what becomes of them.
 
-use super::reader::{Reader, Rights};
-use super::request::{Answer, Request, Status};
+use super::reader::{LocalReader, Rights};
+use super::request::{Answer, Request, RequestStatus};
 use crate::pipeline::{Control, MapRequest};
 use plumbline_estimator::ResetKind;
 use std::sync::Arc;
@@ -24,12 +24,12 @@ struct Save {
 
 /// Carries out commands.
 #[derive(Debug)]
-pub struct Commands {
+pub struct CommandExecutor {
     control: Arc<Control>,
     save: Option<Save>,
 }
 
-impl Commands {
+impl CommandExecutor {
     /// Commands to the run of `control`.
     pub fn new(control: Arc<Control>) -> Self {
         Self { control, save: None }
@@ -44,28 +44,30 @@ impl Commands {
     pub fn obey(
         &mut self,
         place: usize,
-        reader: &mut Reader,
+        reader: &mut LocalReader,
         number: u64,
         request: Option<Request>,
     ) -> Option<Answer> {
         let answer = |status, words: &str| Some(Answer { number, status, value: 0, words: words.into() });
-        let Some(request) = request else { return answer(Status::Malformed, "no request of this version") };
+        let Some(request) = request else {
+            return answer(RequestStatus::Malformed, "no request of this version");
+        };
         if !reader.rights.may_command() {
             let words = "commands are for root, the user of the flight and the group of the socket";
-            return answer(Status::Refused, words);
+            return answer(RequestStatus::Refused, words);
         }
         match request {
             Request::Reset(kind) => {
                 self.reset(kind, &reader.rights);
-                answer(Status::Done, "the reset takes effect with the next frame")
+                answer(RequestStatus::Done, "the reset takes effect with the next frame")
             }
             Request::SaveMap => self.save_map(place, number),
             Request::Watch(mhz) => {
                 reader.pictures_mhz = mhz.min(MAX_PICTURES_MHZ);
-                answer(Status::Done, "")
+                answer(RequestStatus::Done, "")
             }
             Request::Subscribe(_) | Request::At(_) | Request::Ready | Request::Failed(_) | Request::Alive => {
-                answer(Status::Refused, "only the network process of the flight reports")
+                answer(RequestStatus::Refused, "only the network process of the flight reports")
             }
         }
     }
@@ -80,8 +82,9 @@ impl Commands {
     }
 
     fn save_map(&mut self, place: usize, number: u64) -> Option<Answer> {
-        let refused =
-            |words: &str| Some(Answer { number, status: Status::Failed, value: 0, words: words.into() });
+        let refused = |words: &str| {
+            Some(Answer { number, status: RequestStatus::Failed, value: 0, words: words.into() })
+        };
         if self.is_saving() {
             return refused("busy: the map is being saved");
         }
@@ -104,12 +107,12 @@ impl Commands {
     pub fn saved(&mut self) -> Option<(usize, Answer)> {
         let save = self.save.as_ref()?;
         let (status, value, words) = match self.control.map_saves().outcome(save.request) {
-            Some(Ok(keyframes)) => (Status::Done, keyframes, format!("{keyframes} keyframes saved")),
-            Some(Err(words)) => (Status::Failed, 0, words),
+            Some(Ok(keyframes)) => (RequestStatus::Done, keyframes, format!("{keyframes} keyframes saved")),
+            Some(Err(words)) => (RequestStatus::Failed, 0, words),
             None if Instant::now() < save.end => return None,
             None => {
                 let words = "the map was requested, but no keyframe has been added since; is there a pose?";
-                (Status::Failed, 0, words.into())
+                (RequestStatus::Failed, 0, words.into())
             }
         };
         let answer = Answer { number: save.number, status, value, words };

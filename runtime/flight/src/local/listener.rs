@@ -3,7 +3,7 @@
 
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
-use crate::pipeline::listener::{Listener, View};
+use crate::pipeline::listener::{Listener, ListenerView};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use crate::schedule::pace::Pace;
@@ -67,7 +67,7 @@ pub struct Writers {
 
 /// Reading ends of [`Writers`].
 #[derive(Debug)]
-pub struct Waiting {
+pub struct LaneReaders {
     pub odometry: LaneReader<Handed<Odometry>>,
     pub instants: LaneReader<Handed<InstantAnswer>>,
     pub estimates: LaneReader<Handed<FullEstimate>>,
@@ -76,7 +76,7 @@ pub struct Waiting {
 
 /// State that the run and the socket's thread share.
 #[derive(Debug)]
-pub struct Shared {
+pub struct SocketState {
     /// Wakes the socket's thread.
     pub bell: EventBell,
     /// Heartbeat of the socket's thread.
@@ -102,12 +102,12 @@ pub struct Shared {
     losses: Vec<LaneLosses>,
 }
 
-impl Shared {
+impl SocketState {
     /// Everything allocated for the configuration.
     ///
     /// # Errors
     /// When the system has no more file descriptors.
-    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, Waiting)> {
+    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, LaneReaders)> {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
         let (instants_in, instants, instant_losses) = lane(INSTANT_LANE);
         let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
@@ -138,7 +138,7 @@ impl Shared {
             estimates: Some(estimates_in),
             others: others_in,
         };
-        Ok((shared, writers, Waiting { odometry, instants, estimates, others }))
+        Ok((shared, writers, LaneReaders { odometry, instants, estimates, others }))
     }
 
     /// Sets what the readers want, and the highest rate of pictures among them, mHz.
@@ -166,13 +166,13 @@ impl Shared {
 
 /// Copies what a thread says and a reader wants, and has no way of its own; the rest is taken by `inner`.
 pub struct RelayListener {
-    pub shared: Arc<Shared>,
+    pub shared: Arc<SocketState>,
     pub others: LaneWriter<Said>,
     pub inner: Box<dyn Listener>,
 }
 
 impl Listener for RelayListener {
-    fn shown(&mut self, view: View<'_>) {
+    fn shown(&mut self, view: ListenerView<'_>) {
         self.inner.shown(view);
     }
 
@@ -188,7 +188,7 @@ impl Listener for RelayListener {
 
 /// Copies odometry, and states at instants.
 pub struct TickListener {
-    shared: Arc<Shared>,
+    shared: Arc<SocketState>,
     odometry: LaneWriter<Handed<Odometry>>,
     instants: LaneWriter<Handed<InstantAnswer>>,
     /// Newest stamp that went out blind: what a sensor brings late is older, and stamps rise.
@@ -197,7 +197,7 @@ pub struct TickListener {
 
 impl TickListener {
     pub fn new(
-        shared: Arc<Shared>,
+        shared: Arc<SocketState>,
         odometry: LaneWriter<Handed<Odometry>>,
         instants: LaneWriter<Handed<InstantAnswer>>,
     ) -> Self {
@@ -226,8 +226,8 @@ impl Listener for TickListener {
         }
     }
 
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Blind(odometry) = view {
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Blind(odometry) = view {
             self.copy(odometry);
             self.blind = odometry.stamp;
         }
@@ -236,13 +236,13 @@ impl Listener for TickListener {
 
 /// Copies estimates, and the window.
 pub struct WindowListener {
-    pub shared: Arc<Shared>,
+    pub shared: Arc<SocketState>,
     pub estimates: LaneWriter<Handed<FullEstimate>>,
 }
 
 impl Listener for WindowListener {
-    fn shown(&mut self, view: View<'_>) {
-        let View::Solved(solved) = view else { return };
+    fn shown(&mut self, view: ListenerView<'_>) {
+        let ListenerView::Solved(solved) = view else { return };
         let is_news = solved.estimate.figures.is_keyframe && solved.estimate.has_pose();
         if is_news && self.shared.wants(Kind::Window) {
             self.shared.snapshots.fill(|snapshot| solved.copy_to(snapshot));
@@ -266,11 +266,11 @@ impl Listener for WindowListener {
 }
 
 /// Copies the corrected path.
-pub struct PlacesListener(pub Arc<Shared>);
+pub struct PlacesListener(pub Arc<SocketState>);
 
 impl Listener for PlacesListener {
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Mapped(mapped) = view
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Mapped(mapped) = view
             && self.0.wants(Kind::Path)
         {
             self.0.paths.fill(|path| mapped.mapper.copy_path(path));
@@ -281,7 +281,7 @@ impl Listener for PlacesListener {
 
 /// Takes pictures, and notes the rung of the ladder.
 pub struct FrontEndListener {
-    shared: Arc<Shared>,
+    shared: Arc<SocketState>,
     pace: Pace,
     pace_mhz: u32,
     /// Changes places with one of the pool when it is whole.
@@ -292,7 +292,7 @@ pub struct FrontEndListener {
 
 impl FrontEndListener {
     /// Listener that takes pictures while a reader wants them; `shot` has room for any.
-    pub fn new(shared: Arc<Shared>, shot: Shot) -> Self {
+    pub fn new(shared: Arc<SocketState>, shot: Shot) -> Self {
         Self { shared, pace: Pace::new(0.0), pace_mhz: 0, shot, is_pending: false }
     }
 }
@@ -311,10 +311,10 @@ impl FrontEndListener {
 }
 
 impl Listener for FrontEndListener {
-    fn shown(&mut self, view: View<'_>) {
+    fn shown(&mut self, view: ListenerView<'_>) {
         match view {
-            View::Tracked(tracked) => self.note(tracked),
-            View::Frame(frame) if self.is_pending && self.shot.expose(frame) => {
+            ListenerView::Tracked(tracked) => self.note(tracked),
+            ListenerView::Frame(frame) if self.is_pending && self.shot.expose(frame) => {
                 self.is_pending = false;
                 self.shared.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
                 self.shared.wake();

@@ -6,16 +6,14 @@
 //! oldest records and is told how many, and delays nobody.
 //!
 //! [`record`], [`request`] and [`plumbline_record::layout`] are the format, [`plumbline_record::messages`] the records that are
-//! protobuf; [`client`] is the other end.
+//! protobuf; the crate `plumbline-client` is the other end.
 
 mod allowance;
 mod asked;
-pub mod client;
 mod commands;
 mod door;
 mod listener;
 mod outbox;
-pub mod picture;
 mod reader;
 mod server;
 mod socket;
@@ -24,9 +22,8 @@ mod tests;
 mod words;
 
 pub use crate::sensor_board::{SensorBoard, SensorNews};
-pub use plumbline_record::local::{record, request};
+pub use plumbline_record::local::{picture, record, request};
 
-pub use client::{Client, ClientError, Record};
 pub use picture::Shot;
 pub use request::Failure;
 pub use socket::{LinkDoor, LocalSocket};

@@ -2,8 +2,8 @@
 
 use super::allowance::Allowance;
 use super::outbox::Outbox;
-use super::record::{Kind, Kinds, MAGIC, encoded};
-use super::request::{Inbox, Numbered, Request, TooLong};
+use super::record::{Kind, Kinds, MAGIC, TooLong, encoded};
+use super::request::{Inbox, Numbered, Request};
 use super::words::{LinkWord, LinkWords};
 use rustix::event::epoll::EventFlags;
 use std::io::{self, ErrorKind, Read as _};
@@ -55,7 +55,7 @@ impl Silence {
 
 /// One reader.
 #[derive(Debug)]
-pub struct Reader {
+pub struct LocalReader {
     pub stream: UnixStream,
     pub outbox: Outbox,
     pub kinds: Kinds,
@@ -82,7 +82,7 @@ pub struct Reader {
     upstream_before: u64,
 }
 
-impl Reader {
+impl LocalReader {
     /// Reader that has the greeting before it; its outbox holds `max_bytes`.
     pub fn new(
         stream: UnixStream,

@@ -2,18 +2,18 @@
 
 use super::LocalError;
 use super::asked::Asked;
-use super::commands::Commands;
+use super::commands::CommandExecutor;
 use super::door::Door;
-use super::listener::{Shared, Waiting, now_ns};
+use super::listener::{LaneReaders, SocketState, now_ns};
 use super::picture::Shot;
-use super::reader::{Reader, Rights};
+use super::reader::{LocalReader, Rights};
 use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
 use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
 use crate::pipeline::Control;
 use crate::schedule::ladder::Rung;
 use plumbline_estimator::places::MapPath;
-use plumbline_record::messages::{Configuration, Ladder, Picture};
+use plumbline_record::messages::{Configuration, LadderRung, Picture};
 use plumbline_record::{InstantSource, layout, protobuf};
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
@@ -52,18 +52,18 @@ const FIRST_READER: u64 = 2;
 /// The socket's thread.
 pub struct Server {
     epoll: OwnedFd,
-    shared: Arc<Shared>,
-    waiting: Waiting,
+    shared: Arc<SocketState>,
+    waiting: LaneReaders,
     door: Option<Door>,
     /// Time before which no reader is accepted.
     pause_end: Option<Instant>,
     /// When it was logged last that places are taken.
     logged: Option<Instant>,
     admissions: Receiver<Admission>,
-    readers: Vec<Option<Reader>>,
+    readers: Vec<Option<LocalReader>>,
     /// Bytes of the pictures that wait for one reader.
     picture_bytes: usize,
-    commands: Commands,
+    commands: CommandExecutor,
     asked: Asked,
     configuration: Arc<[u8]>,
     newest_path: Option<MapPath>,
@@ -80,7 +80,7 @@ impl Server {
     /// # Errors
     /// When the system has no more file descriptors.
     pub fn new(
-        (shared, waiting): (Arc<Shared>, Waiting),
+        (shared, waiting): (Arc<SocketState>, LaneReaders),
         door: Option<Door>,
         admissions: Receiver<Admission>,
         control: Arc<Control>,
@@ -106,7 +106,7 @@ impl Server {
             readers: Vec::new(),
             picture_bytes: OUTBOX_PICTURES * picture_bytes,
             asked: Asked::new(control.keep_instants()),
-            commands: Commands::new(control),
+            commands: CommandExecutor::new(control),
             configuration: configuration.into(),
             newest_path: None,
             health_bits: 0,
@@ -208,7 +208,7 @@ impl Server {
         };
         let now = Instant::now();
         let silence =
-            |slot: &Option<Reader>| slot.as_ref().filter(|reader| reader.user == crowd)?.silence(now);
+            |slot: &Option<LocalReader>| slot.as_ref().filter(|reader| reader.user == crowd)?.silence(now);
         let silences =
             self.readers.iter().enumerate().filter_map(|(place, slot)| Some((silence(slot)?, place)));
         let Some((silence, place)) = silences.max() else { return false };
@@ -241,7 +241,7 @@ impl Server {
         if !is_set || epoll::add(&self.epoll, &stream, data, EventFlags::IN).is_err() {
             return;
         }
-        let reader = Reader::new(stream, rights, OUTBOX_BYTES, self.shared.lost());
+        let reader = LocalReader::new(stream, rights, OUTBOX_BYTES, self.shared.lost());
         if place == self.readers.len() {
             self.readers.push(None);
         }
@@ -270,7 +270,7 @@ impl Server {
         }
     }
 
-    fn obey(&mut self, place: usize, reader: &mut Reader, Numbered { number, request }: Numbered) {
+    fn obey(&mut self, place: usize, reader: &mut LocalReader, Numbered { number, request }: Numbered) {
         if let Some(Request::Subscribe(kinds)) = request {
             reader.kinds = kinds;
             if kinds.has(Kind::Configuration) {
@@ -443,9 +443,9 @@ impl Server {
 }
 
 /// Message of a rung of the ladder.
-fn ladder(level: u8) -> Ladder {
+fn ladder(level: u8) -> LadderRung {
     let name = Rung::of_level(level).unwrap_or(Rung::Full).name();
-    Ladder { level: level.into(), name: name.into() }
+    LadderRung { level: level.into(), name: name.into() }
 }
 
 fn encode_path(path: &MapPath, sequence: u64) -> Arc<[u8]> {

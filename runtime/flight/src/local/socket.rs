@@ -3,7 +3,7 @@
 use super::LocalError;
 use super::door::Door;
 use super::listener::{
-    FrontEndListener, PlacesListener, RelayListener, Shared, TickListener, WindowListener, Writers,
+    FrontEndListener, PlacesListener, RelayListener, SocketState, TickListener, WindowListener, Writers,
 };
 use super::picture::Shot;
 use super::server::Server;
@@ -27,7 +27,7 @@ use std::thread::JoinHandle;
 #[derive(Clone, Debug)]
 pub struct LinkDoor {
     admissions: Sender<Admission>,
-    shared: Arc<Shared>,
+    shared: Arc<SocketState>,
 }
 
 impl LinkDoor {
@@ -42,7 +42,7 @@ impl LinkDoor {
 /// The local socket of a run.
 #[derive(Debug)]
 pub struct LocalSocket {
-    shared: Arc<Shared>,
+    shared: Arc<SocketState>,
     /// Taken by the listeners of the run.
     writers: Writers,
     shot: Option<Shot>,
@@ -57,7 +57,7 @@ impl LocalSocket {
     /// When the socket cannot be made, or there can be no thread.
     pub fn start(config: &ValidConfig, stamps: Stamps, control: Arc<Control>) -> Result<Self, LocalError> {
         let door = (!config.local.path.is_empty()).then(|| Door::open(&config.local)).transpose()?;
-        let (shared, writers, waiting) = Shared::new(config)?;
+        let (shared, writers, waiting) = SocketState::new(config)?;
         let shared = Arc::new(shared);
         let (admissions, admitted) = channel();
         let configuration = Configuration {

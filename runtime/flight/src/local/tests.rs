@@ -1,16 +1,18 @@
 //! The socket as its readers see it.
 
 use super::record::{Header, Kind, Kinds, encoded};
-use super::request::{Answer, At, Failure, Request, Status};
-use super::{Client, ClientError, LinkWord, LocalSocket, Record};
+use super::request::{Answer, At, Failure, Request, RequestStatus};
+use super::{LinkWord, LocalSocket};
 use crate::flight::Output as _;
 use crate::fuzzing::fixture;
 use crate::pipeline::instants::{InstantDesk, Standing};
-use crate::pipeline::listener::{Listener, Producer, Subscriber as _, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber as _};
 use crate::pipeline::{Control, Stamps};
+use plumbline_client::{ClientError, Local};
 use plumbline_config::{Config, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimate, Odometry, ResetKind, TrackingState};
-use plumbline_record::messages::Ladder;
+use plumbline_record::local::content::LocalRecord;
+use plumbline_record::messages::LadderRung;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{InstantAnswer, InstantSource, Said};
 use std::io::Write as _;
@@ -54,9 +56,9 @@ impl Flight {
     }
 
     /// A reader that has been greeted.
-    fn reader(&self) -> Client {
-        let mut client = Client::new(self.stream());
-        assert_eq!(client.next_record().unwrap(), Record::Hello(true));
+    fn reader(&self) -> Local {
+        let mut client = Local::over(self.stream());
+        assert_eq!(client.next_record().unwrap(), LocalRecord::Hello(true));
         client
     }
 
@@ -76,9 +78,9 @@ fn said(estimate: Estimate) -> Said {
     Said::Estimate(FullEstimate { estimate, frame_ms: 3.5 })
 }
 
-fn answer(client: &mut Client) -> Answer {
+fn answer(client: &mut Local) -> Answer {
     loop {
-        if let Record::Answer(answer) = client.next_record().unwrap() {
+        if let LocalRecord::Answer(answer) = client.next_record().unwrap() {
             return answer;
         }
     }
@@ -89,12 +91,12 @@ fn a_reader_receives_odometry_and_estimates_without_a_request() {
     let mut flight = Flight::start();
     let mut reader = flight.reader();
     let sent = flight.tick();
-    let Record::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
+    let LocalRecord::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
     assert_eq!(*got, sent);
     flight.window.said(&said(fixture::estimate()));
-    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate.kind()));
+    assert_eq!(reader.next_record().unwrap(), LocalRecord::Other(Kind::Estimate.kind()));
     flight.end();
-    assert_eq!(reader.next_record().unwrap(), Record::End);
+    assert_eq!(reader.next_record().unwrap(), LocalRecord::End);
     assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
 }
 
@@ -104,13 +106,16 @@ fn a_reader_receives_what_it_subscribes_to_and_the_configuration_at_once() {
     let mut reader = flight.reader();
     let kinds = Kinds::of(&[Kind::Configuration, Kind::FullEstimate, Kind::Ladder]);
     reader.requests().unwrap().send(&Request::Subscribe(kinds)).unwrap();
-    let Record::Configuration(configuration) = reader.next_record().unwrap() else { panic!() };
+    let LocalRecord::Configuration(configuration) = reader.next_record().unwrap() else { panic!() };
     assert!(configuration.toml.contains("[local]") && !configuration.stamps_of_host);
-    assert_eq!(reader.next_record().unwrap(), Record::Ladder(Ladder { level: 0, name: "full".into() }));
+    assert_eq!(
+        reader.next_record().unwrap(),
+        LocalRecord::Ladder(LadderRung { level: 0, name: "full".into() })
+    );
     flight.tick();
     let sent = Estimate { origin: Default::default(), ..fixture::estimate() };
     flight.window.said(&said(sent.clone()));
-    assert_eq!(reader.next_record().unwrap(), Record::Estimate(Box::new(sent), 3.5));
+    assert_eq!(reader.next_record().unwrap(), LocalRecord::Estimate(Box::new(sent), 3.5));
 }
 
 #[test]
@@ -120,14 +125,14 @@ fn a_reader_that_falls_behind_is_told_what_it_has_lost_and_the_others_lose_nothi
     let (mut slow, mut quick) = (flight.reader(), flight.reader());
     for _ in 0..RECORDS {
         let sent = flight.tick();
-        let Record::Odometry(got, _) = quick.next_record().unwrap() else { panic!() };
+        let LocalRecord::Odometry(got, _) = quick.next_record().unwrap() else { panic!() };
         assert_eq!(got.sequence, sent.sequence);
     }
     let (mut lost, mut got) = (0, Vec::new());
     while !got.ends_with(&[RECORDS]) {
         match slow.next_record().unwrap() {
-            Record::Lost(count) => lost = count,
-            Record::Odometry(odometry, _) => got.push(odometry.sequence),
+            LocalRecord::Lost(count) => lost = count,
+            LocalRecord::Odometry(odometry, _) => got.push(odometry.sequence),
             other => panic!("{other:?}"),
         }
     }
@@ -143,11 +148,11 @@ fn commands_reach_the_run_and_are_answered() {
     let mut requests = reader.requests().unwrap();
     let number = requests.send(&Request::Reset(ResetKind::Hard)).unwrap();
     let done = answer(&mut reader);
-    assert_eq!((done.number, done.status), (number, Status::Done));
+    assert_eq!((done.number, done.status), (number, RequestStatus::Done));
     assert_eq!(flight.control.take_reset(), Some(ResetKind::Hard));
     requests.send(&Request::SaveMap).unwrap();
     let refused = answer(&mut reader);
-    assert_eq!(refused.status, Status::Failed);
+    assert_eq!(refused.status, RequestStatus::Failed);
     assert!(refused.words.contains("--save-map"), "{}", refused.words);
     flight.control.map_saves().open();
     requests.send(&Request::SaveMap).unwrap();
@@ -156,21 +161,24 @@ fn commands_reach_the_run_and_are_answered() {
     assert!(flight.control.map_saves().take());
     flight.control.map_saves().tell(Ok(7));
     let saved = answer(&mut reader);
-    assert_eq!((saved.status, saved.value), (Status::Done, 7));
+    assert_eq!((saved.status, saved.value), (RequestStatus::Done, 7));
 }
 
 #[test]
 fn what_is_no_request_is_refused_and_does_nothing() {
     let flight = Flight::start();
     let mut stream = flight.stream();
-    let mut reader = Client::new(stream.try_clone().unwrap());
+    let mut reader = Local::over(stream.try_clone().unwrap());
     stream.write_all(&encoded(999, 4, |to| to.push(1))).unwrap();
     stream.write_all(&Request::Alive.encode(5)).unwrap();
     let failed = Request::Failed(Failure { is_usage: false, words: "no".into() });
     stream.write_all(&failed.encode(6)).unwrap();
     let statuses =
         [answer(&mut reader), answer(&mut reader), answer(&mut reader)].map(|a| (a.number, a.status));
-    assert_eq!(statuses, [(4, Status::Malformed), (5, Status::Refused), (6, Status::Refused)]);
+    assert_eq!(
+        statuses,
+        [(4, RequestStatus::Malformed), (5, RequestStatus::Refused), (6, RequestStatus::Refused)]
+    );
     // After a length beyond bounds nothing can be understood.
     stream.write_all(&Header { kind: 1, length: u32::MAX, ..Header::default() }.encode()).unwrap();
     assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
@@ -191,28 +199,28 @@ fn a_reader_that_floods_requests_and_reads_nothing_is_not_read_from() {
     // The others are served.
     let mut reader = flight.reader();
     reader.requests().unwrap().send(&Request::Reset(ResetKind::Hard)).unwrap();
-    assert_eq!(answer(&mut reader).status, Status::Done);
+    assert_eq!(answer(&mut reader).status, RequestStatus::Done);
 }
 
 #[test]
 fn a_half_open_reader_goes_on_reading_beside_more_readers_than_places() {
     let mut flight = Flight::start();
     let stream = flight.stream();
-    let mut half_open = Client::new(stream.try_clone().unwrap());
-    assert_eq!(half_open.next_record().unwrap(), Record::Hello(true));
+    let mut half_open = Local::over(stream.try_clone().unwrap());
+    assert_eq!(half_open.next_record().unwrap(), LocalRecord::Hello(true));
     stream.shutdown(Shutdown::Write).unwrap();
     // It is known to read: it has taken more than a socket holds.
     for _ in 0..6_000 {
         let sent = flight.tick();
-        let Record::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
+        let LocalRecord::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
         assert_eq!(got.sequence, sent.sequence);
     }
     // Each newcomer is greeted; the one that came first and has asked nothing makes way.
-    let mut readers: Vec<Client> = (0..128).map(|_| flight.reader()).collect();
+    let mut readers: Vec<Local> = (0..128).map(|_| flight.reader()).collect();
     assert!(matches!(readers[0].next_record(), Err(ClientError::Closed)));
     drop(readers);
     let sent = flight.tick();
-    let Record::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
+    let LocalRecord::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
     assert_eq!(got.sequence, sent.sequence);
 }
 
@@ -221,7 +229,7 @@ fn reports_of_the_network_process_reach_its_keeper() {
     let flight = Flight::start();
     let ((ours, theirs), (words, said)) = (UnixStream::pair().unwrap(), channel());
     assert!(flight.socket.link_door().admit(ours, words));
-    let mut requests = Client::new(theirs).requests().unwrap();
+    let mut requests = Local::over(theirs).requests().unwrap();
     requests.send(&Request::Subscribe(Kinds::DEFAULT)).unwrap();
     requests.send(&Request::Ready).unwrap();
     requests.send(&Request::Alive).unwrap();
@@ -234,12 +242,12 @@ fn reports_of_the_network_process_reach_its_keeper() {
 
 /// Whether a reader that comes now is greeted, and receives the odometry of the next tick.
 fn is_served(flight: &mut Flight) -> bool {
-    let mut client = Client::new(flight.stream());
-    if client.next_record().ok() != Some(Record::Hello(true)) {
+    let mut client = Local::over(flight.stream());
+    if client.next_record().ok() != Some(LocalRecord::Hello(true)) {
         return false;
     }
     flight.tick();
-    (0..600).any(|_| matches!(client.next_record(), Ok(Record::Odometry(..))))
+    (0..600).any(|_| matches!(client.next_record(), Ok(LocalRecord::Odometry(..))))
 }
 
 #[test]
@@ -249,7 +257,7 @@ fn silent_readers_give_way_to_new_ones_and_one_that_reads_stays() {
     // It has taken more than a socket holds.
     for _ in 0..6_000 {
         flight.tick();
-        while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+        while !matches!(honest.next_record().unwrap(), LocalRecord::Odometry(..)) {}
     }
     let silent: Vec<UnixStream> = (0..150).map(|_| flight.stream()).collect();
     (0..10).for_each(|_| assert!(is_served(&mut flight), "those that asked nothing give way"));
@@ -257,11 +265,11 @@ fn silent_readers_give_way_to_new_ones_and_one_that_reads_stays() {
     let end = Instant::now() + Duration::from_secs(4);
     while Instant::now() < end {
         flight.tick();
-        while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+        while !matches!(honest.next_record().unwrap(), LocalRecord::Odometry(..)) {}
     }
     (0..10).for_each(|_| assert!(is_served(&mut flight), "those that do not read give way"));
     flight.tick();
-    while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+    while !matches!(honest.next_record().unwrap(), LocalRecord::Odometry(..)) {}
     drop(silent);
     flight.end();
 }
@@ -273,13 +281,13 @@ fn odometry_goes_on_blind_and_late_readings_are_left_out() {
     let last = flight.tick();
     let at = |ms: i64| last.stamp.plus_nanos(ms * 1_000_000);
     let blind = Odometry { stamp: at(300), state: TrackingState::Blind, quality: 0, ..last.clone() };
-    flight.tick.shown(View::Blind(&blind));
+    flight.tick.shown(ListenerView::Blind(&blind));
     for ms in [100, 299, 305] {
         let odometry = Odometry { stamp: at(ms), sequence: last.sequence + 1, ..last.clone() };
         flight.tick.said(&Said::Odometry(odometry));
     }
     let mut next = || loop {
-        if let Record::Odometry(odometry, _) = reader.next_record().unwrap() {
+        if let LocalRecord::Odometry(odometry, _) = reader.next_record().unwrap() {
             break (odometry.stamp, odometry.state, odometry.quality);
         }
     };
@@ -313,7 +321,7 @@ fn a_state_at_an_instant_goes_to_the_one_who_asked() {
         flight.tick.said(&Said::Instant(answer));
     }
     for (reader, quality) in [&mut first, &mut second].into_iter().zip([0, 1]) {
-        let Record::Instant(answer, _) = reader.next_record().unwrap() else { panic!("no answer") };
+        let LocalRecord::Instant(answer, _) = reader.next_record().unwrap() else { panic!("no answer") };
         assert_eq!((answer.sequence, answer.number, answer.instant.quality), (1, 1, quality));
         assert_eq!((answer.source, answer.instant.stamp.as_nanos()), (InstantSource::Request, 7));
     }
@@ -349,10 +357,10 @@ fn states_at_triggers_go_to_those_who_subscribed() {
             break;
         }
     }
-    let Record::Instant(answer, _) = wants.next_record().unwrap() else { panic!("no answer") };
+    let LocalRecord::Instant(answer, _) = wants.next_record().unwrap() else { panic!("no answer") };
     assert_eq!(answer.source, InstantSource::Trigger);
     flight.end();
-    assert_eq!(does_not.next_record().unwrap(), Record::End);
+    assert_eq!(does_not.next_record().unwrap(), LocalRecord::End);
 }
 
 #[test]
@@ -365,8 +373,8 @@ fn more_requests_than_are_answered_are_refused_and_cost_nobody_else() {
         requests.send(&at(i64::MAX, 2_000)).unwrap();
     }
     for _ in 0..100 - 32 {
-        let Record::Answer(answer) = greedy.next_record().unwrap() else { panic!("no answer") };
-        assert!(answer.status == Status::Failed && answer.words.starts_with("busy"), "{answer:?}");
+        let LocalRecord::Answer(answer) = greedy.next_record().unwrap() else { panic!("no answer") };
+        assert!(answer.status == RequestStatus::Failed && answer.words.starts_with("busy"), "{answer:?}");
     }
     let modest = flight.reader();
     modest.requests().unwrap().send(&at(7, 2_000)).unwrap();

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Outputs of log and re-execution.
 #[derive(Debug, Default)]
-pub struct Outputs {
+pub struct ComparedOutputs {
     /// Estimates.
     pub estimates: Pairing<Estimate>,
     /// Odometry.
@@ -25,7 +25,7 @@ pub struct Outputs {
     pub map_ends_at_fault: bool,
 }
 
-impl Outputs {
+impl ComparedOutputs {
     /// The first output that differs.
     #[must_use]
     pub fn difference(&self) -> Option<&Difference> {
@@ -81,11 +81,11 @@ impl Outputs {
 
 /// Outputs that several stages add to.
 #[derive(Clone, Debug, Default)]
-pub struct Comparison(Arc<Mutex<Outputs>>);
+pub struct Comparison(Arc<Mutex<ComparedOutputs>>);
 
 impl Comparison {
     /// The outputs so far.
-    pub fn outputs(&self) -> MutexGuard<'_, Outputs> {
+    pub fn outputs(&self) -> MutexGuard<'_, ComparedOutputs> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -11,7 +11,7 @@ use super::LogError;
 use super::channel::Channel;
 use super::comparison::Comparison;
 use super::cursor::Cursor;
-use super::frames::Frames;
+use super::frames::FramePlayback;
 use crate::pipeline::machine::{Machine, Order, Orders};
 use crate::schedule::ladder::Rung;
 use plumbline_config::Timestamp;
@@ -47,7 +47,7 @@ enum Followed {
 /// Orders of a log, as they were given in flight.
 pub struct LogOrders<'a> {
     log: Cursor,
-    frames: Frames,
+    frames: FramePlayback,
     comparison: Comparison,
     /// Told the part that is done, from 0 to 1.
     progress: &'a mut dyn FnMut(f64),
@@ -108,7 +108,7 @@ impl<'a> LogOrders<'a> {
         comparison: Comparison,
         progress: &'a mut dyn FnMut(f64),
     ) -> Self {
-        let frames = Frames::new(&log.reader().about().config, images);
+        let frames = FramePlayback::new(&log.reader().about().config, images);
         Self {
             log,
             frames,

@@ -5,14 +5,14 @@
 //! execution of the log has the same window, bit for bit, and is where it is taken from.
 
 use super::LogError;
-use super::about::About;
 use super::channel::{Channel, FOXGLOVE};
 use super::drawn::log_time;
 use super::known::KnownMap;
+use super::part_header::PartHeader;
 use super::reader::LogReader;
 use super::scene::{self, Landmarks, SceneContent};
 use super::verify::{Verification, verify_before};
-use crate::pipeline::listener::{Listener, Producer, Solved, Subscriber, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Solved, Subscriber};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions};
 use nalgebra::Isometry3;
@@ -80,7 +80,7 @@ fn write(
     path: &Path,
     out: &Path,
     file: File,
-    about: &About,
+    about: &PartHeader,
     execute: impl FnOnce(Arc<Mutex<Drawing>>) -> Result<Verification, LogError>,
 ) -> Result<Exported, LogError> {
     let failed = |error: McapError| LogError::unusable(out, format!("cannot be written: {error}"));
@@ -129,7 +129,7 @@ struct Drawing {
 }
 
 impl Drawing {
-    fn new(file: File, about: &About) -> Result<Self, McapError> {
+    fn new(file: File, about: &PartHeader) -> Result<Self, McapError> {
         let options = WriteOptions::new()
             .library(format!("plumbline {}", about.build.version))
             .compression(Some(Compression::Lz4));
@@ -265,8 +265,8 @@ impl Listener for WindowListener {
         locked(&self.0).said(said);
     }
 
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Solved(solved) = view {
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Solved(solved) = view {
             locked(&self.0).solved(solved);
         }
     }

@@ -8,12 +8,12 @@ use plumbline_drivers::{StereoFrame, StereoSource};
 use plumbline_record::parts::FrameAbout;
 
 /// One frame after the other.
-pub struct Frames {
+pub struct FramePlayback {
     images: Option<Box<dyn StereoSource>>,
     frame: StereoFrame,
 }
 
-impl Frames {
+impl FramePlayback {
     /// Frames of a flight with this configuration.
     #[must_use]
     pub fn new(config: &Config, images: Option<Box<dyn StereoSource>>) -> Self {

@@ -1,7 +1,7 @@
 //! The map that a flight went on with: an input of its execution, which a log names by its hash.
 
 use super::LogError;
-use super::about::About;
+use super::part_header::PartHeader;
 use plumbline_estimator::places::PlaceMap;
 use std::path::Path;
 
@@ -16,7 +16,7 @@ pub struct KnownMap {
 /// The map that the flight of the log at `path` went on with, if `given` is that one.
 pub(super) fn known_map(
     path: &Path,
-    about: &About,
+    about: &PartHeader,
     given: Option<KnownMap>,
 ) -> Result<Option<PlaceMap>, LogError> {
     let words = match (&about.known_map, given) {

@@ -2,15 +2,15 @@
 //! that proves them.
 //!
 //! Writing: a [`recorder`] thread takes [`entry`]s from a bounded queue to a [`writer`], which cuts the log
-//! into parts ([`part`], [`parts`]) that each say what they belong to ([`about`]). Reading: a [`reader`] goes through
+//! into parts ([`part`], [`parts`]) that each say what they belong to ([`part_header`]). Reading: a [`reader`] goes through
 //! the parts, a [`cursor`] hands out one kind at a time, and [`source`] makes sensor streams of it.
 //! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`plumbline_record::compare`]). What the
 //! bytes mean is in [`channel`], [`plumbline_record::fields`], [`image`] and [`rig`].
 
-pub mod about;
 pub mod build_id;
 pub mod channel;
 mod comparison;
+pub mod complete_parts;
 pub mod cursor;
 pub mod drawn;
 pub mod entry;
@@ -23,11 +23,11 @@ mod known;
 pub mod narrate;
 pub mod part;
 pub mod part_file;
+pub mod part_header;
 pub mod parts;
 pub mod reader;
 pub mod recorder;
 pub mod rig;
-pub mod room;
 pub mod scene;
 pub mod seal;
 pub mod source;

@@ -3,9 +3,9 @@
 //! A chunk is complete in memory before it is written, at the latest half a second of data or a megabyte
 //! after the last. Chunks are compressed with LZ4.
 
-use super::about::{About, METADATA_NAME};
 use super::channel::{Channel, descriptors};
 use super::part_file::{OpenPart, PartFile};
+use super::part_header::{METADATA_NAME, PartHeader};
 use super::seal::Seal;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions};
@@ -45,7 +45,7 @@ impl Part {
     pub fn begin(
         file: PartFile,
         metadata: BTreeMap<String, String>,
-        about: &About,
+        about: &PartHeader,
     ) -> Result<Self, McapError> {
         let options = WriteOptions::new()
             .library(format!("plumbline {}", about.build.version))

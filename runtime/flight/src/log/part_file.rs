@@ -1,6 +1,6 @@
 //! The file under a part: counts what is written, and can be cut back to what is complete.
 
-use super::room::Room;
+use super::complete_parts::CompleteParts;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -112,7 +112,7 @@ pub struct Patience {
     is_over: Arc<AtomicBool>,
     /// A producer that waits for the recorder would wait for room forever.
     waits_for_room: Arc<AtomicBool>,
-    room: Option<Room>,
+    room: Option<CompleteParts>,
 }
 
 impl Patience {
@@ -206,7 +206,7 @@ impl OpenPart {
     }
 
     /// The parts of this log may make room for what is written.
-    pub fn set_room(&mut self, room: Room) {
+    pub fn set_room(&mut self, room: CompleteParts) {
         self.patience.room = Some(room);
     }
 

@@ -4,15 +4,15 @@
 //! process was killed, the disk was full) is read up to its last complete chunk and counts as truncated.
 
 use super::LogError;
-use super::about::{About, METADATA_NAME};
 use super::channel::Channel;
+use super::part_header::{METADATA_NAME, PartHeader};
 use super::parts::existing_parts;
 use super::seal::Seal;
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use plumbline_record::Dropped;
-use plumbline_record::parts::{End, Recording};
+use plumbline_record::parts::{End, RecordingState};
 use plumbline_record::protobuf::decode;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -52,7 +52,7 @@ pub enum Ending {
 
 /// A log that is being read.
 pub struct LogReader {
-    about: About,
+    about: PartHeader,
     part: Part,
     rest: VecDeque<(u32, PathBuf)>,
     parts: usize,
@@ -93,7 +93,7 @@ impl LogReader {
 
     /// Beginning of the log: flight, configuration, build.
     #[must_use]
-    pub fn about(&self) -> &About {
+    pub fn about(&self) -> &PartHeader {
         &self.about
     }
 
@@ -193,7 +193,7 @@ impl LogReader {
         if channel != Channel::Recording {
             return;
         }
-        let Ok(recording) = decode::<Recording>(&self.payload) else { return };
+        let Ok(recording) = decode::<RecordingState>(&self.payload) else { return };
         self.is_seal_broken |= recording.seal != self.part.seal.value();
         self.dropped = recording.dropped;
         match recording.end {
@@ -225,7 +225,7 @@ struct Part {
 
 impl Part {
     /// Opens a file and reads what it says of itself.
-    fn open(path: &Path) -> Result<(Self, About), LogError> {
+    fn open(path: &Path) -> Result<(Self, PartHeader), LogError> {
         let file = File::open(path).map_err(|e| LogError::io(path, e))?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
@@ -254,7 +254,7 @@ impl Part {
             }
         }
         let metadata = part.metadata.take().unwrap_or_default();
-        let about = About::from_metadata(&metadata).map_err(|reason| not_a_log(&reason))?;
+        let about = PartHeader::from_metadata(&metadata).map_err(|reason| not_a_log(&reason))?;
         Ok((part, about))
     }
 

@@ -7,9 +7,9 @@
 //! the next part, or (in a live run) no room on the disk, it waits for some, and what finds the queue full meanwhile is missing.
 
 use super::LogError;
-use super::about::About;
 use super::entry::LogEntry;
 use super::part_file::{OpenPart, Patience};
+use super::part_header::PartHeader;
 use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
@@ -203,7 +203,7 @@ impl Recorder {
         config: &ValidConfig,
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
-        let writer = LogWriter::create(path, About::new(config)?, limits, open)?;
+        let writer = LogWriter::create(path, PartHeader::new(config)?, limits, open)?;
         Self::start_writing(writer, path, config, when_full)
     }
 
@@ -218,7 +218,7 @@ impl Recorder {
         (known_map, first_reset_counter): (Option<String>, u32),
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
-        let about = About { known_map, first_reset_counter, ..About::new(config)? };
+        let about = PartHeader { known_map, first_reset_counter, ..PartHeader::new(config)? };
         let writer = LogWriter::create(path, about, Limits::of(&config.recorder), OpenPart::files())?;
         Self::start_writing(writer, path, config, when_full)
     }

@@ -3,7 +3,7 @@
 use super::LogError;
 use super::build_id::BuildId;
 use super::channel::Channel;
-use super::comparison::{Comparison, Outputs};
+use super::comparison::{ComparedOutputs, Comparison};
 use super::cursor::Cursor;
 use super::execute::LogOrders;
 use super::known::{KnownMap, known_map};
@@ -155,7 +155,7 @@ pub fn verify_before(
 fn summed_up(
     orders: &LogOrders<'_>,
     machine: &Machine<'_>,
-    outputs: &mut Outputs,
+    outputs: &mut ComparedOutputs,
     (same_build, config_hash): (bool, String),
 ) -> Verification {
     let log = orders.log().reader();
@@ -165,7 +165,7 @@ fn summed_up(
     // Where outputs differ the execution ended, and the others have no partners for it.
     let first = outputs.difference().cloned();
     outputs.finish(is_log_complete);
-    let Outputs { estimates, odometry, map, instants, map_ends_at_fault } = &*outputs;
+    let ComparedOutputs { estimates, odometry, map, instants, map_ends_at_fault } = &*outputs;
     let difference = first.or_else(|| outputs.difference().cloned());
     let not_recorded = estimates.missing + odometry.missing + map.missing + instants.missing;
     let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);

@@ -2,14 +2,14 @@
 //!
 //! Whatever ends the process or fills the disk, the files hold all chunks but the last ([`super::part`]).
 
-use super::about::About;
 use super::channel::Channel;
+use super::complete_parts::CompleteParts;
 use super::entry::LogEntry;
 use super::narrate::Narrator;
 use super::part::{MORE_TOPICS_BYTES, Part};
 use super::part_file::{OpenPart, Patience, Syncer};
+use super::part_header::PartHeader;
 use super::parts::{existing_parts, part_path};
-use super::room::Room;
 use super::{LogError, drawn, image, rig};
 use mcap::McapError;
 use plumbline_config::Timestamp;
@@ -17,7 +17,7 @@ use plumbline_config::options::{KeepPolicy, RecorderConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Estimate;
 use plumbline_record::fields::Parts;
-use plumbline_record::parts::{End, Recording};
+use plumbline_record::parts::{End, RecordingState};
 use plumbline_record::{Dropped, Event, Said, protobuf};
 use prost::Message;
 use std::os::unix::fs::MetadataExt as _;
@@ -53,14 +53,14 @@ impl Limits {
 /// Writes the parts of one log.
 pub struct LogWriter {
     path: PathBuf,
-    about: About,
+    about: PartHeader,
     limits: Limits,
     open: OpenPart,
     part: Option<Part>,
     /// The file of the part, by device and number, where it has one.
     inode: Option<(u64, u64)>,
     /// Parts that are complete.
-    room: Room,
+    room: CompleteParts,
     dropped: Dropped,
     /// Entries since the last complete chunk.
     unsaved: Dropped,
@@ -76,11 +76,16 @@ impl LogWriter {
     ///
     /// # Errors
     /// When there is one, or it cannot be created.
-    pub fn create(path: &Path, about: About, limits: Limits, mut open: OpenPart) -> Result<Self, LogError> {
+    pub fn create(
+        path: &Path,
+        about: PartHeader,
+        limits: Limits,
+        mut open: OpenPart,
+    ) -> Result<Self, LogError> {
         if let Some((_, path)) = existing_parts(path).into_iter().next() {
             return Err(LogError::Exists { path });
         }
-        let room = Room::new(path, limits.keep);
+        let room = CompleteParts::new(path, limits.keep);
         open.set_room(room.clone());
         let mut writer = Self {
             path: path.to_owned(),
@@ -206,7 +211,7 @@ impl LogWriter {
 
     fn put_recording(&mut self, end: End) -> Result<(), LogError> {
         let seal = self.part.as_ref().map_or_else(Vec::new, |part| part.seal());
-        self.buffer = protobuf::encode(&Recording { end, seal, dropped: self.dropped });
+        self.buffer = protobuf::encode(&RecordingState { end, seal, dropped: self.dropped });
         self.append(Channel::Recording, self.newest_ns)
     }
 

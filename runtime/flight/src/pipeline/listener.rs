@@ -57,7 +57,7 @@ pub trait Listener: Send {
     /// Something that the flight says: an input, an order, an output or an event.
     fn said(&mut self, _said: &Said) {}
     /// Shows the data of the thread, to be copied now or never.
-    fn shown(&mut self, _view: View<'_>) {}
+    fn shown(&mut self, _view: ListenerView<'_>) {}
 }
 
 /// Takes frames that are done with, once every listener has been shown them.
@@ -68,7 +68,7 @@ pub trait FrameKeeper: Send {
 
 /// Data of a thread.
 #[derive(Clone, Copy)]
-pub enum View<'a> {
+pub enum ListenerView<'a> {
     /// Tracks of a frame whose images are about to be released.
     Tracked(&'a Tracked),
     /// A frame that is done with, taken or refused.
@@ -148,7 +148,7 @@ impl Listener for Listeners {
         self.0.iter_mut().for_each(|listener| listener.said(said));
     }
 
-    fn shown(&mut self, view: View<'_>) {
+    fn shown(&mut self, view: ListenerView<'_>) {
         self.0.iter_mut().for_each(|listener| listener.shown(view));
     }
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Result of the last request: keyframes that were written, or the reason why none were. `None` before the first.
-pub type MapSaved = Option<Result<u32, String>>;
+pub type MapSaveResult = Option<Result<u32, String>>;
 
 /// A request to keep the map: how often it had been kept before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub struct MapSaves {
     is_open: AtomicBool,
     is_asked: AtomicBool,
     /// Number of requests that have ended, and the result of the last.
-    saved: Mutex<(u64, MapSaved)>,
+    saved: Mutex<(u64, MapSaveResult)>,
 }
 
 impl MapSaves {
@@ -37,7 +37,7 @@ impl MapSaves {
 
     /// Result of a request: `None` until it has ended. Does not wait.
     #[must_use]
-    pub fn outcome(&self, request: MapRequest) -> MapSaved {
+    pub fn outcome(&self, request: MapRequest) -> MapSaveResult {
         let saved = self.saved();
         if saved.0 == request.0 { None } else { saved.1.clone() }
     }
@@ -53,7 +53,7 @@ impl MapSaves {
         *saved = (saved.0 + 1, Some(outcome));
     }
 
-    fn saved(&self) -> MutexGuard<'_, (u64, MapSaved)> {
+    fn saved(&self) -> MutexGuard<'_, (u64, MapSaveResult)> {
         self.saved.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -27,7 +27,7 @@ mod virtual_time;
 pub use control::Control;
 pub use instants::{InstantRequest, Instants};
 pub use live::LiveFigures;
-pub use map_saves::{MapRequest, MapSaved, MapSaves};
+pub use map_saves::{MapRequest, MapSaveResult, MapSaves};
 pub use tick::CORRECTION_DELAY_NS;
 
 use crate::schedule::host::Host;
@@ -92,7 +92,7 @@ impl PlacesEnd {
 }
 
 /// Outcome of a run.
-pub struct Outcome {
+pub struct RunOutcome {
     /// Times and counts.
     pub figures: Figures,
     /// SHA-256 over the bits of all estimates.
@@ -152,7 +152,7 @@ pub fn run(
     options: &RunOptions,
     control: &Control,
     subscriber: &mut dyn Subscriber,
-) -> Result<Outcome, RunError> {
+) -> Result<RunOutcome, RunError> {
     let refused = |error: rayon_core::ThreadPoolBuildError| RunError::Thread(error.to_string());
     let helpers = options.threads.saturating_sub(1);
     match options.speed {

@@ -7,7 +7,7 @@
 
 use super::clock::Stopwatch;
 use super::effect::Effect;
-use super::listener::{Listener, Mapped, View};
+use super::listener::{Listener, ListenerView, Mapped};
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
@@ -108,7 +108,7 @@ impl PlacesStage {
         let watch = Stopwatch::start();
         let update = self.mapper.process(job);
         self.times_ms.record(watch.elapsed_ms());
-        self.listener.shown(View::Mapped(&Mapped { update: &update, mapper: &self.mapper }));
+        self.listener.shown(ListenerView::Mapped(&Mapped { update: &update, mapper: &self.mapper }));
         update
     }
 

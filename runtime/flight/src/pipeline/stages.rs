@@ -3,7 +3,7 @@
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::effect::Effect;
 use super::figures::{Cost, Figures, StageTimes};
-use super::listener::{FrameKeeper, Listener, Producer, Solved, Subscriber, View};
+use super::listener::{FrameKeeper, Listener, ListenerView, Producer, Solved, Subscriber};
 use super::places::MapStage;
 use super::team::Team;
 use super::tick::{TickStage, WARM_UP_NS};
@@ -110,7 +110,7 @@ impl FrontStage {
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
             listener.said(&Said::Order(order));
             front_end.track(&input, &rung.budget(), fork, [point_times, line_times], &mut job.tracked);
-            listener.shown(View::Tracked(&job.tracked));
+            listener.shown(ListenerView::Tracked(&job.tracked));
         });
         job.cost = cost;
         self.allocations += allocations;
@@ -143,7 +143,7 @@ impl FrontStage {
 
     /// A tracked frame is done with; other buffers may be left in its place.
     pub fn release(&mut self, frame: &mut StereoFrame) {
-        self.listener.shown(View::Frame(frame));
+        self.listener.shown(ListenerView::Frame(frame));
         if let Some(keeper) = &mut self.keeper {
             keeper.keep(frame);
         }
@@ -264,7 +264,7 @@ impl WindowStage {
         let Self { listener, odometer, times, .. } = self;
         let (estimate, cost, allocations) = measured(is_warm, || {
             let estimate = odometer.process(&job.tracked, times, feedback);
-            listener.shown(View::Solved(&Solved {
+            listener.shown(ListenerView::Solved(&Solved {
                 estimate: &estimate,
                 step: odometer.step_covariance(),
                 window: &odometer.window,

@@ -3,7 +3,7 @@
 use super::effect::Effect;
 use super::figures::StageTimes;
 use super::instants::{self, InstantDesk, Instants, Standing};
-use super::listener::{Listener, View};
+use super::listener::{Listener, ListenerView};
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;
@@ -184,7 +184,7 @@ impl TickStage {
     pub fn show_blind(&mut self, silence_ns: i64) {
         if let Some(last) = self.last.as_ref().filter(|_| silence_ns >= BLIND_NS) {
             let blind = blind(last, last.stamp.plus_nanos(silence_ns));
-            self.listener.shown(View::Blind(&blind));
+            self.listener.shown(ListenerView::Blind(&blind));
         }
     }
 

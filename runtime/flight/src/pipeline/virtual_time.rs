@@ -6,7 +6,7 @@
 use super::effect::Effect;
 use super::machine::{Machine, Order, Orders};
 use super::tick::CORRECTION_DELAY_NS;
-use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams};
+use super::{Control, DriverFaults, RunError, RunOptions, RunOutcome, Streams};
 use crate::pipeline::listener::Subscriber;
 use crate::pipeline::team::Team;
 use crate::schedule::ladder::Rung;
@@ -30,7 +30,7 @@ pub fn run(
     control: &Control,
     team: &Team,
     subscriber: &mut dyn Subscriber,
-) -> Result<Outcome, RunError> {
+) -> Result<RunOutcome, RunError> {
     let mut machine =
         Machine::new(config, (map, control.instants().cloned()), Effect::ByRule, team, subscriber);
     let mut orders = VirtualTime::new(config, imu, stereo, options, control)?;
@@ -39,7 +39,7 @@ pub fn run(
     let (estimate_digest, odometry_digest) = (machine.window().digest(), machine.tick().digest());
     let (figures, places) = machine.into_end();
     let faults = DriverFaults { imu: orders.imu.faults(), cameras: orders.stereo.faults() };
-    Ok(Outcome { figures, estimate_digest, odometry_digest, faults, places, live: None })
+    Ok(RunOutcome { figures, estimate_digest, odometry_digest, faults, places, live: None })
 }
 
 /// Next step of the run.

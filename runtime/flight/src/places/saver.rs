@@ -5,7 +5,7 @@
 
 use super::{MapContents, write_map};
 use crate::pipeline::Control;
-use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -86,8 +86,8 @@ struct Copier {
 }
 
 impl Listener for Copier {
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Mapped(mapped) = view
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Mapped(mapped) = view
             && self.control.map_saves().take()
         {
             // Of two requests while a map is written, one is enough: the one that waits was copied a moment ago.

@@ -1,7 +1,7 @@
 //! One client of the live server.
 
 use super::super::drawn::{DrawnTopic, Sent};
-use super::super::fleet::{FleetEvent, Severity, lock};
+use super::super::fleet::{FleetEvent, lock};
 use super::super::listen::watch_camera;
 use super::Server;
 use super::places::Seat;
@@ -10,6 +10,7 @@ use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
 use plumbline_flight::log::drawn::{log_time, timestamp};
 use plumbline_flight::log::foxglove;
+use plumbline_record::Severity;
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

@@ -9,7 +9,7 @@ mod client;
 mod places;
 pub mod protocol;
 
-use super::connection::Connection;
+use super::connection::StationSession;
 use super::fleet::Fleet;
 use super::web::{connections, guard};
 use axum::Router;
@@ -49,7 +49,7 @@ pub enum FoxgloveError {
 /// State shared by the clients.
 struct Server {
     fleet: Arc<Mutex<Fleet>>,
-    connection: Connection,
+    connection: StationSession,
     address: SocketAddr,
     names: Vec<String>,
     /// Tells this run of the station from others.
@@ -73,7 +73,7 @@ pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, FoxgloveError>
 pub async fn serve(
     listener: std::net::TcpListener,
     fleet: Arc<Mutex<Fleet>>,
-    connection: Connection,
+    connection: StationSession,
     names: &[String],
 ) -> Result<SocketAddr, FoxgloveError> {
     let listener = TcpListener::from_std(listener)?;

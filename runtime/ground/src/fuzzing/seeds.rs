@@ -9,7 +9,7 @@ use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_record::fields::Parts;
 use plumbline_record::messages::{
-    Clock, Envelope, Health, Ladder, MapSaved, PastPose, Picture, ResetDone, Trajectory,
+    Clock, Envelope, Health, LadderRung, MapSaved, PastPose, PastTrajectory, Picture, ResetDone,
 };
 use plumbline_record::protobuf::{encode, encode_brief};
 use plumbline_record::said::FullEstimate;
@@ -32,7 +32,7 @@ fn network_messages() -> Vec<Vec<u8>> {
     path.loops = vec![LoopEnds { seen: end, seen_by: end }];
     path.drift_m = Some(0.1);
     let past = PastPose { stamp, pose_o_b: Isometry3::identity(), reset_counter: 0 };
-    let ladder = Ladder { level: 0, name: "full".into() };
+    let ladder = LadderRung { level: 0, name: "full".into() };
     let messages = [
         sent(Topic::Odometry, &odometry()),
         sent(Topic::FullEstimate, &FullEstimate { estimate: estimate(), frame_ms: 3.5 }),
@@ -49,7 +49,7 @@ fn network_messages() -> Vec<Vec<u8>> {
         sent(Topic::Picture, &Picture { jpeg, width_px: 4, height_px: 4, ..Picture::default() }),
         sent(Topic::Path, &path),
         (b'c', encode(&Clock { received_ns: 5, answered_ns: 9 })),
-        (b't', encode(&Trajectory { poses: vec![past; 2] })),
+        (b't', encode(&PastTrajectory { poses: vec![past; 2] })),
         (b'r', encode(&ResetDone { words: "done".into(), ..ResetDone::default() })),
         (b's', encode(&MapSaved { keyframes: 7, words: "saved".into() })),
     ];

@@ -1,11 +1,11 @@
 //! A vehicle as it is shown: presence, attitude, and its state as text.
 
-use super::{LOST_AFTER, Vehicle};
+use super::{LOST_AFTER, VehicleState};
 use crate::attitude::Attitude;
 use nalgebra::{Isometry3, Vector3};
 use std::time::{Duration, Instant};
 
-impl Vehicle {
+impl VehicleState {
     /// True if two vehicles publish under its name.
     #[must_use]
     pub fn is_shared(&self) -> bool {

@@ -2,7 +2,7 @@
 
 use super::super::corrected::in_odometry;
 use super::super::fleet::Fleet;
-use super::super::vehicle::Vehicle;
+use super::super::vehicle::VehicleState;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Style};
@@ -66,7 +66,7 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, area: Rect) {
 }
 
 /// Both ends of every loop, from above.
-fn loops(vehicle: &Vehicle) -> Vec<[(f64, f64); 2]> {
+fn loops(vehicle: &VehicleState) -> Vec<[(f64, f64); 2]> {
     let Some(pose_m_o) = vehicle.pose_m_o() else { return Vec::new() };
     let place = |p: [f32; 3]| in_odometry(&pose_m_o, p);
     let both = |ends: &[[f32; 3]; 2]| ends.map(place).map(|p| (p.x, p.y));
@@ -74,7 +74,7 @@ fn loops(vehicle: &Vehicle) -> Vec<[(f64, f64); 2]> {
 }
 
 /// The keyframes of the corrected path, from above.
-fn corrected_path(vehicle: &Vehicle) -> Vec<(f64, f64)> {
+fn corrected_path(vehicle: &VehicleState) -> Vec<(f64, f64)> {
     let Some(pose_m_o) = vehicle.pose_m_o() else { return Vec::new() };
     let places = vehicle.corrected.pieces().iter().flatten().map(|p| in_odometry(&pose_m_o, *p));
     places.map(|p| (p.x, p.y)).collect()

@@ -2,7 +2,6 @@
 
 use super::super::command::{self, ResetWords};
 use super::super::export::{ExportFormat, export};
-use super::super::fleet::Severity;
 use super::super::fleet::lock;
 use super::super::map::Map;
 use super::Station;
@@ -11,6 +10,7 @@ use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use plumbline_record::Severity;
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;

@@ -3,8 +3,8 @@
 use super::super::corrected::Corrected;
 use super::super::fields::fields;
 use super::super::fleet::{Fleet, FleetEvent};
-use super::super::map::{MapKeyframe, Scene};
-use super::super::vehicle::Vehicle;
+use super::super::map::{MapKeyframe, WindowScene};
+use super::super::vehicle::VehicleState;
 use nalgebra::Isometry3;
 use plumbline_estimator::Estimate;
 use plumbline_link::net::read::Heard;
@@ -42,7 +42,7 @@ pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
     .to_string()
 }
 
-fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
+fn vehicle(name: &str, v: &VehicleState, now: Instant) -> Value {
     let s = &v.sigmas;
     let largest = |k: usize| s[k..k + 3].iter().copied().fold(0.0, f64::max);
     let sigma = json!({
@@ -85,7 +85,7 @@ fn position_covariance(e: &Estimate) -> [f64; 6] {
     [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| e.covariance[at])
 }
 
-fn link(v: &Vehicle, now: Instant) -> Value {
+fn link(v: &VehicleState, now: Instant) -> Value {
     let ms = |ns: i64| ns as f64 * 1e-6;
     let channels = [&v.odom, &v.state, &v.health];
     let live = channels.into_iter().filter(|channel| !channel.is_stale(now));
@@ -140,7 +140,7 @@ pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> St
 
 /// Keyframes and landmarks of the window.
 #[must_use]
-pub fn scene(vehicle: &str, scene: &Scene) -> String {
+pub fn scene(vehicle: &str, scene: &WindowScene) -> String {
     let rows: Vec<_> = (0u64..).zip(&scene.keyframes).map(|(id, pose)| keyframe_row(id, pose)).collect();
     json!({
         "type": "scene", "vehicle": vehicle, "keyframes": rows, "points": scene.points_o, "lines": scene.lines_o,

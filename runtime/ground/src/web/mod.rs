@@ -10,7 +10,7 @@ pub(super) mod guard;
 mod messages;
 pub(super) mod socket;
 
-use super::connection::Connection;
+use super::connection::StationSession;
 use super::fleet::Fleet;
 use axum::Router;
 use axum::routing::{get, post};
@@ -25,7 +25,7 @@ pub struct Station {
     /// Vehicles known.
     pub fleet: Arc<Mutex<Fleet>>,
     /// To the vehicles.
-    pub connection: Connection,
+    pub connection: StationSession,
     /// True if the page may give commands.
     pub commands: bool,
     /// Messages of pages that could not be understood.
@@ -75,7 +75,7 @@ pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
 pub async fn serve(
     listener: std::net::TcpListener,
     fleet: Arc<Mutex<Fleet>>,
-    connection: Connection,
+    connection: StationSession,
     commands: bool,
     names: &[String],
 ) -> Result<SocketAddr, ServeError> {

@@ -6,7 +6,7 @@
 use super::super::fleet::Fleet;
 use super::super::fleet::lock;
 use super::super::listen::watch_camera;
-use super::super::vehicle::Vehicle;
+use super::super::vehicle::VehicleState;
 use super::{Station, messages};
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -220,7 +220,7 @@ const PARTS: [Part; 5] = [Part::Track, Part::Map, Part::Corrected, Part::Scene, 
 
 impl Part {
     /// News for a page that has everything up to `place`.
-    fn news(self, name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
+    fn news(self, name: &str, vehicle: &VehicleState, place: &mut SentUpTo) -> Option<Message> {
         match self {
             Self::Track => track(name, vehicle, place),
             Self::Map => map(name, vehicle, place),
@@ -242,7 +242,7 @@ fn is_newer(last: &mut u64, version: u64) -> bool {
     std::mem::replace(last, version) != version
 }
 
-fn track(name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
+fn track(name: &str, vehicle: &VehicleState, place: &mut SentUpTo) -> Option<Message> {
     let is_new = place.track != Some(vehicle.track.epoch);
     let (first, points) = vehicle.track.since(if is_new { 0 } else { place.track_next }, MAX_TRACK);
     if !is_new && points.is_empty() {
@@ -253,7 +253,7 @@ fn track(name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message>
     Some(Message::text(messages::track(name, is_new, &points)))
 }
 
-fn map(name: &str, vehicle: &Vehicle, place: &mut SentUpTo) -> Option<Message> {
+fn map(name: &str, vehicle: &VehicleState, place: &mut SentUpTo) -> Option<Message> {
     let is_new = place.map != Some(vehicle.map.epoch);
     let (next, keyframes) = vehicle.map.since(if is_new { 0 } else { place.map_next }, MAX_KEYFRAMES);
     if !is_new && keyframes.is_empty() {

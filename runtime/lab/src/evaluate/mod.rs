@@ -30,7 +30,7 @@ pub use consistency::{
 pub use delta::Delta;
 pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
-pub use order::{Misordered, Order, misordered};
+pub use order::{Misordered, QuaternionOrder, misordered};
 pub use relative::{RelativeErrors, relative_errors};
 pub use stats::Statistics;
 pub use time_shift::find_time_offset;

@@ -27,7 +27,7 @@ pub struct Misordered {
     /// Which trajectory.
     pub side: Side,
     /// Order in which the columns seem to be, where they were read in another one.
-    pub order: Order,
+    pub order: QuaternionOrder,
     /// Difference of the attitudes as they were read, root mean square, degrees: about their mean, or as it is where they hardly
     /// scatter.
     pub read_deg: f64,
@@ -38,7 +38,7 @@ pub struct Misordered {
 /// Order of the components of a quaternion in a file, or its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Order {
+pub enum QuaternionOrder {
     /// As tables of EuRoC have it: w x y z.
     ScalarFirst,
     /// As TUM files have it: x y z w.
@@ -47,7 +47,7 @@ pub enum Order {
     Inverse,
 }
 
-impl Order {
+impl QuaternionOrder {
     /// The rotation whose components were read in the other order.
     fn reread(self, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         let [x, y, z, w]: [f64; 4] = rotation.coords.into();
@@ -96,10 +96,10 @@ pub fn misordered(pairs: &Pairs, similarity: &Similarity) -> Option<Misordered> 
     let frame = similarity.rotation;
     let (estimate, reference) = (rotations(&pairs.estimate), rotations(&pairs.reference));
     let read = differences(&frame, &estimate, &reference)?;
-    let orders = [Order::ScalarFirst, Order::ScalarLast, Order::Inverse];
+    let orders = [QuaternionOrder::ScalarFirst, QuaternionOrder::ScalarLast, QuaternionOrder::Inverse];
     let others =
         [Side::Estimate, Side::Reference].into_iter().flat_map(|side| orders.map(|order| (side, order)));
-    let judged: Vec<(Side, Order, Differences)> = others
+    let judged: Vec<(Side, QuaternionOrder, Differences)> = others
         .filter_map(|(side, order)| {
             let reread = |of: &[UnitQuaternion<f64>]| of.iter().map(|q| order.reread(q)).collect::<Vec<_>>();
             let other = match side {
@@ -110,11 +110,8 @@ pub fn misordered(pairs: &Pairs, similarity: &Similarity) -> Option<Misordered> 
         })
         .collect();
     let best = |by: fn(&Differences) -> f64| judged.iter().min_by(|a, b| by(&a.2).total_cmp(&by(&b.2)));
-    let named = |(side, order, other): &(Side, Order, Differences), by: fn(&Differences) -> f64| Misordered {
-        side: *side,
-        order: *order,
-        read_deg: by(&read),
-        other_deg: by(other),
+    let named = |(side, order, other): &(Side, QuaternionOrder, Differences), by: fn(&Differences) -> f64| {
+        Misordered { side: *side, order: *order, read_deg: by(&read), other_deg: by(other) }
     };
     let scatter = |d: &Differences| d.scatter_deg;
     let in_all = |d: &Differences| d.in_all_deg;
@@ -182,11 +179,11 @@ mod tests {
     }
 
     /// The file as the other order reads it.
-    fn misread(poses: &mut [StampedPose], is: Order) {
+    fn misread(poses: &mut [StampedPose], is: QuaternionOrder) {
         let read_as = match is {
-            Order::ScalarFirst => Order::ScalarLast,
-            Order::ScalarLast => Order::ScalarFirst,
-            Order::Inverse => Order::Inverse,
+            QuaternionOrder::ScalarFirst => QuaternionOrder::ScalarLast,
+            QuaternionOrder::ScalarLast => QuaternionOrder::ScalarFirst,
+            QuaternionOrder::Inverse => QuaternionOrder::Inverse,
         };
         poses.iter_mut().for_each(|p| p.pose.rotation = read_as.reread(&p.pose.rotation));
     }
@@ -199,9 +196,9 @@ mod tests {
     fn quaternions_in_the_other_order_are_named_with_their_side() {
         assert_eq!(judged(&pairs()), None);
         for (order, words) in [
-            (Order::ScalarFirst, "order w x y z"),
-            (Order::ScalarLast, "order x y z w"),
-            (Order::Inverse, "inverted"),
+            (QuaternionOrder::ScalarFirst, "order w x y z"),
+            (QuaternionOrder::ScalarLast, "order x y z w"),
+            (QuaternionOrder::Inverse, "inverted"),
         ] {
             for side in [Side::Estimate, Side::Reference] {
                 let mut pairs = pairs();
@@ -237,7 +234,7 @@ mod tests {
         {
             let sound = yawing(UnitQuaternion::from_euler_angles(roll, pitch, 0.0));
             assert_eq!(judged(&sound), None, "{roll} {pitch}");
-            for order in [Order::ScalarFirst, Order::ScalarLast] {
+            for order in [QuaternionOrder::ScalarFirst, QuaternionOrder::ScalarLast] {
                 let mut pairs = sound.clone();
                 misread(&mut pairs.estimate, order);
                 let found = judged(&pairs).unwrap_or_else(|| panic!("{roll} {pitch} {order:?}: silent"));

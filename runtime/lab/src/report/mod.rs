@@ -22,7 +22,7 @@ use plumbline_flight::flight::plausibility::{self, BURSTS, Finding, Fitness, Hea
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::log::source::LogEnd;
-use plumbline_flight::pipeline::{DriverFaults, LiveFigures, Outcome};
+use plumbline_flight::pipeline::{DriverFaults, LiveFigures, RunOutcome};
 use plumbline_flight::schedule::times::Percentiles;
 use plumbline_record::digest::config_hash;
 use sensors::SensorReport;
@@ -346,7 +346,7 @@ impl Report {
 }
 
 /// Means of the lines per frame.
-fn lines_of(outcome: &Outcome) -> Lines {
+fn lines_of(outcome: &RunOutcome) -> Lines {
     let f = &outcome.figures;
     let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
     Lines {
@@ -376,13 +376,13 @@ fn accuracy_lines(a: &Accuracy) -> [String; 2] {
 }
 
 /// Every stage by its name, that of the map too.
-fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
+fn stages_ms(outcome: &RunOutcome) -> BTreeMap<&'static str, Percentiles> {
     let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
     outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
 }
 
 /// Health bits that were set, with their numbers of frames.
-fn health_frames(outcome: &Outcome) -> BTreeMap<&'static str, u64> {
+fn health_frames(outcome: &RunOutcome) -> BTreeMap<&'static str, u64> {
     let names = HealthBits::NAMES.iter().map(|(_, name)| *name);
     names.zip(outcome.figures.health.bits).filter(|(_, frames)| *frames > 0).collect()
 }

@@ -14,10 +14,10 @@ use super::commands::reset_words;
 use super::error::NetError;
 use super::keyframes::KeyframeHistory;
 use super::outlet::{encoding, key_of};
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleFacts;
 use super::{now_ns, read};
 use plumbline_estimator::{Estimate, MapSnapshot, ResetKind};
-use plumbline_record::messages::{Clock, MapSaved, PastPose, ResetDone, Trajectory};
+use plumbline_record::messages::{Clock, MapSaved, PastPose, PastTrajectory, ResetDone};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::{Question, Topic};
 use std::collections::VecDeque;
@@ -77,7 +77,7 @@ impl Archive {
     }
 
     /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
-    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<Trajectory> {
+    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<PastTrajectory> {
         let mut next_ns = i64::MIN;
         let mut is_due = |pose: &&PastPose| {
             let stamp_ns = pose.stamp.as_nanos();
@@ -88,7 +88,7 @@ impl Archive {
             is_due
         };
         let selected: Vec<PastPose> = self.poses.iter().filter(&mut is_due).copied().collect();
-        let answer = |poses: &[PastPose]| Trajectory { poses: poses.to_vec() };
+        let answer = |poses: &[PastPose]| PastTrajectory { poses: poses.to_vec() };
         if selected.is_empty() {
             return vec![answer(&[])];
         }
@@ -99,7 +99,7 @@ impl Archive {
 /// Sources of the answers.
 pub struct Answers {
     /// Vehicle that answers.
-    pub vehicle: Arc<Vehicle>,
+    pub vehicle: Arc<VehicleFacts>,
     /// Poses and keyframes.
     pub archive: Arc<Mutex<Archive>>,
     /// The newest count of resets.
@@ -273,7 +273,7 @@ impl Answers {
         let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
         let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
         let answers = lock(&self.archive).trajectory(&wanted, step_ns, size);
-        let numbered = |answer: &Trajectory| {
+        let numbered = |answer: &PastTrajectory| {
             (answer.poses.first().map_or(0, |first| first.stamp.as_nanos()), encode(answer))
         };
         Ok(answers.iter().map(numbered).collect())

@@ -1,9 +1,9 @@
 //! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
-use super::commands::{Commands, Watcher};
+use super::commands::{CommandRelay, Watcher};
 use super::pace::Rates;
 use super::picture;
-use super::relay::Shared;
+use super::relay::RelayState;
 use plumbline_flight::local::Shot;
 use plumbline_flight::schedule::lane::LaneReader;
 use plumbline_record::topics::Topic;
@@ -17,10 +17,10 @@ const LOOK_PERIOD: Duration = Duration::from_millis(200);
 /// Compresses and sends waiting images, which the flight makes while there are subscribers. Ends with the task.
 pub async fn serve(
     camera: Publisher<'static>,
-    shared: Arc<Shared>,
+    shared: Arc<RelayState>,
     mut pictures: LaneReader<Shot>,
     rates: Rates,
-    commands: Arc<Commands>,
+    commands: Arc<CommandRelay>,
 ) {
     let (mut sequence, mut looked, mut was_watched) = (0, None::<Instant>, false);
     let bell = match shared.picture_bell.listen() {

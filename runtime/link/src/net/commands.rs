@@ -1,8 +1,8 @@
 //! Commands on their way back to the flight, over the local socket.
 
+use plumbline_client::Requests;
 use plumbline_estimator::ResetKind;
-use plumbline_flight::local::client::Requests;
-use plumbline_flight::local::request::{Answer, At, Request, Status};
+use plumbline_flight::local::request::{Answer, At, Request, RequestStatus};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub enum Watcher {
 
 /// Way of commands to the flight. By default there is no flight at its end: a reset is accepted and never done.
 #[derive(Debug, Default)]
-pub struct Commands(Mutex<State>);
+pub struct CommandRelay(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
@@ -38,7 +38,7 @@ struct State {
     waiting: BTreeMap<u64, oneshot::Sender<Answer>>,
 }
 
-impl Commands {
+impl CommandRelay {
     /// Commands to the flight behind `requests`, which takes them or not.
     #[must_use]
     pub fn new(requests: Requests, may_command: bool) -> Self {
@@ -95,7 +95,7 @@ impl Commands {
             answered
         };
         match tokio::time::timeout(SAVE_PATIENCE, answered).await {
-            Ok(Ok(answer)) if answer.status == Status::Done => Ok(answer.value),
+            Ok(Ok(answer)) if answer.status == RequestStatus::Done => Ok(answer.value),
             Ok(Ok(answer)) => Err(answer.words),
             _ => Err("the flight does not answer".into()),
         }

@@ -1,7 +1,7 @@
 //! Role, endpoints and credentials of a session.
 
 use super::error::NetError;
-use plumbline_config::options::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
+use plumbline_config::options::{CommandAccess, Link, LoginConfig, NetworkConfig, TlsConfig};
 
 /// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
 /// than the retransmissions of the last.
@@ -46,7 +46,7 @@ pub struct Endpoints {
     /// Memory limit of a vehicle's session, MB (10^6 bytes).
     pub max_memory_mb: u32,
     /// Clients that may give commands.
-    pub commands: Commands,
+    pub commands: CommandAccess,
     /// Certificates.
     pub tls: TlsConfig,
     /// Names and passwords.

@@ -83,7 +83,7 @@ pub const MAX_NAME: usize = 40;
 
 /// Keys and certificates to be made.
 #[derive(Clone, Debug)]
-pub struct Request<'a> {
+pub struct KeysRequest<'a> {
     /// Folder of the files.
     pub folder: &'a Path,
     /// Roles.
@@ -138,7 +138,7 @@ impl Holder {
 ///
 /// # Errors
 /// When a file cannot be read or written, a name is none, a certificate is there already, or not there to be renewed.
-pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
+pub fn make(request: &KeysRequest<'_>) -> Result<Vec<PathBuf>, KeysError> {
     let mut written = Vec::new();
     let path = |name: &str| request.folder.join(name);
     let holders = holders(request)?;
@@ -173,7 +173,7 @@ pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
 }
 
 /// Returns the holders that get a certificate.
-fn holders(request: &Request<'_>) -> Result<Vec<Holder>, KeysError> {
+fn holders(request: &KeysRequest<'_>) -> Result<Vec<Holder>, KeysError> {
     let named = request.vehicles.iter().map(|name| Holder::vehicle(name)).collect::<Result<Vec<_>, _>>()?;
     let mut holders: Vec<Holder> = request.roles.iter().map(|role| Holder::role(role)).chain(named).collect();
     if !holders.is_empty() {
@@ -210,7 +210,7 @@ fn number(holder: &Holder, path: &Path) -> Result<u32, KeysError> {
 }
 
 /// The names of a certificate: those of the request, else of the one that is renewed, else this host's.
-fn hosts(request: &Request<'_>, certificate: &Path) -> Result<Vec<String>, KeysError> {
+fn hosts(request: &KeysRequest<'_>, certificate: &Path) -> Result<Vec<String>, KeysError> {
     if !request.hosts.is_empty() {
         return Ok(request.hosts.to_vec());
     }
@@ -311,8 +311,8 @@ mod tests {
         names.iter().map(|n| (*n).to_owned()).collect()
     }
 
-    fn request<'a>(folder: &'a Path, roles: &'a [String], vehicles: &'a [String]) -> Request<'a> {
-        Request { folder, roles, vehicles, hosts: &[], days: 2, renew: false }
+    fn request<'a>(folder: &'a Path, roles: &'a [String], vehicles: &'a [String]) -> KeysRequest<'a> {
+        KeysRequest { folder, roles, vehicles, hosts: &[], days: 2, renew: false }
     }
 
     #[test]
@@ -382,7 +382,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let roles = strings(&["viewer"]);
         make(&request(folder.path(), &roles, &[])).unwrap();
-        let renewed = Request { renew: true, ..request(folder.path(), &roles, &[]) };
+        let renewed = KeysRequest { renew: true, ..request(folder.path(), &roles, &[]) };
         for _ in 1..MAX_NUMBER {
             make(&renewed).unwrap();
         }
@@ -394,10 +394,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (roles, vehicles, hosts) =
             (strings(&["router"]), strings(&["hawk"]), strings(&["hawk.local", "10.0.0.7", "::1"]));
-        make(&Request { hosts: &hosts, ..request(folder.path(), &roles, &vehicles) }).unwrap();
+        make(&KeysRequest { hosts: &hosts, ..request(folder.path(), &roles, &vehicles) }).unwrap();
         let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
         let (authority, before) = (read("authority.pem"), read("vehicle-hawk.pem"));
-        let renewed = Request { renew: true, ..request(folder.path(), &[], &[]) };
+        let renewed = KeysRequest { renew: true, ..request(folder.path(), &[], &[]) };
         assert_eq!(make(&renewed).unwrap().len(), 4);
         assert_eq!(read("authority.pem"), authority);
         let name = |file: &str| certificate::name_in(&folder.path().join(file)).unwrap();
@@ -405,7 +405,7 @@ mod tests {
         assert_ne!(read("vehicle-hawk.pem"), before);
         assert_eq!(hosts_of(&read("vehicle-hawk.pem")).unwrap(), hosts);
         let viewer = strings(&["viewer"]);
-        let error = make(&Request { renew: true, ..request(folder.path(), &viewer, &[]) }).unwrap_err();
+        let error = make(&KeysRequest { renew: true, ..request(folder.path(), &viewer, &[]) }).unwrap_err();
         assert!(matches!(error, KeysError::NothingToRenew { .. }), "{error}");
     }
 }

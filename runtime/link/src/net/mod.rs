@@ -35,7 +35,7 @@ pub mod task_bell;
 pub mod threads;
 pub mod vehicle;
 
-pub use commands::Commands;
+pub use commands::CommandRelay;
 pub use endpoints::{Endpoints, Mode};
 pub use error::NetError;
 pub use publisher::Publisher;

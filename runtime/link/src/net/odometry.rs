@@ -6,7 +6,7 @@
 use super::datagrams::Datagrams;
 use super::error::NetError;
 use super::outlet::{Outlet, key_of};
-use super::relay::Shared;
+use super::relay::RelayState;
 use plumbline_config::options::Link;
 use plumbline_estimator::Odometry;
 use plumbline_flight::schedule::lane::LaneReader;
@@ -47,7 +47,11 @@ impl OdometryPublisher {
     }
 
     /// Empties the ring until the flight is over.
-    pub fn spawn(mut self, shared: Arc<Shared>, mut waiting: LaneReader<(Odometry, i64)>) -> JoinHandle<()> {
+    pub fn spawn(
+        mut self,
+        shared: Arc<RelayState>,
+        mut waiting: LaneReader<(Odometry, i64)>,
+    ) -> JoinHandle<()> {
         ZRuntime::TX.spawn(async move {
             let bell = match shared.odometry_bell.listen() {
                 Ok(bell) => bell,

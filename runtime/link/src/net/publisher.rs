@@ -1,13 +1,13 @@
 //! A vehicle's presence on the network: hands the records of its flight to the network thread.
 
-use super::commands::Commands;
+use super::commands::CommandRelay;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::pace::Rates;
 use super::publishers::Publishers;
-use super::relay::{Feed, Shared, Waiting};
+use super::relay::{Feed, FeedReaders, RelayState};
 use super::security;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleFacts;
 use plumbline_config::ValidConfig;
 use plumbline_flight::local::Failure;
 use plumbline_flight::local::request::Request;
@@ -27,7 +27,7 @@ const RETRY: Duration = Duration::from_millis(500);
 /// A vehicle's presence on the network, for one flight.
 #[derive(Debug)]
 pub struct Publisher {
-    shared: Arc<Shared>,
+    shared: Arc<RelayState>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -39,7 +39,7 @@ impl Publisher {
     pub fn start(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        commands: Arc<Commands>,
+        commands: Arc<CommandRelay>,
     ) -> Result<(Self, Feed), NetError> {
         Self::begin(config, endpoints, commands, false)
     }
@@ -52,7 +52,7 @@ impl Publisher {
     pub fn start_patiently(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        commands: Arc<Commands>,
+        commands: Arc<CommandRelay>,
     ) -> Result<(Self, Feed), NetError> {
         Self::begin(config, endpoints, commands, true)
     }
@@ -60,7 +60,7 @@ impl Publisher {
     fn begin(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        commands: Arc<Commands>,
+        commands: Arc<CommandRelay>,
         is_patient: bool,
     ) -> Result<(Self, Feed), NetError> {
         let rates = Rates::of(endpoints.link);
@@ -70,7 +70,7 @@ impl Publisher {
             version: env!("CARGO_PKG_VERSION").into(),
             stamps_of_host: false,
         };
-        let vehicle = Arc::new(Vehicle {
+        let vehicle = Arc::new(VehicleFacts {
             name: endpoints.vehicle.clone(),
             configuration,
             offers_camera: config.network.camera,
@@ -122,7 +122,7 @@ impl Publisher {
 /// Initial state of the network's thread.
 struct Start {
     endpoints: Endpoints,
-    vehicle: Arc<Vehicle>,
+    vehicle: Arc<VehicleFacts>,
     rates: Rates,
     is_patient: bool,
     ready: SyncSender<Result<(), NetError>>,
@@ -130,7 +130,7 @@ struct Start {
 
 impl Start {
     /// Opens the session, says what became of that, and publishes until the flight is over.
-    async fn publish(self, shared: &Arc<Shared>, waiting: Waiting) {
+    async fn publish(self, shared: &Arc<RelayState>, waiting: FeedReaders) {
         let opened = match self.is_patient {
             true => self.declare_patiently(shared).await,
             false => self.declare().await.map(Some),
@@ -157,7 +157,7 @@ impl Start {
     }
 
     /// Opens the session as soon as that can be done; `None` when the flight is over before.
-    async fn declare_patiently(&self, shared: &Shared) -> Result<Option<Publishers>, NetError> {
+    async fn declare_patiently(&self, shared: &RelayState) -> Result<Option<Publishers>, NetError> {
         let mut told = String::new();
         loop {
             let error = tokio::select! {
@@ -187,7 +187,7 @@ impl Start {
 }
 
 /// Waits until the flight is over.
-async fn is_over(shared: &Shared) {
+async fn is_over(shared: &RelayState) {
     while !shared.stop.load(Ordering::Relaxed) {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }

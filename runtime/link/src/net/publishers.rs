@@ -5,7 +5,7 @@
 //! parts of the map are queried ([`super::answers`]).
 
 use super::answers::{self, Answers, Archive, lock};
-use super::commands::Commands;
+use super::commands::CommandRelay;
 use super::datagrams::Datagrams;
 use super::endpoints::Endpoints;
 use super::error::NetError;
@@ -14,16 +14,16 @@ use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
 use super::outlet::Outlet;
 use super::pace::Rates;
-use super::relay::{Relayed, Shared, Waiting};
-use super::vehicle::Vehicle;
+use super::relay::{FeedReaders, RelayState, Relayed};
+use super::vehicle::VehicleFacts;
 use super::{ROOT, audit, camera, diagnosis, now_ns};
 use nalgebra::UnitQuaternion;
 use plumbline_estimator::{Estimate, MapSnapshot};
-use plumbline_flight::local::Record;
 use plumbline_flight::local::request::Request;
 use plumbline_flight::schedule::ladder::Rung;
 use plumbline_flight::schedule::lane::LaneReader;
-use plumbline_record::messages::{Envelope, Health, Ladder, SensorNews};
+use plumbline_record::local::content::LocalRecord;
+use plumbline_record::messages::{Envelope, Health, LadderRung, SensorNews};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Topic;
 use std::sync::atomic::Ordering;
@@ -57,9 +57,9 @@ pub struct Publishers {
     rot_v_b: Option<UnitQuaternion<f64>>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
-    commands: Arc<Commands>,
+    commands: Arc<CommandRelay>,
     health: HealthFeed,
-    ladder: Ladder,
+    ladder: LadderRung,
     sensors: SensorNews,
     chores: Instant,
     alive: Instant,
@@ -72,7 +72,7 @@ impl Publishers {
     /// When the session cannot be opened or a key not be declared.
     pub async fn declare(
         endpoints: &Endpoints,
-        vehicle: Arc<Vehicle>,
+        vehicle: Arc<VehicleFacts>,
         rates: Rates,
     ) -> Result<Self, NetError> {
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
@@ -114,7 +114,7 @@ impl Publishers {
             resets,
             commands: Arc::clone(&vehicle.commands),
             health: HealthFeed::new(rates.period(Topic::Health)),
-            ladder: Ladder { level: 0, name: Rung::Full.name().into() },
+            ladder: LadderRung { level: 0, name: Rung::Full.name().into() },
             sensors: SensorNews::default(),
             chores: Instant::now(),
             alive: Instant::now(),
@@ -122,8 +122,8 @@ impl Publishers {
     }
 
     /// Sends what comes until the flight is over, then what is left.
-    pub async fn run(mut self, shared: &Arc<Shared>, waiting: Waiting) {
-        let Waiting { odometry: waiting, mut records, pictures } = waiting;
+    pub async fn run(mut self, shared: &Arc<RelayState>, waiting: FeedReaders) {
+        let FeedReaders { odometry: waiting, mut records, pictures } = waiting;
         let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(shared), waiting));
         let pictures = self.camera.take().map(|camera| {
             let commands = Arc::clone(&self.commands);
@@ -165,7 +165,7 @@ impl Publishers {
     }
 
     /// Sends what waits.
-    async fn empty(&mut self, shared: &Shared, records: &mut LaneReader<Relayed>) {
+    async fn empty(&mut self, shared: &RelayState, records: &mut LaneReader<Relayed>) {
         while let Some(relayed) = records.pop() {
             self.relay(shared, relayed).await;
         }
@@ -178,21 +178,21 @@ impl Publishers {
     }
 
     /// Sends a record on its key, and takes what other keys and answers need of it.
-    async fn relay(&mut self, shared: &Shared, Relayed { record, message }: Relayed) {
+    async fn relay(&mut self, shared: &RelayState, Relayed { record, message }: Relayed) {
         match record {
-            Record::Estimate(estimate, frame_ms) => {
+            LocalRecord::Estimate(estimate, frame_ms) => {
                 self.send(Topic::FullEstimate, message).await;
                 self.note(shared, &estimate, frame_ms).await;
             }
-            Record::MapEstimate(estimate) => self.map.follow(estimate, message).await,
-            Record::Window(snapshot) => {
+            LocalRecord::MapEstimate(estimate) => self.map.follow(estimate, message).await,
+            LocalRecord::Window(snapshot) => {
                 self.send(Topic::Window, message).await;
                 self.send_finished(&snapshot).await;
             }
-            Record::Path(path) => self.map.take(path, message),
-            Record::Ladder(ladder) => self.ladder = ladder,
-            Record::Sensors(news) => self.sensors = news,
-            Record::Other(kind) => {
+            LocalRecord::Path(path) => self.map.take(path, message),
+            LocalRecord::Ladder(ladder) => self.ladder = ladder,
+            LocalRecord::Sensors(news) => self.sensors = news,
+            LocalRecord::Other(kind) => {
                 if let Some(topic) = Topic::of_kind(kind) {
                     self.send(topic, message).await;
                 }
@@ -212,7 +212,7 @@ impl Publishers {
     }
 
     /// Takes what answers and health need of an estimate.
-    async fn note(&mut self, shared: &Shared, estimate: &Estimate, frame_ms: f64) {
+    async fn note(&mut self, shared: &RelayState, estimate: &Estimate, frame_ms: f64) {
         let keyframes = {
             let mut archive = lock(&self.archive);
             archive.remember(estimate);

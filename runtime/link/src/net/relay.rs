@@ -3,8 +3,9 @@
 use super::pace::Pace;
 use super::task_bell::TaskBell;
 use plumbline_estimator::{Estimate, Odometry};
-use plumbline_flight::local::{Record, Shot};
+use plumbline_flight::local::Shot;
 use plumbline_flight::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
 use std::sync::Arc;
@@ -21,7 +22,7 @@ const PICTURES: usize = 2;
 #[derive(Clone, Debug)]
 pub struct Relayed {
     /// The record.
-    pub record: Record,
+    pub record: LocalRecord,
     /// Message.
     pub message: Vec<u8>,
 }
@@ -29,7 +30,7 @@ pub struct Relayed {
 /// Takes the records of a flight.
 #[derive(Debug)]
 pub struct Feed {
-    shared: Arc<Shared>,
+    shared: Arc<RelayState>,
     odometry: LaneWriter<(Odometry, i64)>,
     records: LaneWriter<Relayed>,
     pictures: LaneWriter<Shot>,
@@ -39,7 +40,7 @@ pub struct Feed {
 
 /// Reading ends of a [`Feed`].
 #[derive(Debug)]
-pub struct Waiting {
+pub struct FeedReaders {
     /// Odometry, with the time it was handed over, ns since 1970; taken by the task that sends it.
     pub odometry: LaneReader<(Odometry, i64)>,
     /// Other records.
@@ -50,7 +51,7 @@ pub struct Waiting {
 
 /// State that feed and tasks share.
 #[derive(Debug)]
-pub struct Shared {
+pub struct RelayState {
     /// Wakes the task that sends odometry.
     pub odometry_bell: TaskBell,
     /// Wakes the task that sends other records.
@@ -69,11 +70,11 @@ impl Feed {
     ///
     /// # Errors
     /// When the system has no more file descriptors.
-    pub fn new(pictures_hz: f64) -> std::io::Result<(Self, Waiting, Arc<Shared>)> {
+    pub fn new(pictures_hz: f64) -> std::io::Result<(Self, FeedReaders, Arc<RelayState>)> {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY);
         let (records_in, records, record_losses) = lane(RECORDS);
         let (pictures_in, pictures, _) = lane(PICTURES);
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(RelayState {
             odometry_bell: TaskBell::new()?,
             bell: TaskBell::new()?,
             picture_bell: TaskBell::new()?,
@@ -88,25 +89,25 @@ impl Feed {
             pictures: pictures_in,
             picture_pace: Pace::new(pictures_hz),
         };
-        Ok((feed, Waiting { odometry, records, pictures }, shared))
+        Ok((feed, FeedReaders { odometry, records, pictures }, shared))
     }
 
     /// Takes a record with its message.
-    pub fn take(&mut self, record: Record, message: &[u8]) {
+    pub fn take(&mut self, record: LocalRecord, message: &[u8]) {
         match record {
-            Record::Odometry(odometry, handed_over_ns) => self.odometry(*odometry, handed_over_ns),
-            Record::Picture(shot) if self.picture_pace.admits(shot.stamp) => {
+            LocalRecord::Odometry(odometry, handed_over_ns) => self.odometry(*odometry, handed_over_ns),
+            LocalRecord::Picture(shot) if self.picture_pace.admits(shot.stamp) => {
                 self.pictures.push(shot);
                 self.shared.picture_bell.ring();
             }
-            Record::Lost(count) => self.shared.lost_before.store(count, Ordering::Relaxed),
-            Record::Picture(_)
-            | Record::Hello(_)
-            | Record::Answer(_)
-            | Record::Instant(..)
-            | Record::Trail(_)
-            | Record::Configuration(_)
-            | Record::End => {}
+            LocalRecord::Lost(count) => self.shared.lost_before.store(count, Ordering::Relaxed),
+            LocalRecord::Picture(_)
+            | LocalRecord::Hello(_)
+            | LocalRecord::Answer(_)
+            | LocalRecord::Instant(..)
+            | LocalRecord::Trail(_)
+            | LocalRecord::Configuration(_)
+            | LocalRecord::End => {}
             record => {
                 self.records.push(Relayed { record, message: message.to_vec() });
                 self.shared.bell.ring();
@@ -123,11 +124,11 @@ impl Feed {
     /// Takes an estimate, and the computation of its frame, ms.
     pub fn estimate(&mut self, estimate: Estimate, frame_ms: f64) {
         let message = encode(&FullEstimate { estimate: estimate.clone(), frame_ms });
-        self.take(Record::Estimate(Box::new(estimate), frame_ms), &message);
+        self.take(LocalRecord::Estimate(Box::new(estimate), frame_ms), &message);
     }
 }
 
-impl Shared {
+impl RelayState {
     /// Ends the flight: the tasks send what is left, and end.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);

@@ -11,7 +11,7 @@
 use super::ROOT;
 use super::certificate;
 use super::endpoints::{Endpoints, is_loopback};
-use plumbline_config::options::Commands;
+use plumbline_config::options::CommandAccess;
 use serde_json::{Value, json};
 
 /// To say something, or to be seen. Nobody deletes.
@@ -104,7 +104,7 @@ fn grant_certificates(table: &mut Table, endpoints: &Endpoints, keys: &Keys) {
     let mut operator = look();
     operator.push(from(ASK, &keys.commands));
     let mut router = passing(endpoints, keys);
-    if endpoints.commands == Commands::Anybody {
+    if endpoints.commands == CommandAccess::Anybody {
         viewer.push(from(ASK, &keys.commands));
         router.push(from(ASK, &keys.commands));
     }

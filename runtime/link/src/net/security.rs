@@ -10,7 +10,7 @@ use super::endpoints::Endpoints;
 pub use super::endpoints::is_loopback;
 use super::error::NetError;
 use super::roles;
-use plumbline_config::options::Commands;
+use plumbline_config::options::CommandAccess;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read as _;
@@ -119,13 +119,13 @@ pub fn as_given(endpoint: &str) -> &str {
 
 /// Reason why commands are refused whoever gives them; `None` when the access rules decide.
 #[must_use]
-pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
+pub fn refusal(commands: CommandAccess, endpoints: &Endpoints) -> Option<String> {
     match commands {
-        Commands::Anybody => return None,
-        Commands::Nobody => {
+        CommandAccess::Anybody => return None,
+        CommandAccess::Nobody => {
             return Some("this vehicle takes no commands: network.commands is \"nobody\"".into());
         }
-        Commands::Authenticated => {}
+        CommandAccess::Authenticated => {}
     }
     let cure = "others can read what is sent there, too; give certificates in [network.tls] and endpoints that begin \
                 with tls/, or set network.commands";
@@ -215,7 +215,7 @@ fn first_line(key: &'static str, path: &Path) -> Result<String, NetError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::keys::{self, Request};
+    use crate::net::keys::{self, KeysRequest};
     use plumbline_config::options::{LoginConfig, TlsConfig};
     use std::os::unix::fs::PermissionsExt as _;
 
@@ -230,37 +230,39 @@ mod tests {
     #[test]
     fn commands_are_refused_where_anybody_can_connect() {
         let open = listening_on("tcp/0.0.0.0:7447");
-        let words = refusal(Commands::Authenticated, &open).unwrap();
+        let words = refusal(CommandAccess::Authenticated, &open).unwrap();
         assert!(words.contains("tcp/0.0.0.0:7447") && words.contains("others can read"), "{words}");
-        assert_eq!(refusal(Commands::Anybody, &open), None);
+        assert_eq!(refusal(CommandAccess::Anybody, &open), None);
         let alone = listening_on("tcp/127.0.0.1:7447");
-        assert_eq!(refusal(Commands::Authenticated, &alone), None);
-        assert!(refusal(Commands::Nobody, &alone).is_some());
-        assert!(refusal(Commands::Authenticated, &Endpoints { scouting: true, ..alone }).is_some());
+        assert_eq!(refusal(CommandAccess::Authenticated, &alone), None);
+        assert!(refusal(CommandAccess::Nobody, &alone).is_some());
+        assert!(refusal(CommandAccess::Authenticated, &Endpoints { scouting: true, ..alone }).is_some());
         assert!(
-            refusal(Commands::Authenticated, &connecting_to("tcp/10.0.0.1:7447")).unwrap().contains("10.0")
+            refusal(CommandAccess::Authenticated, &connecting_to("tcp/10.0.0.1:7447"))
+                .unwrap()
+                .contains("10.0")
         );
     }
 
     #[test]
     fn a_router_of_this_host_may_listen_openly() {
-        assert!(refusal(Commands::Authenticated, &connecting_to("tcp/127.0.0.1:7447")).is_some());
+        assert!(refusal(CommandAccess::Authenticated, &connecting_to("tcp/127.0.0.1:7447")).is_some());
         let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
         let signed = Endpoints { tls, ..connecting_to("tls/127.0.0.1:7447") };
-        assert_eq!(refusal(Commands::Authenticated, &signed), None);
+        assert_eq!(refusal(CommandAccess::Authenticated, &signed), None);
     }
 
     #[test]
     fn certificates_open_the_way_for_commands_and_passwords_over_plain_tcp_do_not() {
         let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
         let closed = Endpoints { tls: tls.clone(), ..listening_on("tls/0.0.0.0:7447") };
-        assert_eq!(refusal(Commands::Authenticated, &closed), None);
+        assert_eq!(refusal(CommandAccess::Authenticated, &closed), None);
         let half = Endpoints { tls, ..listening_on("tcp/0.0.0.0:7447") };
-        assert!(refusal(Commands::Authenticated, &half).is_some());
+        assert!(refusal(CommandAccess::Authenticated, &half).is_some());
         let login = LoginConfig { users_file: "u".into(), user: "anna".into(), ..LoginConfig::default() };
         for endpoints in [listening_on("tcp/0.0.0.0:7447"), connecting_to("tcp/10.0.0.1:7447")] {
             let named = Endpoints { login: login.clone(), ..endpoints };
-            assert!(refusal(Commands::Authenticated, &named).is_some());
+            assert!(refusal(CommandAccess::Authenticated, &named).is_some());
         }
     }
 
@@ -285,7 +287,7 @@ mod tests {
     fn a_key_that_others_may_read_is_refused_and_so_is_another_vehicles_certificate() {
         let folder = tempfile::tempdir().unwrap();
         let (folder, roles) = (folder.path(), ["vehicle".to_owned()]);
-        let request = Request { folder, roles: &roles, vehicles: &[], hosts: &[], days: 2, renew: false };
+        let request = KeysRequest { folder, roles: &roles, vehicles: &[], hosts: &[], days: 2, renew: false };
         keys::make(&request).unwrap();
         let file = |name: &str| folder.join(name);
         let tls = TlsConfig {

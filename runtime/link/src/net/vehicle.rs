@@ -1,13 +1,13 @@
 //! Facts about a vehicle from which queries are answered.
 
-use super::commands::Commands;
+use super::commands::CommandRelay;
 use nalgebra::UnitQuaternion;
 use plumbline_record::messages::Configuration;
 use std::sync::Arc;
 
 /// Facts about a vehicle from which queries are answered.
 #[derive(Debug)]
-pub struct Vehicle {
+pub struct VehicleFacts {
     /// Name in the keys.
     pub name: String,
     /// The configuration in force.
@@ -19,5 +19,5 @@ pub struct Vehicle {
     /// Reason why commands are refused, if they are.
     pub refusal: Option<String>,
     /// Way of commands to the flight.
-    pub commands: Arc<Commands>,
+    pub commands: Arc<CommandRelay>,
 }

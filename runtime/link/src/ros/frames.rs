@@ -19,7 +19,7 @@ use plumbline_estimator::Odometry;
 
 /// Names and mounting that the messages of a vehicle share.
 #[derive(Clone, Copy, Debug)]
-pub struct Frames<'a> {
+pub struct RosFrames<'a> {
     /// Name of the map frame `M`.
     pub map: &'a str,
     /// Name of the odometry frame `O`.
@@ -34,7 +34,7 @@ pub struct Frames<'a> {
     pub angular_rate_sigma_rad_s: f64,
 }
 
-impl<'a> Frames<'a> {
+impl<'a> RosFrames<'a> {
     /// Names of the configuration, and the mounting of the IMU.
     #[must_use]
     pub fn new(options: &'a RosConfig, rot_v_b: UnitQuaternion<f64>) -> Self {
@@ -130,8 +130,8 @@ pub(super) mod tests {
     use std::f64::consts::PI;
 
     /// An IMU that sits as the vehicle does.
-    fn aligned() -> Frames<'static> {
-        Frames {
+    fn aligned() -> RosFrames<'static> {
+        RosFrames {
             map: "map",
             odom: "odom",
             base: "base_link",
@@ -142,9 +142,9 @@ pub(super) mod tests {
     }
 
     /// One with x up, y right and z forward.
-    pub fn upright() -> Frames<'static> {
+    pub fn upright() -> RosFrames<'static> {
         let rot_v_b = UnitQuaternion::from_euler_angles(PI, -PI / 2.0, 0.0);
-        Frames { rot_v_b, ..aligned() }
+        RosFrames { rot_v_b, ..aligned() }
     }
 
     pub fn odometry() -> Odometry {

@@ -135,41 +135,41 @@ message! {
     struct MarkerArray<'a> = "visualization_msgs/msg/MarkerArray" { markers: Vec<Marker<'a>> }
 
     /// Response of `std_srvs/srv/Trigger`.
-    struct TriggerResponse = "std_srvs/srv/Trigger_Response" { success: bool, message: String }
+    struct TriggerServiceResponse = "std_srvs/srv/Trigger_Response" { success: bool, message: String }
 }
 
 /// Service `std_srvs/srv/Trigger`.
 #[derive(Debug)]
-pub enum Trigger {}
+pub enum TriggerService {}
 
-/// Request of [`Trigger`]. It has no fields, and one byte on the wire, as every structure of the kind.
+/// Request of [`TriggerService`]. It has no fields, and one byte on the wire, as every structure of the kind.
 #[derive(Debug)]
-pub enum TriggerRequest {}
+pub enum TriggerServiceRequest {}
 
-/// Event of [`Trigger`], as introspection publishes it.
+/// Event of [`TriggerService`], as introspection publishes it.
 #[derive(Debug)]
-pub enum TriggerEvent {}
+pub enum TriggerServiceEvent {}
 
 /// `service_msgs/msg/ServiceEventInfo`.
 #[derive(Debug)]
 pub enum ServiceEventInfo {}
 
-describe!(TriggerRequest = "std_srvs/srv/Trigger_Request" { structure_needs_at_least_one_member: u8 });
+describe!(TriggerServiceRequest = "std_srvs/srv/Trigger_Request" { structure_needs_at_least_one_member: u8 });
 describe!(ServiceEventInfo = "service_msgs/msg/ServiceEventInfo" {
     event_type: u8,
     stamp: Time,
     client_gid: [u8; 16],
     sequence_number: i64,
 });
-describe!(TriggerEvent = "std_srvs/srv/Trigger_Event" {
+describe!(TriggerServiceEvent = "std_srvs/srv/Trigger_Event" {
     info: ServiceEventInfo,
-    request: Option<TriggerRequest>,
-    response: Option<TriggerResponse>,
+    request: Option<TriggerServiceRequest>,
+    response: Option<TriggerServiceResponse>,
 });
-describe!(Trigger = "std_srvs/srv/Trigger" {
-    request_message: TriggerRequest,
-    response_message: TriggerResponse,
-    event_message: TriggerEvent,
+describe!(TriggerService = "std_srvs/srv/Trigger" {
+    request_message: TriggerServiceRequest,
+    response_message: TriggerServiceResponse,
+    event_message: TriggerServiceEvent,
 });
 
 impl Time {
@@ -247,7 +247,7 @@ mod tests {
                 "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
             ),
             (
-                InterfaceType::of::<Trigger>(),
+                InterfaceType::of::<TriggerService>(),
                 "std_srvs::srv::dds_::Trigger_",
                 "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
             ),

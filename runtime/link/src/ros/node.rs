@@ -1,16 +1,16 @@
 //! The node `plumbline` with its publishers and services, on a session of Zenoh.
 
-use super::frames::Frames;
+use super::frames::RosFrames;
 use super::identity::Identity;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
 use super::names::{NodeName, RosTopic};
 use super::reset::{ResetServices, Resets};
-use super::scene::Scene;
+use super::scene::RosScene;
 use super::system_clock::on_system_clock;
 use super::topic::{Declaring, TopicPublisher, declare_token};
 use super::trigger::{TriggerSubscription, Triggers};
-use super::view_topics::{Clock, ViewTopics};
+use super::view_topics::{PublicationTimes, ViewTopics};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
 use plumbline_config::Timestamp;
@@ -98,7 +98,7 @@ impl RosNode {
 
     /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then
     /// the views that are due. What cannot be sent is lost; the sequence numbers of the samples show it.
-    pub async fn odometry(&mut self, odometry: &Odometry, scene: &Scene) {
+    pub async fn odometry(&mut self, odometry: &Odometry, scene: &RosScene) {
         if !is_worth_sending(odometry) {
             return;
         }
@@ -158,18 +158,18 @@ impl RosNode {
 }
 
 impl Identity {
-    fn frames(&self) -> Frames<'_> {
-        Frames::new(&self.options, self.rot_v_b)
+    fn frames(&self) -> RosFrames<'_> {
+        RosFrames::new(&self.options, self.rot_v_b)
     }
 
     /// Stamps of what is published at `now_ns`.
-    fn clock(&self, now_ns: i64) -> Clock<impl Fn(Timestamp) -> Time + use<>> {
+    fn clock(&self, now_ns: i64) -> PublicationTimes<impl Fn(Timestamp) -> Time + use<>> {
         let (stamp, stamps) = (self.options.stamp, self.stamps);
         let time = move |measured: Timestamp| match stamp {
             RosStamp::Measurement => Time::from_nanos(on_system_clock(stamps, measured, now_ns)),
             RosStamp::Publication => Time::from_nanos(now_ns),
         };
-        Clock { time, now_ns }
+        PublicationTimes { time, now_ns }
     }
 }
 

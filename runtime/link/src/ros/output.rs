@@ -2,18 +2,19 @@
 
 use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
-use super::scene::Scene;
+use super::scene::RosScene;
 use crate::net::pace::Rates;
 use crate::net::relay::Relayed;
 use crate::net::task_bell::TaskBell;
-use crate::net::{Commands, Endpoints, NetError, security};
+use crate::net::{CommandRelay, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_flight::local::{Record, Shot};
+use plumbline_flight::local::Shot;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
 use plumbline_record::InstantAnswer;
+use plumbline_record::local::content::LocalRecord;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -30,12 +31,12 @@ const INSTANT_RING: usize = 64;
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
 pub struct RosOutput {
-    shared: Arc<Shared>,
+    shared: Arc<RosOutputState>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct RosOutputState {
     bell: TaskBell,
     stop: AtomicBool,
 }
@@ -50,9 +51,9 @@ impl RosOutput {
         config: &ValidConfig,
         rot_v_b: UnitQuaternion<f64>,
         stamps: Stamps,
-        commands: Arc<Commands>,
+        commands: Arc<CommandRelay>,
     ) -> Result<(Self, RosFeed), NetError> {
-        let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
+        let shared = Arc::new(RosOutputState { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
         let (feed, waiting) = rings(&shared);
         let identity = Identity {
             options: config.ros.clone(),
@@ -61,7 +62,7 @@ impl RosOutput {
             stamps,
             has_map: config.estimator.places.enabled,
         };
-        let scene = Scene::new(&Rates::of(config.ros.link));
+        let scene = RosScene::new(&Rates::of(config.ros.link));
         // Commands come over the router, which shows no certificate of theirs.
         let router = Endpoints { connect: vec![config.ros.router.clone()], ..Endpoints::default() };
         let refusal = security::refusal(config.network.commands, &router);
@@ -103,7 +104,7 @@ struct Waiting {
     instants: LaneReader<InstantAnswer>,
 }
 
-fn rings(shared: &Arc<Shared>) -> (RosFeed, Waiting) {
+fn rings(shared: &Arc<RosOutputState>) -> (RosFeed, Waiting) {
     let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
     let (scene_in, scene, _) = lane(SCENE_RING);
     let (shots_in, shots, _) = lane(PICTURE_RING);
@@ -118,7 +119,7 @@ fn rings(shared: &Arc<Shared>) -> (RosFeed, Waiting) {
     (feed, Waiting { odometry, scene, shots, instants })
 }
 
-async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Shared) {
+async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &RosOutputState) {
     let bell = match shared.bell.listen() {
         Ok(bell) => bell,
         Err(error) => return tracing::error!("cannot publish to ROS 2: {error}"),
@@ -148,7 +149,7 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Sha
 /// Records of a flight on their way to ROS 2.
 #[derive(Debug)]
 pub struct RosFeed {
-    shared: Arc<Shared>,
+    shared: Arc<RosOutputState>,
     odometry: LaneWriter<Odometry>,
     scene: LaneWriter<Relayed>,
     shots: LaneWriter<Shot>,
@@ -157,23 +158,24 @@ pub struct RosFeed {
 
 impl RosFeed {
     /// Takes a record with its message, if it is one that ROS 2 is shown.
-    pub fn take(&mut self, record: &Record, message: &[u8]) {
+    pub fn take(&mut self, record: &LocalRecord, message: &[u8]) {
         match record {
-            Record::Odometry(odometry, _) => {
+            LocalRecord::Odometry(odometry, _) => {
                 self.odometry.push((**odometry).clone());
                 self.shared.bell.ring();
             }
-            Record::Instant(answer, _) => {
+            LocalRecord::Instant(answer, _) => {
                 self.instants.push((**answer).clone());
                 self.shared.bell.ring();
             }
-            Record::Picture(shot) => {
+            LocalRecord::Picture(shot) => {
                 self.shots.push(shot.clone());
                 self.shared.bell.ring();
             }
-            record if Scene::draws(record) => {
+            record if RosScene::draws(record) => {
                 // Only what is kept as it came needs its message.
-                let message = if matches!(record, Record::Other(_)) { message.to_vec() } else { Vec::new() };
+                let message =
+                    if matches!(record, LocalRecord::Other(_)) { message.to_vec() } else { Vec::new() };
                 self.scene.push(Relayed { record: record.clone(), message });
             }
             _ => {}

@@ -7,9 +7,9 @@
 use super::identity::Identity;
 use super::node::{RosNode, is_worth_sending};
 use super::reset::Resets;
-use super::scene::Scene;
+use super::scene::RosScene;
 use crate::net::commands::Watcher;
-use crate::net::{Commands, NetError};
+use crate::net::{CommandRelay, NetError};
 use plumbline_estimator::Odometry;
 use plumbline_flight::local::Shot;
 use plumbline_record::InstantAnswer;
@@ -40,7 +40,7 @@ pub struct RosPublisher {
     /// Failure that was logged last.
     failure: String,
     /// Scene received so far.
-    pub scene: Scene,
+    pub scene: RosScene,
 }
 
 enum State {
@@ -58,8 +58,8 @@ impl RosPublisher {
     /// When no thread can be had.
     pub fn start(
         identity: Identity,
-        scene: Scene,
-        commands: Arc<Commands>,
+        scene: RosScene,
+        commands: Arc<CommandRelay>,
         refusal: Option<String>,
     ) -> Result<Self, NetError> {
         let receiver = search(&identity.options.router)?;
@@ -222,7 +222,7 @@ mod tests {
         let options = RosConfig { router: "tcp/127.0.0.1:1".into(), ..RosConfig::default() };
         let (vehicle, rot_v_b, stamps) = ("drone".into(), UnitQuaternion::identity(), Stamps::Replayed);
         let identity = Identity { options, vehicle, rot_v_b, stamps, has_map: false };
-        let scene = Scene::new(&crate::net::pace::Rates::of(identity.options.link));
+        let scene = RosScene::new(&crate::net::pace::Rates::of(identity.options.link));
         let mut publisher = RosPublisher::start(identity, scene, Arc::default(), None).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let fails = |publisher: &mut RosPublisher| {

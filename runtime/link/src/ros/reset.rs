@@ -3,11 +3,11 @@
 
 use super::cdr;
 use super::interface::InterfaceType;
-use super::messages::{Trigger, TriggerResponse};
+use super::messages::{TriggerService, TriggerServiceResponse};
 use super::names::{Attachment, Endpoint, RosTopic};
 use super::topic::Declaring;
 use crate::net::commands::reset_words;
-use crate::net::{Commands, NetError, now_ns};
+use crate::net::{CommandRelay, NetError, now_ns};
 use plumbline_estimator::ResetKind;
 use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
@@ -26,7 +26,7 @@ const SERVICES: [(&str, ResetKind); 2] = [("reset", ResetKind::Soft), ("reset_ha
 #[derive(Clone, Debug)]
 pub struct Resets {
     /// Way of commands to the flight.
-    pub commands: Arc<Commands>,
+    pub commands: Arc<CommandRelay>,
     /// Newest count of resets.
     pub count: watch::Receiver<u32>,
     /// Reason why commands are refused, if they are.
@@ -55,7 +55,7 @@ impl ResetServices {
         let mut services = Vec::new();
         for (name, kind) in SERVICES {
             let name = declaring.node().qualified(name);
-            let topic = RosTopic { name, interface: InterfaceType::of::<Trigger>(), depth: DEPTH };
+            let topic = RosTopic { name, interface: InterfaceType::of::<TriggerService>(), depth: DEPTH };
             let key = declaring.node().key(&topic);
             let (requests, own) = (requests.clone(), key.clone());
             let queryable = declaring
@@ -100,7 +100,7 @@ fn take(kind: ResetKind, key: &str, query: Query, requests: &mpsc::Sender<Reques
 
 impl Resets {
     /// Carries out a reset.
-    async fn obey(&self, kind: ResetKind) -> TriggerResponse {
+    async fn obey(&self, kind: ResetKind) -> TriggerServiceResponse {
         let outcome = match &self.refusal {
             Some(refusal) => Err(refusal.clone()),
             None => self.commands.reset(kind, self.count.clone()).await,
@@ -108,18 +108,18 @@ impl Resets {
         match outcome {
             Ok(count) => {
                 let message = format!("{} reset done; reset_counter is {count}", reset_words(kind));
-                TriggerResponse { success: true, message }
+                TriggerServiceResponse { success: true, message }
             }
             Err(message) => {
                 tracing::warn!("reset refused: {message}");
-                TriggerResponse { success: false, message }
+                TriggerServiceResponse { success: false, message }
             }
         }
     }
 }
 
 impl Request {
-    async fn answer(&self, response: &TriggerResponse) {
+    async fn answer(&self, response: &TriggerServiceResponse) {
         let Ok(bytes) = cdr::encode(response) else { return };
         let attachment = Attachment { source_ns: now_ns(), ..self.attachment };
         let key = self.query.key_expr().clone();

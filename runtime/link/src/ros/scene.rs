@@ -7,14 +7,14 @@ use crate::net::relay::Relayed;
 use nalgebra::Isometry3;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::{MapEstimate, MapPath};
-use plumbline_flight::local::Record;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::protobuf::decode;
 use plumbline_record::topics::Topic;
 use std::collections::BTreeMap;
 
 /// Path, map and landmarks of a flight, in bounded memory.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct RosScene {
     /// Path in the odometry frame.
     pub path: PathHistory,
     /// Landmarks of the window, and of the keyframes that have left it.
@@ -27,7 +27,7 @@ pub struct Scene {
     others: BTreeMap<Topic, Vec<u8>>,
 }
 
-impl Scene {
+impl RosScene {
     /// Creates an empty scene of the size that a link can carry.
     #[must_use]
     pub fn new(rates: &Rates) -> Self {
@@ -40,19 +40,25 @@ impl Scene {
         }
     }
 
-    /// True if [`Scene::take`] has a use for a record.
+    /// True if [`RosScene::take`] has a use for a record.
     #[must_use]
-    pub fn draws(record: &Record) -> bool {
-        matches!(record, Record::MapEstimate(_) | Record::Window(_) | Record::Path(_) | Record::Other(_))
+    pub fn draws(record: &LocalRecord) -> bool {
+        matches!(
+            record,
+            LocalRecord::MapEstimate(_)
+                | LocalRecord::Window(_)
+                | LocalRecord::Path(_)
+                | LocalRecord::Other(_)
+        )
     }
 
     /// Takes a record of the flight.
     pub fn take(&mut self, Relayed { record, message }: Relayed) {
         match record {
-            Record::MapEstimate(newest) => self.estimate = Some(newest),
-            Record::Window(snapshot) => self.landmarks.update(snapshot),
-            Record::Path(path) => self.corrected = path,
-            Record::Other(kind) => {
+            LocalRecord::MapEstimate(newest) => self.estimate = Some(newest),
+            LocalRecord::Window(snapshot) => self.landmarks.update(snapshot),
+            LocalRecord::Path(path) => self.corrected = path,
+            LocalRecord::Other(kind) => {
                 if let Some(topic) = Topic::of_kind(kind) {
                     self.others.insert(topic, message);
                 }
@@ -79,19 +85,19 @@ impl Scene {
 mod tests {
     use super::*;
     use plumbline_config::options::Link;
-    use plumbline_record::messages::Ladder;
+    use plumbline_record::messages::LadderRung;
     use plumbline_record::protobuf::encode;
 
     #[test]
     fn what_a_flight_says_is_kept_for_views_whatever_it_is() {
-        let mut scene = Scene::new(&Rates::of(Link::Lan));
+        let mut scene = RosScene::new(&Rates::of(Link::Lan));
         for level in [1, 2] {
-            let message = encode(&Ladder { level, name: "no lines".into() });
-            let record = Record::Other(Topic::Ladder.kind());
-            assert!(Scene::draws(&record));
+            let message = encode(&LadderRung { level, name: "no lines".into() });
+            let record = LocalRecord::Other(Topic::Ladder.kind());
+            assert!(RosScene::draws(&record));
             scene.take(Relayed { record, message });
         }
-        assert_eq!(scene.newest::<Ladder>(Topic::Ladder).unwrap().level, 2);
-        assert_eq!(scene.newest::<Ladder>(Topic::Sensors), None);
+        assert_eq!(scene.newest::<LadderRung>(Topic::Ladder).unwrap().level, 2);
+        assert_eq!(scene.newest::<LadderRung>(Topic::Sensors), None);
     }
 }

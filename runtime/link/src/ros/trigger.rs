@@ -9,7 +9,7 @@ use super::messages::Header;
 use super::names::{Endpoint, RosTopic};
 use super::system_clock::from_system_clock;
 use super::topic::Declaring;
-use crate::net::{Commands, NetError, now_ns};
+use crate::net::{CommandRelay, NetError, now_ns};
 use plumbline_flight::local::request::At;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_record::{InstantAnswer, InstantSource};
@@ -35,7 +35,7 @@ pub struct Triggers(Arc<Mutex<VecDeque<(u64, i64)>>>);
 
 impl Triggers {
     /// Asks the flight for the state at `stamp_ns` of the system's clock.
-    fn ask(&self, stamp_ns: i64, stamps: Stamps, commands: &Commands) {
+    fn ask(&self, stamp_ns: i64, stamps: Stamps, commands: &CommandRelay) {
         let stamp = from_system_clock(stamps, stamp_ns, now_ns());
         // The answer waits for the lock until its request is noted.
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -73,7 +73,7 @@ impl TriggerSubscription {
         declaring: &mut Declaring<'_>,
         triggers: Triggers,
         stamps: Stamps,
-        commands: Arc<Commands>,
+        commands: Arc<CommandRelay>,
     ) -> Result<Self, NetError> {
         let name = declaring.node().qualified("trigger");
         let topic = RosTopic { name, interface: InterfaceType::of::<Header<'_>>(), depth: DEPTH };
@@ -123,8 +123,8 @@ mod tests {
     #[test]
     fn an_answer_goes_out_with_the_stamp_that_was_asked_for() {
         let (ours, theirs) = std::os::unix::net::UnixStream::pair().unwrap();
-        let requests = plumbline_flight::local::Client::new(ours).requests().unwrap();
-        let (commands, triggers) = (Commands::new(requests, false), Triggers::default());
+        let requests = plumbline_client::Local::over(ours).requests().unwrap();
+        let (commands, triggers) = (CommandRelay::new(requests, false), Triggers::default());
         for ns in 1..=(MAX_WAITING as i64 + 1) {
             triggers.ask(ns, Stamps::Replayed, &commands);
         }

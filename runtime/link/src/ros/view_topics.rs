@@ -2,12 +2,12 @@
 //! subscribers.
 
 use super::cdr;
-use super::frames::Frames;
+use super::frames::RosFrames;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{CompressedImage, Header, Image, MarkerArray, Path, PointCloud2, Time};
 use super::names::RosTopic;
 use super::picture::Drawing;
-use super::scene::Scene;
+use super::scene::RosScene;
 use super::topic::{Declaring, TopicPublisher};
 use super::views;
 use crate::net::NetError;
@@ -30,24 +30,24 @@ struct View {
     rate: Topic,
     is_on: fn(&RosConfig, bool) -> bool,
     interface: fn() -> InterfaceType,
-    draw: fn(&Scene, &Drawn<'_>) -> Option<Vec<u8>>,
+    draw: fn(&RosScene, &Drawn<'_>) -> Option<Vec<u8>>,
 }
 
 /// Frames and times as headers have them.
 struct Drawn<'a> {
-    frames: &'a Frames<'a>,
+    frames: &'a RosFrames<'a>,
     time: &'a dyn Fn(Timestamp) -> Time,
 }
 
 impl<'a> Drawn<'a> {
     /// Header in the frame of the corrected path; none while there is no such path.
-    fn in_map(&self, scene: &Scene) -> Option<Header<'a>> {
+    fn in_map(&self, scene: &RosScene) -> Option<Header<'a>> {
         let newest = scene.corrected.poses.last()?;
         Some(Header { stamp: (self.time)(newest.stamp), frame_id: self.frames.map })
     }
 }
 
-/// All views. What the flight says besides is in the scene too ([`Scene::newest`]).
+/// All views. What the flight says besides is in the scene too ([`RosScene::newest`]).
 const VIEWS: &[View] = &[
     View {
         name: "path",
@@ -135,7 +135,7 @@ pub struct ViewTopics {
 }
 
 /// Stamps of one publication: as headers have them, and the present time, ns since 1970.
-pub struct Clock<F> {
+pub struct PublicationTimes<F> {
     /// Converts a time of measurement.
     pub time: F,
     /// Time of publication.
@@ -176,10 +176,10 @@ impl ViewTopics {
     /// Publishes what is due at `stamp`.
     pub async fn send<F: Fn(Timestamp) -> Time>(
         &mut self,
-        scene: &Scene,
-        frames: &Frames<'_>,
+        scene: &RosScene,
+        frames: &RosFrames<'_>,
         stamp: Timestamp,
-        clock: &Clock<F>,
+        clock: &PublicationTimes<F>,
     ) {
         for (view, pace, publisher) in &mut self.views {
             if !pace.admits(stamp) || !publisher.has_subscribers().await {
@@ -203,8 +203,8 @@ impl ViewTopics {
     pub async fn send_picture<F: Fn(Timestamp) -> Time>(
         &mut self,
         shot: &Shot,
-        frames: &Frames<'_>,
-        clock: &Clock<F>,
+        frames: &RosFrames<'_>,
+        clock: &PublicationTimes<F>,
     ) {
         let Some(tracks) = &mut self.tracks else { return };
         if !self.picture_pace.admits(shot.stamp) || !tracks.has_subscribers().await {

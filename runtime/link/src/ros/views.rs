@@ -1,6 +1,6 @@
 //! Views for RViz 2: paths, clouds of points, and markers.
 
-use super::frames::Frames;
+use super::frames::RosFrames;
 use super::interface::Bytes;
 use super::landmarks::MapLandmarks;
 use super::messages::{
@@ -34,7 +34,7 @@ const KEYFRAMES: ColorRgba = ColorRgba { r: 0.95, g: 0.85, b: 0.3, a: 1.0 };
 /// Path of the vehicle from poses of the body, each with its stamp. `time` gives stamps as headers have them.
 #[must_use]
 pub fn path<'a>(
-    frames: &Frames<'a>,
+    frames: &RosFrames<'a>,
     frame_id: &'a str,
     poses: impl IntoIterator<Item = (Timestamp, Isometry3<f64>)>,
     time: impl Fn(Timestamp) -> Time,

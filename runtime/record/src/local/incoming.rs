@@ -1,6 +1,6 @@
 //! Bytes of a flight on their way to records, however they are cut.
 
-use super::record::{Header, MAX_RECORD_BYTES};
+use super::record::{Header, MAX_RECORD_BYTES, TooLong};
 
 /// Bytes that there is room for before the first record.
 const FIRST_BYTES: usize = 64 * 1024;
@@ -15,10 +15,6 @@ pub struct Incoming {
     /// Content of the record that was handed out last.
     content: std::ops::Range<usize>,
 }
-
-/// The flight announced a record longer than any.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooLong;
 
 impl Default for Incoming {
     fn default() -> Self {

@@ -11,6 +11,10 @@ pub const VERSION: u16 = 1;
 /// Longest record, bytes: room for a picture of 16 megapixels.
 pub const MAX_RECORD_BYTES: usize = 17 << 20;
 
+/// The other end announced a record or request longer than any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooLong;
+
 /// Kind of a record that the flight sends: the topics that have one.
 pub use crate::topics::Topic as Kind;
 

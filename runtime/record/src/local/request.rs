@@ -1,6 +1,6 @@
 //! Requests of a reader, and their answers.
 
-use super::record::{Header, Kind, Kinds, encoded};
+use super::record::{Header, Kind, Kinds, TooLong, encoded};
 use plumbline_config::Timestamp;
 use plumbline_estimator::ResetKind;
 
@@ -157,10 +157,6 @@ pub struct Inbox {
     filled: usize,
 }
 
-/// The reader announced a request longer than any.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooLong;
-
 impl Default for Inbox {
     fn default() -> Self {
         Self { bytes: [0; Header::BYTES + MAX_REQUEST_BYTES], filled: 0 }
@@ -201,7 +197,7 @@ impl Inbox {
 /// Outcome of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Status {
+pub enum RequestStatus {
     /// It was done, or takes effect with the next frame.
     Done = 0,
     /// The reader has no right to it.
@@ -218,7 +214,7 @@ pub struct Answer {
     /// Number of the request.
     pub number: u64,
     /// Outcome.
-    pub status: Status,
+    pub status: RequestStatus,
     /// Keyframes that were saved; else zero.
     pub value: u32,
     /// Outcome as text.
@@ -245,10 +241,10 @@ impl Answer {
             return Err("an answer is too short");
         };
         let status = match u32::from_le_bytes([*a, *b, *c, *d]) {
-            0 => Status::Done,
-            1 => Status::Refused,
-            2 => Status::Failed,
-            3 => Status::Malformed,
+            0 => RequestStatus::Done,
+            1 => RequestStatus::Refused,
+            2 => RequestStatus::Failed,
+            3 => RequestStatus::Malformed,
             _ => return Err("an unknown status"),
         };
         let words = String::from_utf8_lossy(&words[..words.len().min(MAX_WORDS)]).into_owned();
@@ -316,10 +312,11 @@ mod tests {
 
     #[test]
     fn an_answer_comes_back_and_its_text_is_bounded() {
-        let sent = Answer { number: 9, status: Status::Refused, value: 3, words: "ä".repeat(MAX_WORDS) };
+        let sent =
+            Answer { number: 9, status: RequestStatus::Refused, value: 3, words: "ä".repeat(MAX_WORDS) };
         let bytes = sent.encode();
         let back = Answer::decode(9, &bytes[Header::BYTES..]).unwrap();
-        assert_eq!((back.status, back.value, back.words.len()), (Status::Refused, 3, MAX_WORDS));
+        assert_eq!((back.status, back.value, back.words.len()), (RequestStatus::Refused, 3, MAX_WORDS));
         assert!(Answer::decode(9, &[0; 7]).is_err());
     }
 }

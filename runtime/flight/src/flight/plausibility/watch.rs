@@ -3,7 +3,7 @@
 //! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
 //! no room is left out; in virtual time the run waits, so that the findings are the same every time.
 
-use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
+use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use crate::schedule::queue::Queue;
 use crate::sensor_board::SensorBoard;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
@@ -146,8 +146,8 @@ impl Listener for Ear {
         }
     }
 
-    fn shown(&mut self, view: View<'_>) {
-        let View::Frame(frame) = view else { return };
+    fn shown(&mut self, view: ListenerView<'_>) {
+        let ListenerView::Frame(frame) = view else { return };
         if self.0.has_seen_enough.load(Ordering::Relaxed) {
             return;
         }

@@ -7,15 +7,15 @@ mod failures;
 mod realtime;
 mod rig;
 
-use super::about::METADATA_NAME;
 use super::channel::Channel;
 use super::part_file::OpenPart;
+use super::part_header::METADATA_NAME;
 use super::recorder::{Recorder, RecorderSummary, WhenFull};
 use super::verify::{Verification, verify};
 use super::writer::Limits;
 use super::{LogError, LogReader};
 use crate::pipeline::listener::Subscriber;
-use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
+use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
 use mcap::records::Metadata;
 use mcap::{MessageStream, WriteOptions};
 use plumbline_config::options::{ImageRecording, KeepPolicy};
@@ -61,7 +61,7 @@ fn flight_of(seed: u64, duration_s: f64) -> Flight {
     Flight { config: config.validated("test").unwrap(), streams }
 }
 
-fn fly(flight: Flight, control: &Control, subscriber: &mut dyn Subscriber) -> Outcome {
+fn fly(flight: Flight, control: &Control, subscriber: &mut dyn Subscriber) -> RunOutcome {
     pipeline::run(&flight.config, flight.streams, &OPTIONS, control, subscriber).unwrap()
 }
 
@@ -71,7 +71,7 @@ fn record_on(
     limits: Limits,
     path: &Path,
     images: ImageRecording,
-) -> (Outcome, RecorderSummary) {
+) -> (RunOutcome, RecorderSummary) {
     let mut flight = flight();
     flight.config = flight.config.with("test", |config| config.recorder.images = images).unwrap();
     let mut recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
@@ -79,7 +79,7 @@ fn record_on(
 }
 
 /// A log in a folder of its own, and what its flight came to.
-fn recorded(images: ImageRecording) -> (TempDir, PathBuf, Outcome) {
+fn recorded(images: ImageRecording) -> (TempDir, PathBuf, RunOutcome) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
     let (outcome, summary) = record_on(OpenPart::files(), NO_LIMITS, &path, images);

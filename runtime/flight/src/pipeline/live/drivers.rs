@@ -2,7 +2,7 @@
 
 use super::super::RunError;
 use super::NAP;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
@@ -31,7 +31,7 @@ pub struct ImuTask {
 
 impl ImuTask {
     /// Reads the stream to its end. A recorded one is read ahead: the tick takes what is due.
-    pub fn run(mut self, shared: &Shared<'_>) -> Faults {
+    pub fn run(mut self, shared: &RunState<'_>) -> Faults {
         let mut next = match self.first.take() {
             Some(first) => Some(first),
             None => self.next(shared),
@@ -49,7 +49,7 @@ impl ImuTask {
         self.source.faults()
     }
 
-    fn next(&mut self, shared: &Shared<'_>) -> Option<ImuReading> {
+    fn next(&mut self, shared: &RunState<'_>) -> Option<ImuReading> {
         // A device may take its time.
         shared.heartbeats.idle(TaskId::Imu);
         let reading = self.source.next_reading().unwrap_or_else(|error| {
@@ -92,7 +92,7 @@ pub struct CameraFigures {
 
 impl CameraTask {
     /// Reads the stream to its end.
-    pub fn run(mut self, shared: &Shared<'_>) -> CameraEnd {
+    pub fn run(mut self, shared: &RunState<'_>) -> CameraEnd {
         self.bell.listen();
         let period_ms = shared.table.row(TaskId::Camera).period.as_secs_f64() * 1e3;
         let overdue_ms = OVERDUE_PERIODS * period_ms;
@@ -132,7 +132,7 @@ impl CameraTask {
     }
 
     /// Waits for room. Where there is none the front-end has all frames, and waits for samples: that is no stall of the camera.
-    fn empty_frame(&mut self, shared: &Shared<'_>) -> Option<StereoFrame> {
+    fn empty_frame(&mut self, shared: &RunState<'_>) -> Option<StereoFrame> {
         shared.heartbeats.idle(TaskId::Camera);
         loop {
             if shared.is_stopped() || self.empty.is_closed() {

@@ -5,7 +5,7 @@ use super::super::team::Team;
 use super::NAP;
 use super::drivers::Arrival;
 use super::places::PlacesRings;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::{TaskId, WATCH_PERIOD};
@@ -157,7 +157,7 @@ impl FrontEndTask {
 
     /// Tracks frames until the camera has ended. After a fault of its own, or of the window, it goes on from a fresh
     /// estimator.
-    pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> FrontEndEnd {
+    pub fn run(mut self, shared: &RunState<'_>, team: &Team) -> FrontEndEnd {
         self.rings.bell.listen();
         loop {
             match catch_unwind(AssertUnwindSafe(|| self.work(shared, team))) {
@@ -179,7 +179,7 @@ impl FrontEndTask {
         FrontEndEnd { stage: self.stage, figures: self.figures }
     }
 
-    fn work(&mut self, shared: &Shared<'_>, team: &Team) -> Step {
+    fn work(&mut self, shared: &RunState<'_>, team: &Team) -> Step {
         if self.is_down && self.start_anew(shared) == Step::Over {
             return Step::Over;
         }
@@ -191,7 +191,7 @@ impl FrontEndTask {
         }
     }
 
-    fn work_on_frame(&mut self, shared: &Shared<'_>, team: &Team) -> Step {
+    fn work_on_frame(&mut self, shared: &RunState<'_>, team: &Team) -> Step {
         let course = self.await_feedback(shared);
         if course != Step::On {
             return course;
@@ -226,7 +226,7 @@ impl FrontEndTask {
     }
 
     /// Tracks the frame in hand and gives it to the window; the longest of the stages, ms. `None` when the window has gone.
-    fn track(&mut self, shared: &Shared<'_>, team: &Team, rung: Rung) -> Option<f64> {
+    fn track(&mut self, shared: &RunState<'_>, team: &Team, rung: Rung) -> Option<f64> {
         if self.job.is_none() {
             self.job = self.rings.spare.pop();
         }
@@ -248,7 +248,7 @@ impl FrontEndTask {
     }
 
     /// Makes the estimator anew once the window has given back everything, and says which frames are lost.
-    fn start_anew(&mut self, shared: &Shared<'_>) -> Step {
+    fn start_anew(&mut self, shared: &RunState<'_>) -> Step {
         let at_home = |spare: &Reader<Job>, job: &Option<Job>| spare.waiting() + usize::from(job.is_some());
         while at_home(&self.rings.spare, &self.job) < JOB_POOL {
             if shared.is_stopped() || self.rings.spare.is_closed() {
@@ -284,7 +284,7 @@ impl FrontEndTask {
     }
 
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
-    fn await_feedback(&mut self, shared: &Shared<'_>) -> Step {
+    fn await_feedback(&mut self, shared: &RunState<'_>) -> Step {
         loop {
             if shared.is_window_down() {
                 return Step::Anew;
@@ -340,7 +340,7 @@ impl FrontEndTask {
     }
 
     /// Takes readings until one reaches the time that the frame needs; for one whose stamp is not believed, those there are.
-    fn take_samples(&mut self, shared: &Shared<'_>, image_stamp: Timestamp) {
+    fn take_samples(&mut self, shared: &RunState<'_>, image_stamp: Timestamp) {
         if !self.stage.expects(image_stamp) {
             while let Some(reading) = self.rings.samples.pop() {
                 self.add(&reading);
@@ -363,7 +363,7 @@ impl FrontEndTask {
 
     /// The next reading. `None` when there are no more, or none came for long: one frame waits long for an IMU that
     /// has fallen silent, those after it do not.
-    fn next_reading(&mut self, shared: &Shared<'_>) -> Option<ImuReading> {
+    fn next_reading(&mut self, shared: &RunState<'_>) -> Option<ImuReading> {
         for _ in 0..if self.is_imu_silent { 1 } else { SAMPLE_NAPS } {
             let FrontEndRings { bell, samples, .. } = &mut self.rings;
             let reading = bell.wait(NAP, || {
@@ -383,7 +383,7 @@ impl FrontEndTask {
     }
 
     /// Lets the ladder judge the frame.
-    fn judge(&mut self, shared: &Shared<'_>, longest_ms: f64, shed: u64) {
+    fn judge(&mut self, shared: &RunState<'_>, longest_ms: f64, shed: u64) {
         let period_ms = shared.table.row(TaskId::FrontEnd).period.as_secs_f64() * 1e3;
         let before = self.ladder.rung();
         // Frames that a silent sensor held up say nothing of the time that they take.

@@ -35,7 +35,7 @@ use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;
 use super::tick::TickStage;
-use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, Stamps, Streams};
+use super::{Control, DriverFaults, PlacesEnd, RunError, RunOutcome, Stamps, Streams};
 use crate::schedule::host::Host;
 use crate::schedule::tasks::{TaskId, TaskTable};
 use crate::schedule::watchdog::Heartbeats;
@@ -44,7 +44,7 @@ use front_end::FrontEndEnd;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::Faults;
 use plumbline_estimator::places::PlaceMap;
-use shared::{Origin, RunPace, Shared};
+use shared::{Origin, RunPace, RunState};
 use std::sync::Arc;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
@@ -105,7 +105,7 @@ impl Live {
         self,
         Streams { mut imu, stereo, stamps, first_reset_counter, .. }: Streams,
         control: &Control,
-    ) -> Result<Outcome, RunError> {
+    ) -> Result<RunOutcome, RunError> {
         let Self { config, speed, team, host, mut stages, heartbeats, listener } = self;
         stages.window.count_resets_from(first_reset_counter);
         let (first, origin) = match stamps {
@@ -118,7 +118,7 @@ impl Live {
             }
         };
         let pace = RunPace { stamps, origin, speed };
-        let shared = Shared::new(TaskTable::new(&config, speed), heartbeats, host, control, pace);
+        let shared = RunState::new(TaskTable::new(&config, speed), heartbeats, host, control, pace);
         let tasks = Tasks::new(&config, Sensors { imu, first, stereo }, stages);
         let ended = run_tasks(&shared, tasks, &team, listener);
         match shared.into_failure() {
@@ -130,7 +130,7 @@ impl Live {
 
 /// Starts a thread for each task, and waits until all have ended.
 fn run_tasks(
-    shared: &Shared<'_>,
+    shared: &RunState<'_>,
     tasks: Tasks,
     team: &Team,
     listener: Box<dyn Listener>,
@@ -183,13 +183,13 @@ struct Ended {
 }
 
 impl Ended {
-    fn outcome(mut self, team: &Team) -> Outcome {
+    fn outcome(mut self, team: &Team) -> RunOutcome {
         let mut figures = stages::total(&self.front_end.stage, &self.window.stage, &self.tick.stage, team);
         figures.hot_path_allocations += self.watchdog.allocations;
         figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
         let passed_over = self.front_end.figures.places_passed_over;
         let places = self.places.take();
-        Outcome {
+        RunOutcome {
             places: places.map(|places| PlacesEnd::new(places, &self.window.stage, passed_over)),
             estimate_digest: self.window.stage.digest(),
             odometry_digest: self.tick.stage.digest(),

@@ -3,7 +3,7 @@
 use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::FrontStage;
 use super::NAP;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use plumbline_estimator::Feedback;
@@ -19,7 +19,7 @@ pub struct PlacesRings {
 impl PlacesRings {
     /// Gives the frame that `feedback` is about to the map, if it is one for it; `false` when the map has fallen behind,
     /// and it is passed over.
-    pub fn offer(&mut self, shared: &Shared<'_>, feedback: &Feedback, front: &mut FrontStage) -> bool {
+    pub fn offer(&mut self, shared: &RunState<'_>, feedback: &Feedback, front: &mut FrontStage) -> bool {
         if !self.choice.takes(feedback) {
             return true;
         }
@@ -45,7 +45,7 @@ pub struct PlacesTask {
 
 impl PlacesTask {
     /// Works until the front-end has ended.
-    pub fn run(mut self, shared: &Shared<'_>) -> PlacesStage {
+    pub fn run(mut self, shared: &RunState<'_>) -> PlacesStage {
         self.bell.listen();
         while let Some(job) = self.next_job() {
             shared.heartbeats.busy(TaskId::Places);

@@ -49,7 +49,7 @@ pub struct RunPace {
 }
 
 /// State shared by all tasks of a run.
-pub struct Shared<'a> {
+pub struct RunState<'a> {
     pub table: TaskTable,
     pub heartbeats: Heartbeats,
     pub control: &'a Control,
@@ -64,7 +64,7 @@ pub struct Shared<'a> {
     failure: Mutex<Option<RunError>>,
 }
 
-impl<'a> Shared<'a> {
+impl<'a> RunState<'a> {
     /// Creates the shared state of a run at this pace.
     pub fn new(
         table: TaskTable,

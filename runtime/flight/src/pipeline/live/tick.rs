@@ -3,7 +3,7 @@
 //! Releases follow the grid of a recording; live sensors have grids of their own, and a reading releases the tick.
 
 use super::super::tick::TickStage;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
@@ -74,7 +74,7 @@ impl TickTask {
     }
 
     /// Ticks until the readings end.
-    pub fn run(mut self, shared: &Shared<'_>) -> TickEnd {
+    pub fn run(mut self, shared: &RunState<'_>) -> TickEnd {
         if let Some(instants) = self.stage.instants() {
             self.rings.bell.listen();
             instants.ring_with(&self.rings.bell);
@@ -88,7 +88,7 @@ impl TickTask {
         TickEnd { stage: self.stage, figures: self.figures }
     }
 
-    fn tick_on_grid(&mut self, shared: &Shared<'_>) {
+    fn tick_on_grid(&mut self, shared: &RunState<'_>) {
         let first = shared.pace.origin.due.plus_nanos(PHASE_NS);
         let mut ticker = Ticker::new(first, shared.table.row(TaskId::Tick).period);
         while !shared.is_stopped() && !self.rings.readings.is_closed() {
@@ -104,7 +104,7 @@ impl TickTask {
 
     /// Wakes up for every reading, and once a period without: the watchdog, and systemd, hear of it while the sensor is
     /// away.
-    fn tick_on_arrival(&mut self, shared: &Shared<'_>) {
+    fn tick_on_arrival(&mut self, shared: &RunState<'_>) {
         self.rings.bell.listen();
         let period = shared.table.row(TaskId::Tick).period;
         while !shared.is_stopped() && !self.rings.readings.is_closed() {
@@ -119,7 +119,7 @@ impl TickTask {
     }
 
     /// Answers what is asked for before the next release.
-    fn answer_until(&mut self, ticker: &Ticker, shared: &Shared<'_>) {
+    fn answer_until(&mut self, ticker: &Ticker, shared: &RunState<'_>) {
         while let Some(instants) = self.stage.instants()
             && let Some(patience) = ticker.until_next().checked_sub(BEFORE_RELEASE)
             && self.rings.bell.wait(patience, || instants.is_waiting().then_some(())).is_some()
@@ -130,7 +130,7 @@ impl TickTask {
     }
 
     /// Takes every reading that is due, and what does not follow the one before: nothing waits for a stamp that is wrong.
-    fn take_due(&mut self, shared: &Shared<'_>) {
+    fn take_due(&mut self, shared: &RunState<'_>) {
         while let Some(estimate) = self.rings.corrections.pop() {
             self.stage.correct_later(estimate);
         }

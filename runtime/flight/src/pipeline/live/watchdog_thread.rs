@@ -1,7 +1,7 @@
 //! The watchdog's thread: looks at the heartbeats and tells systemd; and the thread that reports what it finds.
 
 use super::super::RunError;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::alloc;
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
@@ -47,7 +47,7 @@ impl WatchdogThread {
     pub fn start<'scope>(
         &'scope self,
         scope: &'scope Scope<'scope, '_>,
-        shared: &'scope Shared<'_>,
+        shared: &'scope RunState<'_>,
         listener: Box<dyn Listener>,
     ) -> Result<ScopedJoinHandle<'scope, WatchdogFigures>, RunError> {
         let refused = |error: std::io::Error| RunError::Thread(error.to_string());
@@ -73,7 +73,7 @@ impl WatchdogThread {
         EndOnDrop(&self.ended)
     }
 
-    fn watch(&self, shared: &Shared<'_>, mut words: Writer<News>) -> WatchdogFigures {
+    fn watch(&self, shared: &RunState<'_>, mut words: Writer<News>) -> WatchdogFigures {
         let mut watchdog = Watchdog::default();
         let mut rung = Rung::Full;
         let supervisor = Supervisor::of_environment();
@@ -118,7 +118,7 @@ enum News {
     Rung(Rung, Rung),
 }
 
-fn tell_rung(shared: &Shared<'_>, words: &mut Writer<News>, told: &mut Rung) {
+fn tell_rung(shared: &RunState<'_>, words: &mut Writer<News>, told: &mut Rung) {
     let rung = shared.rung();
     if rung != *told {
         let _ = words.push(News::Rung(*told, rung));
@@ -127,7 +127,7 @@ fn tell_rung(shared: &Shared<'_>, words: &mut Writer<News>, told: &mut Rung) {
 }
 
 /// Does what is to be done about a task.
-fn act_on(shared: &Shared<'_>, event: TaskEvent) {
+fn act_on(shared: &RunState<'_>, event: TaskEvent) {
     match event {
         TaskEvent::Hopeless(id) => shared.give_up(id),
         TaskEvent::Died(id) if shared.table.row(id).loss == Loss::Process => shared.lose(id),
@@ -138,7 +138,7 @@ fn act_on(shared: &Shared<'_>, event: TaskEvent) {
 /// The thread of normal priority that puts into words what the watchdog finds, and keeps an eye on the memory: both allocate, and
 /// the watchdog, above all others, must not wait for who holds the allocator. Returns the growth of the memory, MB.
 fn report(
-    shared: &Shared<'_>,
+    shared: &RunState<'_>,
     mut listener: Box<dyn Listener>,
     mut news: Reader<News>,
     bell: &Bell,
@@ -185,7 +185,7 @@ const SLOW: &str = "frames take longer than their period";
 const IN_TIME: &str = "frames are in time again";
 
 /// Says what was found, in the log of the process and in that of the flight.
-fn report_news(shared: &Shared<'_>, listener: &mut dyn Listener, news: News) {
+fn report_news(shared: &RunState<'_>, listener: &mut dyn Listener, news: News) {
     let now = shared.data_time(Monotonic::now());
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {

@@ -2,7 +2,7 @@
 
 use super::super::stages::{Job, WindowStage};
 use super::NAP;
-use super::shared::Shared;
+use super::shared::RunState;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use plumbline_estimator::places::MapUpdate;
@@ -47,7 +47,7 @@ impl WindowTask {
 
     /// Solves until the front-end has ended. After a fault of its own it gives frames back, unsolved, until the front-end
     /// sends one with which it is to begin anew.
-    pub fn run(mut self, shared: &Shared<'_>) -> WindowEnd {
+    pub fn run(mut self, shared: &RunState<'_>) -> WindowEnd {
         self.rings.bell.listen();
         self.stage.figures.start();
         while catch_unwind(AssertUnwindSafe(|| self.solve_all(shared))).is_err() {
@@ -61,7 +61,7 @@ impl WindowTask {
         WindowEnd { stage: self.stage, deepest_frames: self.rings.jobs.deepest() }
     }
 
-    fn solve_all(&mut self, shared: &Shared<'_>) {
+    fn solve_all(&mut self, shared: &RunState<'_>) {
         while let Some(job) = self.next_job() {
             if self.is_down && !job.is_after_fault {
                 let _ = self.rings.spare.push(job);
@@ -78,7 +78,7 @@ impl WindowTask {
     }
 
     /// Solves the frame in hand.
-    fn solve(&mut self, shared: &Shared<'_>) {
+    fn solve(&mut self, shared: &RunState<'_>) {
         let Self { stage, rings, job: Some(job), feedback, is_down, awaits_pose } = self else { return };
         if job.is_after_fault {
             stage.renew();

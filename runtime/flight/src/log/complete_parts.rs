@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Complete parts, shared by the writer of a log and its files, which may find the disk full in the middle of a chunk.
 #[derive(Clone, Debug)]
-pub struct Room(Arc<Mutex<Kept>>);
+pub struct CompleteParts(Arc<Mutex<Kept>>);
 
 #[derive(Debug)]
 struct Kept {
@@ -20,7 +20,7 @@ struct Kept {
     deleted_bytes: u64,
 }
 
-impl Room {
+impl CompleteParts {
     /// No part yet of the log at `path`.
     #[must_use]
     pub fn new(path: &Path, keep: KeepPolicy) -> Self {

@@ -16,14 +16,14 @@ const FORMAT: &str = "1";
 
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
-/// Key of [`About::known_map`].
+/// Key of [`PartHeader::known_map`].
 const KNOWN_MAP: &str = "known_map_sha256";
-/// Key of [`About::first_reset_counter`]; 0 where it is missing.
+/// Key of [`PartHeader::first_reset_counter`]; 0 where it is missing.
 const FIRST_RESET_COUNTER: &str = "first_reset_counter";
 
 /// The beginning of a part.
 #[derive(Clone, Debug)]
-pub struct About {
+pub struct PartHeader {
     /// Names the flight: all its parts have it in common, and no other flight has it.
     pub flight: String,
     /// Number of the part, from 0.
@@ -42,7 +42,7 @@ pub struct About {
     pub build: BuildId,
 }
 
-impl About {
+impl PartHeader {
     /// A new flight with `config`, which must come back from its text as it is.
     ///
     /// # Errors
@@ -140,8 +140,8 @@ mod tests {
 
     #[test]
     fn the_beginning_of_a_part_comes_back() {
-        let about = About::new(&Config::preset("sim").unwrap()).unwrap();
-        let back = About::from_metadata(&about.to_metadata().unwrap()).unwrap();
+        let about = PartHeader::new(&Config::preset("sim").unwrap()).unwrap();
+        let back = PartHeader::from_metadata(&about.to_metadata().unwrap()).unwrap();
         assert_eq!((back.flight, back.part), (about.flight, 0));
         assert_eq!((back.config, back.config_hash), (about.config, about.config_hash));
         assert_eq!(back.build, about.build);
@@ -149,13 +149,13 @@ mod tests {
 
     #[test]
     fn a_changed_configuration_is_refused() {
-        let mut metadata = About::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
+        let mut metadata = PartHeader::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
         let changed = metadata["config"].replace("max_points = 120", "max_points = 121");
         metadata.insert("config".into(), changed);
-        assert!(About::from_metadata(&metadata).unwrap_err().contains("hash"));
+        assert!(PartHeader::from_metadata(&metadata).unwrap_err().contains("hash"));
         metadata.remove("config");
-        assert!(About::from_metadata(&metadata).unwrap_err().contains("no 'config'"));
+        assert!(PartHeader::from_metadata(&metadata).unwrap_err().contains("no 'config'"));
         metadata.insert("format".into(), "2".into());
-        assert!(About::from_metadata(&metadata).unwrap_err().contains("format 2"));
+        assert!(PartHeader::from_metadata(&metadata).unwrap_err().contains("format 2"));
     }
 }

@@ -1,9 +1,9 @@
 //! Camera pictures for people: the left image with what is tracked in it.
 
+use crate::messages::Picture;
 use plumbline_config::{GrayImage, Timestamp, ValidConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Tracked;
-use plumbline_record::messages::Picture;
 
 /// A point in a picture: place, px, and the number of frames it has been tracked.
 pub type ShotPoint = [f32; 3];
