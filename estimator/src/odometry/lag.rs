@@ -11,7 +11,7 @@ const MAX_MATCHED: usize = 12;
 /// Delays that are tried: up to so many steps of so many nanoseconds either way, and the least that is called one.
 const LAG_STEPS: i64 = 60;
 const LAG_STEP_NS: i64 = 10_000_000;
-const MIN_LAG_STEPS: i64 = 4;
+const MIN_LAG_STEPS: i64 = 2;
 /// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
 /// the other sign, by so many times more than there, or than what tracks leave, rad.
 const MATCHES_RAD: f64 = 1.5e-3;
