@@ -158,6 +158,19 @@ impl ImuBuffer {
         (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
     }
 
+    /// Mean of the angular rates that were measured in `[from, to]`, rad/s, bias included; `None` where none was.
+    #[must_use]
+    pub fn mean_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
+        let first = self.samples.partition_point(|s| s.sample.stamp < from);
+        let samples = self.samples.range(first..).take_while(|s| s.sample.stamp <= to);
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for believed in samples.filter(|s| !s.unmeasured.gyro) {
+            sum += believed.sample.gyro;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+
     /// Nominal time between samples, s.
     #[must_use]
     pub fn period_s(&self) -> f64 {

@@ -128,6 +128,7 @@ impl Odometer {
                 nav = nav.after(motion, &self.window.options.gravity_o);
             }
             self.window.push_frame(frame.time, nav.clone(), frame.motion.clone(), false);
+            self.window.set_gyro_of_newest(frame.gyro_b);
             self.window.observe(&frame.tracks, &[]);
             if k == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);
@@ -183,6 +184,7 @@ impl Odometer {
             let motion =
                 if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
             self.window.push_frame(frame.time, nav, motion, false);
+            self.window.set_gyro_of_newest(frame.gyro_b);
             self.window.observe(&frame.tracks, &[]);
             if k % 2 == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);

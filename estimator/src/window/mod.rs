@@ -78,7 +78,7 @@ pub use fit::Fit;
 pub use options::Options;
 pub use state::MAX_FRAMES;
 
-use crate::geometry::{log_so3, yaw_of};
+use crate::geometry::yaw_of;
 use crate::inertial::Preintegration;
 use frame::Frame;
 use heading_votes::HeadingVotes;
@@ -294,7 +294,7 @@ impl Window {
             stamp: time.stamp,
             taken: time.stamp,
             time_offset_s: time.time_offset_s,
-            rate_b: Vector3::zeros(),
+            gyro_b: Vector3::zeros(),
             linearization: nav.clone(),
             nav,
             in_prior: false,
@@ -302,6 +302,13 @@ impl Window {
             is_still,
             inertial,
         });
+    }
+
+    /// Notes what the gyroscope reads at the stamp of the newest frame, bias included, rad/s.
+    pub fn set_gyro_of_newest(&mut self, gyro_b: Vector3<f64>) {
+        if let Some(newest) = self.frames.last_mut() {
+            newest.gyro_b = gyro_b;
+        }
     }
 
     /// Adds the measurements of the newest frame to the landmarks of their tracks; returns how many points have one.
@@ -325,40 +332,35 @@ impl Window {
         tracks::host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
     }
 
-    /// Sets the image rates of the newest frame's observations from its velocity and its angular rate in the body,
-    /// rad/s. With a rolling shutter the observations of all frames are put where a global one would have made them.
-    pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
+    /// Sets the image rates of the newest frame's observations from its velocity and its angular rate. With a rolling shutter
+    /// the observations of all frames are put where a global one would have made them.
+    pub fn predict_rates(&mut self) {
         if self.options.is_rolling {
             self.predict_all_rates();
-        }
-        if let Some(newest) = self.frames.len().checked_sub(1) {
-            self.predict_rates_of(newest, rate_b);
+        } else if let Some(newest) = self.frames.len().checked_sub(1) {
+            self.predict_rates_of(newest);
         }
     }
 
     /// With a rolling shutter, puts the observations of the newest frame where a global one would have made them, by its predicted
     /// velocity.
-    pub fn unroll_newest(&mut self, rate_b: &Vector3<f64>) {
+    pub fn unroll_newest(&mut self) {
         if let Some(newest) = self.frames.len().checked_sub(1).filter(|_| self.options.is_rolling) {
-            self.predict_rates_of(newest, rate_b);
+            self.predict_rates_of(newest);
         }
     }
 
-    /// Sets the image rates of the observations of all frames; their angular rates are derived from the attitudes.
+    /// Sets the image rates of the observations of all frames, each from the velocity and angular rate of its frame.
     pub fn predict_all_rates(&mut self) {
         for index in 0..self.frames.len() {
-            let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };
-            let (Some(from), Some(to)) = (self.frames.get(from), self.frames.get(to)) else { return };
-            let turn = log_so3(&(from.nav.rot_o_b.inverse() * to.nav.rot_o_b));
-            let rate_b = turn / to.taken.seconds_since(from.taken);
-            self.predict_rates_of(index, &rate_b);
+            self.predict_rates_of(index);
         }
     }
 
-    fn predict_rates_of(&mut self, index: usize, rate_b: &Vector3<f64>) {
+    fn predict_rates_of(&mut self, index: usize) {
         let Self { rig, frames, points, lines, linearizer, .. } = self;
-        linearizer.poses.predict_rates(rig, frames, points.all_mut(), rate_b, index);
-        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), rate_b, index);
+        linearizer.poses.predict_rates(rig, frames, points.all_mut(), index);
+        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), index);
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the

@@ -152,6 +152,8 @@ impl Room {
             let stamp = Timestamp::from_nanos(1_000_000_000).plus_seconds(t);
             let nav = truth(&window.rig, t);
             window.push_frame(FrameTime { stamp, time_offset_s: 0.0 }, nav.clone(), inertial, false);
+            let [before, after] = [-1e-4, 1e-4].map(|dt| truth(&window.rig, t + dt).rot_o_b);
+            window.set_gyro_of_newest(log_so3(&(before.inverse() * after)) / 2e-4 + nav.bias_gyro);
             let (points, lines) = self.tracks(&window.rig, &nav, k);
             window.observe(&points, &lines);
             window.make_keyframe(&points, &lines);
