@@ -58,7 +58,7 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use force_watch::ForceWatch;
-use inherited::Inherited;
+use inherited::{Carried, Inherited};
 use innovation::NoiseScale;
 pub use judgement::ResetReason;
 use judgement::Velocity;
@@ -155,8 +155,9 @@ pub struct Odometer {
     covariance: NavCovariance,
     bias_variances: BiasVariances,
     inherited: Inherited,
-    /// True if the gyroscope has turned [`Self::origin`] on since the last pose, without a gap.
-    heading_is_carried: bool,
+    /// What is known of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
+    /// it has not measured all the way.
+    carried: Option<Carried>,
     velocity: Velocity,
     time_offset_sigma_s: f64,
     reset_counter: u32,
@@ -225,7 +226,7 @@ impl Odometer {
             covariance: NavCovariance::zeros(),
             bias_variances: BiasVariances::zeros(),
             inherited: Inherited::default(),
-            heading_is_carried: false,
+            carried: None,
             velocity: Velocity::NotYet,
             time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
@@ -426,7 +427,7 @@ impl Odometer {
             // A start needs gravity, and turns between its frames.
             self.gathering.clear();
         }
-        self.carry_heading(stamp);
+        self.carry_attitude(stamp);
         self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0), self.rate_b + self.biases().0);
         if self.try_start() {
             self.phase = Phase::Running;

@@ -89,7 +89,7 @@ use linearize::Linearizer;
 use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::ValidSetup;
-use prior::{AnchorSigmas, Prior};
+use prior::{AnchorSigmas, AnchorState, Prior};
 use problem::Problem;
 use reprojection::{InversePoint, PointMeasurement};
 use rig_walk::RigWalk;
@@ -143,7 +143,7 @@ pub struct Window {
 #[derive(Clone, Debug)]
 struct Anchor {
     frame: usize,
-    biases: (Vector3<f64>, Vector3<f64>),
+    known: AnchorState,
     sigmas: AnchorSigmas,
 }
 
@@ -246,10 +246,10 @@ impl Window {
     }
 
     /// Anchors the newest frame: its position and yaw define `O`. The prior holds the rig, this frame's state with the
-    /// standard deviations given, and biases (gyroscope rad/s, accelerometer m/s²) about those given. It is linearized again
-    /// for every solution until the first keyframe is marginalized, so that errors of the start leave no trace.
-    pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
-        self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
+    /// standard deviations given, and what is `known` of it. It is linearized again for every solution until the first
+    /// keyframe is marginalized, so that errors of the start leave no trace.
+    pub fn anchor_newest(&mut self, known: &AnchorState, sigmas: &AnchorSigmas) {
+        self.anchor = Some(Anchor { frame: self.frames.len() - 1, known: *known, sigmas: *sigmas });
         self.refresh_anchor();
     }
 
@@ -258,7 +258,7 @@ impl Window {
         let Some(anchor) = &self.anchor else { return };
         let configured = self.prior.rig.clone();
         self.prior.start(&configured, &self.options.rig_sigmas);
-        self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.biases, &anchor.sigmas);
+        self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.known, &anchor.sigmas);
         for frame in &mut self.frames[..=anchor.frame] {
             frame.linearization = frame.nav.clone();
         }

@@ -1,7 +1,7 @@
 //! A window over a small room, all kinds of factors at work, for the tests of the solver.
 
 use super::line::LineMeasurement;
-use super::prior::AnchorSigmas;
+use super::prior::{AnchorSigmas, AnchorState};
 use super::reprojection::PointMeasurement;
 use super::seen_by_row::SeenByRow;
 use super::state::{FRAME_DIM, FrameTime, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
@@ -166,7 +166,7 @@ impl Room {
                     bias_gyro_rad_s: 0.02,
                     bias_accel_m_s2: 0.1,
                 };
-                window.anchor_newest(&(Vector3::zeros(), Vector3::zeros()), &sigmas);
+                window.anchor_newest(&AnchorState::default(), &sigmas);
             }
         }
         window.triangulate(false);
