@@ -52,7 +52,7 @@ impl Saturation {
 /// A sample as it is believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BelievedSample {
-    /// The readings; that of before where the gyroscope was saturated.
+    /// The readings, believed or not; that of before where the gyroscope was saturated.
     pub sample: ImuSample,
     /// Saturated readings.
     pub saturated: Saturation,
@@ -61,12 +61,15 @@ pub struct BelievedSample {
 }
 
 impl BelievedSample {
-    /// Takes the readings of `unmeasured` sensors away: they stand for no rotation, and for the force that they repeat.
+    /// Marks `unmeasured` sensors: their readings stand for no rotation, and for the force that they repeat.
     pub fn distrust(&mut self, unmeasured: Unmeasured) {
         self.unmeasured = self.unmeasured.or(unmeasured);
-        if unmeasured.gyro {
-            self.sample.gyro = Vector3::zeros();
-        }
+    }
+
+    /// Angular rate to integrate, bias included, rad/s: none where it was not measured.
+    #[must_use]
+    pub fn gyro(&self) -> Vector3<f64> {
+        if self.unmeasured.gyro { Vector3::zeros() } else { self.sample.gyro }
     }
 }
 
@@ -113,7 +116,7 @@ impl SensorLimits {
         if let Some(last) = last
             && saturated.gyro
         {
-            believed.sample.gyro = last.sample.gyro;
+            believed.sample.gyro = last.gyro();
         }
         believed
     }

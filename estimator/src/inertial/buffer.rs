@@ -33,7 +33,9 @@ pub struct ImuBuffer {
     stuck: Unmeasured,
     /// Sensors whose samples are distrusted, whatever they read.
     distrusted: Unmeasured,
-    /// Samples later than this are believed less than when they came.
+    /// Time after which samples are distrusted that may prove right.
+    accused_since: Option<Timestamp>,
+    /// Samples later than this are believed otherwise than when they came.
     revised_since: Option<Timestamp>,
 }
 
@@ -57,6 +59,7 @@ impl ImuBuffer {
             watch: StuckWatch::new(0.0),
             stuck: Unmeasured::default(),
             distrusted: Unmeasured::default(),
+            accused_since: None,
             revised_since: None,
         }
     }
@@ -77,6 +80,7 @@ impl ImuBuffer {
         let unmeasured = stuck.unmeasured();
         self.stuck = unmeasured;
         if unmeasured.is_any() {
+            self.accused_since = None;
             self.revise(stuck.gyro, Unmeasured { gyro: true, accel: false });
             self.revise(stuck.accel, Unmeasured { gyro: false, accel: true });
         }
@@ -115,16 +119,36 @@ impl ImuBuffer {
 
     /// Believes neither sensor after `since` and in all samples to come, until [`Self::trust`].
     pub fn distrust(&mut self, since: Timestamp) {
+        let is_marked = self.distrusted.is_any() && self.accused_since.is_none();
+        let mut newest = self.samples.iter().rev().take_while(|believed| believed.sample.stamp > since);
+        let is_sound = !is_marked && newest.all(|b| self.distrusted.is_any() || !b.unmeasured.is_any());
+        self.accused_since = is_sound.then(|| self.accused_since.map_or(since, |earlier| earlier.min(since)));
         self.distrusted = Unmeasured::BOTH;
         self.revise(Some(since), Unmeasured::BOTH);
+    }
+
+    /// The samples that are distrusted are wrong: they are not believed again.
+    pub fn convict(&mut self) {
+        self.accused_since = None;
     }
 
     /// Believes the samples to come.
     pub fn trust(&mut self) {
         self.distrusted = Unmeasured::default();
+        self.accused_since = None;
     }
 
-    /// The time after which samples have lost belief since the last call, if any have.
+    /// Believes the samples to come, and those that have been distrusted; but not those of [`Self::convict`].
+    pub fn acquit(&mut self) {
+        if let Some(since) = self.accused_since {
+            let newest = self.samples.iter_mut().rev().take_while(|believed| believed.sample.stamp > since);
+            newest.for_each(|believed| believed.unmeasured = Unmeasured::default());
+            self.revised_since = Some(self.revised_since.map_or(since, |earlier| earlier.min(since)));
+        }
+        self.trust();
+    }
+
+    /// The time after which samples have lost or regained belief since the last call, if any have.
     pub fn take_revision(&mut self) -> Option<Timestamp> {
         self.revised_since.take()
     }
@@ -139,7 +163,7 @@ impl ImuBuffer {
         self.samples.clear();
         self.watch.clear();
         (self.stuck, self.revised_since) = (Unmeasured::default(), None);
-        self.distrusted = Unmeasured::default();
+        self.trust();
     }
 
     /// Mean angular rate, rad/s, and specific force, m/s², of the samples in `[from, to]`, both in the body frame,
@@ -149,13 +173,25 @@ impl ImuBuffer {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         let mut count = 0.0;
         let first = self.samples.partition_point(|s| s.sample.stamp < from);
-        let samples = self.samples.range(first..).map(|believed| &believed.sample);
-        for s in samples.take_while(|s| s.stamp <= to) {
-            sum.0 += s.gyro;
-            sum.1 += s.accel;
+        for believed in self.samples.range(first..).take_while(|s| s.sample.stamp <= to) {
+            sum.0 += believed.gyro();
+            sum.1 += believed.sample.accel;
             count += 1.0;
         }
         (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
+    }
+
+    /// Mean of the angular rates that were measured in `[from, to]`, rad/s, bias included; `None` where none was.
+    #[must_use]
+    pub fn mean_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
+        let first = self.samples.partition_point(|s| s.sample.stamp < from);
+        let samples = self.samples.range(first..).take_while(|s| s.sample.stamp <= to);
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for believed in samples.filter(|s| !s.unmeasured.gyro) {
+            sum += believed.sample.gyro;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| sum / count)
     }
 
     /// Nominal time between samples, s.
@@ -235,7 +271,7 @@ impl ImuBuffer {
             if dt > 0.0 {
                 let noise = self.limits.noise_of_step(noise, dt, apart, saturated);
                 let noise = unmeasured.noise(noise);
-                result.integrate(dt, &((from.gyro + to.gyro) * 0.5), &from.accel, &to.accel, &noise);
+                result.integrate(dt, &((last.gyro() + next.gyro()) * 0.5), &from.accel, &to.accel, &noise);
             }
         }
         *previous = Some(next);
@@ -387,6 +423,36 @@ mod tests {
             assert!(gain_m_s > 7.5 * dt_s, "{from_ms} ms: {gain_m_s} m/s");
         }
         assert!(!between(0, 95).1.has_gap && !between(1000, 1100).1.has_gap);
+    }
+
+    #[test]
+    fn readings_that_were_distrusted_count_again_if_they_prove_right_and_not_if_they_were_wrong() {
+        let at = |nanos| Timestamp::from_nanos(nanos);
+        let motion = |buffer: &ImuBuffer| {
+            let zero = Vector3::zeros();
+            buffer.preintegrate(at(0), at(490_000_000), &zero, &zero, &ImuNoise::NONE)
+        };
+        let (before, _) = motion(&buffer());
+        for is_wrong in [false, true] {
+            let mut buffer = buffer();
+            buffer.distrust(at(200_000_000));
+            let (doubted, coverage) = motion(&buffer);
+            assert!(coverage.unmeasured == Unmeasured::BOTH && doubted.delta_rot != before.delta_rot);
+            buffer.distrust(at(100_000_000));
+            if is_wrong {
+                buffer.convict();
+            }
+            let _ = buffer.take_revision();
+            buffer.acquit();
+            let (after, coverage) = motion(&buffer);
+            assert_eq!(coverage.unmeasured.is_any(), is_wrong);
+            assert_eq!(after.delta_rot == before.delta_rot, !is_wrong);
+            assert_eq!(buffer.take_revision(), (!is_wrong).then_some(at(100_000_000)));
+            // What comes is believed either way.
+            assert!(buffer.push(&sample(500_000_000, 1.0)));
+            let newest = buffer.samples.back().map(|believed| believed.unmeasured);
+            assert_eq!(newest, Some(Unmeasured::default()));
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub mod stereo;
 use crate::inertial::Preintegration;
 use crate::window::PointTrack;
 use crate::window::state::FrameTime;
+use nalgebra::Vector3;
 
 /// A frame that waits for the first estimate.
 #[derive(Clone, Debug)]
@@ -22,6 +23,8 @@ pub struct GatheredFrame {
     pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
     pub motion: Option<Preintegration>,
+    /// Reading of the gyroscope at the stamp, bias included, rad/s.
+    pub gyro_b: Vector3<f64>,
 }
 
 /// The memory of a start with one camera, allocated once.
@@ -62,7 +65,13 @@ impl Gathering {
     }
 
     /// Appends a frame; full, the oldest goes.
-    pub fn push(&mut self, time: FrameTime, tracks: &[PointTrack], motion: Option<Preintegration>) {
+    pub fn push(
+        &mut self,
+        time: FrameTime,
+        tracks: &[PointTrack],
+        motion: Option<Preintegration>,
+        gyro_b: Vector3<f64>,
+    ) {
         if self.spare.is_empty() {
             self.drop_oldest();
         }
@@ -71,7 +80,7 @@ impl Gathering {
             buffer.extend_from_slice(tracks);
             buffer.sort_unstable_by_key(|t| t.track_id);
             let motion = if self.frames.is_empty() { None } else { motion };
-            self.frames.push(GatheredFrame { time, tracks: buffer, motion });
+            self.frames.push(GatheredFrame { time, tracks: buffer, motion, gyro_b });
         }
     }
 

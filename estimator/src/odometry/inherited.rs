@@ -4,22 +4,25 @@
 //! where it is against its own start; the covariance that is given out is the sum. The way between the last
 //! pose and the start anew was not measured at all.
 //!
-//! A start anew takes over position and yaw, since gravity gives the rest ([`crate::origin`]). The position is that of the last
-//! pose; the yaw is carried on by the gyroscope, where it measured all the way.
+//! A start anew takes over position and yaw ([`crate::origin`]). The position is that of the last pose; yaw, tilt and biases are
+//! carried on by the gyroscope, where it measured all the way. Of a vehicle in flight gravity alone would tell the tilt to some
+//! degrees.
 
 use super::Odometer;
 use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
-use crate::inertial::ImuNoise;
+use crate::inertial::{ImuNoise, Preintegration};
 use crate::input::ResetKind;
 use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
-use nalgebra::{Matrix4, SMatrix, Vector3};
+use nalgebra::{Matrix4, SMatrix, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
 /// Agility assumed of a vehicle while nothing observes it: acceleration, m/s², and angular rate, rad/s.
 const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
 const UNSEEN_RATE_RAD_S: f64 = 0.5;
+/// Factor on the standard deviations that a start anew takes over: an estimate was given up.
+const DOUBT: f64 = 3.0;
 /// Nothing is further off than this, m and rad: beyond it, it is unknown all the same.
 const MOST_M: f64 = 1e3;
 const MOST_RAD: f64 = std::f64::consts::PI;
@@ -130,6 +133,29 @@ impl Gyro {
     }
 }
 
+/// Uncertainty of a state that the inertial sensor carries on to a start anew: of the tilt and of the biases.
+#[derive(Clone, Debug)]
+pub(super) struct Carried(GrowingCovariance);
+
+impl Carried {
+    /// After the motion `step` from `nav`.
+    fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
+        self.0.grow(nav, step, noise);
+    }
+
+    /// Standard deviations to begin with at the attitude `rot_o_b`: of the tilt, rad, of the biases, rad/s and m/s². What the
+    /// last estimate knew of them counts [`DOUBT`] times.
+    pub(super) fn sigmas(&self, rot_o_b: &UnitQuaternion<f64>) -> [f64; 3] {
+        let all = self.0.of_all();
+        let up_b = rot_o_b.inverse() * Vector3::z();
+        let of_attitude = all.fixed_view::<3, 3>(NavState::ROT, NavState::ROT);
+        let of_tilt = of_attitude.trace() - up_b.dot(&(of_attitude * up_b));
+        let largest = |first: usize| (0..3).map(|k| all[(first + k, first + k)]).fold(0.0, f64::at_least);
+        [of_tilt, largest(NavState::BIAS_GYRO), largest(NavState::BIAS_ACCEL)]
+            .map(|variance| DOUBT * variance.at_least(0.0).sqrt())
+    }
+}
+
 impl Odometer {
     /// Takes the covariance of the newest frame from the window.
     pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) {
@@ -170,9 +196,34 @@ impl Odometer {
 
     /// A start anew is no better known than the pose that it goes on from.
     pub(super) fn begin_with_inheritance(&mut self, stamp: Timestamp) {
-        let gyro = self.heading_is_carried.then(|| Gyro::new(&self.noise, &self.bias_variances));
+        let gyro = self.carried.is_some().then(|| Gyro::new(&self.noise, &self.bias_variances));
         if let Some(frame) = self.window.frames.last() {
             self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
+        }
+    }
+
+    /// What is known of the newest state's tilt and biases, for a start that goes on from there; `None` where that is no
+    /// covariance.
+    pub(super) fn carried_of_newest(&self) -> Option<Carried> {
+        let grown = GrowingCovariance::new(self.stated_covariance(), &self.bias_variances);
+        grown.is_finite().then_some(Carried(grown))
+    }
+
+    /// Turns the pose that the next start goes on from by what the gyroscope measured up to `stamp`, where nothing is missing
+    /// of the way.
+    pub(super) fn carry_attitude(&mut self, stamp: Timestamp) {
+        let (Some(last), Some(carried), Some(origin)) =
+            (self.last_stamp, &mut self.carried, &mut self.origin)
+        else {
+            return;
+        };
+        let (gyro, accel) = &self.bias_memory;
+        let (motion, coverage) = self.imu.preintegrate(last, stamp, gyro, accel, &self.noise);
+        if coverage.has_gap || coverage.is_saturated || coverage.unmeasured.gyro {
+            self.carried = None;
+        } else {
+            carried.grow(origin, &motion, &self.noise);
+            origin.rot_o_b *= motion.delta_rot;
         }
     }
 

@@ -60,7 +60,7 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use force_watch::ForceWatch;
-use inherited::Inherited;
+use inherited::{Carried, Inherited};
 use innovation::NoiseScale;
 pub use judgement::ResetReason;
 use judgement::Velocity;
@@ -159,8 +159,9 @@ pub struct Odometer {
     covariance: NavCovariance,
     bias_variances: BiasVariances,
     inherited: Inherited,
-    /// True if the gyroscope has turned [`Self::origin`] on since the last pose, without a gap.
-    heading_is_carried: bool,
+    /// What is known of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
+    /// it has not measured all the way.
+    carried: Option<Carried>,
     velocity: Velocity,
     time_offset_sigma_s: f64,
     reset_counter: u32,
@@ -230,7 +231,7 @@ impl Odometer {
             covariance: NavCovariance::zeros(),
             bias_variances: BiasVariances::zeros(),
             inherited: Inherited::default(),
-            heading_is_carried: false,
+            carried: None,
             velocity: Velocity::NotYet,
             time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
@@ -377,7 +378,7 @@ impl Odometer {
         let bias_gyro = self.biases().0;
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
-        self.rate_b = self.rate_at(stamp, &bias_gyro).unwrap_or(rate_b);
+        self.rate_b = self.rate_at(last, stamp, &bias_gyro);
         if self.blur_px() > BLURRED_PX {
             health.insert(HealthBits::BLURRED);
         }
@@ -407,9 +408,11 @@ impl Odometer {
 
     /// Angular rate of the body at `stamp`, bias removed, rad/s: by the newest samples, so that the image rates predicted
     /// by it, and with them the Jacobian of the time offset, are those of the frame and not of the interval before it.
-    fn rate_at(&self, stamp: Timestamp, bias_gyro: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let (gyro, _) = self.imu.mean(stamp.plus_seconds(-RATE_SPAN_S), stamp)?;
-        Some(gyro - bias_gyro)
+    /// Where none was measured since the frame before, `last`, it is that of the turn between the last frames.
+    fn rate_at(&self, last: Timestamp, stamp: Timestamp, bias_gyro: &Vector3<f64>) -> Vector3<f64> {
+        let newest = self.imu.mean_rate(stamp.plus_seconds(-RATE_SPAN_S), stamp);
+        let gyro = newest.or_else(|| self.imu.mean_rate(last.plus_nanos(-1), stamp));
+        gyro.map_or_else(|| self.turn_rate_b(), |gyro| gyro - bias_gyro)
     }
 
     /// Before the first state: gathers the frame and tries to start.
@@ -430,8 +433,8 @@ impl Odometer {
             // A start needs gravity, and turns between its frames.
             self.gathering.clear();
         }
-        self.carry_heading(stamp);
-        self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0));
+        self.carry_attitude(stamp);
+        self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0), self.rate_b + self.biases().0);
         if self.try_start() {
             self.phase = Phase::Running;
             self.velocity = Velocity::NotYet;
@@ -467,29 +470,32 @@ impl Odometer {
         let motion = self.with_uncertain_ends(motion, &last.nav, &self.rate_b, time_variance);
         let prediction = self.predict(&last.nav, &motion);
         let nav = prediction.nav.clone();
+        let gyro_b = self.rate_b + nav.bias_gyro;
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
+        self.window.set_gyro_of_newest(gyro_b);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
-        self.window.unroll_newest(&self.rate_b);
+        self.window.unroll_newest();
         self.window.clear_outliers();
-        self.window.set_rate_of_newest(self.rate_b);
         let (prediction, known) = self.correct_stamp(prediction, coverage);
         let is_pair_doubtful = self.is_pair_doubtful(stamp, health);
         if is_pair_doubtful {
             // Before anything rests on the image that may be left out.
-            self.window.predict_rates(&self.rate_b);
+            self.window.predict_rates();
             self.judge_pair(stamp, health);
         }
         let known = known.filter(|_| !is_pair_doubtful);
         let (trial, is_dropped) = self.try_prediction(&prediction, known, coverage, health);
         self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
+        // What moves is no ground to lose, nor a new view.
+        let connected = connected.saturating_sub(self.window.outliers().points.len());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
             self.window.make_keyframe(tracks, lines);
         }
         self.window.triangulate(false);
-        self.window.predict_rates(&self.rate_b);
+        self.window.predict_rates();
         if !is_pair_doubtful {
             self.judge_pair(stamp, health);
         }

@@ -81,7 +81,7 @@ impl Odometer {
         self.imu.clear();
         self.rotation.clear();
         (self.last_stamp, self.last_seen, self.last_reset) = (None, None, None);
-        self.heading_is_carried = false;
+        self.carried = None;
     }
 
     /// Gives up a state that the inertial samples do not lead on from: they are kept for [`IMU_MEMORY_S`].
@@ -108,14 +108,15 @@ impl Odometer {
     fn prepare_start(&mut self, kind: ResetKind) {
         let proven = self.memory.take();
         if kind == ResetKind::Hard {
-            (self.origin, self.heading_is_carried) = (None, false);
+            (self.origin, self.carried) = (None, None);
             self.bias_memory = (Vector3::zeros(), Vector3::zeros());
             self.window.restore_rig();
             return;
         }
         let Some(newest) = self.window.frames.last() else { return };
-        self.heading_is_carried = self.is_plausible();
-        let nav = if self.heading_is_carried {
+        let is_plausible = self.is_plausible();
+        self.carried = if is_plausible { self.carried_of_newest() } else { None };
+        let nav = if is_plausible {
             newest.nav.clone()
         } else if let Some(believed) = proven {
             self.window.rig = believed.rig;
@@ -126,18 +127,5 @@ impl Odometer {
         };
         self.bias_memory = (nav.bias_gyro, nav.bias_accel);
         self.origin = Some(nav);
-    }
-
-    /// Turns the pose that the next start goes on from by what the gyroscope measured up to `stamp`: only its heading
-    /// counts, and only where nothing is missing of the way.
-    pub(super) fn carry_heading(&mut self, stamp: Timestamp) {
-        let Some(last) = self.last_stamp.filter(|_| self.heading_is_carried) else { return };
-        let (gyro, accel) = &self.bias_memory;
-        let (motion, coverage) = self.imu.preintegrate(last, stamp, gyro, accel, &self.noise);
-        if coverage.has_gap || coverage.is_saturated {
-            self.heading_is_carried = false;
-        } else if let Some(origin) = &mut self.origin {
-            origin.rot_o_b *= motion.delta_rot;
-        }
     }
 }

@@ -101,7 +101,10 @@ fn the_first_pose_after_darkness_knows_velocity_and_heading() {
     assert_eq!((first.state, first.reset_counter), (TrackingState::Tracking, 1));
     let v_b = first.pose_o_b.rotation.inverse() * first.v_o_b;
     let error_m_s = (v_b - true_velocity_b(&flight.world, flight.t())).norm();
-    assert!(error_m_s < 0.15, "the first velocity is off by {error_m_s} m/s");
+    assert!(error_m_s < 0.05, "the first velocity is off by {error_m_s} m/s");
+    let up_b = |rotation: &nalgebra::UnitQuaternion<f64>| rotation.inverse() * Vector3::z();
+    let tilt_rad = up_b(&first.pose_o_b.rotation).angle(&up_b(&flight.world.pose_o_b(flight.t()).rotation));
+    assert!(tilt_rad < 5e-3, "the first tilt is off by {tilt_rad} rad");
     assert!(flight.odometer.quality(100) > 80, "{}", flight.odometer.quality(100));
     // The gyroscope went on measuring in the dark.
     let expected = turned * flight.world.pose_o_b(flight.t()).rotation;
@@ -110,6 +113,26 @@ fn the_first_pose_after_darkness_knows_velocity_and_heading() {
     assert!(heading_deg < 2.0, "the heading is off by {heading_deg} degrees");
     let share = first.origin.covariance[(3, 3)].sqrt().to_degrees();
     assert!(share < 3.0, "a heading that was measured is known to {share} degrees");
+}
+
+/// Standard deviation of the tilt of the first pose after a second of darkness in which so many samples are missing, rad.
+fn tilt_sigma_after_darkness(missing: u32) -> f64 {
+    let mut flight = biased(2);
+    flight.frames(100);
+    flight.frame(Some(ResetKind::Soft));
+    flight.is_dark = true;
+    flight.frames(10);
+    flight.next_imu += missing;
+    flight.frames(10);
+    flight.is_dark = false;
+    let _ = flight.until_pose();
+    flight.odometer.tilt_sigma_rad()
+}
+
+#[test]
+fn a_start_anew_takes_over_the_tilt_where_the_gyroscope_measured_all_the_way() {
+    let (carried_rad, lost_rad) = (tilt_sigma_after_darkness(0), tilt_sigma_after_darkness(40));
+    assert!(carried_rad < 0.01 && carried_rad < 0.3 * lost_rad, "{carried_rad} and {lost_rad} rad");
 }
 
 #[test]

@@ -89,10 +89,18 @@ impl Odometer {
                 self.learn_stamp_errors(newest.stamp);
             }
         }
-        if !self.rotation.is_distrusting() {
-            self.imu.trust();
+        let mut found = HealthBits::default();
+        self.rotation.report(&mut found);
+        health.insert(found);
+        if found != HealthBits::default() {
+            self.imu.convict();
         }
-        self.rotation.report(health);
+        match sighting {
+            _ if self.rotation.is_distrusting() => {}
+            // What was on probation has proved right.
+            Some(_) => self.imu.acquit(),
+            None => self.imu.trust(),
+        }
         if let Some(since) = self.imu.take_revision() {
             self.integrate_anew(since);
         }

@@ -278,7 +278,7 @@ impl Odometer {
         let turned = rates.rate_b * (SCALE_SHARE * dt_s);
         let of_turn = sighting.rotation_covariance
             + Matrix3::identity() * gyro
-            + along(&before.rate_b)
+            + along(&before.rate_b())
             + turned * turned.transpose();
         let least = LEAST_SIGHTING_M.squared() + velocity.squared();
         let of_way = sighting.position_covariance + Matrix3::identity() * least + along(&before.nav.v_o_b);

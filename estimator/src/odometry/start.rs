@@ -5,10 +5,10 @@ use crate::geometry::yaw_of;
 use crate::initial::gyro_bias::{self, joined_motion};
 use crate::initial::{GatheredFrame, MonoWorkspace, find_track, mono, stereo};
 use crate::window::MAX_FRAMES;
-use crate::window::prior::AnchorSigmas;
+use crate::window::prior::{AnchorSigmas, AnchorState};
 use crate::window::state::NavState;
-use nalgebra::Vector3;
-use plumbline_config::Portable;
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::{Portable, Timestamp};
 
 /// Solver steps of a start: far from the solution, and only once.
 const START_ITERATIONS: usize = 12;
@@ -34,6 +34,10 @@ const LOOSE_ORIGIN_M_RAD: f64 = 0.02;
 const TIGHT_ORIGIN_M_RAD: f64 = 1e-5;
 /// Tilt taken from the specific force, rad: a vehicle that accelerates by 5 m/s² leans by as much.
 const TILT_SIGMA_RAD: f64 = 0.5;
+/// Least standard deviations of what is taken over from the last estimate: of the tilt, rad, and of the biases, as a share of
+/// those at switching on.
+const LEAST_TILT_SIGMA_RAD: f64 = 2e-3;
+const LEAST_BIAS_SHARE: f64 = 0.02;
 /// Nothing is known of the velocity; vehicles are no faster than this, m/s.
 const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Scale known worse than this, relative to itself, is not known: a start with one camera waits.
@@ -118,7 +122,9 @@ impl Odometer {
             return false;
         };
         let bias_gyro = if self.zero_velocity.is_still() { gyro } else { self.bias_memory.0 };
-        let rot_o_b = stereo::attitude_from_gravity(&(accel - self.bias_memory.1));
+        let rot_o_b = self
+            .carried_back_to(first, newest)
+            .unwrap_or_else(|| stereo::attitude_from_gravity(&(accel - self.bias_memory.1)));
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         self.window.clear();
         self.window.options.begin_with(self.window.options.cameras);
@@ -128,6 +134,7 @@ impl Odometer {
                 nav = nav.after(motion, &self.window.options.gravity_o);
             }
             self.window.push_frame(frame.time, nav.clone(), frame.motion.clone(), false);
+            self.window.set_gyro_of_newest(frame.gyro_b);
             self.window.observe(&frame.tracks, &[]);
             if k == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);
@@ -138,6 +145,42 @@ impl Odometer {
             }
         }
         self.settle()
+    }
+
+    /// The attitude at `first` that has been carried on to `newest` since the last pose.
+    fn carried_back_to(&self, first: Timestamp, newest: Timestamp) -> Option<UnitQuaternion<f64>> {
+        let origin = self.origin.as_ref().filter(|_| self.carried.is_some())?;
+        let (gyro, accel) = &self.bias_memory;
+        let (motion, _) = self.imu.preintegrate(first, newest, gyro, accel, &self.noise);
+        Some(origin.rot_o_b * motion.delta_rot.inverse())
+    }
+
+    /// What is known of the newest gathered frame beside its position and yaw, with its standard deviations.
+    fn known_at_start(&self) -> (AnchorState, AnchorSigmas) {
+        let (bias_gyro, bias_accel) = self.bias_memory;
+        let known = AnchorState { bias_gyro, bias_accel, up_b: None };
+        let sigmas = AnchorSigmas {
+            position_m: LOOSE_ORIGIN_M_RAD,
+            yaw_rad: LOOSE_ORIGIN_M_RAD,
+            tilt_rad: TILT_SIGMA_RAD,
+            velocity_m_s: VELOCITY_SIGMA_M_S,
+            bias_gyro_rad_s: self.options.bias_gyro_sigma,
+            bias_accel_m_s2: self.options.bias_accel_sigma,
+        };
+        let (Some(carried), Some(origin)) = (&self.carried, &self.origin) else { return (known, sigmas) };
+        let [tilt, gyro, accel] = carried.sigmas(&origin.rot_o_b);
+        let known = AnchorState { up_b: Some(origin.rot_o_b.inverse() * Vector3::z()), ..known };
+        let sigmas = AnchorSigmas {
+            tilt_rad: tilt.at_least(LEAST_TILT_SIGMA_RAD).at_most(sigmas.tilt_rad),
+            bias_gyro_rad_s: gyro
+                .at_least(LEAST_BIAS_SHARE * sigmas.bias_gyro_rad_s)
+                .at_most(sigmas.bias_gyro_rad_s),
+            bias_accel_m_s2: accel
+                .at_least(LEAST_BIAS_SHARE * sigmas.bias_accel_m_s2)
+                .at_most(sigmas.bias_accel_m_s2),
+            ..sigmas
+        };
+        (known, sigmas)
     }
 
     fn start_mono(&mut self) -> bool {
@@ -183,6 +226,7 @@ impl Odometer {
             let motion =
                 if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
             self.window.push_frame(frame.time, nav, motion, false);
+            self.window.set_gyro_of_newest(frame.gyro_b);
             self.window.observe(&frame.tracks, &[]);
             if k % 2 == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);
@@ -197,25 +241,18 @@ impl Odometer {
 
     /// Solves the window from scratch, puts the odometry frame at the newest frame, and judges.
     fn settle(&mut self) -> bool {
-        let loose = AnchorSigmas {
-            position_m: LOOSE_ORIGIN_M_RAD,
-            yaw_rad: LOOSE_ORIGIN_M_RAD,
-            tilt_rad: TILT_SIGMA_RAD,
-            velocity_m_s: VELOCITY_SIGMA_M_S,
-            bias_gyro_rad_s: self.options.bias_gyro_sigma,
-            bias_accel_m_s2: self.options.bias_accel_sigma,
-        };
+        let (known, loose) = self.known_at_start();
         let tight = AnchorSigmas { position_m: TIGHT_ORIGIN_M_RAD, yaw_rad: TIGHT_ORIGIN_M_RAD, ..loose };
         for _ in 0..START_ROUNDS {
             self.move_to_origin();
-            self.window.anchor_newest(&self.bias_memory, &loose);
+            self.window.anchor_newest(&known, &loose);
             self.window.triangulate(true);
             let _ = self.window.optimize(START_ITERATIONS);
             self.window.remove_outliers();
             self.window.predict_all_rates();
         }
         self.move_to_origin();
-        self.window.anchor_newest(&self.bias_memory, &tight);
+        self.window.anchor_newest(&known, &tight);
         let outcome = self.window.optimize(START_ITERATIONS);
         let observations = self.window.observation_count();
         !outcome.is_not_positive_definite

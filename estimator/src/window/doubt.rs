@@ -11,7 +11,6 @@ use super::state::NavState;
 use super::tracks;
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::Preintegration;
-use nalgebra::Vector3;
 use plumbline_config::Timestamp;
 
 /// Frames on end whose observations are spared though most of them do not fit. What lasts longer is no slip of the
@@ -80,13 +79,6 @@ impl Window {
             newest.linearization = nav.clone();
         }
         self.replace_newest(inertial, nav);
-    }
-
-    /// Notes the angular rate of the newest frame, rad/s.
-    pub fn set_rate_of_newest(&mut self, rate_b: Vector3<f64>) {
-        if let Some(newest) = self.frames.last_mut() {
-            newest.rate_b = rate_b;
-        }
     }
 
     fn replace_newest(&mut self, motion: InertialFactor, nav: NavState) {

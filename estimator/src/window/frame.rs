@@ -25,8 +25,8 @@ pub struct Frame {
     pub is_keyframe: bool,
     /// The vehicle was at rest here: its velocity gets a zero-velocity update.
     pub is_still: bool,
-    /// Angular rate of the body, rad/s.
-    pub rate_b: Vector3<f64>,
+    /// Reading of the gyroscope at the stamp, bias included, rad/s; where it did not measure, what it would have read.
+    pub gyro_b: Vector3<f64>,
     /// Inertial factor from the frame before it in the window; `None` for the first, and where the prior holds it.
     pub inertial: Option<InertialFactor>,
 }
@@ -38,6 +38,12 @@ impl Frame {
         if self.in_prior && first_estimates { &self.linearization } else { &self.nav }
     }
 
+    /// Angular rate of the body at the stamp, rad/s.
+    #[must_use]
+    pub fn rate_b(&self) -> Vector3<f64> {
+        self.gyro_b - self.nav.bias_gyro
+    }
+
     /// The pose at the stamp, where that is not the time of the state: some milliseconds away.
     #[must_use]
     pub fn pose_at_stamp(&self) -> Isometry3<f64> {
@@ -45,7 +51,7 @@ impl Frame {
             return self.nav.pose_o_b();
         }
         let dt_s = self.stamp.seconds_since(self.taken);
-        let rot_o_b = self.nav.rot_o_b * exp_so3(&(self.rate_b * dt_s));
+        let rot_o_b = self.nav.rot_o_b * exp_so3(&(self.rate_b() * dt_s));
         let p_o_b = self.nav.p_o_b + self.nav.v_o_b * dt_s;
         Isometry3::from_parts(Translation3::from(p_o_b), UnitQuaternion::new_normalize(rot_o_b.into_inner()))
     }

@@ -13,13 +13,16 @@ const KEPT_KEYFRAMES: usize = 2;
 const DISTANCE_FLOOR_M: f64 = 1e-3;
 
 impl Window {
-    /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks.
+    /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks that stand
+    /// still. The share of points that moved when last seen is taken to move still: corners on people are found anew in every
+    /// frame, and would make most frames keyframes.
     #[must_use]
     pub fn needs_keyframe(&self, connected: usize, tracked: usize) -> bool {
         let Some(newest) = self.frames.last() else { return false };
         let Some(last) = self.frames.iter().rev().skip(1).find(|f| f.is_keyframe) else { return true };
         let is_overdue = newest.stamp.seconds_since(last.stamp) > self.options.max_keyframe_interval_s;
-        tracked > 0 && (is_overdue || (connected as f64) < self.options.min_connected_ratio * tracked as f64)
+        let still = tracked as f64 * (1.0 - self.moving_share());
+        tracked > 0 && (is_overdue || (connected as f64) < self.options.min_connected_ratio * still)
     }
 
     /// Removes frames until the window is within its limits.

@@ -9,9 +9,9 @@
 //!
 //! It is a prior on the line's direction, not a measurement taken a second time; `sigma` is how truly edges are
 //! built ([`Manhattan::sigma_rad`]). It acts while the line is in the window and never enters the prior of what has left.
-//! Verticals hold roll and pitch. The heading is never known better than the yaw of the frames
-//! that found it, but it does not drift: while structural lines are seen, neither does yaw. Turning `O` about
-//! gravity turns the heading and all frames alike, so that yaw of the whole stays unobservable.
+//! Verticals hold roll and pitch. The heading is solved anew from the lines in the window, since nothing of it is remembered: it
+//! holds the yaws of the window together, and drifts with them. Turning `O` about gravity turns the heading and all frames
+//! alike, so that yaw of the whole stays unobservable.
 
 use super::camera_poses::CameraPose;
 use super::feature::{Jacobians, StructuralJacobians, StructuralLinearization};

@@ -99,7 +99,6 @@ fn a_frame_of_which_nothing_is_known_goes_without_a_trace() {
 fn frames_before_the_origin_go_without_a_trace_and_the_first_keyframe_fixes_where_it_is_linearized() {
     // As after a start with two cameras: the newest frame is the origin, those in between are no keyframes.
     let mut window = Room { frames: 5, sees: always, is_anchored: false, ..Room::default() }.window();
-    let zero = nalgebra::Vector3::zeros();
     let sigmas = super::super::prior::AnchorSigmas {
         position_m: 1e-3,
         yaw_rad: 1e-3,
@@ -108,7 +107,7 @@ fn frames_before_the_origin_go_without_a_trace_and_the_first_keyframe_fixes_wher
         bias_gyro_rad_s: 0.02,
         bias_accel_m_s2: 0.1,
     };
-    window.anchor_newest(&(zero, zero), &sigmas);
+    window.anchor_newest(&super::super::prior::AnchorState::default(), &sigmas);
     for frame in [1, 1] {
         window.frames[frame].is_keyframe = false;
         window.remove_frame(frame);

@@ -79,7 +79,7 @@ pub use fit::Fit;
 pub use options::Options;
 pub use state::MAX_FRAMES;
 
-use crate::geometry::{log_so3, yaw_of};
+use crate::geometry::yaw_of;
 use crate::inertial::Preintegration;
 use frame::Frame;
 use heading_votes::HeadingVotes;
@@ -90,7 +90,7 @@ use linearize::Linearizer;
 use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::ValidSetup;
-use prior::{AnchorSigmas, Prior};
+use prior::{AnchorSigmas, AnchorState, Prior};
 use problem::Problem;
 use reprojection::{InversePoint, PointMeasurement};
 use rig_walk::RigWalk;
@@ -131,6 +131,8 @@ pub struct Window {
     configured_rig: Rig,
     /// Frames for which things that were seen to move are remembered.
     moving_in_sight: u32,
+    /// Share of what was seen then that moved.
+    moved_share: f64,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
     /// Step of the newest frame, m, rad, m/s, that a solution which ended early left undone.
@@ -144,7 +146,7 @@ pub struct Window {
 #[derive(Clone, Debug)]
 struct Anchor {
     frame: usize,
-    biases: (Vector3<f64>, Vector3<f64>),
+    known: AnchorState,
     sigmas: AnchorSigmas,
 }
 
@@ -210,6 +212,7 @@ impl Window {
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             moving_in_sight: 0,
+            moved_share: 0.0,
             doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
@@ -247,10 +250,10 @@ impl Window {
     }
 
     /// Anchors the newest frame: its position and yaw define `O`. The prior holds the rig, this frame's state with the
-    /// standard deviations given, and biases (gyroscope rad/s, accelerometer m/s²) about those given. It is linearized again
-    /// for every solution until the first keyframe is marginalized, so that errors of the start leave no trace.
-    pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
-        self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
+    /// standard deviations given, and what is `known` of it. It is linearized again for every solution until the first
+    /// keyframe is marginalized, so that errors of the start leave no trace.
+    pub fn anchor_newest(&mut self, known: &AnchorState, sigmas: &AnchorSigmas) {
+        self.anchor = Some(Anchor { frame: self.frames.len() - 1, known: *known, sigmas: *sigmas });
         self.refresh_anchor();
     }
 
@@ -259,7 +262,7 @@ impl Window {
         let Some(anchor) = &self.anchor else { return };
         let configured = self.prior.rig.clone();
         self.prior.start(&configured, &self.options.rig_sigmas);
-        self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.biases, &anchor.sigmas);
+        self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.known, &anchor.sigmas);
         for frame in &mut self.frames[..=anchor.frame] {
             frame.linearization = frame.nav.clone();
         }
@@ -295,7 +298,7 @@ impl Window {
             stamp: time.stamp,
             taken: time.stamp,
             time_offset_s: time.time_offset_s,
-            rate_b: Vector3::zeros(),
+            gyro_b: Vector3::zeros(),
             linearization: nav.clone(),
             nav,
             in_prior: false,
@@ -303,6 +306,13 @@ impl Window {
             is_still,
             inertial,
         });
+    }
+
+    /// Notes what the gyroscope reads at the stamp of the newest frame, bias included, rad/s.
+    pub fn set_gyro_of_newest(&mut self, gyro_b: Vector3<f64>) {
+        if let Some(newest) = self.frames.last_mut() {
+            newest.gyro_b = gyro_b;
+        }
     }
 
     /// Adds the measurements of the newest frame to the landmarks of their tracks; returns how many points have one.
@@ -326,40 +336,35 @@ impl Window {
         tracks::host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
     }
 
-    /// Sets the image rates of the newest frame's observations from its velocity and its angular rate in the body,
-    /// rad/s. With a rolling shutter the observations of all frames are put where a global one would have made them.
-    pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
+    /// Sets the image rates of the newest frame's observations from its velocity and its angular rate. With a rolling shutter
+    /// the observations of all frames are put where a global one would have made them.
+    pub fn predict_rates(&mut self) {
         if self.options.is_rolling {
             self.predict_all_rates();
-        }
-        if let Some(newest) = self.frames.len().checked_sub(1) {
-            self.predict_rates_of(newest, rate_b);
+        } else if let Some(newest) = self.frames.len().checked_sub(1) {
+            self.predict_rates_of(newest);
         }
     }
 
     /// With a rolling shutter, puts the observations of the newest frame where a global one would have made them, by its predicted
     /// velocity.
-    pub fn unroll_newest(&mut self, rate_b: &Vector3<f64>) {
+    pub fn unroll_newest(&mut self) {
         if let Some(newest) = self.frames.len().checked_sub(1).filter(|_| self.options.is_rolling) {
-            self.predict_rates_of(newest, rate_b);
+            self.predict_rates_of(newest);
         }
     }
 
-    /// Sets the image rates of the observations of all frames; their angular rates are derived from the attitudes.
+    /// Sets the image rates of the observations of all frames, each from the velocity and angular rate of its frame.
     pub fn predict_all_rates(&mut self) {
         for index in 0..self.frames.len() {
-            let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };
-            let (Some(from), Some(to)) = (self.frames.get(from), self.frames.get(to)) else { return };
-            let turn = log_so3(&(from.nav.rot_o_b.inverse() * to.nav.rot_o_b));
-            let rate_b = turn / to.taken.seconds_since(from.taken);
-            self.predict_rates_of(index, &rate_b);
+            self.predict_rates_of(index);
         }
     }
 
-    fn predict_rates_of(&mut self, index: usize, rate_b: &Vector3<f64>) {
+    fn predict_rates_of(&mut self, index: usize) {
         let Self { rig, frames, points, lines, linearizer, .. } = self;
-        linearizer.poses.predict_rates(rig, frames, points.all_mut(), rate_b, index);
-        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), rate_b, index);
+        linearizer.poses.predict_rates(rig, frames, points.all_mut(), index);
+        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), index);
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the

@@ -72,6 +72,7 @@ impl Window {
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
         if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
             self.moving_in_sight = REMEMBERED_FRAMES;
+            self.moved_share = verdict.wrong as f64 / verdict.seen as f64;
         }
         true
     }
@@ -99,6 +100,11 @@ impl Window {
     #[must_use]
     pub fn is_motion_in_sight(&self) -> bool {
         self.moving_in_sight > 0
+    }
+
+    /// Share of what is seen that moves, by the last frames.
+    pub(super) fn moving_share(&self) -> f64 {
+        if self.is_motion_in_sight() { self.moved_share } else { 0.0 }
     }
 
     fn forget_moving(&mut self, slack: f64) {

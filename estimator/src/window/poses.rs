@@ -127,18 +127,18 @@ impl Poses {
         landmark.feature.structural_residual(problem.manhattan, now, linearization)
     }
 
-    /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and its
-    /// angular rate `rate_b` in the body, rad/s. These image rates are what the time offset is estimated by; taken
-    /// as differences between images, they would carry the noise of the images into it.
+    /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular
+    /// rate. These image rates are what the time offset is estimated by; taken as differences between images, they would
+    /// carry the noise of the images into it.
     pub fn predict_rates<F: Feature>(
         &mut self,
         rig: &Rig,
         frames: &[Frame],
         landmarks: &mut [Landmark<F>],
-        rate_b: &Vector3<f64>,
         index: usize,
     ) {
         self.refresh(rig, frames, false);
+        let rate_b = frames[index].rate_b();
         let v_b = frames[index].nav.rot_o_b.inverse() * frames[index].nav.v_o_b;
         for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
             for k in (0..landmark.observations.len()).rev() {
@@ -149,7 +149,7 @@ impl Poses {
                     _ => {}
                 }
                 let view = self.view(&self.now, landmark, index, observation.camera);
-                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, rate_b, &v_b) {
+                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, &rate_b, &v_b) {
                     landmark.observations[k].measured = m;
                 }
             }

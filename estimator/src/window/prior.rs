@@ -28,6 +28,17 @@ pub struct Prior {
     product: [f64; MAX_UNKNOWNS],
 }
 
+/// State at the first pose, as far as it is known beforehand.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AnchorState {
+    /// Gyroscope bias, rad/s.
+    pub bias_gyro: Vector3<f64>,
+    /// Accelerometer bias, m/s².
+    pub bias_accel: Vector3<f64>,
+    /// The vertical in the body; `None` where it is not known, and the tilt is what the solution makes of it.
+    pub up_b: Option<Vector3<f64>>,
+}
+
 /// Standard deviations of the state at the first pose.
 #[derive(Clone, Copy, Debug)]
 pub struct AnchorSigmas {
@@ -75,15 +86,9 @@ impl Prior {
         }
     }
 
-    /// Adds what is known of frame `index` at the start: its state is `nav`, its biases are `biases` (gyroscope rad/s,
-    /// accelerometer m/s²), within the standard deviations given.
-    pub fn anchor(
-        &mut self,
-        index: usize,
-        nav: &NavState,
-        biases: &(Vector3<f64>, Vector3<f64>),
-        sigmas: &AnchorSigmas,
-    ) {
+    /// Adds what is known of frame `index` at the start: its state is `nav`, and `known` beforehand, within the standard
+    /// deviations given.
+    pub fn anchor(&mut self, index: usize, nav: &NavState, known: &AnchorState, sigmas: &AnchorSigmas) {
         let base = unknown_of_frame(index);
         if self.equations.dim() < base + FRAME_DIM {
             self.equations.grow(base + FRAME_DIM);
@@ -99,8 +104,8 @@ impl Prior {
                 self.equations.add(k, k, information(sigma));
             }
         }
-        let gyro = (nav.bias_gyro - biases.0) * information(sigmas.bias_gyro_rad_s);
-        let accel = (nav.bias_accel - biases.1) * information(sigmas.bias_accel_m_s2);
+        let gyro = (nav.bias_gyro - known.bias_gyro) * information(sigmas.bias_gyro_rad_s);
+        let accel = (nav.bias_accel - known.bias_accel) * information(sigmas.bias_accel_m_s2);
         for k in 0..3 {
             self.equations.gradient_mut()[base + NavState::BIAS_GYRO + k] += gyro[k];
             self.equations.gradient_mut()[base + NavState::BIAS_ACCEL + k] += accel[k];
@@ -110,6 +115,11 @@ impl Prior {
         let tilt = nalgebra::Matrix3::identity() * information(sigmas.tilt_rad);
         let at = base + NavState::ROT;
         self.equations.add_block(at, at, &(yaw + tilt));
+        if let Some(known_up_b) = known.up_b {
+            // The turn from the known tilt to that of the state, without its yaw.
+            let turn = up_b.cross(&known_up_b) * information(sigmas.tilt_rad);
+            (0..3).for_each(|k| self.equations.gradient_mut()[at + k] += turn[k]);
+        }
     }
 
     /// Another Manhattan world, of heading near `heading_rad`: what is known of frames and rig through the one before stays known.

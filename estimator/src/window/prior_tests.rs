@@ -14,11 +14,11 @@ const SIGMAS: AnchorSigmas = AnchorSigmas {
     bias_accel_m_s2: 0.3,
 };
 
-fn anchored(nav: &NavState, biases: &(Vector3<f64>, Vector3<f64>)) -> Prior {
+fn anchored(nav: &NavState, known: &AnchorState) -> Prior {
     let rig = Rig::of(Config::preset("sim").expect("is good").setup());
     let mut prior = Prior::new(unknown_of_frame(3), &rig);
     prior.start(&rig, &SVector::from_element(0.5));
-    prior.anchor(1, nav, biases, &SIGMAS);
+    prior.anchor(1, nav, known, &SIGMAS);
     prior
 }
 
@@ -40,7 +40,7 @@ fn it_begins_with_the_calibration_and_what_is_held_fixed_is_left_out() {
 fn an_anchor_knows_tilt_less_well_than_yaw_whatever_the_attitude() {
     for phi in [Vector3::new(0.0, 0.0, 0.0), Vector3::new(1.2, -0.7, 0.4), Vector3::new(0.0, 1.5, 0.0)] {
         let nav = NavState { rot_o_b: exp_so3(&phi), ..NavState::default() };
-        let prior = anchored(&nav, &(Vector3::zeros(), Vector3::zeros()));
+        let prior = anchored(&nav, &AnchorState::default());
         assert_eq!(prior.frames(), 2);
         let at = unknown_of_frame(1) + NavState::ROT;
         let (h, _) = full(&prior.equations);
@@ -55,13 +55,32 @@ fn an_anchor_knows_tilt_less_well_than_yaw_whatever_the_attitude() {
 #[test]
 fn an_anchor_pulls_the_biases_to_where_they_were_believed_to_be() {
     let nav = NavState { bias_gyro: Vector3::new(0.02, 0.0, 0.0), ..NavState::default() };
-    let prior = anchored(&nav, &(Vector3::zeros(), Vector3::new(0.0, 0.0, 0.1)));
+    let prior =
+        anchored(&nav, &AnchorState { bias_accel: Vector3::new(0.0, 0.0, 0.1), ..AnchorState::default() });
     let at = unknown_of_frame(1);
     let gradient = prior.equations.gradient();
     // Downhill is against the gradient: the gyroscope's bias back to 0, the accelerometer's up to 0.1.
     assert!((gradient[at + NavState::BIAS_GYRO] - 0.02 / 0.05_f64.powi(2)).abs() < 1e-9);
     assert!((gradient[at + NavState::BIAS_ACCEL + 2] + 0.1 / 0.3_f64.powi(2)).abs() < 1e-9);
     assert_eq!(gradient[at + NavState::P], 0.0);
+}
+
+#[test]
+fn an_anchor_turns_the_vertical_back_to_where_it_was_known_and_leaves_the_yaw() {
+    let known = exp_so3(&Vector3::new(0.3, -0.2, 0.9));
+    let yawed = exp_so3(&Vector3::new(0.0, 0.0, 0.7)) * known;
+    let nav = NavState { rot_o_b: yawed * exp_so3(&Vector3::new(0.01, -0.02, 0.015)), ..NavState::default() };
+    let up_b = known.inverse() * Vector3::z();
+    let prior = anchored(&nav, &AnchorState { up_b: Some(up_b), ..AnchorState::default() });
+    let at = unknown_of_frame(1) + NavState::ROT;
+    let (information, gradient) = full(&prior.equations);
+    let block = information.view((at, at), (3, 3)).into_owned();
+    let turn = -block.try_inverse().unwrap() * gradient.rows(at, 3);
+    let turn = Vector3::new(turn[0], turn[1], turn[2]);
+    let found = (nav.rot_o_b * exp_so3(&turn)).inverse() * Vector3::z();
+    let before = (nav.rot_o_b.inverse() * Vector3::z()).angle(&up_b);
+    assert!(found.angle(&up_b) < 0.02 * before, "{} of {before} rad", found.angle(&up_b));
+    assert!(turn.dot(&(nav.rot_o_b.inverse() * Vector3::z())).abs() < 1e-9, "turns about the vertical");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A window over a small room, all kinds of factors at work, for the tests of the solver.
 
 use super::line::LineMeasurement;
-use super::prior::AnchorSigmas;
+use super::prior::{AnchorSigmas, AnchorState};
 use super::reprojection::PointMeasurement;
 use super::seen_by_row::SeenByRow;
 use super::state::{FRAME_DIM, FrameTime, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
@@ -152,6 +152,8 @@ impl Room {
             let stamp = Timestamp::from_nanos(1_000_000_000).plus_seconds(t);
             let nav = truth(&window.rig, t);
             window.push_frame(FrameTime { stamp, time_offset_s: 0.0 }, nav.clone(), inertial, false);
+            let [before, after] = [-1e-4, 1e-4].map(|dt| truth(&window.rig, t + dt).rot_o_b);
+            window.set_gyro_of_newest(log_so3(&(before.inverse() * after)) / 2e-4 + nav.bias_gyro);
             let (points, lines) = self.tracks(&window.rig, &nav, k);
             window.observe(&points, &lines);
             window.make_keyframe(&points, &lines);
@@ -164,7 +166,7 @@ impl Room {
                     bias_gyro_rad_s: 0.02,
                     bias_accel_m_s2: 0.1,
                 };
-                window.anchor_newest(&(Vector3::zeros(), Vector3::zeros()), &sigmas);
+                window.anchor_newest(&AnchorState::default(), &sigmas);
             }
         }
         window.triangulate(false);

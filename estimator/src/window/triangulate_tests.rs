@@ -18,7 +18,7 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
     Frame {
         stamp: Timestamp::from_nanos(0),
         taken: Timestamp::from_nanos(0),
-        rate_b: Vector3::zeros(),
+        gyro_b: Vector3::zeros(),
         time_offset_s: 0.0,
         linearization: nav.clone(),
         nav,

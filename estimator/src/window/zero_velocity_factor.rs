@@ -41,7 +41,7 @@ mod tests {
         Frame {
             stamp: Timestamp::from_nanos(0),
             taken: Timestamp::from_nanos(0),
-            rate_b: Vector3::zeros(),
+            gyro_b: Vector3::zeros(),
             time_offset_s: 0.0,
             linearization: nav.clone(),
             nav,
