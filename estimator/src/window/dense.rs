@@ -157,6 +157,19 @@ impl NormalEquations {
         self.b[k] = 0.0;
     }
 
+    /// Unknown `k` becomes `a (x + offset) - offset`: its distance from `-offset` shrinks by the factor `a`
+    /// ([`super::rig_walk`]).
+    pub fn shrink(&mut self, k: usize, a: f64, offset: f64) {
+        // The old unknown is `x' / a + shift`.
+        let shift = offset * (1.0 - a) / a;
+        for j in 0..self.dim {
+            self.b[j] += self.get(j, k) * shift;
+            let (row, column) = if j <= k { (j, k) } else { (k, j) };
+            self.h[row * self.stride + column] /= if j == k { a * a } else { a };
+        }
+        self.b[k] /= a;
+    }
+
     /// Lets unknown `k` walk: an independent error of the `variance` given is added to it. The others stay as well known as
     /// they were, and what ties them to `k` weakens ([`super::rig_walk`]).
     pub fn walk(&mut self, k: usize, variance: f64) {

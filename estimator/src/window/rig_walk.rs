@@ -1,31 +1,57 @@
-//! Slow random walk of the rig's calibration: what keeps systematic errors from becoming certainty.
+//! Slow walk of the rig's calibration: what keeps systematic errors from becoming certainty.
 //!
 //! A rig is stiff, but what is estimated of it is not the rig alone: coloured forces, scale errors and a lens model that
 //! fits only nearly act on its parameters like a calibration. They do not average out, and as a constant the rig would
-//! gather information about itself without limit. Each refined parameter `x` therefore walks, `x' = x + w` with
-//! `w ~ N(0, q)` and `q = floor² dt / memory`. The prior `d'Hd/2 + b'd` of [`super::prior`], `w` eliminated, becomes
+//! gather information about itself without limit. Each refined parameter `x`, counted from its configured value, is
+//! therefore an Ornstein-Uhlenbeck process, `x' = a x + w` with `w ~ N(0, q)`, of the configured standard deviation `s`:
+//!
+//! ```text
+//! q = floor² dt / memory        a² = 1 - q / s²
+//! ```
+//!
+//! Where nothing is measured its variance becomes `s²`, and its mean the configured value. The prior `d'Hd/2 + b'd` of
+//! [`super::prior`], whose steps `d` begin `e` from the configured rig, is written in the steps `d'` after `dt`,
+//! `d_k = (d'_k + e_k) / a - e_k`; then `w` is eliminated:
 //!
 //! ```text
 //! H' = H - h h' q / (1 + q H_kk)        b' = b - h b_k q / (1 + q H_kk)
 //! ```
 //!
-//! with `h` column `k` of `H`. Directions that no measurement sees (`H n = 0`) stay unseen: `h'n = 0`.
+//! with `h` column `k` of `H`. Directions that no measurement sees (`H n = 0`, `n` without a share of the rig) stay unseen.
 
 use super::Window;
 use super::state::{RIG_DIM, Rig};
 use plumbline_config::{Portable, Timestamp};
 
-/// Standard deviation that a parameter forgets within the memory time: about the repeatability of a careful calibration.
-/// First unknown, number of unknowns, m, rad or s.
-const FLOORS: [(usize, usize, f64); 5] = [
-    (Rig::P_B_C0, 3, 1e-3),
-    (Rig::ROT_B_C0, 3, 3e-4),
-    (Rig::P_C0_C1, 3, 5e-5),
-    (Rig::ROT_C0_C1, 3, 1e-4),
-    (Rig::TIME_OFFSET, 1, 3e-4),
+/// Parameters that walk alike.
+struct Floor {
+    /// First unknown, and number of unknowns.
+    unknowns: (usize, usize),
+    /// Standard deviation that is forgotten within the memory time, m, rad or s: about the repeatability of a careful
+    /// calibration.
+    sigma: f64,
+    /// Memory time against `rig.memory_s`.
+    memory: f64,
+}
+
+const fn floor(first: usize, count: usize, sigma: f64, memory: f64) -> Floor {
+    Floor { unknowns: (first, count), sigma, memory }
+}
+
+/// Memory of what ties the cameras to each other: no error of the IMU acts on it.
+const PAIR_MEMORY: f64 = 20.0;
+const FLOORS: [Floor; 5] = [
+    floor(Rig::P_B_C0, 3, 1e-3, 1.0),
+    floor(Rig::ROT_B_C0, 3, 3e-4, 1.0),
+    floor(Rig::P_C0_C1, 3, 5e-5, PAIR_MEMORY),
+    floor(Rig::ROT_C0_C1, 3, 1e-4, PAIR_MEMORY),
+    floor(Rig::TIME_OFFSET, 1, 3e-4, 1.0),
 ];
 
-/// Random walk of the rig: its memory, and the time it has reached.
+/// Largest share of a parameter's configured variance that it walks by at once.
+const MAX_SHARE: f64 = 0.9;
+
+/// Walk of the rig: its memory, and the time it has reached.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RigWalk {
     /// `rig.memory_s`; 0 for a rig that is a constant.
@@ -64,10 +90,16 @@ impl Window {
         if share == 0.0 {
             return;
         }
-        for (first, count, floor) in FLOORS {
+        let offsets = self.prior.rig.minus(&self.configured_rig);
+        for Floor { unknowns: (first, count), sigma: floor, memory } in FLOORS {
             for k in first..first + count {
-                let sigma = self.options.rig_sigmas[k].at_most(floor);
-                self.prior.equations.walk(k, sigma * sigma * share);
+                let configured = self.options.rig_sigmas[k];
+                if configured > 0.0 {
+                    let walked = configured.at_most(floor) / configured;
+                    let share = (walked * walked * share / memory).at_most(MAX_SHARE);
+                    self.prior.equations.shrink(k, (1.0 - share).sqrt(), offsets[k]);
+                    self.prior.equations.walk(k, configured * configured * share);
+                }
             }
         }
     }
@@ -77,8 +109,8 @@ impl Window {
 const _: () = {
     let (mut at, mut k) = (0, 0);
     while k < FLOORS.len() {
-        assert!(FLOORS[k].0 == at);
-        at += FLOORS[k].1;
+        assert!(FLOORS[k].unknowns.0 == at);
+        at += FLOORS[k].unknowns.1;
         k += 1;
     }
     assert!(at == RIG_DIM);
@@ -89,7 +121,7 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::DMatrix;
+    use nalgebra::{DMatrix, SVector};
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))
@@ -138,6 +170,68 @@ mod tests {
             let expected = if memory_s > 0.0 { 0.43 } else { 600.0_f64.powf(-0.5) };
             assert!((sigma / expected - 1.0).abs() < 0.15, "{memory_s}: {sigma}");
         }
+    }
+
+    #[test]
+    fn a_parameter_relaxes_like_its_exact_filter() {
+        let second = |k: i64| Timestamp::from_nanos(k * 1_000_000_000);
+        let (mut window, k) = (Room::default().window(), Rig::ROT_C0_C1 + 1);
+        window.rig_walk = RigWalk::new(2.0);
+        let (sigma, floor) = (3e-4, 1e-4);
+        window.options.rig_sigmas.fill(sigma);
+        window.configured_rig = window.prior.rig.clone();
+        let offset = 4e-4;
+        window.prior.rig =
+            window.configured_rig.plus(&SVector::from_fn(|i, _| if i == k { offset } else { 0.0 }));
+        // Better known at first than in the end, and less well.
+        for first in [5e-5_f64, 2e-3] {
+            window.prior.equations.reset(window.prior.equations.dim());
+            window.prior.equations.add(k, k, first.powi(-2));
+            window.rig_walk.clear();
+            let (mut variance, mut mean) = (first * first, offset);
+            for time in 0..4000 {
+                window.frames.last_mut().expect("there is one").stamp = second(time);
+                window.walk_rig();
+                if time > 0 {
+                    let q = floor * floor / (2.0 * PAIR_MEMORY);
+                    let a = (1.0 - q / (sigma * sigma)).sqrt();
+                    (variance, mean) = (a * a * variance + q, a * mean);
+                }
+                let information = window.prior.equations.get(k, k);
+                let at = offset - window.prior.equations.gradient()[k] / information;
+                assert!((information * variance - 1.0).abs() < 1e-6, "{first} {time}: {information}");
+                assert!((at - mean).abs() < 1e-9, "{first} {time}: {at} {mean}");
+            }
+            assert!((variance.sqrt() / sigma - 1.0).abs() < 1e-3 && mean.abs() < 1e-2 * offset);
+        }
+    }
+
+    #[test]
+    fn what_ties_a_parameter_to_others_relaxes_with_it() {
+        let mut equations = NormalEquations::new(6);
+        equations.reset(6);
+        for i in 0..6 {
+            for j in i..6 {
+                equations.add(i, j, 1.0 / (1.0 + (j - i) as f64));
+            }
+            equations.add(i, i, 2.0 + i as f64);
+            equations.gradient_mut()[i] = 0.3 * i as f64 - 0.7;
+        }
+        let solve = |equations: &NormalEquations| {
+            let inverse = dense(equations).try_inverse().expect("is regular");
+            let gradient = nalgebra::DVector::from_column_slice(equations.gradient());
+            (-(&inverse * gradient), inverse)
+        };
+        let (mean, covariance) = solve(&equations);
+        let (a, offset) = (0.8, 0.4);
+        equations.shrink(2, a, offset);
+        let (shrunk_mean, shrunk) = solve(&equations);
+        let mut by = DMatrix::identity(6, 6);
+        by[(2, 2)] = a;
+        let mut expected = mean;
+        expected[2] = a * (expected[2] + offset) - offset;
+        assert!((shrunk_mean - expected).norm() < 1e-12);
+        assert!((shrunk - &by * covariance * &by).norm() < 1e-12);
     }
 
     #[test]
