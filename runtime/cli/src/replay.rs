@@ -27,6 +27,7 @@ use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::accuracy::ForeignTruth;
 use plumbline_lab::report::{Report, late_findings};
+use plumbline_lab::tracking::TrackingWatch;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use written::{check_plot, write_map_outputs, write_state_outputs, write_trajectories};
@@ -135,6 +136,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         .map(|_| OdometryTrajectory::with_room_for(flight.expected_readings().min(MAX_RESERVED_READINGS)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
+    let mut tracking = TrackingWatch::new(&flight.config);
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
     let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone(), board)?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
@@ -142,6 +144,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);
+    subscribers.push(&mut tracking);
     if let Some(odometry) = &mut odometry {
         subscribers.push(odometry);
     }
@@ -155,7 +158,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     progress.finish();
     let flown = flown?;
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref(), &file_defects);
-    let report = Report::new(&flown).with(outputs).warning_of(warnings);
+    let report = Report::new(&flown).with(outputs).with_tracking(tracking.figures()).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     let words = args.run.write(&flown, &report)?;
     write_trajectories(args, &flown.poses, odometry.as_deref())?;

@@ -11,7 +11,7 @@ use plumbline_flight::flight::with_overrides;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::sweep::open_table::{Format, OpenTable};
 use plumbline_lab::sweep::{
-    Cell, CellResult, Common, NamedTruth, Plan, Subject, SweepAxis, cell, folder, run, table,
+    Cell, CellResult, Common, NamedTruth, Plan, Subject, SweepAxis, cell, folder, run, side_by_side, table,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -72,6 +72,10 @@ pub struct SweepArgs {
     /// Write the paired comparison (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub paired_json: Option<PathBuf>,
+    /// Also print tracks, residuals, NEES and errors of each data set, and the ratio of each figure to that of the first: how well a
+    /// simulated flight predicts a recorded one.
+    #[arg(long)]
+    pub figures: bool,
     /// Configuration file or preset that the settings change. Default: as for `plumbline replay`.
     #[arg(long)]
     pub config: Option<PathBuf>,
@@ -354,6 +358,9 @@ fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
         paired::write(comparisons, args.paired_json.as_deref())?;
     }
     say(table);
+    if args.figures {
+        say(format_args!("\n{}", side_by_side::table(results)));
+    }
     comparisons.as_deref().map_or(Ok(()), paired::say_each)?;
     let of = results.first().map_or(0, |result| result.of);
     let missing: Vec<String> =

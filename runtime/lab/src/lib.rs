@@ -3,10 +3,10 @@
 //! - [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many, a [`sweep`] flies many
 //!   settings, a [`mod@bench`] measures what they cost;
 //! - a [`shuttle`] tells the drift of a recording without ground truth;
-//! - a [`plot`] draws a flight, a [`picture`] what was found in an image;
+//! - a [`plot`] draws a flight, a [`picture`] what was found in an image, [`tracking`] what became of its features;
 //! - [`calibrate`] finds out about the sensors before a flight.
 //!
-//! Without the feature `full` (default) there are [`evaluate`] and [`report`] alone: what a flight says of itself.
+//! Without the feature `full` (default) there are [`evaluate`], [`report`] and [`tracking`] alone: what a flight says of itself.
 
 #[cfg(feature = "full")]
 pub mod bench;
@@ -24,3 +24,4 @@ pub mod report;
 pub mod shuttle;
 #[cfg(feature = "full")]
 pub mod sweep;
+pub mod tracking;

@@ -91,6 +91,12 @@ pub struct Solved<'a> {
 }
 
 impl Solved<'_> {
+    /// The window, to be looked at.
+    #[must_use]
+    pub fn window(&self) -> &Window {
+        self.window
+    }
+
     /// Copies the states of the window into `trail`, which has room for them.
     pub fn trail_to(&self, trail: &mut Trail) {
         self.window.trail(self.estimate, trail);

@@ -15,6 +15,7 @@ pub use fault::{CampaignFault, SILENT_FROM_S};
 use crate::report::Report;
 use crate::report::silence::SilentFailure;
 use crate::report::trust::Trust;
+use crate::tracking::TrackingWatch;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
 use plumbline_estimator::{Estimate, HealthBits};
@@ -174,10 +175,16 @@ impl Entry {
         let flight = flight.with_injected(&beside, self.scenario.seed)?;
         let options = RunOptions { speed: None, threads: setup.threads };
         let mut states = self.fault.is_silent().then(|| KeptStates::for_flight(&flight));
-        let subscribers = states.iter_mut().map(|states| states as &mut dyn Subscriber).collect();
+        let mut tracking = TrackingWatch::new(&flight.config);
+        let states_too = states.iter_mut().map(|states| states as &mut dyn Subscriber);
+        let subscribers = [&mut tracking as &mut dyn Subscriber].into_iter().chain(states_too).collect();
         let flown = fly(flight, &options, &Control::default(), subscribers)?;
         let silence = states.and_then(|states| self.silence(&flown, &states.into_rows()));
-        Ok(Report { trust: self.trust(&flown), silence, ..Report::new(&flown) })
+        Ok(Report {
+            trust: self.trust(&flown),
+            silence,
+            ..Report::new(&flown).with_tracking(tracking.figures())
+        })
     }
 
     /// Whether the estimate deserved its trust, where something went wrong.

@@ -10,6 +10,7 @@ pub mod silence;
 pub mod trust;
 
 use crate::evaluate::{FlightConsistency, Nees};
+use crate::tracking::TrackingFigures;
 use accuracy::Accuracy;
 use honesty::Honesty;
 use places::PlacesReport;
@@ -78,6 +79,9 @@ pub struct Report {
     pub points: Points,
     /// Line segments of the left image, means per frame.
     pub lines: Lines,
+    /// Lives and residuals of tracks, of replayed flights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<TrackingFigures>,
     /// Median quality from the first pose on; `null` without one.
     pub median_quality: Option<i8>,
     /// Number of frames with each health bit, by its name; bits that were never set are left out.
@@ -231,6 +235,7 @@ impl Report {
             sensors: None,
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
             lines: lines_of(outcome),
+            tracking: None,
             median_quality: f.health.median_quality(),
             health_frames: health_frames(outcome),
             health: f.health.clone(),
@@ -257,6 +262,12 @@ impl Report {
     #[must_use]
     pub fn with(self, outputs: OutputFigures) -> Self {
         Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
+    }
+
+    /// Adds the figures of tracks.
+    #[must_use]
+    pub fn with_tracking(self, tracking: TrackingFigures) -> Self {
+        Self { tracking: Some(tracking), ..self }
     }
 
     /// Adds the figures of live sensors; allocations of their threads count.

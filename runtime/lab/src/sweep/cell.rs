@@ -5,6 +5,7 @@ use super::subject::{Common, Subject};
 use crate::evaluate::FlightConsistency;
 use crate::report::Report;
 use crate::report::accuracy::ForeignTruth;
+use crate::tracking::{TrackingFigures, TrackingWatch};
 use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::{FlightError, Truth, fly, with_overrides};
 use plumbline_flight::log::build_id::BuildId;
@@ -114,6 +115,9 @@ pub struct CellFigures {
     /// Computation of a frame, largest, ms of processor time.
     #[serde(default)]
     pub frame_cpu_ms_max: Option<f64>,
+    /// Lives and residuals of tracks.
+    #[serde(default)]
+    pub tracking: Option<TrackingFigures>,
     /// SHA-256 over the bits of all estimates.
     pub estimate_digest: String,
 }
@@ -137,6 +141,7 @@ impl CellFigures {
             frame_cpu_ms_p50: report.frame_cpu_ms.p50,
             frame_cpu_ms_p99: report.frame_cpu_ms.p99,
             frame_cpu_ms_max: Some(report.frame_cpu_ms.max),
+            tracking: report.tracking.clone(),
             estimate_digest: report.estimate_digest.clone(),
         }
     }
@@ -192,11 +197,12 @@ impl Cell {
         // One thread a flight: the cores are shared among the cells.
         let options = RunOptions { speed: None, threads: 1 };
         let control = Control::stopped_by(Arc::clone(stop));
-        let flown = fly(flight, &options, &control, vec![])?;
+        let mut tracking = TrackingWatch::new(&flight.config);
+        let flown = fly(flight, &options, &control, vec![&mut tracking])?;
         if let Some(truth) = named.filter(|_| !stop.load(Ordering::Relaxed)) {
             ForeignTruth::check(&flown.name, &flown.poses, &flown.truth, &truth.path)?;
         }
-        Ok(Report::new(&flown))
+        Ok(Report::new(&flown).with_tracking(tracking.figures()))
     }
 
     /// Tells what is asked for from everything else that could be.
@@ -353,6 +359,7 @@ pub(super) mod tests {
             frame_cpu_ms_p50: 7.0,
             frame_cpu_ms_p99: 11.0,
             frame_cpu_ms_max: Some(20.0),
+            tracking: None,
             estimate_digest: "ab".into(),
         };
         CellResult {

@@ -11,6 +11,7 @@ pub mod open_table;
 pub mod plan;
 pub mod published;
 pub mod run;
+pub mod side_by_side;
 pub mod subject;
 pub mod table;
 
