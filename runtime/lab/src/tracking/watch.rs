@@ -6,7 +6,7 @@ use super::fit::Fits;
 use super::lives::Lives;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Tracked;
-use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber, View};
+use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use plumbline_flight::schedule::times::Times;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -78,8 +78,8 @@ impl Subscriber for TrackingWatch {
 struct OfTracks(Arc<Mutex<Seen>>);
 
 impl Listener for OfTracks {
-    fn shown(&mut self, view: View<'_>) {
-        if let View::Tracked(tracked) = view {
+    fn shown(&mut self, view: ListenerView<'_>) {
+        if let ListenerView::Tracked(tracked) = view {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).frame(tracked);
         }
     }
@@ -89,8 +89,8 @@ impl Listener for OfTracks {
 struct OfWindow(Arc<Mutex<Fits>>);
 
 impl Listener for OfWindow {
-    fn shown(&mut self, view: View<'_>) {
-        let View::Solved(solved) = view else { return };
+    fn shown(&mut self, view: ListenerView<'_>) {
+        let ListenerView::Solved(solved) = view else { return };
         if solved.estimate.has_pose() {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).frame(solved.window());
         }
