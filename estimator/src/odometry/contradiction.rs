@@ -23,6 +23,8 @@ const TURNING_SHARE: f64 = 0.2;
 /// jumps differs once, and a crowd that is taken for the scene by little.
 const MEAN_EXCESS_SQUARED: f64 = 0.7;
 const MOST_EXCESS: f64 = 2.0;
+/// Or by which the newest frames differ in sum, if no frame makes up half of it: a small error that lasts.
+const SUM_EXCESS: f64 = 2.0;
 /// It is wrong at once if so many frames on end differ by so many times what may, in one direction (cosine), and turn this many times as fast as
 /// the images have: no delay and no jump of an image does that.
 const PLAIN_FRAMES: u32 = 2;
@@ -60,6 +62,8 @@ pub(super) struct NewestTurn {
     /// Difference from the gyroscope, rad, and as a multiple of what it may come to.
     pub(super) difference: Vector3<f64>,
     pub(super) excess: f64,
+    /// The same of what the newest frames differ by in sum; 0 where one of them makes up half of it.
+    pub(super) sum_excess: f64,
     /// True if the frames that agree differ by too much in sum.
     pub(super) adds_up: bool,
 }
@@ -85,6 +89,8 @@ pub(super) struct Contradiction {
     /// Frames so far, at most as many as turns are kept, and the mean over them of the squared excess.
     frames: u32,
     mean_excess_squared: f64,
+    /// True if the newest frames differ by much in sum.
+    is_off_in_sum: bool,
     /// Frames on end that differ plainly, and the last difference.
     plain: u32,
     last: Vector3<f64>,
@@ -103,6 +109,7 @@ impl Contradiction {
             agreeing: 0,
             frames: 0,
             mean_excess_squared: 0.0,
+            is_off_in_sum: false,
             plain: 0,
             last: Vector3::zeros(),
             may_name_gyro,
@@ -114,6 +121,7 @@ impl Contradiction {
         self.frames = (self.frames + 1).min(MAX_TURNS as u32);
         let excess_squared = newest.excess.at_most(MOST_EXCESS).squared();
         self.mean_excess_squared += (excess_squared - self.mean_excess_squared) / f64::from(self.frames);
+        self.is_off_in_sum = newest.sum_excess >= SUM_EXCESS;
         if self.plain < PLAIN_FRAMES {
             let fastest =
                 evidence.turns.iter().map(Turn::rate_rad_s).fold(0.0, |most, x: f64| x.at_least(most));
@@ -189,7 +197,7 @@ impl Contradiction {
         if self.plain >= PLAIN_FRAMES {
             return true;
         }
-        let is_lasting = self.mean_excess_squared >= MEAN_EXCESS_SQUARED;
+        let is_lasting = self.mean_excess_squared >= MEAN_EXCESS_SQUARED || self.is_off_in_sum;
         if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }

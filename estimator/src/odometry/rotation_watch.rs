@@ -240,9 +240,10 @@ impl RotationWatch {
         }
         let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
         self.prove(excess <= 1.0, &turn);
-        let mut newest = NewestTurn { turn, difference: rad, excess, adds_up: false };
+        let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         let contradicted = if self.contradiction.is_some() {
             newest.adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
+            newest.sum_excess = self.even_excess(frame.bias_sigma_rad_s);
             self.settle(&newest);
             None
         } else {
@@ -281,6 +282,13 @@ impl RotationWatch {
         let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
             + SCALE_SHARE * turned;
         Some(sum.norm() / admitted)
+    }
+
+    /// [`Self::excess`] of the longest sum; 0 where it is not complete, or a single difference makes up half of it.
+    fn even_excess(&self, bias_sigma_rad_s: f64) -> f64 {
+        let sum: Vector3<f64> = self.differences.iter().map(|d| d.rad).sum();
+        let is_even = self.differences.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
+        self.excess(MAX_SUM, bias_sigma_rad_s, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
     }
 
     /// Since when samples are on probation, if that is news.
