@@ -9,6 +9,7 @@ pub mod codec;
 pub mod file;
 pub mod frames;
 pub mod merge;
+mod numbers;
 pub mod ply;
 mod saver;
 
