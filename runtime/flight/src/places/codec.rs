@@ -3,8 +3,10 @@
 //! Reading is bounded: every length is checked against the bytes that are there before anything is allocated for it,
 //! and every number against what a map can hold. A map that passes has finite poses, unit rotations and sane features.
 
-use super::numbers::{Reader, Writer};
+mod numbers;
+
 use nalgebra::Isometry3;
+use numbers::{Reader, Writer};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::map::MAX_LINES;
 use plumbline_estimator::places::{Feature, Keyframe, MapLimits, MapLine, PlaceMap};

@@ -9,7 +9,6 @@ pub mod codec;
 pub mod file;
 pub mod frames;
 pub mod merge;
-mod numbers;
 pub mod ply;
 mod saver;
 

@@ -1,6 +1,6 @@
 //! Numbers, poses, lines and features of a map, to and from bytes.
 
-use super::codec::MapDefect;
+use super::MapDefect;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_estimator::places::{Descriptor, Feature, MapLine};
 
