@@ -1,10 +1,13 @@
 //! The messages of protobuf in Rust, and the descriptors that are sent with them, are in the repository: no build of the product
-//! compiles a schema. Here they are made anew from the schemas, and compared. `make messages` writes them.
+//! compiles a schema. Here they are made anew from the schemas, and compared; so are the docstrings in the stubs of the Python
+//! module. `make messages` writes them.
+
+mod stubs;
 
 use prost::Message;
 use std::path::{Path, PathBuf};
 
-/// A file that is made of a schema, by its path in the repository.
+/// A file that is made of others, by its path in the repository.
 struct Made {
     path: &'static str,
     bytes: Vec<u8>,
@@ -12,20 +15,37 @@ struct Made {
 
 #[test]
 fn generated_messages_are_those_of_the_schemas() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = root();
     let folders = |folders: &[&str]| folders.iter().map(|folder| root.join(folder)).collect::<Vec<_>>();
     let foxglove = (folders(&["runtime/flight/proto"]), "foxglove/foxglove.proto");
-    let all = [
+    check_made([
         Made { path: "runtime/flight/generated/foxglove.rs", bytes: types(compiled(&foxglove)) },
         Made { path: "runtime/flight/generated/foxglove.descriptors", bytes: descriptors(&foxglove) },
-    ];
+    ]);
+}
+
+#[test]
+fn docstrings_of_the_stubs_are_those_of_the_module() {
+    let (root, path) = (root(), "runtime/python/package/plumbline/_native.pyi");
+    let kept = std::fs::read_to_string(root.join(path)).unwrap();
+    let made = stubs::with_docstrings(&kept, &root.join("runtime/python/src"));
+    check_made([Made { path, bytes: made.into_bytes() }]);
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Compares files with what they are made of, or writes them.
+fn check_made(all: impl IntoIterator<Item = Made>) {
+    let root = root();
     for made in all {
         let file = root.join(made.path);
         if std::env::var_os("PLUMBLINE_WRITE_MESSAGES").is_some() {
             std::fs::write(&file, &made.bytes).unwrap();
         }
         let kept = std::fs::read(&file).unwrap_or_default();
-        assert!(kept == made.bytes, "{}: is not what its schema makes; `make messages` writes it", made.path);
+        assert!(kept == made.bytes, "{}: is not what it is made of; `make messages` writes it", made.path);
     }
 }
 

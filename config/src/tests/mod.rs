@@ -9,6 +9,7 @@ mod presets;
 mod rigs;
 mod robustness;
 mod validation;
+mod validation_network;
 
 use crate::{Config, ValidConfig};
 

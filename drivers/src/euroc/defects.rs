@@ -140,7 +140,7 @@ impl FileDefects {
 /// Defects of coverage: frames before the first or after the last sample. `file` names the samples in
 /// messages.
 pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>]) -> Vec<Defect> {
-    let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::frames_span(frames)) else {
+    let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::span::frames_span(frames)) else {
         return Vec::new();
     };
     let defect = |what: &str, evidence: String, cure: String| Defect {

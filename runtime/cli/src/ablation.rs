@@ -1,7 +1,7 @@
 //! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper, and on top of it what loops and the
 //! knowledge of the end of the flight bring.
 
-use super::choice::FlightChoice;
+use super::choice::{FlightChoice, TrialArgs};
 use super::sweep::progress_bar;
 use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, say, stop_on_signal, sweep};
@@ -42,21 +42,9 @@ pub struct AblationArgs {
     /// Topics of bags.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// Use the left camera only.
-    #[arg(long)]
-    pub mono: bool,
-    /// Configuration file or preset.
-    #[arg(long)]
-    pub config: Option<PathBuf>,
-    /// Change a key of the estimator's configuration in all variants; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
-    /// Cache rendered frames in this folder. Default: each variant renders them again.
-    #[arg(long)]
-    pub cache: Option<PathBuf>,
-    /// Write all reports (JSON).
-    #[arg(long, value_name = "OUT.json")]
-    pub json: Option<PathBuf>,
+    /// What flies, and what is kept.
+    #[command(flatten)]
+    pub trial: TrialArgs,
 }
 
 /// Name of a flight in the tables.
@@ -79,7 +67,7 @@ struct Row<'a> {
 /// # Errors
 /// When a flight cannot be opened or simulated.
 pub fn run(args: &AblationArgs) -> Result<()> {
-    check_outputs(&args.json)?;
+    check_outputs(&args.trial.json)?;
     let subjects = subjects(args)?;
     let names: Vec<String> = subjects.iter().map(name).collect();
     let flown = fly_all(args, subjects)?;
@@ -100,7 +88,7 @@ pub fn run(args: &AblationArgs) -> Result<()> {
             unknown.join(", ")
         ));
     }
-    if let Some(file) = &args.json {
+    if let Some(file) = &args.trial.json {
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
     }
     Ok(())
@@ -109,11 +97,12 @@ pub fn run(args: &AblationArgs) -> Result<()> {
 /// Reports of all flights in the first variant, then of all in the second, and so on.
 fn fly_all(args: &AblationArgs, subjects: Vec<Subject>) -> Result<Vec<Report>> {
     let setting = |(_, changes): &(_, &[&str])| {
-        args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect()
+        args.trial.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect()
     };
-    let config = load_config(args.config.as_deref())?;
+    let config = load_config(args.trial.config.as_deref())?;
     let topics = args.topics.names()?;
-    let common = Common { config, truth: None, topics, mono: args.mono, cache: args.cache.clone() };
+    let common =
+        Common { config, truth: None, topics, mono: args.trial.mono, cache: args.trial.cache.clone() };
     let cells = Plan::of_settings(VARIANTS.iter().map(setting).collect(), subjects, common).cells();
     let stop = stop_on_signal()?;
     let bar = progress_bar("flights", cells.len(), 0);

@@ -1,13 +1,14 @@
 //! `plumbline campaign`: the built-in set of simulated flights, tabulated.
 
-use super::choice::FlightChoice;
+mod faults;
+
+use super::choice::{FlightChoice, TrialArgs};
 use super::paired::{self, Against};
 use super::{Usage, check_outputs, load_config, one_line, say_unless_closed};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+use faults::{each_named, faults, not_flown};
 use plumbline_config::Config;
-use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{Family, Named};
 use plumbline_flight::flight::with_overrides;
 use plumbline_lab::campaign::honest::{HONESTY_HEAD, honesty_row, honesty_summary};
 use plumbline_lab::campaign::table::{
@@ -72,28 +73,15 @@ pub struct CampaignArgs {
     /// Tilt of the whole scene of every flight from the vertical, degrees, in a direction drawn by the seed.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub lean_deg: f64,
-    /// Use the left camera only.
-    #[arg(long)]
-    pub mono: bool,
-    /// Configuration file or preset of the simulated rig and of the estimator.
-    #[arg(long)]
-    pub config: Option<PathBuf>,
-    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be repeated. The
-    /// simulated rig keeps its own values.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
-    /// Cache rendered frames in this folder (about 220 MB for 15 s of stereo).
-    #[arg(long)]
-    pub cache: Option<PathBuf>,
+    /// What flies, and what is kept.
+    #[command(flatten)]
+    pub trial: TrialArgs,
     /// Parallel flights.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub jobs: u8,
     /// Number of threads of a flight: 1 renders between frames, 2 renders ahead on another thread.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
-    /// Write all reports (JSON).
-    #[arg(long, value_name = "OUT.json")]
-    pub json: Option<PathBuf>,
     /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95
     /// %. A variant is a change of the configuration (key=value,key=value, after --set); every flight is also flown
     /// with it. A variant can also be a --json file of the same flights from another build, shown as "before". May be
@@ -108,7 +96,7 @@ pub struct CampaignArgs {
 impl CampaignArgs {
     /// True if there are files to write, even if the standard output is closed.
     fn writes_files(&self) -> bool {
-        self.json.is_some() || self.paired_json.is_some()
+        self.trial.json.is_some() || self.paired_json.is_some()
     }
 }
 
@@ -137,18 +125,18 @@ struct Row<'a> {
 /// # Errors
 /// When a flight cannot be simulated.
 pub fn run(args: &CampaignArgs) -> Result<()> {
-    check_outputs(args.json.iter().chain(&args.paired_json))?;
+    check_outputs(args.trial.json.iter().chain(&args.paired_json))?;
     let preset = if args.imu == ImuChoice::Recorded { "euroc" } else { "sim" };
-    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset(preset), Ok)?;
-    with_overrides(&config, &args.overrides)?;
-    let against = args.against.iter().map(|text| Against::parse(text, &config, &args.overrides));
+    let config = load_config(args.trial.config.as_deref())?.map_or_else(|| Config::preset(preset), Ok)?;
+    with_overrides(&config, &args.trial.overrides)?;
+    let against = args.against.iter().map(|text| Against::parse(text, &config, &args.trial.overrides));
     let against = against.collect::<Result<Vec<_>>>()?;
     let entries = entries(args)?;
     let setup = Setup {
         config: Some(config),
-        overrides: args.overrides.clone(),
-        mono: args.mono,
-        cache: args.cache.clone(),
+        overrides: args.trial.overrides.clone(),
+        mono: args.trial.mono,
+        cache: args.trial.cache.clone(),
         threads: usize::from(args.threads),
     };
     // A closed pipe must not lose the files.
@@ -184,7 +172,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if !health.is_empty() {
         say(&format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
     }
-    if let Some(file) = &args.json {
+    if let Some(file) = &args.trial.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
     }
@@ -218,7 +206,7 @@ fn compare(
     args: &CampaignArgs,
     against: &[Against],
 ) -> Result<()> {
-    let here = variant(paired::name(&args.overrides), entries, flown)?;
+    let here = variant(paired::name(&args.trial.overrides), entries, flown)?;
     let mut comparisons = Vec::new();
     for other in against {
         comparisons.push(match other {
@@ -226,7 +214,7 @@ fn compare(
             Against::Changes(changes) => {
                 let name = paired::name(changes);
                 say_unless_closed(args.writes_files(), format_args!("\n{name}\n\n{TABLE_HEAD}"));
-                let overrides = args.overrides.iter().chain(changes).cloned().collect();
+                let overrides = args.trial.overrides.iter().chain(changes).cloned().collect();
                 let setup = Setup { overrides, ..setup.clone() };
                 let flown = fly_all(entries, &setup, args);
                 PairedComparison::of(&here, &variant(name, entries, &flown)?)
@@ -285,179 +273,4 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
         entries.extend(sound.iter().map(|entry| entry.with_fault(fault)));
     }
     Ok(entries)
-}
-
-/// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
-fn faults(args: &CampaignArgs) -> Result<(Vec<CampaignFault>, Vec<CampaignFault>), Usage> {
-    let end_s = args.choice.duration;
-    // With one camera there is no right one to lose, and without the left there is none.
-    let possible = |fault: &CampaignFault| !(args.mono && fault.needs_two_cameras());
-    // Recorded samples have the errors of their sensor.
-    let errors = CampaignFault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
-    let with_dose = CampaignFault::conditions().chain(CampaignFault::injected());
-    let usual: Vec<CampaignFault> =
-        CampaignFault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
-    let happens = |fault: &CampaignFault| fault.injected_from_s().is_none_or(|begin_s| begin_s < end_s);
-    if args.fault.is_empty() {
-        return Ok(usual.into_iter().partition(happens));
-    }
-    let (mut chosen, mut late) = (Vec::new(), Vec::new());
-    for wanted in &args.fault {
-        let kind = wanted.split([':', '@']).next().unwrap_or_default();
-        if kind != wanted && (wanted.contains('@') || InjectedFault::kinds().any(|known| known.name == kind))
-        {
-            chosen.push(CampaignFault::Injected(injected(wanted, end_s)?));
-            continue;
-        }
-        if wanted.contains(':') {
-            let fault = wanted.parse().map(CampaignFault::Condition);
-            chosen.push(fault.or_else(|_| wanted.parse().map(CampaignFault::Inertial)).map_err(Usage)?);
-            continue;
-        }
-        let prefix = wanted.to_lowercase().replace('-', "");
-        let begins =
-            |fault: &&CampaignFault| fault.name().to_lowercase().replace('-', "").starts_with(&prefix);
-        let (in_flight, after): (Vec<CampaignFault>, Vec<CampaignFault>) =
-            usual.iter().filter(begins).partition(|f| happens(f));
-        if in_flight.is_empty() {
-            return Err(match after.first() {
-                Some(fault) => too_late(wanted, fault.injected_from_s().unwrap_or_default(), end_s),
-                None => unknown(wanted, &usual),
-            });
-        }
-        chosen.extend(in_flight);
-        late.extend(after);
-    }
-    Ok((chosen, late))
-}
-
-/// The line of the faults that were left out because the flight ends before they begin.
-fn not_flown(args: &CampaignArgs) -> Result<Option<String>, Usage> {
-    let late = if args.faults { faults(args)?.1 } else { Vec::new() };
-    let names: Vec<String> = late.into_iter().map(CampaignFault::name).collect();
-    Ok((!names.is_empty()).then(|| {
-        let end_s = args.choice.duration;
-        format!("\nnot flown: {}: begin after the flight's end at {end_s} s", names.join(", "))
-    }))
-}
-
-/// No fault of `usual` has such a name.
-fn unknown(wanted: &str, usual: &[CampaignFault]) -> Usage {
-    let mut kinds: Vec<String> = Vec::new();
-    for fault in usual {
-        let name = fault.name();
-        let kind = name.split([':', '@']).next().unwrap_or_default();
-        if !kinds.iter().any(|known| known == kind) {
-            kinds.push(kind.to_owned());
-        }
-    }
-    Usage(format!("--fault: unknown fault '{wanted}' of such a flight; choose {}", kinds.join(", ")))
-}
-
-/// The fault begins when the flight is over.
-fn too_late(text: &str, begin_s: f64, end_s: f64) -> Usage {
-    Usage(format!(
-        "--fault {text}: begins at {begin_s} s, after the flight's end at {end_s} s; give a longer --duration"
-    ))
-}
-
-/// The fault with a dose that `text` describes, which must begin in a flight of this length.
-fn injected(text: &str, duration_s: f64) -> Result<InjectedFault, Usage> {
-    let fault: InjectedFault = text.parse().map_err(Usage)?;
-    let begin_s = fault.span_s().start;
-    if begin_s < duration_s { Ok(fault) } else { Err(too_late(text, begin_s, duration_s)) }
-}
-
-/// The errors or conditions of those names.
-fn each_named<F: Family>(wanted: &[String]) -> Result<Vec<Named<F>>, Usage> {
-    let named = wanted.iter().map(|text| match text.as_str() {
-        "all" => Ok(Named::cases().collect()),
-        one => one.parse().map(|named| vec![named]).map_err(Usage),
-    });
-    Ok(named.collect::<Result<Vec<_>, Usage>>()?.into_iter().flatten().collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::Parser;
-    use plumbline_drivers::simulator::{Conditions, ImuErrors};
-
-    #[derive(Parser)]
-    struct Command {
-        #[command(flatten)]
-        args: CampaignArgs,
-    }
-
-    /// Names of the faults that a command line asks for.
-    fn chosen(line: &str) -> Vec<String> {
-        let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
-        faults(&args).unwrap().0.into_iter().map(CampaignFault::name).collect()
-    }
-
-    #[test]
-    fn errors_of_the_sensor_are_chosen_by_name_and_dose() {
-        assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
-        assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
-        assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
-        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
-        assert!(each_named::<ImuErrors>(&["force:x".to_owned()]).is_err());
-        assert_eq!(
-            each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(),
-            CampaignFault::inertial().count()
-        );
-    }
-
-    #[test]
-    fn faults_with_a_dose_are_chosen_by_name_target_dose_and_time() {
-        assert_eq!(chosen("--faults --fault accel-pulse:z:-20@3+0.3"), ["accel-pulse:z:-20@3+0.3"]);
-        assert_eq!(chosen("--faults --fault image-late:left"), ["image-late:left:1@0"]);
-        let dead = ["accel-dead:x:1@10", "accel-dead:y:1@10", "accel-dead:z:1@10", "accel-dead:xyz:1@10"];
-        assert_eq!(chosen("--faults --fault accel-dead"), dead);
-        assert!(chosen("--faults").contains(&"stamp-jitter:4@0".to_owned()));
-        assert!(
-            !chosen("--faults --mono")
-                .iter()
-                .any(|name| name.contains("rig-baseline") || name.contains(":right"))
-        );
-        for (text, cure) in [
-            ("accel-dead@20", "longer --duration"),
-            ("accel-dead:w@5", "write x, y, z"),
-            ("akkel@5", "choose"),
-            ("nosuch", "choose Blackout, "),
-            ("blind,nosuch", "'nosuch'"),
-            ("image-black --duration 8", "begins at 10 s, after the flight's end at 8 s"),
-        ] {
-            let line = format!("campaign --faults --fault {text}");
-            let args = Command::parse_from(line.split_whitespace()).args;
-            let message = faults(&args).unwrap_err().0;
-            assert!(message.contains(cure), "{message}");
-        }
-    }
-
-    #[test]
-    fn faults_after_the_end_are_left_out_of_a_set_and_listed() {
-        for set in ["", "--fault image"] {
-            let line = format!("campaign --faults --duration 8 {set}");
-            let args = Command::parse_from(line.split_whitespace()).args;
-            let (flown, late) = faults(&args).unwrap();
-            assert!(flown.iter().all(|fault| fault.injected_from_s().is_none_or(|begin_s| begin_s < 8.0)));
-            assert!(!flown.is_empty() && late.iter().any(|fault| fault.name().starts_with("image-black")));
-            assert!(not_flown(&args).unwrap().unwrap().contains("image-black"));
-        }
-        let args = Command::parse_from(["campaign", "--faults"]).args;
-        assert_eq!(not_flown(&args).unwrap(), None);
-    }
-
-    #[test]
-    fn conditions_are_chosen_by_name_and_dose() {
-        let people = ["people:33:1.2:0", "people:60:1.2:0", "people:33:1.2:4", "people:60:1.2:4"];
-        assert_eq!(chosen("--faults --fault people"), people);
-        assert_eq!(chosen("--faults --fault blur:10:6"), ["blur:10:6:1"]);
-        assert!(chosen("--faults").contains(&"night:20:4:8".to_owned()));
-        assert_eq!(
-            each_named::<Conditions>(&["all".to_owned()]).unwrap().len(),
-            CampaignFault::conditions().count()
-        );
-    }
 }

@@ -34,6 +34,27 @@ pub struct FlightChoice {
     pub scale: f64,
 }
 
+/// What flies, and what is kept.
+#[derive(Clone, Debug, Args)]
+pub struct TrialArgs {
+    /// Use the left camera only.
+    #[arg(long)]
+    pub mono: bool,
+    /// Configuration file or preset of the simulated rig and of the estimator.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be repeated. The
+    /// simulated rig keeps its own values.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Cache rendered frames in this folder (about 220 MB for 15 s of stereo).
+    #[arg(long)]
+    pub cache: Option<PathBuf>,
+    /// Write all reports (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
 impl FlightChoice {
     /// The flights, without a fault, from each of `starts_s` into the trajectory or, without any, where the vehicle is in full
     /// flight; never none.

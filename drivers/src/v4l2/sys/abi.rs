@@ -9,228 +9,210 @@ pub(crate) trait Zero: Copy {
     const ZERO: Self;
 }
 
-/// A struct of the header with its fields, and its zero.
+macro_rules! zero {
+    ($($type:ident)*) => {$(impl Zero for $type { const ZERO: Self = 0; })*};
+}
+
+zero! { u8 u16 u32 u64 i32 i64 }
+
+impl<T: Zero, const N: usize> Zero for [T; N] {
+    const ZERO: Self = [T::ZERO; N];
+}
+
+/// Structs of the header with their fields, and their zeros.
 macro_rules! abi {
-    ($(#[$doc:meta])* $name:ident { $($field:ident: $type:ty = $zero:expr,)* }) => {
+    ($($(#[$doc:meta])* $name:ident { $($field:ident: $type:ty,)* })*) => {$(
         $(#[$doc])*
         #[repr(C)]
         #[derive(Clone, Copy, Debug)]
         pub(crate) struct $name { $(pub(crate) $field: $type,)* }
 
         impl Zero for $name {
-            const ZERO: Self = Self { $($field: $zero,)* };
+            const ZERO: Self = Self { $($field: Zero::ZERO,)* };
         }
-    };
+    )*};
 }
 
 abi! {
     /// `v4l2_capability`.
     Capability {
-        driver: [u8; 16] = [0; 16],
-        card: [u8; 32] = [0; 32],
-        bus_info: [u8; 32] = [0; 32],
-        version: u32 = 0,
-        capabilities: u32 = 0,
-        device_caps: u32 = 0,
-        reserved: [u32; 3] = [0; 3],
+        driver: [u8; 16],
+        card: [u8; 32],
+        bus_info: [u8; 32],
+        version: u32,
+        capabilities: u32,
+        device_caps: u32,
+        reserved: [u32; 3],
     }
-}
 
-abi! {
     /// `v4l2_fmtdesc`.
     FormatDescription {
-        index: u32 = 0,
-        kind: u32 = 0,
-        flags: u32 = 0,
-        description: [u8; 32] = [0; 32],
-        fourcc: u32 = 0,
-        bus_code: u32 = 0,
-        reserved: [u32; 3] = [0; 3],
+        index: u32,
+        kind: u32,
+        flags: u32,
+        description: [u8; 32],
+        fourcc: u32,
+        bus_code: u32,
+        reserved: [u32; 3],
     }
-}
 
-abi! {
     /// `v4l2_frmsizeenum`: `sizes` is width and height, or smallest, largest and step of the width, then of the height.
     FrameSize {
-        index: u32 = 0,
-        fourcc: u32 = 0,
-        kind: u32 = 0,
-        sizes: [u32; 6] = [0; 6],
-        reserved: [u32; 2] = [0; 2],
+        index: u32,
+        fourcc: u32,
+        kind: u32,
+        sizes: [u32; 6],
+        reserved: [u32; 2],
     }
-}
 
-abi! {
     /// `v4l2_frmivalenum`: `fractions` are numerator and denominator of the interval in seconds, or of the shortest,
     /// the longest and the step.
     FrameInterval {
-        index: u32 = 0,
-        fourcc: u32 = 0,
-        width: u32 = 0,
-        height: u32 = 0,
-        kind: u32 = 0,
-        fractions: [u32; 6] = [0; 6],
-        reserved: [u32; 2] = [0; 2],
+        index: u32,
+        fourcc: u32,
+        width: u32,
+        height: u32,
+        kind: u32,
+        fractions: [u32; 6],
+        reserved: [u32; 2],
     }
-}
 
-abi! {
     /// `v4l2_format` with `v4l2_pix_format`.
     Format {
-        kind: u32 = 0,
-        align: u32 = 0,
-        width: u32 = 0,
-        height: u32 = 0,
-        fourcc: u32 = 0,
-        field: u32 = 0,
-        stride: u32 = 0,
-        size: u32 = 0,
-        colorspace: u32 = 0,
-        private: u32 = 0,
-        flags: u32 = 0,
-        encoding: u32 = 0,
-        quantization: u32 = 0,
-        transfer: u32 = 0,
-        rest: [u64; 19] = [0; 19],
+        kind: u32,
+        align: u32,
+        width: u32,
+        height: u32,
+        fourcc: u32,
+        field: u32,
+        stride: u32,
+        size: u32,
+        colorspace: u32,
+        private: u32,
+        flags: u32,
+        encoding: u32,
+        quantization: u32,
+        transfer: u32,
+        rest: [u64; 19],
     }
-}
 
-abi! {
     /// `v4l2_plane_pix_format`.
     PlaneFormat {
-        size: u32 = 0,
-        stride: u32 = 0,
-        reserved: [u16; 6] = [0; 6],
+        size: u32,
+        stride: u32,
+        reserved: [u16; 6],
     }
-}
 
-abi! {
     /// `v4l2_format` with `v4l2_pix_format_mplane`.
     PlanarFormat {
-        kind: u32 = 0,
-        align: u32 = 0,
-        width: u32 = 0,
-        height: u32 = 0,
-        fourcc: u32 = 0,
-        field: u32 = 0,
-        colorspace: u32 = 0,
-        planes: [PlaneFormat; MAX_PLANES] = [PlaneFormat::ZERO; MAX_PLANES],
-        plane_count: u8 = 0,
-        flags: u8 = 0,
-        encoding: u8 = 0,
-        quantization: u8 = 0,
-        transfer: u8 = 0,
-        reserved: [u8; 7] = [0; 7],
-        rest: u64 = 0,
+        kind: u32,
+        align: u32,
+        width: u32,
+        height: u32,
+        fourcc: u32,
+        field: u32,
+        colorspace: u32,
+        planes: [PlaneFormat; MAX_PLANES],
+        plane_count: u8,
+        flags: u8,
+        encoding: u8,
+        quantization: u8,
+        transfer: u8,
+        reserved: [u8; 7],
+        rest: u64,
     }
-}
 
-abi! {
     /// `v4l2_streamparm` with `v4l2_captureparm`.
     StreamParameters {
-        kind: u32 = 0,
-        capability: u32 = 0,
-        mode: u32 = 0,
-        numerator: u32 = 0,
-        denominator: u32 = 0,
-        extended: u32 = 0,
-        read_buffers: u32 = 0,
-        rest: [u32; 44] = [0; 44],
+        kind: u32,
+        capability: u32,
+        mode: u32,
+        numerator: u32,
+        denominator: u32,
+        extended: u32,
+        read_buffers: u32,
+        rest: [u32; 44],
     }
-}
 
-abi! {
     /// `v4l2_requestbuffers`.
     RequestBuffers {
-        count: u32 = 0,
-        kind: u32 = 0,
-        memory: u32 = 0,
-        capabilities: u32 = 0,
-        flags: u8 = 0,
-        reserved: [u8; 3] = [0; 3],
+        count: u32,
+        kind: u32,
+        memory: u32,
+        capabilities: u32,
+        flags: u8,
+        reserved: [u8; 3],
     }
-}
 
-abi! {
     /// `v4l2_plane`; `place` is a union, of which `mem_offset` is the first four bytes.
     Plane {
-        bytes_used: u32 = 0,
-        length: u32 = 0,
-        place: [u32; 2] = [0; 2],
-        data_offset: u32 = 0,
-        reserved: [u32; 11] = [0; 11],
+        bytes_used: u32,
+        length: u32,
+        place: [u32; 2],
+        data_offset: u32,
+        reserved: [u32; 11],
     }
-}
 
-abi! {
     /// `v4l2_buffer`; `place` is a union: `offset` in its first four bytes, or the address of the planes.
     Buffer {
-        index: u32 = 0,
-        kind: u32 = 0,
-        bytes_used: u32 = 0,
-        flags: u32 = 0,
-        field: u32 = 0,
-        align: u32 = 0,
-        seconds: i64 = 0,
-        microseconds: i64 = 0,
-        timecode: [u32; 4] = [0; 4],
-        sequence: u32 = 0,
-        memory: u32 = 0,
-        place: u64 = 0,
-        length: u32 = 0,
-        reserved: u32 = 0,
-        request: i32 = 0,
-        end: u32 = 0,
+        index: u32,
+        kind: u32,
+        bytes_used: u32,
+        flags: u32,
+        field: u32,
+        align: u32,
+        seconds: i64,
+        microseconds: i64,
+        timecode: [u32; 4],
+        sequence: u32,
+        memory: u32,
+        place: u64,
+        length: u32,
+        reserved: u32,
+        request: i32,
+        end: u32,
     }
-}
 
-abi! {
     /// `uvc_xu_control_query` of `linux/uvcvideo.h`; `data` is an address.
     ExtensionQuery {
-        unit: u8 = 0,
-        selector: u8 = 0,
-        query: u8 = 0,
-        align: u8 = 0,
-        size: u16 = 0,
-        align_2: u16 = 0,
-        data: u64 = 0,
+        unit: u8,
+        selector: u8,
+        query: u8,
+        align: u8,
+        size: u16,
+        align_2: u16,
+        data: u64,
     }
-}
 
-abi! {
     /// `v4l2_control`.
     Control {
-        id: u32 = 0,
-        value: i32 = 0,
+        id: u32,
+        value: i32,
     }
-}
 
-abi! {
     /// `v4l2_query_ext_ctrl`.
     ControlDescription {
-        id: u32 = 0,
-        kind: u32 = 0,
-        name: [u8; 32] = [0; 32],
-        minimum: i64 = 0,
-        maximum: i64 = 0,
-        step: u64 = 0,
-        default: i64 = 0,
-        flags: u32 = 0,
-        element_size: u32 = 0,
-        elements: u32 = 0,
-        dimensions: u32 = 0,
-        sizes: [u32; 4] = [0; 4],
-        reserved: [u32; 32] = [0; 32],
+        id: u32,
+        kind: u32,
+        name: [u8; 32],
+        minimum: i64,
+        maximum: i64,
+        step: u64,
+        default: i64,
+        flags: u32,
+        element_size: u32,
+        elements: u32,
+        dimensions: u32,
+        sizes: [u32; 4],
+        reserved: [u32; 32],
     }
-}
 
-abi! {
     /// `v4l2_querymenu`; `name` is a union, of which the value of an integer menu is the first eight bytes.
     MenuEntry {
-        id: u32 = 0,
-        index: u32 = 0,
-        name: [u8; 32] = [0; 32],
-        reserved: u32 = 0,
+        id: u32,
+        index: u32,
+        name: [u8; 32],
+        reserved: u32,
     }
 }
 

@@ -4,24 +4,20 @@
 //! constant rate, and answer at once, needs to wait for both at a time. So the library reads and writes
 //! messages, and the line is a descriptor that `poll` can wait for.
 
+mod serial;
+mod udp;
+
 use super::awaited::Awaited;
 use super::inbox::CHUNK;
 use super::words::News;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::options::AutopilotEndpoint;
-use plumbline_drivers::serial::open_line;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
-use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{IpAddr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
+use serial::SerialLink;
+use std::os::fd::BorrowedFd;
 use thiserror::Error;
-
-/// A device that went away is looked for this often, ns.
-const REOPEN_NS: i64 = 1_000_000_000;
-/// Another autopilot may take the place of one that was silent for this long, ns.
-const SILENCE_NS: i64 = 5_000_000_000;
+use udp::UdpLink;
 
 /// Why there is no line to the autopilot.
 #[derive(Debug, Error)]
@@ -110,8 +106,8 @@ impl AutopilotLink {
 
     fn descriptor(&self) -> Option<BorrowedFd<'_>> {
         match self {
-            Self::Udp(udp) => Some(udp.socket.as_fd()),
-            Self::Serial(serial) => serial.file.as_ref().map(AsFd::as_fd),
+            Self::Udp(udp) => Some(udp.descriptor()),
+            Self::Serial(serial) => serial.descriptor(),
             Self::Awaited(_) => None,
         }
     }
@@ -135,8 +131,8 @@ impl AutopilotLink {
     /// What became of the line since the last time.
     pub fn news(&mut self) -> Option<News> {
         match self {
-            Self::Serial(serial) => serial.news.take(),
-            Self::Udp(udp) => udp.learned.as_mut()?.news.take(),
+            Self::Serial(serial) => serial.news(),
+            Self::Udp(udp) => udp.news(),
             Self::Awaited(_) => None,
         }
     }
@@ -156,189 +152,14 @@ impl AutopilotLink {
     }
 }
 
-/// Datagrams to and from one autopilot.
-#[derive(Debug)]
-pub struct UdpLink {
-    socket: UdpSocket,
-    /// Where datagrams go, where it is not fixed: who sent the last good message, and when.
-    learned: Option<Learned>,
-}
-
-#[derive(Debug, Default)]
-struct Learned {
-    /// The only host that is listened to, where one is configured.
-    from: Option<IpAddr>,
-    peer: Option<(SocketAddr, Monotonic)>,
-    candidate: Option<SocketAddr>,
-    /// Replacement of one sender by another that is still to be reported.
-    news: Option<News>,
-}
-
-impl UdpLink {
-    fn to(address: &str) -> Result<Self, LinkError> {
-        let peer = resolve(address)?;
-        let any: SocketAddr = if peer.is_ipv4() { ([0; 4], 0).into() } else { ([0_u16; 8], 0).into() };
-        let socket = UdpSocket::bind(any).and_then(|socket| socket.connect(peer).map(|()| socket));
-        Self::new(socket, address, None)
-    }
-
-    fn at(address: &str, from: Option<IpAddr>) -> Result<Self, LinkError> {
-        let learned = Learned { from, ..Learned::default() };
-        Self::new(UdpSocket::bind(resolve(address)?), address, Some(learned))
-    }
-
-    fn new(
-        socket: std::io::Result<UdpSocket>,
-        address: &str,
-        learned: Option<Learned>,
-    ) -> Result<Self, LinkError> {
-        socket
-            .and_then(|socket| socket.set_nonblocking(true).map(|()| Self { socket, learned }))
-            .map_err(|source| LinkError::Socket { address: address.to_owned(), source })
-    }
-
-    fn read(&mut self, into: &mut [u8; CHUNK], now: Monotonic) -> usize {
-        let Some(learned) = &mut self.learned else {
-            // A refusal of what was sent before (nobody listens) is told here: it is no datagram.
-            return self.socket.recv(into).unwrap_or(0);
-        };
-        let Ok((count, from)) = self.socket.recv_from(into) else { return 0 };
-        if learned.from.is_some_and(|host| from.ip().to_canonical() != host.to_canonical()) {
-            return 0;
-        }
-        let is_heard = |(_, at): &(SocketAddr, Monotonic)| now.0.saturating_sub(at.0) < SILENCE_NS;
-        if learned.peer.as_ref().filter(|peer| is_heard(peer)).is_some_and(|(peer, _)| *peer != from) {
-            return 0;
-        }
-        learned.candidate = Some(from);
-        count
-    }
-
-    fn confirm(&mut self, now: Monotonic) {
-        if let Some(learned) = &mut self.learned
-            && let Some(from) = learned.candidate
-        {
-            if let Some((other, _)) = learned.peer.filter(|(peer, _)| *peer != from) {
-                learned.news = Some(News::Replaced { by: from, other });
-            }
-            learned.peer = Some((from, now));
-        }
-    }
-
-    fn send(&self, message: &[u8]) -> bool {
-        match &self.learned {
-            None => self.socket.send(message).is_ok(),
-            Some(learned) => learned.peer.is_some_and(|(peer, _)| self.socket.send_to(message, peer).is_ok()),
-        }
-    }
-}
-
-fn resolve(address: &str) -> Result<SocketAddr, LinkError> {
-    let failed = |reason: String| LinkError::Address { address: address.to_owned(), reason };
-    let mut found = address.to_socket_addrs().map_err(|error| failed(error.to_string()))?;
-    found.next().ok_or_else(|| failed("it resolves to nothing".into()))
-}
-
-/// A serial device; one that goes away is looked for again.
-#[derive(Debug)]
-pub struct SerialLink {
-    device: String,
-    baud: u32,
-    file: Option<File>,
-    tried: Monotonic,
-    /// The rest of a message that the device had no room for.
-    rest: Vec<u8>,
-    /// What became of the device, and was not told yet.
-    news: Option<News>,
-}
-
-impl SerialLink {
-    fn open(device: &str, baud: u32) -> Result<Self, LinkError> {
-        let file = open_device(device, baud)
-            .map_err(|source| LinkError::Device { device: device.to_owned(), source })?;
-        let rest = Vec::with_capacity(CHUNK);
-        let device = device.to_owned();
-        Ok(Self { device, baud, file: Some(file), tried: Monotonic::now(), rest, news: None })
-    }
-
-    fn read(&mut self, into: &mut [u8; CHUNK]) -> usize {
-        let Some(file) = &mut self.file else { return 0 };
-        match file.read(into) {
-            Ok(count) if count > 0 => count,
-            Err(error) if is_for_now(&error) => 0,
-            outcome => {
-                self.close(outcome.err());
-                0
-            }
-        }
-    }
-
-    /// A message follows the rest of the one before, or is not sent at all.
-    fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
-        self.reopen(now);
-        let mut rest = std::mem::take(&mut self.rest);
-        while !rest.is_empty() && self.file.is_some() {
-            match self.write(&rest) {
-                0 => {
-                    self.rest = rest;
-                    return false;
-                }
-                count => drop(rest.drain(..count)),
-            }
-        }
-        match self.write(message) {
-            0 => false,
-            count => {
-                self.rest.extend_from_slice(&message[count..]);
-                true
-            }
-        }
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> usize {
-        let Some(file) = &mut self.file else { return 0 };
-        match file.write(bytes) {
-            Ok(count) => count,
-            Err(error) if is_for_now(&error) => 0,
-            Err(error) => {
-                self.close(Some(error));
-                0
-            }
-        }
-    }
-
-    fn close(&mut self, error: Option<std::io::Error>) {
-        self.news = Some(News::Gone(error.and_then(|error| error.raw_os_error())));
-        self.file = None;
-    }
-
-    fn reopen(&mut self, now: Monotonic) {
-        if self.file.is_some() || now.0.saturating_sub(self.tried.0) < REOPEN_NS {
-            return;
-        }
-        self.tried = now;
-        self.file = open_device(&self.device, self.baud).ok();
-        if self.file.is_some() {
-            self.rest.clear();
-            self.news = Some(News::Back);
-        }
-    }
-}
-
-/// Whether to try again is all there is to do.
-fn is_for_now(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
-}
-
-/// Opens a serial device for ourselves.
-fn open_device(device: &str, baud: u32) -> std::io::Result<File> {
-    Ok(File::from(open_line(device.as_ref(), baud)?))
-}
-
 #[cfg(test)]
 mod tests {
+    use super::udp::SILENCE_NS;
     use super::*;
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use std::fs::File;
+    use std::io::{Read as _, Write as _};
+    use std::net::UdpSocket;
     use std::time::{Duration, Instant};
 
     fn open(text: &str) -> Result<AutopilotLink, LinkError> {

@@ -54,13 +54,11 @@ pub fn open_dataset(
 ) -> Result<Flight, FlightError> {
     check_dataset(path)?;
     let Cut { frames, seconds } = cut.into();
-    let mut config = match config {
+    let config = match config {
         Some(config) => config,
         None => euroc_into(Config::preset("euroc")?, path).map_err(FlightError::Calibration)?,
     };
-    if mono {
-        config = with_cameras(&config, 1)?;
-    }
+    let mut config = with_left(config, mono)?;
     let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
     let dataset = EurocDataset::open(path, &options)?;
     let mut findings: Vec<Finding> = dataset.defects().iter().map(of_defect).collect();
@@ -113,10 +111,7 @@ pub fn open_log(
     mono: bool,
 ) -> Result<Flight, FlightError> {
     let log = LogReader::open(path)?;
-    let mut config = config.unwrap_or_else(|| log.about().config.clone());
-    if mono {
-        config = with_cameras(&config, 1)?;
-    }
+    let config = with_left(config.unwrap_or_else(|| log.about().config.clone()), mono)?;
     let (cut, end) = (cut.into(), LogEnd::default());
     let stereo = LogStereo::open(path, cut.frames, config.camera.len() == 1)?;
     let imu = Box::new(LogImu::open(path)?.ending_at(&end));
@@ -181,16 +176,14 @@ pub fn open_bag(
     cut: impl Into<Cut>,
     mono: bool,
 ) -> Result<Flight, FlightError> {
-    let Some(mut config) = config else {
+    let Some(config) = config else {
         // What can be said of the bag itself comes first.
         read_bag_imu(path, topics)?;
         let message = "is a ROS bag, which does not hold the calibration of its cameras on the IMU; give it with --config FILE";
         return Err(FlightError::Invalid(format!("{}: {message}", path.display())));
     };
     let Cut { frames, seconds } = cut.into();
-    if mono {
-        config = with_cameras(&config, 1)?;
-    }
+    let mut config = with_left(config, mono)?;
     let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
     let bag = BagDataset::open(path, topics, &options)?;
     let mut findings: Vec<Finding> = bag.defects().iter().map(of_defect).collect();
@@ -334,14 +327,12 @@ pub fn preset_for(scenario: &Scenario) -> Result<ValidConfig, FlightError> {
 /// # Errors
 /// Never, as long as the preset is valid.
 pub fn scenario_config(config: Option<ValidConfig>, mono: bool) -> Result<ValidConfig, FlightError> {
-    let mut config = match config {
-        Some(config) => config,
-        None => Config::preset("sim")?,
-    };
-    if mono {
-        config = with_cameras(&config, 1)?;
-    }
-    Ok(config)
+    Ok(with_left(config.map_or_else(|| Config::preset("sim"), Ok)?, mono)?)
+}
+
+/// `config`, with the left camera alone where that is all that is flown.
+fn with_left(config: ValidConfig, mono: bool) -> Result<ValidConfig, ConfigError> {
+    if mono { with_cameras(&config, 1) } else { Ok(config) }
 }
 
 /// `config` with its first `cameras` cameras alone.

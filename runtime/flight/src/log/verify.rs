@@ -21,35 +21,21 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Channels read by an execution with the log's own images.
-const WITH_IMAGES: &[Channel] = &[
+/// Channels read by an execution: all with the images of the log, all but the last two with those of a data set.
+const READ: &[Channel] = &[
     Channel::Imu,
+    Channel::Frame,
+    Channel::FrameOrder,
+    Channel::CorrectionOrder,
+    Channel::ResetOrder,
+    Channel::MapOrder,
+    Channel::InstantOrder,
+    Channel::MapEstimate,
+    Channel::Instant,
+    Channel::Estimate,
+    Channel::Odometry,
     Channel::Left,
     Channel::Right,
-    Channel::Frame,
-    Channel::FrameOrder,
-    Channel::CorrectionOrder,
-    Channel::ResetOrder,
-    Channel::MapOrder,
-    Channel::InstantOrder,
-    Channel::MapEstimate,
-    Channel::Instant,
-    Channel::Estimate,
-    Channel::Odometry,
-];
-/// Channels read by an execution with the images of a data set.
-const WITHOUT_IMAGES: &[Channel] = &[
-    Channel::Imu,
-    Channel::Frame,
-    Channel::FrameOrder,
-    Channel::CorrectionOrder,
-    Channel::ResetOrder,
-    Channel::MapOrder,
-    Channel::InstantOrder,
-    Channel::MapEstimate,
-    Channel::Instant,
-    Channel::Estimate,
-    Channel::Odometry,
 ];
 
 /// Result of a verification.
@@ -127,7 +113,7 @@ pub fn verify_before(
     witness: &mut dyn Subscriber,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Verification, LogError> {
-    let wanted = if images.is_some() { WITHOUT_IMAGES } else { WITH_IMAGES };
+    let wanted = if images.is_some() { &READ[..READ.len() - 2] } else { READ };
     let log = Cursor::open(path, wanted)?;
     let about = log.reader().about().clone();
     if about.part != 0 {

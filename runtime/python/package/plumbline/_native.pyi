@@ -53,8 +53,7 @@ class Config:
     def from_euroc(folder: _Path) -> Config:
         """Preset `euroc` with the calibration of a EuRoC data set."""
     def replace(self, **changes: Any) -> Config:
-        """Configuration with keys changed: ``estimator__points__max_points=200``, or
-        ``**{"estimator.points.max_points": 200}``."""
+        """Configuration with keys changed: `estimator__points__max_points=200`, or `**{"estimator.points.max_points": 200}`."""
     def to_toml(self) -> str:
         """The whole configuration as TOML, defaults included."""
     def doubts(self) -> List[str]:
@@ -75,8 +74,8 @@ class Config:
 
 @final
 class Estimate:
-    """Estimate at the time of one frame. `O` is the odometry frame: z up along gravity, origin at the first pose. `B` is the body,
-    the frame of the IMU. Arrays are read-only views of the object."""
+    """Estimate at the time of one frame. `O` is the odometry frame: z up along gravity, origin at the first pose. `B` is the
+    body, the frame of the IMU. Arrays are read-only views of the object."""
 
     @property
     def frame(self) -> int:
@@ -143,8 +142,8 @@ class Estimate:
 
 @final
 class Odometry:
-    """State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`. Arrays are read-only views of
-    the object."""
+    """State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`. Arrays are read-only views
+    of the object."""
 
     @property
     def sequence(self) -> int:
@@ -230,9 +229,9 @@ class Estimator:
     """The estimator: a function of its configuration and the ordered list of its inputs. Two runs with the same inputs give the
     same bits.
 
-    `config` is a `Config`, a configuration file, or the name of a preset. Add every inertial sample by `add_imu` or `propagate`,
-    in order of time, and a frame by `add_frame` once the samples reach `imu_needed_until` of its stamp. One object serves one
-    thread at a time: a call while another thread is in one raises `BusyError`."""
+    `config` is a `Config`, a configuration file, or the name of a preset. Add every inertial sample by `add_imu` or
+    `propagate`, in order of time, and a frame by `add_frame` once the samples reach `imu_needed_until` of its stamp. One
+    object serves one thread at a time: a call while another thread is in one raises `BusyError`."""
 
     def __new__(cls, config: Union[Config, _Path]) -> Estimator: ...
     @property
@@ -241,35 +240,35 @@ class Estimator:
     def add_imu(self, stamp_ns: int, gyro: Union[Sequence[float], _Floats], accel: Union[Sequence[float], _Floats]) -> None:
         """Adds an inertial sample.
 
-        stamp_ns: time of measurement, integer ns. gyro: angular rate, rad/s, three numbers. accel: specific force, m/s^2, three
-        numbers; at rest it points up with 9.81. Raises `OutOfOrderError` or `SampleError` if the sample is refused."""
+        stamp_ns: time of measurement, integer ns. gyro: angular rate, rad/s, three numbers. accel: specific force, m/s^2,
+        three numbers; at rest it points up with 9.81. Raises `OutOfOrderError` or `SampleError` if the sample is refused."""
     def add_imu_array(self, stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike) -> int:
         """Adds inertial samples in order of time, and returns their number.
 
-        stamps_ns: integers, ns, shape (N,). gyro: rad/s, shape (N, 3). accel: m/s^2, shape (N, 3). Stops at the first sample that
-        is refused and raises, with its index in the exception: those before it were added."""
+        stamps_ns: integers, ns, shape (N,). gyro: rad/s, shape (N, 3). accel: m/s^2, shape (N, 3). Stops at the first sample
+        that is refused and raises, with its index in the exception: those before it were added."""
     def propagate(
         self, stamp_ns: int, gyro: Union[Sequence[float], _Floats], accel: Union[Sequence[float], _Floats]
     ) -> Optional[Odometry]:
-        """Adds an inertial sample as `add_imu`, and returns the newest state carried forward to its time: odometry at the rate of
-        the IMU. ``None`` while there is no pose. Use it for every sample or for none."""
+        """Adds an inertial sample as `add_imu`, and returns the newest state carried forward to its time: odometry at the rate
+        of the IMU. `None` while there is no pose. Use it for every sample or for none."""
     def add_frame(
         self, stamp_ns: int, left: Optional[_Image], right: Optional[_Image] = None, *, sequence: Optional[int] = None
     ) -> Estimate:
         """Adds a frame, and returns the estimate at its time.
 
-        stamp_ns: time of the middle of the exposure by the clock of the cameras, integer ns. left, right: grey images, arrays of
-        uint8 of the shape (height, width); ``None`` for one that did not arrive. Rows may be padded, as those of a crop of a
-        larger image. Images are not copied, and the GIL is released: nothing may write to them until the call returns. sequence:
-        number of the frame where the camera counts them; without it, one more than the frame before. Raises `OutOfOrderError` if
-        the stamp does not follow those before."""
+        stamp_ns: time of the middle of the exposure by the clock of the cameras, integer ns. left, right: grey images, arrays
+        of uint8 of the shape (height, width); `None` for one that did not arrive. Rows may be padded, as those of a crop of a
+        larger image. Images are not copied, and the GIL is released: nothing may write to them until the call returns.
+        sequence: number of the frame where the camera counts them; without it, one more than the frame before. Raises
+        `OutOfOrderError` if the stamp does not follow those before."""
     def imu_needed_until(self, stamp_ns: int) -> int:
         """Time up to which inertial samples must have been added before the frame of that stamp is, ns."""
     def reset(self, kind: str = "soft") -> None:
         """Restarts the estimator before the next frame. "soft": the pose stays, with biases and calibration, and the new start
         continues from them. "hard": the new start begins at the origin."""
     def digest(self) -> str:
-        """SHA-256 over the bits of all estimates so far, in hexadecimal: ``estimate_digest`` of the report of a replay of the same
+        """SHA-256 over the bits of all estimates so far, in hexadecimal: `estimate_digest` of the report of a replay of the same
         inputs."""
 
 @final
