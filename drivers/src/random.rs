@@ -35,6 +35,8 @@ pub(crate) enum Purpose {
     Specks,
     People,
     Injected,
+    Lens,
+    RealFinish,
 }
 
 /// A stream of draws.

@@ -2,6 +2,7 @@
 
 use super::light_map::LightMap;
 use super::pattern::Material;
+use super::real_finish::RealFinishes;
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, Surface};
 use crate::random::{Draws, Purpose};
@@ -62,13 +63,22 @@ pub(super) struct Builder<'a> {
     path: &'a [Vector3<f64>],
     taken: Vec<Bounds>,
     wrapping: Option<Finish>,
+    real: Option<RealFinishes>,
 }
 
 impl<'a> Builder<'a> {
     /// An empty scene around the flight through `path`.
     pub(super) fn new(seed: u64, path: &'a [Vector3<f64>]) -> Self {
         let draws = Draws::new(seed, Purpose::Layout, 0);
-        Self { surfaces: Vec::new(), casters: Vec::new(), draws, path, taken: Vec::new(), wrapping: None }
+        Self {
+            surfaces: Vec::new(),
+            casters: Vec::new(),
+            draws,
+            path,
+            taken: Vec::new(),
+            wrapping: None,
+            real: None,
+        }
     }
 
     /// Returns the scene with `finish` on everything that does not shine.
@@ -76,9 +86,28 @@ impl<'a> Builder<'a> {
         Self { wrapping: Some(finish), ..self }
     }
 
+    /// Returns the scene with the finishes of real surfaces.
+    pub(super) fn finished_by(self, real: RealFinishes) -> Self {
+        Self { real: Some(real), ..self }
+    }
+
     /// A rectangle, seen from the side of `u x v`.
     pub(super) fn quad(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
-        let finish = self.wrapping.filter(|_| finish.glow == 0.0).unwrap_or(finish);
+        let finish = self.finished(finish, u.norm() * v.norm());
+        self.place(origin, u, v, finish);
+    }
+
+    /// Finish in place of `finish`, of everything that does not shine.
+    fn finished(&mut self, finish: Finish, area_m2: f64) -> Finish {
+        match (self.wrapping, &mut self.real) {
+            _ if finish.glow > 0.0 => finish,
+            (Some(wrapping), _) => wrapping,
+            (None, Some(real)) => real.draw(&finish, area_m2),
+            (None, None) => finish,
+        }
+    }
+
+    fn place(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
         let density = finish.material.texels_per_m() / finish.zoom;
         let texel_origin = [(); 2].map(|()| self.draws.range(0.0, 1024.0).round() as f32);
         let texels = [(u.norm() * density) as f32, (v.norm() * density) as f32];
@@ -119,6 +148,7 @@ impl<'a> Builder<'a> {
         let ([a, b], h) = (solid.axes(), solid.half);
         let (x, y, z) = (a * h.x, b * h.y, Vector3::z() * h.z);
         let c = solid.centre;
+        let finish = self.finished(finish, 4.0 * h.z.at_least(h.y) * h.x.at_least(h.y));
         let all = [
             (Face::Side, c + x - y - z, 2.0 * y, 2.0 * z),
             (Face::Side, c - x + y - z, -2.0 * y, 2.0 * z),
@@ -128,7 +158,7 @@ impl<'a> Builder<'a> {
             (Face::Below, c - x + y - z, 2.0 * x, -2.0 * y),
         ];
         for (_, origin, u, v) in all.into_iter().filter(|(face, ..)| Some(*face) != hidden) {
-            self.quad(origin, u, v, finish);
+            self.place(origin, u, v, finish);
         }
     }
 

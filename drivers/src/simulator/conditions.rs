@@ -12,6 +12,15 @@ use plumbline_config::Portable;
 
 /// Variance of the photon noise per grey level at night: a fifth of the photons for each grey level.
 const NIGHT_SHOT_NOISE: f64 = 0.05;
+/// Noise of a real sensor (MT9V034, as it flew in EuRoC): the variance of consecutive images of a scene at rest is
+/// `0.14 + 0.0158 grey`, white in time and space.
+const REAL_READ_NOISE: f64 = 0.37;
+const REAL_SHOT_NOISE: f64 = 0.0158;
+/// Light lost in the corners of its lens (the mean of 60 views shows none), and change of the exposure from one image to the next.
+const REAL_VIGNETTING: f64 = 0.05;
+const REAL_FLICKER: f64 = 0.0015;
+/// Blur of the lens, px, by the spectrum at the highest frequencies.
+const REAL_LENS_BLUR_PX: f64 = 0.3;
 /// Sub-exposures per millisecond of exposure, and their bounds. At 2 rad/s a point moves by 1.1 px between two of them.
 const SUB_EXPOSURES_PER_MS: f64 = 0.8;
 const SUB_EXPOSURES: (f64, f64) = (3.0, 8.0);
@@ -165,6 +174,28 @@ const KINDS: &[NamedKind] = &[
             scenario.speed = times;
             scenario.start_s /= times;
             scenario.duration_s /= times;
+        },
+    },
+    NamedKind {
+        name: "real",
+        about: "Images like recorded ones: all tones and weak patterns, highlights, photon noise, blur of the exposure, and a lens \
+                that its calibration does not describe exactly",
+        doses: &[
+            Dose::new("exposure, ms", 3.0, 100.0),
+            Dose::new("difference between lens and calibration at the corners, px", 1.2, 20.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [exposure_ms, lens_px, _]| {
+            if *exposure_ms > 0.0 {
+                expose(&mut scenario.effects, *exposure_ms);
+            }
+            scenario.surroundings = Surroundings::Real;
+            scenario.effects.lens_residual_px = *lens_px;
+            scenario.effects.read_noise = REAL_READ_NOISE;
+            scenario.effects.shot_noise = REAL_SHOT_NOISE;
+            scenario.effects.vignetting = REAL_VIGNETTING;
+            scenario.effects.lens_blur_px = REAL_LENS_BLUR_PX;
+            scenario.effects.flicker = REAL_FLICKER;
         },
     },
     NamedKind {

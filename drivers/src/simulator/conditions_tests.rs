@@ -212,3 +212,48 @@ fn conditions_give_the_same_bits_in_any_order() {
         assert!(frame.images == frames[index as usize].images, "frame {index}");
     }
 }
+
+/// Gradients of an image, grey levels a pixel, that half and 99 % of its pixels do not exceed.
+fn gradients(image: &GrayImage) -> [f64; 2] {
+    let width = image.width();
+    let level = |k: usize| f64::from(image.pixels()[k]);
+    let inside = width..image.pixels().len() - width;
+    let gradient = |k: usize| 0.5 * (level(k + 1) - level(k - 1)).hypot(level(k + width) - level(k - width));
+    let mut all: Vec<f64> = inside.map(gradient).collect();
+    all.sort_by(f64::total_cmp);
+    [0.5, 0.99].map(|share| all[(share * (all.len() - 1) as f64) as usize])
+}
+
+#[test]
+fn real_images_have_weak_patterns_and_strong_edges() {
+    let of = |condition: Option<&str>, scene| {
+        let simulator = flight(scene, |scenario| {
+            (scenario.path, scenario.start_s, scenario.resolution_scale) = (FlightPath::Demo, 6.0, 1.0);
+            if let Some(condition) = condition {
+                condition.parse::<SimulatedCondition>().unwrap().apply(scenario);
+            }
+        });
+        let of_frames = [0, 30, 60].map(|k| gradients(&left(&simulator, k)));
+        [0, 1].map(|quantile| of_frames.iter().map(|of_frame| of_frame[quantile]).sum::<f64>() / 3.0)
+    };
+    for scene in [Scene::Hall, Scene::Room] {
+        let ([usual, _], [weak, strong]) = (of(None, scene), of(Some("real"), scene));
+        println!("{scene:?}: usual {usual:.1}, real {weak:.1} and {strong:.1}");
+        // Recorded images have 3.0 to 4.5 and 52 to 74.
+        assert!((1.0..6.0).contains(&weak) && weak < 0.6 * usual && strong > 25.0, "{weak} {strong} {usual}");
+    }
+}
+
+#[test]
+fn real_images_are_drawn_by_the_seed_alone() {
+    let of = |seed| {
+        left(
+            &flight(Scene::Room, |scenario| {
+                scenario.seed = seed;
+                "real".parse::<SimulatedCondition>().unwrap().apply(scenario);
+            }),
+            20,
+        )
+    };
+    assert!(of(1) == of(1) && difference(&of(1), &of(2)) > 0.3);
+}

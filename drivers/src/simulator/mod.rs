@@ -18,11 +18,13 @@ mod conditions;
 mod cover;
 mod effects;
 mod facet;
+mod gloss;
 mod hand;
 mod imu;
 mod imu_errors;
 mod laps;
 mod lens;
+mod lens_residual;
 mod light;
 mod light_map;
 mod named;
@@ -30,6 +32,7 @@ mod overlay;
 mod path;
 mod pattern;
 mod prefetch;
+mod real_finish;
 mod reconcile;
 mod render;
 mod samples;
@@ -76,6 +79,7 @@ use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFram
 use actors::Actors;
 use effects::Sensor;
 use lens::{Lens, TILE};
+use lens_residual::LensResidual;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
@@ -150,10 +154,12 @@ impl Simulator {
         }
         let actors =
             Actors::enter(scenario, &config.camera[0], first_frame.seconds_since(flight.begin()), &mut world);
-        let cameras = config.camera.iter().map(|camera| {
+        let residual_px = scenario.effects.lens_residual_px * scenario.resolution_scale;
+        let cameras = config.camera.iter().enumerate().map(|(number, camera)| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);
-            (Lens::new(model, camera.pose_b_c()), sensor)
+            let residual = LensResidual::draw(residual_px, scenario.seed, number);
+            (Lens::with_residual(model, camera.pose_b_c(), residual), sensor)
         });
         let cameras = cameras.collect();
         let imu = match recording {

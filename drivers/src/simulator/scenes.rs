@@ -3,6 +3,7 @@
 use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
 use super::pattern::{GRID_CELL_M, Material};
+use super::real_finish::RealFinishes;
 use super::solid::{Bounds, Solid};
 use super::surroundings::Surroundings;
 use super::world::{Finish, World};
@@ -80,6 +81,13 @@ pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>], surroundings
             )
         }
         Surroundings::Bare { spots } => bare(Builder::new(seed, path), &flight, spots),
+        Surroundings::Real => {
+            let real = match scene {
+                Scene::Hall | Scene::Far => RealFinishes::of_hall(seed),
+                Scene::Room | Scene::Rooms(_) | Scene::LowTexture => RealFinishes::of_room(seed),
+            };
+            furnished(Builder::new(seed, path).finished_by(real), scene, &flight)
+        }
     }
 }
 
@@ -96,7 +104,11 @@ fn furnished(mut builder: Builder<'_>, scene: Scene, flight: &Bounds) -> World {
         Scene::LowTexture => plain_room(&mut builder, flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
-    World::new(builder.surfaces)
+    let mut world = World::new(builder.surfaces);
+    if world.surfaces.iter().any(|surface| surface.finish.gloss > 0.0) {
+        world.lamps.extend(lighting.lamps.iter().map(|lamp| lamp.p_w));
+    }
+    world
 }
 
 /// An empty room with dark spots on its walls, floor and ceiling: about `spots` of them in a view from its middle.

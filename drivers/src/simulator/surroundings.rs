@@ -1,4 +1,4 @@
-//! Surroundings under a condition: usual, repeated or bare.
+//! Surroundings under a condition: usual, repeated, bare or real.
 
 /// Change of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,4 +16,6 @@ pub enum Surroundings {
         /// Dark spots in a view.
         spots: f64,
     },
+    /// Surfaces of all tones with weak patterns, few strong ones, and lamps that are mirrored in some: see [`super::real_finish`].
+    Real,
 }
