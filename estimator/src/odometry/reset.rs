@@ -115,7 +115,9 @@ impl Odometer {
         let Some(newest) = self.window.frames.last() else { return };
         self.heading_is_carried = self.is_plausible();
         let nav = if self.heading_is_carried {
-            newest.nav.clone()
+            let nav = newest.nav.clone();
+            self.window.keep_rig();
+            nav
         } else if let Some(believed) = proven {
             self.window.rig = believed.rig;
             believed.nav

@@ -2,6 +2,7 @@
 
 use super::exit_status::last_resort;
 use super::fly_status::FlyStatus;
+use super::learn::write_learnt;
 use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
 use super::signals::stop_in_flight;
@@ -61,6 +62,9 @@ pub struct FlyArgs {
     /// Write the report (JSON) at the end.
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
+    /// Write the configuration with the calibration that this flight has refined at the end, for --config of the next.
+    #[arg(long, value_name = "OUT.toml")]
+    pub learn: Option<PathBuf>,
     /// Write the causal trajectory (TUM format) at the end: at most the first 36,000 frames.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
@@ -105,7 +109,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     if args.duration.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
         return Err(Usage("--duration: give a positive number of seconds".into()).into());
     }
-    check_outputs([&args.report, &args.trajectory, &args.save_map].into_iter().flatten())?;
+    check_outputs([&args.report, &args.trajectory, &args.save_map, &args.learn].into_iter().flatten())?;
     let log = args.record.as_deref().map(|path| log_path(path, SystemTime::now())).transpose()?;
     let config = config(args)?;
     check_maps(&config, args.map.is_some(), args.save_map.is_some())?;
@@ -301,6 +305,9 @@ fn write_outputs(args: &FlyArgs, flown: &Flown, report: &Report) -> Result<()> {
     }
     if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
         write_map(path, &MapContents::of(places.mapper.map()))?;
+    }
+    if let Some(path) = &args.learn {
+        write_learnt(path, flown)?;
     }
     let json = serde_json::to_string_pretty(report)?;
     if let Some(path) = &args.report {

@@ -5,6 +5,7 @@ mod live;
 mod written;
 
 use super::exit_status::last_resort;
+use super::learn::write_learnt;
 use super::progress::Progress;
 use super::scenario::ScenarioArgs;
 use super::simulated::{are_given, simulated};
@@ -101,6 +102,9 @@ pub struct ReplayArgs {
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
+    /// Write the configuration with the calibration that this flight has refined, for --config of the next.
+    #[arg(long, value_name = "OUT.toml")]
+    pub learn: Option<PathBuf>,
     /// Ground truth in place of that of the data set: TUM (also .gz) or EuRoC.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -195,6 +199,9 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let (Some(instants), Some(path)) = (instants, &at_out) {
         instants::write(path, &instants.into_rows(), &flown.poses)?;
     }
+    if let Some(path) = &args.learn {
+        write_learnt(path, &flown)?;
+    }
     judge(args, &report, &flown)
 }
 
@@ -206,7 +213,9 @@ fn checked(args: &ReplayArgs) -> Result<Option<Vec<plumbline_config::Timestamp>>
     let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
     let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
     let at_out = instants::file(args);
-    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record, &at_out]).flatten())?;
+    check_outputs(
+        files.into_iter().chain(of_map).chain([&args.report, &args.record, &args.learn, &at_out]).flatten(),
+    )?;
     if at_out.is_some() && at_out == args.at {
         return Err(Usage("--at-out: is the list itself; name another file".into()).into());
     }
