@@ -17,6 +17,11 @@ pub fn draw_calibration(config: &mut Config, multiple: f64, seed: u64) {
     let pair =
         [rig.camera_camera_rotation_sigma_rad, rig.camera_camera_translation_sigma_m].map(&mut normal3);
     config.rig.time_offset_s += normal3(rig.time_offset_sigma_s).x;
+    for camera in &mut config.camera {
+        let [focal, centre] = [rig.camera_focal_sigma, rig.camera_centre_sigma_px].map(&mut normal3);
+        camera.focal_px = camera.focal_px.map(|f| f * (1.0 + focal.x));
+        camera.centre_px = [0, 1].map(|k| camera.centre_px[k] + centre[k]);
+    }
     let [Some(left), right] = [0, 1].map(|k| config.camera.get(k).map(CameraConfig::pose_b_c)) else {
         return;
     };

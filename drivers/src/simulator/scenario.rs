@@ -372,6 +372,7 @@ pub fn scaled_config(config: &Config, scale: f64) -> Config {
     if scale == 1.0 {
         return scaled;
     }
+    scaled.rig.camera_centre_sigma_px *= scale;
     for camera in &mut scaled.camera {
         camera.width_px = (camera.width_px as f64 * scale).round() as usize;
         camera.height_px = (camera.height_px as f64 * scale).round() as usize;

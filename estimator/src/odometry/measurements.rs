@@ -139,6 +139,11 @@ impl Measurer {
         }
     }
 
+    /// Points and lines of the newest frame, to be corrected.
+    pub fn tracks_mut(&mut self) -> (&mut [PointTrack], &mut [LineTrack]) {
+        (&mut self.measurements, &mut self.lines)
+    }
+
     /// Number of points of the newest frame that `camera` measured.
     #[must_use]
     pub fn count(&self, camera: usize) -> usize {

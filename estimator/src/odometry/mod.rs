@@ -387,6 +387,8 @@ impl Odometer {
         let outliers = self.window.outliers();
         self.measurer.measure_points(observations, &outliers.points, &rate_c);
         self.measurer.measure_lines(&tracked.lines, &outliers.lines, &rate_c);
+        let (points, lines) = self.measurer.tracks_mut();
+        self.window.correct_intrinsics(points, lines);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         let depth_m = match self.phase {

@@ -117,7 +117,9 @@ impl Odometer {
         let is_plausible = self.is_plausible();
         self.carried = if is_plausible { self.carried_of_newest() } else { None };
         let nav = if is_plausible {
-            newest.nav.clone()
+            let nav = newest.nav.clone();
+            self.window.keep_rig();
+            nav
         } else if let Some(believed) = proven {
             self.window.rig = believed.rig;
             believed.nav

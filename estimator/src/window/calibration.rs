@@ -1,8 +1,8 @@
-//! Uncertainty of the rig: the covariance of its error state.
+//! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
 use super::state::{GLOBAL_DIM, RIG_DIM, Rig};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
 pub type RigCovariance = SMatrix<f64, RIG_DIM, RIG_DIM>;
@@ -16,7 +16,55 @@ pub struct RigEstimate {
     pub covariance: RigCovariance,
 }
 
+/// Growth of the variances of a rig that outlives a reset: whatever led to it may have misled the calibration too.
+const KEPT_GROWTH: f64 = 9.0;
+
+/// Information about a rig, and its gradient there.
+#[derive(Clone, Debug)]
+pub struct KnownRig {
+    pub(super) information: RigCovariance,
+    pub(super) gradient: SVector<f64, RIG_DIM>,
+}
+
+impl KnownRig {
+    /// A rig known by its standard deviations; 0 is held fixed.
+    #[must_use]
+    pub fn within(sigmas: &SVector<f64, RIG_DIM>) -> Self {
+        let information = sigmas.map(|sigma| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 });
+        Self { information: RigCovariance::from_diagonal(&information), gradient: SVector::zeros() }
+    }
+
+    /// A rig as well known as `estimate`, but for the growth of its variances, and no less well than by the standard
+    /// deviations of the configured rig, `offset` away; `None` where that is no covariance.
+    fn kept(
+        estimate: &RigEstimate,
+        sigmas: &SVector<f64, RIG_DIM>,
+        offset: &SVector<f64, RIG_DIM>,
+    ) -> Option<Self> {
+        let is_free = |k: usize| sigmas[k] > 0.0;
+        let regular = RigCovariance::from_fn(|i, k| match is_free(i) && is_free(k) {
+            true => estimate.covariance[(i, k)] / (sigmas[i] * sigmas[k]),
+            false => f64::from(u8::from(i == k)),
+        });
+        let inverse = regular.cholesky()?.inverse() / KEPT_GROWTH;
+        let configured = Self::within(sigmas).information * (1.0 - 1.0 / KEPT_GROWTH);
+        let learnt = RigCovariance::from_fn(|i, k| match is_free(i) && is_free(k) {
+            true => inverse[(i, k)] / (sigmas[i] * sigmas[k]),
+            false => 0.0,
+        });
+        Some(Self { information: learnt + configured, gradient: configured * offset })
+    }
+}
+
 impl Window {
+    /// What the next start knows of the rig is what this window has learnt of it; without it, the configured standard
+    /// deviations.
+    pub fn keep_rig(&mut self) {
+        let offset = self.rig.minus(&self.configured_rig);
+        let estimate = self.rig_estimate();
+        self.kept_rig = estimate.and_then(|rig| KnownRig::kept(&rig, &self.options.rig_sigmas, &offset));
+    }
+
     /// The rig and its covariance by the last factorization. `None` before the first, and where it is no covariance.
     pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
         let dim = self.factor.dim();
@@ -68,6 +116,34 @@ mod tests {
                 assert!(error.abs() < 1e-4, "{i} {j}: {error}");
             }
         }
+    }
+
+    #[test]
+    fn a_reset_keeps_what_was_learnt_of_the_rig_and_nothing_that_was_not() {
+        let mut window = Room::default().window();
+        window.optimize(3);
+        assert!(window.factor.compute(&window.linearizer.equations, 0.0));
+        let learnt = window.rig_estimate().unwrap();
+        window.keep_rig();
+        window.clear();
+        let known = window.known_rig.information;
+        let sigmas = window.options.rig_sigmas;
+        let after = known.cholesky().expect("all of it is free").inverse();
+        let mut shares = Vec::new();
+        for k in 0..RIG_DIM {
+            let (before, after) = (learnt.covariance[(k, k)].sqrt(), after[(k, k)].sqrt());
+            assert!(
+                after <= 1.0001 * sigmas[k] && after <= 3.0001 * before && after > before,
+                "{k}: {before} {after}"
+            );
+            shares.push(after / sigmas[k]);
+        }
+        // The room shows the time offset to a fifth of what is configured, and nothing of the lever arm.
+        assert!(shares[Rig::TIME_OFFSET] < 0.65 && shares[Rig::P_B_C0] > 0.99, "{shares:?}");
+        // Another reset, of which nothing is to be kept, begins as configured.
+        window.clear();
+        assert_eq!(window.known_rig.information, KnownRig::within(&sigmas).information);
+        assert_eq!(window.known_rig.gradient.norm(), 0.0);
     }
 
     #[test]

@@ -7,8 +7,8 @@
 //! the next host begins.
 
 use super::motions::{
-    GLOBALS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, RESIDUAL, TIME_OFFSET, WORLD_HEADING, motion_at,
-    motion_of_camera, motion_of_frame,
+    GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET,
+    WORLD_HEADING, motion_at, motion_of_camera, motion_of_frame, motion_of_lens,
 };
 use super::state::{MAX_FRAMES, POSE_DIM};
 use super::tiles::{LANES, add_times};
@@ -22,6 +22,8 @@ const MAX_CAMERAS: usize = 2 * MAX_FRAMES;
 
 /// Both rows of an observation by its columns.
 pub(super) type CameraRows = [[f64; COLUMNS]; 2];
+/// Both rows of an observation by the intrinsics of the observing camera.
+pub(super) type LensRows = [[f64; LENS]; 2];
 
 /// Products of columns, summed; the upper triangle counts.
 #[derive(Clone, Debug)]
@@ -45,12 +47,48 @@ impl Products {
     }
 }
 
+/// Products of columns and of intrinsics by those of the intrinsics, summed.
+#[derive(Clone, Debug)]
+struct LensProducts {
+    mixed: [[f64; LENS]; COLUMNS],
+    own: [[f64; LENS]; LENS],
+}
+
+impl LensProducts {
+    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; LENS] };
+
+    #[inline]
+    fn add(&mut self, [a, b]: &CameraRows, [la, lb]: &LensRows) {
+        for (to, (a, b)) in self.mixed.iter_mut().zip(a.iter().zip(b)) {
+            for k in 0..LENS {
+                to[k] += a * la[k] + b * lb[k];
+            }
+        }
+        for (to, (a, b)) in self.own.iter_mut().zip(la.iter().zip(lb)) {
+            for k in 0..LENS {
+                to[k] += a * la[k] + b * lb[k];
+            }
+        }
+    }
+
+    /// Adds what is said of intrinsics, time offset and residual alone.
+    fn move_to(&self, equations: &mut MotionEquations, at: usize) {
+        for (row, own) in self.own.iter().enumerate() {
+            add_times(&mut equations.rows[at + row][at..at + LENS], 1.0, own);
+        }
+        for (global, mixed) in [TIME_OFFSET, RESIDUAL].into_iter().zip(&self.mixed[AT_OTHER..]) {
+            add_times(&mut equations.rows[global][at..at + LENS], 1.0, mixed);
+        }
+    }
+}
+
 /// Sums over observations by pairs of cameras, and rows of the normal equations by each camera's motion in `O`.
 #[derive(Clone, Debug)]
 pub struct CameraSums {
     host: usize,
     /// By the observing camera.
     pairs: Vec<Products>,
+    lenses: Vec<LensProducts>,
     is_seen: [bool; MAX_CAMERAS],
     structure: Products,
     is_structural: bool,
@@ -63,6 +101,7 @@ impl Default for CameraSums {
         Self {
             host: 0,
             pairs: vec![Products::ZERO; MAX_CAMERAS],
+            lenses: vec![LensProducts::ZERO; MAX_CAMERAS],
             is_seen: [false; MAX_CAMERAS],
             structure: Products::ZERO,
             is_structural: false,
@@ -90,8 +129,11 @@ impl CameraSums {
 
     /// Adds an observation by camera `target`.
     #[inline]
-    pub(super) fn add(&mut self, target: usize, rows: &CameraRows) {
+    pub(super) fn add(&mut self, target: usize, rows: &CameraRows, by_lens: Option<&LensRows>) {
         self.pairs[target].add(rows);
+        if let Some(by_lens) = by_lens {
+            self.lenses[target].add(rows, by_lens);
+        }
         self.is_seen[target] = true;
     }
 
@@ -112,6 +154,11 @@ impl CameraSums {
                 for global in [TIME_OFFSET, WORLD_HEADING, RESIDUAL] {
                     equations.rows[global][at + k] += row[global];
                 }
+                if equations.has_lenses() {
+                    for lens in POSED..GLOBALS {
+                        equations.rows[lens][at + k] += row[lens];
+                    }
+                }
             }
             let on_mount = motion_of_camera(camera % lifts.cameras);
             for (row, by) in rows.iter().zip(&lifts.in_o[camera]) {
@@ -124,13 +171,25 @@ impl CameraSums {
 
     /// Moves the sums of the present host to the rows of its cameras.
     fn flush(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
-        let Self { host, pairs, is_seen, structure, is_structural, rows } = self;
+        let Self { host, pairs, lenses, is_seen, structure, is_structural, rows } = self;
         let host = *host;
         for (target, products) in pairs.iter_mut().enumerate() {
             if std::mem::take(&mut is_seen[target]) {
                 add_squares(equations, products, TIME_OFFSET);
                 if target != host {
                     add_pair(rows, [host, target], products, lifts);
+                }
+                if equations.has_lenses() {
+                    let (at, lens) = (motion_of_lens(target % lifts.cameras), &mut lenses[target]);
+                    lens.move_to(equations, at);
+                    // A motion of the observer has the opposite sign of one of the host.
+                    for (camera, sign) in [(host, 1.0), (target, -1.0)].into_iter().filter(|_| target != host)
+                    {
+                        for (row, mixed) in rows[camera].iter_mut().zip(&lens.mixed) {
+                            add_times(&mut row[at..at + LENS], sign, mixed);
+                        }
+                    }
+                    *lens = LensProducts::ZERO;
                 }
                 *products = Products::ZERO;
             }
@@ -160,8 +219,8 @@ fn add_pair(
     let motion = products.motion();
     let [by_host, by_target] = [host, target].map(|camera| times(&motion, &lifts.in_o[camera]));
     // All six before any is read again: they are written in pieces, and would be waited for.
-    let globals: [[f64; GLOBALS]; POSE_DIM] = std::array::from_fn(|i| {
-        let mut globals = [0.0; GLOBALS];
+    let globals: [[f64; POSED]; POSE_DIM] = std::array::from_fn(|i| {
+        let mut globals = [0.0; POSED];
         add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
         subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
         globals[TIME_OFFSET] = products.0[i][AT_OTHER];
@@ -171,7 +230,7 @@ fn add_pair(
     for ([own, other], sign) in [([host, target], 1.0), ([target, host], -1.0)] {
         let [of_own, of_other] = [own, other].map(|camera| motion_of_frame(camera / lifts.cameras));
         for (i, row) in rows[own].iter_mut().enumerate() {
-            add_times(&mut row[..GLOBALS], sign, &globals[i]);
+            add_times(&mut row[..POSED], sign, &globals[i]);
             add(motion_at(row, of_own), &motion[i]);
             subtract(motion_at(row, of_other), &motion[i]);
         }

@@ -47,7 +47,7 @@ impl Full {
     /// Adds both rows of an observation, by the cameras with their signs.
     fn add(
         &mut self,
-        (j, r, heading): (&Jacobians<3>, &Vector2<f64>, &Vector2<f64>),
+        (j, r, heading, lens): (&Jacobians<3>, &Vector2<f64>, &Vector2<f64>, Option<(usize, &LensRows)>),
         signed: &[(usize, f64)],
     ) {
         for d in 0..2 {
@@ -55,6 +55,9 @@ impl Full {
             row[TIME_OFFSET] = j.time_offset[d];
             row[WORLD_HEADING] = heading[d];
             row[RESIDUAL] = r[d];
+            if let Some((at, by_lens)) = lens {
+                (0..LENS).for_each(|k| row[at + k] = by_lens[d][k]);
+            }
             for (camera, sign) in signed {
                 let on_mount = if *sign > 0.0 { &j.host } else { &j.target };
                 for k in 0..POSE_DIM {
@@ -72,7 +75,7 @@ impl Full {
 fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
     let (lifts, _) = lifts();
     let mut equations = MotionEquations::default();
-    equations.reset(FRAMES);
+    equations.reset(FRAMES, true);
     let dim = equations.dim();
     let mut full = Full { h: DMatrix::zeros(dim + 3, dim + 3), dim };
     let mut cameras = CameraSums::default();
@@ -89,16 +92,20 @@ fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
             let on_mounts = ((host % CAMERAS) as u8, (target % CAMERAS) as u8);
             let mut rows = Rows::ZERO;
             rows.set(&j, &r, on_mounts, *host == target);
-            cameras.add(target, &rows.by_camera);
+            let by_lens =
+                [0, 1].map(|d| std::array::from_fn(|k| scatter(7000 + 10 * seed + 4 * d + k as u32)));
+            cameras.add(target, &rows.by_camera, Some(&by_lens));
             sums.add(&rows, Some(target / CAMERAS), &mut entry);
+            sums.add_lens(&rows, &by_lens, target % CAMERAS);
             let signed = if *host == target { &[][..] } else { &[(*host, 1.0), (target, -1.0)] };
-            full.add((&j, &r, &Vector2::zeros()), signed);
+            let lens = Some((motion_of_lens(target % CAMERAS), &by_lens));
+            full.add((&j, &r, &Vector2::zeros(), lens), signed);
         }
         let mut j = jacobians(500 + n, &lifts, *host, *host);
         // A direction is compared with no image: the time offset takes no part.
         j.time_offset.fill(0.0);
         let (heading, scale) = (Vector2::new(0.9, 1.8), 0.7);
-        full.add((&(scaled(&j, scale)), &(r * scale), &(heading * scale)), &[(*host, 1.0)]);
+        full.add((&(scaled(&j, scale)), &(r * scale), &(heading * scale), None), &[(*host, 1.0)]);
         let rows =
             Rows::structural(&StructuralJacobians { feature: j, heading }, &r, scale, (host % CAMERAS) as u8);
         cameras.add_structural(&rows.by_camera);

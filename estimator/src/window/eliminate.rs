@@ -1,6 +1,6 @@
 //! Elimination of a landmark from the normal equations (Schur complement), and its back-substitution.
 
-use super::motions::{GLOBALS, MAX_MOTIONS, MotionEquations, MotionRow, motion_of_frame};
+use super::motions::{GLOBALS, MAX_MOTIONS, MotionEquations, MotionRow, globals_in_use, motion_of_frame};
 use super::tiles::{LANES, dot, subtract_products};
 use nalgebra::{SMatrix, SVector};
 
@@ -17,6 +17,8 @@ pub struct Eliminated<const D: usize> {
     pub(super) rows: [MotionRow; D],
     /// The columns in use of the frames that see it.
     frames: (usize, usize),
+    /// Columns in use before those of the frames.
+    globals: usize,
     /// True if the landmark took part.
     pub is_used: bool,
 }
@@ -24,7 +26,7 @@ pub struct Eliminated<const D: usize> {
 impl<const D: usize> Eliminated<D> {
     pub(super) fn empty() -> Self {
         let rows = [[0.0; MAX_MOTIONS]; D];
-        Self { lower: SMatrix::zeros(), rows, frames: (GLOBALS, GLOBALS), is_used: false }
+        Self { lower: SMatrix::zeros(), rows, frames: (GLOBALS, GLOBALS), globals: GLOBALS, is_used: false }
     }
 
     /// Starts anew, with `dim` columns.
@@ -38,10 +40,10 @@ impl<const D: usize> Eliminated<D> {
     /// The landmark's step, given those of the motions, with a one for the residual.
     #[must_use]
     pub fn step(&self, motions: &MotionRow) -> SVector<f64, D> {
-        let (start, end) = self.frames;
+        let ((start, end), globals) = (self.frames, self.globals);
         let mut x = SVector::<f64, D>::zeros();
         for (x, row) in x.iter_mut().zip(&self.rows) {
-            *x = -(dot(&row[..GLOBALS], &motions[..GLOBALS]) + dot(&row[start..end], &motions[start..end]));
+            *x = -(dot(&row[..globals], &motions[..globals]) + dot(&row[start..end], &motions[start..end]));
         }
         for k in (0..D).rev() {
             for i in k + 1..D {
@@ -65,8 +67,9 @@ impl<const D: usize> Eliminated<D> {
         self.lower = cholesky.l();
         let (start, end) = (motion_of_frame(first) / LANES, motion_of_frame(last + 1).div_ceil(LANES));
         self.frames = (start * LANES, end * LANES);
+        self.globals = globals_in_use(equations.has_lenses());
         self.divide(start * LANES, end * LANES);
-        let globals = GLOBALS / LANES;
+        let globals = self.globals / LANES;
         let rows = equations.rows.as_chunks_mut::<LANES>().0;
         for (n, to) in rows[..globals].iter_mut().enumerate() {
             subtract_products(to, &self.rows, n * LANES, (n..globals).chain(start..end));
@@ -81,7 +84,7 @@ impl<const D: usize> Eliminated<D> {
         for r in 0..D {
             let (above, row) = self.rows.split_at_mut(r);
             let inverse = 1.0 / self.lower[(r, r)];
-            for range in [0..GLOBALS, start..end] {
+            for range in [0..self.globals, start..end] {
                 let row = row[0][range.clone()].as_chunks_mut::<LANES>().0;
                 for (n, to) in row.iter_mut().enumerate() {
                     for (s, above) in above.iter().enumerate() {

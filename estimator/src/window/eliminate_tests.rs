@@ -1,4 +1,4 @@
-use super::super::motions::{RESIDUAL, motion_of_frame};
+use super::super::motions::{POSED, RESIDUAL, motion_of_frame};
 use super::super::test_dense::full_motions;
 use super::super::test_room::scatter;
 use super::*;
@@ -11,7 +11,7 @@ const SPAN: (usize, usize) = (1, 2);
 /// A landmark, its own block, and the rest of the system.
 fn landmark() -> (MotionEquations, Eliminated<3>, Matrix3<f64>) {
     let mut equations = MotionEquations::default();
-    equations.reset(FRAMES);
+    equations.reset(FRAMES, true);
     for k in 0..equations.dim() {
         equations.rows[k][k] = 50.0;
         equations.rows[k.min(RESIDUAL)][k.max(RESIDUAL)] += scatter(k as u32);
@@ -23,7 +23,9 @@ fn landmark() -> (MotionEquations, Eliminated<3>, Matrix3<f64>) {
     entry.reset(equations.dim());
     for (r, row) in (0..).zip(&mut entry.rows) {
         row[..GLOBALS].fill(0.0);
-        for k in (0..=RESIDUAL).chain(motion_of_frame(SPAN.0)..motion_of_frame(SPAN.1 + 1)) {
+        for k in
+            (0..=RESIDUAL).chain(POSED..GLOBALS).chain(motion_of_frame(SPAN.0)..motion_of_frame(SPAN.1 + 1))
+        {
             row[k] = scatter(1000 + 100 * r + k as u32);
         }
     }
@@ -74,4 +76,20 @@ fn a_block_that_is_not_positive_definite_is_left_alone() {
     entry.eliminate(&mut equations, -own, SPAN);
     assert!(!entry.is_used);
     assert_eq!(full_motions(&equations), before);
+}
+
+#[test]
+fn without_intrinsics_their_columns_are_not_touched() {
+    let (mut equations, mut entry, own) = landmark();
+    for row in &mut entry.rows {
+        row[POSED..GLOBALS].fill(0.0);
+    }
+    let mut whole = (equations.clone(), entry.clone());
+    whole.1.eliminate(&mut whole.0, own, SPAN);
+    equations.reset(FRAMES, false);
+    equations.rows.clone_from(&landmark().0.rows);
+    entry.eliminate(&mut equations, own, SPAN);
+    assert_eq!(full_motions(&equations), full_motions(&whole.0));
+    let motions: MotionRow = std::array::from_fn(|k| scatter(k as u32));
+    assert_eq!(entry.step(&motions), whole.1.step(&motions));
 }

@@ -18,6 +18,8 @@ pub struct Factor {
     u: Vec<[f64; COLUMNS]>,
     /// Unknowns in the order in which they are factored.
     order: Vec<usize>,
+    /// Unknowns that are held at zero, and take no part.
+    held: std::ops::Range<usize>,
 }
 
 impl Factor {
@@ -25,7 +27,13 @@ impl Factor {
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         let u = vec![[0.0; COLUMNS]; capacity.next_multiple_of(LANES)];
-        Self { dim: 0, u, order: Vec::with_capacity(capacity) }
+        Self { dim: 0, u, order: Vec::with_capacity(capacity), held: 0..0 }
+    }
+
+    /// Holds these unknowns at zero, whatever the equations say of them.
+    #[must_use]
+    pub fn holding(self, held: std::ops::Range<usize>) -> Self {
+        Self { held, ..self }
     }
 
     /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
@@ -45,7 +53,7 @@ impl Factor {
     pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
         self.dim = 0;
         self.load(equations, damping);
-        let tiles = equations.dim().div_ceil(LANES);
+        let tiles = self.order.len().div_ceil(LANES);
         let mut met = heapless::Vec::<usize, { COLUMNS / LANES }>::new();
         let mut rest = &mut self.u.as_chunks_mut::<LANES>().0[..tiles];
         while let Some((pivots, below)) = rest.split_first_mut() {
@@ -67,9 +75,10 @@ impl Factor {
     /// Copies the upper triangle of the damped equations in the order of the factor, filled up to whole tiles with unknowns
     /// that meet no other.
     fn load(&mut self, equations: &NormalEquations, damping: f64) {
-        let dim = equations.dim();
+        let held = self.held.clone();
         self.order.clear();
-        self.order.extend(order_of(dim));
+        self.order.extend(order_of(equations.dim()).filter(|k| !held.contains(k)));
+        let dim = self.order.len();
         let end = dim.next_multiple_of(LANES);
         for (i, row) in self.u[..end].iter_mut().enumerate() {
             row[i / LANES * LANES..end].fill(0.0);
@@ -85,11 +94,16 @@ impl Factor {
         }
     }
 
+    /// Unknowns that take part.
+    fn factored(&self) -> usize {
+        if self.dim == 0 { 0 } else { self.order.len() }
+    }
+
     /// Covariance of the last `N` unknowns, the last block of the inverse of `H`; `None` where there are fewer. It needs
     /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
     #[must_use]
     pub fn last_covariance<const N: usize>(&self) -> Option<SMatrix<f64, N, N>> {
-        let first = self.dim.checked_sub(N)?;
+        let first = self.factored().checked_sub(N)?;
         let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
             true => self.u[first + i][first + j],
             false => 0.0,
@@ -102,7 +116,7 @@ impl Factor {
     /// `U'⁻¹ e_k`.
     #[must_use]
     pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
-        let x = &mut memory[..self.dim];
+        let x = &mut memory[..self.factored()];
         x.fill(0.0);
         let place = self.order.iter().position(|unknown| *unknown == k).unwrap_or(0);
         x[place] = 1.0;
@@ -112,7 +126,7 @@ impl Factor {
 
     /// Solves `H x = rhs` in place.
     pub fn solve(&self, x: &mut [f64]) {
-        let dim = self.dim;
+        let dim = self.factored();
         let mut memory = [0.0; COLUMNS];
         let y = &mut memory[..dim];
         for (y, unknown) in y.iter_mut().zip(&self.order) {
@@ -130,6 +144,10 @@ impl Factor {
             }
             y[i] = (y[i] - sum) / row[i];
         }
+        let end = self.held.end.min(x.len());
+        if self.held.start < end {
+            x[self.held.start..end].fill(0.0);
+        }
         for (y, unknown) in y.iter().zip(&self.order) {
             x[*unknown] = *y;
         }
@@ -137,7 +155,7 @@ impl Factor {
 
     /// Solves `U' x = rhs` in place, where `rhs` is zero before `first`.
     fn solve_lower(&self, x: &mut [f64], first: usize) {
-        let dim = self.dim;
+        let dim = self.factored();
         for i in first..dim {
             let row = &self.u[i][..dim];
             x[i] /= row[i];

@@ -125,6 +125,19 @@ pub trait Feature: Copy + Debug + PartialEq {
         jacobians: &mut Self::Jacobians,
     ) -> Option<()>;
 
+    /// Places of a measurement in the image that belong to the two residuals, in normalized coordinates.
+    fn places(measured: &Self::Measurement) -> [Vector2<f64>; 2];
+
+    /// Derivatives of the two residuals by their places, as seen from `target`; `None` where it cannot see the landmark.
+    fn by_places(
+        placed: &Self::Placed,
+        target: &CameraPose,
+        measured: &Self::Measurement,
+    ) -> Option<[Vector2<f64>; 2]>;
+
+    /// Moves everything that was measured in the image by what `shift` makes of its place.
+    fn move_places(measured: &mut Self::Measurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>);
+
     /// Residual of an observation and, on request, its Jacobians.
     fn residual(
         &self,

@@ -1,18 +1,19 @@
 //! The Hessian blocks of one landmark (its own, and the mixed ones by the motions), summed over its observations.
 
-use super::camera_sums::CameraRows;
+use super::camera_sums::{CameraRows, LensRows};
 use super::eliminate::{Eliminated, MAX_LANDMARK_DIM};
 use super::feature::{Jacobians, StructuralJacobians};
 use super::motions::{
-    GLOBALS, RESIDUAL, TIME_OFFSET, WORLD_HEADING, motion_at, motion_of_camera, motion_of_frame,
+    LENS, POSED, RESIDUAL, TIME_OFFSET, WORLD_HEADING, motion_at, motion_of_camera, motion_of_frame,
+    motion_of_lens,
 };
 use super::quad::Quad;
 use super::state::POSE_DIM;
 use nalgebra::{SMatrix, Vector2};
 
 /// Columns of a row by globals and landmark: a multiple of the vector width.
-const COLUMNS: usize = GLOBALS + MAX_LANDMARK_DIM;
-const AT_LANDMARK: usize = GLOBALS;
+const COLUMNS: usize = POSED + MAX_LANDMARK_DIM;
+const AT_LANDMARK: usize = POSED;
 
 /// The rows of an observation, weighed.
 #[derive(Clone, Debug)]
@@ -91,11 +92,17 @@ fn row([p, rot]: &[Quad; 2]) -> [f64; POSE_DIM] {
 pub(super) struct LandmarkSums<const D: usize> {
     by_globals: [[f64; COLUMNS]; D],
     by_host: [[f64; POSE_DIM]; D],
+    /// By the intrinsics of both cameras.
+    by_lens: [[[f64; LENS]; 2]; D],
 }
 
 impl<const D: usize> Default for LandmarkSums<D> {
     fn default() -> Self {
-        Self { by_globals: [[0.0; COLUMNS]; D], by_host: [[0.0; POSE_DIM]; D] }
+        Self {
+            by_globals: [[0.0; COLUMNS]; D],
+            by_host: [[0.0; POSE_DIM]; D],
+            by_lens: [[[0.0; LENS]; 2]; D],
+        }
     }
 }
 
@@ -124,11 +131,29 @@ impl<const D: usize> LandmarkSums<D> {
         }
     }
 
+    /// Adds the derivatives of that observation by the intrinsics of the observing `camera`.
+    #[inline(always)]
+    pub(super) fn add_lens(&mut self, rows: &Rows, [by_a, by_b]: &LensRows, camera: usize) {
+        let [a, b] = &rows.by_globals;
+        for r in 0..D {
+            let (la, lb) = (a[AT_LANDMARK + r], b[AT_LANDMARK + r]);
+            for k in 0..LENS {
+                self.by_lens[r][camera][k] += la * by_a[k] + lb * by_b[k];
+            }
+        }
+    }
+
     /// Moves the sums to the landmark's rows; `host` is its frame. Returns its own block.
     pub(super) fn finish(&self, entry: &mut Eliminated<D>, host: usize) -> SMatrix<f64, D, D> {
+        for (row, by_lens) in entry.rows.iter_mut().zip(&self.by_lens) {
+            for (camera, by_lens) in by_lens.iter().enumerate() {
+                let at = motion_of_lens(camera);
+                row[at..at + LENS].copy_from_slice(by_lens);
+            }
+        }
         for (row, (globals, by_host)) in entry.rows.iter_mut().zip(self.by_globals.iter().zip(&self.by_host))
         {
-            row[..GLOBALS].copy_from_slice(&globals[..GLOBALS]);
+            row[..POSED].copy_from_slice(&globals[..POSED]);
             let to = motion_at(row, motion_of_frame(host));
             for k in 0..POSE_DIM {
                 to[k] += by_host[k];

@@ -259,6 +259,28 @@ impl Feature for HostedLine {
         LineMeasurement { weights: measured.weights.map(|weight| weight * scale), ..*measured }
     }
 
+    #[inline]
+    fn places(measured: &LineMeasurement) -> [Vector2<f64>; 2] {
+        measured.ends_xy
+    }
+
+    #[inline]
+    fn by_places(
+        placed: &PlacedLine,
+        target: &CameraPose,
+        measured: &LineMeasurement,
+    ) -> Option<[Vector2<f64>; 2]> {
+        let n = placed.o.normal_from(&target.rot_o_c, &target.p_o_c);
+        let trace = n.xy().norm();
+        (trace > MIN_TRACE * n.norm()).then(|| measured.weights.map(|weight| n.xy() * (weight / trace)))
+    }
+
+    fn move_places(measured: &mut LineMeasurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>) {
+        for xy in measured.ends_xy.iter_mut().chain(measured.rows.iter_mut().map(|row| &mut row.xy)) {
+            *xy += shift(xy);
+        }
+    }
+
     /// `None` where the observer's plane has no trace in its image. In the axes of a camera a motion `(t, theta)` moves the
     /// line's normal there by `theta x n + t x v`, its direction by `theta x v`, as in `O`.
     fn linearize(

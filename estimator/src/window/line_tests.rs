@@ -1,5 +1,5 @@
 use super::super::factor::Linearization;
-use super::super::state::{NavState, Rig};
+use super::super::state::{NavState, RIG_DIM, Rig};
 use super::super::test_views::{Lifted, isometry, vector, with_cameras, with_view};
 use super::*;
 use nalgebra::{Isometry3, SVector};
@@ -64,7 +64,12 @@ fn scenes() -> impl Strategy<Value = Scene> {
             };
             let a = Vector3::new(ends[0], ends[1], 1.0) * depths.0;
             let b = Vector3::new(ends[2], ends[3], 1.0) * depths.1;
-            let rig = Rig { pose_b_c0: rig.0, pose_c0_c1: rig.1, time_offset_s: 0.003 };
+            let rig = Rig {
+                pose_b_c0: rig.0,
+                pose_c0_c1: rig.1,
+                time_offset_s: 0.003,
+                intrinsics: Default::default(),
+            };
             let target_pose = host * step;
             let to_target =
                 (target_pose * rig.pose_b_c(cameras.1)).inverse() * host * rig.pose_b_c(cameras.0);
@@ -125,9 +130,9 @@ proptest! {
             let by_target = numeric(&scene, |s, h| s.target = nav(&s.target, k, h));
             prop_assert!(is_close(&lifted.target.column(k).into(), &by_target), "target {k}");
         }
-        for k in 0..13 {
+        for k in 0..=Rig::TIME_OFFSET {
             let by_rig = numeric(&scene, |s, h| {
-                let mut d = SVector::<f64, 13>::zeros();
+                let mut d = SVector::<f64, RIG_DIM>::zeros();
                 d[k] = h;
                 s.rig = s.rig.plus(&d);
             });

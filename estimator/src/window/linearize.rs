@@ -152,7 +152,7 @@ impl Linearizer {
     fn begin(&mut self, problem: &Problem<'_>) {
         let frames = problem.frames.len();
         self.equations.reset(unknown_of_frame(frames));
-        self.landmarks.motions.reset(frames);
+        self.landmarks.motions.reset(frames, problem.options.lenses.is_some());
         self.landmarks.cameras.reset(frames, problem.options.cameras);
         self.landmarks.costs = RobustSum::new(problem.options.cauchy_scale);
         self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
@@ -292,7 +292,7 @@ impl LandmarkEquations {
         }
         let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
         for &(observation, r, scale) in &seen {
-            if poses.linearize(landmark, &first, (observation, scale), &mut j).is_none() {
+            if poses.linearize(problem, landmark, &first, (observation, scale), &mut j).is_none() {
                 continue;
             }
             let target = camera_of(problem, observation.frame, observation.camera);
@@ -300,8 +300,12 @@ impl LandmarkEquations {
             span = (span.0.min(frame), span.1.max(frame));
             let cameras = (landmark.host_camera, observation.camera);
             rows.set(&j, &r, cameras, host == target);
-            self.cameras.add(target, &rows.by_camera);
+            let by_lens = poses.by_lens::<F>(problem, &first, (observation, scale));
+            self.cameras.add(target, &rows.by_camera, by_lens.as_ref());
             sums.add(&rows, Some(frame), entry);
+            if let Some(by_lens) = &by_lens {
+                sums.add_lens(&rows, by_lens, usize::from(observation.camera));
+            }
         }
         self.add_structural(entry, &mut sums, poses, problem, landmark);
         let mut own = sums.finish(entry, usize::from(landmark.host));

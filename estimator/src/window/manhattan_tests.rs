@@ -2,7 +2,7 @@ use super::super::factor::Linearization;
 use super::super::feature::Estimated;
 use super::super::line::HostedLine;
 use super::super::manhattan::ManhattanOptions;
-use super::super::state::{NavState, Rig};
+use super::super::state::{NavState, RIG_DIM, Rig};
 use super::super::test_views::{Lifted, isometry, vector};
 use super::*;
 use nalgebra::{SVector, Vector4};
@@ -52,7 +52,12 @@ fn scenes() -> impl Strategy<Value = Scene> {
         |(rig, host, (n, v), heading, axis, camera)| {
             let line = HostedLine::of(&n, &(v - n * (n.dot(&v) / n.norm_squared())))?;
             Some(Scene {
-                rig: Rig { pose_b_c0: rig.0, pose_c0_c1: rig.1, time_offset_s: 0.0 },
+                rig: Rig {
+                    pose_b_c0: rig.0,
+                    pose_c0_c1: rig.1,
+                    time_offset_s: 0.0,
+                    intrinsics: Default::default(),
+                },
                 host: NavState {
                     p_o_b: host.translation.vector,
                     rot_o_b: host.rotation,
@@ -101,9 +106,9 @@ proptest! {
             });
             prop_assert!(is_close(&lifted.host.column(k).into(), &by_host), "host {k}");
         }
-        for k in 0..13 {
+        for k in 0..=Rig::TIME_OFFSET {
             let by_rig = numeric(&scene, |s, h| {
-                let mut d = SVector::<f64, 13>::zeros();
+                let mut d = SVector::<f64, RIG_DIM>::zeros();
                 d[k] = h;
                 s.rig = s.rig.plus(&d);
             });

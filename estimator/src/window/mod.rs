@@ -37,6 +37,7 @@ pub mod inertial_factor;
 pub mod keyframes;
 pub mod landmark;
 mod landmark_sums;
+pub mod lens;
 pub mod line;
 pub mod linearize;
 pub mod manhattan;
@@ -77,6 +78,7 @@ pub mod zero_velocity_factor;
 pub use calibration::{RigCovariance, RigEstimate};
 pub use fit::Fit;
 pub use options::Options;
+pub use rig_walk::rig_repeatability;
 pub use state::MAX_FRAMES;
 
 use crate::geometry::yaw_of;
@@ -129,6 +131,10 @@ pub struct Window {
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
     configured_rig: Rig,
+    /// What the present start knew of the rig.
+    known_rig: calibration::KnownRig,
+    /// What the next one is to know of it.
+    kept_rig: Option<calibration::KnownRig>,
     /// Frames for which things that were seen to move are remembered.
     moving_in_sight: u32,
     /// Share of what was seen then that moved.
@@ -206,7 +212,7 @@ impl Window {
             prior: Prior::new(unknowns, &rig),
             anchor: None,
             linearizer: Linearizer::new(unknowns, points, lines, &rig),
-            factor: factorization::Factor::new(unknowns),
+            factor: factorization::Factor::new(unknowns).holding(options.held_unknowns()),
             backup: solve::Backup::new(points, lines, &rig),
             solution: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
@@ -217,18 +223,23 @@ impl Window {
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
             rig_walk: RigWalk::new(config.rig.memory_s),
-            options,
             configured_rig: rig.clone(),
+            known_rig: calibration::KnownRig::within(&options.rig_sigmas),
+            kept_rig: None,
+            options,
             rig,
         }
     }
 
-    /// Forgets frames, landmarks and prior. The rig's refined calibration stays, as uncertain as it was configured; unless
-    /// it has left what the configuration admits, which then holds again.
+    /// Forgets frames, landmarks and prior. The rig's refined calibration stays, as uncertain as it was configured or as
+    /// [`Self::keep_rig`] has kept it; unless it has left what the configuration admits, which then holds again.
     pub fn clear(&mut self) {
+        let mut kept = self.kept_rig.take();
         if !self.rig.is_within(RIG_SIGMAS, &self.configured_rig, &self.options.rig_sigmas) {
             self.restore_rig();
+            kept = None;
         }
+        self.known_rig = kept.unwrap_or_else(|| calibration::KnownRig::within(&self.options.rig_sigmas));
         self.frames.clear();
         self.points.clear();
         self.lines.clear();
@@ -241,7 +252,8 @@ impl Window {
         self.heading_votes = HeadingVotes::default();
         self.is_manhattan_in_sight = false;
         self.rig_walk.clear();
-        self.prior.start(&self.rig, &self.options.rig_sigmas);
+        self.refer_lenses();
+        self.prior.start(&self.rig, &self.known_rig);
     }
 
     /// The rig is as configured again.
@@ -261,7 +273,7 @@ impl Window {
     fn refresh_anchor(&mut self) {
         let Some(anchor) = &self.anchor else { return };
         let configured = self.prior.rig.clone();
-        self.prior.start(&configured, &self.options.rig_sigmas);
+        self.prior.start(&configured, &self.known_rig);
         self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.known, &anchor.sigmas);
         for frame in &mut self.frames[..=anchor.frame] {
             frame.linearization = frame.nav.clone();

@@ -18,7 +18,7 @@
 
 use super::dense::NormalEquations;
 use super::state::{
-    BodyPose, HEADING, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
+    BodyPose, HEADING, INTRINSICS_DIM, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
 };
 use super::tiles::{LANES, add_times};
 use crate::geometry::skew;
@@ -30,8 +30,12 @@ pub const TIME_OFFSET: usize = 2 * POSE_DIM;
 pub const WORLD_HEADING: usize = TIME_OFFSET + 1;
 /// Place of the residual.
 pub const RESIDUAL: usize = WORLD_HEADING + 1;
+/// Columns before those of the intrinsics: a multiple of the vector width.
+pub const POSED: usize = 16;
+/// Columns of the intrinsics of a camera: the vector width.
+pub const LENS: usize = LANES;
 /// Columns before those of the frames.
-pub const GLOBALS: usize = 16;
+pub const GLOBALS: usize = POSED + 2 * LENS;
 /// Most columns.
 pub const MAX_MOTIONS: usize = motion_of_frame(MAX_FRAMES).next_multiple_of(LANES);
 /// A row by all motions.
@@ -43,6 +47,23 @@ const EXTRINSICS_DIM: usize = Rig::TIME_OFFSET;
 #[must_use]
 pub const fn motion_of_camera(camera: usize) -> usize {
     POSE_DIM * camera
+}
+
+/// Place of the intrinsics of camera 0 or 1.
+#[must_use]
+pub const fn motion_of_lens(camera: usize) -> usize {
+    POSED + LENS * camera
+}
+
+/// Columns before those of the frames that are in use.
+#[must_use]
+pub const fn globals_in_use(has_lenses: bool) -> usize {
+    if has_lenses { GLOBALS } else { POSED }
+}
+
+/// Motion and unknown of each intrinsic parameter.
+fn lens_unknowns() -> impl Iterator<Item = (usize, usize)> {
+    (0..2).flat_map(|k| (0..INTRINSICS_DIM).map(move |i| (motion_of_lens(k) + i, Rig::of_lens(k) + i)))
 }
 
 /// Place of the motion of frame `index`.
@@ -138,6 +159,9 @@ impl Lifts {
         motions[TIME_OFFSET] = self.by_time_offset * step[Rig::TIME_OFFSET];
         motions[WORLD_HEADING] = step[HEADING];
         motions[RESIDUAL] = 1.0;
+        for (motion, unknown) in lens_unknowns() {
+            motions[motion] = step[unknown];
+        }
         for (frame, by_attitude) in self.by_attitude.iter().enumerate() {
             let at = unknown_of_frame(frame);
             let (p, turn) = (&step[at + NavState::P..], &step[at + NavState::ROT..]);
@@ -197,20 +221,23 @@ pub(super) fn frame_motion(body: &BodyPose, pivot_o: &Vector3<f64>) -> SMatrix<f
 #[derive(Clone, Debug)]
 pub struct MotionEquations {
     dim: usize,
+    /// True if intrinsics take part.
+    has_lenses: bool,
     pub(super) rows: Vec<MotionRow>,
 }
 
 impl Default for MotionEquations {
     /// Room for any window.
     fn default() -> Self {
-        Self { dim: GLOBALS, rows: vec![[0.0; MAX_MOTIONS]; MAX_MOTIONS] }
+        Self { dim: GLOBALS, has_lenses: true, rows: vec![[0.0; MAX_MOTIONS]; MAX_MOTIONS] }
     }
 }
 
 impl MotionEquations {
     /// Starts anew with the motions of `frames`.
-    pub fn reset(&mut self, frames: usize) {
+    pub fn reset(&mut self, frames: usize, has_lenses: bool) {
         self.dim = motion_of_frame(frames);
+        self.has_lenses = has_lenses;
         for row in &mut self.rows[..self.dim] {
             row[..self.dim.next_multiple_of(LANES)].fill(0.0);
         }
@@ -222,11 +249,19 @@ impl MotionEquations {
         self.dim
     }
 
+    /// True if intrinsics take part.
+    #[must_use]
+    pub fn has_lenses(&self) -> bool {
+        self.has_lenses
+    }
+
     /// Adds them to those of all unknowns. They are used up.
     pub fn lift(&mut self, lifts: &Lifts, equations: &mut NormalEquations) {
         let dim = self.dim;
         self.complete_blocks();
-        for (i, row) in self.rows[..dim].iter_mut().enumerate() {
+        let used = globals_in_use(self.has_lenses);
+        for (i, row) in self.rows[..dim].iter_mut().enumerate().filter(|(i, _)| !(used..GLOBALS).contains(i))
+        {
             lifts.lift_columns(&mut row[..dim], i);
         }
         self.lift_rows_of_rig(lifts);
@@ -237,19 +272,42 @@ impl MotionEquations {
             let to = unknown_of_motion(i);
             let row = equations.row_mut(to);
             for k in i.min(RESIDUAL)..RESIDUAL {
-                row[k - i] += self.rows[i][k];
+                row[unknown_of_motion(k) - to] += self.rows[i][k];
             }
-            for frame in i.saturating_sub(GLOBALS) / POSE_DIM..(dim - GLOBALS) / POSE_DIM {
-                let (at, first) =
-                    (motion_of_frame(frame), i.saturating_sub(motion_of_frame(frame)).min(POSE_DIM));
-                let from = &self.rows[i][at + first..at + POSE_DIM];
-                let at = unknown_of_frame(frame) + first - to;
-                for (to, from) in row[at..].iter_mut().zip(from) {
-                    *to += from;
-                }
-            }
+            self.move_frames(i, to, equations);
             let gradient = if i < RESIDUAL { self.rows[i][RESIDUAL] } else { self.rows[RESIDUAL][i] };
             equations.gradient_mut()[to] += gradient;
+        }
+        if self.has_lenses {
+            self.move_lenses(equations);
+        }
+    }
+
+    /// Adds the columns of frames of row `i`, whose unknown is `to`.
+    fn move_frames(&self, i: usize, to: usize, equations: &mut NormalEquations) {
+        let row = equations.row_mut(to);
+        for frame in i.saturating_sub(GLOBALS) / POSE_DIM..(self.dim - GLOBALS) / POSE_DIM {
+            let (at, first) =
+                (motion_of_frame(frame), i.saturating_sub(motion_of_frame(frame)).min(POSE_DIM));
+            let from = &self.rows[i][at + first..at + POSE_DIM];
+            let at = unknown_of_frame(frame) + first - to;
+            for (to, from) in row[at..].iter_mut().zip(from) {
+                *to += from;
+            }
+        }
+    }
+
+    /// Adds rows and columns of the intrinsics.
+    fn move_lenses(&self, equations: &mut NormalEquations) {
+        for (i, to) in lens_unknowns() {
+            for k in 0..RESIDUAL {
+                equations.add(unknown_of_motion(k), to, self.rows[k][i]);
+            }
+            for (k, other) in lens_unknowns().filter(|(k, _)| *k >= i) {
+                equations.add(to, other, self.rows[i][k]);
+            }
+            self.move_frames(i, to, equations);
+            equations.gradient_mut()[to] += self.rows[RESIDUAL][i];
         }
     }
 
@@ -298,6 +356,7 @@ impl MotionEquations {
 fn unknown_of_motion(motion: usize) -> usize {
     match motion.checked_sub(GLOBALS) {
         Some(k) => unknown_of_frame(k / POSE_DIM) + k % POSE_DIM,
+        None if motion == WORLD_HEADING => HEADING,
         None => motion,
     }
 }
@@ -336,6 +395,9 @@ pub(super) mod test_lifts {
         by.column_mut(Rig::P_C0_C1).fill(0.0);
         by[(TIME_OFFSET, Rig::TIME_OFFSET)] = 1.0;
         by[(WORLD_HEADING, HEADING)] = 1.0;
+        for (motion, unknown) in lens_unknowns() {
+            by[(motion, unknown)] = 1.0;
+        }
         for (frame, body) in bodies.iter().enumerate() {
             let at = (motion_of_frame(frame), unknown_of_frame(frame));
             by.view_mut(at, (POSE_DIM, POSE_DIM)).copy_from(&frame_motion(body, &pivot_o));

@@ -8,11 +8,12 @@ use nalgebra::DVector;
 /// Equations whose entries have nothing to do with each other; the lower triangle is worth nothing.
 fn equations() -> MotionEquations {
     let mut motions = MotionEquations::default();
-    motions.reset(FRAMES);
+    motions.reset(FRAMES, true);
     let dim = motions.dim;
     for (i, row) in motions.rows[..dim].iter_mut().enumerate() {
         for (k, x) in row[..dim].iter_mut().enumerate() {
-            let is_there = k >= i && i != RESIDUAL + 1 && k != RESIDUAL + 1;
+            let is_padding = |k: usize| [RESIDUAL + 1, GLOBALS - 1, GLOBALS - 1 - LENS].contains(&k);
+            let is_there = k >= i && !is_padding(i) && !is_padding(k);
             *x = if is_there {
                 scatter((100 * i + k) as u32)
             } else if k < i {

@@ -1,6 +1,7 @@
 //! The window's options in the units of its computations.
 
 use super::OUTLIER_SIGMAS;
+use super::lens::Lenses;
 use super::state::{RIG_DIM, Rig};
 use crate::inertial::ImuNoise;
 use nalgebra::{SVector, Vector3};
@@ -69,6 +70,8 @@ pub struct Options {
     pub rig_sigmas: SVector<f64, RIG_DIM>,
     /// 1 for the rig's parameters that are refined, 0 for those held fixed.
     pub rig_mask: SVector<f64, RIG_DIM>,
+    /// Refined intrinsics; `None` where all are held fixed.
+    pub lenses: Option<Lenses>,
 }
 
 impl Options {
@@ -76,7 +79,7 @@ impl Options {
     #[must_use]
     pub fn of(config: &ValidSetup) -> Self {
         let window = &config.estimator.window;
-        let rig_sigmas = Rig::sigmas(&config.rig, config.camera.len());
+        let rig_sigmas = Rig::sigmas(&config.rig, &config.camera);
         Self {
             keyframes: window.keyframes,
             recent_frames: window.recent_frames,
@@ -100,9 +103,16 @@ impl Options {
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
             imu_noise: ImuNoise::of(&config.imu),
             still_sigma_m_s: STILL_SIGMA_M_S,
+            lenses: Lenses::of(config, &rig_sigmas),
             rig_sigmas,
             rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
         }
+    }
+
+    /// Unknowns that never move: intrinsics, unless they are refined.
+    #[must_use]
+    pub fn held_unknowns(&self) -> std::ops::Range<usize> {
+        if self.lenses.is_some() { 0..0 } else { Rig::INTRINSICS..RIG_DIM }
     }
 
     /// The estimate begins with depths from the baseline of so many cameras: from one camera's motion alone the scale of the

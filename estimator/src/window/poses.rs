@@ -2,6 +2,7 @@
 //! from them for the landmarks.
 
 use super::camera_poses::{CameraPose, CameraView};
+use super::camera_sums::LensRows;
 use super::factor::Linearization;
 use super::feature::{Feature, StructuralJacobians, View};
 use super::frame::Frame;
@@ -90,13 +91,34 @@ impl Poses {
     ) -> Option<Vector2<f64>> {
         let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-        F::residual_of(placed, &self.cameras_now[frame][camera], &observation.measured, step_s)
+        let target = &self.cameras_now[frame][camera];
+        match problem.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(problem.rig, observation)) {
+            Some(measured) => F::residual_of(placed, target, &measured, step_s),
+            None => F::residual_of(placed, target, &observation.measured, step_s),
+        }
+    }
+
+    /// The derivatives of an observation by the intrinsics of its camera, times `scale`, of a landmark that is
+    /// [`Self::placed_first`]; `None` where intrinsics are held fixed.
+    #[inline]
+    pub fn by_lens<F: Feature>(
+        &self,
+        problem: &Problem<'_>,
+        placed: &F::Placed,
+        (observation, scale): (&Observation<F::Measurement>, f64),
+    ) -> Option<LensRows> {
+        let lenses = problem.options.lenses.as_ref()?;
+        let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
+        let target = &self.cameras_first[frame][camera];
+        let by_lens = lenses.derivatives::<F>(camera, placed, target, &observation.measured)?;
+        Some(by_lens.map(|row| row.map(|x| x * scale)))
     }
 
     /// The Jacobians of that, times `scale`, of a landmark that is [`Self::placed_first`].
     #[inline]
     pub fn linearize<F: Feature>(
         &self,
+        problem: &Problem<'_>,
         landmark: &Landmark<F>,
         placed: &F::Placed,
         (observation, scale): (&Observation<F::Measurement>, f64),
@@ -107,7 +129,10 @@ impl Poses {
             host: pose(landmark.host, landmark.host_camera),
             target: pose(observation.frame, observation.camera),
         };
-        F::linearize(placed, view, &F::weighed(&observation.measured, scale), jacobians)
+        let moved =
+            problem.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(problem.rig, observation));
+        let measured = F::weighed(moved.as_ref().unwrap_or(&observation.measured), scale);
+        F::linearize(placed, view, &measured, jacobians)
     }
 
     /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request

@@ -5,11 +5,12 @@
 //! order). Its Jacobians are those of the first estimates, so that the four directions which no
 //! measurement can see (position and yaw of everything) stay unseen: see [`super::marginalize`].
 
+use super::calibration::KnownRig;
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
 use super::frame::Frame;
 use super::manhattan::Manhattan;
 use super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
-use nalgebra::{SVector, Vector3};
+use nalgebra::Vector3;
 
 /// An unknown with less information than this is dropped instead of eliminated.
 pub(super) const PIVOT_FLOOR: f64 = 1e-9;
@@ -77,13 +78,12 @@ impl Prior {
         (self.equations.dim() - GLOBAL_DIM) / FRAME_DIM
     }
 
-    /// Forgets everything and starts from the rig's calibration with its standard deviations.
-    pub fn start(&mut self, rig: &Rig, sigmas: &SVector<f64, RIG_DIM>) {
+    /// Forgets everything and starts from `rig`, and what is known of it.
+    pub fn start(&mut self, rig: &Rig, known: &KnownRig) {
         self.equations.reset(GLOBAL_DIM);
         self.rig = rig.clone();
-        for (k, sigma) in sigmas.iter().enumerate().filter(|(_, sigma)| **sigma > 0.0) {
-            self.equations.add(k, k, 1.0 / (sigma * sigma));
-        }
+        self.equations.add_block(0, 0, &known.information);
+        self.equations.gradient_mut()[..RIG_DIM].copy_from_slice(known.gradient.as_slice());
     }
 
     /// Adds what is known of frame `index` at the start: its state is `nav`, and `known` beforehand, within the standard

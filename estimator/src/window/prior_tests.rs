@@ -2,7 +2,7 @@ use super::super::test_dense::full;
 use super::super::test_room::{Room, scatter_step};
 use super::*;
 use crate::geometry::exp_so3;
-use nalgebra::DVector;
+use nalgebra::{DVector, SVector};
 use plumbline_config::Config;
 
 const SIGMAS: AnchorSigmas = AnchorSigmas {
@@ -17,7 +17,7 @@ const SIGMAS: AnchorSigmas = AnchorSigmas {
 fn anchored(nav: &NavState, known: &AnchorState) -> Prior {
     let rig = Rig::of(Config::preset("sim").expect("is good").setup());
     let mut prior = Prior::new(unknown_of_frame(3), &rig);
-    prior.start(&rig, &SVector::from_element(0.5));
+    prior.start(&rig, &KnownRig::within(&SVector::from_element(0.5)));
     prior.anchor(1, nav, known, &SIGMAS);
     prior
 }
@@ -28,7 +28,7 @@ fn it_begins_with_the_calibration_and_what_is_held_fixed_is_left_out() {
     let mut prior = Prior::new(unknown_of_frame(2), &rig);
     let mut sigmas = SVector::<f64, RIG_DIM>::from_element(0.1);
     sigmas[Rig::TIME_OFFSET] = 0.0;
-    prior.start(&rig, &sigmas);
+    prior.start(&rig, &KnownRig::within(&sigmas));
     assert_eq!(prior.frames(), 0);
     let (h, b) = full(&prior.equations);
     assert!((h[(Rig::P_B_C0, Rig::P_B_C0)] - 100.0).abs() < 1e-9);

@@ -151,6 +151,23 @@ impl Feature for InversePoint {
         PointMeasurement { weight: measured.weight * scale, ..*measured }
     }
 
+    #[inline]
+    fn places(measured: &PointMeasurement) -> [Vector2<f64>; 2] {
+        [measured.xy; 2]
+    }
+
+    #[inline]
+    fn by_places(_: &PlacedPoint, _: &CameraPose, measured: &PointMeasurement) -> Option<[Vector2<f64>; 2]> {
+        let w = &measured.weight;
+        Some([-Vector2::new(w.m11, w.m12), -Vector2::new(w.m21, w.m22)])
+    }
+
+    fn move_places(measured: &mut PointMeasurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>) {
+        for xy in [&mut measured.xy, &mut measured.row.xy] {
+            *xy += shift(xy);
+        }
+    }
+
     /// In the axes of a camera a motion `(t, theta)` moves the landmark there by `rho t + theta x q`, as in `O`.
     #[inline]
     fn linearize(

@@ -1,5 +1,5 @@
 use super::super::factor::Linearization;
-use super::super::state::{NavState, Rig};
+use super::super::state::{NavState, RIG_DIM, Rig};
 use super::super::test_views::{Lifted, isometry, with_cameras};
 use super::*;
 use nalgebra::{Isometry3, SVector};
@@ -56,7 +56,7 @@ prop_compose! {
     ) -> Scene {
         let nav = |pose: Isometry3<f64>| NavState { p_o_b: pose.translation.vector, rot_o_b: pose.rotation, ..NavState::default() };
         Scene {
-            rig: Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.003 },
+            rig: Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.003, intrinsics: Default::default() },
             host: nav(host),
             target: nav(host * step),
             cameras,
@@ -95,8 +95,8 @@ proptest! {
             prop_assert!((by_host - lifted.host.column(k)).norm() < tolerance, "host {k}");
             prop_assert!((by_target - lifted.target.column(k)).norm() < tolerance, "target {k}");
         }
-        for k in 0..13 {
-            let mut d = SVector::<f64, 13>::zeros();
+        for k in 0..=Rig::TIME_OFFSET {
+            let mut d = SVector::<f64, RIG_DIM>::zeros();
             d[k] = 1.0;
             let by_rig = numeric(&scene, |s, h| s.rig = s.rig.plus(&(d * h)));
             prop_assert!((by_rig - lifted.rig.column(k)).norm() < tolerance, "rig {k}");

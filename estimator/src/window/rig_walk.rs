@@ -20,14 +20,15 @@
 //! with `h` column `k` of `H`. Directions that no measurement sees (`H n = 0`, `n` without a share of the rig) stay unseen.
 
 use super::Window;
-use super::state::{RIG_DIM, Rig};
+use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
+use nalgebra::SVector;
 use plumbline_config::{Portable, Timestamp};
 
 /// Parameters that walk alike.
 struct Floor {
     /// First unknown, and number of unknowns.
     unknowns: (usize, usize),
-    /// Standard deviation that is forgotten within the memory time, m, rad or s: about the repeatability of a careful
+    /// Standard deviation that is forgotten within the memory time, m, rad, s or focal lengths: about the repeatability of a careful
     /// calibration.
     sigma: f64,
     /// Memory time against `rig.memory_s`.
@@ -40,13 +41,23 @@ const fn floor(first: usize, count: usize, sigma: f64, memory: f64) -> Floor {
 
 /// Memory of what ties the cameras to each other: no error of the IMU acts on it.
 const PAIR_MEMORY: f64 = 20.0;
-const FLOORS: [Floor; 5] = [
+const FLOORS: [Floor; 6] = [
     floor(Rig::P_B_C0, 3, 1e-3, 1.0),
     floor(Rig::ROT_B_C0, 3, 3e-4, 1.0),
     floor(Rig::P_C0_C1, 3, 5e-5, PAIR_MEMORY),
     floor(Rig::ROT_C0_C1, 3, 1e-4, PAIR_MEMORY),
     floor(Rig::TIME_OFFSET, 1, 3e-4, 1.0),
+    floor(Rig::INTRINSICS, 2 * INTRINSICS_DIM, 1e-4, PAIR_MEMORY),
 ];
+
+/// Repeatability of a careful calibration, one standard deviation of each parameter of the rig.
+#[must_use]
+pub fn rig_repeatability() -> SVector<f64, RIG_DIM> {
+    let sigma = |k: usize| {
+        FLOORS.iter().find(|floor| (floor.unknowns.0..floor.unknowns.0 + floor.unknowns.1).contains(&k))
+    };
+    SVector::from_fn(|k, _| sigma(k).map_or(0.0, |floor| floor.sigma))
+}
 
 /// Largest share of a parameter's configured variance that it walks by at once.
 const MAX_SHARE: f64 = 0.9;
@@ -121,7 +132,7 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::{DMatrix, SVector};
+    use nalgebra::DMatrix;
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))

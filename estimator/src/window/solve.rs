@@ -101,6 +101,7 @@ impl Window {
             self.unfinished = is_unfinished.then(|| self.remaining_step());
             self.adapt_damping(damping, last <= best.cost);
         }
+        self.follow_lenses();
         outcome
     }
 

@@ -9,7 +9,7 @@
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::options::RigConfig;
+use plumbline_config::options::{CameraConfig, RigConfig};
 use plumbline_config::{MAX_WINDOW_FRAMES, Timestamp, ValidSetup};
 
 /// Dimension of a frame's error state.
@@ -21,8 +21,12 @@ pub type FrameVector = SVector<f64, FRAME_DIM>;
 /// Dimension of the pose within it.
 pub const POSE_DIM: usize = 6;
 /// Dimension of the rig's error state: left camera against body (position, attitude), right camera
-/// against left (position, attitude), time offset.
-pub const RIG_DIM: usize = 13;
+/// against left (position, attitude), time offset, intrinsics of both cameras.
+pub const RIG_DIM: usize = Rig::INTRINSICS + 2 * INTRINSICS_DIM;
+/// Refined intrinsics of a camera: focal length, and principal point in both directions.
+pub const INTRINSICS_DIM: usize = 3;
+/// Their priors are those of a good calibration, since a wrong one shows in spite of them: it may be further off.
+const INTRINSICS_TIMES: f64 = 4.0;
 /// Place of the Manhattan world's heading among the unknowns: after the rig.
 pub const HEADING: usize = RIG_DIM;
 /// Unknowns before those of the frames: rig and heading.
@@ -149,6 +153,8 @@ pub struct Rig {
     pub pose_c0_c1: Isometry3<f64>,
     /// `t_imu - t_camera`, s.
     pub time_offset_s: f64,
+    /// Steps of the intrinsics of each camera from those configured ([`super::lens`]).
+    pub intrinsics: [Vector3<f64>; 2],
 }
 
 impl Rig {
@@ -162,6 +168,9 @@ impl Rig {
     pub const ROT_C0_C1: usize = 9;
     /// Offset of the time offset, s.
     pub const TIME_OFFSET: usize = 12;
+    /// Offset of the intrinsics of the left camera, then of the right one: focal length as a share, principal point in
+    /// focal lengths.
+    pub const INTRINSICS: usize = 13;
 
     /// The rig as configured.
     #[must_use]
@@ -169,7 +178,14 @@ impl Rig {
         let pose_b_c0 = config.left().pose_b_c();
         let pose_c0_c1 =
             config.camera.get(1).map_or_else(Isometry3::identity, |c| pose_b_c0.inverse() * c.pose_b_c());
-        Self { pose_b_c0, pose_c0_c1, time_offset_s: config.rig.time_offset_s }
+        let intrinsics = [Vector3::zeros(); 2];
+        Self { pose_b_c0, pose_c0_c1, time_offset_s: config.rig.time_offset_s, intrinsics }
+    }
+
+    /// Offset of the intrinsics of camera 0 or 1.
+    #[must_use]
+    pub const fn of_lens(camera: usize) -> usize {
+        Self::INTRINSICS + INTRINSICS_DIM * camera
     }
 
     /// Pose of camera 0 or 1 in the body.
@@ -190,6 +206,7 @@ impl Rig {
             pose_b_c0: moved(&self.pose_b_c0, Self::P_B_C0),
             pose_c0_c1: moved(&self.pose_c0_c1, Self::P_C0_C1),
             time_offset_s: self.time_offset_s + d[Self::TIME_OFFSET],
+            intrinsics: [0, 1].map(|k| self.intrinsics[k] + d.fixed_rows::<INTRINSICS_DIM>(Self::of_lens(k))),
         }
     }
 
@@ -205,27 +222,38 @@ impl Rig {
             d.fixed_rows_mut::<3>(k + 3).copy_from(&log_so3(&(from.rotation.inverse() * to.rotation)));
         }
         d[Self::TIME_OFFSET] = self.time_offset_s - origin.time_offset_s;
+        for (k, (to, from)) in self.intrinsics.iter().zip(&origin.intrinsics).enumerate() {
+            d.fixed_rows_mut::<INTRINSICS_DIM>(Self::of_lens(k)).copy_from(&(to - from));
+        }
         d
     }
 
-    /// True if every parameter that has a standard deviation is within `times` that of `origin`.
+    /// True if every parameter that has a standard deviation is within `times` that of `origin`; intrinsics within
+    /// [`INTRINSICS_TIMES`] as many.
     #[must_use]
     pub fn is_within(&self, times: f64, origin: &Self, sigmas: &SVector<f64, RIG_DIM>) -> bool {
         let offsets = self.minus(origin);
-        offsets.iter().zip(sigmas).all(|(offset, sigma)| *sigma == 0.0 || offset.abs() <= times * sigma)
+        let times = |k: usize| if k < Self::INTRINSICS { times } else { INTRINSICS_TIMES * times };
+        let is_within = |k: usize| sigmas[k] == 0.0 || offsets[k].abs() <= times(k) * sigmas[k];
+        (0..RIG_DIM).all(is_within)
     }
 
     /// Standard deviations of the configured calibration, in the order of the error state; 0 is fixed.
     #[must_use]
-    pub fn sigmas(rig: &RigConfig, cameras: usize) -> SVector<f64, RIG_DIM> {
+    pub fn sigmas(rig: &RigConfig, cameras: &[CameraConfig]) -> SVector<f64, RIG_DIM> {
         let mut sigmas = SVector::<f64, RIG_DIM>::zeros();
         sigmas.fixed_rows_mut::<3>(Self::P_B_C0).fill(rig.camera_imu_translation_sigma_m);
         sigmas.fixed_rows_mut::<3>(Self::ROT_B_C0).fill(rig.camera_imu_rotation_sigma_rad);
-        if cameras > 1 {
+        if cameras.len() > 1 {
             sigmas.fixed_rows_mut::<3>(Self::P_C0_C1).fill(rig.camera_camera_translation_sigma_m);
             sigmas.fixed_rows_mut::<3>(Self::ROT_C0_C1).fill(rig.camera_camera_rotation_sigma_rad);
         }
         sigmas[Self::TIME_OFFSET] = rig.time_offset_sigma_s;
+        for (k, camera) in cameras.iter().enumerate().take(2) {
+            let [x, y] = camera.focal_px.map(|focal_px| rig.camera_centre_sigma_px / focal_px);
+            let lens = Vector3::new(rig.camera_focal_sigma, x, y);
+            sigmas.fixed_rows_mut::<INTRINSICS_DIM>(Self::of_lens(k)).copy_from(&lens);
+        }
         sigmas
     }
 }

@@ -21,7 +21,7 @@ proptest! {
 
     #[test]
     fn the_same_holds_for_the_rig(pose_b_c0 in isometry(0.2, 2.0), pose_c0_c1 in isometry(0.2, 0.3), seed in 0u32..1000) {
-        let rig = Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.004 };
+        let rig = Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.004, intrinsics: Default::default() };
         let d = scatter_step::<RIG_DIM>(seed, 0.3);
         prop_assert!((rig.plus(&d).minus(&rig) - d).norm() < 1e-9);
     }
@@ -29,7 +29,7 @@ proptest! {
     #[test]
     fn extrinsics_depend_on_the_rig_as_their_derivative_says(pose_b_c0 in isometry(0.2, 2.0), pose_c0_c1 in isometry(0.2, 0.3), camera in 0usize..2) {
         const H: f64 = 1e-6;
-        let rig = Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.0 };
+        let rig = Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.0, intrinsics: Default::default() };
         let mount = Mount::of(&rig, camera);
         for k in 0..12 {
             let mut d = SVector::<f64, RIG_DIM>::zeros();
@@ -62,7 +62,7 @@ proptest! {
 
 #[test]
 fn unknowns_of_a_frame_begin_with_its_pose_and_leave_no_gap() {
-    assert_eq!([NavState::V, NavState::BIAS_ACCEL + 3, Rig::TIME_OFFSET + 1], [POSE_DIM, FRAME_DIM, RIG_DIM]);
+    assert_eq!([NavState::V, NavState::BIAS_ACCEL + 3, Rig::of_lens(2)], [POSE_DIM, FRAME_DIM, RIG_DIM]);
     assert_eq!([unknown_of_frame(0), unknown_of_frame(1)], [HEADING + 1, HEADING + 1 + FRAME_DIM]);
 }
 
@@ -70,7 +70,8 @@ fn unknowns_of_a_frame_begin_with_its_pose_and_leave_no_gap() {
 fn one_camera_has_no_second_pose_to_refine() {
     let config = Config::preset("sim").expect("is good");
     let config = config.setup();
-    let (one, two) = (Rig::sigmas(&config.rig, 1), Rig::sigmas(&config.rig, 2));
+    let (one, two) =
+        (Rig::sigmas(&config.rig, &config.camera[..1]), Rig::sigmas(&config.rig, &config.camera));
     assert!(one.fixed_rows::<6>(Rig::P_C0_C1).iter().all(|sigma| *sigma == 0.0));
     assert_eq!(one.fixed_rows::<6>(Rig::P_B_C0), two.fixed_rows::<6>(Rig::P_B_C0));
     assert_eq!(two[Rig::TIME_OFFSET], config.rig.time_offset_sigma_s);

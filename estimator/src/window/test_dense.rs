@@ -7,7 +7,7 @@ use super::feature::{Estimated, Jacobians, StructuralJacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
 use super::motions::MotionEquations;
-use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
 use nalgebra::{DMatrix, DVector, Vector2};
 
@@ -149,15 +149,26 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
         let cameras = (host_camera, usize::from(o.camera));
         let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
         let mut j = Jacobians::zeros();
+        let moved = window.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(&window.rig, o));
+        let measured = moved.unwrap_or(o.measured);
         with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
             let request = Linearization { at, jacobians: &mut j };
-            let _ = landmark.feature.residual(at, &o.measured, step_s, Some(request));
+            let _ = landmark.feature.residual(at, &measured, step_s, Some(request));
         });
         let navs = (&window.frames[host].nav, &window.frames[target].nav);
         let r = with_cameras(&window.rig, navs, cameras, |now| {
-            landmark.feature.residual(now, &o.measured, step_s, None)
+            landmark.feature.residual(now, &measured, step_s, None)
         });
-        let lifted = Lifted::of(&j, &window.rig, (first(host), Some(first(target))), cameras);
+        let mut lifted = Lifted::of(&j, &window.rig, (first(host), Some(first(target))), cameras);
+        if let Some(lenses) = &window.options.lenses {
+            let by_lens = with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
+                let placed = landmark.feature.placed(at.host);
+                lenses.derivatives::<F>(cameras.1, &placed, at.target, &o.measured).expect("is seen")
+            });
+            for d in 0..2 {
+                (0..3).for_each(|k| lifted.rig[(d, Rig::of_lens(cameras.1) + k)] = by_lens[d][k]);
+            }
+        }
         add((&j, &lifted), &r.expect("is seen"), target, None);
     }
     let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };

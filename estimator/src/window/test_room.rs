@@ -46,11 +46,13 @@ pub struct Room {
     pub disturbance: f64,
     /// True if the first pose is known.
     pub is_anchored: bool,
+    /// True if the intrinsics of the cameras are unknowns.
+    pub refines_intrinsics: bool,
 }
 
 impl Default for Room {
     fn default() -> Self {
-        Self { frames: 5, sees: by_and_by, disturbance: 1.0, is_anchored: true }
+        Self { frames: 5, sees: by_and_by, disturbance: 1.0, is_anchored: true, refines_intrinsics: true }
     }
 }
 
@@ -144,7 +146,11 @@ fn project(pose_o_c: &Isometry3<f64>, p_o: &Vector3<f64>) -> Vector2<f64> {
 impl Room {
     /// The window: frames, landmarks with a depth, structural lines found, image rates predicted.
     pub fn window(&self) -> Window {
-        let mut window = Window::new(Config::preset("sim").expect("is good").setup());
+        let config = Config::preset("sim").expect("is good").with("test", |config| {
+            let sigmas = if self.refines_intrinsics { (3e-3, 1.0) } else { (0.0, 0.0) };
+            (config.rig.camera_focal_sigma, config.rig.camera_centre_sigma_px) = sigmas;
+        });
+        let mut window = Window::new(config.expect("is good").setup());
         window.clear();
         for k in 0..self.frames {
             let t = INTERVAL_S * k as f64;

@@ -3,7 +3,7 @@
 use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Jacobians, View};
 use super::motions::{frame_motion, on_mount};
-use super::state::{BodyPose, Mount, NavState, Rig};
+use super::state::{BodyPose, Mount, NavState, RIG_DIM, Rig};
 use crate::geometry::exp_so3;
 use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
 use proptest::prelude::*;
@@ -51,7 +51,7 @@ pub const PIVOT_O: Vector3<f64> = Vector3::new(0.7, -1.1, 0.4);
 pub struct Lifted {
     pub host: SMatrix<f64, 2, 6>,
     pub target: SMatrix<f64, 2, 6>,
-    pub rig: SMatrix<f64, 2, 13>,
+    pub rig: SMatrix<f64, 2, RIG_DIM>,
 }
 
 impl Lifted {

@@ -10,6 +10,7 @@ fn rig() -> Rig {
         pose_b_c0: Isometry3::identity(),
         pose_c0_c1: Isometry3::translation(0.1, 0.0, 0.0),
         time_offset_s: 0.0,
+        intrinsics: Default::default(),
     }
 }
 

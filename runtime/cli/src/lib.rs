@@ -29,6 +29,7 @@ mod fly_status;
 mod ground;
 mod help;
 mod keys;
+mod learn;
 mod left_out;
 #[cfg(feature = "lab")]
 pub mod lines;

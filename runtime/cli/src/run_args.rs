@@ -1,5 +1,6 @@
 //! Options that `plumbline replay` and `plumbline fly` share, and the files that they name.
 
+use super::learn::write_learnt;
 use super::{Usage, check_maps};
 use anyhow::{Context, Result};
 use clap::Args;
@@ -38,6 +39,9 @@ pub struct RunArgs {
     /// systems and to cite. Live, at most the first 36,000 frames.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
+    /// Write the configuration with the calibration that this flight has refined, for --config of the next.
+    #[arg(long, value_name = "OUT.toml")]
+    pub learn: Option<PathBuf>,
     /// Continue a map of `map build`, `map merge` or --save-map. Poses are output in its frame too once a place is recognized.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
@@ -56,7 +60,7 @@ pub struct RunArgs {
 impl RunArgs {
     /// Files that are written at the end.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.trajectory, &self.save_map, &self.report].into_iter().flatten()
+        [&self.trajectory, &self.save_map, &self.learn, &self.report].into_iter().flatten()
     }
 
     /// File that the flight is recorded to.
@@ -97,6 +101,9 @@ impl RunArgs {
         }
         if let (Some(path), Some(places)) = (&self.save_map, &flown.outcome.places) {
             write_map(path, &MapContents::of(places.mapper.map()))?;
+        }
+        if let Some(path) = &self.learn {
+            write_learnt(path, flown)?;
         }
         let json = serde_json::to_string_pretty(report)?;
         if let Some(path) = &self.report {

@@ -86,7 +86,12 @@ mod tests {
     use plumbline_estimator::RigCovariance;
 
     fn start() -> Rig {
-        Rig { pose_b_c0: Isometry3::identity(), pose_c0_c1: Isometry3::identity(), time_offset_s: 0.001 }
+        Rig {
+            pose_b_c0: Isometry3::identity(),
+            pose_c0_c1: Isometry3::identity(),
+            time_offset_s: 0.001,
+            intrinsics: Default::default(),
+        }
     }
 
     fn piece(place_x: f64, sigma: f64) -> RigEstimate {

@@ -226,6 +226,7 @@ fn set_free(config: &ValidConfig, options: &RigOptions) -> Result<ValidConfig, C
         config.estimator.window.correct_stamps = false;
         // The rig of a calibration is a constant.
         config.rig.memory_s = 0.0;
+        (config.rig.camera_focal_sigma, config.rig.camera_centre_sigma_px) = (0.0, 0.0);
         config.estimator.lines.enabled = false;
     })
 }
@@ -260,7 +261,7 @@ fn put_together(
     config: &ValidConfig,
     options: &RigOptions,
 ) -> Result<Fused, RigError> {
-    let sigmas = Rig::sigmas(&config.rig, config.camera.len());
+    let sigmas = Rig::sigmas(&config.rig, &config.camera);
     let fused = if found.pieces.len() < LEAST_PIECES { None } else { fuse(&found.pieces, start, &sigmas) };
     fused.ok_or(RigError::TooShort {
         span_s: found.span_s,
