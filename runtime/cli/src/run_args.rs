@@ -22,11 +22,10 @@ const MAX_LOGS_A_SECOND: usize = 10_000;
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Change a key of the configuration, such as estimator.points.sigma_px=0.3; may be repeated. What is simulated stays.
+    /// Change a key, such as estimator.points.sigma_px=0.3; may be repeated. What is simulated stays.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Record to this file, or to a new file in this folder, named by the time (UTC), for Foxglove and `verify`; [recorder] sets
-    /// the contents.
+    /// Record to this file or into this folder; [recorder] sets the contents.
     #[arg(long, value_name = "LOG.mcap|FOLDER")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON) at the end.
@@ -35,8 +34,8 @@ pub struct RunArgs {
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
-    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived. The one to compare with other
-    /// systems and to cite. Live, at most the first 36,000 frames.
+    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived (live: the first 36,000). To compare
+    /// and to cite.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
     /// Write the configuration with the calibration that this flight has refined, for --config of the next.
@@ -45,10 +44,10 @@ pub struct RunArgs {
     /// Continue a map of `map build`, `map merge` or --save-map. Poses are output in its frame too once a place is recognized.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Write the map, that of --map included, at the end, and on each `plumbline map save`.
+    /// Write the map, that of --map included, at the end and on `map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
-    /// Publish over Zenoh: listen here beside network.listen, as tcp/127.0.0.1:7447; may be repeated.
+    /// Publish over Zenoh, here too: tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// Publish over Zenoh: connect to this router or station too; may be repeated. Beside others, a udp/ endpoint carries odometry
