@@ -6,17 +6,15 @@
 //! d(rho) = a (7.8 rho³ - 8.8 rho⁵)
 //! ```
 //!
-//! is `a` at 0.6 and `-a` at the corners. Lenses of one kind share most of it, as they share the model that does not quite fit. A
-//! part that lies in one direction, `a/5 (rho² - 1/2)`, stands for a tilted sensor.
+//! is `a` at 0.6 and `-a` at the corners. A part that lies in one direction, `a/2 (rho² - 1/2)`, stands for a tilted sensor.
 
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector2;
 use plumbline_config::CameraModel;
 
-/// Shares of the stated size that the lenses of a rig have at least, and of that a single one; share of the part in one direction.
-const LEAST_OF_RIG: f64 = 0.7;
-const LEAST_OF_LENS: f64 = 0.9;
-const TILT: f64 = 0.2;
+/// Share of the stated size that the radial part of a lens has at least, and share of the part in one direction.
+const LEAST_RADIAL: f64 = 0.6;
+const TILT: f64 = 0.5;
 
 /// Shift of the image of a lens against its calibration.
 #[derive(Clone, Copy, Debug)]
@@ -33,11 +31,10 @@ impl LensResidual {
 
     /// Draws the residual of a camera, of the size `px`.
     pub(super) fn draw(px: f64, seed: u64, camera: usize) -> Self {
-        let mut of_rig = Draws::new(seed, Purpose::Lens, 0);
-        let sign = if of_rig.unit() < 0.5 { -1.0 } else { 1.0 };
-        let mut of_lens = Draws::new(seed, Purpose::Lens, 1 + camera as u64);
-        let radial_px = sign * px * of_rig.range(LEAST_OF_RIG, 1.0) * of_lens.range(LEAST_OF_LENS, 1.0);
-        let (sin, cos) = libm::sincos(of_lens.range(0.0, std::f64::consts::TAU));
+        let mut draws = Draws::new(seed, Purpose::Lens, camera as u64);
+        let sign = if draws.unit() < 0.5 { -1.0 } else { 1.0 };
+        let radial_px = sign * px * draws.range(LEAST_RADIAL, 1.0);
+        let (sin, cos) = libm::sincos(draws.range(0.0, std::f64::consts::TAU));
         Self { radial_px, tilt_px: Vector2::new(cos, sin) * (TILT * px) }
     }
 
@@ -66,12 +63,12 @@ mod tests {
             let residual = LensResidual::draw(0.3, seed, camera);
             let shift =
                 |u: f64, v: f64| (residual.undone(&Vector2::new(u, v), &model) - Vector2::new(u, v)).norm();
-            assert!(shift(375.5, 239.5) < 0.04 && shift(0.0, 0.0) > 0.1, "{residual:?}");
+            assert!(shift(375.5, 239.5) < 0.08 && shift(0.0, 0.0) > 0.1, "{residual:?}");
             let places =
                 (0..24).flat_map(|i| (0..15).map(move |j| (32.0 * f64::from(i), 32.0 * f64::from(j))));
             largest = places.map(|(u, v)| shift(u, v)).fold(largest, f64::max);
         }
-        assert!((0.3..0.45).contains(&largest), "{largest}");
+        assert!((0.3..0.5).contains(&largest), "{largest}");
     }
 
     #[test]

@@ -16,6 +16,6 @@ pub enum Surroundings {
         /// Dark spots in a view.
         spots: f64,
     },
-    /// Surfaces of all tones with weak patterns, few strong ones, and lamps that are mirrored in some: see [`super::real_finish`].
+    /// Surfaces of all tones with weak patterns, few strong ones, and lamps that are mirrored in some.
     Real,
 }
