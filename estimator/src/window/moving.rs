@@ -102,9 +102,10 @@ impl Window {
         self.moving_in_sight > 0
     }
 
-    /// Share of what is seen that moves, by the last frames.
+    /// Share of what is seen that moves, by the last frames. It is remembered for half as long as that something moves: what moves
+    /// must get landmarks now and then, to be seen to.
     pub(super) fn moving_share(&self) -> f64 {
-        if self.is_motion_in_sight() { self.moved_share } else { 0.0 }
+        if self.moving_in_sight > REMEMBERED_FRAMES / 2 { self.moved_share } else { 0.0 }
     }
 
     fn forget_moving(&mut self, slack: f64) {
