@@ -63,7 +63,7 @@ fn a_new_keyframe_is_needed_when_tracks_have_gone_or_time_has_passed() {
     assert!(!window.needs_keyframe(70, 0, 100));
     assert!(window.needs_keyframe(69, 0, 100), "too few are linked to landmarks");
     assert!(!window.needs_keyframe(0, 0, 0), "a blind frame hosts nothing");
-    (window.moving_in_sight, window.moved_share) = (1, 0.4);
+    (window.moving_in_sight, window.moved_share) = (10, 0.4);
     assert!(
         window.needs_keyframe(41, 0, 100) && !window.needs_keyframe(43, 0, 100),
         "four in ten are new, and move"

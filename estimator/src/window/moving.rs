@@ -24,6 +24,8 @@ const MIN_AGREEING: usize = 6;
 /// With so many that agree, what contradicts has been seen to move, and is known for the frames that follow, even if it hides all else.
 const WITNESSES: usize = 12;
 const REMEMBERED_FRAMES: u32 = 10;
+/// The share that moves is known for fewer: what moves must get landmarks again before it is forgotten, to be seen to move.
+const SHARE_FRAMES: u32 = 3;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
 /// Share of what is seen that a prediction which explains it leaves unexplained, at most.
@@ -104,7 +106,7 @@ impl Window {
 
     /// Share of what is seen that moves, by the last frames.
     pub(super) fn moving_share(&self) -> f64 {
-        if self.is_motion_in_sight() { self.moved_share } else { 0.0 }
+        if self.moving_in_sight > REMEMBERED_FRAMES - SHARE_FRAMES { self.moved_share } else { 0.0 }
     }
 
     fn forget_moving(&mut self, slack: f64) {
