@@ -26,6 +26,8 @@ use plumbline_config::{CameraModel, ValidSetup};
 const CELLS: [usize; 2] = [48, 32];
 /// Difference from the reference that measurements do not follow, in focal lengths: a ten thousandth of a pixel.
 const SMALL_STEP: f64 = 2e-7;
+/// Difference that residuals leave out within a solution: some thousandths of a pixel.
+const NEGLIGIBLE_STEP: f64 = 1e-5;
 
 /// `J` over the image of a camera.
 #[derive(Clone, Debug)]
@@ -131,7 +133,7 @@ impl Lenses {
         -(self.lenses[camera].at(xy).cast::<f64>() * step)
     }
 
-    /// What was measured, by the present intrinsics of `rig`; `None` where they are those of the reference.
+    /// What was measured, by the present intrinsics of `rig`; `None` where they are as good as those of the reference.
     #[inline]
     pub(super) fn moved<F: Feature>(
         &self,
@@ -140,7 +142,7 @@ impl Lenses {
     ) -> Option<F::Measurement> {
         let camera = usize::from(observation.camera);
         let step = self.step(rig, camera);
-        if step.iter().all(|x| *x == 0.0) {
+        if step.iter().all(|x| x.abs() < NEGLIGIBLE_STEP) {
             return None;
         }
         let mut moved = observation.measured;

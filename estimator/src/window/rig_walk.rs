@@ -17,6 +17,9 @@
 //! H' = H - h h' q / (1 + q H_kk)        b' = b - h b_k q / (1 + q H_kk)
 //! ```
 //!
+//! A configured value that what was measured refutes, by more than some standard deviations, loses weight as under a
+//! Cauchy kernel: good calibrations may have tight priors, and a wrong one does not bend the estimate for long.
+//!
 //! with `h` column `k` of `H`. Directions that no measurement sees (`H n = 0`, `n` without a share of the rig) stay unseen.
 
 use super::Window;
@@ -59,6 +62,9 @@ pub fn rig_repeatability() -> SVector<f64, RIG_DIM> {
     SVector::from_fn(|k, _| sigma(k).map_or(0.0, |floor| floor.sigma))
 }
 
+/// Distance of a parameter from its configured value up to which that has its full weight, in standard deviations.
+const REFUTED_SIGMAS: f64 = 2.5;
+
 /// Largest share of a parameter's configured variance that it walks by at once.
 const MAX_SHARE: f64 = 0.9;
 
@@ -69,17 +75,20 @@ pub(super) struct RigWalk {
     memory_s: f64,
     /// Time up to which the prior has walked.
     walked_to: Option<Timestamp>,
+    /// Share of the configured information that each parameter of the prior still has.
+    weights: [f64; RIG_DIM],
 }
 
 impl RigWalk {
     /// Walk with a memory of `memory_s`; a constant for 0.
     pub(super) fn new(memory_s: f64) -> Self {
-        Self { memory_s, walked_to: None }
+        Self { memory_s, walked_to: None, weights: [1.0; RIG_DIM] }
     }
 
-    /// Forgets since when.
+    /// Forgets since when, and what was refuted.
     pub(super) fn clear(&mut self) {
         self.walked_to = None;
+        self.weights = [1.0; RIG_DIM];
     }
 
     /// Share of `floor²` to walk by until `now`.
@@ -101,16 +110,37 @@ impl Window {
         if share == 0.0 {
             return;
         }
+        self.doubt_configured_rig();
         let offsets = self.prior.rig.minus(&self.configured_rig);
         for Floor { unknowns: (first, count), sigma: floor, memory } in FLOORS {
             for k in first..first + count {
-                let configured = self.options.rig_sigmas[k];
+                let configured = self.options.rig_sigmas[k] / self.rig_walk.weights[k].sqrt();
                 if configured > 0.0 {
                     let walked = configured.at_most(floor) / configured;
                     let share = (walked * walked * share / memory).at_most(MAX_SHARE);
                     self.prior.equations.shrink(k, (1.0 - share).sqrt(), offsets[k]);
                     self.prior.equations.walk(k, configured * configured * share);
                 }
+            }
+        }
+    }
+}
+
+impl Window {
+    /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
+    fn doubt_configured_rig(&mut self) {
+        let offsets = self.rig.minus(&self.configured_rig);
+        let of_prior = self.prior.rig.minus(&self.configured_rig);
+        let pair = Rig::P_C0_C1..Rig::TIME_OFFSET;
+        for k in pair.chain(Rig::INTRINSICS..RIG_DIM).filter(|k| self.options.rig_sigmas[*k] > 0.0) {
+            let sigma = self.options.rig_sigmas[k];
+            let far = offsets[k].abs() / (REFUTED_SIGMAS * sigma);
+            let weight = 1.0 / far.at_least(1.0).squared();
+            let lost = (self.rig_walk.weights[k] - weight) / (sigma * sigma);
+            if lost > 0.0 {
+                self.rig_walk.weights[k] = weight;
+                self.prior.equations.add(k, k, -lost);
+                self.prior.equations.gradient_mut()[k] -= lost * of_prior[k];
             }
         }
     }
@@ -191,6 +221,7 @@ mod tests {
         let (sigma, floor) = (3e-4, 1e-4);
         window.options.rig_sigmas.fill(sigma);
         window.configured_rig = window.prior.rig.clone();
+        window.rig = window.configured_rig.clone();
         let offset = 4e-4;
         window.prior.rig =
             window.configured_rig.plus(&SVector::from_fn(|i, _| if i == k { offset } else { 0.0 }));
@@ -243,6 +274,31 @@ mod tests {
         expected[2] = a * (expected[2] + offset) - offset;
         assert!((shrunk_mean - expected).norm() < 1e-12);
         assert!((shrunk - &by * covariance * &by).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_refuted_value_bends_the_estimate_less() {
+        let mut window = Room::default().window();
+        window.rig_walk = RigWalk::new(1e9);
+        let (k, sigma) = (Rig::INTRINSICS, window.options.rig_sigmas[Rig::INTRINSICS]);
+        window.configured_rig = window.rig.clone();
+        window.prior.start(&window.configured_rig.clone(), &window.known_rig.clone());
+        // Measured ten standard deviations off, three times as well as configured.
+        let (off, information) = (10.0 * sigma, 9.0 / (sigma * sigma));
+        window.prior.equations.add(k, k, information);
+        window.prior.equations.gradient_mut()[k] -= information * off;
+        let mut found = 0.0;
+        for time in 0..5 {
+            found = -window.prior.equations.gradient()[k] / window.prior.equations.get(k, k);
+            let step = SVector::from_fn(|i, _| if i == k { found } else { 0.0 });
+            window.rig = window.configured_rig.plus(&step);
+            window.frames.last_mut().expect("there is one").stamp =
+                Timestamp::from_nanos((1 + time) * 1_000_000_000);
+            window.walk_rig();
+        }
+        // The full prior would hold it a tenth of the way back.
+        assert!((found / off - 1.0).abs() < 0.01, "{found} of {off}");
+        assert!(window.prior.equations.get(k, k) > information);
     }
 
     #[test]
