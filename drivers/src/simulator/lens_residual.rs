@@ -27,6 +27,7 @@ pub(super) struct LensResidual {
 
 impl LensResidual {
     /// Lens as calibrated.
+    #[cfg(test)]
     pub(super) const NONE: Self = Self { radial_px: 0.0, tilt_px: Vector2::new(0.0, 0.0) };
 
     /// Draws the residual of a camera, of the size `px`.
