@@ -59,7 +59,7 @@ impl PairShift {
             }
         } else if self.frames >= FRAMES_OF_MEAN[0] && off.norm() > bound_px {
             let [left_px, right_px] = shifts.of_camera;
-            if left_px.min(right_px) < OTHER_SHARE * off.norm() {
+            if left_px.at_most(right_px) < OTHER_SHARE * off.norm() {
                 let camera = usize::from(right_px > left_px);
                 self.jumped = Some(Jumped { camera, frames: 0, agreeing: 0 });
             }

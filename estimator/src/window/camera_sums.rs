@@ -155,8 +155,8 @@ impl CameraSums {
                     equations.rows[global][at + k] += row[global];
                 }
                 if equations.has_lenses() {
-                    for lens in POSED..GLOBALS {
-                        equations.rows[lens][at + k] += row[lens];
+                    for (lens, sum) in equations.rows[POSED..GLOBALS].iter_mut().zip(&row[POSED..GLOBALS]) {
+                        lens[at + k] += sum;
                     }
                 }
             }

@@ -132,6 +132,8 @@ pub struct Linearizer {
     pub lines: Vec<Eliminated<4>>,
     /// Poses at which it works.
     pub(super) poses: Poses,
+    /// Root of the weight of an observation that enters the prior.
+    pub(super) leaving_root: f64,
 }
 
 impl Linearizer {
@@ -145,6 +147,7 @@ impl Linearizer {
             points: vec![Eliminated::empty(); points],
             lines: vec![Eliminated::empty(); lines],
             poses: Poses::new(rig),
+            leaving_root: LEAVING_ROOT,
         }
     }
 
@@ -189,7 +192,8 @@ impl Linearizer {
 
     /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.
     fn evaluate_landmarks(&mut self, problem: &Problem<'_>, purpose: Purpose) -> f64 {
-        self.landmarks.weight_root = if let Purpose::Leaving { .. } = purpose { LEAVING_ROOT } else { 1.0 };
+        self.landmarks.weight_root =
+            if let Purpose::Leaving { .. } = purpose { self.leaving_root } else { 1.0 };
         let (damping, host) = match purpose {
             Purpose::Cost => {
                 let mut costs = RobustSum::new(problem.options.cauchy_scale);

@@ -29,6 +29,7 @@ fn solved(window: &mut Window, first: usize) -> (DVector<f64>, DMatrix<f64>) {
 fn what_remains_is_solved_as_if_nothing_had_left() {
     let mut window = Room { frames: 5, sees: first_half_or_second, ..Room::default() }.window();
     window.frames[0].is_still = true;
+    window.linearizer.leaving_root = 1.0;
     // Structural factors never enter the prior.
     window.lines.all_mut().iter_mut().for_each(|line| line.feature.forget_structure());
     window.refresh_anchor();
@@ -58,6 +59,7 @@ fn several_frames_leave_one_after_the_other_as_they_would_at_once() {
         [frame == begins || frame == begins + 1; 2]
     }
     let mut window = Room { frames: 6, sees: pairs, ..Room::default() }.window();
+    window.linearizer.leaving_root = 1.0;
     // Structural factors never enter the prior.
     window.lines.all_mut().iter_mut().for_each(|line| line.feature.forget_structure());
     window.refresh_anchor();
