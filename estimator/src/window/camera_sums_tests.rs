@@ -37,6 +37,9 @@ fn rows(by: &SMatrix<f64, 6, 2>) -> MotionJacobian {
     std::array::from_fn(|d| [0, 3].map(|at| [by[(at, d)], by[(at + 1, d)], by[(at + 2, d)], 5.0]))
 }
 
+/// Jacobians of an observation, its residual, the derivative by the heading, and the rows of a lens from their first unknown on.
+type Observed<'a> = (&'a Jacobians<3>, &'a Vector2<f64>, &'a Vector2<f64>, Option<(usize, &'a LensRows)>);
+
 /// Whole rows, and the sum of their products.
 struct Full {
     h: DMatrix<f64>,
@@ -45,11 +48,7 @@ struct Full {
 
 impl Full {
     /// Adds both rows of an observation, by the cameras with their signs.
-    fn add(
-        &mut self,
-        (j, r, heading, lens): (&Jacobians<3>, &Vector2<f64>, &Vector2<f64>, Option<(usize, &LensRows)>),
-        signed: &[(usize, f64)],
-    ) {
+    fn add(&mut self, (j, r, heading, lens): Observed<'_>, signed: &[(usize, f64)]) {
         for d in 0..2 {
             let mut row = DVector::zeros(self.dim + 3);
             row[TIME_OFFSET] = j.time_offset[d];

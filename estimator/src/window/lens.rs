@@ -208,7 +208,7 @@ mod tests {
         let camera = config.setup().camera[0].model();
         let lens = Lens::of(&camera, &Vector3::repeat(1.0));
         let step = Vector3::new(3e-3, -2.0 / camera.focal_px.x, 1.5 / camera.focal_px.y);
-        let mut moved = camera.clone();
+        let mut moved = camera;
         moved.focal_px *= 1.0 + step.x;
         moved.centre_px += step.yz().component_mul(&camera.focal_px);
         for px in

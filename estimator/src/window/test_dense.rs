@@ -165,8 +165,8 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
                 let placed = landmark.feature.placed(at.host);
                 lenses.derivatives::<F>(cameras.1, &placed, at.target, &o.measured).expect("is seen")
             });
-            for d in 0..2 {
-                (0..3).for_each(|k| lifted.rig[(d, Rig::of_lens(cameras.1) + k)] = by_lens[d][k]);
+            for (d, row) in by_lens.iter().enumerate() {
+                (0..3).for_each(|k| lifted.rig[(d, Rig::of_lens(cameras.1) + k)] = row[k]);
             }
         }
         add((&j, &lifted), &r.expect("is seen"), target, None);
