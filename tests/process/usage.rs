@@ -229,7 +229,7 @@ fn outputs_and_lists_of_a_first_use_read_as_they_should() {
         let help = String::from_utf8_lossy(&plumbline(command).stdout).into_owned();
         assert!(help.contains("far"), "{help}");
     }
-    fails(&["replay", "sim:room", "--record", &at("logs/")], 2, &["logs/", "name a file"]);
+    fails(&["replay", "sim:room", "--record", &at("flight.bag")], 2, &["flight.bag", "name a file"]);
 }
 
 #[test]

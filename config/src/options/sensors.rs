@@ -207,10 +207,10 @@ pub struct RigConfig {
     /// Standard deviation of the right camera's position against the left.
     #[key(default = 0.0005, range = 0.0..=0.1, unit = METRES)]
     pub camera_camera_translation_sigma_m: f64,
-    /// Standard deviation of the focal length of each camera, as a fraction of it.
+    /// Standard deviation of the focal length of each camera of a pair, as a fraction of it.
     #[key(default = 0.0002, range = 0.0..=0.05, unit = SHARE)]
     pub camera_focal_sigma: f64,
-    /// Standard deviation of the principal point of each camera, in each direction.
+    /// Standard deviation of the principal point of each camera of a pair, in each direction.
     #[key(default = 0.2, range = 0.0..=50.0, unit = PIXELS)]
     pub camera_centre_sigma_px: f64,
     /// Time in which the variance of the refined calibration grows by that of a careful one. That is 1 mm and 0.3

@@ -2,12 +2,14 @@
 
 use super::gyro_angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::{Delay, delay};
-use super::rotation_watch::AGREES_RAD;
 use crate::estimate::HealthBits;
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
+/// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
+/// single frames.
+pub(super) const AGREES_RAD: f64 = 1.5e-3;
 /// Frames on end that agree before it is over: half a second at 20 Hz, and twice as many if a delay was found.
 const FRAMES_TO_AGREE: u32 = 10;
 /// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.

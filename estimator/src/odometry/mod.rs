@@ -490,8 +490,7 @@ impl Odometer {
         let (trial, is_dropped) = self.try_prediction(&prediction, known, coverage, health);
         self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
-        let dropped = self.window.outliers().points.len();
-        let is_keyframe = self.window.needs_keyframe(connected, dropped, tracks.len());
+        let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
             self.window.make_keyframe(tracks, lines);
         }

@@ -14,7 +14,7 @@
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
-use super::contradiction::{Contradiction, Culprit, Evidence, NewestTurn};
+use super::contradiction::{AGREES_RAD, Contradiction, Culprit, Evidence, NewestTurn};
 use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
 use super::stamp_drift::StampDrift;
 use super::stamp_error::TimeError;
@@ -27,10 +27,7 @@ use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
 
-/// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
-/// single frames.
-pub(super) const AGREES_RAD: f64 = 1.5e-3;
-/// And by as many standard deviations of the difference.
+/// Gyroscope and images may differ by as many standard deviations of the difference in a frame, and by [`AGREES_RAD`].
 const AGREES_SIGMAS: f64 = 5.0;
 /// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
 const SCALE_SHARE: f64 = 0.01;

@@ -4,7 +4,6 @@
 //! DSO (Engel et al. 2016, section 3.1).
 
 use super::Window;
-use plumbline_config::Portable;
 
 /// A keyframe of whose landmarks less than this share is still seen may go first.
 const MIN_SEEN_SHARE: f64 = 0.1;
@@ -14,17 +13,13 @@ const KEPT_KEYFRAMES: usize = 2;
 const DISTANCE_FLOOR_M: f64 = 1e-3;
 
 impl Window {
-    /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks, of which
-    /// `dropped` have been dropped because they move. As large a share as moved when it was last seen is taken to move: corners
-    /// on people are found anew in every frame, and would make most frames keyframes.
+    /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks.
     #[must_use]
-    pub fn needs_keyframe(&self, connected: usize, dropped: usize, tracked: usize) -> bool {
+    pub fn needs_keyframe(&self, connected: usize, tracked: usize) -> bool {
         let Some(newest) = self.frames.last() else { return false };
         let Some(last) = self.frames.iter().rev().skip(1).find(|f| f.is_keyframe) else { return true };
         let is_overdue = newest.stamp.seconds_since(last.stamp) > self.options.max_keyframe_interval_s;
-        let found_anew = (self.moving_share() * tracked as f64 - dropped as f64).at_least(0.0);
-        let still = tracked as f64 - found_anew;
-        tracked > 0 && (is_overdue || (connected as f64) < self.options.min_connected_ratio * still)
+        tracked > 0 && (is_overdue || (connected as f64) < self.options.min_connected_ratio * tracked as f64)
     }
 
     /// Removes frames until the window is within its limits.

@@ -55,30 +55,23 @@ fn times(window: &Window) -> Vec<i64> {
 #[test]
 fn a_new_keyframe_is_needed_when_tracks_have_gone_or_time_has_passed() {
     let mut window = window(&[(0.0, 0.0, false)]);
-    assert!(window.needs_keyframe(0, 0, 0), "there is none yet");
+    assert!(window.needs_keyframe(0, 0), "there is none yet");
     window.frames[0].is_keyframe = true;
     push(&mut window, (0.1, 0.0, false));
     window.options.min_connected_ratio = 0.7;
     window.options.max_keyframe_interval_s = 2.0;
-    assert!(!window.needs_keyframe(70, 0, 100));
-    assert!(window.needs_keyframe(69, 0, 100), "too few are linked to landmarks");
-    assert!(!window.needs_keyframe(0, 0, 0), "a blind frame hosts nothing");
-    (window.moving_in_sight, window.moved_share) = (10, 0.4);
-    assert!(
-        window.needs_keyframe(41, 0, 100) && !window.needs_keyframe(43, 0, 100),
-        "four in ten are new, and move"
-    );
-    assert!(window.needs_keyframe(69, 40, 100), "those that move have landmarks: the rest is new ground");
-    window.moving_in_sight = 0;
+    assert!(!window.needs_keyframe(70, 100));
+    assert!(window.needs_keyframe(69, 100), "too few are linked to landmarks");
+    assert!(!window.needs_keyframe(0, 0), "a blind frame hosts nothing");
     push(&mut window, (2.2, 0.0, false));
-    assert!(window.needs_keyframe(100, 0, 100), "the last one is too old");
-    assert!(!window.needs_keyframe(0, 0, 0));
+    assert!(window.needs_keyframe(100, 100), "the last one is too old");
+    assert!(!window.needs_keyframe(0, 0));
 }
 
 #[test]
 fn an_empty_window_needs_nothing() {
     let mut window = window(&[]);
-    assert!(!window.needs_keyframe(0, 0, 100));
+    assert!(!window.needs_keyframe(0, 100));
     window.make_room();
     assert!(window.frames.is_empty());
 }

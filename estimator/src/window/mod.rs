@@ -52,6 +52,7 @@ pub mod poses;
 pub mod prior;
 pub mod problem;
 mod quad;
+mod refined_lens;
 pub mod relative;
 pub mod reprojection;
 mod rig_walk;
@@ -137,8 +138,6 @@ pub struct Window {
     kept_rig: Option<calibration::KnownRig>,
     /// Frames for which things that were seen to move are remembered.
     moving_in_sight: u32,
-    /// Share of what was seen then that moved.
-    moved_share: f64,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
     /// Step of the newest frame, m, rad, m/s, that a solution which ended early left undone.
@@ -218,7 +217,6 @@ impl Window {
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             moving_in_sight: 0,
-            moved_share: 0.0,
             doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,

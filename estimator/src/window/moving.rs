@@ -24,8 +24,6 @@ const MIN_AGREEING: usize = 6;
 /// With so many that agree, what contradicts has been seen to move, and is known for the frames that follow, even if it hides all else.
 const WITNESSES: usize = 12;
 const REMEMBERED_FRAMES: u32 = 10;
-/// The share that moves is known for fewer: what moves must get landmarks again before it is forgotten, to be seen to move.
-const SHARE_FRAMES: u32 = 3;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
 /// Share of what is seen that a prediction which explains it leaves unexplained, at most.
@@ -74,7 +72,6 @@ impl Window {
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
         if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
             self.moving_in_sight = REMEMBERED_FRAMES;
-            self.moved_share = verdict.wrong as f64 / verdict.seen as f64;
         }
         true
     }
@@ -102,11 +99,6 @@ impl Window {
     #[must_use]
     pub fn is_motion_in_sight(&self) -> bool {
         self.moving_in_sight > 0
-    }
-
-    /// Share of what is seen that moves, by the last frames.
-    pub(super) fn moving_share(&self) -> f64 {
-        if self.moving_in_sight > REMEMBERED_FRAMES - SHARE_FRAMES { self.moved_share } else { 0.0 }
     }
 
     fn forget_moving(&mut self, slack: f64) {

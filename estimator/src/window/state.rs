@@ -247,13 +247,14 @@ impl Rig {
         if cameras.len() > 1 {
             sigmas.fixed_rows_mut::<3>(Self::P_C0_C1).fill(rig.camera_camera_translation_sigma_m);
             sigmas.fixed_rows_mut::<3>(Self::ROT_C0_C1).fill(rig.camera_camera_rotation_sigma_rad);
+            // What one camera alone would learn of them is the scale that its forces leave open.
+            for (k, camera) in cameras.iter().enumerate().take(2) {
+                let [x, y] = camera.focal_px.map(|focal_px| rig.camera_centre_sigma_px / focal_px);
+                let lens = Vector3::new(rig.camera_focal_sigma, x, y);
+                sigmas.fixed_rows_mut::<INTRINSICS_DIM>(Self::of_lens(k)).copy_from(&lens);
+            }
         }
         sigmas[Self::TIME_OFFSET] = rig.time_offset_sigma_s;
-        for (k, camera) in cameras.iter().enumerate().take(2) {
-            let [x, y] = camera.focal_px.map(|focal_px| rig.camera_centre_sigma_px / focal_px);
-            let lens = Vector3::new(rig.camera_focal_sigma, x, y);
-            sigmas.fixed_rows_mut::<INTRINSICS_DIM>(Self::of_lens(k)).copy_from(&lens);
-        }
         sigmas
     }
 }

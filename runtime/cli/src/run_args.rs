@@ -34,14 +34,13 @@ pub struct RunArgs {
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
-    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived (live: the first 36,000). To compare
-    /// and to cite.
+    /// Write the causal trajectory (TUM): each pose as its frame arrived.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Write the configuration with the calibration that this flight has refined, for --config of the next.
+    /// Write the configuration with the calibration as refined in flight.
     #[arg(long, value_name = "OUT.toml")]
     pub learn: Option<PathBuf>,
-    /// Continue a map of `map build`, `map merge` or --save-map. Poses are output in its frame too once a place is recognized.
+    /// Continue this map; poses come in its frame too, once it is seen.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
     /// Write the map, that of --map included, at the end and on `map save`.

@@ -1,0 +1,104 @@
+//! Observations under intrinsics that are refined: their derivatives, and how they follow ([`super::lens`]).
+
+use super::camera_poses::CameraPose;
+use super::camera_sums::LensRows;
+use super::feature::Feature;
+use super::landmark::{LandmarkStore, Observation};
+use super::lens::Lenses;
+use super::motions::LENS;
+use super::state::{INTRINSICS_DIM, Rig};
+use super::{LineTrack, PointTrack, Window};
+use nalgebra::{Vector2, Vector3};
+
+/// Difference from the reference that measurements do not follow, in focal lengths: a ten thousandth of a pixel.
+const SMALL_STEP: f64 = 2e-7;
+
+/// Difference that residuals leave out within a solution: some thousandths of a pixel.
+const NEGLIGIBLE_STEP: f64 = 1e-5;
+
+impl Lenses {
+    /// Derivatives of both residuals of an observation by the intrinsics of its camera.
+    #[inline]
+    pub(super) fn derivatives<F: Feature>(
+        &self,
+        camera: usize,
+        placed: &F::Placed,
+        target: &CameraPose,
+        measured: &F::Measurement,
+    ) -> Option<LensRows> {
+        let lens = &self.lenses[camera];
+        let by = F::by_places(placed, target, measured)?;
+        let places = F::places(measured);
+        Some(std::array::from_fn(|d| {
+            let of_place = lens.at(&places[d]);
+            let mut row = [0.0; LENS];
+            for k in 0..INTRINSICS_DIM {
+                row[k] = -(by[d].x * f64::from(of_place[(0, k)]) + by[d].y * f64::from(of_place[(1, k)]));
+            }
+            row
+        }))
+    }
+
+    /// What was measured, by the present intrinsics of `rig`; `None` where they are as good as those of the reference.
+    #[inline]
+    pub(super) fn moved<F: Feature>(
+        &self,
+        rig: &Rig,
+        observation: &Observation<F::Measurement>,
+    ) -> Option<F::Measurement> {
+        let camera = usize::from(observation.camera);
+        let step = self.step(rig, camera);
+        if step.iter().all(|x| x.abs() < NEGLIGIBLE_STEP) {
+            return None;
+        }
+        let mut moved = observation.measured;
+        F::move_places(&mut moved, |xy| self.shift(camera, xy, &step));
+        Some(moved)
+    }
+
+    /// Moves the observations of all landmarks by steps of the intrinsics.
+    fn move_all<F: Feature>(&self, store: &mut LandmarkStore<F>, steps: &[Vector3<f64>; 2]) {
+        for observation in store.all_mut().iter_mut().flat_map(|landmark| &mut landmark.observations) {
+            let camera = usize::from(observation.camera);
+            F::move_places(&mut observation.measured, |xy| self.shift(camera, xy, &steps[camera]));
+        }
+    }
+}
+
+impl Window {
+    /// Corrects what has been measured by the configured intrinsics.
+    pub fn correct_intrinsics(&self, points: &mut [PointTrack], lines: &mut [LineTrack]) {
+        let Some(lenses) = &self.options.lenses else { return };
+        for track in points {
+            for (camera, measured) in track.measured.iter_mut().enumerate() {
+                let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
+                measured.iter_mut().for_each(|m| super::InversePoint::move_places(m, shift));
+            }
+        }
+        for track in lines {
+            for (camera, measured) in track.measured.iter_mut().enumerate() {
+                let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
+                measured.iter_mut().for_each(|m| super::HostedLine::move_places(m, shift));
+            }
+        }
+    }
+
+    /// Measurements follow the refined intrinsics.
+    pub(super) fn follow_lenses(&mut self) {
+        let Self { rig, points, lines, options, .. } = self;
+        let Some(lenses) = &mut options.lenses else { return };
+        let steps = [0, 1].map(|k| lenses.step(rig, k));
+        if steps.iter().flatten().any(|x| x.abs() > SMALL_STEP) {
+            lenses.move_all(points, &steps);
+            lenses.move_all(lines, &steps);
+            lenses.reference = rig.intrinsics;
+        }
+    }
+
+    /// The window is empty: what it will measure is corrected by the refined intrinsics.
+    pub(super) fn refer_lenses(&mut self) {
+        if let Some(lenses) = &mut self.options.lenses {
+            lenses.reference = self.rig.intrinsics;
+        }
+    }
+}
