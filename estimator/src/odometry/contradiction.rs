@@ -64,7 +64,7 @@ pub(super) struct NewestTurn {
     /// Difference from the gyroscope, rad, and as a multiple of what it may come to.
     pub(super) difference: Vector3<f64>,
     pub(super) excess: f64,
-    /// The same of what the newest frames differ by in sum; 0 where one of them makes up half of it.
+    /// Multiple of what the newest frames may differ by in sum; 0 where one of them makes up half of it.
     pub(super) sum_excess: f64,
     /// True if the frames that agree differ by too much in sum.
     pub(super) adds_up: bool,

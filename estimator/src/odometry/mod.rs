@@ -17,6 +17,7 @@ pub mod measurements;
 #[cfg(test)]
 mod moving_tests;
 mod pair;
+mod pair_judgement;
 mod pair_shift;
 #[cfg(test)]
 mod pair_tests;

@@ -7,7 +7,6 @@
 use super::Odometer;
 use super::force_watch::{ForceSigmas, SeenMotion};
 use super::judgement::Velocity;
-use super::pair_time::RIGHT;
 use super::rotation_watch::SeenTurn;
 use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
 use crate::geometry::log_so3;
@@ -19,9 +18,6 @@ use crate::window::state::NavState;
 use crate::window::trial::Trial;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
-
-/// Points that the left camera must see for the right one to be left out because it sees other things.
-const MIN_LEFT: usize = 12;
 
 /// Reports stuck sensors in `health`; returns whether there are any.
 pub(super) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
@@ -168,55 +164,6 @@ impl Odometer {
         if self.forces.is_named() {
             health.insert(HealthBits::ACCEL_CONTRADICTED);
         }
-    }
-
-    /// True if an image of the frame of `stamp` is left out: a camera has repeated one, is late, or sees other things than the other camera.
-    pub(super) fn is_pair_doubtful(&mut self, stamp: Timestamp, health: &HealthBits) -> bool {
-        if self.window.options.cameras < 2 {
-            return false;
-        }
-        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
-            [true, false] => self.pair_time.begin_probation(stamp, 0),
-            [false, true] => self.pair_time.begin_probation(stamp, RIGHT),
-            _ => {}
-        }
-        let begins_to_disagree =
-            health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
-        self.pair_shift.add(self.window.image_shifts());
-        if begins_to_disagree && self.left_sees() && self.pair_shift.jumped().is_none() {
-            self.window.forget_images(RIGHT);
-        }
-        self.distrusted_camera(stamp).is_some()
-    }
-
-    /// Camera whose image of the frame of `stamp` is not used.
-    fn distrusted_camera(&self, stamp: Timestamp) -> Option<usize> {
-        self.pair_shift.jumped().or_else(|| self.pair_time.distrusted_at(stamp, self.left_sees()))
-    }
-
-    /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
-    pub(super) fn judge_pair(&mut self, stamp: Timestamp, health: &mut HealthBits) {
-        let was_out_of_step = self.pair_time.is_out_of_step();
-        self.pair_time.add(stamp, self.window.epipolar_moments(), self.options.frame_period_s);
-        let is_out_of_step = self.pair_time.is_out_of_step();
-        if is_out_of_step {
-            health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
-        }
-        if self.pair_shift.jumped().is_some() {
-            health.insert(HealthBits::CAMERAS_DISAGREE);
-        }
-        let Some(camera) = self.distrusted_camera(stamp) else { return };
-        // Landmarks are hosted by the left camera: without it nothing would be left.
-        if camera == RIGHT && is_out_of_step && !was_out_of_step {
-            self.window.forget_images(camera);
-        }
-        self.measurer.leave_out(camera);
-        self.window.forget_image_of_newest(camera);
-    }
-
-    /// True if the left camera sees enough to go on without the right one.
-    fn left_sees(&self) -> bool {
-        self.measurer.count(0) >= MIN_LEFT
     }
 
     /// True if a sighting is evidence against the gyroscope. It is none if too few landmarks are known, which may belong to a

@@ -1,7 +1,8 @@
 //! Distances of a frame's right points from the epipolar lines of the left ones, and their velocities across them.
 
 use super::Window;
-use super::landmark::PointLandmark;
+use super::landmark::{Observation, PointLandmark};
+use super::reprojection::PointMeasurement;
 use nalgebra::Vector3;
 
 /// Fewest pairs of points that count as a frame.
@@ -55,7 +56,9 @@ impl Window {
         let rot = right_from_left.rotation.to_rotation_matrix().into_inner();
         let (mut sum, mut count) = (EpipolarMoments::default(), 0);
         for landmark in self.points.all() {
-            let Some([left, right]) = pair_in(landmark, newest) else { continue };
+            let Some([left, right]) = pair_in(landmark, newest).map(|pair| pair.map(|o| &o.measured)) else {
+                continue;
+            };
             let line = t.cross(&(rot * Vector3::new(left.xy.x, left.xy.y, 1.0)));
             let scale = self.options.focal_px / line.xy().norm();
             let off = (line.x * right.xy.x + line.y * right.xy.y + line.z) * scale;
@@ -70,12 +73,9 @@ impl Window {
     }
 }
 
-/// Measurements of a landmark by the left and the right camera of frame `index`.
-pub(super) fn pair_in(
-    landmark: &PointLandmark,
-    index: u8,
-) -> Option<[&super::reprojection::PointMeasurement; 2]> {
+/// Observations of a landmark by the left and the right camera of frame `index`.
+pub(super) fn pair_in(landmark: &PointLandmark, index: u8) -> Option<[&Observation<PointMeasurement>; 2]> {
     let [.., left, right] = &landmark.observations[..] else { return None };
     let is_pair = left.frame == index && right.frame == index && left.camera == 0 && right.camera == 1;
-    is_pair.then_some([&left.measured, &right.measured])
+    is_pair.then_some([left, right])
 }

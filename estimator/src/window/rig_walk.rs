@@ -17,10 +17,10 @@
 //! H' = H - h h' q / (1 + q H_kk)        b' = b - h b_k q / (1 + q H_kk)
 //! ```
 //!
-//! A configured value that what was measured refutes, by more than some standard deviations, loses weight as under a
-//! Cauchy kernel: good calibrations may have tight priors, and a wrong one does not bend the estimate for long.
-//!
 //! with `h` column `k` of `H`. Directions that no measurement sees (`H n = 0`, `n` without a share of the rig) stay unseen.
+//!
+//! A configured value that measurements refute, by more than some standard deviations, loses weight as under a
+//! Cauchy kernel: good calibrations may have tight priors, and a wrong one does not bend the estimate for long.
 
 use super::Window;
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
@@ -124,9 +124,7 @@ impl Window {
             }
         }
     }
-}
 
-impl Window {
     /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
     fn doubt_configured_rig(&mut self) {
         let offsets = self.rig.minus(&self.configured_rig);
@@ -162,14 +160,14 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::DMatrix;
+    use nalgebra::{DMatrix, DVector};
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))
     }
 
-    #[test]
-    fn a_walk_adds_its_variance_to_the_parameter_and_moves_no_mean() {
+    /// Equations of six unknowns that hang together.
+    fn six_unknowns() -> NormalEquations {
         let mut equations = NormalEquations::new(6);
         equations.reset(6);
         for i in 0..6 {
@@ -179,11 +177,19 @@ mod tests {
             equations.add(i, i, 2.0 + i as f64);
             equations.gradient_mut()[i] = 0.3 * i as f64 - 0.7;
         }
-        let solve = |equations: &NormalEquations| {
-            let inverse = dense(equations).try_inverse().expect("is regular");
-            let gradient = nalgebra::DVector::from_column_slice(equations.gradient());
-            (-(&inverse * gradient), inverse)
-        };
+        equations
+    }
+
+    /// Their solution, and its covariance.
+    fn solve(equations: &NormalEquations) -> (DVector<f64>, DMatrix<f64>) {
+        let inverse = dense(equations).try_inverse().expect("is regular");
+        let gradient = DVector::from_column_slice(equations.gradient());
+        (-(&inverse * gradient), inverse)
+    }
+
+    #[test]
+    fn a_walk_adds_its_variance_to_the_parameter_and_moves_no_mean() {
+        let mut equations = six_unknowns();
         let (mean, covariance) = solve(&equations);
         equations.walk(2, 0.05);
         let (walked_mean, walked) = solve(&equations);
@@ -250,20 +256,7 @@ mod tests {
 
     #[test]
     fn what_ties_a_parameter_to_others_relaxes_with_it() {
-        let mut equations = NormalEquations::new(6);
-        equations.reset(6);
-        for i in 0..6 {
-            for j in i..6 {
-                equations.add(i, j, 1.0 / (1.0 + (j - i) as f64));
-            }
-            equations.add(i, i, 2.0 + i as f64);
-            equations.gradient_mut()[i] = 0.3 * i as f64 - 0.7;
-        }
-        let solve = |equations: &NormalEquations| {
-            let inverse = dense(equations).try_inverse().expect("is regular");
-            let gradient = nalgebra::DVector::from_column_slice(equations.gradient());
-            (-(&inverse * gradient), inverse)
-        };
+        let mut equations = six_unknowns();
         let (mean, covariance) = solve(&equations);
         let (a, offset) = (0.8, 0.4);
         equations.shrink(2, a, offset);

@@ -1,6 +1,5 @@
 //! `--learn`: the refined calibration of a flight as a configuration.
 
-use crate::say;
 use anyhow::{Context, Result};
 use plumbline_flight::flight::Flown;
 use plumbline_flight::learnt::Learnt;
@@ -13,7 +12,5 @@ use std::path::Path;
 pub fn write_learnt(path: &Path, flown: &Flown) -> Result<()> {
     let learnt = Learnt::of(flown).with_context(|| format!("--learn {}: not written", path.display()))?;
     let text = format!("{}\n{}", learnt.comment, learnt.config.to_toml()?);
-    std::fs::write(path, text).with_context(|| path.display().to_string())?;
-    say(format_args!("{}: calibration learnt in this flight", path.display()));
-    Ok(())
+    std::fs::write(path, text).with_context(|| path.display().to_string())
 }

@@ -170,7 +170,9 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let (Some(instants), Some(path)) = (instants, &at_out) {
         instants::write(path, &instants.into_rows(), &flown.poses)?;
     }
-    judge(args, &report, &flown)
+    let learnt = args.run.write_learnt(&flown);
+    judge(args, &report, &flown)?;
+    learnt
 }
 
 /// Checks the options before anything is opened; returns the instants that are asked for.

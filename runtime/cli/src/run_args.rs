@@ -100,14 +100,19 @@ impl RunArgs {
         if let (Some(path), Some(places)) = (&self.save_map, &flown.outcome.places) {
             write_map(path, &MapContents::of(places.mapper.map()))?;
         }
-        if let Some(path) = &self.learn {
-            write_learnt(path, flown)?;
-        }
         let json = serde_json::to_string_pretty(report)?;
         if let Some(path) = &self.report {
             std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
         }
         Ok(if self.json { json } else { report.summary() })
+    }
+
+    /// Writes the calibration that `flown` has learnt, where that is asked for: last, since a flight that has taught nothing fails here.
+    ///
+    /// # Errors
+    /// When it has learnt nothing, or the file cannot be written.
+    pub fn write_learnt(&self, flown: &Flown) -> Result<()> {
+        self.learn.as_deref().map_or(Ok(()), |path| write_learnt(path, flown))
     }
 }
 

@@ -89,6 +89,7 @@ fn learnt(config: &ValidConfig, estimate: &RigEstimate) -> Result<Learnt, Nothin
     let rig = &estimate.rig;
     let lens = |camera: usize| SVector::<f64, INTRINSICS_DIM>::from(rig.intrinsics[camera]);
     let changed = config.with("learnt", |config| {
+        let is_pair = config.camera.len() > 1;
         let (mut focal_sigma, mut centre_sigma_px) = (0.0_f64, 0.0_f64);
         for (k, camera) in config.camera.iter_mut().enumerate().take(2) {
             let (step, at) = (lens(k), Rig::of_lens(k));
@@ -104,21 +105,26 @@ fn learnt(config: &ValidConfig, estimate: &RigEstimate) -> Result<Learnt, Nothin
         sigmas.time_offset_s = rig.time_offset_s;
         sigmas.camera_imu_rotation_sigma_rad = most(GROUPS[0].0.clone());
         sigmas.camera_imu_translation_sigma_m = most(GROUPS[1].0.clone());
-        if config.camera.len() > 1 {
+        sigmas.time_offset_sigma_s = most(GROUPS[4].0.clone());
+        // One camera keeps its intrinsics.
+        if is_pair {
             sigmas.camera_camera_rotation_sigma_rad = most(GROUPS[2].0.clone());
             sigmas.camera_camera_translation_sigma_m = most(GROUPS[3].0.clone());
+            (sigmas.camera_focal_sigma, sigmas.camera_centre_sigma_px) = (focal_sigma, centre_sigma_px);
         }
-        sigmas.time_offset_sigma_s = most(GROUPS[4].0.clone());
-        (sigmas.camera_focal_sigma, sigmas.camera_centre_sigma_px) = (focal_sigma, centre_sigma_px);
     })?;
     Ok(Learnt { comment: comment(config, rig, &sigmas), config: changed })
 }
 
-/// Changes against the configured calibration, and their standard deviations.
+/// Changes against the configured calibration, and their standard deviations, of what is not held fixed.
 fn comment(config: &ValidConfig, rig: &Rig, sigmas: &SVector<f64, RIG_DIM>) -> String {
     let step = rig.minus(&Rig::of(config.setup()));
     let mut lines = String::new();
+    let configured = Rig::sigmas(&config.rig, &config.camera);
     let mut line = |name: &str, unit: &str, scale: &dyn Fn(usize) -> f64, range: Range<usize>| {
+        if range.clone().all(|k| configured[k] == 0.0) {
+            return;
+        }
         let of = |values: &SVector<f64, RIG_DIM>| {
             let words: Vec<_> =
                 range.clone().map(|k| format!("{:.3}", values[k] * scale(k - range.start))).collect();
@@ -172,6 +178,21 @@ mod tests {
         assert!(after.camera_imu_rotation_sigma_rad < 0.2 * before.camera_imu_rotation_sigma_rad);
         assert!(after.camera_focal_sigma < before.camera_focal_sigma);
         assert!(after.camera_centre_sigma_px < before.camera_centre_sigma_px);
+    }
+
+    #[test]
+    fn one_camera_keeps_its_intrinsics_and_how_well_they_are_known() {
+        let pair = Config::preset("sim").expect("is good");
+        let config = pair.with("one", |config| config.camera.truncate(1)).expect("is good");
+        let found = learnt(&config, &estimate(&config, 0.1)).expect("has learnt");
+        assert_eq!(found.config.camera[0].focal_px, config.camera[0].focal_px);
+        assert_eq!(found.config.rig.camera_focal_sigma, config.rig.camera_focal_sigma);
+        assert_eq!(found.config.rig.camera_centre_sigma_px, config.rig.camera_centre_sigma_px);
+        assert!(
+            !found.comment.contains("focal") && found.comment.contains("camera-IMU"),
+            "{}",
+            found.comment
+        );
     }
 
     #[test]

@@ -146,7 +146,9 @@ mod tests {
         let bits = |text: &str| CampaignFault::Injected(text.parse().unwrap()).named_by();
         assert_eq!(bits("imu-late:50"), [HealthBits::IMU_LATE]);
         assert!(bits("imu-frozen").contains(&HealthBits::GYRO_CONTRADICTED), "with noise nothing repeats");
-        assert!(bits("image-late:right:1").contains(&HealthBits::CAMERAS_OUT_OF_STEP));
+        assert_eq!(bits("image-shift:left:5:0"), [HealthBits::CAMERAS_DISAGREE]);
+        let late = bits("image-late:right:1");
+        assert!(late.contains(&HealthBits::CAMERAS_OUT_OF_STEP) && !late.contains(&HealthBits::IMAGES_LATE));
         assert!(bits("stamp-jitter:2").is_empty() && CampaignFault::Blackout.named_by().is_empty());
     }
 

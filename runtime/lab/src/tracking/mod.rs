@@ -48,7 +48,7 @@ pub struct Residuals {
 pub struct Tracks {
     /// Tracked in a frame, mean.
     pub per_frame: f64,
-    /// Of these seen by both cameras, mean.
+    /// Seen by both cameras in a frame, mean.
     pub stereo: f64,
     /// Frames from the first sight to the last.
     pub frames: Option<Spread>,
