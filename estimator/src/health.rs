@@ -230,6 +230,11 @@ health_bits! {
         "one camera that is late by a frame, or cameras that are triggered apart",
         "trigger both cameras together; look at which frames the driver pairs",
     );
+    /// The images have shown larger or smaller motions than the accelerometer, by one factor; the quality is at most 10.
+    30 SCALE_CONTRADICTED "scale contradicted", "images and accelerometer differ on the scale of the motion", (
+        "a distance between the cameras (baseline) that is wrong, a focal length, or the unit of the accelerometer",
+        "run `plumbline doctor` on the data: it measures the factor",
+    );
 }
 
 impl HealthBits {

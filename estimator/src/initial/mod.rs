@@ -94,6 +94,13 @@ impl Gathering {
         }
     }
 
+    /// Leaves out what `camera` measured.
+    pub fn leave_out(&mut self, camera: usize) {
+        for frame in &mut self.frames {
+            frame.tracks.retain_mut(|track| track.leave_out(camera));
+        }
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         while !self.frames.is_empty() {

@@ -10,14 +10,16 @@ use plumbline_config::{Portable, Timestamp};
 /// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
 /// single frames.
 pub(super) const AGREES_RAD: f64 = 1.5e-3;
-/// Frames on end that agree before it is over: half a second at 20 Hz, and twice as many if a delay was found.
-const FRAMES_TO_AGREE: u32 = 10;
+/// Frames on end that agree before it is over: half a second at 20 Hz, and twice as many if a delay was found. Once the gyroscope is named, those
+/// in which the vehicle does not turn about the axis that was wrong count as so much: an axis that is dead agrees with them.
+const FRAMES_TO_AGREE: f64 = 10.0;
+const IDLE_FRAME: f64 = 0.25;
 /// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
 const PROVES_RAD: f64 = 3e-3;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
-/// Largest quality while it is not known which of the sensors is wrong, or while the images are late.
-const DISPUTED_QUALITY: i8 = 10;
+/// Largest quality in a contradiction: the images go on alone, and may follow what moves.
+const CONTRADICTED_QUALITY: i8 = 10;
 /// Turns by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
@@ -87,7 +89,7 @@ pub(super) struct Contradiction {
     /// True while a delay would explain much of it.
     is_delay_suspected: bool,
     /// Frames on end that agree.
-    agreeing: u32,
+    agreeing: f64,
     /// Frames so far, at most as many as turns are kept, and the mean over them of the squared excess.
     frames: u32,
     mean_excess_squared: f64,
@@ -96,6 +98,9 @@ pub(super) struct Contradiction {
     /// Frames on end that differ plainly, and the last difference.
     plain: u32,
     last: Vector3<f64>,
+    /// Largest difference, rad, and whether the gyroscope has been named.
+    largest: Vector3<f64>,
+    was_gyro_named: bool,
     /// False if something else is as likely to be wrong as the gyroscope.
     may_name_gyro: bool,
 }
@@ -108,12 +113,14 @@ impl Contradiction {
             culprit: Culprit::Unknown,
             bias_gyro,
             is_delay_suspected: false,
-            agreeing: 0,
+            agreeing: 0.0,
             frames: 0,
             mean_excess_squared: 0.0,
             is_off_in_sum: false,
             plain: 0,
             last: Vector3::zeros(),
+            largest: Vector3::zeros(),
+            was_gyro_named: false,
             may_name_gyro,
         }
     }
@@ -137,6 +144,9 @@ impl Contradiction {
             };
         }
         self.last = newest.difference;
+        if newest.differs() && newest.difference.norm_squared() > self.largest.norm_squared() {
+            self.largest = newest.difference;
+        }
     }
 
     /// Takes another frame: who is to blame, and whether it is over.
@@ -151,13 +161,15 @@ impl Contradiction {
                 self.culprit = Culprit::Disputed;
             }
         }
+        self.was_gyro_named |= self.is_gyro_named(evidence);
         if newest.differs() {
-            self.agreeing = 0;
+            self.agreeing = 0.0;
         } else if self.proves_agreement(&newest.turn, evidence) {
-            self.agreeing += 1;
+            let is_idle = newest.turn.seen.dot(&self.largest).abs() < PROVES_RAD * self.largest.norm();
+            self.agreeing += if self.was_gyro_named && is_idle { IDLE_FRAME } else { 1.0 };
         }
         let is_delay = matches!(self.culprit, Culprit::Imu(_) | Culprit::Images(_));
-        self.agreeing >= FRAMES_TO_AGREE * if is_delay { 2 } else { 1 } && !newest.adds_up
+        self.agreeing >= FRAMES_TO_AGREE * if is_delay { 2.0 } else { 1.0 } && !newest.adds_up
     }
 
     /// True if no delay explains it.
@@ -216,7 +228,7 @@ impl Contradiction {
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if let Culprit::Imu(_) = self.culprit { quality } else { quality.min(DISPUTED_QUALITY) }
+        quality.min(CONTRADICTED_QUALITY)
     }
 }
 

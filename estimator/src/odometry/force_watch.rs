@@ -38,8 +38,10 @@ const LEAST_DOUBT_M_S2: f64 = 2.0;
 const MOST_DOUBT_M_S2: f64 = 50.0;
 /// Frames on end that contradict before the accelerometer is named.
 const FRAMES_TO_NAME: u32 = 4;
-/// A contradiction holds for this long after the last frame that showed it, s.
+/// A contradiction holds for this long after the last frame that showed it, s; once the accelerometer is named longer, since an axis that is
+/// dead agrees while it has nothing to feel.
 const HELD_S: f64 = 0.3;
+const HELD_NAMED_S: f64 = 1.0;
 /// And this long while no frame can show it, s.
 const UNSEEN_S: f64 = 1.0;
 /// Largest quality while forces are contradicted.
@@ -106,6 +108,15 @@ pub(super) struct ForceWatch {
     is_named: bool,
     /// A suspect gain of velocity, m/s in `O`, and the last frame that showed it.
     suspect: Option<(Timestamp, Vector3<f64>)>,
+    /// Gain over the longest span that ends at the newest frame.
+    gain: Option<Gain>,
+}
+
+/// Gain of velocity over a span of frames, m/s in `O`, as the forces make it and as the images show it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gain {
+    pub(super) felt: Vector3<f64>,
+    pub(super) seen: Vector3<f64>,
 }
 
 /// Change of velocity over a span of frames that the images show and the forces do not explain.
@@ -113,13 +124,22 @@ pub(super) struct ForceWatch {
 struct Unexplained {
     /// m/s in `O`.
     off: Vector3<f64>,
+    gain: Gain,
     sigmas: f64,
     forces: WrongForces,
 }
 
 impl ForceWatch {
     pub(super) fn new(gravity_o: Vector3<f64>) -> Self {
-        Self { gravity_o, legs: Deque::new(), contradicting: 0, last: None, is_named: false, suspect: None }
+        Self {
+            gravity_o,
+            legs: Deque::new(),
+            contradicting: 0,
+            last: None,
+            is_named: false,
+            suspect: None,
+            gain: None,
+        }
     }
 
     /// Forgets what was seen and what was found.
@@ -131,6 +151,7 @@ impl ForceWatch {
     /// contradicted stay so for a while.
     pub(super) fn pass_over(&mut self, stamp: Timestamp) -> Option<WrongForces> {
         self.legs.clear();
+        self.gain = None;
         let (last, sigma_m_s2) = self.last?;
         if stamp.seconds_since(last) < UNSEEN_S {
             return Some(WrongForces { since: last, sigma_m_s2 });
@@ -158,6 +179,7 @@ impl ForceWatch {
         });
         let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
         self.suspect(seen.stamp, &unexplained);
+        self.gain = unexplained[HALVES.len() - 1].map(|span| span.gain);
         let contradicts = |span: &Unexplained| span.sigmas > CONTRADICTS_SIGMAS;
         let of_spans = unexplained.into_iter().flatten().find(contradicts).map(|span| span.forces);
         let found = self.blow(seen).or(of_spans);
@@ -188,7 +210,13 @@ impl ForceWatch {
     }
 
     fn is_held_at(&self, stamp: Timestamp) -> bool {
-        self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < HELD_S)
+        let held_s = if self.is_named { HELD_NAMED_S } else { HELD_S };
+        self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
+    }
+
+    /// Gain of velocity over the longest span that ends at the newest frame; `None` where it was not seen throughout.
+    pub(super) fn gain(&self) -> Option<Gain> {
+        self.gain
     }
 
     /// True if forces of the newest frames are contradicted.
@@ -262,6 +290,7 @@ impl ForceWatch {
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         sigmas.is_finite().then_some(Unexplained {
             off,
+            gain: Gain { felt, seen },
             sigmas,
             forces: WrongForces { since: b.stamp, sigma_m_s2 },
         })

@@ -4,10 +4,12 @@
 use crate::lines::{ImageLine, LineObservation, Segment};
 use crate::points::PointObservation;
 use crate::shutter::Readout;
+use crate::window::epipolar::EpipolarMoments;
 use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
 use crate::window::reprojection::{InversePoint, PointMeasurement};
 use crate::window::seen_by_row::SeenByRow;
+use crate::window::state::Rig;
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::options::{LinesConfig, PointsConfig};
@@ -180,6 +182,23 @@ impl Measurer {
             *values.select_nth_unstable_by(count / 2, f64::total_cmp).1
         };
         Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
+    }
+
+    /// Epipolar moments of the points by their motion in the right image since the frame before, `dt_s` ago; `None` where too few are
+    /// seen in both images now and were in the right one then. Call before [`Self::remember`].
+    #[must_use]
+    pub fn epipolar_moments(
+        &self,
+        observations: &[PointObservation],
+        rig: &Rig,
+        dt_s: f64,
+    ) -> Option<EpipolarMoments> {
+        let pairs = observations.iter().filter_map(|observation| {
+            let [left, right] = observation.xy;
+            let before = find(&self.previous, observation.track_id)?.xy[1]?;
+            Some(([left?, right?], (right? - before) / dt_s))
+        });
+        EpipolarMoments::of_pairs(rig, self.cameras.first()?.focal_px[0], pairs)
     }
 
     /// Median depth of the measured points, m, each in the camera that hosts it; infinite where too few have one.

@@ -30,6 +30,7 @@ mod reset;
 #[cfg(test)]
 mod reset_tests;
 mod rotation_watch;
+mod scale_watch;
 mod silent;
 #[cfg(test)]
 mod silent_tests;
@@ -38,6 +39,7 @@ mod stamp_error;
 mod stamp_noise;
 mod start;
 mod steps;
+mod stilled_force;
 mod sudden_force;
 #[cfg(test)]
 pub(crate) mod synthetic;
@@ -74,9 +76,11 @@ use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
 use rotation_watch::RotationWatch;
+use scale_watch::ScaleWatch;
 use silent::report_stuck;
 use stamp_error::StampErrors;
 pub use steps::StepCovariance;
+use stilled_force::StilledForce;
 use sudden_force::SuddenForce;
 use zero_velocity::ZeroVelocityDetector;
 
@@ -144,6 +148,8 @@ pub struct Odometer {
     rotation: RotationWatch,
     forces: ForceWatch,
     sudden_force: SuddenForce,
+    stilled_force: StilledForce,
+    scale: ScaleWatch,
     stamp_errors: StampErrors,
     phase: Phase,
     last_stamp: Option<Timestamp>,
@@ -219,6 +225,8 @@ impl Odometer {
             rotation: RotationWatch::new(imu),
             forces: ForceWatch::new(window.options.gravity_o),
             sudden_force: SuddenForce::new(),
+            stilled_force: StilledForce::new(),
+            scale: ScaleWatch::default(),
             stamp_errors: StampErrors::default(),
             phase: Phase::Gathering,
             last_stamp: None,
@@ -326,7 +334,7 @@ impl Odometer {
         feedback.bias_gyro = self.biases().0;
         feedback.turn_rate_b = self.turn_rate_b();
         feedback.distrusts_imu = self.rotation.is_distrusting();
-        feedback.untracked_camera = self.pair_shift.untracked();
+        feedback.untracked_camera = self.untracked_camera();
         feedback.reset_counter = self.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;
@@ -400,6 +408,10 @@ impl Odometer {
         if self.zero_velocity.is_still() {
             health.insert(HealthBits::STATIONARY);
         }
+        if self.phase == Phase::Gathering && dt_s > 0.0 {
+            let moments = self.measurer.epipolar_moments(observations, &self.window.rig, dt_s);
+            self.pair_time.add(stamp, moments, self.options.frame_period_s);
+        }
         self.measurer.remember(observations);
     }
 
@@ -437,6 +449,7 @@ impl Odometer {
             self.gathering.clear();
         }
         self.carry_attitude(stamp);
+        self.judge_gathered_pair(stamp, health);
         self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0), self.rate_b + self.biases().0);
         if self.try_start() {
             self.phase = Phase::Running;
@@ -466,8 +479,11 @@ impl Odometer {
         }
         if coverage.has_gap || coverage.unmeasured.is_any() {
             self.sudden_force.forget_forces();
+            self.stilled_force.forget_forces();
         } else {
             self.sudden_force.update([last.taken, stamp], &last.nav.rot_o_b, &motion);
+            let density = self.noise_scale.stated().accel_density;
+            self.stilled_force.update(stamp, &last.nav.rot_o_b, &motion, density);
         }
         let time_variance = 2.0 * self.rotation.stamp_sigma_s().squared();
         let motion = self.with_uncertain_ends(motion, &last.nav, &self.rate_b, time_variance);
@@ -553,7 +569,8 @@ impl Odometer {
 
     /// The quality, bounded while sensors contradict each other.
     fn trusted_quality(&self, in_view: usize) -> i8 {
-        self.pair_time.bounded(self.forces.bounded(self.rotation.bounded(self.quality(in_view))))
+        let quality = self.rotation.bounded(self.quality(in_view));
+        self.scale.bounded(self.pair_time.bounded(self.forces.bounded(quality)))
     }
 
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.

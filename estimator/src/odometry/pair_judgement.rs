@@ -4,6 +4,7 @@
 //! [`super::pair_time`], cameras that see different things by [`super::pair`].
 
 use super::Odometer;
+use super::pair_shift::{LEFT, is_probe};
 use super::pair_time::RIGHT;
 use crate::estimate::HealthBits;
 use plumbline_config::Timestamp;
@@ -18,18 +19,51 @@ impl Odometer {
         if self.window.options.cameras < 2 {
             return false;
         }
-        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
-            [true, false] => self.pair_time.begin_probation(stamp, 0),
-            [false, true] => self.pair_time.begin_probation(stamp, RIGHT),
-            _ => {}
-        }
-        let begins_to_disagree =
-            health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp);
+        let begins_to_disagree = self.note_pair(stamp, health);
         self.pair_shift.add(self.window.image_shifts());
         if begins_to_disagree && self.left_sees() && self.pair_shift.jumped().is_none() {
             self.window.forget_images(RIGHT);
         }
         self.distrusted_camera(stamp).is_some()
+    }
+
+    /// Takes what the bits of the frame of `stamp` say of the pair; returns whether its cameras begin to see different things.
+    fn note_pair(&mut self, stamp: Timestamp, health: &HealthBits) -> bool {
+        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
+            [true, false] => self.pair_time.begin_probation(stamp, 0),
+            [false, true] => self.pair_time.begin_probation(stamp, RIGHT),
+            _ => {}
+        }
+        health.contains(HealthBits::CAMERAS_DISAGREE) && self.pair_time.disagree(stamp)
+    }
+
+    /// Judges the pair of a frame that waits for a start, that of `stamp`: no start rests on a camera that is late or has jumped.
+    pub(super) fn judge_gathered_pair(&mut self, stamp: Timestamp, health: &mut HealthBits) {
+        if self.window.options.cameras < 2 {
+            return;
+        }
+        self.note_pair(stamp, health);
+        self.write_pair_bits(health);
+        if let Some(camera) = self.distrusted_camera(stamp) {
+            self.measurer.leave_out(camera);
+            self.gathering.leave_out(camera);
+        }
+    }
+
+    /// Camera whose images points are not to be followed in: the left one, while it has jumped or is late, but for the frames by which it can
+    /// show that it is back.
+    pub(super) fn untracked_camera(&self) -> Option<usize> {
+        let is_late = self.pair_time.late_camera() == Some(LEFT) && !is_probe(self.frames);
+        self.pair_shift.untracked().or(is_late.then_some(LEFT))
+    }
+
+    fn write_pair_bits(&self, health: &mut HealthBits) {
+        if self.pair_time.is_out_of_step() {
+            health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
+        }
+        if self.pair_shift.jumped().is_some() {
+            health.insert(HealthBits::CAMERAS_DISAGREE);
+        }
     }
 
     /// Camera whose image of the frame of `stamp` is not used.
@@ -42,12 +76,7 @@ impl Odometer {
         let was_out_of_step = self.pair_time.is_out_of_step();
         self.pair_time.add(stamp, self.window.epipolar_moments(), self.options.frame_period_s);
         let is_out_of_step = self.pair_time.is_out_of_step();
-        if is_out_of_step {
-            health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
-        }
-        if self.pair_shift.jumped().is_some() {
-            health.insert(HealthBits::CAMERAS_DISAGREE);
-        }
+        self.write_pair_bits(health);
         let Some(camera) = self.distrusted_camera(stamp) else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == RIGHT && is_out_of_step && !was_out_of_step {

@@ -20,9 +20,14 @@ const OTHER_SHARE: f64 = 0.4;
 const FRAMES_TO_AGREE: u32 = 10;
 /// The left camera leads the tracks. They go on in the right one if the left one is not to be used, but for the last two of so many frames, by
 /// which it can show that it is back.
-const LEFT: usize = 0;
-const FRAMES_TO_PROBE: u32 = 20;
-const PROBES: u32 = 2;
+pub(super) const LEFT: usize = 0;
+const FRAMES_TO_PROBE: u64 = 20;
+const PROBES: u64 = 2;
+
+/// True if the frame of number `frame` since is one of the last two.
+pub(super) fn is_probe(frame: u64) -> bool {
+    frame % FRAMES_TO_PROBE >= FRAMES_TO_PROBE - PROBES
+}
 
 /// The camera that has jumped.
 #[derive(Clone, Copy, Debug)]
@@ -81,7 +86,7 @@ impl PairShift {
     /// The camera whose images points are not to be followed in.
     pub(super) fn untracked(&self) -> Option<usize> {
         let jumped = self.jumped.filter(|jumped| jumped.camera == LEFT && jumped.agreeing == 0)?;
-        (jumped.frames % FRAMES_TO_PROBE < FRAMES_TO_PROBE - PROBES).then_some(LEFT)
+        (!is_probe(jumped.frames.into())).then_some(LEFT)
     }
 
     /// Forgets all frames.

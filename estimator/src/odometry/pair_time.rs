@@ -18,6 +18,13 @@ const FRAME_SIGMA_PX: f64 = 0.15;
 /// frame a tenth of that is found, since points that move faster are not matched.
 const SHOWS_SIGMAS: f64 = 6.0;
 const LEAST_S: f64 = 1e-3;
+/// Frames that tell a delay.
+const FRAMES_TO_SHOW: f64 = 2.5;
+/// A start waits for so long, s, while a delay of this many standard deviations shows (sound starts: 1.2), or while less than this share of
+/// the points is found in both images (sound starts: 0.86; a camera that is late: 0.6).
+const DOUBT_S: f64 = 1.0;
+const DOUBT_SIGMAS: f64 = 1.5;
+const MIN_SHARED_AT_START: f64 = 0.7;
 /// A pair is in step if its delay is known this well, s, and less than so many standard deviations, after so many frames.
 const PROVES_S: f64 = 3e-3;
 const PROVES_SIGMAS: f64 = 3.0;
@@ -44,6 +51,8 @@ pub(super) struct PairTime {
     acquitted: Option<(Timestamp, usize)>,
     /// When the cameras last saw different things.
     disagreed: Option<Timestamp>,
+    /// When a start first waited for the pair.
+    doubted: Option<Timestamp>,
 }
 
 impl PairTime {
@@ -96,10 +105,27 @@ impl PairTime {
     /// Camera whose image of the frame of `stamp` is not used; the right one of a pair that sees different things only if the left one sees enough
     /// (`left_sees`), since a covered lens makes such a pair too.
     pub(super) fn distrusted_at(&self, stamp: Timestamp, left_sees: bool) -> Option<usize> {
-        let late = self.late_s().filter(|_| self.is_out_of_step());
-        let late = late.map(|(late_s, _)| usize::from(late_s > 0.0));
         let is_other = left_sees && self.is_disagreed_at(stamp);
-        late.or(self.probation.map(|(_, camera)| camera)).or(is_other.then_some(RIGHT))
+        self.late_camera().or(self.probation.map(|(_, camera)| camera)).or(is_other.then_some(RIGHT))
+    }
+
+    /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
+    pub(super) fn delays_start(&mut self, stamp: Timestamp, shared: usize, points: usize) -> bool {
+        let is_late = self
+            .late_s()
+            .is_some_and(|(late_s, sigma_s)| late_s.abs() > LEAST_S.at_least(DOUBT_SIGMAS * sigma_s));
+        let is_doubtful = is_late || (shared as f64) < MIN_SHARED_AT_START * points as f64;
+        is_doubtful && stamp.seconds_since(*self.doubted.get_or_insert(stamp)) < DOUBT_S
+    }
+
+    /// The next start may wait as well.
+    pub(super) fn wait_anew(&mut self) {
+        self.doubted = None;
+    }
+
+    /// The camera that is late.
+    pub(super) fn late_camera(&self) -> Option<usize> {
+        self.late_s().filter(|_| self.is_out_of_step()).map(|(late_s, _)| usize::from(late_s > 0.0))
     }
 
     /// Forgets all pairs.
@@ -112,7 +138,7 @@ impl PairTime {
         let EpipolarMoments { speed, off, speed_squared, product } = self.sums;
         let spread = speed_squared - speed * speed / self.frames;
         let slope = (product - speed * off / self.frames) / spread;
-        (self.frames > 5.0 && spread > 0.0).then(|| (-slope, FRAME_SIGMA_PX / spread.sqrt()))
+        (self.frames > FRAMES_TO_SHOW && spread > 0.0).then(|| (-slope, FRAME_SIGMA_PX / spread.sqrt()))
     }
 
     /// True if the images of a pair are of different moments.

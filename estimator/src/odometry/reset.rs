@@ -4,6 +4,8 @@
 //! counts only once it has stood for a while, and the start after a divergence goes on from there.
 
 use super::judgement::MIN_LANDMARKS_IN_VIEW;
+use super::scale_watch::ScaleWatch;
+use super::stilled_force::StilledForce;
 use super::sudden_force::SuddenForce;
 use super::{Odometer, Phase, ResetReason};
 use crate::inertial::buffer::IMU_MEMORY_S;
@@ -61,12 +63,15 @@ impl Odometer {
         self.rotation.forget_turns();
         self.forces.clear();
         self.sudden_force = SuddenForce::new();
-        self.pair_time.clear();
-        self.pair_shift.clear();
+        self.stilled_force = StilledForce::new();
+        self.pair_time.wait_anew();
         self.imu.trust();
         self.reset_counter += 1;
         if kind == ResetKind::Hard {
             self.forget_time();
+            self.pair_time.clear();
+            self.pair_shift.clear();
+            self.scale = ScaleWatch::default();
         }
     }
 

@@ -7,8 +7,8 @@
 //! frames on end that differ in opposite directions ([`super::stamp_noise`]). A clock that jumps leaves a hole in its stream: right after one,
 //! a single frame is enough.
 //!
-//! After a hole of the inertial samples they are on probation: not believed until three frames agree which would not if the
-//! samples were late by a tenth of a second.
+//! After a hole of the inertial samples they are on probation: not believed until the turns of frames are likelier with them than
+//! with samples that are late by the hole.
 //!
 //! In a contradiction the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
@@ -50,21 +50,22 @@ const DISPUTED_M_S: f64 = 0.5;
 /// Samples after a hole of this length are on probation, ns, for so long at most, s.
 const PROBATION_HOLE_NS: i64 = 40_000_000;
 const PROBATION_S: f64 = 1.0;
-/// Frames that end it: they agree, and turn otherwise than the vehicle did a tenth of a second before, by this, rad.
-const FRAMES_TO_PROVE: u32 = 3;
-const PROVING_TURN_RAD: f64 = 3e-3;
-const PROVING_NS: i64 = 90_000_000;
+/// It ends once the gyroscope measures what the images show so much better than what they showed when samples that are late by the hole
+/// would have been taken: by this logarithm of the ratio of likelihoods, of which a frame adds as much at most.
+const PROVES: f64 = 10.0;
+const MOST_OF_FRAME: f64 = 4.0;
 
 /// Inertial samples after a hole, which may be late.
 #[derive(Clone, Copy, Debug)]
 struct Probation {
-    /// Beginning of the hole, and when it is over at the latest.
+    /// Beginning of the hole, its length, ns, and when it is over at the latest.
     since: Timestamp,
+    hole_ns: i64,
     until: Timestamp,
     /// True if it has been reported.
     is_known: bool,
-    /// Frames that agreed.
-    proven: u32,
+    /// Logarithm of the likelihood of samples that are in time over that of late ones.
+    proven: f64,
 }
 
 /// Rotation of a frame as the images saw it.
@@ -177,7 +178,8 @@ impl RotationWatch {
             && length_ns > PROBATION_HOLE_NS
         {
             let until = sample.stamp.plus_seconds(PROBATION_S);
-            self.probation = Some(Probation { since, until, is_known: false, proven: 0 });
+            self.probation =
+                Some(Probation { since, hole_ns: length_ns, until, is_known: false, proven: 0.0 });
         }
     }
 
@@ -236,7 +238,7 @@ impl RotationWatch {
             self.drift.clear();
         }
         let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
-        self.prove(excess <= 1.0, &turn);
+        self.prove(&turn, &rad, excess);
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         let contradicted = if self.contradiction.is_some() {
             newest.adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
@@ -295,13 +297,23 @@ impl RotationWatch {
         Some(probation.since)
     }
 
-    /// Ends the probation where enough turns prove that samples are not late, and where it has lasted long enough.
-    fn prove(&mut self, agrees: bool, turn: &Turn) {
+    /// Takes for the probation a `turn` that differs from the gyroscope by `difference`, rad, which is `excess` times what may: ends it where
+    /// turns prove that samples are not late, and where it has lasted long enough.
+    fn prove(&mut self, turn: &Turn, difference: &Vector3<f64>, excess: f64) {
         let Some(mut probation) = self.probation else { return };
-        let earlier = self.turns.iter().rev().find(|t| turn.to.nanos_since(t.to) >= PROVING_NS);
-        let is_other = earlier.is_some_and(|t| (t.seen - turn.seen).norm() > PROVING_TURN_RAD);
-        probation.proven += u32::from(agrees && is_other);
-        let is_over = probation.proven >= FRAMES_TO_PROVE || turn.to > probation.until;
+        // The nearest to the hole.
+        let half_ns = turn.to.nanos_since(turn.from) / 2;
+        let is_late_turn = |t: &&Turn| turn.to.nanos_since(t.to) + half_ns >= probation.hole_ns;
+        if let Some(late) = self.turns.iter().rev().skip(1).find(is_late_turn)
+            && excess > 0.0
+        {
+            let sigma_rad = difference.norm() / excess / AGREES_SIGMAS;
+            let measured = turn.seen - difference;
+            let of_late = (measured - late.seen * (turn.dt_s() / late.dt_s())).norm_squared();
+            let gained = 0.5 * (of_late - difference.norm_squared()) / sigma_rad.squared();
+            probation.proven += gained.clamp(-MOST_OF_FRAME, MOST_OF_FRAME);
+        }
+        let is_over = probation.proven >= PROVES || turn.to > probation.until;
         self.probation = (!is_over).then_some(probation);
     }
 

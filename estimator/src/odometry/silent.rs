@@ -150,6 +150,9 @@ impl Odometer {
             }
             _ => self.forces.pass_over(newest.stamp),
         };
+        if let (Some(gain), [.., before, newest]) = (self.forces.gain(), &self.window.frames[..]) {
+            self.scale.add(&gain.felt, &gain.seen, newest.taken.seconds_since(before.taken));
+        }
         if let Some(wrong) = found {
             self.window.doubt_forces(wrong.since, wrong.sigma_m_s2);
             if let Some(sighting) = sighting {
@@ -163,6 +166,9 @@ impl Odometer {
         }
         if self.forces.is_named() {
             health.insert(HealthBits::ACCEL_CONTRADICTED);
+        }
+        if self.scale.contradicted().is_some() {
+            health.insert(HealthBits::SCALE_CONTRADICTED);
         }
     }
 
@@ -209,7 +215,11 @@ impl Odometer {
         if let Some((by_time, variance)) = self.uncertain_time() {
             stated += by_time * by_time.transpose() * variance;
         }
-        let by_forces = [self.sudden_force.of_velocity(newest.stamp), self.forces.of_velocity(newest.stamp)];
+        let by_forces = [
+            self.sudden_force.of_velocity(newest.stamp),
+            self.stilled_force.of_velocity(newest.stamp),
+            self.forces.of_velocity(newest.stamp),
+        ];
         for of_velocity in by_forces.into_iter().flatten() {
             let mut view = stated.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
             view += of_velocity;

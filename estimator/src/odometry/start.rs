@@ -49,7 +49,11 @@ impl Odometer {
     /// Tries to start from the frames gathered so far; whether there is a first state now.
     pub(super) fn try_start(&mut self) -> bool {
         let Some(newest) = self.gathering.frames().last() else { return false };
-        let is_stereo = has_stereo(newest);
+        let shared = shared_tracks(newest);
+        let is_stereo = shared >= MIN_STEREO_TRACKS;
+        if is_stereo && self.pair_time.delays_start(newest.time.stamp, shared, newest.tracks.len()) {
+            return false;
+        }
         let rig = self.window.rig.clone();
         let started = if is_stereo {
             let Some(count) = self.stereo_span() else { return false };
@@ -73,7 +77,8 @@ impl Odometer {
     fn stereo_span(&self) -> Option<usize> {
         let wanted = self.frames_of_start().min(MAX_FRAMES - 1);
         let newest_first = self.gathering.frames().iter().rev().enumerate();
-        let (before, _) = newest_first.filter(|(_, frame)| has_stereo(frame)).nth(wanted - 1)?;
+        let (before, _) =
+            newest_first.filter(|(_, frame)| shared_tracks(frame) >= MIN_STEREO_TRACKS).nth(wanted - 1)?;
         Some(before + 1).filter(|count| *count < MAX_FRAMES)
     }
 
@@ -98,13 +103,14 @@ impl Odometer {
     fn parallax_px(&self, from: &GatheredFrame, to: &GatheredFrame) -> f64 {
         let (gyro, accel) = &self.bias_memory;
         let (motion, _) = self.imu.preintegrate(from.time.stamp, to.time.stamp, gyro, accel, &self.noise);
-        let rot_b_c = self.window.rig.pose_b_c(0).rotation;
-        let rot_from_to = rot_b_c.inverse() * motion.delta_rot * rot_b_c;
+        let rot_b_c = [0, 1].map(|camera| self.window.rig.pose_b_c(camera).rotation);
+        let rot_from_to = rot_b_c.map(|rot_b_c| rot_b_c.inverse() * motion.delta_rot * rot_b_c);
         let (mut sum, mut count) = (0.0, 0.0);
         for track in &to.tracks {
             let Some(before) = find_track(from, track.track_id) else { continue };
-            if let (Some(a), Some(b)) = (before.measured[0], track.measured[0]) {
-                let q = rot_from_to * Vector3::new(b.xy.x, b.xy.y, 1.0);
+            let seen = [0, 1].into_iter().find_map(|c| Some((c, before.measured[c]?, track.measured[c]?)));
+            if let Some((camera, a, b)) = seen {
+                let q = rot_from_to[camera] * Vector3::new(b.xy.x, b.xy.y, 1.0);
                 sum += (q.xy() / q.z - a.xy).norm();
                 count += 1.0;
             }
@@ -290,8 +296,7 @@ impl Odometer {
     }
 }
 
-/// True if a frame has enough tracks that both cameras see.
-fn has_stereo(frame: &GatheredFrame) -> bool {
-    let seen_by_both = frame.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
-    seen_by_both >= MIN_STEREO_TRACKS
+/// Number of tracks of a frame that both cameras see.
+fn shared_tracks(frame: &GatheredFrame) -> usize {
+    frame.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count()
 }

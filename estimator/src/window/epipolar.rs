@@ -3,7 +3,8 @@
 use super::Window;
 use super::landmark::{Observation, PointLandmark};
 use super::reprojection::PointMeasurement;
-use nalgebra::Vector3;
+use super::state::Rig;
+use nalgebra::{Vector2, Vector3};
 
 /// Fewest pairs of points that count as a frame.
 const MIN_PAIRS: usize = 8;
@@ -45,31 +46,44 @@ impl EpipolarMoments {
     }
 }
 
+impl EpipolarMoments {
+    /// Moments of points by their normalized coordinates in the left and the right image, and the rate of the right ones, 1/s; `None`
+    /// where they are too few.
+    #[must_use]
+    pub fn of_pairs(
+        rig: &Rig,
+        focal_px: f64,
+        pairs: impl Iterator<Item = ([Vector2<f64>; 2], Vector2<f64>)>,
+    ) -> Option<Self> {
+        let (left, right) = (rig.pose_b_c(0), rig.pose_b_c(1));
+        let right_from_left = right.inverse() * left;
+        let t = right_from_left.translation.vector;
+        let rot = right_from_left.rotation.to_rotation_matrix().into_inner();
+        let (mut sum, mut count) = (Self::default(), 0);
+        for ([left_xy, right_xy], right_rate) in pairs {
+            let line = t.cross(&(rot * Vector3::new(left_xy.x, left_xy.y, 1.0)));
+            let scale = focal_px / line.xy().norm();
+            let off = (line.x * right_xy.x + line.y * right_xy.y + line.z) * scale;
+            let speed = line.xy().dot(&right_rate) * scale;
+            if off.is_finite() && speed.is_finite() {
+                sum = sum.plus(&Self { speed, off, speed_squared: speed * speed, product: speed * off });
+                count += 1;
+            }
+        }
+        (count >= MIN_PAIRS).then(|| sum.scaled(1.0 / count as f64))
+    }
+}
+
 impl Window {
     /// Moments of the points that both cameras see in the newest frame, by their predicted image rates; `None` where they are too few.
     #[must_use]
     pub fn epipolar_moments(&self) -> Option<EpipolarMoments> {
         let newest = self.frames.len().checked_sub(1)? as u8;
-        let (left, right) = (self.rig.pose_b_c(0), self.rig.pose_b_c(1));
-        let right_from_left = right.inverse() * left;
-        let t = right_from_left.translation.vector;
-        let rot = right_from_left.rotation.to_rotation_matrix().into_inner();
-        let (mut sum, mut count) = (EpipolarMoments::default(), 0);
-        for landmark in self.points.all() {
-            let Some([left, right]) = pair_in(landmark, newest).map(|pair| pair.map(|o| &o.measured)) else {
-                continue;
-            };
-            let line = t.cross(&(rot * Vector3::new(left.xy.x, left.xy.y, 1.0)));
-            let scale = self.options.focal_px / line.xy().norm();
-            let off = (line.x * right.xy.x + line.y * right.xy.y + line.z) * scale;
-            let speed = line.xy().dot(&right.xy_rate) * scale;
-            let pair = EpipolarMoments { speed, off, speed_squared: speed * speed, product: speed * off };
-            if off.is_finite() && speed.is_finite() {
-                sum = sum.plus(&pair);
-                count += 1;
-            }
-        }
-        (count >= MIN_PAIRS).then(|| sum.scaled(1.0 / count as f64))
+        let pairs = self.points.all().iter().filter_map(|landmark| {
+            let [left, right] = pair_in(landmark, newest)?.map(|o| &o.measured);
+            Some(([left.xy, right.xy], right.xy_rate))
+        });
+        EpipolarMoments::of_pairs(&self.rig, self.options.focal_px, pairs)
     }
 }
 

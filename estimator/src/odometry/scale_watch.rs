@@ -1,0 +1,118 @@
+//! Scale of the pair of cameras against that of the accelerometer.
+//!
+//! Gains of velocity over the longest span of [`super::force_watch`], as the images show them, `y`, and as the forces make them, `x`, are
+//! freed of what changes slowly, which is bias and gravity, and regressed: `y = f x`. The factor `f` is that of the configured baseline over
+//! the true one. It is believed where the forces that are scaled by it explain the images: an accelerometer that fails otherwise does not.
+
+use nalgebra::Vector3;
+use plumbline_config::Portable;
+
+/// Time constants of what changes slowly, and of the regression, s.
+const SLOW_S: f64 = 4.0;
+const MEMORY_S: f64 = 30.0;
+/// Gains of neighbouring frames share most of their frames: so many count as one.
+const FRAMES_OF_GAIN: f64 = 16.0;
+/// Frames, root mean square of the felt gains, m/s, and the share of the seen ones that the factor does not explain, from and up to which
+/// it is told.
+const MIN_FRAMES: f64 = 12.0;
+const MIN_GAIN_M_S: f64 = 0.05;
+const MOST_UNEXPLAINED: f64 = 0.2;
+/// The scales disagree from this many standard deviations, and by this much. Recorded flights stay below 1.4 and 0.05.
+const SHOWS_SIGMAS: f64 = 4.0;
+const LEAST_OFF: f64 = 0.06;
+/// Largest quality while they do.
+const CONTRADICTED_QUALITY: i8 = 10;
+
+/// Regression of seen gains of velocity by felt ones.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ScaleWatch {
+    frames: f64,
+    slow: Option<[Vector3<f64>; 2]>,
+    felt_squared: f64,
+    product: f64,
+    seen_squared: f64,
+}
+
+impl ScaleWatch {
+    /// Takes the gain of velocity over a span as the forces make it and as the images show it, m/s; `dt_s` after the one before.
+    pub(super) fn add(&mut self, felt: &Vector3<f64>, seen: &Vector3<f64>, dt_s: f64) {
+        let slow = self.slow.get_or_insert([*felt, *seen]);
+        let share = (dt_s / SLOW_S).at_most(1.0);
+        let [felt, seen] = [(felt, 0), (seen, 1)].map(|(gain, k)| {
+            slow[k] += (gain - slow[k]) * share;
+            gain - slow[k]
+        });
+        let kept = 1.0 - (dt_s / MEMORY_S).at_most(1.0);
+        let add = |sum: &mut f64, value: f64| *sum = *sum * kept + value;
+        add(&mut self.frames, 1.0);
+        add(&mut self.felt_squared, felt.norm_squared());
+        add(&mut self.product, felt.dot(&seen));
+        add(&mut self.seen_squared, seen.norm_squared());
+    }
+
+    /// The factor, if it is plainly not 1.
+    pub(super) fn contradicted(&self) -> Option<f64> {
+        let factor = self.product / self.felt_squared;
+        let unexplained = self.seen_squared - factor * self.product;
+        let sigma = (FRAMES_OF_GAIN * unexplained / (self.frames * self.felt_squared)).sqrt();
+        let is_told = self.frames > MIN_FRAMES
+            && self.felt_squared > MIN_GAIN_M_S.squared() * self.frames
+            && unexplained < MOST_UNEXPLAINED * self.seen_squared;
+        let is_off = (factor - 1.0).abs() > LEAST_OFF.at_least(SHOWS_SIGMAS * sigma);
+        (is_told && is_off).then_some(factor)
+    }
+
+    /// The quality of an estimate that would have `quality` if the scales agreed.
+    pub(super) fn bounded(&self, quality: i8) -> i8 {
+        if self.contradicted().is_some() { quality.min(CONTRADICTED_QUALITY) } else { quality }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Watches five seconds of frames of a vehicle that sways, whose images show its gains times `factor`, with what else they show.
+    fn watched(factor: f64, else_seen: impl Fn(f64) -> Vector3<f64>) -> Option<f64> {
+        let mut watch = ScaleWatch::default();
+        for k in 0..100 {
+            let t = 0.05 * f64::from(k);
+            let gain = Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), 0.3 * libm::sin(2.3 * t)) * 0.4;
+            let bias = Vector3::new(0.05, -0.03, 0.02);
+            watch.add(&(gain + bias), &(gain * factor + else_seen(t)), 0.05);
+        }
+        watch.contradicted()
+    }
+
+    fn noise(t: f64) -> Vector3<f64> {
+        Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * 0.01
+    }
+
+    #[test]
+    fn a_baseline_that_is_too_long_or_too_short_is_found_with_its_factor() {
+        for factor in [0.5, 0.9, 1.1, 2.0] {
+            let found = watched(factor, noise).expect("it is off");
+            assert!((found - factor).abs() < 0.02 * factor, "{factor}: {found}");
+        }
+    }
+
+    #[test]
+    fn scales_that_agree_are_not_contradicted() {
+        assert_eq!([0.97, 1.0, 1.03].map(|factor| watched(factor, noise)), [None; 3]);
+    }
+
+    #[test]
+    fn an_accelerometer_that_fails_otherwise_has_no_scale() {
+        let other = |t: f64| Vector3::new(libm::sin(5.1 * t), libm::sin(4.3 * t), libm::cos(3.7 * t)) * 0.3;
+        assert_eq!(watched(0.4, other), None);
+        assert_eq!(watched(0.0, noise), None, "nothing of it is seen");
+    }
+
+    #[test]
+    fn hovering_tells_no_scale() {
+        let mut watch = ScaleWatch::default();
+        (0..200).for_each(|k| watch.add(&noise(f64::from(k)), &Vector3::zeros(), 0.05));
+        assert_eq!(watch.contradicted(), None);
+        assert_eq!(watch.bounded(90), 90);
+    }
+}

@@ -1,0 +1,147 @@
+//! Forces that stop changing.
+//!
+//! An accelerometer that freezes goes on with the force that it last felt, and noise. The images contradict it once the vehicle has
+//! accelerated otherwise by metres per second squared; until then the velocity is off by centimetres per second, and nothing shows it but
+//! that the force no longer changes as it used to, from one frame to the next, by more than its noise. An axis that does so by chance, in
+//! every tenth frame, has gone on with its changes before they would have made a difference.
+
+use crate::inertial::Preintegration;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use plumbline_config::{Portable, Timestamp};
+
+/// Time constant of the mean squares of the changes, s, and their beginning, m²/s⁶.
+const MEMORY_S: f64 = 2.0;
+const FIRST_SQUARE: f64 = 4.0;
+/// A force has not changed if it did so by less than this share of what is usual, or by less than so many standard deviations of its noise;
+/// what is usual must be larger than noise by as much more.
+const STILL_SHARE: f64 = 0.15;
+const NOISE_SIGMAS: f64 = 2.5;
+const NOISE_SHARE: f64 = 0.4;
+/// Frames on end without a change of one axis that make the velocity uncertain; of all three it takes one. So much time counts at most, s.
+const FRAMES_OF_AXIS: u32 = 2;
+const MOST_S: f64 = 0.4;
+/// Images have contradicted a force that did not act after this time, s.
+const HELD_S: f64 = 0.3;
+/// Standard deviation of the velocity, as a share of what the usual changes would have added.
+const SIGMA_SHARE: f64 = 0.3;
+
+/// Watches the mean forces of frames for axes that stop changing.
+#[derive(Clone, Debug)]
+pub(super) struct StilledForce {
+    /// Mean squares of the changes of the force along the axes of the body, m²/s⁶.
+    mean_square: Vector3<f64>,
+    /// Mean force of the last frame, m/s² in `B`.
+    force_b: Option<Vector3<f64>>,
+    /// Frames on end in which an axis has not changed, and their time, s.
+    still: [(u32, f64); 3],
+    /// Standard deviations of the velocity, m/s, with the axes of the body in `O`, and when they were last renewed.
+    held: Option<(Timestamp, Vector3<f64>, Matrix3<f64>)>,
+}
+
+impl StilledForce {
+    pub(super) fn new() -> Self {
+        Self { mean_square: Vector3::repeat(FIRST_SQUARE), force_b: None, still: [(0, 0.0); 3], held: None }
+    }
+
+    /// Forgets the forces, as where their motion was not measured. What is usual stays.
+    pub(super) fn forget_forces(&mut self) {
+        (self.force_b, self.still) = (None, [(0, 0.0); 3]);
+    }
+
+    /// Takes the `motion` to the frame of `stamp` from one with attitude `rot_o_before`; `density` is that of the noise, m/s²/sqrt(Hz).
+    pub(super) fn update(
+        &mut self,
+        stamp: Timestamp,
+        rot_o_before: &UnitQuaternion<f64>,
+        motion: &Preintegration,
+        density: f64,
+    ) {
+        let force_b = motion.delta_v / motion.dt_s;
+        if !force_b.iter().all(|x| x.is_finite()) {
+            return self.forget_forces();
+        }
+        let Some(before) = self.force_b.replace(force_b) else { return };
+        let change = (force_b - before) / motion.dt_s;
+        let usual = self.mean_square.map(f64::sqrt);
+        let noise = NOISE_SIGMAS * density * (2.0 / motion.dt_s).sqrt() / motion.dt_s;
+        for (axis, still) in self.still.iter_mut().enumerate() {
+            let bound = noise.at_least(STILL_SHARE * usual[axis]);
+            let is_still = change[axis].abs() < bound && noise < NOISE_SHARE * usual[axis];
+            *still = if is_still { (still.0 + 1, (still.1 + motion.dt_s).at_most(MOST_S)) } else { (0, 0.0) };
+        }
+        let share = (motion.dt_s / MEMORY_S).at_most(1.0);
+        self.mean_square += (change.component_mul(&change) - self.mean_square) * share;
+        let is_all = self.still.iter().all(|(frames, _)| *frames > 0);
+        let sigmas = Vector3::from_fn(|axis, _| {
+            let (frames, time_s) = self.still[axis];
+            let counts = is_all || frames >= FRAMES_OF_AXIS;
+            if counts { SIGMA_SHARE * 0.5 * time_s.squared() * usual[axis] } else { 0.0 }
+        });
+        let held = self.held.filter(|(last, ..)| stamp.seconds_since(*last) < HELD_S);
+        let is_larger = held.is_none_or(|(_, held, _)| sigmas.norm_squared() >= held.norm_squared());
+        self.held = match held {
+            _ if is_larger && sigmas.norm_squared() > 0.0 => {
+                Some((stamp, sigmas, rot_o_before.to_rotation_matrix().into_inner()))
+            }
+            held => held,
+        };
+    }
+
+    /// Covariance of the velocity at `stamp` by forces that may have stopped changing, m²/s² in `O`.
+    pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
+        let (_, sigmas, axes_o) = self.held.filter(|(last, ..)| stamp.seconds_since(*last) < HELD_S)?;
+        Some(axes_o * Matrix3::from_diagonal(&sigmas.component_mul(&sigmas)) * axes_o.transpose())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Watches frames of a twentieth of a second whose mean forces are these, m/s²; returns the largest standard deviation of the
+    /// velocity after each, m/s.
+    fn watched(force_b: impl Fn(f64) -> Vector3<f64>) -> Vec<f64> {
+        let mut watch = StilledForce::new();
+        let zero = Vector3::zeros();
+        let of_frame = |k: u32| {
+            let motion = Preintegration {
+                dt_s: 0.05,
+                delta_v: force_b(0.05 * f64::from(k)) * 0.05,
+                ..Preintegration::new(&zero, &zero)
+            };
+            let stamp = Timestamp::default().plus_seconds(0.05 * f64::from(k));
+            watch.update(stamp, &UnitQuaternion::identity(), &motion, 2e-3);
+            watch.of_velocity(stamp).map_or(0.0, |covariance| covariance.diagonal().max().sqrt())
+        };
+        (0..200).map(of_frame).collect()
+    }
+
+    /// Forces of a vehicle that flies about, with noise.
+    fn flying(t: f64) -> Vector3<f64> {
+        let noise = Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * 0.01;
+        Vector3::new(2.0 * libm::sin(4.0 * t), 2.0 * libm::cos(3.0 * t), 9.8 + libm::sin(5.0 * t)) + noise
+    }
+
+    #[test]
+    fn flying_about_leaves_the_velocity_certain() {
+        let sigmas = watched(flying);
+        assert!(sigmas.iter().all(|sigma| *sigma < 0.03), "{sigmas:?}");
+    }
+
+    #[test]
+    fn forces_that_freeze_make_the_velocity_as_uncertain_as_they_would_have_changed() {
+        let frozen = |t: f64| flying(t.at_most(5.0)) + (flying(t) - flying(0.0)) * 1e-3;
+        let sigmas = watched(frozen);
+        // The second derivative of the velocity is 5.7 m/s³ in the root mean square.
+        for (frame, t) in [(103, 0.15), (105, 0.25)] {
+            assert!(sigmas[frame] > 5.7 * t * t / 2.0 / 5.0, "{frame}: {}", sigmas[frame]);
+        }
+        assert!(sigmas[130..150].iter().all(|sigma| *sigma < 0.5), "it does not grow for good");
+    }
+
+    #[test]
+    fn hovering_has_nothing_that_could_freeze() {
+        let hovering = |t: f64| Vector3::new(0.01 * libm::sin(t), 0.01, 9.8);
+        assert!(watched(hovering)[100..].iter().all(|sigma| *sigma == 0.0));
+    }
+}
