@@ -178,7 +178,8 @@ health_bits! {
     18 LEFT_FROZEN "left image frozen", "the left camera repeats its images", FROZEN;
     /// The right image is bit for bit the one before: it counts as missing.
     19 RIGHT_FROZEN "right image frozen", "the right camera repeats its images", FROZEN;
-    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used.
+    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The images
+    /// go on alone, and may follow what moves: the quality is at most 10.
     20 IMU_LATE "IMU late", "the inertial samples are stamped late", (
         "stamps of the arrival, or a clock of its own",
         "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`",

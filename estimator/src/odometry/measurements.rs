@@ -24,7 +24,9 @@ pub struct Measurer {
     cameras: Vec<CameraModel>,
     readouts: [Readout; 2],
     sigma_px: f64,
+    /// Points of the frame before, and of the one before that, by track.
     previous: Vec<PointObservation>,
+    earlier: Vec<PointObservation>,
     measurements: Vec<PointTrack>,
     line_sigma_px: f64,
     lines: Vec<LineTrack>,
@@ -56,6 +58,7 @@ impl Measurer {
             line_sigma_px: lines.sigma_px,
             lines: Vec::with_capacity(2 * lines.max_segments),
             previous: Vec::with_capacity(capacity),
+            earlier: Vec::with_capacity(capacity),
             measurements: Vec::with_capacity(capacity),
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
         }
@@ -70,6 +73,7 @@ impl Measurer {
     /// Forgets the frame before.
     pub fn clear(&mut self) {
         self.previous.clear();
+        self.earlier.clear();
         self.measurements.clear();
         self.lines.clear();
     }
@@ -184,19 +188,21 @@ impl Measurer {
         Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
     }
 
-    /// Epipolar moments of the points by their motion in the right image since the frame before, `dt_s` ago; `None` where too few are
-    /// seen in both images now and were in the right one then. Call before [`Self::remember`].
+    /// Epipolar moments of the points of the frame before, by their motion in the right image from the one before that to this one, which took
+    /// `span_s`: rates that share no noise with the distances. `None` where too few points were seen throughout. Call before
+    /// [`Self::remember`].
     #[must_use]
     pub fn epipolar_moments(
         &self,
         observations: &[PointObservation],
         rig: &Rig,
-        dt_s: f64,
+        span_s: f64,
     ) -> Option<EpipolarMoments> {
         let pairs = observations.iter().filter_map(|observation| {
-            let [left, right] = observation.xy;
-            let before = find(&self.previous, observation.track_id)?.xy[1]?;
-            Some(([left?, right?], (right? - before) / dt_s))
+            let track_id = observation.track_id;
+            let [left, right] = find(&self.previous, track_id)?.xy;
+            let moved = observation.xy[1]? - find(&self.earlier, track_id)?.xy[1]?;
+            Some(([left?, right?], moved / span_s))
         });
         EpipolarMoments::of_pairs(rig, self.cameras.first()?.focal_px[0], pairs)
     }
@@ -220,6 +226,7 @@ impl Measurer {
 
     /// Keeps the points for the next frame.
     pub fn remember(&mut self, observations: &[PointObservation]) {
+        std::mem::swap(&mut self.previous, &mut self.earlier);
         self.previous.clear();
         let room = self.previous.capacity().min(observations.len());
         self.previous.extend_from_slice(&observations[..room]);

@@ -408,8 +408,9 @@ impl Odometer {
         if self.zero_velocity.is_still() {
             health.insert(HealthBits::STATIONARY);
         }
-        if self.phase == Phase::Gathering && dt_s > 0.0 {
-            let moments = self.measurer.epipolar_moments(observations, &self.window.rig, dt_s);
+        if let (Phase::Gathering, [.., earlier, _]) = (self.phase, self.gathering.frames()) {
+            let span_s = stamp.seconds_since(earlier.time.stamp);
+            let moments = self.measurer.epipolar_moments(observations, &self.window.rig, span_s);
             self.pair_time.add(stamp, moments, self.options.frame_period_s);
         }
         self.measurer.remember(observations);
@@ -522,6 +523,7 @@ impl Odometer {
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
             self.forces.prolong_suspicion(stamp);
+            self.stilled_force.prolong_suspicion(stamp);
         }
         let is_contradicted =
             self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations);

@@ -19,7 +19,7 @@ const FRAME_SIGMA_PX: f64 = 0.15;
 const SHOWS_SIGMAS: f64 = 6.0;
 const LEAST_S: f64 = 1e-3;
 /// Frames that tell a delay.
-const FRAMES_TO_SHOW: f64 = 2.5;
+const FRAMES_TO_SHOW: f64 = 1.5;
 /// A start waits for so long, s, while a delay of this many standard deviations shows (sound starts: 1.2), or while less than this share of
 /// the points is found in both images (sound starts: 0.86; a camera that is late: 0.6).
 const DOUBT_S: f64 = 1.0;

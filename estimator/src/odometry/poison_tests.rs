@@ -271,7 +271,7 @@ fn feedback_that_is_no_number_reaches_no_estimate_through_the_front_end() {
             let (mut front_end, mut odometer) = (FrontEnd::new(&setup), Odometer::new(&setup));
             let (mut tracked, mut feedback) = (Tracked::new(&setup), Feedback::new(&setup));
             let mut poses = 0;
-            for k in 0..8 {
+            for k in 0..30 {
                 for i in 0..11 {
                     let t = 0.05 * f64::from(k) - 0.05 + 0.005 * f64::from(i);
                     let accel = Vector3::new(0.0, 0.0, 9.81);
@@ -280,7 +280,7 @@ fn feedback_that_is_no_number_reaches_no_estimate_through_the_front_end() {
                 let frame = FrameInput::stereo(stamp(0.05 * f64::from(k)), view(&left), view(&right));
                 front_end.track(&frame, &WorkBudget::FULL, &InTurn, [&mut (), &mut ()], &mut tracked);
                 let mut heard = feedback.clone();
-                if k == 5 {
+                if k == 26 {
                     poison(&mut heard, value);
                 }
                 front_end.apply_feedback(&heard);

@@ -87,6 +87,11 @@ impl StilledForce {
         };
     }
 
+    /// Nothing could be learnt from the frame of `stamp`: what is uncertain stays so.
+    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
+        self.held = self.held.map(|(_, sigmas, axes_o)| (stamp, sigmas, axes_o));
+    }
+
     /// Covariance of the velocity at `stamp` by forces that may have stopped changing, m²/s² in `O`.
     pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
         let (_, sigmas, axes_o) = self.held.filter(|(last, ..)| stamp.seconds_since(*last) < HELD_S)?;
