@@ -23,6 +23,14 @@ pub struct Coverage {
     pub unmeasured: Unmeasured,
 }
 
+impl Coverage {
+    /// True if both sensors measured throughout.
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
+        !self.has_gap && !self.unmeasured.is_any()
+    }
+}
+
 /// A ring of the newest samples. Full, it forgets the oldest.
 #[derive(Clone, Debug)]
 pub struct ImuBuffer {

@@ -2,6 +2,7 @@
 
 use super::synthetic::{World, config, stamp};
 use super::*;
+use crate::estimate::TrackingState;
 use crate::geometry::exp_so3;
 use crate::input::ResetKind;
 use crate::window::state::Rig;
@@ -105,7 +106,8 @@ fn the_first_pose_after_darkness_knows_velocity_and_heading() {
     let up_b = |rotation: &nalgebra::UnitQuaternion<f64>| rotation.inverse() * Vector3::z();
     let tilt_rad = up_b(&first.pose_o_b.rotation).angle(&up_b(&flight.world.pose_o_b(flight.t()).rotation));
     assert!(tilt_rad < 0.025, "the first tilt is off by {tilt_rad} rad");
-    assert!(flight.odometer.quality(100) > 80, "{}", flight.odometer.quality(100));
+    let quality = flight.odometer.judge.quality(&flight.odometer.estimation, 100);
+    assert!(quality > 80, "{quality}");
     // The gyroscope went on measuring in the dark.
     let expected = turned * flight.world.pose_o_b(flight.t()).rotation;
     let heading_deg =
@@ -126,7 +128,7 @@ fn tilt_sigma_after_darkness(missing: u32) -> f64 {
     flight.frames(10);
     flight.is_dark = false;
     let _ = flight.until_pose();
-    flight.odometer.tilt_sigma_rad()
+    flight.odometer.estimation.tilt_sigma_rad()
 }
 
 #[test]
@@ -139,9 +141,9 @@ fn a_start_anew_takes_over_the_tilt_where_the_gyroscope_measured_all_the_way() {
 fn a_start_without_a_known_velocity_publishes_no_pose() {
     let mut flight = biased(2);
     flight.frames(20);
-    flight.odometer.velocity = super::judgement::Velocity::NotYet;
-    flight.odometer.covariance = NavCovariance::identity() * 400.0;
-    flight.odometer.judge_velocity();
+    flight.odometer.estimation.covariance = NavCovariance::identity() * 400.0;
+    flight.odometer.judge.begin(stamp(flight.t()));
+    flight.odometer.judge.judge_start(&flight.odometer.estimation);
     let unknown = flight.odometer.estimate(&flight.tracked, HealthBits::default(), Solved::default());
     assert_eq!((unknown.state, unknown.quality), (TrackingState::Initialising, -1));
     assert!(!unknown.has_pose());
@@ -179,11 +181,11 @@ fn a_hard_reset_forgets_biases_and_calibration() {
     let configured = Rig::of(&flight.world.config);
     flight.frames(40);
     // As an estimate that diverges leaves it.
-    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.02, 0.0, 0.0));
-    flight.odometer.window.rig.time_offset_s += 0.01;
+    flight.odometer.estimation.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.02, 0.0, 0.0));
+    flight.odometer.estimation.window.rig.time_offset_s += 0.01;
     flight.frame(Some(ResetKind::Hard));
-    assert_eq!(flight.odometer.window.rig, configured);
-    assert_eq!(flight.odometer.window.prior.rig, configured);
+    assert_eq!(flight.odometer.estimation.window.rig, configured);
+    assert_eq!(flight.odometer.estimation.window.prior.rig, configured);
     assert_eq!(flight.feedback.pose_b_c[0], configured.pose_b_c0);
     assert_eq!(flight.feedback.bias_gyro, Vector3::zeros());
     let first = flight.until_pose();
@@ -194,16 +196,17 @@ fn a_hard_reset_forgets_biases_and_calibration() {
 fn a_diverged_state_is_not_where_the_next_start_begins() {
     let mut flight = biased(2);
     let good = (flight.frames(100).clone(), flight.t());
-    let rig = flight.odometer.window.rig.clone();
-    let newest = flight.odometer.window.frames.last_mut().expect("flies");
+    let rig = flight.odometer.estimation.window.rig.clone();
+    let newest = flight.odometer.estimation.window.frames.last_mut().expect("flies");
     newest.nav.p_o_b += Vector3::new(300.0, -2e6, 50.0);
     newest.nav.v_o_b = Vector3::new(900.0, 0.0, 0.0);
     newest.nav.bias_gyro = Vector3::new(0.4, 0.0, 0.0);
-    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
+    flight.odometer.estimation.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
     let (at, mut health) = (stamp(flight.t()), HealthBits::default());
-    flight.odometer.judge(at, &mut health);
-    assert!(matches!(flight.odometer.reset_reason, Some(ResetReason::Speed(_))));
-    let turned = flight.odometer.window.prior.rig.minus(&rig).fixed_rows::<3>(Rig::ROT_B_C0).norm();
+    flight.odometer.conclude(at, &mut health);
+    assert!(matches!(flight.odometer.reset_reason(), Some(ResetReason::Speed(_))));
+    let turned =
+        flight.odometer.estimation.window.prior.rig.minus(&rig).fixed_rows::<3>(Rig::ROT_B_C0).norm();
     assert!(turned < 0.01, "the next start would begin with cameras turned by {turned}");
     flight.until_pose();
     let error_m = flight.error_m(&good);
@@ -217,16 +220,16 @@ fn a_calibration_beyond_what_is_configured_is_never_begun_with() {
     let mut flight = biased(2);
     let configured = Rig::of(&flight.world.config);
     flight.frames(40);
-    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
+    flight.odometer.estimation.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
     flight.odometer.reset(ResetKind::Soft);
-    assert_eq!(flight.odometer.window.prior.rig, configured);
+    assert_eq!(flight.odometer.estimation.window.prior.rig, configured);
     // One that was refined within its bounds stays.
     flight.until_pose();
     flight.frames(20);
-    let refined = flight.odometer.window.rig.clone();
+    let refined = flight.odometer.estimation.window.rig.clone();
     assert_ne!(refined, configured);
     flight.odometer.reset(ResetKind::Soft);
-    assert_eq!(flight.odometer.window.prior.rig, refined);
+    assert_eq!(flight.odometer.estimation.window.prior.rig, refined);
 }
 
 #[test]
@@ -235,7 +238,7 @@ fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_
     // The prior holds what has left the window by then.
     flight.frames(160);
     let spoilt = (Rig::P_B_C0, Rig::ROT_B_C0);
-    flight.odometer.window.prior.equations.add(spoilt.0, spoilt.1, 1e30);
+    flight.odometer.estimation.window.prior.equations.add(spoilt.0, spoilt.1, 1e30);
     let mut last = flight.frame(None).covariance;
     for k in 1..100 {
         let estimate = flight.frame(None).clone();
@@ -250,7 +253,7 @@ fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_
         }
         last = now;
     }
-    let blind_s = flight.odometer.options.health.max_blind_s;
+    let blind_s = flight.world.config.estimator.health.max_blind_s;
     assert!(flight.frames(1 + (blind_s * 20.0) as usize / 20).reset_counter == 1, "is given up in the end");
     flight.until_pose();
 }

@@ -43,17 +43,18 @@ impl Odometer {
     }
 
     fn newest_step(&mut self) -> Option<StepCovariance> {
-        let newest = self.window.frames.len().checked_sub(1)?;
-        let to = self.window.frames[newest].stamp;
-        let off_s = |k: &usize| (to.seconds_since(self.window.frames[*k].stamp) - STEP_S).abs();
+        let newest = self.estimation.window.frames.len().checked_sub(1)?;
+        let to = self.estimation.window.frames[newest].stamp;
+        let off_s = |k: &usize| (to.seconds_since(self.estimation.window.frames[*k].stamp) - STEP_S).abs();
         let from = (0..newest).min_by(|a, b| off_s(a).total_cmp(&off_s(b)))?;
         if off_s(&from) > TOLERANCE_S {
             return None;
         }
-        let covariance = self.window.relative_covariance(from, newest)?;
-        let [of_from, of_to] = [self.window.covariance_in_o(from)?, self.window.covariance_in_o(newest)?];
-        let [from, newest] = [from, newest].map(|k| &self.window.frames[k]);
-        let [by_from, by_to] = [from, newest].map(|frame| self.inherited.of_pose(&frame.nav));
+        let covariance = self.estimation.window.relative_covariance(from, newest)?;
+        let [of_from, of_to] =
+            [self.estimation.window.covariance_in_o(from)?, self.estimation.window.covariance_in_o(newest)?];
+        let [from, newest] = [from, newest].map(|k| &self.estimation.window.frames[k]);
+        let [by_from, by_to] = [from, newest].map(|frame| self.start.inherited().of_pose(&frame.nav));
         let (of_from, of_to) = (of_from + by_from, of_to + by_to);
         Some(StepCovariance { from: from.stamp, to, covariance, of_from, of_to })
     }

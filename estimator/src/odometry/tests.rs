@@ -116,7 +116,7 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
     }
     flight.snapshot = MapSnapshot::new(&world.config);
     if let Some(estimate) = &flight.last {
-        odometer.window.snapshot(estimate, &mut flight.snapshot);
+        odometer.window().snapshot(estimate, &mut flight.snapshot);
     }
     flight.pose_o_world = anchor.unwrap_or_default();
     flight.rms_error_m = (squared / count).sqrt();

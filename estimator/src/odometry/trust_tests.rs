@@ -4,6 +4,7 @@ use super::synthetic::{World, config, stamp};
 use super::*;
 use crate::geometry::{log_so3, yaw_of};
 use crate::input::ResetKind;
+use crate::points::PointObservation;
 use nalgebra::{Isometry3, SVector, UnitQuaternion};
 use plumbline_config::ImuSample;
 use std::ops::Range;

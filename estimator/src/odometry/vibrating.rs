@@ -5,8 +5,6 @@
 //! white noise, as if it were folded evenly, and more frames than it would else: a tilt that is found wrong later turns all that
 //! was published since, and with it the heading.
 
-use super::Odometer;
-use crate::estimate::NavCovariance;
 use crate::inertial::{ImuNoise, Vibration, vibration};
 use crate::window::state::NavState;
 use nalgebra::Matrix3;
@@ -21,39 +19,24 @@ const MOST_DENSITY: f64 = 0.3;
 /// Frames of a start with two cameras on a vehicle that vibrates: 0.55 s at 20 Hz.
 const FRAMES: usize = 12;
 
-impl Odometer {
-    /// True if the vehicle vibrates at the newest frame.
-    pub(super) fn is_vibrating(&self) -> bool {
-        self.vibration.force.amax() > VIBRATING_M_S2 * VIBRATING_M_S2
-    }
+/// True if the vehicle vibrates.
+fn is_vibrating(vibration: &Vibration) -> bool {
+    vibration.force.amax() > VIBRATING_M_S2 * VIBRATING_M_S2
+}
 
-    /// Frames of a start with two cameras.
-    pub(super) fn frames_of_start(&self) -> usize {
-        let usual = self.options.stereo_frames;
-        if self.is_vibrating() { usual.max(FRAMES) } else { usual }
-    }
+/// Frames of a start with two cameras, which takes `usual` ones.
+pub(super) fn frames_of_start(usual: usize, vibration: &Vibration) -> usize {
+    if is_vibrating(vibration) { usual.max(FRAMES) } else { usual }
+}
 
-    /// Before a start: takes the vibration for noise of the forces.
-    pub(super) fn expect_vibration(&mut self) {
-        if self.is_vibrating() {
-            let squared_density = self.vibration.force.amax() * self.imu.period_s();
-            self.noise_scale.expect(squared_density.at_most(MOST_DENSITY * MOST_DENSITY));
-            self.noise = self.noise_scale.noise();
-            self.window.options.imu_noise = self.noise;
-        }
-    }
-
-    /// Adds what vibration makes of the velocity of `nav` at an instant, as far as the stated noise does not cover it.
-    pub(super) fn add_vibration(&self, covariance: &mut NavCovariance, nav: &NavState) {
-        if let Some(of_velocity) = sway(&self.vibration, self.noise_scale.stated(), nav) {
-            let mut view = covariance.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
-            view += of_velocity;
-        }
-    }
+/// Squared density of the noise that a start expects of the forces, m²/s³, samples being `period_s` apart; `None` without vibration.
+pub(super) fn squared_density(vibration: &Vibration, period_s: f64) -> Option<f64> {
+    let squared_density = vibration.force.amax() * period_s;
+    is_vibrating(vibration).then(|| squared_density.at_most(MOST_DENSITY * MOST_DENSITY))
 }
 
 /// Covariance in `O` of the velocity that sways with `vibration`; `None` where white noise as `stated` explains it.
-fn sway(vibration: &Vibration, stated: &ImuNoise, nav: &NavState) -> Option<Matrix3<f64>> {
+pub(super) fn sway(vibration: &Vibration, stated: &ImuNoise, nav: &NavState) -> Option<Matrix3<f64>> {
     let explained = stated.accel_density * stated.accel_density * vibration::SPAN_S;
     let beyond = vibration.velocity.map(|variance| (variance - explained).at_least(0.0));
     let rot = nav.rot_o_b.to_rotation_matrix().into_inner();
@@ -62,6 +45,7 @@ fn sway(vibration: &Vibration, stated: &ImuNoise, nav: &NavState) -> Option<Matr
 
 #[cfg(test)]
 mod tests {
+    use super::super::Odometer;
     use super::super::synthetic::{World, config, stamp};
     use super::*;
     use crate::exchange::{Feedback, Tracked};

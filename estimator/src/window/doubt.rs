@@ -41,7 +41,7 @@ impl Window {
     pub fn doubt_newest_motion(&mut self, max_iterations: usize) -> bool {
         let Some(Frame { inertial: Some(inertial), nav, .. }) = self.frames.last() else { return false };
         let (believed, nav) = (inertial.clone(), nav.clone());
-        let loose = believed.loosened(&self.options.imu_noise);
+        let loose = believed.loosened(&self.imu_noise);
         self.replace_newest(loose, self.steady_newest().unwrap_or_else(|| nav.clone()));
         let _ = self.optimize(max_iterations);
         if !self.is_newest_doubtful() {
@@ -54,7 +54,7 @@ impl Window {
 
     /// Takes the forces on the way to all frames later than `since` for uncertain by `sigma_m_s2`.
     pub fn doubt_forces(&mut self, since: Timestamp, sigma_m_s2: f64) {
-        let noise = self.options.imu_noise;
+        let noise = self.imu_noise;
         for frame in self.frames.iter_mut().rev().take_while(|frame| frame.stamp > since) {
             frame.inertial =
                 frame.inertial.take().map(|inertial| inertial.with_doubted_forces(sigma_m_s2, &noise));
@@ -73,7 +73,7 @@ impl Window {
 
     /// Puts the newest frame, with the time of its state, to the end of `motion`: at `nav`, at `taken`.
     pub fn put_newest_at(&mut self, taken: Timestamp, nav: NavState, motion: Preintegration) {
-        let inertial = InertialFactor::new(motion, &self.options.imu_noise);
+        let inertial = InertialFactor::new(motion, &self.imu_noise);
         if let Some(newest) = self.frames.last_mut() {
             newest.taken = taken;
             newest.linearization = nav.clone();

@@ -110,7 +110,7 @@ impl Window {
         }
         if let Some(next) = self.frames.get_mut(index) {
             next.inertial = match (removed.inertial, next.inertial.take()) {
-                (Some(a), Some(b)) => Some(a.followed_by(&b, &self.options.imu_noise)),
+                (Some(a), Some(b)) => Some(a.followed_by(&b, &self.imu_noise)),
                 _ => None,
             };
         }

@@ -83,7 +83,7 @@ pub use rig_walk::rig_repeatability;
 pub use state::MAX_FRAMES;
 
 use crate::geometry::yaw_of;
-use crate::inertial::Preintegration;
+use crate::inertial::{ImuNoise, Preintegration};
 use frame::Frame;
 use heading_votes::HeadingVotes;
 use inertial_factor::InertialFactor;
@@ -122,6 +122,8 @@ pub struct Window {
     pub prior: Prior,
     /// Options.
     pub options: Options,
+    /// Noise of the inertial factors to come: as stated, or as it shows.
+    pub imu_noise: ImuNoise,
     anchor: Option<Anchor>,
     heading_votes: HeadingVotes,
     is_manhattan_in_sight: bool,
@@ -224,6 +226,7 @@ impl Window {
             configured_rig: rig.clone(),
             known_rig: calibration::KnownRig::within(&options.rig_sigmas),
             kept_rig: None,
+            imu_noise: ImuNoise::of(&config.imu),
             options,
             rig,
         }
@@ -303,7 +306,7 @@ impl Window {
         is_still: bool,
     ) {
         debug_assert!(self.frames.len() < MAX_FRAMES);
-        let inertial = motion.map(|motion| InertialFactor::new(motion, &self.options.imu_noise));
+        let inertial = motion.map(|motion| InertialFactor::new(motion, &self.imu_noise));
         self.frames.push(Frame {
             stamp: time.stamp,
             taken: time.stamp,

@@ -3,7 +3,6 @@
 use super::OUTLIER_SIGMAS;
 use super::lens::Lenses;
 use super::state::{RIG_DIM, Rig};
-use crate::inertial::ImuNoise;
 use nalgebra::{SVector, Vector3};
 use plumbline_config::{Portable, ValidSetup};
 
@@ -62,8 +61,6 @@ pub struct Options {
     pub first_estimates: bool,
     /// Gravity in the odometry frame, m/s².
     pub gravity_o: Vector3<f64>,
-    /// Noise of the IMU.
-    pub imu_noise: ImuNoise,
     /// Standard deviation of the velocity in a zero-velocity update, m/s.
     pub still_sigma_m_s: f64,
     /// Prior standard deviations of the rig.
@@ -101,7 +98,6 @@ impl Options {
             keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
-            imu_noise: ImuNoise::of(&config.imu),
             still_sigma_m_s: STILL_SIGMA_M_S,
             lenses: Lenses::of(config, &rig_sigmas),
             rig_sigmas,

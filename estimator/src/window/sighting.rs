@@ -148,7 +148,7 @@ impl Window {
 
     /// Another motion leads to frame `index`.
     pub fn replace_motion(&mut self, index: usize, motion: Preintegration) {
-        self.frames[index].inertial = Some(InertialFactor::new(motion, &self.options.imu_noise));
+        self.frames[index].inertial = Some(InertialFactor::new(motion, &self.imu_noise));
     }
 
     /// Observations of landmarks with a depth by the newest frame, one of each, evenly chosen among them, or among the known ones.

@@ -80,6 +80,12 @@ impl NavState {
     /// Offset of the accelerometer bias, m/s².
     pub const BIAS_ACCEL: usize = 12;
 
+    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s².
+    #[must_use]
+    pub fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.bias_gyro, self.bias_accel)
+    }
+
     /// The state with the error-state step `d` applied.
     #[must_use]
     pub fn plus(&self, d: &SVector<f64, FRAME_DIM>) -> Self {

@@ -108,7 +108,7 @@ fn motion(window: &Window, t: f64) -> Preintegration {
         let t = t + dt * k as f64;
         let turn = pose_o_b(&window.rig, t).rotation.inverse() * pose_o_b(&window.rig, t + dt).rotation;
         let gyro = log_so3(&turn) / dt + BIAS_GYRO;
-        motion.integrate(dt, &gyro, &force(t), &force(t + dt), &window.options.imu_noise);
+        motion.integrate(dt, &gyro, &force(t), &force(t + dt), &window.imu_noise);
     }
     motion
 }

@@ -208,7 +208,7 @@ fn images_that_agree_with_each_other_outvote_one_motion_that_contradicts_them() 
     let newest = window.frames.last_mut().expect("has frames");
     let mut motion = newest.inertial.as_ref().expect("has a motion").motion.clone();
     motion.delta_rot *= lie;
-    newest.inertial = Some(super::super::InertialFactor::new(motion, &window.options.imu_noise));
+    newest.inertial = Some(super::super::InertialFactor::new(motion, &window.imu_noise));
     newest.nav.rot_o_b *= lie;
     let _ = window.optimize(8);
     assert!(window.is_newest_doubtful(), "the motion alone keeps it where it is");

@@ -274,7 +274,7 @@ impl WindowStage {
             listener.shown(ListenerView::Solved(&Solved {
                 estimate: &estimate,
                 step: odometer.step_covariance(),
-                window: &odometer.window,
+                window: odometer.window(),
             }));
             estimate
         });
@@ -294,7 +294,7 @@ impl WindowStage {
         if std::mem::replace(&mut self.resets, estimate.reset_counter) == estimate.reset_counter {
             return;
         }
-        let Some(reason) = &self.odometer.reset_reason else { return };
+        let Some(reason) = self.odometer.reset_reason() else { return };
         let severity = if reason.is_asked_for() { Severity::Warning } else { Severity::Error };
         let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
         let text = format_args!("frame {frame}: reset {count}: {reason}");

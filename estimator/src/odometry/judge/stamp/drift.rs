@@ -4,7 +4,7 @@
 //! angular rate. A regression of such differences against the change of the rate finds `e`; a wrong scale of the gyroscope differs by what
 //! the vehicle turns, as errors do that grow, and not by how its rate changes.
 
-use super::stamp_error::TimeError;
+use super::TimeError;
 use crate::window::sighting::variance_along;
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
@@ -33,7 +33,7 @@ struct Leg {
 
 /// Sums of the regression of differences `D` against the change of the rate `W` and the turn `T`: `D = e W + s T`.
 #[derive(Clone, Debug, Default)]
-pub(super) struct StampDrift {
+pub(in crate::odometry::judge) struct StampDrift {
     legs: Deque<Leg, { FRAMES + 1 }>,
     ww: f64,
     wt: f64,
@@ -48,7 +48,7 @@ pub(super) struct StampDrift {
 
 impl StampDrift {
     /// Takes what a frame turns, rad, and how much less by the gyroscope, rad, with the covariance, the rate at its end and its length.
-    pub(super) fn add(
+    pub(in crate::odometry::judge) fn add(
         &mut self,
         [turn, rad]: [Vector3<f64>; 2],
         covariance: Matrix3<f64>,
@@ -82,12 +82,12 @@ impl StampDrift {
     }
 
     /// Frames do not follow each other any more.
-    pub(super) fn clear(&mut self) {
+    pub(in crate::odometry::judge) fn clear(&mut self) {
         self.legs.clear();
     }
 
     /// The error that shows, s; `None` where none does.
-    pub(super) fn error(&self) -> Option<TimeError> {
+    pub(in crate::odometry::judge) fn error(&self) -> Option<TimeError> {
         let determinant = self.ww * self.tt - self.wt.squared();
         if determinant <= INDEPENDENT * self.ww * self.tt || self.ww <= 0.0 {
             return None;

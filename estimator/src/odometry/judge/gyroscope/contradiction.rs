@@ -1,6 +1,6 @@
 //! A contradiction between gyroscope and images that lasts: which of them is wrong, and when it is over.
 
-use super::gyro_angles::{GyroAngles, MAX_TURNS, Turn};
+use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::{Delay, delay};
 use crate::estimate::HealthBits;
 use heapless::Deque;

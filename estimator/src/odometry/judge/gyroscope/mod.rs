@@ -4,28 +4,34 @@
 //! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. What the frames of some tenths of
 //! a second differ by in sum contradicts it, and the inertial samples are not believed any more, from the first of them on. An error of
 //! a frame's stamp turns that frame by as much as the vehicle turns in that time, but leaves no trace in the sum: its size is learnt from
-//! frames on end that differ in opposite directions ([`super::stamp_noise`]). A clock that jumps leaves a hole in its stream: right after one,
+//! frames on end that differ in opposite directions ([`super::stamp::noise`]). A clock that jumps leaves a hole in its stream: right after one,
 //! a single frame is enough.
 //!
 //! After a hole of the inertial samples they are on probation: not believed until the turns of frames are likelier with them than
-//! with samples that are late by the hole.
+//! with samples that are late by the hole ([`probation`]).
 //!
 //! In a contradiction the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
-use super::contradiction::{AGREES_RAD, Contradiction, Culprit, Evidence, NewestTurn};
-use super::gyro_angles::{Gap, GyroAngles, MAX_TURNS, Turn};
-use super::stamp_drift::StampDrift;
-use super::stamp_error::TimeError;
-use super::stamp_noise::StampNoise;
+mod angles;
+mod contradiction;
+mod lag;
+mod probation;
+
+use super::stamp::TimeError;
+use super::stamp::drift::StampDrift;
+use super::stamp::noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
+use angles::{Gap, GyroAngles, MAX_TURNS, Turn};
+use contradiction::{AGREES_RAD, Contradiction, Culprit, Evidence, NewestTurn};
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
+use probation::Probation;
 
 /// Gyroscope and images may differ by as many standard deviations of the difference in a frame, and by [`AGREES_RAD`].
 const AGREES_SIGMAS: f64 = 5.0;
@@ -47,26 +53,6 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
-/// Samples after a hole of this length are on probation, ns, for so long at most, s.
-const PROBATION_HOLE_NS: i64 = 40_000_000;
-const PROBATION_S: f64 = 1.0;
-/// It ends once the gyroscope measures what the images show so much better than what they showed when samples that are late by the hole
-/// would have been taken: by this logarithm of the ratio of likelihoods, of which a frame adds as much at most.
-const PROVES: f64 = 10.0;
-const MOST_OF_FRAME: f64 = 4.0;
-
-/// Inertial samples after a hole, which may be late.
-#[derive(Clone, Copy, Debug)]
-struct Probation {
-    /// Beginning of the hole, its length, ns, and when it is over at the latest.
-    since: Timestamp,
-    hole_ns: i64,
-    until: Timestamp,
-    /// True if it has been reported.
-    is_known: bool,
-    /// Logarithm of the likelihood of samples that are in time over that of late ones.
-    proven: f64,
-}
 
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
@@ -175,11 +161,9 @@ impl RotationWatch {
     /// Takes a sample of the gyroscope, as it was read.
     pub(super) fn add(&mut self, sample: &ImuSample) {
         if let Some(Gap { since, length_ns }) = self.angles.add(sample)
-            && length_ns > PROBATION_HOLE_NS
+            && let Some(probation) = Probation::after_hole(since, length_ns, sample.stamp)
         {
-            let until = sample.stamp.plus_seconds(PROBATION_S);
-            self.probation =
-                Some(Probation { since, hole_ns: length_ns, until, is_known: false, proven: 0.0 });
+            self.probation = Some(probation);
         }
     }
 
@@ -199,7 +183,7 @@ impl RotationWatch {
         if frame.is_force_contradicted {
             self.forces_contradicted = Some(to);
         }
-        let begun = self.begin_probation();
+        let begun = self.probation.as_mut().and_then(Probation::begin);
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
         let Some(rad) = self.angles.difference(&turn, 0, &bias_gyro) else {
             self.differences.clear();
@@ -238,7 +222,7 @@ impl RotationWatch {
             self.drift.clear();
         }
         let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
-        self.prove(&turn, &rad, excess);
+        self.probation = self.probation.and_then(|probation| probation.after(&self.turns, &rad, excess));
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         let contradicted = if self.contradiction.is_some() {
             newest.adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
@@ -288,33 +272,6 @@ impl RotationWatch {
         let sum: Vector3<f64> = self.differences.iter().map(|d| d.rad).sum();
         let is_even = self.differences.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
         self.excess(MAX_SUM, bias_sigma_rad_s, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
-    }
-
-    /// Since when samples are on probation, if that is news.
-    fn begin_probation(&mut self) -> Option<Timestamp> {
-        let probation = self.probation.as_mut().filter(|probation| !probation.is_known)?;
-        probation.is_known = true;
-        Some(probation.since)
-    }
-
-    /// Takes for the probation a `turn` that differs from the gyroscope by `difference`, rad, which is `excess` times what may: ends it where
-    /// turns prove that samples are not late, and where it has lasted long enough.
-    fn prove(&mut self, turn: &Turn, difference: &Vector3<f64>, excess: f64) {
-        let Some(mut probation) = self.probation else { return };
-        // The nearest to the hole.
-        let half_ns = turn.to.nanos_since(turn.from) / 2;
-        let is_late_turn = |t: &&Turn| turn.to.nanos_since(t.to) + half_ns >= probation.hole_ns;
-        if let Some(late) = self.turns.iter().rev().skip(1).find(is_late_turn)
-            && excess > 0.0
-        {
-            let sigma_rad = difference.norm() / excess / AGREES_SIGMAS;
-            let measured = turn.seen - difference;
-            let of_late = (measured - late.seen * (turn.dt_s() / late.dt_s())).norm_squared();
-            let gained = 0.5 * (of_late - difference.norm_squared()) / sigma_rad.squared();
-            probation.proven += gained.clamp(-MOST_OF_FRAME, MOST_OF_FRAME);
-        }
-        let is_over = probation.proven >= PROVES || turn.to > probation.until;
-        self.probation = (!is_over).then_some(probation);
     }
 
     /// Ends the probation: nothing is seen by which samples could prove themselves.
@@ -378,7 +335,7 @@ impl RotationWatch {
 
     /// True while the inertial samples are distrusted.
     pub(super) fn is_distrusting(&self) -> bool {
-        self.contradiction.is_some() || self.probation.is_some_and(|probation| probation.is_known)
+        self.contradiction.is_some() || self.probation.is_some_and(|probation| probation.has_begun())
     }
 
     /// Says in `health` what was found.
@@ -421,5 +378,4 @@ impl RotationWatch {
 }
 
 #[cfg(test)]
-#[path = "rotation_watch_tests.rs"]
 mod tests;

@@ -26,7 +26,7 @@ const MOST_S: f64 = 0.01;
 
 /// Variance of the stamps.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct StampNoise {
+pub(in crate::odometry::judge) struct StampNoise {
     /// Sum of products of differences, rad², and of rates, rad²/s².
     products: f64,
     rates: f64,
@@ -35,7 +35,12 @@ pub(super) struct StampNoise {
 impl StampNoise {
     /// Takes what two frames on end turn otherwise by the images than by the gyroscope, rad, with their rates, rad/s, and the variance of a
     /// sighting, rad².
-    pub(super) fn add(&mut self, differences: [Vector3<f64>; 2], rates: [Vector3<f64>; 2], variance: f64) {
+    pub(in crate::odometry::judge) fn add(
+        &mut self,
+        differences: [Vector3<f64>; 2],
+        rates: [Vector3<f64>; 2],
+        variance: f64,
+    ) {
         let [w, w_next] = rates.map(|rate| rate.norm());
         if w.at_most(w_next) <= SLOW_RAD_S || !(w * w_next).is_finite() {
             return;
@@ -50,7 +55,7 @@ impl StampNoise {
     }
 
     /// Standard deviation of a stamp, s; 0 while it does not show.
-    pub(super) fn sigma_s(&self) -> f64 {
+    pub(in crate::odometry::judge) fn sigma_s(&self) -> f64 {
         if self.rates < LEAST {
             return 0.0;
         }
@@ -60,7 +65,7 @@ impl StampNoise {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Noise that is found where a vehicle turns by `rate(k)` in frame `k`, whose stamp is late by `late_s(k)`, beside a gyroscope with a
@@ -74,7 +79,7 @@ mod tests {
     }
 
     /// A number of the size of `k`'s hash, of mean 0 and standard deviation 1.
-    fn drawn(k: i32) -> f64 {
+    pub(crate) fn drawn(k: i32) -> f64 {
         let hash = (k as u32).wrapping_mul(2_654_435_761).rotate_left(11).wrapping_mul(2_246_822_519) >> 8;
         (f64::from(hash) / f64::from(1 << 24) - 0.5) * 12.0_f64.sqrt()
     }

@@ -1,8 +1,7 @@
 //! Stamps that are off by milliseconds cost little, are no fault of a sensor, and are what the covariance says.
 
-use super::super::synthetic::{World, config};
-use super::super::trust_tests::{Judged, NONE, Trouble, fly};
-use super::*;
+use super::synthetic::{World, config};
+use super::trust_tests::{Judged, NONE, Trouble, fly};
 use crate::estimate::HealthBits;
 
 const SEEDS: [u64; 2] = [1, 2];
@@ -62,40 +61,4 @@ fn jitter_of_stamps_costs_little_and_blames_nobody() {
 fn stamps_that_swing_cost_little_and_blame_nobody() {
     // A swing too slow to show turns the frame by what the vehicle turns meanwhile.
     assert_harmless("swing of 3 ms", |t| Some(3e-3 * libm::sin(0.8 * t)), 6.0);
-}
-
-#[test]
-fn corrections_begin_with_jitter_and_end_where_it_is_gone() {
-    let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
-    let mut errors = StampErrors::default();
-    assert_eq!(errors.newest_variance(), None);
-    errors.begin(at(0), TimeError { value: 0.0, variance: WALK_S.squared() }, 2e-3);
-    assert!(errors.newest_variance().is_some());
-    let seen = |value| TimeError { value, variance: 1e-8 };
-    for k in 1..100 {
-        let _ = errors.expect(at(k));
-        errors.add(seen(2e-3 * drawn(k as f64 * 0.05)));
-    }
-    let jitter_s = errors.jitter_variance.sqrt();
-    assert!((1e-3..3e-3).contains(&jitter_s) && errors.slow.value.abs() < 1.5e-3, "{errors:?}");
-    for k in 100..200 {
-        let _ = errors.expect(at(k));
-        errors.add(seen(0.0));
-    }
-    assert_eq!(errors.newest_variance(), None);
-}
-
-#[test]
-fn the_slow_part_is_followed() {
-    let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
-    let late = |k: i64| 3e-3 * libm::sin(k as f64 * 0.05 * 0.8);
-    let mut errors = StampErrors::default();
-    errors.begin(at(0), TimeError { value: 2e-3, variance: 1e-7 }, 1e-3);
-    for k in 1..200 {
-        let expected = errors.expect(at(k));
-        if k > 40 {
-            assert!((expected.value - late(k)).abs() < 1.5e-3, "{k}: {expected:?} of {}", late(k));
-        }
-        errors.add(TimeError { value: late(k), variance: 2.5e-7 });
-    }
 }

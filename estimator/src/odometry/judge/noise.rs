@@ -7,9 +7,9 @@
 //! the ratio is back, and shrinks more slowly; never below what is stated. It begins large: a tilt that was taken for certain
 //! before the first second had told what the forces are worth would stay in the prior.
 
-use super::Odometer;
 use crate::estimate::HealthBits;
 use crate::inertial::{ImuNoise, Preintegration};
+use crate::window::Window;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FrameMatrix, NavState};
 use nalgebra::Vector3;
@@ -80,10 +80,21 @@ pub(super) struct NoiseScale {
 
 /// A state before its frame was looked at.
 #[derive(Clone, Debug)]
-pub(super) struct Prediction {
-    pub(super) nav: NavState,
+pub(in crate::odometry) struct Prediction {
+    pub(in crate::odometry) nav: NavState,
     covariance: Option<FrameMatrix>,
     pub(super) dt_s: f64,
+}
+
+/// What a frame can tell of the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Evidence {
+    /// Nothing: its motion was not measured throughout, or is not believed for another reason.
+    None,
+    /// Its innovation.
+    Innovation,
+    /// The images contradicted its motion as a whole.
+    Contradiction,
 }
 
 impl Prediction {
@@ -133,11 +144,17 @@ impl NoiseScale {
     }
 
     /// Takes white noise of the forces of this squared density, m²/s³, for the least to be expected until innovations tell more.
-    pub(super) fn expect(&mut self, squared_density: f64) {
+    fn expect(&mut self, squared_density: f64) {
         if self.is_scaled {
             let variance = squared_density / (self.stated.accel_density * self.stated.accel_density);
             self.variance = self.variance.at_least(variance).at_most(MOST_VARIANCE);
         }
+    }
+
+    /// Gives new factors the noise of a vehicle that vibrates: of its forces, white noise of this squared density, m²/s³.
+    pub(super) fn expect_vibration(&mut self, window: &mut Window, squared_density: f64) {
+        self.expect(squared_density);
+        window.imu_noise = self.noise();
     }
 
     /// The noise as the configuration states it.
@@ -166,65 +183,52 @@ impl NoiseScale {
     }
 
     /// Covariance of the newest state, carried on by the `motion` from `nav`.
-    pub(super) fn carried(
-        &self,
-        nav: &NavState,
-        motion: &Preintegration,
-        noise: &ImuNoise,
-    ) -> Option<FrameMatrix> {
+    fn carried(&self, nav: &NavState, motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix> {
         let mut grown = GrowingCovariance::of_frame(self.newest.as_ref()?);
         grown.grow(nav, motion, noise);
         Some(grown.of_all())
     }
-}
 
-impl Odometer {
-    /// Prediction of the frame at the end of `motion`.
-    pub(super) fn predict(&self, from: &NavState, motion: &Preintegration) -> Prediction {
+    /// Prediction of the frame at the end of `motion`, which begins at `from`.
+    pub(super) fn predict(&self, window: &Window, from: &NavState, motion: &Preintegration) -> Prediction {
         Prediction {
-            nav: from.after(motion, &self.window.options.gravity_o),
-            covariance: self.noise_scale.carried(from, motion, &self.noise),
+            nav: from.after(motion, &window.options.gravity_o),
+            covariance: self.carried(from, motion, &window.imu_noise),
             dt_s: motion.dt_s,
         }
     }
 
-    /// Scales the inertial noise by what the newest frame corrected of its `prediction`. A motion that was not measured
-    /// throughout, or is not believed for another reason, tells nothing of the noise.
-    pub(super) fn scale_noise(
+    /// Scales the inertial noise of new factors by what the newest frame corrected of its `prediction`.
+    pub(super) fn learn(
         &mut self,
+        window: &mut Window,
         prediction: &Prediction,
-        (is_measured, is_contradicted): (bool, bool),
+        evidence: Evidence,
         health: &mut HealthBits,
     ) {
-        let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
-        // The scale of one camera comes from the forces: corrections of it would count as their noise.
-        let is_evidence = is_measured
-            && self.window.options.cameras > 1
-            && !self.rotation.is_distrusting()
-            && !self.forces.is_contradicted();
+        let after = window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
         let before = prediction.covariance.as_ref().filter(|c| c.iter().all(|x| x.is_finite()));
-        if is_evidence && is_contradicted {
-            self.noise_scale.add_contradiction(prediction.dt_s);
-        } else if let (true, Some(before), Some(after), Some(newest)) =
-            (is_evidence, before, &after, self.window.frames.last())
-        {
-            let (nav, expected) = (&newest.nav, &prediction.nav);
-            let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
-            if d.iter().flatten().all(|x| x.is_finite()) {
-                self.noise_scale.add(prediction.dt_s, &d, [before, after]);
+        match (evidence, before, &after, window.frames.last()) {
+            (Evidence::Contradiction, ..) => self.add_contradiction(prediction.dt_s),
+            (Evidence::Innovation, Some(before), Some(after), Some(newest)) => {
+                let (nav, expected) = (&newest.nav, &prediction.nav);
+                let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
+                if d.iter().flatten().all(|x| x.is_finite()) {
+                    self.add(prediction.dt_s, &d, [before, after]);
+                }
             }
+            _ => {}
         }
-        self.noise_scale.newest = after;
-        self.noise = self.noise_scale.noise();
-        self.window.options.imu_noise = self.noise;
-        if self.noise_scale.is_reported() {
+        self.newest = after;
+        window.imu_noise = self.noise();
+        if self.is_reported() {
             health.insert(HealthBits::ACCEL_NOISY);
         }
     }
 
     /// Keeps the prediction as the state's covariance where the frame tells nothing of it.
     pub(super) fn keep_prediction(&mut self, prediction: Prediction) {
-        self.noise_scale.newest = prediction.covariance;
+        self.newest = prediction.covariance;
     }
 }
 

@@ -1,6 +1,6 @@
 //! The delay between images and gyroscope that explains why their turns differ.
 
-use super::gyro_angles::{GyroAngles, MAX_TURNS, Turn};
+use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};

@@ -1,4 +1,4 @@
-//! Uncertainty of the newest state, and of the odometry frame after a restart.
+//! Uncertainty of the odometry frame after a restart.
 //!
 //! A soft reset goes on from the last pose. How well that was known against the first pose stays: the new window knows
 //! where it is against its own start; the covariance that is given out is the sum. The way between the last
@@ -8,10 +8,8 @@
 //! carried on by the gyroscope, where it measured all the way. Of a vehicle in flight gravity alone would tell the tilt to some
 //! degrees.
 
-use super::Odometer;
-use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
+use crate::estimate::{BiasVariances, NavCovariance};
 use crate::inertial::{ImuNoise, Preintegration};
-use crate::input::ResetKind;
 use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
@@ -38,7 +36,7 @@ struct Last {
 
 /// Inheritance of estimates from those before the last reset.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Inherited {
+pub(in crate::odometry) struct Inherited {
     last: Option<Last>,
     /// Uncertainty of the start anew.
     origin: OriginUncertainty,
@@ -91,7 +89,7 @@ impl Inherited {
     }
 
     /// `covariance` of the state `nav` against the start anew, made that against the first pose of all.
-    pub(super) fn added_to(&self, covariance: NavCovariance, nav: &NavState) -> NavCovariance {
+    pub(in crate::odometry) fn added_to(&self, covariance: NavCovariance, nav: &NavState) -> NavCovariance {
         match self.origin.share(&nav.p_o_b, &nav.rot_o_b, &nav.v_o_b) {
             Some(share) => covariance + share,
             None => covariance,
@@ -99,14 +97,14 @@ impl Inherited {
     }
 
     /// Covariance of position and yaw that the state `nav` has by the start anew.
-    pub(super) fn of_pose(&self, nav: &NavState) -> Matrix4<f64> {
+    pub(in crate::odometry) fn of_pose(&self, nav: &NavState) -> Matrix4<f64> {
         let mut carried = Matrix4::identity();
         carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - self.origin.p_o_b)));
         carried * self.origin.covariance * carried.transpose()
     }
 
     /// Uncertainty of the start anew against the first pose of all.
-    pub(super) fn origin(&self) -> &OriginUncertainty {
+    pub(in crate::odometry) fn origin(&self) -> &OriginUncertainty {
         &self.origin
     }
 }
@@ -138,8 +136,14 @@ impl Gyro {
 pub(super) struct Carried(GrowingCovariance);
 
 impl Carried {
+    /// What is known of a state of these covariances; `None` where that is no covariance.
+    pub(super) fn of(covariance: NavCovariance, bias_variances: &BiasVariances) -> Option<Self> {
+        let grown = GrowingCovariance::new(covariance, bias_variances);
+        grown.is_finite().then_some(Self(grown))
+    }
+
     /// After the motion `step` from `nav`.
-    fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
+    pub(super) fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
         self.0.grow(nav, step, noise);
     }
 
@@ -153,89 +157,6 @@ impl Carried {
         let largest = |first: usize| (0..3).map(|k| all[(first + k, first + k)]).fold(0.0, f64::at_least);
         [of_tilt, largest(NavState::BIAS_GYRO), largest(NavState::BIAS_ACCEL)]
             .map(|variance| DOUBT * variance.at_least(0.0).sqrt())
-    }
-}
-
-impl Odometer {
-    /// Takes the covariance of the newest frame from the window.
-    pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) {
-        match self.window.newest_covariance() {
-            Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
-                let nav = self.window.frames.last().map(|f| &f.nav);
-                self.covariance = nav.map_or(covariance, |nav| self.inherited.added_to(covariance, nav));
-                self.time_offset_sigma_s = variance.at_least(0.0).sqrt();
-                self.bias_variances = self.window.newest_bias_variances().unwrap_or(self.bias_variances);
-            }
-            _ => {
-                health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
-                self.carry_covariance();
-            }
-        }
-    }
-
-    /// Standard deviation of roll and pitch of the newest state, rad: the larger variance is at most twice the mean that is
-    /// taken. No yaw is in it.
-    pub(super) fn tilt_sigma_rad(&self) -> f64 {
-        let Some(frame) = self.window.frames.last() else { return f64::INFINITY };
-        let up_b = frame.nav.rot_o_b.inverse() * Vector3::z();
-        let of_attitude = self.covariance.fixed_view::<3, 3>(NavState::ROT, NavState::ROT);
-        let of_tilt = of_attitude.trace() - up_b.dot(&(of_attitude * up_b));
-        (0.5 * of_tilt).at_least(0.0).sqrt()
-    }
-
-    /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
-    pub(super) fn carry_covariance(&mut self) {
-        if let [.., before, newest] = &self.window.frames[..]
-            && let Some(inertial) = &newest.inertial
-        {
-            let mut grown = GrowingCovariance::new(self.covariance, &self.bias_variances);
-            grown.grow(&before.nav, &inertial.motion, &self.noise);
-            self.covariance = grown.nav;
-        }
-    }
-
-    /// A start anew is no better known than the pose that it goes on from.
-    pub(super) fn begin_with_inheritance(&mut self, stamp: Timestamp) {
-        let gyro = self.carried.is_some().then(|| Gyro::new(&self.noise, &self.bias_variances));
-        if let Some(frame) = self.window.frames.last() {
-            self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
-        }
-    }
-
-    /// What is known of the newest state's tilt and biases, for a start that goes on from there; `None` where that is no
-    /// covariance.
-    pub(super) fn carried_of_newest(&self) -> Option<Carried> {
-        let grown = GrowingCovariance::new(self.stated_covariance(), &self.bias_variances);
-        grown.is_finite().then_some(Carried(grown))
-    }
-
-    /// Turns the pose that the next start goes on from by what the gyroscope measured up to `stamp`, where nothing is missing
-    /// of the way.
-    pub(super) fn carry_attitude(&mut self, stamp: Timestamp) {
-        let (Some(last), Some(carried), Some(origin)) =
-            (self.last_stamp, &mut self.carried, &mut self.origin)
-        else {
-            return;
-        };
-        let (gyro, accel) = &self.bias_memory;
-        let (motion, coverage) = self.imu.preintegrate(last, stamp, gyro, accel, &self.noise);
-        if coverage.has_gap || coverage.is_saturated || coverage.unmeasured.gyro {
-            self.carried = None;
-        } else {
-            carried.grow(origin, &motion, &self.noise);
-            origin.rot_o_b *= motion.delta_rot;
-        }
-    }
-
-    /// Keeps how well the newest pose was known, for a start that goes on from it; `kind` says whether one does.
-    pub(super) fn bequeath(&mut self, kind: ResetKind) {
-        match (kind, self.window.frames.last()) {
-            (ResetKind::Hard, _) => self.inherited.forget(),
-            (ResetKind::Soft, Some(frame)) => {
-                self.inherited.leave(frame.stamp, &frame.nav, self.rate_b.norm(), &self.covariance)
-            }
-            (ResetKind::Soft, None) => {}
-        }
     }
 }
 

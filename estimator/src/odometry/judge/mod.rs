@@ -1,0 +1,394 @@
+//! The judge: which of the sensors is wrong where they contradict each other, and what is done about it.
+//!
+//! Each hypothesis has a file, with the watch that keeps its evidence over frames. A frame is judged in this order:
+//!
+//! | hypothesis | found by | what it may do | health bits, largest quality |
+//! |---|---|---|---|
+//! | a force set in suddenly and did not act, or stopped changing | [`sudden_force`], [`stilled_force`] | published velocity uncertain | |
+//! | the stamp is off | [`stamp`] | the state has the corrected time; covariance by its variance | |
+//! | a camera jumped, is late, or sees other things | [`pair`] | its image left out, tracks followed in the other; a start waits | `CAMERAS_*`, 10 |
+//! | part of the scene moves | [`trial`] | observations dropped | |
+//! | the gyroscope is wrong, or a stream late | [`gyroscope`] | samples not believed since then, motions integrated anew, the frame placed by its images; covariance | `GYRO_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, 10 |
+//! | the accelerometer is wrong | [`force_watch`] with [`crate::window::trial`] | forces as uncertain as they are wrong, the frame placed by its images | `ACCEL_CONTRADICTED`, 10 |
+//! | the baseline is wrong | [`scale_watch`] | nothing | `SCALE_CONTRADICTED`, 10 |
+//! | *the window is solved* | | | |
+//! | the motion contradicts most that is seen | [`crate::window`] | solved anew with a loosened factor | `IMU_CONTRADICTED` |
+//! | forces are noisier than stated | [`noise`] | noise of the factors to come | `ACCEL_NOISY` |
+//! | nothing holds the estimate, or no vehicle is like that | [`tracking`] | given up: a start anew | `VELOCITY_UNCERTAIN` |
+//!
+//! Sensors that repeat their readings are known before ([`crate::inertial::stuck`]). Watches do not know each other: what one must know of
+//! another is handed to it here and in [`inertial`], where gyroscope and accelerometer are judged by one sighting.
+
+mod force_watch;
+mod gyroscope;
+mod inertial;
+mod noise;
+mod pair;
+mod scale_watch;
+mod stamp;
+mod stilled_force;
+mod sudden_force;
+mod tracking;
+mod trial;
+
+pub(super) use inertial::report_stuck;
+pub(super) use noise::Prediction;
+pub(super) use tracking::{Belief, Velocity};
+
+use super::estimation::Estimation;
+use super::vibrating;
+use crate::estimate::{HealthBits, NavCovariance};
+use crate::inertial::buffer::Coverage;
+use crate::inertial::{ImuNoise, Preintegration};
+use crate::input::ResetKind;
+use crate::points::PointObservation;
+use crate::window::epipolar::EpipolarMoments;
+use crate::window::sighting::Sighting;
+use crate::window::solve::Outcome;
+use crate::window::state::NavState;
+use force_watch::ForceWatch;
+use gyroscope::RotationWatch;
+use noise::{Evidence, NoiseScale};
+use pair::Pair;
+use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
+use scale_watch::ScaleWatch;
+use stamp::{Correction, StampErrors};
+use stilled_force::StilledForce;
+use sudden_force::SuddenForce;
+use tracking::Tracking;
+use trial::{Tried, try_prediction};
+
+/// All watches.
+#[derive(Clone, Debug)]
+pub(super) struct Judge {
+    stamps: StampErrors,
+    pair: Pair,
+    gyroscope: RotationWatch,
+    forces: ForceWatch,
+    sudden_force: SuddenForce,
+    stilled_force: StilledForce,
+    scale: ScaleWatch,
+    noise: NoiseScale,
+    tracking: Tracking,
+}
+
+/// A frame before the judge.
+#[derive(Debug)]
+pub(super) struct Case<'a> {
+    pub(super) stamp: Timestamp,
+    /// Samples that were met on the way to it.
+    pub(super) coverage: Coverage,
+    /// Everything that is said of it.
+    pub(super) health: &'a mut HealthBits,
+}
+
+/// Findings about a frame before the window is solved.
+#[derive(Clone, Debug)]
+pub(super) struct Verdict {
+    /// The prediction of the frame, at the time at which its images were taken.
+    pub(super) prediction: Prediction,
+    /// An image was left out, before anything rested on it.
+    is_pair_judged: bool,
+}
+
+impl Judge {
+    pub(super) fn new(setup: &ValidSetup) -> Self {
+        let gravity_o = nalgebra::Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2);
+        Self {
+            stamps: StampErrors::default(),
+            pair: Pair::new(setup),
+            gyroscope: RotationWatch::new(&setup.imu),
+            forces: ForceWatch::new(gravity_o),
+            sudden_force: SuddenForce::new(),
+            stilled_force: StilledForce::new(),
+            scale: ScaleWatch::default(),
+            noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
+            tracking: Tracking::new(setup.estimator.health.clone()),
+        }
+    }
+
+    /// Takes an inertial sample, as it was read.
+    pub(super) fn add_sample(&mut self, sample: &ImuSample) {
+        self.gyroscope.add(sample);
+    }
+
+    /// Takes the points of a frame, before it has a state.
+    pub(super) fn see(&mut self, points: &[PointObservation], health: &mut HealthBits) {
+        self.pair.see(points, health);
+    }
+
+    /// Before a start: takes vibration for noise of the forces.
+    pub(super) fn expect_vibration(&mut self, estimation: &mut Estimation) {
+        let squared_density = vibrating::squared_density(&estimation.vibration, estimation.imu.period_s());
+        if let Some(squared_density) = squared_density {
+            self.noise.expect_vibration(&mut estimation.window, squared_density);
+        }
+    }
+
+    /// Takes the epipolar moments of the frame of `stamp`, which waits for a start.
+    pub(super) fn see_gathered(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>) {
+        self.pair.add_gathered(stamp, moments);
+    }
+
+    /// Judges the pair of the frame of `stamp`, which waits for a start; returns the camera that is left out.
+    pub(super) fn judge_gathered(
+        &mut self,
+        estimation: &mut Estimation,
+        stamp: Timestamp,
+        health: &mut HealthBits,
+    ) -> Option<usize> {
+        self.pair.judge_gathered(estimation, stamp, health)
+    }
+
+    /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
+    pub(super) fn delays_start(&mut self, stamp: Timestamp, shared: usize, points: usize) -> bool {
+        self.pair.delays_start(stamp, shared, points)
+    }
+
+    /// An estimate begins with the frame of `stamp`.
+    pub(super) fn begin(&mut self, stamp: Timestamp) {
+        self.tracking.begin(stamp);
+    }
+
+    /// Decides whether the first state of an estimate is known well enough to be published.
+    pub(super) fn judge_start(&mut self, estimation: &Estimation) {
+        self.tracking.judge_velocity(estimation);
+    }
+
+    /// Takes the `motion` from the newest frame to the one that comes, and predicts that: both as uncertain as stamps are.
+    pub(super) fn expect(
+        &mut self,
+        estimation: &Estimation,
+        motion: Preintegration,
+        case: &Case<'_>,
+    ) -> (Preintegration, Prediction) {
+        let from = estimation.window.frames.last();
+        let (taken, nav) = from.map(|last| (last.taken, last.nav.clone())).unwrap_or_default();
+        if case.coverage.is_measured() {
+            self.sudden_force.update([taken, case.stamp], &nav.rot_o_b, &motion);
+            let density = self.noise.stated().accel_density;
+            self.stilled_force.update(case.stamp, &nav.rot_o_b, &motion, density);
+        } else {
+            self.sudden_force.forget_forces();
+            self.stilled_force.forget_forces();
+        }
+        let time_variance = 2.0 * self.gyroscope.stamp_sigma_s().squared();
+        let motion = estimation.with_uncertain_ends(motion, &nav, &estimation.rate_b, time_variance);
+        let prediction = self.noise.predict(&estimation.window, &nav, &motion);
+        (motion, prediction)
+    }
+
+    /// Judges the newest frame before anything rests on it: its time, its images, what moves in view, and the samples that lead to it.
+    pub(super) fn before_solving(
+        &mut self,
+        estimation: &mut Estimation,
+        prediction: Prediction,
+        case: &mut Case<'_>,
+    ) -> Verdict {
+        let (prediction, known) = self.correct_stamp(estimation, prediction, case.coverage);
+        let is_pair_judged = self.pair.is_doubtful(estimation, case.stamp, case.health);
+        if is_pair_judged {
+            estimation.window.predict_rates();
+            self.pair.judge(estimation, case.stamp, case.health);
+        }
+        let known = known.filter(|_| !is_pair_judged);
+        let tried = if self.may_try(estimation, case) {
+            let stamp_sigma_s = self.time_sigma_s();
+            try_prediction(&mut estimation.window, &prediction, known, &self.sudden_force, stamp_sigma_s)
+        } else {
+            Tried::default()
+        };
+        self.judge_samples(estimation, &tried, case);
+        Verdict { prediction, is_pair_judged }
+    }
+
+    /// Judges the images of the newest frame against each other once its image rates are known, unless one is left out already.
+    pub(super) fn judge_pair(&mut self, estimation: &mut Estimation, verdict: &Verdict, case: &mut Case<'_>) {
+        if !verdict.is_pair_judged {
+            self.pair.judge(estimation, case.stamp, case.health);
+        }
+    }
+
+    /// Judges the motion that leads to the newest frame by the `outcome` of the solver, and drops what does not fit; returns whether the
+    /// images contradict it.
+    pub(super) fn after_solving(
+        &mut self,
+        estimation: &mut Estimation,
+        outcome: Outcome,
+        max_iterations: usize,
+        case: &mut Case<'_>,
+    ) -> bool {
+        if outcome.is_not_positive_definite {
+            case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+            self.forces.prolong_suspicion(case.stamp);
+            self.stilled_force.prolong_suspicion(case.stamp);
+        }
+        let window = &mut estimation.window;
+        let is_contradicted = window.is_newest_doubtful() && window.doubt_newest_motion(max_iterations);
+        if is_contradicted {
+            case.health.insert(HealthBits::IMU_CONTRADICTED);
+        }
+        window.remove_minority();
+        is_contradicted
+    }
+
+    /// Learns how noisy the forces are, once the covariance of the newest frame is known. A motion that was not measured throughout, or is
+    /// not believed for another reason, tells nothing of it; nor does one camera, whose scale comes from the forces.
+    pub(super) fn learn_noise(
+        &mut self,
+        estimation: &mut Estimation,
+        prediction: &Prediction,
+        is_contradicted: bool,
+        case: &mut Case<'_>,
+    ) {
+        let is_evidence = case.coverage.is_measured()
+            && estimation.window.options.cameras > 1
+            && !self.gyroscope.is_distrusting()
+            && !self.forces.is_contradicted();
+        let evidence = match (is_evidence, is_contradicted) {
+            (false, _) => Evidence::None,
+            (true, false) => Evidence::Innovation,
+            (true, true) => Evidence::Contradiction,
+        };
+        self.noise.learn(&mut estimation.window, prediction, evidence, case.health);
+    }
+
+    /// The newest frame tells nothing of how well it is known.
+    pub(super) fn keep_prediction(&mut self, prediction: Prediction) {
+        self.noise.keep_prediction(prediction);
+    }
+
+    /// What becomes of the estimate after the frame of `stamp`.
+    pub(super) fn conclude(
+        &mut self,
+        estimation: &Estimation,
+        stamp: Timestamp,
+        health: &mut HealthBits,
+    ) -> Belief {
+        self.tracking.judge(estimation, stamp, health)
+    }
+
+    /// An estimate was given up at `stamp` for a reason of its own.
+    pub(super) fn note_reset(&mut self, stamp: Timestamp) {
+        self.tracking.note_reset(stamp);
+    }
+
+    /// The estimate starts anew: forgets its states. What is known of the sensors stays, unless the reset is hard.
+    pub(super) fn clear(&mut self, kind: ResetKind) {
+        self.noise.forget_state();
+        self.gyroscope.forget_turns();
+        self.forces.clear();
+        self.sudden_force = SuddenForce::new();
+        self.stilled_force = StilledForce::new();
+        self.pair.wait_anew();
+        if kind == ResetKind::Hard {
+            self.pair.clear();
+            self.scale = ScaleWatch::default();
+        }
+    }
+
+    /// Forgets all stamps: those that come have nothing to do with them.
+    pub(super) fn forget_time(&mut self) {
+        self.gyroscope.clear();
+        self.tracking.forget_time();
+    }
+
+    /// Puts the newest frame at the time at which its images were taken; returns the prediction of that time, and the frame's pose by known
+    /// landmarks if it was looked for.
+    fn correct_stamp(
+        &mut self,
+        estimation: &mut Estimation,
+        prediction: Prediction,
+        coverage: Coverage,
+    ) -> (Prediction, Option<Sighting>) {
+        Correction {
+            errors: &mut self.stamps,
+            estimation,
+            noise: &self.noise,
+            sudden_force: &self.sudden_force,
+            begun: self.tracking.begun(),
+            is_distrusting: self.gyroscope.is_distrusting(),
+            is_force_contradicted: self.forces.is_contradicted(),
+        }
+        .correct(prediction, coverage)
+    }
+
+    /// True if the prediction can be relied on: the scale is known, and the samples are believed.
+    fn may_try(&self, estimation: &Estimation, case: &Case<'_>) -> bool {
+        estimation.window.options.cameras > 1
+            && self.tracking.is_velocity_known()
+            && !self.may_be_late(&estimation.window, case)
+            && !case.coverage.is_saturated
+            && !case.coverage.unmeasured.is_any()
+            && !self.gyroscope.is_distrusting()
+            && !self.forces.is_contradicted()
+            && !case.health.contains(HealthBits::IMU_CONTRADICTED)
+    }
+
+    /// Standard deviation of the time of a state, s, as far as errors of stamps show.
+    fn time_sigma_s(&self) -> f64 {
+        self.stamps.newest_variance().map_or_else(|| self.gyroscope.stamp_sigma_s(), f64::sqrt)
+    }
+
+    /// The covariance of the newest frame, with what sensors that contradict each other may hide, and what vibration makes of
+    /// its velocity.
+    pub(super) fn stated_covariance(&self, estimation: &Estimation) -> NavCovariance {
+        let covariance = estimation.covariance;
+        let Some(newest) = estimation.window.frames.last() else { return covariance };
+        let added = self.gyroscope.added_covariance(&newest.nav, &estimation.turn_rate_b());
+        let mut stated = added.map_or(covariance, |added| covariance + added);
+        let sway = vibrating::sway(&estimation.vibration, self.noise.stated(), &newest.nav);
+        add_to_velocity(&mut stated, sway);
+        if let Some(variance) = self.stamps.newest_variance() {
+            let by_time = estimation.rates_of(&newest.nav).derivative();
+            stated += by_time * by_time.transpose() * variance;
+        }
+        add_to_velocity(&mut stated, self.sudden_force.of_velocity(newest.stamp));
+        add_to_velocity(&mut stated, self.stilled_force.of_velocity(newest.stamp));
+        add_to_velocity(&mut stated, self.forces.of_velocity(newest.stamp));
+        stated
+    }
+
+    /// Knowledge of the velocity since the last start.
+    pub(super) fn velocity(&self) -> Velocity {
+        self.tracking.velocity()
+    }
+
+    /// 0..=100 by landmarks in view and the certainty of the velocity, bounded while sensors contradict each other.
+    pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
+        let quality = self.gyroscope.bounded(self.tracking.quality(estimation, in_view));
+        self.scale.bounded(self.pair.bounded(self.forces.bounded(quality)))
+    }
+
+    /// True while inertial samples are not believed.
+    pub(super) fn is_distrusting(&self) -> bool {
+        self.gyroscope.is_distrusting()
+    }
+
+    /// The camera whose images points are not to be followed in after the frame of number `frame`.
+    pub(super) fn untracked_camera(&self, frame: u64) -> Option<usize> {
+        self.pair.untracked(frame)
+    }
+
+    /// True if what comes can be predicted: the velocity is known, and no inertial sensor is distrusted, contradicted or suspect.
+    pub(super) fn is_predictable(&self, health: HealthBits) -> bool {
+        let spoilt = [
+            HealthBits::IMU_GAP,
+            HealthBits::IMU_SATURATED,
+            HealthBits::IMU_CONTRADICTED,
+            HealthBits::NOT_POSITIVE_DEFINITE,
+        ];
+        self.tracking.is_velocity_known()
+            && !self.gyroscope.is_distrusting()
+            && !self.forces.is_contradicted()
+            && !spoilt.into_iter().any(|bit| health.contains(bit))
+    }
+}
+
+/// Adds to the covariance of the velocity, m²/s² in `O`.
+fn add_to_velocity(covariance: &mut NavCovariance, of_velocity: Option<nalgebra::Matrix3<f64>>) {
+    if let Some(of_velocity) = of_velocity {
+        let mut view = covariance.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
+        view += of_velocity;
+    }
+}

@@ -1,0 +1,135 @@
+//! What the estimate is good for, and when it is given up: its landmarks, its velocity, and what a vehicle can be.
+
+use super::super::estimation::Estimation;
+use super::super::plausible::{ResetReason, implausible};
+use crate::estimate::HealthBits;
+use plumbline_config::options::HealthConfig;
+use plumbline_config::{Portable, Timestamp};
+
+/// Fewest landmarks in view that hold an estimate against drift.
+const MIN_LANDMARKS_IN_VIEW: usize = 5;
+/// Share of `health.max_velocity_sigma_m_s` below which the velocity is known: 0.2 m/s by default. A clean start has 0.01 to
+/// 0.08; where a start found no motion between frames at all, it has the 20 m/s that it began with.
+const KNOWN_VELOCITY: f64 = 0.1;
+/// Landmarks in view that give full quality.
+const PLENTY_LANDMARKS: f64 = 60.0;
+
+/// Knowledge of the velocity since the last start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::odometry) enum Velocity {
+    /// Nothing that could be used; there is no estimate to publish.
+    NotYet,
+    /// Images and inertial samples determine it.
+    Known,
+    /// It was known, and is carried on by the inertial sensor since landmarks were lost.
+    NoMore,
+}
+
+/// What becomes of an estimate after a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::odometry) enum Belief {
+    /// A start anew may go on from its state.
+    Believed,
+    /// It goes on, and nothing is to go on from its state.
+    Unproven,
+    /// It is given up.
+    GivenUp(ResetReason),
+}
+
+/// Follows what holds the estimate.
+#[derive(Clone, Debug)]
+pub(super) struct Tracking {
+    options: HealthConfig,
+    velocity: Velocity,
+    /// When enough landmarks were last in view.
+    last_seen: Option<Timestamp>,
+    /// When an estimate was last given up.
+    last_reset: Option<Timestamp>,
+    /// When the estimate began.
+    begun: Option<Timestamp>,
+}
+
+impl Tracking {
+    pub(super) fn new(options: HealthConfig) -> Self {
+        Self { options, velocity: Velocity::NotYet, last_seen: None, last_reset: None, begun: None }
+    }
+
+    /// An estimate begins.
+    pub(super) fn begin(&mut self, stamp: Timestamp) {
+        self.velocity = Velocity::NotYet;
+        (self.last_seen, self.begun) = (Some(stamp), Some(stamp));
+    }
+
+    /// Forgets stamps that those to come have nothing to do with.
+    pub(super) fn forget_time(&mut self) {
+        (self.last_seen, self.last_reset) = (None, None);
+    }
+
+    /// An estimate was given up at `stamp`: none is for being blind shortly after.
+    pub(super) fn note_reset(&mut self, stamp: Timestamp) {
+        self.last_reset = Some(stamp);
+    }
+
+    pub(super) fn velocity(&self) -> Velocity {
+        self.velocity
+    }
+
+    /// True while images and inertial samples determine the velocity.
+    pub(super) fn is_velocity_known(&self) -> bool {
+        self.velocity == Velocity::Known
+    }
+
+    pub(super) fn begun(&self) -> Option<Timestamp> {
+        self.begun
+    }
+
+    /// Gives the estimate up where it cannot be right, or has been blind for too long.
+    pub(super) fn judge(
+        &mut self,
+        estimation: &Estimation,
+        stamp: Timestamp,
+        health: &mut HealthBits,
+    ) -> Belief {
+        // Equations that could not be solved tell as little as a black image.
+        let is_solved = !health.contains(HealthBits::NOT_POSITIVE_DEFINITE);
+        let is_in_view = estimation.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW;
+        if is_solved && is_in_view {
+            self.last_seen = Some(stamp);
+        }
+        self.judge_velocity(estimation);
+        if estimation.velocity_sigma_m_s() > self.options.max_velocity_sigma_m_s {
+            health.insert(HealthBits::VELOCITY_UNCERTAIN);
+        }
+        let is_held =
+            self.last_reset.is_some_and(|last| stamp.seconds_since(last) < self.options.reset_holdoff_s);
+        let blind_s = self.last_seen.map(|seen| stamp.seconds_since(seen));
+        let blind = blind_s.filter(|s| *s > self.options.max_blind_s && !is_held).map(ResetReason::Blind);
+        if let Some(reason) = implausible(&estimation.window, &self.options).or(blind) {
+            self.note_reset(stamp);
+            Belief::GivenUp(reason)
+        } else if is_solved && is_in_view && self.velocity != Velocity::NotYet {
+            Belief::Believed
+        } else {
+            Belief::Unproven
+        }
+    }
+
+    /// Decides whether the velocity is known: after a start and after blindness not before images have determined it.
+    pub(super) fn judge_velocity(&mut self, estimation: &Estimation) {
+        let is_certain =
+            estimation.velocity_sigma_m_s() < KNOWN_VELOCITY * self.options.max_velocity_sigma_m_s;
+        self.velocity = match (estimation.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW, self.velocity) {
+            (true, _) if is_certain => Velocity::Known,
+            (false, Velocity::Known) => Velocity::NoMore,
+            (_, before) => before,
+        };
+    }
+
+    /// 0..=100 from landmarks in view and the certainty of the velocity in the body.
+    pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
+        let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
+        let by_velocity =
+            (1.0 - estimation.velocity_sigma_m_s() / self.options.max_velocity_sigma_m_s).clamp(0.0, 1.0);
+        (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
+    }
+}

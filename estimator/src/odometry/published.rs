@@ -1,0 +1,85 @@
+//! What is published of a frame: the estimate at its stamp, as well known as the judge says.
+
+use super::{Odometer, Phase, Solved, Velocity};
+use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};
+use crate::exchange::Tracked;
+use crate::window::{Fit, RigEstimate};
+use plumbline_config::Portable;
+
+impl Odometer {
+    /// Takes the covariance of the newest frame from the window.
+    pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) {
+        let estimation = &mut self.estimation;
+        match estimation.window.newest_covariance() {
+            Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
+                let nav = estimation.window.frames.last().map(|f| &f.nav);
+                let inherited = self.start.inherited();
+                estimation.covariance = nav.map_or(covariance, |nav| inherited.added_to(covariance, nav));
+                estimation.time_offset_sigma_s = variance.at_least(0.0).sqrt();
+                let of_biases = estimation.window.newest_bias_variances();
+                estimation.bias_variances = of_biases.unwrap_or(estimation.bias_variances);
+            }
+            _ => {
+                health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+                estimation.carry_covariance();
+            }
+        }
+    }
+
+    /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
+    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
+        (self.phase == Phase::Running).then(|| self.estimation.window.rig_estimate()).flatten()
+    }
+
+    /// Fit of the newest frame ([`Fit`]); `None` while there is no pose.
+    pub fn newest_fit(&mut self) -> Option<Fit> {
+        (self.phase == Phase::Running).then(|| self.estimation.window.newest_fit())
+    }
+
+    fn tracking_state(&self) -> TrackingState {
+        let is_running = self.phase == Phase::Running;
+        match self.judge.velocity() {
+            Velocity::Known if is_running => TrackingState::Tracking,
+            Velocity::NoMore if is_running => TrackingState::Blind,
+            _ if self.start.reset_counter() > self.start.first_counter() => TrackingState::Failed,
+            _ => TrackingState::Initialising,
+        }
+    }
+
+    pub(super) fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {
+        let estimation = &self.estimation;
+        let window = &estimation.window;
+        let nav = estimation.nav_at_stamp();
+        let in_view = estimation.landmarks_in_view();
+        let (points, lines) = window.triangulated();
+        let state = self.tracking_state();
+        let has_pose = matches!(state, TrackingState::Tracking | TrackingState::Blind);
+        Estimate {
+            frame_sequence: tracked.sequence,
+            stamp: tracked.time.stamp,
+            state,
+            pose_o_b: nav.pose_o_b(),
+            v_o_b: nav.v_o_b,
+            bias_gyro: nav.bias_gyro,
+            bias_accel: nav.bias_accel,
+            covariance: self.judge.stated_covariance(estimation),
+            origin: self.start.inherited().origin().clone(),
+            bias_variances: estimation.bias_variances,
+            time_offset_s: window.rig.time_offset_s,
+            time_offset_sigma_s: estimation.time_offset_sigma_s,
+            pose_b_c0: window.rig.pose_b_c0,
+            quality: if has_pose { self.judge.quality(estimation, in_view) } else { -1 },
+            health,
+            reset_counter: self.start.reset_counter(),
+            figures: FrameFigures {
+                points_in_window: points as u32,
+                lines_in_window: lines as u32,
+                lines_in_structure: window.structural_lines() as u32,
+                keyframes: window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
+                iterations: solved.iterations,
+                is_keyframe: solved.is_keyframe,
+                ..tracked.figures
+            },
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! When an estimate begins, and with what.
+//!
+//! Frames are gathered until they make a first state ([`first_state`]). A start anew goes on from the newest pose that can be right
+//! ([`memory`]), as well known as that was ([`inherited`]), with its biases and calibration.
+
+mod first_state;
+mod inherited;
+mod memory;
+
+use super::estimation::Estimation;
+use super::judge::{Judge, report_stuck};
+use super::plausible::{ResetReason, implausible};
+use crate::estimate::{HealthBits, NavCovariance};
+use crate::initial::{Gathering, MonoWorkspace};
+use crate::input::ResetKind;
+use crate::window::state::{FrameTime, NavState};
+use inherited::{Carried, Gyro, Inherited};
+use memory::Memory;
+use nalgebra::Vector3;
+use plumbline_config::options::HealthConfig;
+use plumbline_config::{Timestamp, ValidSetup};
+
+/// Options of starts, in the units of their use.
+#[derive(Clone, Debug)]
+struct Options {
+    stereo_frames: usize,
+    mono_window_s: f64,
+    mono_min_parallax_px: f64,
+    sigma_px: f64,
+    focal_px: f64,
+    bias_gyro_sigma: f64,
+    bias_accel_sigma: f64,
+    health: HealthConfig,
+}
+
+/// Frames before a start, and what is kept for the next one.
+#[derive(Clone, Debug)]
+pub(super) struct Start {
+    options: Options,
+    gathering: Gathering,
+    mono_workspace: MonoWorkspace,
+    mono_wait: usize,
+    /// Where the next start begins, and the biases it begins with.
+    origin: Option<NavState>,
+    bias_memory: (Vector3<f64>, Vector3<f64>),
+    memory: Memory,
+    inherited: Inherited,
+    /// What is known of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
+    /// it has not measured all the way.
+    carried: Option<Carried>,
+    /// Why the estimate was last started anew.
+    reset_reason: Option<ResetReason>,
+    reset_counter: u32,
+    /// Resets that were counted before this odometer began.
+    first_counter: u32,
+}
+
+impl Start {
+    pub(super) fn new(setup: &ValidSetup) -> Self {
+        let initial = &setup.estimator.initial;
+        let frames = initial.mono_window_s * setup.left().rate_hz * 1.5;
+        let gathered = (frames as usize).max(initial.stereo_frames) + 2;
+        let points = setup.estimator.points.max_points;
+        Self {
+            options: Options {
+                stereo_frames: initial.stereo_frames,
+                mono_window_s: initial.mono_window_s,
+                mono_min_parallax_px: initial.mono_min_parallax_px,
+                sigma_px: setup.estimator.points.sigma_px,
+                focal_px: setup.left().focal_px[0],
+                bias_gyro_sigma: setup.imu.gyro_bias_sigma_rad_s,
+                bias_accel_sigma: setup.imu.accel_bias_sigma_m_s2,
+                health: setup.estimator.health.clone(),
+            },
+            gathering: Gathering::new(gathered, points),
+            mono_workspace: MonoWorkspace::new(gathered, points),
+            mono_wait: 0,
+            origin: None,
+            bias_memory: (Vector3::zeros(), Vector3::zeros()),
+            memory: Memory::default(),
+            inherited: Inherited::default(),
+            carried: None,
+            reset_reason: None,
+            reset_counter: 0,
+            first_counter: 0,
+        }
+    }
+
+    /// Gathers the frame of `time`, which follows that of `last`; returns whether the window has a first state now. `is_still`: the
+    /// vehicle stands still.
+    pub(super) fn gather(
+        &mut self,
+        estimation: &mut Estimation,
+        judge: &mut Judge,
+        (last, time): (Option<Timestamp>, FrameTime),
+        is_still: bool,
+        health: &mut HealthBits,
+    ) -> bool {
+        let stamp = time.stamp;
+        let none = (Vector3::zeros(), Vector3::zeros());
+        let motion = last.map(|last| estimation.preintegrate([last, stamp], &none));
+        if motion.as_ref().is_some_and(|(_, coverage)| coverage.has_gap) {
+            health.insert(HealthBits::IMU_GAP);
+            self.gathering.clear();
+        }
+        if let Some((_, coverage)) = &motion
+            && (report_stuck(estimation.imu.stuck(), health) || coverage.unmeasured.is_any())
+        {
+            // A start needs gravity, and turns between its frames.
+            self.gathering.clear();
+        }
+        self.carry_attitude(estimation, last, stamp);
+        if let Some(camera) = judge.judge_gathered(estimation, stamp, health) {
+            self.gathering.leave_out(camera);
+        }
+        let gyro_b = estimation.rate_b + self.bias_memory.0;
+        self.gathering.push(time, estimation.measurer.points(), motion.map(|m| m.0), gyro_b);
+        let has_begun = self.try_start(estimation, judge, is_still);
+        if has_begun {
+            self.gathering.clear();
+            self.inherit(estimation, stamp);
+        }
+        has_begun
+    }
+
+    /// Stamp of the frame before the newest that was gathered.
+    pub(super) fn stamp_before_last(&self) -> Option<Timestamp> {
+        let [.., before, _] = self.gathering.frames() else { return None };
+        Some(before.time.stamp)
+    }
+
+    /// A start anew is no better known than the pose that it goes on from.
+    fn inherit(&mut self, estimation: &Estimation, stamp: Timestamp) {
+        let noise = &estimation.window.imu_noise;
+        let gyro = self.carried.is_some().then(|| Gyro::new(noise, &estimation.bias_variances));
+        if let Some(frame) = estimation.window.frames.last() {
+            self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
+        }
+    }
+
+    /// Turns the pose that the next start goes on from by what the gyroscope measured from `last` to `stamp`, where nothing is missing
+    /// of the way.
+    fn carry_attitude(&mut self, estimation: &Estimation, last: Option<Timestamp>, stamp: Timestamp) {
+        let (Some(last), Some(carried), Some(origin)) = (last, &mut self.carried, &mut self.origin) else {
+            return;
+        };
+        let (motion, coverage) = estimation.preintegrate([last, stamp], &self.bias_memory);
+        if coverage.has_gap || coverage.is_saturated || coverage.unmeasured.gyro {
+            self.carried = None;
+        } else {
+            carried.grow(origin, &motion, &estimation.window.imu_noise);
+            origin.rot_o_b *= motion.delta_rot;
+        }
+    }
+
+    /// The newest state is believed: a start after a divergence may go on from it.
+    pub(super) fn remember(&mut self, estimation: &Estimation, stamp: Timestamp) {
+        if let Some(newest) = estimation.window.frames.last() {
+            self.memory.remember(stamp, &newest.nav, &estimation.window.rig);
+        }
+    }
+
+    /// The estimate is given up, its newest state known as the covariance `stated` says: keeps what the next start goes by.
+    pub(super) fn prepare(&mut self, estimation: &mut Estimation, stated: NavCovariance, kind: ResetKind) {
+        match (kind, estimation.window.frames.last()) {
+            (ResetKind::Hard, _) => self.inherited.forget(),
+            (ResetKind::Soft, Some(frame)) => {
+                let turn_rad_s = estimation.rate_b.norm();
+                self.inherited.leave(frame.stamp, &frame.nav, turn_rad_s, &estimation.covariance)
+            }
+            (ResetKind::Soft, None) => {}
+        }
+        self.choose_origin(estimation, stated, kind);
+        self.gathering.clear();
+        self.reset_counter += 1;
+    }
+
+    /// Sets pose, biases and calibration of the start after a reset. Softly they are those of the newest state; of the last one that had
+    /// proved itself where the newest cannot be right; of the last start where there is none. A hard reset forgets them.
+    fn choose_origin(&mut self, estimation: &mut Estimation, stated: NavCovariance, kind: ResetKind) {
+        let proven = self.memory.take();
+        let window = &mut estimation.window;
+        if kind == ResetKind::Hard {
+            (self.origin, self.carried) = (None, None);
+            self.bias_memory = (Vector3::zeros(), Vector3::zeros());
+            window.restore_rig();
+            return;
+        }
+        let Some(newest) = window.frames.last().map(|frame| frame.nav.clone()) else { return };
+        let is_plausible = implausible(window, &self.options.health).is_none();
+        self.carried = if is_plausible { Carried::of(stated, &estimation.bias_variances) } else { None };
+        let nav = if is_plausible {
+            window.keep_rig();
+            newest
+        } else if let Some(believed) = proven {
+            window.rig = believed.rig;
+            believed.nav
+        } else {
+            window.restore_rig();
+            return;
+        };
+        self.go_on_from(Some(nav));
+    }
+
+    /// The next start goes on from this state, if there is one.
+    pub(super) fn go_on_from(&mut self, origin: Option<NavState>) {
+        if let Some(nav) = &origin {
+            self.bias_memory = nav.biases();
+        }
+        self.origin = origin;
+    }
+
+    /// Forgets all stamps: the gyroscope has not measured from the last pose on.
+    pub(super) fn forget_time(&mut self) {
+        self.carried = None;
+    }
+
+    pub(super) fn give_reason(&mut self, reason: ResetReason) {
+        self.reset_reason = Some(reason);
+    }
+
+    /// Why the estimate was last started anew.
+    pub(super) fn reset_reason(&self) -> Option<&ResetReason> {
+        self.reset_reason.as_ref()
+    }
+
+    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s², to begin with.
+    pub(super) fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
+        self.bias_memory
+    }
+
+    /// What the present estimate has from those before.
+    pub(super) fn inherited(&self) -> &Inherited {
+        &self.inherited
+    }
+
+    pub(super) fn reset_counter(&self) -> u32 {
+        self.reset_counter
+    }
+
+    /// Resets that were counted before this odometer began.
+    pub(super) fn first_counter(&self) -> u32 {
+        self.first_counter
+    }
+
+    /// Counts resets from `reset_counter` on.
+    pub(super) fn count_resets_from(&mut self, reset_counter: u32) {
+        (self.reset_counter, self.first_counter) = (reset_counter, reset_counter);
+    }
+}
