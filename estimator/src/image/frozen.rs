@@ -39,16 +39,17 @@ impl FrozenWatch {
         if !self.is_on {
             return false;
         }
-        let grid = &mut self.grids[camera];
-        let pixels = || {
-            let rows = (0..image.height()).step_by(STEP_V);
-            rows.flat_map(|v| image.row(v).iter().step_by(STEP_U))
-        };
-        let is_same = self.has_image[camera] && grid.iter().eq(pixels());
-        if !is_same {
-            grid.iter_mut().zip(pixels()).for_each(|(kept, pixel)| *kept = *pixel);
-            self.has_image[camera] = true;
+        let columns = image.width().div_ceil(STEP_U);
+        let mut is_same = self.has_image[camera];
+        for (kept, v) in self.grids[camera].chunks_exact_mut(columns).zip((0..image.height()).step_by(STEP_V))
+        {
+            let pixels = image.row(v).iter().step_by(STEP_U);
+            is_same = is_same && kept.iter().eq(pixels.clone());
+            if !is_same {
+                kept.iter_mut().zip(pixels).for_each(|(kept, pixel)| *kept = *pixel);
+            }
         }
+        self.has_image[camera] = true;
         is_same
     }
 }

@@ -141,7 +141,8 @@ impl Gradients {
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
             is_horizontal: std::array::from_fn(|_| vec![0; width]),
-            is_ridge: vec![0; width],
+            // In whole words; what is beyond the inner pixels stays zero.
+            is_ridge: vec![0; width.next_multiple_of(8)],
         }
     }
 
@@ -242,10 +243,7 @@ impl Gradients {
         mark_ridges(&row[inner.clone()], &self.is_horizontal[y % 3][inner], around, threshold, out);
         // Seeds are every fourth ridge of a steep edge by its row, of a flat one by its column.
         let wanted = if y.is_multiple_of(SEED_STEP) { FLAT_SEEDS | STEEP } else { FLAT_SEEDS };
-        let (whole, rest) = out.as_chunks::<8>();
-        let mut last = [0; 8];
-        last[..rest.len()].copy_from_slice(rest);
-        for (chunk, eight) in whole.iter().chain([&last]).enumerate() {
+        for (chunk, eight) in self.is_ridge.as_chunks::<8>().0.iter().enumerate() {
             let mut bits = u64::from_le_bytes(*eight) & wanted;
             while bits != 0 {
                 let k = bits.trailing_zeros() as usize / 8;

@@ -92,13 +92,20 @@ pub struct Grown {
     pub support: usize,
 }
 
-/// The image an edge is followed in, and the axis along which.
+/// A pixel that continues a segment.
+#[derive(Clone, Copy, Debug)]
+struct Ridge {
+    place: Place,
+    index: usize,
+    gradient: Vector2<f32>,
+}
+
+/// The image an edge is followed in, and the axis along which: with `STEEP` the major axis is that of the rows, y. It is known to the
+/// compiler, since every pixel asks for it.
 #[derive(Debug)]
-struct Following<'a> {
+struct Following<'a, const STEEP: bool> {
     gradients: &'a mut Gradients,
     threshold: i16,
-    /// The major axis is that of the rows: y.
-    is_steep: bool,
 }
 
 impl Growth {
@@ -145,16 +152,28 @@ impl Growth {
         self.gradient = gradients.pixels()[seed as usize].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
-        let start = Line::new(&point, direction, is_steep);
         self.across = if is_steep { 1 } else { width };
-        let mut course = Following { gradients, threshold, is_steep };
-        let major = if is_steep { y } else { x } as isize;
-        let (line, ahead) = self.follow(&mut course, start, major, 1);
+        if is_steep {
+            self.follow_both_ways(&mut Following::<true> { gradients, threshold }, &point, direction)
+        } else {
+            self.follow_both_ways(&mut Following::<false> { gradients, threshold }, &point, direction)
+        }
+    }
+
+    /// Follows the edge from a pixel, where it has this direction.
+    fn follow_both_ways<const STEEP: bool>(
+        &mut self,
+        course: &mut Following<'_, STEEP>,
+        point: &Vector2<f32>,
+        direction: Vector2<f32>,
+    ) -> Grown {
+        let major = if STEEP { point.y } else { point.x } as isize;
+        let (line, ahead) = self.follow(course, Line::new(point, direction, STEEP), major, 1);
         let back = match self.pixels.len() {
-            0..FIT_FROM => Line::new(&point, line.direction, is_steep),
+            0..FIT_FROM => Line::new(point, line.direction, STEEP),
             _ => line,
         };
-        let (line, behind) = self.follow(&mut course, back, major - 1, -1);
+        let (line, behind) = self.follow(course, back, major - 1, -1);
         Grown { direction: line.direction, steps: ahead + behind, support: self.pixels.len() }
     }
 
@@ -165,26 +184,31 @@ impl Growth {
 
     /// Follows the edge one way along the major axis until it ends; the refined line, and the steps to its
     /// last pixel.
-    fn follow(
+    fn follow<const STEEP: bool>(
         &mut self,
-        course: &mut Following<'_>,
+        course: &mut Following<'_, STEEP>,
         mut line: Line,
         mut major: isize,
         step: isize,
     ) -> (Line, usize) {
         let from = self.pixels.len();
         let (mut gap, mut steps, mut refit_at) = (0, 0, FIT_FROM.max(from + 1));
+        // The first pixel behind the last gap.
+        let mut last_run = from;
         while major >= BORDER as isize && major < course.limit_major() {
             steps += 1;
             self.visits += 1;
-            if let Some((place, index)) = self.look(course, &line, major) {
-                gap = 0;
-                self.take(course, place, index, steps);
+            if let Some(ridge) = course.look(&line, major) {
+                if gap > 0 {
+                    (gap, last_run) = (0, self.pixels.len());
+                }
+                let place = ridge.place;
+                self.take(course, &ridge, steps);
                 if self.pixels.len() < FIT_FROM {
-                    line = Line::new(&place.px, along(&self.gradient), course.is_steep);
+                    line = Line::new(&place.px, along(&self.gradient), STEEP);
                 } else if self.pixels.len() >= refit_at {
                     refit_at = self.pixels.len() + (self.pixels.len() / 4).clamp(4, 32);
-                    line = self.fitted(&line, course.is_steep);
+                    line = self.fitted(&line, STEEP);
                 }
                 if line.slope.abs() > MAX_SLOPE {
                     break;
@@ -197,7 +221,10 @@ impl Growth {
             }
             major += step;
         }
-        self.cut_stub(course.gradients, from);
+        // A short run behind the last gap is a stub.
+        if last_run > from && self.pixels.len() - last_run < MIN_LAST_RUN {
+            self.cut(course.gradients, last_run);
+        }
         (line, self.pixels[from..].last().map_or(0, |p| p.step))
     }
 
@@ -209,67 +236,19 @@ impl Growth {
         Line::new(&point.cast(), direction, is_steep)
     }
 
-    /// The ridge at `major` nearest to the line, if there is one that fits.
-    #[inline]
-    fn look(&self, course: &Following<'_>, line: &Line, major: isize) -> Option<(Place, usize)> {
-        let predicted = line.at(major);
-        let nearest = (predicted + 0.5).floor() as isize;
-        if nearest < BORDER as isize || nearest >= course.limit_minor() {
-            return None;
-        }
-        let magnitudes = course.gradients.magnitudes();
-        let first = course.index(major, nearest) - 2 * self.across;
-        let at = |k: usize| magnitudes[first + k * self.across];
-        let (low, mid, high) = (at(1), at(2), at(3));
-        let (peak, before, top, after) = match (mid >= low && mid >= high, low > high) {
-            (true, _) => (2, low, mid, high),
-            (false, true) => (1, at(0), low, mid),
-            (false, false) => (3, mid, high, at(4)),
-        };
-        let index = first + peak * self.across;
-        let pixel = course.gradients.pixels()[index];
-        if top <= course.threshold || before > top || after > top || pixel.is_taken() {
-            return None;
-        }
-        let gradient = pixel.vector();
-        let dot = normal(&line.direction).dot(&gradient);
-        if dot <= 0.0 || dot * dot < MIN_COS2 * gradient.norm_squared() {
-            return None;
-        }
-        let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
-        let curvature = a - 2.0 * b + c;
-        let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
-        let minor = (nearest + peak as isize - 2) as f32 + shift;
-        if (minor - predicted).abs() > line.tolerance {
-            return None;
-        }
-        let px = course.px(major as f32, minor);
-        Some((Place { px, weight: 1.0, strength: dot / SCALE }, index))
-    }
-
     /// Takes a pixel, and those beside it, so that no second segment begins there.
     #[inline]
-    fn take(&mut self, course: &mut Following<'_>, place: Place, index: usize, step: usize) {
-        self.gradient += course.gradients.pixels()[index].vector();
+    fn take<const STEEP: bool>(&mut self, course: &mut Following<'_, STEEP>, ridge: &Ridge, step: usize) {
+        let Ridge { place, index, gradient } = *ridge;
+        self.gradient += gradient;
         self.moments.add(&place.px.cast(), 1.0);
-        let marked = [index - self.across, index, index + self.across].map(|k| {
+        let marked = [index - course.across(), index, index + course.across()].map(|k| {
             let pixel = &mut course.gradients.pixels_mut()[k];
             let is_new = !pixel.is_taken();
             pixel.take();
             is_new
         });
         self.pixels.push(EdgePixel { place, index, marked, step });
-    }
-
-    /// Cuts off what lies behind the last gap if it is short.
-    fn cut_stub(&mut self, gradients: &mut Gradients, from: usize) {
-        let pixels = &self.pixels[from..];
-        let gap = (1..pixels.len()).rev().find(|&k| pixels[k].step - pixels[k - 1].step > 1);
-        if let Some(k) = gap
-            && pixels.len() - k < MIN_LAST_RUN
-        {
-            self.cut(gradients, from + k);
-        }
     }
 
     /// Gives back the pixels from number `from` on.
@@ -284,26 +263,70 @@ impl Growth {
     }
 }
 
-impl Following<'_> {
+impl<const STEEP: bool> Following<'_, STEEP> {
     /// First coordinate beyond the image along the major axis.
     fn limit_major(&self) -> isize {
-        let side = if self.is_steep { self.gradients.height() } else { self.gradients.width() };
+        let side = if STEEP { self.gradients.height() } else { self.gradients.width() };
         (side - BORDER) as isize
     }
 
     /// First coordinate beyond the image along the minor axis.
     fn limit_minor(&self) -> isize {
-        let side = if self.is_steep { self.gradients.width() } else { self.gradients.height() };
+        let side = if STEEP { self.gradients.width() } else { self.gradients.height() };
         (side - BORDER) as isize
     }
 
+    /// Distance in memory of neighbours across the segment at hand.
+    fn across(&self) -> usize {
+        if STEEP { 1 } else { self.gradients.width() }
+    }
+
     fn index(&self, major: isize, minor: isize) -> usize {
-        let (x, y) = if self.is_steep { (minor, major) } else { (major, minor) };
+        let (x, y) = if STEEP { (minor, major) } else { (major, minor) };
         y as usize * self.gradients.width() + x as usize
     }
 
+    /// The ridge at `major` nearest to the line, if there is one that fits.
+    #[inline]
+    fn look(&self, line: &Line, major: isize) -> Option<Ridge> {
+        let predicted = line.at(major);
+        let nearest = (predicted + 0.5).floor() as isize;
+        if nearest < BORDER as isize || nearest >= self.limit_minor() {
+            return None;
+        }
+        let magnitudes = self.gradients.magnitudes();
+        let across = self.across();
+        let first = self.index(major, nearest) - 2 * across;
+        let at = |k: usize| magnitudes[first + k * across];
+        let (low, mid, high) = (at(1), at(2), at(3));
+        let (peak, before, top, after) = match (mid >= low && mid >= high, low > high) {
+            (true, _) => (2, low, mid, high),
+            (false, true) => (1, at(0), low, mid),
+            (false, false) => (3, mid, high, at(4)),
+        };
+        let index = first + peak * across;
+        let pixel = self.gradients.pixels()[index];
+        if top <= self.threshold || before > top || after > top || pixel.is_taken() {
+            return None;
+        }
+        let gradient = pixel.vector();
+        let dot = normal(&line.direction).dot(&gradient);
+        if dot <= 0.0 || dot * dot < MIN_COS2 * gradient.norm_squared() {
+            return None;
+        }
+        let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
+        let curvature = a - 2.0 * b + c;
+        let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
+        let minor = (nearest + peak as isize - 2) as f32 + shift;
+        if (minor - predicted).abs() > line.tolerance {
+            return None;
+        }
+        let px = self.px(major as f32, minor);
+        Some(Ridge { place: Place { px, weight: 1.0, strength: dot / SCALE }, index, gradient })
+    }
+
     fn px(&self, major: f32, minor: f32) -> Vector2<f32> {
-        if self.is_steep { Vector2::new(minor, major) } else { Vector2::new(major, minor) }
+        if STEEP { Vector2::new(minor, major) } else { Vector2::new(major, minor) }
     }
 }
 

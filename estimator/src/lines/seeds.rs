@@ -149,13 +149,9 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
     let squared_norm = gradient.norm_squared();
     let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().at_least(f32::MIN_POSITIVE);
     let (x, y) = (f32::from(seed.x) + 0.5, f32::from(seed.y) + 0.5);
-    let (mut columns, mut rows) = ([0; PROBES], [0; PROBES]);
-    probe_places(x, direction.x, right, &mut columns);
-    probe_places(y, direction.y, bottom, &mut rows);
-    let mut probes = [0; PROBES];
-    for k in 0..PROBES {
-        probes[k] = pixels[(rows[k] * width as i32 + columns[k]) as usize].word();
-    }
+    let mut places = [0; PROBES];
+    probe_places((x, direction.x, right), (y, direction.y, bottom), width as u32, &mut places);
+    let probes = places.map(|place| pixels[place as usize].word());
     let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
     components(&probes, &mut gx, &mut gy);
     let mut is_alike = [0; PROBES];
@@ -166,11 +162,14 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
 // The steps of a probe, all lanes at once. They are functions of their own, whose results lie in memory: where they are many
 // values in registers, the compiler takes them one by one.
 
-/// Coordinates of the probes along one axis, at most `last`.
+/// Indices of the probes in an image of `width`, by start, direction and last coordinate along both axes.
 #[inline(never)]
-fn probe_places(start: f32, direction: f32, last: f32, out: &mut [i32; PROBES]) {
+fn probe_places(x: (f32, f32, f32), y: (f32, f32, f32), width: u32, out: &mut [u32; PROBES]) {
+    let at = |(start, direction, last): (f32, f32, f32), k: usize| {
+        whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last)) as u32
+    };
     for k in 0..PROBES {
-        out[k] = whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last));
+        out[k] = at(y, k) * width + at(x, k);
     }
 }
 

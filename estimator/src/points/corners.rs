@@ -223,14 +223,19 @@ type Lanes = [i32; LANES];
 /// on pixel by pixel; what lies beyond the rectangle then is of no account.
 #[derive(Clone, Debug)]
 struct ScoreMap {
-    /// Sums over the window's rows of the products of gradients, `gx gx`, `gx gy`, `gy gy`.
+    /// Products of gradients, `gx gx`, `gx gy`, `gy gy`, of the window's rows, and their sums over these.
+    products: [[[i32; MAX_SPAN]; 3]; ROWS],
     columns: [[i32; MAX_SPAN]; 3],
     /// The last three rows of scores, each with a place before and after for neighbours. One that cannot be the best is zero.
     scores: [[f32; MAX_STRIDE + 2]; 3],
 }
 
 impl ScoreMap {
-    const EMPTY: Self = Self { columns: [[0; MAX_SPAN]; 3], scores: [[0.0; MAX_STRIDE + 2]; 3] };
+    const EMPTY: Self = Self {
+        products: [[[0; MAX_SPAN]; 3]; ROWS],
+        columns: [[0; MAX_SPAN]; 3],
+        scores: [[0.0; MAX_STRIDE + 2]; 3],
+    };
 
     /// The best local maximum of the score, above that of noise, that `is_free` accepts in the rectangle at `from` of `size`
     /// (image pixels), in coordinates within it. The plane is one with a rim.
@@ -246,7 +251,9 @@ impl ScoreMap {
         // The first pixel that has a say.
         let [left, top] = from.map(|first| first + plane.origin - WINDOW - 2);
         let pixels = &plane.pixels[top * plane.columns + left..];
-        self.columns = [[0; MAX_SPAN]; 3];
+        let span = span_of(vectors);
+        let sums = self.products.iter_mut().chain([&mut self.columns]).flatten();
+        sums.for_each(|sums| sums[..span].fill(0));
         let (mut best, mut limit) = (None, NOISE_SCORE);
         // Vectors with a score above the limit in the last row, one bit each.
         let mut last_above = 0;
@@ -272,28 +279,23 @@ impl ScoreMap {
     /// Puts a row in the place of the one that leaves the window. `pixels` begin above the first row, `step` from one row
     /// to the next.
     fn replace_row(&mut self, pixels: &[u8], step: usize, y: usize, vectors: usize) {
-        /// Pixels without a gradient, before there is a row to leave the window.
-        const NONE: [u8; MAX_SPAN + 2] = [0; MAX_SPAN + 2];
         let span = span_of(vectors);
-        let around = |y: usize| [0, 1, 2].map(|dy| &pixels[(y + dy) * step..][..span + 2]);
-        let old = y.checked_sub(ROWS).map_or([&NONE[..span + 2]; 3], around);
+        let around = [0, 1, 2].map(|dy| &pixels[(y + dy) * step..][..span + 2]);
         let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
-        replace(around(y), old, xx, xy, yy);
+        let [old_xx, old_xy, old_yy] = self.products[y % ROWS].each_mut().map(|row| &mut row[..span]);
+        replace(around, xx, xy, yy, old_xx, old_xy, old_yy);
     }
 
     /// Scores a row; which vectors have a score above `limit`.
     fn score_row(&mut self, y: usize, vectors: usize, limit: f32) -> u32 {
         let least = ((limit - ROUNDING) * AREA) as i32;
         let [xx, xy, yy] = &self.columns;
-        let scores = self.scores[y % 3][1..].as_chunks_mut().0;
+        let scores = &mut self.scores[y % 3][1..].as_chunks_mut().0[..vectors];
+        scores.fill([0.0; LANES]);
         let mut above = 0;
-        for (k, scores) in scores.iter_mut().enumerate().take(vectors) {
+        for k in ones(promising(xx, yy, vectors, least)) {
             let at = k * LANES;
-            if are_promising(&xx[at..], &yy[at..], least) {
-                above |= u32::from(score(&xx[at..], &xy[at..], &yy[at..], limit, scores)) << k;
-            } else {
-                *scores = [0.0; LANES];
-            }
+            above |= u32::from(score(&xx[at..], &xy[at..], &yy[at..], limit, &mut scores[k])) << k;
         }
         above
     }
@@ -323,29 +325,42 @@ fn ones(mut bits: u32) -> impl Iterator<Item = usize> {
 // by one.
 
 /// Adds to sums the products of the gradients of a row, by the rows of pixels above, of it and below, which reach one beyond it on
-/// both sides; and takes those of an `old` one away.
+/// both sides; and takes those of an old one away, whose place they take.
 #[inline(never)]
-fn replace(new: [&[u8]; 3], old: [&[u8]; 3], xx: &mut [i32], xy: &mut [i32], yy: &mut [i32]) {
+fn replace(
+    around: [&[u8]; 3],
+    xx: &mut [i32],
+    xy: &mut [i32],
+    yy: &mut [i32],
+    old_xx: &mut [i32],
+    old_xy: &mut [i32],
+    old_yy: &mut [i32],
+) {
     let n = xx.len();
-    let [new, old] = [new, old].map(|pixels| pixels.map(|row| &row[..n + 2]));
+    let [above, row, below] = around.map(|row| &row[..n + 2]);
     let (xy, yy) = (&mut xy[..n], &mut yy[..n]);
+    let (old_xx, old_xy, old_yy) = (&mut old_xx[..n], &mut old_xy[..n], &mut old_yy[..n]);
     for i in 0..n {
-        let gradient = |[above, row, below]: [&[u8]; 3]| {
-            (i32::from(row[i + 2]) - i32::from(row[i]), i32::from(below[i + 1]) - i32::from(above[i + 1]))
-        };
-        let ((gx, gy), (old_x, old_y)) = (gradient(new), gradient(old));
-        xx[i] += gx * gx - old_x * old_x;
-        xy[i] += gx * gy - old_x * old_y;
-        yy[i] += gy * gy - old_y * old_y;
+        let gx = i32::from(row[i + 2]) - i32::from(row[i]);
+        let gy = i32::from(below[i + 1]) - i32::from(above[i + 1]);
+        xx[i] += gx * gx - old_xx[i];
+        xy[i] += gx * gy - old_xy[i];
+        yy[i] += gy * gy - old_yy[i];
+        (old_xx[i], old_xy[i], old_yy[i]) = (gx * gx, gx * gy, gy * gy);
     }
 }
 
-/// True if a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater
-/// than the lesser entry of the diagonal. Most have none.
+/// Which of the first vectors of scores can have one whose sums exceed `least`, one bit each: the lesser eigenvalue is no
+/// greater than the lesser entry of the diagonal. Most have none.
 #[inline(never)]
-fn are_promising(xx: &[i32], yy: &[i32], least: i32) -> bool {
-    let [xx, yy] = [xx, yy].map(window_sums);
-    (0..LANES).fold(false, |found, k| found | (xx[k].min(yy[k]) > least))
+fn promising(xx: &[i32; MAX_SPAN], yy: &[i32; MAX_SPAN], vectors: usize, least: i32) -> u32 {
+    let mut promising = 0;
+    for vector in 0..vectors {
+        let [xx, yy] = [xx, yy].map(|columns| window_sums(&columns[vector * LANES..]));
+        let is_one = (0..LANES).fold(false, |found, k| found | (xx[k].min(yy[k]) > least));
+        promising |= u32::from(is_one) << vector;
+    }
+    promising
 }
 
 /// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean

@@ -80,6 +80,16 @@ impl NormalEquations {
         self.h[i * self.stride + j]
     }
 
+    /// Writes `H[i][j]` for `j` from `from` on.
+    pub fn copy_row(&self, i: usize, from: usize, out: &mut [f64]) {
+        // What lies before the diagonal stands in the column above it.
+        let (before, rest) = out.split_at_mut(i.saturating_sub(from).min(out.len()));
+        let column = self.h[from * self.stride + i..].iter().step_by(self.stride);
+        before.iter_mut().zip(column).for_each(|(to, h)| *to = *h);
+        let at = i * self.stride + from + before.len();
+        rest.copy_from_slice(&self.h[at..at + rest.len()]);
+    }
+
     /// Adds to `H[i][j]` (and so to `H[j][i]`).
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
         let (i, j) = if i <= j { (i, j) } else { (j, i) };
@@ -129,12 +139,14 @@ impl NormalEquations {
     pub fn multiply(&self, x: &[f64], out: &mut [f64]) {
         out[..self.dim].fill(0.0);
         for i in 0..self.dim {
-            let row = self.row(i);
-            let xi = x[i];
-            let mut sum = row[0] * xi;
-            for (k, &h) in row.iter().enumerate().skip(1) {
-                sum += h * x[i + k];
-                out[i + k] += h * xi;
+            let (row, xi) = (&self.row(i)[1..], x[i]);
+            let mut sum = self.row(i)[0] * xi;
+            for (h, x) in row.iter().zip(&x[i + 1..]) {
+                sum += h * x;
+            }
+            // A loop of its own, in whole vectors.
+            for (out, h) in out[i + 1..].iter_mut().zip(row) {
+                *out += h * xi;
             }
             out[i] += sum;
         }

@@ -31,7 +31,7 @@ impl Window {
     #[must_use]
     pub fn is_newest_doubtful(&self) -> bool {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
+        let problem = Problem::of_frames(rig, frames, manhattan, options);
         let of_points = tracks::judge(points, &linearizer.poses, &problem);
         of_points.and(tracks::judge(lines, &linearizer.poses, &problem)).is_mistrial()
     }

@@ -68,7 +68,7 @@ impl<const D: usize> Eliminated<D> {
         let (start, end) = (motion_of_frame(first) / LANES, motion_of_frame(last + 1).div_ceil(LANES));
         self.frames = (start * LANES, end * LANES);
         self.globals = globals_in_use(equations.has_lenses());
-        self.divide(start * LANES, end * LANES);
+        self.divide(start, end);
         let globals = self.globals / LANES;
         let rows = equations.rows.as_chunks_mut::<LANES>().0;
         for (n, to) in rows[..globals].iter_mut().enumerate() {
@@ -79,25 +79,23 @@ impl<const D: usize> Eliminated<D> {
         }
     }
 
-    /// `W` becomes `L⁻¹W`.
+    /// `W` becomes `L⁻¹W`, in the tiles of the globals and those from `start` to `end`.
     fn divide(&mut self, start: usize, end: usize) {
-        for r in 0..D {
-            let (above, row) = self.rows.split_at_mut(r);
-            let inverse = 1.0 / self.lower[(r, r)];
-            for range in [0..self.globals, start..end] {
-                let row = row[0][range.clone()].as_chunks_mut::<LANES>().0;
-                for (n, to) in row.iter_mut().enumerate() {
-                    for (s, above) in above.iter().enumerate() {
-                        let from = &above[range.clone()].as_chunks::<LANES>().0[n];
-                        let factor = self.lower[(r, s)];
-                        for k in 0..LANES {
-                            to[k] -= factor * from[k];
-                        }
-                    }
-                    for x in to {
-                        *x *= inverse;
+        let inverse: [f64; D] = std::array::from_fn(|r| 1.0 / self.lower[(r, r)]);
+        for n in (0..self.globals / LANES).chain(start..end) {
+            let mut tile = [[0.0; LANES]; D];
+            for (r, row) in self.rows.iter_mut().enumerate() {
+                let row = &mut row.as_chunks_mut::<LANES>().0[n];
+                tile[r] = *row;
+                for s in 0..r {
+                    for k in 0..LANES {
+                        tile[r][k] -= self.lower[(r, s)] * tile[s][k];
                     }
                 }
+                for k in 0..LANES {
+                    tile[r][k] *= inverse[r];
+                }
+                *row = tile[r];
             }
         }
     }

@@ -135,8 +135,11 @@ pub trait Feature: Copy + Debug + PartialEq {
         measured: &Self::Measurement,
     ) -> Option<[Vector2<f64>; 2]>;
 
-    /// Moves everything that was measured in the image by what `shift` makes of its place.
+    /// Moves the [`Self::places`] of a measurement by what `shift` makes of them.
     fn move_places(measured: &mut Self::Measurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>);
+
+    /// Moves them, and what the rows of a rolling shutter saw.
+    fn move_all_places(measured: &mut Self::Measurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>);
 
     /// Residual of an observation and, on request, its Jacobians.
     fn residual(

@@ -22,7 +22,7 @@ impl Window {
     pub fn newest_fit(&mut self) -> Fit {
         let Self { rig, manhattan, frames, points, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
+        let problem = Problem::of_frames(rig, frames, manhattan, options);
         let newest = frames.len().saturating_sub(1) as u8;
         let gate = InversePoint::outlier_sigmas(options);
         let mut costs = RobustSum::new(options.cauchy_scale);

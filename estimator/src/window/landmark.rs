@@ -101,7 +101,11 @@ impl<F: Feature> LandmarkStore<F> {
 
     /// Keeps the landmarks for which `keep` holds.
     pub fn retain(&mut self, keep: impl FnMut(&mut Landmark<F>) -> bool) {
+        let before = self.landmarks.len();
         self.landmarks.retain_mut(keep);
+        if self.landmarks.len() == before {
+            return;
+        }
         self.by_track.clear();
         self.by_track.extend(self.landmarks.iter().enumerate().map(|(k, l)| (l.track_id, k as u16)));
         self.by_track.sort_unstable();

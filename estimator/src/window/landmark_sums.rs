@@ -43,11 +43,11 @@ impl Rows {
             *by_camera = [0.0; 8];
             if !is_host {
                 by_camera[..POSE_DIM].copy_from_slice(&row(&j.camera[d]));
-                *motion_at(by_globals, motion_of_camera(usize::from(host))) = row(&j.host[d]);
-                let on_mount = motion_at(by_globals, motion_of_camera(usize::from(target)));
-                for (to, by) in on_mount.iter_mut().zip(row(&j.target[d])) {
-                    *to -= by;
-                }
+                let [of_host, of_target] = [host, target].map(|k| motion_of_camera(usize::from(k)));
+                // What is one camera's motion is subtracted in whole vectors.
+                let (by_host, other) = if host == target { (ZERO, j.host[d]) } else { (j.host[d], ZERO) };
+                *motion_at(by_globals, of_host) = row(&by_host);
+                *motion_at(by_globals, of_target) = row(&difference(&other, &j.target[d]));
             }
             (by_globals[TIME_OFFSET], by_globals[RESIDUAL]) = (j.time_offset[d], r[d]);
             (by_camera[POSE_DIM], by_camera[POSE_DIM + 1]) = (j.time_offset[d], r[d]);
@@ -79,6 +79,21 @@ impl Rows {
         }
         rows
     }
+}
+
+/// No derivative by a motion.
+const ZERO: [Quad; 2] = [[0.0; 4]; 2];
+
+/// `a - b`.
+#[inline(always)]
+fn difference(a: &[Quad; 2], b: &[Quad; 2]) -> [Quad; 2] {
+    let mut out = *a;
+    for (out, b) in out.iter_mut().zip(b) {
+        for k in 0..4 {
+            out[k] -= b[k];
+        }
+    }
+    out
 }
 
 /// The six columns of a derivative by a motion.

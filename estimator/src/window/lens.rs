@@ -52,9 +52,15 @@ impl Lens {
     #[inline]
     pub(super) fn at(&self, xy: &Vector2<f64>) -> &Matrix2x3<f32> {
         let at = (xy - self.least).component_mul(&self.cells_per_unit);
-        // Conversions saturate, and what is no number becomes zero.
-        let [x, y] = [(at.x as usize).min(CELLS[0] - 1), (at.y as usize).min(CELLS[1] - 1)];
-        &self.by[y * CELLS[0] + x]
+        // Conversions saturate, and what is no number becomes zero; those to 32 bits are quicker.
+        let cell = |at: f64, cells: usize| (at as i32).clamp(0, cells as i32 - 1) as usize;
+        &self.by[cell(at.y, CELLS[1]) * CELLS[0] + cell(at.x, CELLS[0])]
+    }
+
+    /// Shift of what was measured at `xy` when the intrinsics move by `step`.
+    #[inline]
+    pub(super) fn shift(&self, xy: &Vector2<f64>, step: &Vector3<f64>) -> Vector2<f64> {
+        -(self.at(xy).cast::<f64>() * step)
     }
 }
 
@@ -97,7 +103,7 @@ impl Lenses {
 
     /// Shift of what `camera` measured at `xy` when its intrinsics move by `step`.
     pub(super) fn shift(&self, camera: usize, xy: &Vector2<f64>, step: &Vector3<f64>) -> Vector2<f64> {
-        -(self.lenses[camera].at(xy).cast::<f64>() * step)
+        self.lenses[camera].shift(xy, step)
     }
 }
 

@@ -407,7 +407,7 @@ impl Window {
 
     fn remove_what_does_not_fit(&mut self, spares: bool) {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
-        let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
+        let problem = Problem::of_frames(rig, frames, manhattan, options);
         tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
         tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
     }

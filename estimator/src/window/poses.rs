@@ -92,7 +92,7 @@ impl Poses {
         let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
         let target = &self.cameras_now[frame][camera];
-        match problem.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(problem.rig, observation)) {
+        match problem.moved_lenses.moved::<F>(observation) {
             Some(measured) => F::residual_of(placed, target, &measured, step_s),
             None => F::residual_of(placed, target, &observation.measured, step_s),
         }
@@ -129,8 +129,7 @@ impl Poses {
             host: pose(landmark.host, landmark.host_camera),
             target: pose(observation.frame, observation.camera),
         };
-        let moved =
-            problem.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(problem.rig, observation));
+        let moved = problem.moved_lenses.moved::<F>(observation);
         let measured = F::weighed(moved.as_ref().unwrap_or(&observation.measured), scale);
         F::linearize(placed, view, &measured, jacobians)
     }

@@ -4,6 +4,7 @@ use super::frame::Frame;
 use super::landmark::{LineLandmark, PointLandmark};
 use super::manhattan::Manhattan;
 use super::options::Options;
+use super::refined_lens::MovedLenses;
 use super::state::Rig;
 
 /// Problem to be linearized.
@@ -21,4 +22,20 @@ pub struct Problem<'a> {
     pub manhattan: &'a Manhattan,
     /// Options of the window.
     pub options: &'a Options,
+    /// Lenses that have moved since measurements were corrected.
+    pub(super) moved_lenses: MovedLenses<'a>,
+}
+
+impl<'a> Problem<'a> {
+    /// The problem without its landmarks.
+    #[must_use]
+    pub fn of_frames(
+        rig: &'a Rig,
+        frames: &'a [Frame],
+        manhattan: &'a Manhattan,
+        options: &'a Options,
+    ) -> Self {
+        let moved_lenses = MovedLenses::of(options.lenses.as_ref(), rig);
+        Self { rig, frames, points: &[], lines: &[], manhattan, options, moved_lenses }
+    }
 }

@@ -4,7 +4,7 @@ use super::camera_poses::CameraPose;
 use super::camera_sums::LensRows;
 use super::feature::Feature;
 use super::landmark::{LandmarkStore, Observation};
-use super::lens::Lenses;
+use super::lens::{Lens, Lenses};
 use super::motions::LENS;
 use super::state::{INTRINSICS_DIM, Rig};
 use super::{LineTrack, PointTrack, Window};
@@ -39,29 +39,43 @@ impl Lenses {
         }))
     }
 
-    /// What was measured, by the present intrinsics of `rig`; `None` where they are as good as those of the reference.
-    #[inline]
-    pub(super) fn moved<F: Feature>(
-        &self,
-        rig: &Rig,
-        observation: &Observation<F::Measurement>,
-    ) -> Option<F::Measurement> {
-        let camera = usize::from(observation.camera);
-        let step = self.step(rig, camera);
-        if step.iter().all(|x| x.abs() < NEGLIGIBLE_STEP) {
-            return None;
-        }
-        let mut moved = observation.measured;
-        F::move_places(&mut moved, |xy| self.shift(camera, xy, &step));
-        Some(moved)
-    }
-
     /// Moves the observations of all landmarks by steps of the intrinsics.
     fn move_all<F: Feature>(&self, store: &mut LandmarkStore<F>, steps: &[Vector3<f64>; 2]) {
         for observation in store.all_mut().iter_mut().flat_map(|landmark| &mut landmark.observations) {
             let camera = usize::from(observation.camera);
-            F::move_places(&mut observation.measured, |xy| self.shift(camera, xy, &steps[camera]));
+            F::move_all_places(&mut observation.measured, |xy| self.shift(camera, xy, &steps[camera]));
         }
+    }
+}
+
+/// A lens, and the step of its intrinsics from the reference.
+type MovedLens<'a> = (&'a Lens, Vector3<f64>);
+
+/// Lenses of both cameras whose intrinsics have moved from the reference; `None` where residuals can leave that out.
+#[derive(Clone, Copy, Debug)]
+pub struct MovedLenses<'a>([Option<MovedLens<'a>>; 2]);
+
+impl<'a> MovedLenses<'a> {
+    /// Those that have moved with the present intrinsics of `rig`.
+    pub(super) fn of(lenses: Option<&'a Lenses>, rig: &Rig) -> Self {
+        Self([0, 1].map(|camera| {
+            let lenses = lenses?;
+            let step = lenses.step(rig, camera);
+            let has_moved = step.iter().any(|x| x.abs() >= NEGLIGIBLE_STEP);
+            lenses.lenses.get(camera).filter(|_| has_moved).map(|lens| (lens, step))
+        }))
+    }
+
+    /// What was measured, by the present intrinsics; `None` where they are as good as those of the reference.
+    #[inline(always)]
+    pub(super) fn moved<F: Feature>(
+        &self,
+        observation: &Observation<F::Measurement>,
+    ) -> Option<F::Measurement> {
+        let (lens, step) = self.0[usize::from(observation.camera)].as_ref()?;
+        let mut moved = observation.measured;
+        F::move_places(&mut moved, |xy| lens.shift(xy, step));
+        Some(moved)
     }
 }
 
@@ -72,13 +86,13 @@ impl Window {
         for track in points {
             for (camera, measured) in track.measured.iter_mut().enumerate() {
                 let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
-                measured.iter_mut().for_each(|m| super::InversePoint::move_places(m, shift));
+                measured.iter_mut().for_each(|m| super::InversePoint::move_all_places(m, shift));
             }
         }
         for track in lines {
             for (camera, measured) in track.measured.iter_mut().enumerate() {
                 let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
-                measured.iter_mut().for_each(|m| super::HostedLine::move_places(m, shift));
+                measured.iter_mut().for_each(|m| super::HostedLine::move_all_places(m, shift));
             }
         }
     }

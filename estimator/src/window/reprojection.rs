@@ -162,10 +162,14 @@ impl Feature for InversePoint {
         Some([-Vector2::new(w.m11, w.m12), -Vector2::new(w.m21, w.m22)])
     }
 
+    #[inline]
     fn move_places(measured: &mut PointMeasurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>) {
-        for xy in [&mut measured.xy, &mut measured.row.xy] {
-            *xy += shift(xy);
-        }
+        measured.xy += shift(&measured.xy);
+    }
+
+    fn move_all_places(measured: &mut PointMeasurement, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>) {
+        measured.row.shift(&shift);
+        Self::move_places(measured, shift);
     }
 
     /// In the axes of a camera a motion `(t, theta)` moves the landmark there by `rho t + theta x q`, as in `O`.

@@ -14,3 +14,13 @@ pub struct SeenByRow {
     /// Time by which the row is later than the frame, s.
     pub late_s: f64,
 }
+
+impl SeenByRow {
+    /// Moves the place by what `shift` makes of it; with a global shutter, whose rows are not late, nobody asks for it.
+    #[inline]
+    pub(super) fn shift(&mut self, shift: impl Fn(&Vector2<f64>) -> Vector2<f64>) {
+        if self.late_s != 0.0 {
+            self.xy += shift(&self.xy);
+        }
+    }
+}

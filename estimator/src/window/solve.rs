@@ -177,7 +177,8 @@ impl Window {
     /// Every factor at the present states; returns the cost.
     pub(super) fn evaluate(&mut self, purpose: Purpose) -> f64 {
         let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
+        let frames = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem { points: points.all(), lines: lines.all(), ..frames };
         linearizer.evaluate(&problem, prior, purpose)
     }
 

@@ -7,6 +7,7 @@ use super::feature::{Estimated, Jacobians, StructuralJacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
 use super::motions::MotionEquations;
+use super::refined_lens::MovedLenses;
 use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
 use nalgebra::{DMatrix, DVector, Vector2};
@@ -149,7 +150,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
         let cameras = (host_camera, usize::from(o.camera));
         let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
         let mut j = Jacobians::zeros();
-        let moved = window.options.lenses.as_ref().and_then(|lenses| lenses.moved::<F>(&window.rig, o));
+        let moved = MovedLenses::of(window.options.lenses.as_ref(), &window.rig).moved::<F>(o);
         let measured = moved.unwrap_or(o.measured);
         with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
             let request = Linearization { at, jacobians: &mut j };

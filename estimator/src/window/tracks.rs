@@ -157,20 +157,19 @@ pub(super) fn remove_outliers<F: Feature>(
             return true;
         }
         let placed = poses.placed(landmark);
-        let mut kept = heapless::Vec::new();
+        let Landmark { host, host_camera, track_id, observations, .. } = landmark;
         let mut host_fits = true;
-        for o in &landmark.observations {
-            let is_spared = spares_newest && o.frame == newest && landmark.host != newest;
-            if is_spared || fits::<F>(poses, problem, &placed, o) {
-                let _ = kept.push(*o);
-            } else if o.frame == landmark.host && o.camera == landmark.host_camera {
+        observations.retain(|o| {
+            let is_spared = spares_newest && o.frame == newest && *host != newest;
+            let stays = is_spared || fits::<F>(poses, problem, &placed, o);
+            if !stays && o.frame == *host && o.camera == *host_camera {
                 host_fits = false;
-            } else if o.frame == newest {
-                outliers.push(landmark.track_id);
+            } else if !stays && o.frame == newest {
+                outliers.push(*track_id);
             }
-        }
-        landmark.observations = kept;
-        host_fits && landmark.observations.len() >= 2
+            stays
+        });
+        host_fits && observations.len() >= 2
     });
 }
 
