@@ -23,17 +23,12 @@ use crate::iio::layout::{Storage, parse_matrix};
 use crate::inertial::{FramingFigures, LinkFigures};
 use crate::serial::Stream;
 use crate::serial::framing::{Deframer, LONGEST};
-use crate::serial::mavlink::Mavlink;
-use crate::serial::plumbline::Plumbline;
-use crate::serial::protocol::{Content, DeviceSample, Protocol};
-use crate::serial::simulated::{Device, imu_config};
-use crate::serial::vectornav::VectorNav;
-use crate::serial::xsens::Xsens;
+use crate::serial::protocol::{Content, DeviceSample};
+use crate::serial::simulated::{Device, imu_config, opened};
 use crate::tum::{read_tum_from, write_pose};
 use crate::v4l2::fuzzing as camera;
-use plumbline_config::options::{ImuProtocol, MavlinkImu};
+use plumbline_config::options::ImuProtocol;
 use plumbline_config::{GrayImage, Timestamp};
-use plumbline_protocol::Settings;
 use std::path::Path;
 
 /// Largest image, px: larger ones make the fuzzer slow and show nothing more.
@@ -163,33 +158,14 @@ pub fn frame_header(data: &[u8]) {
     }
 }
 
-/// A serial line with our own protocol.
+/// A serial line. The first byte names its protocol, the second says how the others are cut.
 ///
 /// # Panics
 /// When readings depend on how the bytes are cut, are no numbers or go back in time, when more bytes are counted than
 /// came, or when a frame behind the bytes is not found.
-pub fn imu_plumbline(data: &[u8]) {
-    serial_line(ImuProtocol::Plumbline, data);
-}
-
-/// A serial line of an autopilot; as [`imu_plumbline`].
-pub fn imu_mavlink(data: &[u8]) {
-    serial_line(ImuProtocol::Mavlink, data);
-}
-
-/// A serial line of a VectorNav; as [`imu_plumbline`].
-pub fn imu_vectornav(data: &[u8]) {
-    serial_line(ImuProtocol::VectorNav, data);
-}
-
-/// A serial line of an Xsens; as [`imu_plumbline`].
-pub fn imu_xsens(data: &[u8]) {
-    serial_line(ImuProtocol::Xsens, data);
-}
-
-/// The first byte says how the others are cut.
-fn serial_line(protocol: ImuProtocol, data: &[u8]) {
-    let Some((piece, bytes)) = data.split_first() else { return };
+pub fn imu_serial(data: &[u8]) {
+    let [named, piece, bytes @ ..] = data else { return };
+    let protocol = ImuProtocol::ALL[usize::from(*named) % ImuProtocol::ALL.len()];
     let (whole, figures) = readings(protocol, bytes, usize::MAX);
     let (cut, cut_figures) = readings(protocol, bytes, 1 + usize::from(*piece));
     assert_eq!(cut, whole);
@@ -206,7 +182,7 @@ fn serial_line(protocol: ImuProtocol, data: &[u8]) {
 
 /// The samples of a line, and what was counted.
 fn readings(protocol: ImuProtocol, bytes: &[u8], piece: usize) -> (Vec<DeviceSample>, FramingFigures) {
-    let mut protocol = device_protocol(protocol);
+    let mut protocol = opened(protocol);
     let (mut deframer, mut found) = (Deframer::default(), Vec::new());
     for piece in bytes.chunks(piece) {
         let mut left = piece;
@@ -226,18 +202,9 @@ fn readings(protocol: ImuProtocol, bytes: &[u8], piece: usize) -> (Vec<DeviceSam
     (found, deframer.figures())
 }
 
-fn device_protocol(protocol: ImuProtocol) -> Box<dyn Protocol> {
-    match protocol {
-        ImuProtocol::Plumbline => Box::new(Plumbline::new(Settings::default())),
-        ImuProtocol::Mavlink => Box::new(Mavlink::new(MavlinkImu::HighresImu, 200.0)),
-        ImuProtocol::VectorNav => Box::new(VectorNav),
-        ImuProtocol::Xsens => Box::new(Xsens),
-    }
-}
-
 /// The bytes within a flight: a second and a half of a device, then these, then the device again.
 fn flight(device: &Device, bytes: &[u8], piece: usize) {
-    let mut stream = Stream::new(device_protocol(device.protocol), &imu_config(200.0), 0, None);
+    let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), 0, None);
     let (mut now_ns, mut last) = (0_i64, None);
     let mut take = |stream: &mut Stream, bytes: &[u8], now_ns: i64| {
         stream.space()[..bytes.len()].copy_from_slice(bytes);
@@ -382,24 +349,10 @@ mod tests {
     fn fuzz_tum() {
         over_seeds_and_mutations("tum", 5000, super::tum);
     }
-    #[test]
-    fn fuzz_imu_plumbline() {
-        over_seeds_and_mutations("imu_plumbline", 2000, super::imu_plumbline);
-    }
 
     #[test]
-    fn fuzz_imu_mavlink() {
-        over_seeds_and_mutations("imu_mavlink", 2000, super::imu_mavlink);
-    }
-
-    #[test]
-    fn fuzz_imu_vectornav() {
-        over_seeds_and_mutations("imu_vectornav", 2000, super::imu_vectornav);
-    }
-
-    #[test]
-    fn fuzz_imu_xsens() {
-        over_seeds_and_mutations("imu_xsens", 2000, super::imu_xsens);
+    fn fuzz_imu_serial() {
+        over_seeds_and_mutations("imu_serial", 8000, super::imu_serial);
     }
 
     #[test]

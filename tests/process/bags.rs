@@ -15,14 +15,17 @@ fn digest(arguments: &[&str]) -> String {
     report["estimate_digest"].as_str().unwrap().to_owned()
 }
 
-/// Writes the first frames of a data set as a bag: `how` is the kind of its images, storage and compression.
-fn written(python: &Path, dataset: &str, out: &str, frames: u32, how: &[&str]) {
+/// Writes the first frames of a data set as bags: each has its place, the kind of its images, storage and compression.
+fn written<'a>(
+    python: &Path,
+    dataset: &str,
+    frames: u32,
+    bags: impl IntoIterator<Item = (&'a str, &'a [&'a str])>,
+) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/write_bag.py");
-    let [kind, storage @ ..] = how else { panic!("no kind of images") };
-    let frames = frames.to_string();
-    let arguments = [&[dataset, out, kind, &frames], storage].concat();
-    let status = Command::new(python).arg(script).args(arguments).status().unwrap();
-    assert!(status.success(), "{out}");
+    let bags = bags.into_iter().map(|(out, how)| [&[out][..], how].concat().join(","));
+    let status = Command::new(python).arg(script).args([dataset, &frames.to_string()]).args(bags).status();
+    assert!(status.unwrap().success(), "{dataset}");
 }
 
 /// The configuration that `replay` makes of the clip: the noise is that of the preset.
@@ -35,14 +38,14 @@ fn imported(clip: &str, config: &str) {
 #[test]
 fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
-    let Some(python) = interpreter("rosbags, numpy") else { return };
+    let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
     imported(&clip, &config);
     for (kind, frames) in [("png", 40), ("raw", 12)] {
         let (bag, cut) = (at(kind), format!("0..{frames}"));
-        written(&python, &clip, &bag, frames, &[kind, "mcap"]);
+        written(&python, &clip, frames, [(bag.as_str(), &[kind, "mcap"][..])]);
         assert_eq!(digest(&[&bag, "--config", &config]), digest(&[&clip, "--frames", &cut]), "{kind}");
     }
     let file = format!("{}/png.mcap", at("png"));
@@ -71,39 +74,40 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
 #[test]
 fn bags_of_sqlite_and_ros_1_give_the_estimates_of_the_clip_bit_for_bit() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
-    let Some(python) = interpreter("rosbags, numpy") else { return };
+    let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
     imported(&clip, &config);
     let expected = digest(&[&clip, "--frames", "0..12"]);
-    for how in [
-        ["raw", "db3", "none"],
-        ["png", "db3", "zstd-file"],
-        ["png", "db3", "zstd-message"],
-        ["png", "mcap", "zstd-file"],
-        ["png", "mcap", "zstd-message"],
-        ["raw", "bag", "none"],
-        ["png", "bag", "bz2"],
-        ["png", "bag", "lz4"],
-    ] {
-        let bag = at(&how.join("-")) + if how[1] == "bag" { ".bag" } else { "" };
-        written(&python, &clip, &bag, 12, &[&how[..], &["short"]].concat());
-        assert_eq!(digest(&[&bag, "--config", &config]), expected, "{how:?}");
+    let kinds: [&[&str]; 8] = [
+        &["raw", "db3", "none", "short"],
+        &["png", "db3", "zstd-file", "short"],
+        &["png", "db3", "zstd-message", "short"],
+        &["png", "mcap", "zstd-file", "short"],
+        &["png", "mcap", "zstd-message", "short"],
+        &["raw", "bag", "none", "short"],
+        &["png", "bag", "bz2", "short"],
+        &["png", "bag", "lz4", "short"],
+    ];
+    let bags = kinds.map(|how| at(&how.join("-")) + if how[1] == "bag" { ".bag" } else { "" });
+    written(&python, &clip, 12, bags.iter().map(String::as_str).zip(kinds));
+    for bag in &bags {
+        assert_eq!(digest(&[bag, "--config", &config]), expected, "{bag}");
     }
 }
 
 #[test]
 fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
-    let Some(python) = interpreter("rosbags, numpy") else { return };
+    let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
     imported(&clip, &config);
     for storage in ["db3", "bag"] {
         let bag = if storage == "bag" { at("rec.bag") } else { at("rec") };
-        written(&python, &clip, &bag, 40, &["png", storage]);
+        written(&python, &clip, 40, [(bag.as_str(), &["png", storage][..])]);
         let file = if storage == "bag" { bag.clone() } else { format!("{bag}/rec.db3") };
         let own = |name: &str| at(&format!("{storage}-{name}"));
         let (poses, map, log, picture) =

@@ -67,6 +67,34 @@ pub enum ImuProtocol {
     Xsens,
 }
 
+impl ImuProtocol {
+    /// Every protocol.
+    pub const ALL: [Self; 4] = [Self::Plumbline, Self::Mavlink, Self::VectorNav, Self::Xsens];
+
+    /// Least length of a sample on the wire, bytes; with `message` of MAVLink.
+    #[must_use]
+    pub fn sample_bytes(self, message: MavlinkImu) -> f64 {
+        match (self, message) {
+            (Self::Plumbline | Self::Xsens, _) => 47.0,
+            (Self::VectorNav, _) => 40.0,
+            (Self::Mavlink, MavlinkImu::HighresImu) => 70.0,
+            (Self::Mavlink, MavlinkImu::RawImu) => 34.0,
+            (Self::Mavlink, _) => 30.0,
+        }
+    }
+
+    /// Unit of the stamps that a sensor sends, in words; with `message` of MAVLink.
+    #[must_use]
+    pub fn stamp_unit(self, message: MavlinkImu) -> &'static str {
+        match (self, message) {
+            (Self::Plumbline | Self::VectorNav, _) => "nanoseconds",
+            (Self::Mavlink, MavlinkImu::HighresImu | MavlinkImu::RawImu) => "microseconds",
+            (Self::Mavlink, _) => "milliseconds",
+            (Self::Xsens, _) => "tenths of a millisecond",
+        }
+    }
+}
+
 /// Which message of MAVLink carries the samples.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::error::Violation;
-use crate::options::{ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};
+use crate::options::{ImuEndpoint, ImuProtocol, TriggerExposure};
 
 /// Bits on a serial line for one byte: start, eight bits, stop.
 const BAUD_PER_BYTE: f64 = 10.0;
@@ -46,8 +46,8 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
         refuse("trigger_cameras", reason, "set it to false, or driver.imu.protocol to \"plumbline\"");
     }
     if let ImuEndpoint::Serial(line) = endpoint {
-        let needed =
-            config.imu.rate_hz * sample_bytes(driver.protocol, driver.mavlink_message) * BAUD_PER_BYTE;
+        let sample_bytes = driver.protocol.sample_bytes(driver.mavlink_message);
+        let needed = config.imu.rate_hz * sample_bytes * BAUD_PER_BYTE;
         if f64::from(line.baud) < needed {
             let reason = format!(
                 "{} baud are too slow for imu.rate_hz = {}: {needed:.0} are needed",
@@ -55,16 +55,5 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
             );
             refuse("connect", reason, "use a faster line, such as 921600, or a lower rate");
         }
-    }
-}
-
-/// A sample on the wire, bytes: the least that each protocol needs.
-fn sample_bytes(protocol: ImuProtocol, message: MavlinkImu) -> f64 {
-    match (protocol, message) {
-        (ImuProtocol::Plumbline | ImuProtocol::Xsens, _) => 47.0,
-        (ImuProtocol::VectorNav, _) => 40.0,
-        (ImuProtocol::Mavlink, MavlinkImu::HighresImu) => 70.0,
-        (ImuProtocol::Mavlink, MavlinkImu::RawImu) => 34.0,
-        (ImuProtocol::Mavlink, _) => 30.0,
     }
 }

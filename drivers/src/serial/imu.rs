@@ -1,16 +1,12 @@
 //! A serial inertial sensor as a source of samples.
 
-use super::mavlink::Mavlink;
-use super::plumbline::Plumbline;
 use super::port::{Port, Waited};
-use super::protocol::{Outgoing, Protocol};
+use super::protocol::Outgoing;
 use super::stream::{Stream, TriggerEvent};
-use super::vectornav::VectorNav;
-use super::xsens::Xsens;
 use crate::clock::monotonic_ns;
 use crate::inertial::{ImuFigures, ImuMonitor, Post};
 use crate::{DriverError, Faults, ImuReading, ImuSource, StopFlag};
-use plumbline_config::options::{ImuConfig, ImuDriverConfig, ImuEndpoint, ImuProtocol, SerialLine};
+use plumbline_config::options::{ImuConfig, ImuDriverConfig, ImuEndpoint, SerialLine};
 use plumbline_protocol::Settings;
 use rtrb::{Consumer, RingBuffer};
 
@@ -65,12 +61,8 @@ impl SerialImu {
             true => Some(RingBuffer::new(TRIGGERS)).unzip(),
             false => (None, None),
         };
-        let protocol: Box<dyn Protocol> = match driver.protocol {
-            ImuProtocol::Plumbline => Box::new(Plumbline::new(settings(driver, imu, camera_rate_hz))),
-            ImuProtocol::Mavlink => Box::new(Mavlink::new(driver.mavlink_message, imu.rate_hz)),
-            ImuProtocol::VectorNav => Box::new(VectorNav),
-            ImuProtocol::Xsens => Box::new(Xsens),
-        };
+        let autopilot = (driver.mavlink_message, imu.rate_hz);
+        let protocol = super::opened(driver.protocol, autopilot, settings(driver, imu, camera_rate_hz));
         let delay_ns = (driver.delay_s * 1e9).round() as i64;
         Ok(Self {
             port,

@@ -25,6 +25,22 @@ mod tests;
 pub mod vectornav;
 pub mod xsens;
 
+use plumbline_config::options::{ImuProtocol, MavlinkImu};
+
+/// Opens a protocol: `message` and `rate_hz` are for autopilots, `settings` for a microcontroller of our own.
+pub(crate) fn opened(
+    protocol: ImuProtocol,
+    (message, rate_hz): (MavlinkImu, f64),
+    settings: plumbline_protocol::Settings,
+) -> Box<dyn protocol::Protocol> {
+    match protocol {
+        ImuProtocol::Plumbline => Box::new(plumbline::Plumbline::new(settings)),
+        ImuProtocol::Mavlink => Box::new(mavlink::Mavlink::new(message, rate_hz)),
+        ImuProtocol::VectorNav => Box::new(vectornav::VectorNav),
+        ImuProtocol::Xsens => Box::new(xsens::Xsens),
+    }
+}
+
 pub use imu::SerialImu;
 pub use port::{Port, Waited, open_line};
 pub use ports::{SerialPortInfo, serial_ports};

@@ -1,10 +1,8 @@
 //! Devices that play a known motion, for tests and fuzzers.
 
-use super::mavlink::fixture::highres_imu;
-use super::vectornav::fixture::imu as vectornav_imu;
-use super::xsens::fixture::imu as xsens_imu;
-use plumbline_config::options::{ImuConfig, ImuProtocol};
-use plumbline_protocol::{Imu, MAX_FRAME, Message, encode};
+use super::protocol::Protocol;
+use plumbline_config::options::{ImuConfig, ImuProtocol, MavlinkImu};
+use plumbline_protocol::Settings;
 
 /// A sensor of wide ranges.
 pub fn imu_config(rate_hz: f64) -> ImuConfig {
@@ -41,21 +39,11 @@ impl Device {
         let device_ns = self.device_ns(self.truth_ns(k));
         let gyro = [(k as f64 * STEP_RAD_S) as f32, 0.01, -0.02];
         let accel = [0.1, 0.2, 9.81 + 1e-3 * (k % 7) as f32];
-        match self.protocol {
-            ImuProtocol::Plumbline => {
-                let imu = Imu {
-                    sequence: k as u32,
-                    time_ns: device_ns as u64,
-                    gyro_rad_s: gyro,
-                    accel_m_s2: accel,
-                    temperature_c: Some(30.0),
-                    ..Imu::default()
-                };
-                encode(&Message::Imu(imu), &mut [0; MAX_FRAME]).to_vec()
-            }
-            ImuProtocol::Mavlink => highres_imu((device_ns / 1000) as u64, gyro, accel),
-            ImuProtocol::VectorNav => vectornav_imu(device_ns as u64, gyro, accel),
-            ImuProtocol::Xsens => xsens_imu(k as u16, (device_ns / 100_000) as u32, gyro, accel),
-        }
+        opened(self.protocol).played(k, device_ns, gyro, accel)
     }
+}
+
+/// A protocol as it is where nothing is said of it.
+pub fn opened(protocol: ImuProtocol) -> Box<dyn Protocol> {
+    super::opened(protocol, (MavlinkImu::HighresImu, 200.0), Settings::default())
 }

@@ -1,36 +1,20 @@
 //! Whole lines without a device or a clock: what a device sends, what happens on the way, and what comes out.
 
 use super::fixture::{Device, Trouble, imu_config, number_of};
-use super::mavlink::Mavlink;
-use super::plumbline::Plumbline;
-use super::protocol::Protocol;
+use super::simulated::opened;
 use super::stream::{Stream, TriggerEvent};
-use super::vectornav::VectorNav;
-use super::xsens::Xsens;
 use crate::ImuReading;
 use crate::inertial::{ImuFigures, LinkFigures};
 use crate::random::{Draws, Purpose};
-use plumbline_config::options::{ImuProtocol, MavlinkImu};
-use plumbline_protocol::{MAX_FRAME, Message, Settings, Trigger, encode};
+use plumbline_config::options::ImuProtocol;
+use plumbline_protocol::{MAX_FRAME, Message, Trigger, encode};
 
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
 /// Error allowed of the stamps, ns.
 const TOLERANCE_NS: i64 = 200_000;
-const PROTOCOLS: [ImuProtocol; 4] =
-    [ImuProtocol::Plumbline, ImuProtocol::Mavlink, ImuProtocol::VectorNav, ImuProtocol::Xsens];
-
-fn protocol(which: ImuProtocol) -> Box<dyn Protocol> {
-    match which {
-        ImuProtocol::Plumbline => Box::new(Plumbline::new(Settings::default())),
-        ImuProtocol::Mavlink => Box::new(Mavlink::new(MavlinkImu::HighresImu, 200.0)),
-        ImuProtocol::VectorNav => Box::new(VectorNav),
-        ImuProtocol::Xsens => Box::new(Xsens),
-    }
-}
-
 fn stream(device: &Device) -> Stream {
-    Stream::new(protocol(device.protocol), &imu_config(device.rate_hz as f64), 0, None)
+    Stream::new(opened(device.protocol), &imu_config(device.rate_hz as f64), 0, None)
 }
 
 /// Feeds bytes that came at `arrival_ns`, at most `piece` of them at a time.
@@ -82,7 +66,7 @@ fn play(device: Device, trouble: Trouble, samples: i64, polls_ns: i64) -> Brough
 
 #[test]
 fn every_sample_that_was_not_hit_comes_out_once_and_is_stamped_by_its_measurement() {
-    for which in PROTOCOLS {
+    for which in ImuProtocol::ALL {
         for (rate_hz, polls_ns) in [(200, 0), (1000, 0), (1000, 10 * MS)] {
             // Stamps of 0.1 ms come out once each at this rate: they do not rise otherwise.
             let device = Device { protocol: which, rate_hz, start_ns: 50 * S, skew: 35e-6 };
@@ -111,7 +95,7 @@ fn every_sample_that_was_not_hit_comes_out_once_and_is_stamped_by_its_measuremen
 
 #[test]
 fn a_clean_line_has_no_faults() {
-    for which in PROTOCOLS {
+    for which in ImuProtocol::ALL {
         let device = Device { protocol: which, rate_hz: 200, start_ns: 0, skew: -80e-6 };
         let brought = play(device, Trouble { seed: 2, noise: 0.0, hit: 0.0 }, 2400, 0);
         assert_eq!(brought.figures.faults(), crate::Faults::default(), "{which:?}");
@@ -132,7 +116,7 @@ fn a_clean_line_has_no_faults() {
 fn the_delay_of_the_configuration_is_taken_off() {
     let device = Device { protocol: ImuProtocol::VectorNav, rate_hz: 200, start_ns: 0, skew: 0.0 };
     let stamps = |delay_ns: i64| {
-        let mut stream = Stream::new(protocol(device.protocol), &imu_config(200.0), delay_ns, None);
+        let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), delay_ns, None);
         let mut stamps = Vec::new();
         for k in 0..600 {
             feed(&mut stream, &device.frame(k), 99, device.truth_ns(k), |r| {
@@ -172,7 +156,7 @@ fn a_device_that_was_started_anew_goes_on_after_a_second_and_its_numbers_rise() 
 fn triggers_are_stamped_like_samples() {
     let device = Device { protocol: ImuProtocol::Plumbline, rate_hz: 200, start_ns: 100 * S, skew: 20e-6 };
     let (producer, mut consumer) = rtrb::RingBuffer::new(8);
-    let mut stream = Stream::new(protocol(device.protocol), &imu_config(200.0), 0, Some(producer));
+    let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), 0, Some(producer));
     let mut events: Vec<TriggerEvent> = Vec::new();
     for k in 0..2000 {
         let mut bytes = device.frame(k);
@@ -209,7 +193,7 @@ fn what_an_output_lacks_is_told_until_it_is_there() {
 
 #[test]
 fn nothing_is_allocated_once_a_line_stands() {
-    for which in PROTOCOLS {
+    for which in ImuProtocol::ALL {
         let device = Device { protocol: which, rate_hz: 1000, start_ns: 0, skew: 1e-5 };
         let trouble = Trouble { seed: 3, noise: 0.1, hit: 0.05 };
         let sent: Vec<Vec<u8>> = (0..5000).map(|k| trouble.pass(k, device.frame(k)).0).collect();

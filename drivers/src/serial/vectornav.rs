@@ -204,6 +204,11 @@ impl Protocol for VectorNav {
     fn time_unit(&self) -> TimeUnit {
         TimeUnit::NANOS
     }
+
+    #[cfg(any(test, feature = "fuzzing"))]
+    fn played(&self, _k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
+        fixture::imu(device_ns as u64, gyro, accel)
+    }
 }
 
 #[cfg(test)]

@@ -170,6 +170,11 @@ impl Protocol for Xsens {
     fn counter_bits(&self) -> u32 {
         16
     }
+
+    #[cfg(any(test, feature = "fuzzing"))]
+    fn played(&self, k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
+        fixture::imu(k as u16, (device_ns / 100_000) as u32, gyro, accel)
+    }
 }
 
 #[cfg(test)]

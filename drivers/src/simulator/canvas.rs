@@ -28,12 +28,25 @@ impl Canvas {
         let lattice: Vec<f32> = (0..cells[0] * cells[1]).map(|_| self.range(-amplitude, amplitude)).collect();
         let side = self.side;
         let columns: Vec<(usize, usize, f32)> = (0..side).map(|x| lattice_at(x, side, cells[0])).collect();
-        for y in 0..side {
+        // Of a row of the lattice, all that its rows of texels have in common.
+        let across = |row: usize, into: &mut [f32]| {
+            let row = &lattice[row * cells[0]..][..cells[0]];
+            for (value, &(x0, x1, fx)) in into.iter_mut().zip(&columns) {
+                *value = row[x0] + (row[x1] - row[x0]) * fx;
+            }
+        };
+        let (mut upper, mut lower, mut between) = (vec![0.0; side], vec![0.0; side], None);
+        for (y, values) in self.values.chunks_exact_mut(side).enumerate() {
             let (y0, y1, fy) = lattice_at(y, side, cells[1]);
-            let (upper, lower) = (&lattice[y0 * cells[0]..], &lattice[y1 * cells[0]..]);
-            for (value, &(x0, x1, fx)) in self.values[y * side..(y + 1) * side].iter_mut().zip(&columns) {
-                let a = upper[x0] + (upper[x1] - upper[x0]) * fx;
-                let b = lower[x0] + (lower[x1] - lower[x0]) * fx;
+            if between != Some((y0, y1)) {
+                std::mem::swap(&mut upper, &mut lower);
+                if between.is_none_or(|(_, before)| before != y0) {
+                    across(y0, &mut upper);
+                }
+                across(y1, &mut lower);
+                between = Some((y0, y1));
+            }
+            for ((value, a), b) in values.iter_mut().zip(&upper).zip(&lower) {
                 *value += a + (b - a) * fy;
             }
         }
@@ -49,27 +62,36 @@ impl Canvas {
         }
     }
 
-    /// Paints the shape whose signed distance (texels, negative inside) from its centre is `distance`,
-    /// reaching at most `reach` texels; its edge is one texel wide.
+    /// Paints the shape whose signed distance (texels, negative inside) from its centre is `distance`; its edge is one texel wide.
+    /// The square that is looked at reaches `reach` texels from the centre, and of it what is within `extent`, which holds the shape.
     pub(super) fn paint(
         &mut self,
         centre: [f32; 2],
-        reach: f32,
+        (reach, extent): (f32, [f32; 2]),
         level: f32,
         distance: impl Fn(f32, f32) -> f32,
     ) {
         let side = self.side as i32;
-        let bounds = |c: f32| ((c - reach - 1.0).floor() as i32, (c + reach + 1.0).ceil() as i32);
-        let ((x0, x1), (y0, y1)) = (bounds(centre[0]), bounds(centre[1]));
-        for y in y0..y1.min(y0 + side) {
+        let bounds = |c: f32, reach: f32| ((c - reach - 1.0).floor() as i32, (c + reach + 1.0).ceil() as i32);
+        let [(x0, x1), (y0, y1)] = [0, 1].map(|k| {
+            let ((first, end), (low, high)) = (bounds(centre[k], reach), bounds(centre[k], extent[k]));
+            (first.max(low), end.min(first + side).min(high))
+        });
+        for y in y0..y1 {
             let row = (y.rem_euclid(side) * side) as usize;
-            for x in x0..x1.min(x0 + side) {
-                let d = distance(x as f32 + 0.5 - centre[0], y as f32 + 0.5 - centre[1]);
-                let cover = (0.5 - d).clamp(0.0, 1.0);
-                if cover > 0.0 {
-                    let value = &mut self.values[row + x.rem_euclid(side) as usize];
-                    *value += (level - *value) * cover;
+            let row = &mut self.values[row..row + side as usize];
+            // In pieces that end where the square wraps around.
+            let mut x = x0;
+            while x < x1 {
+                let begin = x.rem_euclid(side);
+                let count = (x1 - x).min(side - begin);
+                for (value, x) in row[begin as usize..][..count as usize].iter_mut().zip(x..) {
+                    let d = distance(x as f32 + 0.5 - centre[0], y as f32 + 0.5 - centre[1]);
+                    let cover = (0.5 - d).clamp(0.0, 1.0);
+                    let painted = *value + (level - *value) * cover;
+                    *value = if cover > 0.0 { painted } else { *value };
                 }
+                x += count;
             }
         }
     }
@@ -78,7 +100,8 @@ impl Canvas {
     pub(super) fn paint_box(&mut self, centre: [f32; 2], half: [f32; 2], angle: f32, level: f32) {
         let (sin, cos) = libm::sincosf(angle);
         let reach = (half[0] * half[0] + half[1] * half[1]).sqrt();
-        self.paint(centre, reach, level, |x, y| {
+        let extent = [[cos, sin], [sin, cos]].map(|[u, v]| u.abs() * half[0] + v.abs() * half[1]);
+        self.paint(centre, (reach, extent), level, |x, y| {
             let (u, v) = (cos * x + sin * y, cos * y - sin * x);
             (u.abs() - half[0]).at_least(v.abs() - half[1])
         });
@@ -86,13 +109,13 @@ impl Canvas {
 
     /// Paints a disc.
     pub(super) fn paint_disc(&mut self, centre: [f32; 2], radius: f32, level: f32) {
-        self.paint(centre, radius, level, |x, y| (x * x + y * y).sqrt() - radius);
+        self.paint(centre, (radius, [radius; 2]), level, |x, y| (x * x + y * y).sqrt() - radius);
     }
 
     /// Paints a regular triangle of circumscribed radius `radius`, turned by `angle`.
     pub(super) fn paint_triangle(&mut self, centre: [f32; 2], radius: f32, angle: f32, level: f32) {
         let sides = [0.0, 1.0, 2.0].map(|k| libm::sincosf(angle + k * std::f32::consts::TAU / 3.0));
-        self.paint(centre, radius, level, |x, y| {
+        self.paint(centre, (radius, [radius; 2]), level, |x, y| {
             sides.iter().map(|(s, c)| c * x + s * y).fold(f32::MIN, |most, x: f32| x.at_least(most))
                 - 0.5 * radius
         });
@@ -181,6 +204,22 @@ mod tests {
             assert_eq!(canvas.values[at], 1.0);
         }
         assert_eq!(canvas.values[32 * 64 + 32], 0.0);
+    }
+
+    #[test]
+    fn a_turned_box_is_painted_whole() {
+        let (centre, half) = ([61.3, 5.8], [14.0, 3.0]);
+        for step in 0..64 {
+            let angle = step as f32 * 0.1;
+            let (sin, cos) = libm::sincosf(angle);
+            let (mut whole, mut turned) = (Canvas::new(64, 0.2, 0), Canvas::new(64, 0.2, 0));
+            whole.paint(centre, (15.0, [15.0; 2]), 0.9, |x, y| {
+                let (u, v) = (cos * x + sin * y, cos * y - sin * x);
+                (u.abs() - half[0]).at_least(v.abs() - half[1])
+            });
+            turned.paint_box(centre, half, angle, 0.9);
+            assert_eq!(whole.values, turned.values, "{angle}");
+        }
     }
 
     #[test]

@@ -294,24 +294,24 @@ fn first_texel(side: u32) -> u32 {
 
 /// Writes the pairs of a level.
 fn fill(pairs: &mut [u8], side: usize, values: &[f32]) {
-    let byte =
-        |x: usize, y: usize| (values[(y % side) * side + x % side] * 255.0).round().clamp(0.0, 255.0) as u8;
+    let bytes: Vec<u8> = values.iter().map(|value| (value * 255.0).round().clamp(0.0, 255.0) as u8).collect();
     let stride = PAIR as usize * (side + PADDING as usize);
     for (y, row) in pairs.chunks_exact_mut(stride).take(side).enumerate() {
-        for (x, pair) in row.as_chunks_mut().0.iter_mut().take(side + 1).enumerate() {
-            *pair = [byte(x, y), byte(x, y + 1)];
+        let [upper, lower] = [y, (y + 1) % side].map(|y| &bytes[y * side..][..side]);
+        let pairs = row.as_chunks_mut().0.iter_mut();
+        // The first one again at the end.
+        for (pair, (upper, lower)) in pairs.zip(upper.iter().zip(lower).chain([(&upper[0], &lower[0])])) {
+            *pair = [*upper, *lower];
         }
     }
 }
 
 fn halve(side: usize, values: &[f32]) -> Vec<f32> {
-    let half = side / 2;
-    let mut out = Vec::with_capacity(half * half);
-    for y in 0..half {
-        for x in 0..half {
-            let at = 2 * y * side + 2 * x;
-            out.push(0.25 * (values[at] + values[at + 1] + values[at + side] + values[at + side + 1]));
-        }
+    let mut out = Vec::with_capacity(values.len() / 4);
+    for rows in values.chunks_exact(2 * side) {
+        let (upper, lower) = rows.split_at(side);
+        let squares = upper.as_chunks().0.iter().zip(lower.as_chunks().0);
+        out.extend(squares.map(|([a, b], [c, d])| 0.25 * (a + b + c + d)));
     }
     out
 }

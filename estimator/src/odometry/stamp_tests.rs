@@ -30,35 +30,32 @@ fn worst_m(judged: &[Judged]) -> f64 {
     judged.iter().filter(|pose| pose.time_s > 3.0).map(|pose| pose.error_m).fold(0.0, f64::max)
 }
 
-/// Flies with stamps that are `age_s` late: positions are little worse than with exact ones, poses within `sigmas` standard deviations, and
-/// no sensor is named.
-fn assert_harmless(what: &str, age_s: fn(f64) -> Option<f64>, sigmas: f64) {
-    for seed in SEEDS {
-        let (judged, exact_m) = (flown(seed, age_s), worst_m(&flown(seed, |_| Some(0.0))));
-        let settled = || judged.iter().filter(|pose| pose.time_s > 3.0);
-        let worst_m = worst_m(&judged);
-        let worst = settled().flat_map(|pose| pose.sigmas).fold(0.0, f64::max);
-        println!("{what} {seed}: {worst_m:.4} of {exact_m:.4} m, {worst:.1} standard deviations");
-        assert!(worst_m < 1.5 * exact_m + 0.02, "{what} {seed}: {worst_m} of {exact_m} m");
-        assert!(worst < sigmas, "{what} {seed}: {worst} standard deviations");
-        let named = settled().find(|pose| NAMES.iter().any(|bit| pose.health.contains(*bit)));
-        assert!(
-            named.is_none(),
-            "{what} {seed}: {:?} at {:?}",
-            named.map(|n| n.health),
-            named.map(|n| n.time_s)
-        );
-    }
+/// Asserts that wrong stamps did little: positions are nearly as good as with exact ones (`exact_m`), poses within `sigmas` standard
+/// deviations, and no sensor is named.
+fn assert_harmless(what: &str, judged: &[Judged], exact_m: f64, sigmas: f64) {
+    let settled = || judged.iter().filter(|pose| pose.time_s > 3.0);
+    let worst_m = worst_m(judged);
+    let worst = settled().flat_map(|pose| pose.sigmas).fold(0.0, f64::max);
+    println!("{what}: {worst_m:.4} of {exact_m:.4} m, {worst:.1} standard deviations");
+    assert!(worst_m < 1.5 * exact_m + 0.02, "{what}: {worst_m} of {exact_m} m");
+    assert!(worst < sigmas, "{what}: {worst} standard deviations");
+    let named = settled().find(|pose| NAMES.iter().any(|bit| pose.health.contains(*bit)));
+    assert!(named.is_none(), "{what}: {:?} at {:?}", named.map(|n| n.health), named.map(|n| n.time_s));
 }
 
 #[test]
-fn jitter_of_stamps_costs_little_and_blames_nobody() {
-    assert_harmless("1 ms", |t| Some(1e-3 * drawn(t)), 5.0);
-    assert_harmless("3 ms", |t| Some(3e-3 * drawn(t)), 5.0);
-}
-
-#[test]
-fn stamps_that_swing_cost_little_and_blame_nobody() {
+fn stamps_that_jitter_or_swing_cost_little_and_blame_nobody() {
+    type Age = fn(f64) -> Option<f64>;
     // A swing too slow to show turns the frame by what the vehicle turns meanwhile.
-    assert_harmless("swing of 3 ms", |t| Some(3e-3 * libm::sin(0.8 * t)), 6.0);
+    let ages: [(&str, Age, f64); 3] = [
+        ("1 ms", |t| Some(1e-3 * drawn(t)), 5.0),
+        ("3 ms", |t| Some(3e-3 * drawn(t)), 5.0),
+        ("swing of 3 ms", |t| Some(3e-3 * libm::sin(0.8 * t)), 6.0),
+    ];
+    for seed in SEEDS {
+        let exact_m = worst_m(&flown(seed, |_| Some(0.0)));
+        for (what, age_s, sigmas) in ages {
+            assert_harmless(&format!("{what} {seed}"), &flown(seed, age_s), exact_m, sigmas);
+        }
+    }
 }

@@ -145,6 +145,11 @@ impl Protocol for Mavlink {
         self.questions = Questions::default();
         self.looked = None;
     }
+
+    #[cfg(any(test, feature = "fuzzing"))]
+    fn played(&self, _k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
+        fixture::highres_imu((device_ns / 1000) as u64, gyro, accel)
+    }
 }
 
 #[cfg(test)]

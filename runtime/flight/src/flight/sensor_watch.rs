@@ -141,7 +141,7 @@ impl Told {
         let words = problem.map(|problem| frame_stamps(camera, &problem));
         tell(&mut self.stamps[0], words, || format!("{camera}: stamps of the frames are good again"));
         let samples = figures.stamps();
-        let words = samples.problem.map(|problem| sample_stamps(name, &problem, sensors.sample_clock));
+        let words = samples.problem.map(|problem| sample_stamps(name, &problem, &sensors.sample_clock));
         tell(&mut self.stamps[1], words, || format!("{name}: stamps of the samples are good again"));
         SensorNews { notices: self.notices(), frames, samples }
     }

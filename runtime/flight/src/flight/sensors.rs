@@ -4,7 +4,7 @@ use super::capture::{PairCounts, SharedMeter, StreamFigures, Watched};
 use super::{Flight, FlightError};
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
-use plumbline_config::options::{AutopilotEndpoint, ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
+use plumbline_config::options::{AutopilotEndpoint, ImuDriverConfig, ImuEndpoint};
 use plumbline_drivers::{
     CameraMonitor, ImuMonitor, ImuSource, LiveCameras, StereoSource, StopFlag, TriggerMonitor, open_cameras,
     open_imu,
@@ -20,7 +20,7 @@ pub struct LiveSensors {
     /// Stamping of the frames, where a microcontroller triggers them.
     pub triggers: Option<TriggerMonitor>,
     /// Stamps that the inertial sensor is expected to send, in words.
-    pub sample_clock: &'static str,
+    pub sample_clock: String,
 }
 
 /// View of one sensor.
@@ -74,18 +74,11 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
 }
 
 /// Stamps that an inertial sensor is expected to send, in words.
-fn sample_clock(driver: &ImuDriverConfig) -> &'static str {
+fn sample_clock(driver: &ImuDriverConfig) -> String {
     if let Ok(ImuEndpoint::Iio { .. }) = ImuEndpoint::parse(&driver.connect) {
-        return "the time of measurement in nanoseconds of the kernel's clock";
+        return "the time of measurement in nanoseconds of the kernel's clock".into();
     }
-    match (driver.protocol, driver.mavlink_message) {
-        (ImuProtocol::Plumbline | ImuProtocol::VectorNav, _) => "the time of measurement in nanoseconds",
-        (ImuProtocol::Mavlink, MavlinkImu::HighresImu | MavlinkImu::RawImu) => {
-            "the time of measurement in microseconds"
-        }
-        (ImuProtocol::Mavlink, _) => "the time of measurement in milliseconds",
-        (ImuProtocol::Xsens, _) => "the time of measurement in tenths of a millisecond",
-    }
+    format!("the time of measurement in {}", driver.protocol.stamp_unit(driver.mavlink_message))
 }
 
 /// Opens the cameras of `config` alone. A microcontroller that triggers them is kept at it until `stop` is set.
