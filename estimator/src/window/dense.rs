@@ -80,16 +80,6 @@ impl NormalEquations {
         self.h[i * self.stride + j]
     }
 
-    /// Writes `H[i][j]` for `j` from `from` on.
-    pub fn copy_row(&self, i: usize, from: usize, out: &mut [f64]) {
-        // What lies before the diagonal stands in the column above it.
-        let (before, rest) = out.split_at_mut(i.saturating_sub(from).min(out.len()));
-        let column = self.h[from * self.stride + i..].iter().step_by(self.stride);
-        before.iter_mut().zip(column).for_each(|(to, h)| *to = *h);
-        let at = i * self.stride + from + before.len();
-        rest.copy_from_slice(&self.h[at..at + rest.len()]);
-    }
-
     /// Adds to `H[i][j]` (and so to `H[j][i]`).
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
         let (i, j) = if i <= j { (i, j) } else { (j, i) };

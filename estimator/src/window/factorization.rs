@@ -18,8 +18,6 @@ pub struct Factor {
     u: Vec<[f64; COLUMNS]>,
     /// Unknowns in the order in which they are factored.
     order: Vec<usize>,
-    /// Runs of neighbours among them: the place of the first in the order, and the unknowns.
-    runs: Vec<(usize, std::ops::Range<usize>)>,
     /// Unknowns that are held at zero, and take no part.
     held: std::ops::Range<usize>,
 }
@@ -29,9 +27,7 @@ impl Factor {
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         let u = vec![[0.0; COLUMNS]; capacity.next_multiple_of(LANES)];
-        // At most each of them by itself, where they are no window of frames.
-        let (order, runs) = (Vec::with_capacity(capacity), Vec::with_capacity(capacity));
-        Self { dim: 0, u, order, runs, held: 0..0 }
+        Self { dim: 0, u, order: Vec::with_capacity(capacity), held: 0..0 }
     }
 
     /// Holds these unknowns at zero, whatever the equations say of them.
@@ -82,33 +78,19 @@ impl Factor {
         let held = self.held.clone();
         self.order.clear();
         self.order.extend(order_of(equations.dim()).filter(|k| !held.contains(k)));
-        self.find_runs();
         let dim = self.order.len();
         let end = dim.next_multiple_of(LANES);
         for (i, row) in self.u[..end].iter_mut().enumerate() {
-            row[i / LANES * LANES..i].fill(0.0);
-            row[dim.max(i)..end].fill(0.0);
+            row[i / LANES * LANES..end].fill(0.0);
             if let Some(&unknown) = self.order.get(i) {
-                for (at, run) in self.runs.iter().filter(|(at, run)| at + run.len() > i) {
-                    let skipped = i.saturating_sub(*at);
-                    let to = &mut row[at + skipped..at + run.len()];
-                    equations.copy_row(unknown, run.start + skipped, to);
+                for (to, other) in row[i..dim].iter_mut().zip(&self.order[i..]) {
+                    *to = equations.get(unknown, *other);
                 }
             }
             if row[i] == 0.0 {
                 row[i] = 1.0;
             }
             row[i] += damping * row[i];
-        }
-    }
-
-    fn find_runs(&mut self) {
-        self.runs.clear();
-        for (at, &unknown) in self.order.iter().enumerate() {
-            match self.runs.last_mut() {
-                Some((_, run)) if run.end == unknown => run.end += 1,
-                _ => self.runs.push((at, unknown..unknown + 1)),
-            }
         }
     }
 

@@ -23,7 +23,7 @@ use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
 use super::manhattan::{Axis, Manhattan};
 use super::manhattan_factor::{self, StructuralLine};
-use super::quad::{cross, quad, sum};
+use super::quad::quad;
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
@@ -296,19 +296,18 @@ impl Feature for HostedLine {
         let PlacedLine { h, o, .. } = placed;
         let c = o.moved_back(&target.rot_o_c, &target.p_o_c);
         let by_n = measured.distances_by_normal(&c.n)?;
-        let arm = quad(&(host.p_o_c - target.p_o_c));
-        let [(hn, hv), (on, ov), (cn, cv)] = [h, o, &c].map(|line| (quad(&line.n), quad(&line.v)));
-        let p_t = quad(&target.p_o_c);
+        let arm = host.p_o_c - target.p_o_c;
         for d in 0..2 {
-            let by_c = quad(&(by_n.row(d).transpose() * measured.weights[d]));
-            let by_o = target.lanes.times(&by_c);
-            let by_o_v = cross(&p_t, &by_o);
-            let by_h = host.lanes.transpose_times(&by_o);
-            let by_h_v = host.lanes.transpose_times(&cross(&by_o, &arm));
-            j.camera[d] = [cross(&ov, &by_o), sum(&cross(&on, &by_o), &cross(&ov, &by_o_v))];
-            j.host[d] = [cross(&hv, &by_h), sum(&cross(&hn, &by_h), &cross(&hv, &by_h_v))];
-            j.target[d] = [cross(&cv, &by_c), cross(&cn, &by_c)];
-            let [by_h, by_h_v] = [by_h, by_h_v].map(|by| Vector3::new(by[0], by[1], by[2]));
+            let by_c = by_n.row(d).transpose() * measured.weights[d];
+            let by_o = target.rot_o_c * by_c;
+            let by_o_v = target.p_o_c.cross(&by_o);
+            let by_h = host.rot_o_c.tr_mul(&by_o);
+            let by_h_v = host.rot_o_c.tr_mul(&by_o.cross(&arm));
+            let turn = o.n.cross(&by_o) + o.v.cross(&by_o_v);
+            j.camera[d] = [quad(&o.v.cross(&by_o)), quad(&turn)];
+            let turn = h.n.cross(&by_h) + h.v.cross(&by_h_v);
+            j.host[d] = [quad(&h.v.cross(&by_h)), quad(&turn)];
+            j.target[d] = [quad(&c.v.cross(&by_c)), quad(&c.n.cross(&by_c))];
             for (k, by) in placed.by_parameters(&by_h, &by_h_v).into_iter().enumerate() {
                 j.landmark[(d, k)] = by;
             }

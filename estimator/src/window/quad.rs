@@ -62,12 +62,6 @@ pub(super) fn cross(a: &Quad, b: &Quad) -> Quad {
     turned(&out)
 }
 
-/// `a + b`.
-#[inline(always)]
-pub(super) fn sum(a: &Quad, b: &Quad) -> Quad {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]
-}
-
 /// `v s`.
 #[inline(always)]
 pub(super) fn scaled(v: &Quad, s: f64) -> Quad {
