@@ -1,23 +1,25 @@
 //! The judge: which of the sensors is wrong where they contradict each other, and what is done about it.
 //!
-//! Each hypothesis has a file, with the watch that keeps its evidence over frames. A frame is judged in this order:
+//! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
+//! do, the health bits it sets and the largest quality it leaves:
 //!
-//! | hypothesis | found by | what it may do | health bits, largest quality |
-//! |---|---|---|---|
-//! | a force set in suddenly and did not act, or stopped changing | [`sudden_force`], [`stilled_force`] | published velocity uncertain | |
-//! | the stamp is off | [`stamp`] | the state has the corrected time; covariance by its variance | |
-//! | a camera jumped, is late, or sees other things | [`pair`] | its image left out, tracks followed in the other; a start waits | `CAMERAS_*`, 10 |
-//! | part of the scene moves | [`trial`] | observations dropped | |
-//! | the gyroscope is wrong, or a stream late | [`gyroscope`] | samples not believed since then, motions integrated anew, the frame placed by its images; covariance | `GYRO_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, 10 |
-//! | the accelerometer is wrong | [`force_watch`] with [`crate::window::trial`] | forces as uncertain as they are wrong, the frame placed by its images | `ACCEL_CONTRADICTED`, 10 |
-//! | the baseline is wrong | [`scale_watch`] | nothing | `SCALE_CONTRADICTED`, 10 |
-//! | *the window is solved* | | | |
-//! | the motion contradicts most that is seen | [`crate::window`] | solved anew with a loosened factor | `IMU_CONTRADICTED` |
-//! | forces are noisier than stated | [`noise`] | noise of the factors to come | `ACCEL_NOISY` |
-//! | nothing holds the estimate, or no vehicle is like that | [`tracking`] | given up: a start anew | `VELOCITY_UNCERTAIN` |
+//! 1. A force set in suddenly and did not act ([`sudden_force`]), or stopped changing ([`stilled_force`]): the published velocity is uncertain.
+//! 2. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
+//! 3. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
+//!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
+//! 4. Part of the scene moves ([`trial`]): its observations are dropped.
+//! 5. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
+//!    images place the frame, the covariance grows. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
+//! 6. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]): forces are as uncertain as they are wrong, the images place the
+//!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
+//! 7. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
+//! 8. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
+//!    `IMU_CONTRADICTED`.
+//! 9. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
+//! 10. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
 //!
 //! Sensors that repeat their readings are known before ([`crate::inertial::stuck`]). Watches do not know each other: what one must know of
-//! another is handed to it here and in [`inertial`], where gyroscope and accelerometer are judged by one sighting.
+//! another is handed to it here, and in [`inertial`], where one sighting judges gyroscope and accelerometer.
 
 mod force_watch;
 mod gyroscope;
