@@ -25,14 +25,21 @@ mod tests;
 pub mod vectornav;
 pub mod xsens;
 
+pub use imu::SerialImu;
+pub use port::{Port, Waited, open_line};
+pub use ports::{SerialPortInfo, serial_ports};
+pub use stream::{Stream, TriggerEvent};
+
 use plumbline_config::options::{ImuProtocol, MavlinkImu};
+use plumbline_protocol::Settings;
+use protocol::Protocol;
 
 /// Opens a protocol: `message` and `rate_hz` are for autopilots, `settings` for a microcontroller of our own.
 pub(crate) fn opened(
     protocol: ImuProtocol,
     (message, rate_hz): (MavlinkImu, f64),
-    settings: plumbline_protocol::Settings,
-) -> Box<dyn protocol::Protocol> {
+    settings: Settings,
+) -> Box<dyn Protocol> {
     match protocol {
         ImuProtocol::Plumbline => Box::new(plumbline::Plumbline::new(settings)),
         ImuProtocol::Mavlink => Box::new(mavlink::Mavlink::new(message, rate_hz)),
@@ -40,8 +47,3 @@ pub(crate) fn opened(
         ImuProtocol::Xsens => Box::new(xsens::Xsens),
     }
 }
-
-pub use imu::SerialImu;
-pub use port::{Port, Waited, open_line};
-pub use ports::{SerialPortInfo, serial_ports};
-pub use stream::{Stream, TriggerEvent};
