@@ -88,12 +88,13 @@ impl<const D: usize> Eliminated<D> {
                 let row = &mut row.as_chunks_mut::<LANES>().0[n];
                 tile[r] = *row;
                 for s in 0..r {
-                    for k in 0..LANES {
-                        tile[r][k] -= self.lower[(r, s)] * tile[s][k];
+                    let before = tile[s];
+                    for (value, before) in tile[r].iter_mut().zip(before) {
+                        *value -= self.lower[(r, s)] * before;
                     }
                 }
-                for k in 0..LANES {
-                    tile[r][k] *= inverse[r];
+                for value in &mut tile[r] {
+                    *value *= inverse[r];
                 }
                 *row = tile[r];
             }
