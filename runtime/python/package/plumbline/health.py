@@ -38,6 +38,7 @@ class Health(IntFlag):
     ACCELEROMETER_CONTRADICTED = 1 << 27
     GYROSCOPE_CONTRADICTED = 1 << 28
     CAMERAS_OUT_OF_STEP = 1 << 29
+    SCALE_CONTRADICTED = 1 << 30
 
 
 _KNOWN = {bit: name.upper().replace(" ", "_") for bit, name in health_bits()}
