@@ -68,7 +68,7 @@ impl Judge {
         if self.forces.is_named() {
             case.health.insert(HealthBits::ACCEL_CONTRADICTED);
         }
-        if self.scale.contradicted().is_some() {
+        if self.scale.is_contradicted() {
             case.health.insert(HealthBits::SCALE_CONTRADICTED);
         }
     }

@@ -17,8 +17,9 @@ const FRAMES_OF_GAIN: f64 = 16.0;
 const MIN_FRAMES: f64 = 12.0;
 const MIN_GAIN_M_S: f64 = 0.05;
 const MOST_UNEXPLAINED: f64 = 0.2;
-/// The scales disagree from this many standard deviations, and by this much. Recorded flights stay below 1.4 and 0.05.
-const SHOWS_SIGMAS: f64 = 4.0;
+/// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Recorded flights
+/// stay below 1.4 and 0.05. What is seen is a compromise of images and forces already: of a baseline that is 15 % off half may show.
+const SHOWS_SIGMAS: f64 = 2.5;
 const LEAST_OFF: f64 = 0.06;
 /// Largest quality while they do.
 const CONTRADICTED_QUALITY: i8 = 10;
@@ -31,6 +32,7 @@ pub(super) struct ScaleWatch {
     felt_squared: f64,
     product: f64,
     seen_squared: f64,
+    is_contradicted: bool,
 }
 
 impl ScaleWatch {
@@ -48,23 +50,33 @@ impl ScaleWatch {
         add(&mut self.felt_squared, felt.norm_squared());
         add(&mut self.product, felt.dot(&seen));
         add(&mut self.seen_squared, seen.norm_squared());
+        self.judge();
     }
 
-    /// The factor, if it is plainly not 1.
-    pub(super) fn contradicted(&self) -> Option<f64> {
+    /// Judges whether the scales agree.
+    fn judge(&mut self) {
         let factor = self.product / self.felt_squared;
         let unexplained = self.seen_squared - factor * self.product;
         let sigma = (FRAMES_OF_GAIN * unexplained / (self.frames * self.felt_squared)).sqrt();
         let is_told = self.frames > MIN_FRAMES
             && self.felt_squared > MIN_GAIN_M_S.squared() * self.frames
             && unexplained < MOST_UNEXPLAINED * self.seen_squared;
-        let is_off = (factor - 1.0).abs() > LEAST_OFF.at_least(SHOWS_SIGMAS * sigma);
-        (is_told && is_off).then_some(factor)
+        let off = (factor - 1.0).abs();
+        if is_told && off > LEAST_OFF.at_least(SHOWS_SIGMAS * sigma) {
+            self.is_contradicted = true;
+        } else if is_told && off.at_least(sigma) < 0.5 * LEAST_OFF {
+            self.is_contradicted = false;
+        }
+    }
+
+    /// True if the images show another scale than the forces.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.is_contradicted
     }
 
     /// The quality of an estimate that would have `quality` if the scales agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.contradicted().is_some() { quality.min(CONTRADICTED_QUALITY) } else { quality }
+        if self.is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 }
 
@@ -73,7 +85,7 @@ mod tests {
     use super::*;
 
     /// Watches five seconds of frames of a vehicle that sways, whose images show its gains times `factor`, with what else they show.
-    fn watched(factor: f64, else_seen: impl Fn(f64) -> Vector3<f64>) -> Option<f64> {
+    fn watched(factor: f64, else_seen: impl Fn(f64) -> Vector3<f64>) -> bool {
         let mut watch = ScaleWatch::default();
         for k in 0..100 {
             let t = 0.05 * f64::from(k);
@@ -81,7 +93,7 @@ mod tests {
             let bias = Vector3::new(0.05, -0.03, 0.02);
             watch.add(&(gain + bias), &(gain * factor + else_seen(t)), 0.05);
         }
-        watch.contradicted()
+        watch.is_contradicted()
     }
 
     fn noise(t: f64) -> Vector3<f64> {
@@ -89,30 +101,27 @@ mod tests {
     }
 
     #[test]
-    fn a_baseline_that_is_too_long_or_too_short_is_found_with_its_factor() {
-        for factor in [0.5, 0.9, 1.1, 2.0] {
-            let found = watched(factor, noise).expect("it is off");
-            assert!((found - factor).abs() < 0.02 * factor, "{factor}: {found}");
-        }
+    fn a_baseline_that_is_too_long_or_too_short_is_found() {
+        assert!([0.5, 0.9, 1.1, 2.0].into_iter().all(|factor| watched(factor, noise)));
     }
 
     #[test]
     fn scales_that_agree_are_not_contradicted() {
-        assert_eq!([0.97, 1.0, 1.03].map(|factor| watched(factor, noise)), [None; 3]);
+        assert!(![0.97, 1.0, 1.03].into_iter().any(|factor| watched(factor, noise)));
     }
 
     #[test]
     fn an_accelerometer_that_fails_otherwise_has_no_scale() {
         let other = |t: f64| Vector3::new(libm::sin(5.1 * t), libm::sin(4.3 * t), libm::cos(3.7 * t)) * 0.3;
-        assert_eq!(watched(0.4, other), None);
-        assert_eq!(watched(0.0, noise), None, "nothing of it is seen");
+        assert!(!watched(0.4, other));
+        assert!(!watched(0.0, noise), "nothing of it is seen");
     }
 
     #[test]
     fn hovering_tells_no_scale() {
         let mut watch = ScaleWatch::default();
         (0..200).for_each(|k| watch.add(&noise(f64::from(k)), &Vector3::zeros(), 0.05));
-        assert_eq!(watch.contradicted(), None);
+        assert!(!watch.is_contradicted());
         assert_eq!(watch.bounded(90), 90);
     }
 }

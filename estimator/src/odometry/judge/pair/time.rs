@@ -21,10 +21,12 @@ const LEAST_S: f64 = 1e-3;
 /// Frames that tell a delay.
 const FRAMES_TO_SHOW: f64 = 1.5;
 /// A start waits for so long, s, while a delay of this many standard deviations shows (sound starts: 1.2), or while less than this share of
-/// the points is found in both images (sound starts: 0.86; a camera that is late: 0.6).
+/// the points is found in both images of a pair that moves fast enough to tell a delay to this, s (sound starts: 0.6; a camera that is late:
+/// at most 0.5 in its first frames).
 const DOUBT_S: f64 = 1.0;
 const DOUBT_SIGMAS: f64 = 1.5;
-const MIN_SHARED_AT_START: f64 = 0.7;
+const MIN_SHARED_AT_START: f64 = 0.5;
+const MOVES_S: f64 = 0.03;
 /// A pair is in step if its delay is known this well, s, and less than so many standard deviations, after so many frames.
 const PROVES_S: f64 = 3e-3;
 const PROVES_SIGMAS: f64 = 3.0;
@@ -111,10 +113,11 @@ impl PairTime {
 
     /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
     pub(super) fn delays_start(&mut self, stamp: Timestamp, shared: usize, points: usize) -> bool {
-        let is_late = self
-            .late_s()
-            .is_some_and(|(late_s, sigma_s)| late_s.abs() > LEAST_S.at_least(DOUBT_SIGMAS * sigma_s));
-        let is_doubtful = is_late || (shared as f64) < MIN_SHARED_AT_START * points as f64;
+        let delay = self.late_s();
+        let is_late =
+            delay.is_some_and(|(late_s, sigma_s)| late_s.abs() > LEAST_S.at_least(DOUBT_SIGMAS * sigma_s));
+        let moves = delay.is_none_or(|(_, sigma_s)| sigma_s < MOVES_S);
+        let is_doubtful = is_late || moves && (shared as f64) < MIN_SHARED_AT_START * points as f64;
         is_doubtful && stamp.seconds_since(*self.doubted.get_or_insert(stamp)) < DOUBT_S
     }
 
