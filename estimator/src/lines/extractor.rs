@@ -176,7 +176,11 @@ impl LineExtractor {
 
     /// Finds the clearest of those that are long enough in the whole image.
     fn keep(&mut self, image: &ImageView<'_>) {
-        let least = self.least_length_px(self.raw.len());
+        let filtered = match self.options.length_filter {
+            true => filter::min_length_px(self.raw.len(), image.width(), image.height()),
+            false => 0.0,
+        };
+        let least = filtered.at_least(self.options.min_raw_length_px as f32);
         self.candidates.clear();
         self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
         filter::clearest_first(&mut self.candidates);
@@ -192,15 +196,6 @@ impl LineExtractor {
             }
         }
         filter::clearest_first(&mut self.kept);
-    }
-
-    /// Least length of a segment of the whole image that has so many at half the resolution, px.
-    fn least_length_px(&self, count: usize) -> f32 {
-        let filtered = match self.options.length_filter {
-            true => filter::min_length_px(count, self.width, self.height),
-            false => 0.0,
-        };
-        filtered.at_least(self.options.min_raw_length_px as f32)
     }
 
     fn threshold(&self) -> i16 {
@@ -238,10 +233,7 @@ impl LineExtractor {
         if !is_dense || !self.validation_at_half.is_meaningful(grown.steps, grown.support) {
             return None;
         }
-        // It grows with their number: what is too short for those so far (and a pixel of rounding) is never refined.
-        let least_px = self.least_length_px(self.raw.len()) - MAY_GAIN_PX - 1.0;
-        let places = self.growth.places();
-        Some(Segment::through(places, &grown.direction, least_px / REDUCTION as f32)?.whole())
+        Some(Segment::through(self.growth.places(), &grown.direction)?.whole())
     }
 }
 

@@ -105,7 +105,7 @@ impl Refiner {
         }
         self.places.clear();
         self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
-        Segment::through(&self.places, &coarse.direction(), 0.0).map(|segment| RefinedSegment {
+        Segment::through(&self.places, &coarse.direction()).map(|segment| RefinedSegment {
             segment,
             tried,
             found,

@@ -73,9 +73,9 @@ impl Segment {
     }
 
     /// The line through edge places by total least squares, from the first to the last of them along
-    /// `direction`, without nodes where it is shorter than `least_px`. `None` for fewer than two places.
+    /// `direction`. `None` for fewer than two places.
     #[must_use]
-    pub fn through(places: &[Place], direction: &Vector2<f32>, least_px: f32) -> Option<Self> {
+    pub fn through(places: &[Place], direction: &Vector2<f32>) -> Option<Self> {
         let mut moments = LineMoments::default();
         let (mut strength, mut support) = (0.0, 0.0);
         for place in places {
@@ -96,8 +96,7 @@ impl Segment {
         }
         let mut nodes = [SegmentNode::default(); NODES];
         let nodes_per_px = NODES as f32 / length;
-        let with_nodes = if length < least_px { &[] } else { places };
-        for place in with_nodes {
+        for place in places {
             let part = whole((along.dot(&(place.px - centroid)) - first) * nodes_per_px);
             let node = &mut nodes[(part as usize).min(NODES - 1)];
             node.px += place.px * place.weight;

@@ -68,37 +68,41 @@ impl<const D: usize> Eliminated<D> {
         let (start, end) = (motion_of_frame(first) / LANES, motion_of_frame(last + 1).div_ceil(LANES));
         self.frames = (start * LANES, end * LANES);
         self.globals = globals_in_use(equations.has_lenses());
-        self.divide(start, end);
-        let globals = self.globals / LANES;
-        let rows = equations.rows.as_chunks_mut::<LANES>().0;
-        for (n, to) in rows[..globals].iter_mut().enumerate() {
-            subtract_products(to, &self.rows, n * LANES, (n..globals).chain(start..end));
+        // What it does not meet (a camera that does not see it, a heading that it does not tell) stays as it is.
+        let inverse = std::array::from_fn(|r| 1.0 / self.lower[(r, r)]);
+        let mut met = heapless::Vec::<_, { MAX_MOTIONS / LANES }>::new();
+        for n in (0..self.globals / LANES).chain(start..end) {
+            if self.divide(n, &inverse) {
+                let _ = met.push(n);
+            }
         }
-        for (n, to) in rows[..end].iter_mut().enumerate().skip(start) {
-            subtract_products(to, &self.rows, n * LANES, n..end);
+        let rows = equations.rows.as_chunks_mut::<LANES>().0;
+        for (k, &n) in met.iter().enumerate() {
+            subtract_products(&mut rows[n], &self.rows, n * LANES, met[k..].iter().copied());
         }
     }
 
-    /// `W` becomes `L⁻¹W`, in the tiles of the globals and those from `start` to `end`.
-    fn divide(&mut self, start: usize, end: usize) {
-        let inverse: [f64; D] = std::array::from_fn(|r| 1.0 / self.lower[(r, r)]);
-        for n in (0..self.globals / LANES).chain(start..end) {
-            let mut tile = [[0.0; LANES]; D];
-            for (r, row) in self.rows.iter_mut().enumerate() {
-                let row = &mut row.as_chunks_mut::<LANES>().0[n];
-                tile[r] = *row;
-                for s in 0..r {
-                    let before = tile[s];
-                    for (value, before) in tile[r].iter_mut().zip(before) {
-                        *value -= self.lower[(r, s)] * before;
-                    }
+    /// A tile of columns of `W` becomes one of `L⁻¹W`, by the `inverse` of the diagonal; whether any of it is not zero.
+    #[inline]
+    fn divide(&mut self, n: usize, inverse: &[f64; D]) -> bool {
+        let (mut tile, mut is_met) = ([[0.0; LANES]; D], false);
+        for (r, row) in self.rows.iter_mut().enumerate() {
+            let row = &mut row.as_chunks_mut::<LANES>().0[n];
+            tile[r] = *row;
+            // All of them, without an end at the first: many at a time.
+            is_met = row.iter().fold(is_met, |is_met, x| is_met | (*x != 0.0));
+            for s in 0..r {
+                let before = tile[s];
+                for (value, before) in tile[r].iter_mut().zip(before) {
+                    *value -= self.lower[(r, s)] * before;
                 }
-                for value in &mut tile[r] {
-                    *value *= inverse[r];
-                }
-                *row = tile[r];
             }
+            for value in &mut tile[r] {
+                *value *= inverse[r];
+            }
+            *row = tile[r];
         }
+        is_met
     }
 }
 
