@@ -120,11 +120,18 @@ fn simulated(scenario: &Scenario) -> Flight {
     open_simulation(None, scenario, false, 0.0, Some(&kept::folder())).unwrap()
 }
 
+/// Two laps are flown once, for all that is said of them and of their map.
 #[test]
-fn a_second_lap_is_recognized_and_takes_drift_out_while_the_odometry_stays_as_it_is() {
-    let (flown, updates) = flown_twice();
-    let recognition = Recognition::of(&flown, &updates);
-    let report = Report::new(&flown);
+fn a_second_lap_is_recognized_and_its_map_withstands_false_loops_and_serves_on() {
+    let (flown, updates) = flown(simulated(&scenario(2)));
+    a_second_lap_takes_drift_out_while_the_odometry_stays_as_it_is(&flown, &updates);
+    false_loops_leave_it_unharmed(&flown);
+    a_flight_that_goes_on_is_located_within_two_seconds_and_an_abducted_one_too(&flown);
+}
+
+fn a_second_lap_takes_drift_out_while_the_odometry_stays_as_it_is(flown: &Flown, updates: &[MapUpdate]) {
+    let recognition = Recognition::of(flown, updates);
+    let report = Report::new(flown);
     println!("{recognition:?} {:?}, odometry {:?}", report.places, report.ate_rmse_m);
     assert!(recognition.revisits >= 30);
     assert_eq!(recognition.wrong, 0);
@@ -139,10 +146,6 @@ fn a_second_lap_is_recognized_and_takes_drift_out_while_the_odometry_stays_as_it
     assert!(alone.places.is_none());
     assert_eq!(alone.estimate_digest, report.estimate_digest, "the map must not touch the estimate");
     assert_eq!(alone.odometry_digest, report.odometry_digest, "the map must not touch the odometry");
-}
-
-fn flown_twice() -> (Flown, Vec<MapUpdate>) {
-    flown(simulated(&scenario(2)))
 }
 
 /// The true pose of each node, by its number; that of the origin of the map is none.
@@ -182,12 +185,10 @@ fn drift_distances2(flown: &Flown, mapper: &Mapper) -> Vec<(usize, f64, f64)> {
     [1, 4, 16, 64, 256].into_iter().filter_map(of).collect()
 }
 
-#[test]
-fn false_loops_in_a_flight_leave_it_unharmed() {
-    let (flown, _) = flown_twice();
+fn false_loops_leave_it_unharmed(flown: &Flown) {
     let mapper = &flown.outcome.places.as_ref().unwrap().mapper;
-    let poses = true_poses(&flown, mapper);
-    for (step, median, largest) in drift_distances2(&flown, mapper) {
+    let poses = true_poses(flown, mapper);
+    for (step, median, largest) in drift_distances2(flown, mapper) {
         println!(
             "{step} nodes: the truth is off by {median:.2} in the median, {largest:.2} at most, squared"
         );
@@ -353,15 +354,13 @@ fn places_are_found_whatever_the_words_and_the_seed() {
     }
 }
 
-#[test]
-fn a_flight_that_goes_on_with_a_map_is_located_within_two_seconds_and_an_abducted_one_too() {
-    let (first, _) = flown_twice();
+fn a_flight_that_goes_on_is_located_within_two_seconds_and_an_abducted_one_too(first: &Flown) {
     // The map's frame against that of the truth, by a pose of the first flight that has settled: the tilt of its first one
     // is known no better than the bias of the accelerometer.
     let poses = first.final_poses();
     let settled = &poses[poses.len() / 2];
     let origin = first.truth.pose_at(settled.stamp).unwrap() * settled.pose.inverse();
-    let map = first.outcome.places.unwrap().mapper.map().clone();
+    let map = first.outcome.places.as_ref().unwrap().mapper.map().clone();
     // Out of sight from 9 s to 15.5 s: the estimate is started anew elsewhere, without knowing how it came there.
     let mut scenario = scenario(2);
     scenario.seed = 1;
