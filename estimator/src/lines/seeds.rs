@@ -168,8 +168,8 @@ fn probe_places(x: (f32, f32, f32), y: (f32, f32, f32), width: u32, out: &mut [u
     let at = |(start, direction, last): (f32, f32, f32), k: usize| {
         whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last)) as u32
     };
-    for k in 0..PROBES {
-        out[k] = at(y, k) * width + at(x, k);
+    for (k, out) in out.iter_mut().enumerate() {
+        *out = at(y, k) * width + at(x, k);
     }
 }
 
