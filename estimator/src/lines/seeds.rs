@@ -168,8 +168,8 @@ fn probe_places(x: (f32, f32, f32), y: (f32, f32, f32), width: u32, out: &mut [u
     let at = |(start, direction, last): (f32, f32, f32), k: usize| {
         whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last)) as u32
     };
-    for (k, place) in out.iter_mut().enumerate() {
-        *place = at(y, k) * width + at(x, k);
+    for (k, out) in out.iter_mut().enumerate() {
+        *out = at(y, k) * width + at(x, k);
     }
 }
 
@@ -178,9 +178,9 @@ fn probe_places(x: (f32, f32, f32), y: (f32, f32, f32), width: u32, out: &mut [u
 fn compare(seed: &Vector2<f32>, [gx, gy]: [&[f32; PROBES]; 2], threshold: i16, out: &mut [u32; PROBES]) {
     let least = (MIN_PROBE_SHARE * f32::from(threshold)).squared();
     let limit = MIN_PROBE_COS2 * seed.norm_squared();
-    for (k, is_like) in out.iter_mut().enumerate() {
+    for k in 0..PROBES {
         let (dot, squared) = (seed.x * gx[k] + seed.y * gy[k], gx[k] * gx[k] + gy[k] * gy[k]);
-        *is_like = u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
+        out[k] = u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
     }
 }
 

@@ -88,19 +88,16 @@ impl<const D: usize> Eliminated<D> {
         let (mut tile, mut is_met) = ([[0.0; LANES]; D], false);
         for (r, row) in self.rows.iter_mut().enumerate() {
             let row = &mut row.as_chunks_mut::<LANES>().0[n];
-            tile[r] = *row;
+            let mut x = *row;
             // All of them, without an end at the first: many at a time.
-            is_met = row.iter().fold(is_met, |is_met, x| is_met | (*x != 0.0));
-            for s in 0..r {
-                let before = tile[s];
-                for (value, before) in tile[r].iter_mut().zip(before) {
-                    *value -= self.lower[(r, s)] * before;
+            is_met = x.iter().fold(is_met, |is_met, x| is_met | (*x != 0.0));
+            for (s, above) in tile.iter().enumerate().take(r) {
+                for k in 0..LANES {
+                    x[k] -= self.lower[(r, s)] * above[k];
                 }
             }
-            for value in &mut tile[r] {
-                *value *= inverse[r];
-            }
-            *row = tile[r];
+            x.iter_mut().for_each(|x| *x *= inverse[r]);
+            (tile[r], *row) = (x, x);
         }
         is_met
     }

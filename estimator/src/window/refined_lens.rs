@@ -13,9 +13,6 @@ use nalgebra::{Vector2, Vector3};
 /// Difference from the reference that measurements do not follow, in focal lengths: a ten thousandth of a pixel.
 const SMALL_STEP: f64 = 2e-7;
 
-/// Difference that residuals leave out within a solution: some thousandths of a pixel.
-const NEGLIGIBLE_STEP: f64 = 1e-5;
-
 impl Lenses {
     /// Derivatives of both residuals of an observation by the intrinsics of its camera.
     #[inline]
@@ -51,7 +48,7 @@ impl Lenses {
 /// A lens, and the step of its intrinsics from the reference.
 type MovedLens<'a> = (&'a Lens, Vector3<f64>);
 
-/// Lenses of both cameras whose intrinsics have moved from the reference; `None` where residuals can leave that out.
+/// Lenses of both cameras whose intrinsics have moved from the reference; `None` where they have not.
 #[derive(Clone, Copy, Debug)]
 pub struct MovedLenses<'a>([Option<MovedLens<'a>>; 2]);
 
@@ -61,12 +58,12 @@ impl<'a> MovedLenses<'a> {
         Self([0, 1].map(|camera| {
             let lenses = lenses?;
             let step = lenses.step(rig, camera);
-            let has_moved = step.iter().any(|x| x.abs() >= NEGLIGIBLE_STEP);
+            let has_moved = step.iter().any(|x| *x != 0.0);
             lenses.lenses.get(camera).filter(|_| has_moved).map(|lens| (lens, step))
         }))
     }
 
-    /// What was measured, by the present intrinsics; `None` where they are as good as those of the reference.
+    /// What was measured, by the present intrinsics; `None` where they are those of the reference.
     #[inline(always)]
     pub(super) fn moved<F: Feature>(
         &self,
