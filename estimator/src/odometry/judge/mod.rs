@@ -229,6 +229,7 @@ impl Judge {
         let is_contradicted = window.is_newest_doubtful() && window.doubt_newest_motion(max_iterations);
         if is_contradicted {
             case.health.insert(HealthBits::IMU_CONTRADICTED);
+            self.tracking.note_doubt(case.stamp);
         }
         window.remove_minority();
         is_contradicted

@@ -13,6 +13,9 @@ const MIN_LANDMARKS_IN_VIEW: usize = 5;
 const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
+/// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s, and the quality at most this.
+const DOUBTED_S: f64 = 0.3;
+const DOUBTED_QUALITY: i8 = 10;
 
 /// Knowledge of the velocity since the last start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,11 +50,14 @@ pub(super) struct Tracking {
     last_reset: Option<Timestamp>,
     /// When the estimate began.
     begun: Option<Timestamp>,
+    /// When the images last contradicted a motion as a whole.
+    doubted: Option<Timestamp>,
 }
 
 impl Tracking {
     pub(super) fn new(options: HealthConfig) -> Self {
-        Self { options, velocity: Velocity::NotYet, last_seen: None, last_reset: None, begun: None }
+        let velocity = Velocity::NotYet;
+        Self { options, velocity, last_seen: None, last_reset: None, begun: None, doubted: None }
     }
 
     /// An estimate begins.
@@ -62,7 +68,12 @@ impl Tracking {
 
     /// Forgets stamps that those to come have nothing to do with.
     pub(super) fn forget_time(&mut self) {
-        (self.last_seen, self.last_reset) = (None, None);
+        (self.last_seen, self.last_reset, self.doubted) = (None, None, None);
+    }
+
+    /// The images contradict the motion to the frame of `stamp` as a whole.
+    pub(super) fn note_doubt(&mut self, stamp: Timestamp) {
+        self.doubted = Some(stamp);
     }
 
     /// An estimate was given up at `stamp`: none is for being blind shortly after.
@@ -130,6 +141,11 @@ impl Tracking {
         let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
         let by_velocity =
             (1.0 - estimation.velocity_sigma_m_s() / self.options.max_velocity_sigma_m_s).clamp(0.0, 1.0);
-        (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
+        let quality = (100.0 * by_landmarks.at_most(by_velocity)).round() as i8;
+        let newest = estimation.window.frames.last();
+        let is_doubtful = newest
+            .zip(self.doubted)
+            .is_some_and(|(newest, doubted)| newest.stamp.seconds_since(doubted) < DOUBTED_S);
+        if is_doubtful { quality.min(DOUBTED_QUALITY) } else { quality }
     }
 }
