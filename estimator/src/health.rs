@@ -168,7 +168,8 @@ health_bits! {
     15 ACCEL_NOISY "accelerometer noisy", "the accelerometer is noisier than configured, or contradicts the scale of the images", (
         "vibration, a configured noise that is that of a data sheet, stamps of the samples that scatter or are late, or a distance between \
          the cameras (baseline) that is wrong",
-        "set `imu.accel_noise_density` to the noise in flight and damp the mounting; `plumbline doctor` measures noise and scale",
+        "run `plumbline doctor` on the data, which measures noise and scale; where the scale is right, set `imu.accel_noise_density` to the \
+         noise in flight and damp the mounting",
     );
     /// Readings of the gyroscope, or of one of its axes, repeat bit for bit, and are not used.
     16 GYRO_STUCK "gyroscope stuck", "the gyroscope repeats its readings", STUCK;
@@ -182,7 +183,7 @@ health_bits! {
     /// go on alone, and may follow what moves: the quality is at most 10.
     20 IMU_LATE "IMU late", "the inertial samples are stamped late", (
         "stamps of the arrival, or a clock of its own",
-        "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`",
+        "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`, which takes effect in flight, not in `replay`",
     );
     /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
     21 IMAGES_LATE "images late", "the images are stamped late", (
@@ -229,11 +230,11 @@ health_bits! {
     /// Left and right image are not of the same moment; the quality is at most 10.
     29 CAMERAS_OUT_OF_STEP "cameras out of step", "left and right image are not of the same moment", (
         "one camera that is late by a frame, or cameras that are triggered apart",
-        "trigger both cameras together; look at which frames the driver pairs",
+        "trigger both cameras together; look at which frames the driver pairs; `plumbline doctor` measures which camera is late, and by how much",
     );
     /// The images have shown larger or smaller motions than the accelerometer, by one factor; the quality is at most 10.
     30 SCALE_CONTRADICTED "scale contradicted", "images and accelerometer differ on the scale of the motion", (
-        "a distance between the cameras (baseline) that is wrong, a focal length, or the unit of the accelerometer",
+        "a distance between the cameras (baseline) that is wrong, a focal length, or an accelerometer with another unit, or that fails",
         "run `plumbline doctor` on the data: it measures the factor",
     );
 }

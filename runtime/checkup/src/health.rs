@@ -108,11 +108,15 @@ impl HealthTally {
             .map(|held| format!("{} in {} of {} frames", held.about.name, held.frames, self.frames));
         let words: Vec<String> = words.collect();
         let faults = held.iter().filter(|held| held.about.is_fault()).count();
-        let cure = held.iter().find(|held| held.about.is_fault()).map(|held| held.about.cure);
+        // A noisy accelerometer is often but a consequence of another fault.
+        let of_faults = held.iter().filter(|held| held.about.is_fault());
+        let cure = of_faults
+            .min_by_key(|held| held.about.bit == HealthBits::ACCEL_NOISY)
+            .map(|held| held.about.cure);
         match (words.is_empty(), cure) {
             (true, _) => format!("{quality}, no faults"),
             (false, None) => format!("{quality}; {}, no faults", words.join(", ")),
-            (false, Some(cure)) if faults == 1 || cure.ends_with(LOOK) => {
+            (false, Some(cure)) if faults == 1 || cure.contains(LOOK) => {
                 format!("{quality}; {}: {cure}", words.join(", "))
             }
             (false, Some(cure)) => {

@@ -250,7 +250,7 @@ impl Trouble {
                 format!("samples of {device} are missing"),
                 value,
                 "a cable, load or bandwidth",
-                format!("look at these: {device} lose samples, or the driver does"),
+                format!("look at {device} and the driver: one of them may lose samples"),
             ),
             (Self::Disorder, _) => Finding::new(
                 format!("stamps of {device} run backwards"),
