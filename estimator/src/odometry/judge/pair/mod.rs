@@ -108,11 +108,7 @@ impl Pair {
             return false;
         }
         let begins_to_disagree = self.note(stamp, health);
-        let jumped = self.shift.jumped();
         self.shift.add(estimation.window.image_shifts());
-        if self.shift.jumped() != jumped {
-            self.time.forget_moments();
-        }
         if begins_to_disagree && left_sees(estimation) && self.shift.jumped().is_none() {
             estimation.window.forget_images(RIGHT);
         }
@@ -146,10 +142,7 @@ impl Pair {
     /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
     pub(super) fn judge(&mut self, estimation: &mut Estimation, stamp: Timestamp, health: &mut HealthBits) {
         let was_out_of_step = self.time.is_out_of_step();
-        // A camera that has jumped is off its epipolar lines whatever moves.
-        let is_in_line = self.shift.jumped().is_none();
-        let moments = estimation.window.epipolar_moments().filter(|_| is_in_line);
-        self.time.add(stamp, moments, self.frame_period_s);
+        self.time.add(stamp, estimation.window.epipolar_moments(), self.frame_period_s);
         let is_out_of_step = self.time.is_out_of_step();
         self.report(health);
         let Some(camera) = self.distrusted_camera(estimation, stamp) else { return };

@@ -66,7 +66,7 @@ impl PairTime {
         if is_habit {
             self.acquitted = Some((stamp, camera));
         } else if self.probation.is_none_or(|(_, other)| other != camera) {
-            self.forget_moments();
+            (self.sums, self.frames) = Default::default();
             self.probation = Some((stamp, camera));
         }
     }
@@ -119,11 +119,6 @@ impl PairTime {
         let moves = delay.is_none_or(|(_, sigma_s)| sigma_s < MOVES_S);
         let is_doubtful = is_late || moves && (shared as f64) < MIN_SHARED_AT_START * points as f64;
         is_doubtful && stamp.seconds_since(*self.doubted.get_or_insert(stamp)) < DOUBT_S
-    }
-
-    /// Begins the regression anew.
-    pub(super) fn forget_moments(&mut self) {
-        (self.sums, self.frames) = Default::default();
     }
 
     /// The next start may wait as well.
