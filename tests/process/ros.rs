@@ -340,7 +340,7 @@ fn a_router_that_comes_later_is_found() {
     assert!(samples.len() > 10, "{} samples", samples.len());
     // The node begins when the router is there, not with the flight.
     let first = &samples[0];
-    assert!(first["sequence"].as_i64().unwrap() <= 50, "{first}");
+    assert!(first["sequence"].as_i64().unwrap() <= 150, "{first}");
     let begun = seen.computed.first_key_value().unwrap().0;
     assert!(stamp_ns(&first["message"]["header"]) - begun > 1_000_000_000);
 }
