@@ -338,7 +338,8 @@ fn a_router_that_comes_later_is_found() {
     check_graph(&seen);
     let samples = seen.samples(TOPICS[0]);
     assert!(samples.len() > 10, "{} samples", samples.len());
-    // The node begins when the router is there, not with the flight.
+    // The node begins when the router is there, not with the flight, which would be at 200 by then; a subscriber on a busy machine is
+    // found some tens of samples later.
     let first = &samples[0];
     assert!(first["sequence"].as_i64().unwrap() <= 150, "{first}");
     let begun = seen.computed.first_key_value().unwrap().0;

@@ -143,7 +143,7 @@ fn draw(sound: &[Entry], random: &mut Random, number: usize) -> Result<Entry, St
 }
 
 /// Bits that name a sensor or its clock.
-const NAMES: [HealthBits; 10] = [
+const NAMES: [HealthBits; 11] = [
     HealthBits::ACCEL_STUCK,
     HealthBits::ACCEL_CONTRADICTED,
     HealthBits::GYRO_STUCK,
@@ -154,6 +154,7 @@ const NAMES: [HealthBits; 10] = [
     HealthBits::CAMERAS_DISAGREE,
     HealthBits::LEFT_FROZEN,
     HealthBits::RIGHT_FROZEN,
+    HealthBits::SCALE_CONTRADICTED,
 ];
 
 /// Head of the table of what was named.

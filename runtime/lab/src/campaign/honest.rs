@@ -8,7 +8,7 @@ use crate::report::silence::MAX_NAMELESS_S;
 use plumbline_estimator::HealthBits;
 
 /// Health bits of which one names a fault whose kind begins like this. The longest beginning that fits counts.
-const NAMED_BY: [(&str, &[HealthBits]); 14] = [
+const NAMED_BY: [(&str, &[HealthBits]); 15] = [
     ("accel-", &[HealthBits::ACCEL_STUCK, HealthBits::ACCEL_CONTRADICTED, HealthBits::ACCEL_NOISY]),
     ("gyro-", &[HealthBits::GYRO_STUCK, HealthBits::GYRO_CONTRADICTED]),
     (
@@ -41,6 +41,7 @@ const NAMED_BY: [(&str, &[HealthBits]); 14] = [
     ),
     ("image-shift", &[HealthBits::CAMERAS_DISAGREE]),
     ("images-exchanged", &[HealthBits::CAMERAS_DISAGREE]),
+    ("rig-baseline", &[HealthBits::SCALE_CONTRADICTED]),
 ];
 
 impl CampaignFault {
