@@ -10,3 +10,4 @@ mod lenses;
 mod loops;
 mod places;
 mod soak;
+mod truth;
