@@ -21,8 +21,6 @@ const MEMORY_S: f64 = 1.0;
 const GROWTH: f64 = 4.0;
 /// Ratio up to which the noise is believed: half as much again as in clean flights.
 const BELIEVED_RATIO: f64 = 0.35;
-/// Share of the ratio of the position that the ratio of the velocity may have: images that contradict each other raise both.
-const SHARE_OF_POSITION: f64 = 0.5;
 /// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
 const MOST_IN_A_FRAME: f64 = 25.0;
 /// Largest change of the logarithm of the variance in a time constant.
@@ -128,7 +126,8 @@ impl NoiseScale {
         let share = (dt_s / MEMORY_S).at_most(1.0);
         self.position.add(share, d[0].norm_squared(), gained(NavState::P));
         self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
-        let believed = BELIEVED_RATIO.at_least(SHARE_OF_POSITION * self.position.ratio());
+        // Images that contradict each other raise the ratio of the position as well.
+        let believed = BELIEVED_RATIO.at_least(self.position.ratio());
         let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
         let gain = if excess > 0.0 { GROWTH } else { 1.0 };
         let change = gain * share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
