@@ -47,7 +47,7 @@ impl Window {
     /// Drops what the newest frame, at its predicted pose, sees of things that move, and returns whether there was any.
     /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s; `crowd` bounds the error of the predicted
     /// position. A `trial` that does not contradict the prediction
-    /// takes the place of the votes of all landmarks.
+    /// takes the place of the votes of all landmarks; where it outvotes the predicted turn, nothing is dropped.
     pub fn drop_moving(
         &mut self,
         velocity_sigma_m_s: f64,
@@ -55,6 +55,9 @@ impl Window {
         trial: Option<&Trial>,
     ) -> bool {
         let was_in_sight = self.moving_in_sight > 0;
+        if trial.is_some_and(Trial::is_turn_outvoted) {
+            return false;
+        }
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
         let verdict = self.verdict_within(slack);

@@ -25,6 +25,8 @@ const BACKED_SHARE: f64 = 0.1;
 const EXPLAINED_SHARE: f64 = 0.7;
 /// Share of known landmarks that only the sighting explains, from which they cannot be a crowd that has been known for a moment.
 const PLAIN_SHARE: f64 = 0.25;
+/// A turn is outvoted by this many times the landmarks that explain it alone.
+const TURN_OUTVOTES: usize = 4;
 /// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and so many standard deviations.
 const BACKED_RAD: f64 = 1.5e-3;
 const BACKED_SIGMAS: f64 = 3.0;
@@ -77,6 +79,16 @@ impl Trial {
     #[must_use]
     pub fn is_doubtful(&self) -> bool {
         self.crowd.is_none_or(|crowd| crowd.is_force_sudden) && self.is_off_by(DOUBTFUL_SIGMAS)
+    }
+
+    /// True if the turn that the samples predict is wrong rather than what is seen: most known landmarks are where another turn has them, and
+    /// hardly any where the predicted one does.
+    #[must_use]
+    pub fn is_turn_outvoted(&self) -> bool {
+        let Votes { predicted, sighted, both, all } = self.votes;
+        let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
+        let is_plain = sighted as f64 >= PLAIN_SHARE * all as f64 && sighted >= TURN_OUTVOTES * predicted;
+        !self.is_turn_backed && self.crowd.is_none() && is_explained && is_plain
     }
 
     /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
