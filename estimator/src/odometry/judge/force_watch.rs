@@ -44,6 +44,8 @@ const HELD_S: f64 = 0.3;
 const HELD_NAMED_S: f64 = 1.0;
 /// And this long while no frame can show it, s.
 const UNSEEN_S: f64 = 1.0;
+/// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
+const SLOW_BIAS_S: f64 = 10.0;
 /// Largest quality while forces are contradicted.
 const CONTRADICTED_QUALITY: i8 = 10;
 
@@ -59,6 +61,8 @@ struct Leg {
     /// Gain of velocity, m/s, and way, m, by the forces since the leg before, in `O`.
     gained: Vector3<f64>,
     travelled: Vector3<f64>,
+    /// Bias that is in them beyond its slow mean, m/s² in `O`.
+    by_bias: Vector3<f64>,
 }
 
 /// Evidence of a frame about the forces.
@@ -110,9 +114,11 @@ pub(super) struct ForceWatch {
     suspect: Option<(Timestamp, Vector3<f64>)>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
+    /// Slow mean of the bias, m/s² in `B`.
+    slow_bias: Option<Vector3<f64>>,
 }
 
-/// Gain of velocity over a span of frames, m/s in `O`, as the forces make it and as the images show it.
+/// Gain of velocity over a span of frames, m/s in `O`, as the forces make it, with a bias that does not follow the images, and as these show it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gain {
     pub(super) felt: Vector3<f64>,
@@ -139,6 +145,7 @@ impl ForceWatch {
             is_named: false,
             suspect: None,
             gain: None,
+            slow_bias: None,
         }
     }
 
@@ -164,6 +171,7 @@ impl ForceWatch {
     pub(super) fn update(&mut self, seen: &SeenMotion<'_>, sigmas: &ForceSigmas) -> Option<WrongForces> {
         let stamp_s = seen.stamp_sigma_s.at_least(LEAST_STAMP_S);
         let by_stamp = seen.v_o_b * stamp_s;
+        let slow_bias = self.slow_bias(&seen.motion.bias_accel, seen.motion.dt_s);
         if self.legs.is_full() {
             self.legs.pop_front();
         }
@@ -176,6 +184,7 @@ impl ForceWatch {
             dt_s: seen.motion.dt_s,
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
+            by_bias: seen.rot_o_before * (seen.motion.bias_accel - slow_bias),
         });
         let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
         self.suspect(seen.stamp, &unexplained);
@@ -191,6 +200,13 @@ impl ForceWatch {
             self.settle(seen.stamp);
         }
         found
+    }
+
+    /// The slow mean of the bias `dt_s` after the last one.
+    fn slow_bias(&mut self, bias_accel: &Vector3<f64>, dt_s: f64) -> Vector3<f64> {
+        let slow = self.slow_bias.get_or_insert(*bias_accel);
+        *slow += (bias_accel - *slow) * (dt_s / SLOW_BIAS_S).at_most(1.0);
+        *slow
     }
 
     /// Contradiction by a newest frame that is not where it was predicted: the frame before it may have been struck already.
@@ -271,6 +287,7 @@ impl ForceWatch {
         let seen = second.moved / h2 - first.moved / h1;
         let half_s = 0.5 * (h1 + h2);
         let felt = self.gravity_o * half_s + first.gained + second.travelled / h2 - first.travelled / h1;
+        let by_bias = (first.by_bias + second.by_bias) / (2 * half) as f64;
         let off = seen - felt;
         let off_m_s = off.norm();
         let of_images = a.covariance / h1.squared()
@@ -290,7 +307,7 @@ impl ForceWatch {
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         sigmas.is_finite().then_some(Unexplained {
             off,
-            gain: Gain { felt, seen },
+            gain: Gain { felt: felt + by_bias * half_s, seen },
             sigmas,
             forces: WrongForces { since: b.stamp, sigma_m_s2 },
         })
@@ -306,6 +323,8 @@ struct Joined<'a> {
     moved: Vector3<f64>,
     gained: Vector3<f64>,
     travelled: Vector3<f64>,
+    /// Sum of the bias beyond its slow mean, m/s².
+    by_bias: Vector3<f64>,
 }
 
 /// The next `count` legs together.
@@ -313,14 +332,21 @@ fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Jo
     let zero = Vector3::zeros();
     let mut joined: Option<Joined<'a>> = None;
     for leg in legs.take(count) {
-        let before =
-            joined.unwrap_or(Joined { end: leg, span_s: 0.0, moved: zero, gained: zero, travelled: zero });
+        let before = joined.unwrap_or(Joined {
+            end: leg,
+            span_s: 0.0,
+            moved: zero,
+            gained: zero,
+            travelled: zero,
+            by_bias: zero,
+        });
         joined = Some(Joined {
             end: leg,
             span_s: before.span_s + leg.dt_s,
             moved: before.moved + leg.moved,
             gained: before.gained + leg.gained,
             travelled: before.travelled + before.gained * leg.dt_s + leg.travelled,
+            by_bias: before.by_bias + leg.by_bias,
         });
     }
     joined.filter(|joined| joined.span_s > 0.0)

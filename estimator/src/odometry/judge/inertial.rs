@@ -7,6 +7,7 @@
 
 use super::force_watch::{ForceSigmas, SeenMotion};
 use super::gyroscope::SeenTurn;
+use super::scale_watch::{Compared, Culprit};
 use super::trial::Tried;
 use super::{Case, Judge};
 use crate::estimate::HealthBits;
@@ -16,9 +17,12 @@ use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;
 use crate::window::Window;
 use crate::window::frame::Frame;
-use crate::window::sighting::Sighting;
+use crate::window::sighting::{Sighting, Votes};
 use crate::window::state::NavState;
 use crate::window::trial::Trial;
+
+/// Share of the landmarks that the sighted pose alone explains, from which they vote for it.
+const VOTED_SHARE: f64 = 0.15;
 
 /// Reports stuck sensors in `health`; returns whether there are any.
 pub(in crate::odometry) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
@@ -35,6 +39,11 @@ fn expected(window: &Window, coverage: Coverage) -> Option<NavState> {
     let newest = window.frames.last()?;
     let steady = if coverage.unmeasured.is_any() { window.steady_newest() } else { None };
     Some(steady.unwrap_or_else(|| newest.nav.clone()))
+}
+
+/// Votes of the landmarks between the present pose of the newest frame and the sighted one.
+fn votes(window: &Window, sighting: &Sighting) -> Votes {
+    window.frames.last().map_or_else(Votes::default, |newest| window.votes(&newest.nav, sighting, 1.0))
 }
 
 impl Judge {
@@ -55,7 +64,11 @@ impl Judge {
             && !stuck.gyro
             && self.is_witness(&estimation.window, sighting, case)
         {
-            self.judge_turn(estimation, sighting, case);
+            let votes = tried.trial.map_or_else(|| votes(&estimation.window, sighting), |trial| trial.votes);
+            self.judge_turn(estimation, (sighting, votes), case);
+        }
+        if self.gyroscope.is_distrusting() {
+            self.tracking.note_doubt(case.stamp);
         }
         self.settle_belief(estimation, sighting.is_some(), case.health);
         if coverage.unmeasured.is_any() || self.gyroscope.is_distrusting() {
@@ -65,11 +78,13 @@ impl Judge {
             }
         }
         self.judge_forces(estimation, sighting, tried.trial.as_ref(), coverage);
-        if self.forces.is_named() {
+        if self.forces.is_named() || self.stilled_force.is_axis_silent() {
             case.health.insert(HealthBits::ACCEL_CONTRADICTED);
         }
-        if self.scale.is_contradicted() {
-            case.health.insert(HealthBits::SCALE_CONTRADICTED);
+        match self.scale.contradicted() {
+            Some(Culprit::Baseline) => case.health.insert(HealthBits::SCALE_CONTRADICTED),
+            Some(Culprit::Accelerometer) => case.health.insert(HealthBits::ACCEL_CONTRADICTED),
+            None => {}
         }
     }
 
@@ -84,7 +99,12 @@ impl Judge {
 
     /// Compares the turn of the newest frame by its images with the gyroscope; samples that they contradict lose belief, and where they agree,
     /// errors of stamps are learnt.
-    fn judge_turn(&mut self, estimation: &mut Estimation, sighting: &Sighting, case: &Case<'_>) {
+    fn judge_turn(
+        &mut self,
+        estimation: &mut Estimation,
+        (sighting, votes): (&Sighting, Votes),
+        case: &Case<'_>,
+    ) {
         let [.., before, newest] = &estimation.window.frames[..] else { return };
         let [bias_sigma_rad_s, _] = estimation.bias_sigmas();
         let stamp = newest.stamp;
@@ -100,6 +120,7 @@ impl Judge {
             skips_frames: case.health.contains(HealthBits::FRAME_GAP),
             skips_samples: case.coverage.has_gap,
             is_force_contradicted: self.forces.is_contradicted(),
+            is_voted: votes.sighted as f64 >= VOTED_SHARE * votes.all as f64,
         });
         if let Some(since) = since {
             estimation.imu.distrust(since);
@@ -171,7 +192,11 @@ impl Judge {
             _ => self.forces.pass_over(newest.stamp),
         };
         if let (Some(gain), [.., before, newest]) = (self.forces.gain(), &estimation.window.frames[..]) {
-            self.scale.add(&gain.felt, &gain.seen, newest.taken.seconds_since(before.taken));
+            self.scale.add(&Compared {
+                gain,
+                is_silent: self.stilled_force.is_silent(),
+                dt_s: newest.taken.seconds_since(before.taken),
+            });
         }
         if let Some(wrong) = found {
             estimation.window.doubt_forces(wrong.since, wrong.sigma_m_s2);

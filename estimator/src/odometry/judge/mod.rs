@@ -10,7 +10,7 @@
 //! 4. Part of the scene moves ([`trial`]): its observations are dropped.
 //! 5. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
-//! 6. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]): forces are as uncertain as they are wrong, the images place the
+//! 6. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
 //! 7. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
 //! 8. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
@@ -21,6 +21,7 @@
 //! Sensors that repeat their readings are known before ([`crate::inertial::stuck`]). Watches do not know each other: what one must know of
 //! another is handed to it here, and in [`inertial`], where one sighting judges gyroscope and accelerometer.
 
+mod covariance;
 mod force_watch;
 mod gyroscope;
 mod inertial;
@@ -39,7 +40,7 @@ pub(super) use tracking::{Belief, Velocity};
 
 use super::estimation::Estimation;
 use super::vibrating;
-use crate::estimate::{HealthBits, NavCovariance};
+use crate::estimate::HealthBits;
 use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::input::ResetKind;
@@ -47,7 +48,6 @@ use crate::points::PointObservation;
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::sighting::Sighting;
 use crate::window::solve::Outcome;
-use crate::window::state::NavState;
 use force_watch::ForceWatch;
 use gyroscope::RotationWatch;
 use noise::{Evidence, NoiseScale};
@@ -102,7 +102,7 @@ impl Judge {
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
             sudden_force: SuddenForce::new(),
-            stilled_force: StilledForce::new(),
+            stilled_force: StilledForce::new(setup.imu.accel_noise_density),
             scale: ScaleWatch::default(),
             noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
             tracking: Tracking::new(setup.estimator.health.clone()),
@@ -282,7 +282,7 @@ impl Judge {
         self.gyroscope.forget_turns();
         self.forces.clear();
         self.sudden_force = SuddenForce::new();
-        self.stilled_force = StilledForce::new();
+        self.stilled_force.clear();
         self.pair.wait_anew();
         if kind == ResetKind::Hard {
             self.pair.clear();
@@ -333,25 +333,6 @@ impl Judge {
         self.stamps.newest_variance().map_or_else(|| self.gyroscope.stamp_sigma_s(), f64::sqrt)
     }
 
-    /// The covariance of the newest frame, with what sensors that contradict each other may hide, and what vibration makes of
-    /// its velocity.
-    pub(super) fn stated_covariance(&self, estimation: &Estimation) -> NavCovariance {
-        let covariance = estimation.covariance;
-        let Some(newest) = estimation.window.frames.last() else { return covariance };
-        let added = self.gyroscope.added_covariance(&newest.nav, &estimation.turn_rate_b());
-        let mut stated = added.map_or(covariance, |added| covariance + added);
-        let sway = vibrating::sway(&estimation.vibration, self.noise.stated(), &newest.nav);
-        add_to_velocity(&mut stated, sway);
-        if let Some(variance) = self.stamps.newest_variance() {
-            let by_time = estimation.rates_of(&newest.nav).derivative();
-            stated += by_time * by_time.transpose() * variance;
-        }
-        add_to_velocity(&mut stated, self.sudden_force.of_velocity(newest.stamp));
-        add_to_velocity(&mut stated, self.stilled_force.of_velocity(newest.stamp));
-        add_to_velocity(&mut stated, self.forces.of_velocity(newest.stamp));
-        stated
-    }
-
     /// Knowledge of the velocity since the last start.
     pub(super) fn velocity(&self) -> Velocity {
         self.tracking.velocity()
@@ -360,7 +341,7 @@ impl Judge {
     /// 0..=100 by landmarks in view and the certainty of the velocity, bounded while sensors contradict each other.
     pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
         let quality = self.gyroscope.bounded(self.tracking.quality(estimation, in_view));
-        self.scale.bounded(self.pair.bounded(self.forces.bounded(quality)))
+        self.stilled_force.bounded(self.scale.bounded(self.pair.bounded(self.forces.bounded(quality))))
     }
 
     /// True while inertial samples are not believed.
@@ -385,13 +366,5 @@ impl Judge {
             && !self.gyroscope.is_distrusting()
             && !self.forces.is_contradicted()
             && !spoilt.into_iter().any(|bit| health.contains(bit))
-    }
-}
-
-/// Adds to the covariance of the velocity, m²/s² in `O`.
-fn add_to_velocity(covariance: &mut NavCovariance, of_velocity: Option<nalgebra::Matrix3<f64>>) {
-    if let Some(of_velocity) = of_velocity {
-        let mut view = covariance.fixed_view_mut::<3, 3>(NavState::V, NavState::V);
-        view += of_velocity;
     }
 }

@@ -3,7 +3,10 @@
 //! Gains of velocity over the longest span of [`super::force_watch`], as the images show them, `y`, and as the forces make them, `x`, are
 //! freed of what changes slowly, which is bias and gravity, and regressed: `y = f x`. The factor `f` is that of the configured baseline over
 //! the true one. It is believed where the forces that are scaled by it explain the images: an accelerometer that fails otherwise does not.
+//!
+//! An accelerometer whose readings are noise while the images show a vehicle that moves has failed, whatever the factor.
 
+use super::force_watch::Gain;
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
@@ -17,8 +20,12 @@ const FRAMES_OF_GAIN: f64 = 16.0;
 const MIN_FRAMES: f64 = 12.0;
 const MIN_GAIN_M_S: f64 = 0.05;
 const MOST_UNEXPLAINED: f64 = 0.2;
+/// Root mean square of seen gains from which an accelerometer has something to feel, m/s, and the time constant of that mean, s: shorter than
+/// that of its silence, so that a vehicle that lands is not taken for one.
+const SEEN_M_S: f64 = 0.1;
+const NEWLY_S: f64 = 1.0;
 /// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Recorded flights
-/// stay below 1.4 and 0.05. What is seen is a compromise of images and forces already: of a baseline that is 15 % off half may show.
+/// stay below 1.4 and 0.05.
 const SHOWS_SIGMAS: f64 = 2.5;
 const LEAST_OFF: f64 = 0.06;
 /// Largest quality while they do.
@@ -32,13 +39,35 @@ pub(super) struct ScaleWatch {
     felt_squared: f64,
     product: f64,
     seen_squared: f64,
-    is_contradicted: bool,
+    /// Mean square of the seen gains of the last seconds, m²/s².
+    newly_squared: f64,
+    contradicted: Option<Culprit>,
+}
+
+/// What is wrong where the scales disagree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Culprit {
+    /// The distance between the cameras.
+    Baseline,
+    /// The accelerometer, whose readings are noise.
+    Accelerometer,
+}
+
+/// Gain of velocity over a span of frames before the watch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Compared {
+    pub(super) gain: Gain,
+    /// The readings of the accelerometer are noise.
+    pub(super) is_silent: bool,
+    /// Time since the gain before, s.
+    pub(super) dt_s: f64,
 }
 
 impl ScaleWatch {
-    /// Takes the gain of velocity over a span as the forces make it and as the images show it, m/s; `dt_s` after the one before.
-    pub(super) fn add(&mut self, felt: &Vector3<f64>, seen: &Vector3<f64>, dt_s: f64) {
-        let slow = self.slow.get_or_insert([*felt, *seen]);
+    /// Takes a gain.
+    pub(super) fn add(&mut self, compared: &Compared) {
+        let Compared { gain: Gain { felt, seen }, dt_s, is_silent } = *compared;
+        let slow = self.slow.get_or_insert([felt, seen]);
         let share = (dt_s / SLOW_S).at_most(1.0);
         let [felt, seen] = [(felt, 0), (seen, 1)].map(|(gain, k)| {
             slow[k] += (gain - slow[k]) * share;
@@ -50,11 +79,18 @@ impl ScaleWatch {
         add(&mut self.felt_squared, felt.norm_squared());
         add(&mut self.product, felt.dot(&seen));
         add(&mut self.seen_squared, seen.norm_squared());
-        self.judge();
+        self.newly_squared += (seen.norm_squared() - self.newly_squared) * (dt_s / NEWLY_S).at_most(1.0);
+        self.judge(is_silent);
     }
 
     /// Judges whether the scales agree.
-    fn judge(&mut self) {
+    fn judge(&mut self, is_silent: bool) {
+        let is_moving = self.frames > MIN_FRAMES && self.newly_squared > SEEN_M_S.squared();
+        match (is_silent && is_moving, self.contradicted) {
+            (true, _) => return self.contradicted = Some(Culprit::Accelerometer),
+            (false, Some(Culprit::Accelerometer)) => self.contradicted = None,
+            _ => {}
+        }
         let factor = self.product / self.felt_squared;
         let unexplained = self.seen_squared - factor * self.product;
         let sigma = (FRAMES_OF_GAIN * unexplained / (self.frames * self.felt_squared)).sqrt();
@@ -63,20 +99,20 @@ impl ScaleWatch {
             && unexplained < MOST_UNEXPLAINED * self.seen_squared;
         let off = (factor - 1.0).abs();
         if is_told && off > LEAST_OFF.at_least(SHOWS_SIGMAS * sigma) {
-            self.is_contradicted = true;
+            self.contradicted = Some(Culprit::Baseline);
         } else if is_told && off.at_least(sigma) < 0.5 * LEAST_OFF {
-            self.is_contradicted = false;
+            self.contradicted = None;
         }
     }
 
-    /// True if the images show another scale than the forces.
-    pub(super) fn is_contradicted(&self) -> bool {
-        self.is_contradicted
+    /// What is wrong if the images show another scale than the forces.
+    pub(super) fn contradicted(&self) -> Option<Culprit> {
+        self.contradicted
     }
 
     /// The quality of an estimate that would have `quality` if the scales agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
+        if self.contradicted.is_some() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 }
 
@@ -91,9 +127,13 @@ mod tests {
             let t = 0.05 * f64::from(k);
             let gain = Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), 0.3 * libm::sin(2.3 * t)) * 0.4;
             let bias = Vector3::new(0.05, -0.03, 0.02);
-            watch.add(&(gain + bias), &(gain * factor + else_seen(t)), 0.05);
+            watch.add(&compared(gain + bias, gain * factor + else_seen(t)));
         }
-        watch.is_contradicted()
+        watch.contradicted() == Some(Culprit::Baseline)
+    }
+
+    fn compared(felt: Vector3<f64>, seen: Vector3<f64>) -> Compared {
+        Compared { gain: Gain { felt, seen }, is_silent: false, dt_s: 0.05 }
     }
 
     fn noise(t: f64) -> Vector3<f64> {
@@ -118,10 +158,25 @@ mod tests {
     }
 
     #[test]
+    fn an_accelerometer_that_feels_nothing_is_named_itself() {
+        let mut watch = ScaleWatch::default();
+        for k in 0..100 {
+            let t = 0.05 * f64::from(k);
+            let gain = Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), 0.0) * 0.4;
+            watch.add(&Compared { is_silent: true, ..compared(Vector3::zeros(), gain) });
+        }
+        assert_eq!(watch.contradicted(), Some(Culprit::Accelerometer));
+        assert_eq!(watch.bounded(90), 10);
+        let still = Compared { is_silent: true, ..compared(Vector3::zeros(), Vector3::zeros()) };
+        (0..60).for_each(|_| watch.add(&still));
+        assert_eq!(watch.contradicted(), None, "it stands");
+    }
+
+    #[test]
     fn hovering_tells_no_scale() {
         let mut watch = ScaleWatch::default();
-        (0..200).for_each(|k| watch.add(&noise(f64::from(k)), &Vector3::zeros(), 0.05));
-        assert!(!watch.is_contradicted());
+        (0..200).for_each(|k| watch.add(&compared(noise(f64::from(k)), Vector3::zeros())));
+        assert_eq!(watch.contradicted(), None);
         assert_eq!(watch.bounded(90), 90);
     }
 }

@@ -20,27 +20,93 @@ const NOISE_SHARE: f64 = 0.4;
 /// Frames on end without a change of one axis that make the velocity uncertain; of all three it takes one. So much time counts at most, s.
 const FRAMES_OF_AXIS: u32 = 2;
 const MOST_S: f64 = 0.4;
+/// An axis that has been still in so many of the last frames, while another one has in half of them at most, measures nothing, until it has been
+/// in no more than half of them.
+const LAST_FRAMES: u32 = 20;
+const SILENT_IN: u32 = 15;
+/// Noise is less than this share of what it usually feels. From so many quiet frames on, frames count as little for what is usual.
+const SILENT_SHARE: f64 = 0.45;
+const QUIET_IN: u32 = 9;
+const QUIET_SHARE: f64 = 0.1;
+/// Largest quality while an axis is silent.
+const SILENT_QUALITY: i8 = 10;
+/// Readings are noise if their means over frames scatter by less than so many times the configured noise, and than noise of this density,
+/// m/s²/sqrt(Hz): what vehicles feel in flight has 0.04 and more. The time constant, s, and the fewest frames.
+const SILENT_NOISE: f64 = 3.0;
+const MOST_SILENT: f64 = 0.03;
+const SILENT_S: f64 = 3.0;
+const SILENT_FRAMES: f64 = 20.0;
 /// Images have contradicted a force that did not act after this time, s.
 const HELD_S: f64 = 0.3;
 /// Standard deviation of the velocity, as a share of what the usual changes would have added.
 const SIGMA_SHARE: f64 = 0.3;
 
+/// Scatter of the mean forces of frames.
+#[derive(Clone, Copy, Debug, Default)]
+struct Spread {
+    frames: f64,
+    mean_b: Vector3<f64>,
+    /// As the square of a density of noise, by axis, m²/s⁴/Hz.
+    density_squared: Vector3<f64>,
+}
+
+impl Spread {
+    fn add(&mut self, force_b: &Vector3<f64>, dt_s: f64) {
+        self.frames += 1.0;
+        let share = (dt_s / SILENT_S).at_least(1.0 / self.frames).at_most(1.0);
+        let off = force_b - self.mean_b;
+        self.mean_b += off * share;
+        self.density_squared +=
+            (off.component_mul(&off) * (dt_s * (1.0 - share)) - self.density_squared) * share;
+    }
+}
+
 /// Watches the mean forces of frames for axes that stop changing.
 #[derive(Clone, Debug)]
 pub(super) struct StilledForce {
+    /// Density of the sensor's noise by the configuration, m/s²/sqrt(Hz).
+    density: f64,
     /// Mean squares of the changes of the force along the axes of the body, m²/s⁶.
     mean_square: Vector3<f64>,
+    spread: Spread,
     /// Mean force of the last frame, m/s² in `B`.
     force_b: Option<Vector3<f64>>,
     /// Frames on end in which an axis has not changed, and their time, s.
     still: [(u32, f64); 3],
+    /// The last frames in which an axis has not changed by more than noise, a bit each, and whether it is silent.
+    within_noise: [u32; 3],
+    /// Mean squares of the changes that an axis has felt, m²/s⁶.
+    felt_square: Vector3<f64>,
+    is_silent: [bool; 3],
     /// Standard deviations of the velocity, m/s, with the axes of the body in `O`, and when they were last renewed.
     held: Option<(Timestamp, Vector3<f64>, Matrix3<f64>)>,
 }
 
 impl StilledForce {
-    pub(super) fn new() -> Self {
-        Self { mean_square: Vector3::repeat(FIRST_SQUARE), force_b: None, still: [(0, 0.0); 3], held: None }
+    /// For a sensor whose noise has the density `density` by the configuration, m/s²/sqrt(Hz).
+    pub(super) fn new(density: f64) -> Self {
+        Self {
+            density,
+            mean_square: Vector3::repeat(FIRST_SQUARE),
+            spread: Spread::default(),
+            force_b: None,
+            still: [(0, 0.0); 3],
+            within_noise: [0; 3],
+            felt_square: Vector3::zeros(),
+            is_silent: [false; 3],
+            held: None,
+        }
+    }
+
+    /// Forgets everything but the sensor.
+    pub(super) fn clear(&mut self) {
+        *self = Self::new(self.density);
+    }
+
+    /// True if the readings of all axes have been noise for a while: a sensor that measures nothing, or a vehicle that stands or flies evenly.
+    pub(super) fn is_silent(&self) -> bool {
+        let of_noise = (SILENT_NOISE * self.density).at_most(MOST_SILENT);
+        self.spread.frames >= SILENT_FRAMES && self.spread.density_squared.max() < of_noise.squared()
     }
 
     /// Forgets the forces, as where their motion was not measured. What is usual stays.
@@ -60,6 +126,7 @@ impl StilledForce {
         if !force_b.iter().all(|x| x.is_finite()) {
             return self.forget_forces();
         }
+        self.spread.add(&force_b, motion.dt_s);
         let Some(before) = self.force_b.replace(force_b) else { return };
         let change = (force_b - before) / motion.dt_s;
         let usual = self.mean_square.map(f64::sqrt);
@@ -70,6 +137,7 @@ impl StilledForce {
             *still = if is_still { (still.0 + 1, (still.1 + motion.dt_s).at_most(MOST_S)) } else { (0, 0.0) };
         }
         let share = (motion.dt_s / MEMORY_S).at_most(1.0);
+        self.judge_axes(&change, noise, share);
         self.mean_square += (change.component_mul(&change) - self.mean_square) * share;
         let is_all = self.still.iter().all(|(frames, _)| *frames > 0);
         let sigmas = Vector3::from_fn(|axis, _| {
@@ -85,6 +153,34 @@ impl StilledForce {
             }
             held => held,
         };
+    }
+
+    /// Judges which axes are silent, by the newest `change`, m/s³, and what noise makes of it; `share` is the weight of the newest.
+    fn judge_axes(&mut self, change: &Vector3<f64>, noise: f64, share: f64) {
+        for (axis, frames) in self.within_noise.iter_mut().enumerate() {
+            let newest = u32::from(change[axis].abs() < noise);
+            *frames = (*frames << 1 | newest) & ((1 << LAST_FRAMES) - 1);
+            // What an axis feels is hardly unlearnt while it may have fallen silent.
+            let share = if frames.count_ones() >= QUIET_IN { QUIET_SHARE * share } else { share };
+            self.felt_square[axis] += (change[axis].squared() - self.felt_square[axis]) * share;
+        }
+        let counts = self.within_noise.map(u32::count_ones);
+        let is_moved = counts.iter().any(|count| *count <= LAST_FRAMES / 2);
+        for (axis, is_silent) in self.is_silent.iter_mut().enumerate() {
+            let falls_silent =
+                counts[axis] >= SILENT_IN && is_moved && noise < SILENT_SHARE * self.felt_square[axis].sqrt();
+            *is_silent = falls_silent || (*is_silent && counts[axis] > LAST_FRAMES / 2);
+        }
+    }
+
+    /// True if an axis measures nothing any more.
+    pub(super) fn is_axis_silent(&self) -> bool {
+        self.is_silent.contains(&true)
+    }
+
+    /// The quality of an estimate that would have `quality` if all axes measured.
+    pub(super) fn bounded(&self, quality: i8) -> i8 {
+        if self.is_axis_silent() { quality.min(SILENT_QUALITY) } else { quality }
     }
 
     /// Nothing could be learnt from the frame of `stamp`: what is uncertain stays so.
@@ -106,7 +202,7 @@ mod tests {
     /// Watches frames of a twentieth of a second whose mean forces are these, m/s²; returns the largest standard deviation of the
     /// velocity after each, m/s.
     fn watched(force_b: impl Fn(f64) -> Vector3<f64>) -> Vec<f64> {
-        let mut watch = StilledForce::new();
+        let mut watch = StilledForce::new(2e-3);
         let zero = Vector3::zeros();
         let of_frame = |k: u32| {
             let motion = Preintegration {
@@ -142,6 +238,48 @@ mod tests {
             assert!(sigmas[frame] > 5.7 * t * t / 2.0 / 5.0, "{frame}: {}", sigmas[frame]);
         }
         assert!(sigmas[130..150].iter().all(|sigma| *sigma < 0.5), "it does not grow for good");
+    }
+
+    #[test]
+    fn a_sensor_whose_readings_are_noise_is_silent_and_one_in_a_smooth_flight_is_not() {
+        let watched = |size: f64| {
+            let mut watch = StilledForce::new(2e-3);
+            let zero = Vector3::zeros();
+            for k in 0..100 {
+                let t = 0.05 * f64::from(k);
+                let force_b = (flying(0.2 * t) - flying(0.0)) * size + flying(0.0);
+                let noise = Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * 0.012;
+                let delta_v = (force_b + noise) * 0.05;
+                let motion = Preintegration { dt_s: 0.05, delta_v, ..Preintegration::new(&zero, &zero) };
+                let stamp = Timestamp::default().plus_seconds(t);
+                watch.update(stamp, &UnitQuaternion::identity(), &motion, 2e-3);
+            }
+            watch.is_silent()
+        };
+        assert_eq!([0.0, 0.1].map(watched), [true, false]);
+    }
+
+    #[test]
+    fn an_axis_that_dies_is_silent_within_a_second_until_it_is_back() {
+        let mut watch = StilledForce::new(2e-3);
+        let zero = Vector3::zeros();
+        let mut silent_s = Vec::new();
+        for k in 0..300 {
+            let t = 0.05 * f64::from(k);
+            let mut force_b = flying(t);
+            if (5.0..10.0).contains(&t) {
+                force_b.y = 0.012 * libm::sin(7e4 * t);
+            }
+            let motion =
+                Preintegration { dt_s: 0.05, delta_v: force_b * 0.05, ..Preintegration::new(&zero, &zero) };
+            let stamp = Timestamp::default().plus_seconds(t);
+            watch.update(stamp, &UnitQuaternion::identity(), &motion, 2e-3);
+            if watch.is_axis_silent() {
+                silent_s.push(t);
+            }
+        }
+        let [first, last] = [silent_s.first(), silent_s.last()].map(|s| s.copied().unwrap_or(f64::NAN));
+        assert!((5.5..6.0).contains(&first) && (9.9..11.0).contains(&last), "{first} to {last}");
     }
 
     #[test]

@@ -16,6 +16,7 @@
 
 mod angles;
 mod contradiction;
+mod differences;
 mod lag;
 mod probation;
 
@@ -26,20 +27,14 @@ use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
 use angles::{Gap, GyroAngles, MAX_TURNS, Turn};
-use contradiction::{AGREES_RAD, Contradiction, Culprit, Evidence, NewestTurn};
+use contradiction::{Contradiction, Culprit, Evidence, NewestTurn};
+use differences::{Difference, Differences, Sigmas};
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
 use probation::Probation;
 
-/// Gyroscope and images may differ by as many standard deviations of the difference in a frame, and by [`AGREES_RAD`].
-const AGREES_SIGMAS: f64 = 5.0;
-/// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
-const SCALE_SHARE: f64 = 0.01;
-/// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
-const SUMS: [(usize, f64); 2] = [(3, 2e-3), (8, 1e-3)];
-const MAX_SUM: usize = SUMS[1].0;
 /// One frame is enough if it differs by so many times as much, and by more than this, rad, and than what the vehicle turns in this time, s: no
 /// sighting and no stamp is that wrong.
 const PLAIN: f64 = 4.0;
@@ -53,6 +48,8 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
+/// Sums contradict from this multiple of what is admitted if no landmark votes for the images.
+const UNVOTED_EXCESS: f64 = 2.0;
 
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
@@ -76,37 +73,17 @@ pub(super) struct SeenTurn {
     pub(super) skips_samples: bool,
     /// The accelerometer is contradicted.
     pub(super) is_force_contradicted: bool,
-}
-
-/// Difference between a frame's rotation by the images and by the gyroscope.
-#[derive(Clone, Copy, Debug)]
-struct Difference {
-    from: Timestamp,
-    dt_s: f64,
-    rad: Vector3<f64>,
-    seen: Vector3<f64>,
-    /// Covariance of the sighting, rad².
-    covariance: Matrix3<f64>,
-    /// Difference by the stamps as they are, rad.
-    by_stamps: Vector3<f64>,
-    /// Standard deviation of the times of the states where errors of stamps are corrected, s.
-    time_sigma_s: Option<f64>,
-}
-
-impl Difference {
-    fn rate_rad_s(&self) -> f64 {
-        self.seen.norm() / self.dt_s
-    }
+    /// Landmarks vote for the turn by the images against the predicted one; where both explain them, the former is that of a few, or of a
+    /// crowd that is hardly faster than its noise.
+    pub(super) is_voted: bool,
 }
 
 /// Compares the turns of frames with the gyroscope.
 #[derive(Clone, Debug)]
 pub(super) struct RotationWatch {
-    gyro_density: f64,
     angles: GyroAngles,
     turns: Deque<Turn, MAX_TURNS>,
-    /// Differences of the last frames on end.
-    differences: Deque<Difference, MAX_SUM>,
+    differences: Differences,
     stamps: StampNoise,
     drift: StampDrift,
     /// When a hole in a stream began, and until when it is thought of.
@@ -123,10 +100,9 @@ pub(super) struct RotationWatch {
 impl RotationWatch {
     pub(super) fn new(imu: &ImuConfig) -> Self {
         Self {
-            gyro_density: imu.gyro_noise_density,
             angles: GyroAngles::new(imu),
             turns: Deque::new(),
-            differences: Deque::new(),
+            differences: Differences::new(imu.gyro_noise_density),
             stamps: StampNoise::default(),
             drift: StampDrift::default(),
             suspicious: None,
@@ -147,7 +123,7 @@ impl RotationWatch {
     /// Forgets turns and contradiction: the estimate starts anew.
     pub(super) fn forget_turns(&mut self) {
         self.turns.clear();
-        self.differences.clear();
+        self.differences.forget();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad) = (0.0, 0.0);
         self.probation = None;
@@ -190,48 +166,45 @@ impl RotationWatch {
             self.drift.clear();
             return begun;
         };
+        let [from_stamp, to_stamp] = frame.stamps;
         let by_stamps = match frame.stamps == frame.span {
             true => rad,
             false => {
-                let [from, to] = frame.stamps;
-                self.angles.difference(&Turn { from, to, ..turn }, 0, &bias_gyro).unwrap_or(rad)
+                let turn = Turn { from: from_stamp, to: to_stamp, ..turn };
+                self.angles.difference(&turn, 0, &bias_gyro).unwrap_or(rad)
             }
         };
-        let difference = Difference {
-            from,
-            dt_s,
-            rad,
-            seen: frame.seen,
-            covariance: frame.covariance,
-            by_stamps,
-            time_sigma_s: frame.time_sigma_s,
-        };
-        let before = self.differences.back().copied();
-        if self.differences.is_full() {
-            self.differences.pop_front();
-        }
-        let _ = self.differences.push_back(difference);
-        if let Some(before) = before.filter(|_| self.contradiction.is_none()) {
+        let SeenTurn { seen, covariance, time_sigma_s, .. } = *frame;
+        let difference = Difference { from, dt_s, rad, seen, covariance, by_stamps, time_sigma_s };
+        let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());
+        if let Some(before) = &before {
             self.stamps.add(
-                [before.by_stamps, difference.by_stamps],
-                [before.seen / before.dt_s, difference.seen / dt_s],
-                variance_along(&frame.covariance, &frame.seen),
+                [before.by_stamps, by_stamps],
+                [before.rate_b(), difference.rate_b()],
+                variance_along(&covariance, &seen),
             );
-            self.drift.add([frame.seen, by_stamps], frame.covariance, frame.rate_b, dt_s);
-        } else {
-            self.drift.clear();
         }
-        let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
+        let sigmas = Sigmas { bias_rad_s: frame.bias_sigma_rad_s, stamp_s: self.stamps.sigma_s() };
+        let excess = self.differences.newest_excess(&sigmas);
         self.probation = self.probation.and_then(|probation| probation.after(&self.turns, &rad, excess));
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
+        self.differences.suspect(to, &sigmas);
         let contradicted = if self.contradiction.is_some() {
-            newest.adds_up = self.contradicted_since(frame.bias_sigma_rad_s).is_some();
-            newest.sum_excess = self.even_excess(frame.bias_sigma_rad_s);
+            newest.adds_up = self.differences.contradict_since(&sigmas, 1.0).is_some();
+            newest.sum_excess = self.differences.even_excess(&sigmas);
             self.settle(&newest);
             None
         } else {
-            self.suspect(&newest, frame)
+            self.begin_contradiction(&newest, frame, &sigmas)
         };
+        if self.contradiction.is_some() {
+            // The frames before it may have been wrong as well.
+            self.drift = StampDrift::default();
+        } else if before.is_some() {
+            self.drift.add([seen, by_stamps], covariance, frame.rate_b, dt_s);
+        } else {
+            self.drift.clear();
+        }
         contradicted.or(begun)
     }
 
@@ -245,33 +218,9 @@ impl RotationWatch {
         self.drift.error()
     }
 
-    /// The sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard
-    /// deviation of at least `stamp_sigma_s`; `None` where there are fewer.
-    fn excess(&self, count: usize, bias_sigma_rad_s: f64, stamp_sigma_s: f64) -> Option<f64> {
-        let first = self.differences.len().checked_sub(count)?;
-        let newest = || self.differences.iter().skip(first);
-        let sum: Vector3<f64> = newest().map(|d| d.rad).sum();
-        let span_s: f64 = newest().map(|d| d.dt_s).sum();
-        let turned: f64 = newest().map(|d| d.seen.norm()).sum();
-        let of_sightings: Matrix3<f64> = newest().map(|d| d.covariance).sum();
-        let ends = [newest().next()?, newest().last()?];
-        let learnt_s = self.stamps.sigma_s();
-        let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(learnt_s).at_least(stamp_sigma_s);
-        let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp(d)).squared()).iter().sum();
-        let variance = variance_along(&of_sightings, &sum)
-            + of_stamps
-            + self.gyro_density.squared() * span_s
-            + (bias_sigma_rad_s * span_s).squared();
-        let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
-            + SCALE_SHARE * turned;
-        Some(sum.norm() / admitted)
-    }
-
-    /// [`Self::excess`] of the longest sum; 0 where it is not complete, or a single difference makes up half of it.
-    fn even_excess(&self, bias_sigma_rad_s: f64) -> f64 {
-        let sum: Vector3<f64> = self.differences.iter().map(|d| d.rad).sum();
-        let is_even = self.differences.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
-        self.excess(MAX_SUM, bias_sigma_rad_s, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
+    /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
+    pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
+        self.differences.of_attitude(stamp)
     }
 
     /// Ends the probation: nothing is seen by which samples could prove themselves.
@@ -280,13 +229,19 @@ impl RotationWatch {
     }
 
     /// Before a contradiction: whether it begins, and since when.
-    fn suspect(&mut self, newest: &NewestTurn, frame: &SeenTurn) -> Option<Timestamp> {
+    fn begin_contradiction(
+        &mut self,
+        newest: &NewestTurn,
+        frame: &SeenTurn,
+        sigmas: &Sigmas,
+    ) -> Option<Timestamp> {
         let [from, to] = frame.span;
         let hole = self.hole_before(to);
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
         let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
-        let first = alone.or_else(|| self.contradicted_since(frame.bias_sigma_rad_s))?;
+        let least = if frame.is_voted { 1.0 } else { UNVOTED_EXCESS };
+        let first = alone.or_else(|| self.differences.contradict_since(sigmas, least))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         let may_name_gyro =
             self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S);
@@ -294,15 +249,6 @@ impl RotationWatch {
         contradiction.count(newest, &self.evidence());
         self.contradiction = Some(contradiction);
         Some(since)
-    }
-
-    /// Since when differences add up to more than is admitted.
-    fn contradicted_since(&self, bias_sigma_rad_s: f64) -> Option<Timestamp> {
-        SUMS.iter().find_map(|(count, stamp_sigma_s)| {
-            let excess = self.excess(*count, bias_sigma_rad_s, *stamp_sigma_s)?;
-            let first = self.differences.len().checked_sub(*count)?;
-            self.differences.iter().nth(first).filter(|_| excess > 1.0).map(|d| d.from)
-        })
     }
 
     /// The hole in a stream that is still thought of at `stamp`.

@@ -1,7 +1,7 @@
 //! Inertial samples after a hole in their stream, which may be late.
 
-use super::AGREES_SIGMAS;
 use super::angles::{MAX_TURNS, Turn};
+use super::differences::AGREES_SIGMAS;
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};

@@ -31,6 +31,8 @@ struct Wrong {
     jump_rad: f64,
     /// True if the accelerometer is contradicted from half a second before on.
     is_force_wrong: bool,
+    /// True if known landmarks explain the predicted turn as well.
+    is_unvoted: bool,
     /// Until when, s.
     until_s: f64,
 }
@@ -42,8 +44,27 @@ const NOTHING: Wrong = Wrong {
     step_rad_s: 0.0,
     jump_rad: 0.0,
     is_force_wrong: false,
+    is_unvoted: false,
     until_s: f64::INFINITY,
 };
+
+/// The turn `seen` between two times, of a frame of which nothing else is to be said.
+fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
+    SeenTurn {
+        span: span_s.map(at),
+        stamps: span_s.map(at),
+        rate_b: rate(span_s[1]),
+        time_sigma_s: None,
+        seen,
+        covariance: Matrix3::identity() * 1.6e-7,
+        bias_gyro: Vector3::zeros(),
+        bias_sigma_rad_s: 1e-3,
+        skips_frames: false,
+        skips_samples: false,
+        is_force_contradicted: false,
+        is_voted: true,
+    }
+}
 
 /// Flies for twelve seconds; of each frame its time, what is said of it and the quality left of 90.
 fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
@@ -78,25 +99,13 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             } else {
                 Vector3::zeros()
             };
+            let hidden = Turn { from: at(last_s), to: at(t), seen: noise, skips_frames: false };
             let frame = SeenTurn {
-                span: [at(last_s), at(t)],
-                stamps: [at(last_s), at(t)],
-                rate_b: Vector3::zeros(),
-                time_sigma_s: None,
-                seen: angle(t - age_s) - angle(last_s - last_age_s) + noise + jump,
-                covariance: Matrix3::identity() * 1.6e-7,
-                bias_gyro: Vector3::zeros(),
-                bias_sigma_rad_s: 1e-3,
                 skips_frames: t - last_s > 0.075,
-                skips_samples: watch
-                    .angles
-                    .difference(
-                        &Turn { from: at(last_s), to: at(t), seen: noise, skips_frames: false },
-                        0,
-                        &noise,
-                    )
-                    .is_none(),
+                skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
+                is_voted: !wrong.is_unvoted,
+                ..turn([last_s, t], angle(t - age_s) - angle(last_s - last_age_s) + noise + jump)
             };
             let _ = watch.update(&frame);
         }
@@ -202,6 +211,32 @@ fn a_step_that_single_frames_hardly_show_is_contradicted_for_as_long_as_it_lasts
     assert!(*first < BEGIN_S + 0.5 && (9.0..11.0).contains(last), "{first} to {last}");
     let held = said.iter().filter(|(t, ..)| (*first..9.0).contains(t)).all(|(_, bits, _)| is_disputed(bits));
     assert!(held, "is believed again while it is wrong");
+}
+
+#[test]
+fn turns_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
+    let is_contradicted = |step_rad_s: f64, is_unvoted: bool| {
+        fly(Wrong { step_rad_s, is_unvoted, ..NOTHING }).iter().any(|(_, bits, _)| bits.0 != 0)
+    };
+    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.06, is_unvoted)), [true, false]);
+    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.12, is_unvoted)), [true, true]);
+}
+
+#[test]
+fn what_a_gyroscope_turned_wrongly_is_no_drift_of_stamps() {
+    let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
+    let mut watch = RotationWatch::new(&imu);
+    for k in 0..600 {
+        let t = f64::from(k) * 0.005;
+        let pulse = if (1.0..1.4).contains(&t) { Vector3::x() * 3.0 } else { Vector3::zeros() };
+        watch.add(&ImuSample { stamp: at(t), gyro: rate(t) + pulse, accel: Vector3::zeros() });
+    }
+    for k in 1..59 {
+        let [from, to] = [f64::from(k - 1), f64::from(k)].map(|k| 0.05 * k);
+        let seen = angle(to) - angle(from);
+        let _ = watch.update(&turn([from, to], seen));
+        assert_eq!(watch.stamp_drift(), None, "{to}");
+    }
 }
 
 #[test]

@@ -1,0 +1,188 @@
+//! Differences between the turns of frames by the images and by the gyroscope, and what they come to in sum.
+//!
+//! Errors of the sightings of frames on end have much in common: landmarks that are a little off, few or on one plane, turn all of them
+//! alike. The variance of their sum lies between that of independent errors and that of one error.
+
+use super::contradiction::AGREES_RAD;
+use crate::window::sighting::variance_along;
+use heapless::Deque;
+use nalgebra::{Matrix3, Vector3};
+use plumbline_config::{Portable, Timestamp};
+
+/// Gyroscope and images may differ by as many standard deviations of the difference in a frame, and by [`AGREES_RAD`].
+pub(super) const AGREES_SIGMAS: f64 = 5.0;
+/// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
+const SCALE_SHARE: f64 = 0.01;
+/// Correlation of the errors of sightings on end.
+const CORRELATION: f64 = 0.5;
+/// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
+const SUMS: [(usize, f64); 2] = [(3, 2e-3), (8, 1e-3)];
+const MAX_SUM: usize = SUMS[1].0;
+/// From this share of what is admitted, two standard deviations, a sum is suspect: nothing is done about it, but the attitude is as uncertain as a
+/// share of it, for so long, s.
+const SUSPECT_EXCESS: f64 = 0.4;
+const SUSPECT_SHARE: f64 = 0.4;
+const SUSPECT_S: f64 = 0.3;
+
+/// Difference between a frame's rotation by the images and by the gyroscope.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Difference {
+    pub(super) from: Timestamp,
+    pub(super) dt_s: f64,
+    pub(super) rad: Vector3<f64>,
+    pub(super) seen: Vector3<f64>,
+    /// Covariance of the sighting, rad².
+    pub(super) covariance: Matrix3<f64>,
+    /// Difference by the stamps as they are, rad.
+    pub(super) by_stamps: Vector3<f64>,
+    /// Standard deviation of the times of the states where errors of stamps are corrected, s.
+    pub(super) time_sigma_s: Option<f64>,
+}
+
+impl Difference {
+    pub(super) fn rate_b(&self) -> Vector3<f64> {
+        self.seen / self.dt_s
+    }
+}
+
+/// Standard deviations of what makes gyroscope and images differ without a fault.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sigmas {
+    /// Bias of the gyroscope, rad/s.
+    pub(super) bias_rad_s: f64,
+    /// Stamps of frames, as far as learnt, s.
+    pub(super) stamp_s: f64,
+}
+
+/// Differences of the last frames on end.
+#[derive(Clone, Debug)]
+pub(super) struct Differences {
+    gyro_density: f64,
+    newest: Deque<Difference, MAX_SUM>,
+    /// A sum that is suspect, rad in `B`, and the last frame that showed it.
+    suspect: Option<(Timestamp, Vector3<f64>)>,
+}
+
+impl Differences {
+    /// For a gyroscope with noise of this density, rad/s/sqrt(Hz).
+    pub(super) fn new(gyro_density: f64) -> Self {
+        Self { gyro_density, newest: Deque::new(), suspect: None }
+    }
+
+    /// Forgets them.
+    pub(super) fn clear(&mut self) {
+        self.newest.clear();
+    }
+
+    /// Forgets what is suspect as well.
+    pub(super) fn forget(&mut self) {
+        self.clear();
+        self.suspect = None;
+    }
+
+    /// Takes that of another frame; returns that of the frame before.
+    pub(super) fn push(&mut self, difference: Difference) -> Option<Difference> {
+        let before = self.newest.back().copied();
+        if self.newest.is_full() {
+            self.newest.pop_front();
+        }
+        let _ = self.newest.push_back(difference);
+        before
+    }
+
+    /// That of the newest frame as a multiple of what it may come to without a fault.
+    pub(super) fn newest_excess(&self, sigmas: &Sigmas) -> f64 {
+        self.excess(1, sigmas, SUMS[0].1).unwrap_or(0.0)
+    }
+
+    /// The same of the longest sum; 0 where it is not complete, or a single difference makes up half of it.
+    pub(super) fn even_excess(&self, sigmas: &Sigmas) -> f64 {
+        let sum = self.sum(MAX_SUM);
+        let is_even = self.newest.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
+        self.excess(MAX_SUM, sigmas, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
+    }
+
+    /// Since when they add up to more than `least` times what is admitted.
+    pub(super) fn contradict_since(&self, sigmas: &Sigmas, least: f64) -> Option<Timestamp> {
+        SUMS.iter().find_map(|(count, stamp_sigma_s)| {
+            let excess = self.excess(*count, sigmas, *stamp_sigma_s)?;
+            let first = self.newest.len().checked_sub(*count)?;
+            self.newest.iter().nth(first).filter(|_| excess > least).map(|d| d.from)
+        })
+    }
+
+    /// Takes note of the largest of the suspect sums that end at `stamp`, or goes on with a larger one that still holds.
+    pub(super) fn suspect(&mut self, stamp: Timestamp, sigmas: &Sigmas) {
+        let of_spans = SUMS.into_iter().filter_map(|(count, stamp_sigma_s)| {
+            let excess = self.excess(count, sigmas, stamp_sigma_s)?;
+            (excess > SUSPECT_EXCESS).then(|| (stamp, self.sum(count)))
+        });
+        let held = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S);
+        let all = of_spans.chain(held);
+        self.suspect = all.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
+    }
+
+    /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
+    pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
+        let (_, off) = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S)?;
+        let off = off * SUSPECT_SHARE;
+        Some(off * off.transpose())
+    }
+
+    /// The sum of the newest `count`, rad.
+    fn sum(&self, count: usize) -> Vector3<f64> {
+        self.newest.iter().rev().take(count).map(|d| d.rad).sum()
+    }
+
+    /// The sum of the newest `count` as a multiple of what it may come to without a fault, where stamps have a standard deviation of at
+    /// least `stamp_sigma_s`; `None` where there are fewer.
+    fn excess(&self, count: usize, sigmas: &Sigmas, stamp_sigma_s: f64) -> Option<f64> {
+        let first = self.newest.len().checked_sub(count)?;
+        let newest = || self.newest.iter().skip(first);
+        let sum: Vector3<f64> = newest().map(|d| d.rad).sum();
+        let span_s: f64 = newest().map(|d| d.dt_s).sum();
+        let turned: f64 = newest().map(|d| d.seen.norm()).sum();
+        let of_sightings = variance_of_sum(newest().map(|d| variance_along(&d.covariance, &sum)));
+        let ends = [newest().next()?, newest().last()?];
+        let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(sigmas.stamp_s).at_least(stamp_sigma_s);
+        let of_stamps: f64 = ends.map(|d| (d.rate_b().norm() * stamp(d)).squared()).iter().sum();
+        let variance = of_sightings
+            + of_stamps
+            + self.gyro_density.squared() * span_s
+            + (sigmas.bias_rad_s * span_s).squared();
+        let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
+            + SCALE_SHARE * turned;
+        Some(sum.norm() / admitted)
+    }
+}
+
+/// Variance of a sum of correlated errors that have these variances.
+fn variance_of_sum(variances: impl Iterator<Item = f64>) -> f64 {
+    let (squares, sum) = variances.fold((0.0, 0.0), |(squares, sum), x| (squares + x, sum + x.sqrt()));
+    (1.0 - CORRELATION) * squares + CORRELATION * sum.squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_turn_that_lasts_is_suspect_before_it_contradicts_and_makes_the_attitude_uncertain() {
+        let sigmas = Sigmas { bias_rad_s: 1e-3, stamp_s: 0.0 };
+        let mut differences = Differences::new(1e-4);
+        let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
+        let rad = Vector3::new(1.2e-3, 0.0, 0.0);
+        let covariance = Matrix3::identity() * 1e-7;
+        for k in 0..8 {
+            let (from, seen) = (at(k), Vector3::zeros());
+            let of_frame =
+                Difference { from, dt_s: 0.05, rad, seen, covariance, by_stamps: rad, time_sigma_s: None };
+            let _ = differences.push(of_frame);
+            differences.suspect(at(k + 1), &sigmas);
+            assert_eq!(differences.contradict_since(&sigmas, 1.0), None);
+        }
+        let sigma_rad = |stamp| differences.of_attitude(stamp).map(|c| c[(0, 0)].sqrt());
+        assert!(sigma_rad(at(8)).is_some_and(|sigma| (sigma - 8.0 * 1.2e-3 * SUSPECT_SHARE).abs() < 1e-9));
+        assert_eq!(sigma_rad(at(16)), None, "it is over");
+    }
+}
