@@ -77,7 +77,7 @@ capi-header: ## writes the C library's header anew, after a change of runtime/ca
 	PLUMBLINE_WRITE_HEADER=1 $(CARGO) nextest run $(FLAGS) -p plumbline-capi -E 'test(=tests::the_header_is_current)'
 
 messages: ## writes anew what is made of declarations: schemas and their messages in Rust, tables of the documents, names in Python
-	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-record made
+	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-record -p plumbline-capi made layout
 	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-test-support --test generated
 
 deb: ## Debian packages in target/package, with that of the C library (ARCH=arm64 for 64-bit ARM)

@@ -151,7 +151,7 @@ pub(crate) fn of_syntax(line: &str) -> String {
 mod tests {
     use crate::Config;
 
-    /// What a file with this line in this table is refused with.
+    /// Message with which a file with this line in this table is refused.
     fn refused(table: &str, line: &str) -> String {
         let heading = if table.is_empty() { String::new() } else { format!("[{table}]\n") };
         let text = format!("base = \"euroc\"\n{heading}{line}\n");

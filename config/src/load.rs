@@ -137,7 +137,7 @@ fn no_preset(name: &str) -> ConfigError {
     ConfigError::NeitherFileNorPreset { name: name.to_owned(), alike, known: PRESETS }
 }
 
-/// What a text starts from: a preset in full, or nothing where it is the defaults.
+/// Table that a text starts from: a preset in full, or nothing where it is the defaults.
 fn base_of(document: &Document<'_>, origin: &str) -> Result<Table, ConfigError> {
     let Some((name, line)) = document.base().filter(|(name, _)| *name != DEFAULTS) else {
         return Ok(Table::new());

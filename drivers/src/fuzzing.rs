@@ -2,6 +2,7 @@
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
+use crate::BagTopics;
 use crate::DriverError;
 use crate::bag::container::{Step, Topic};
 use crate::bag::holds::Holds;
@@ -10,7 +11,7 @@ use crate::bag::messages::{self, Format, Kind};
 use crate::bag::pixels::{self, ImageDecoder};
 use crate::bag::ros1_file::Ros1File;
 use crate::bag::sqlite_file::SqliteFile;
-use crate::bag::topics::{self as bag_topics, BagTopics};
+use crate::bag::topics as bag_topics;
 use crate::bag::wire::Encoding;
 use crate::euroc::depth::Depth;
 use crate::euroc::image::gray_png;

@@ -10,9 +10,7 @@
 
 #[cfg(feature = "bags")]
 pub mod bag;
-#[cfg(not(feature = "bags"))]
-#[path = "no_bags.rs"]
-pub mod bag;
+mod bag_name;
 mod board;
 pub mod clock;
 pub mod error;
@@ -45,9 +43,9 @@ pub mod unix_socket;
 pub mod v4l2;
 pub mod video_nodes;
 
-pub use bag::BagTopics;
 #[cfg(feature = "bags")]
 pub use bag::{BagDataset, BagStereo};
+pub use bag_name::{BagTopics, is_bag};
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use faults::{FaultySource, FrameFaults, LostCamera};

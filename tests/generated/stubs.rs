@@ -56,7 +56,7 @@ fn docstring(paragraphs: &[String], indent: &str) -> String {
     format!("{indent}\"\"\"{}\"\"\"\n", paragraphs.join(&format!("\n\n{indent}")))
 }
 
-/// What stands above classes and their methods in all sources.
+/// Comments above classes and their methods in all sources.
 fn docs(folder: &Path) -> Docs {
     let (mut docs, mut shared) = (Docs::new(), BTreeMap::new());
     let mut sharing = Vec::new();

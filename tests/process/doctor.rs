@@ -37,7 +37,7 @@ fn a_verdict_covers_what_was_looked_at_alone() {
     assert!(last.starts_with("The sensors are fit to fly") && last.contains("time offset"), "{last}");
 }
 
-/// What was not measured has its reason, and those of one reason are in one line.
+/// Reasons stand for what was not measured, and those that share a reason are in one line.
 #[test]
 fn a_measure_that_the_data_do_not_hold_has_its_reason() {
     let folder = tempfile::tempdir().unwrap();

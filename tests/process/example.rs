@@ -2,6 +2,7 @@
 
 use super::python::{FLIGHT, Program, free_endpoint, interpreter};
 use super::stderr;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Two programs that play the same inertial sensor, of which the older one ends.
@@ -27,6 +28,20 @@ fn the_end_of_an_older_inertial_example_leaves_the_link_of_the_newer_one() {
     assert!(output.status.success(), "{}", stderr(&output));
 }
 
+/// The example in a folder of its own, with the Python of the schemas as its first lines have it made.
+fn with_schemas(python: &Path) -> tempfile::TempDir {
+    let (root, folder) =
+        (Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")), tempfile::tempdir().unwrap());
+    std::fs::copy(root.join("examples/read_pose.py"), folder.path().join("read_pose.py")).unwrap();
+    let mut compiler = Command::new(python);
+    compiler
+        .args(["-m", "grpc_tools.protoc", "-I", "runtime/record/proto", "--python_out"])
+        .arg(folder.path());
+    compiler.args(["plumbline/v1/log.proto", "plumbline/v1/plumbline.proto"]).current_dir(root);
+    assert!(compiler.status().unwrap().success());
+    folder
+}
+
 /// The vehicle is rendered as it flies, and loses its way on a host that is busy: see `.config/nextest.toml`.
 mod realtime {
     use super::*;
@@ -38,8 +53,9 @@ mod realtime {
         let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
         vehicle.args(FLIGHT).args(["--duration=12", "--listen", &endpoint, "--json"]);
         let vehicle = vehicle.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let arguments = [endpoint.as_str(), "10"];
-        let example = Program::start(&python, "examples/read_pose.py", &arguments);
+        let folder = with_schemas(&python);
+        let example = folder.path().join("read_pose.py");
+        let example = Program::start(&python, example.to_str().unwrap(), &[endpoint.as_str(), "10"]);
         let text = example.rest();
         let flown = vehicle.wait_with_output().unwrap();
         assert!(flown.status.success(), "{}", stderr(&flown));

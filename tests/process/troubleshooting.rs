@@ -30,7 +30,7 @@ fn commands(page: &str) -> Vec<Shown> {
     commands
 }
 
-/// What the commands of each question print or write, by which its cause is told.
+/// Words that the commands of each question print or write, by which its cause is told.
 const SHOWN: [(usize, &[&str]); 21] = [
     (0, &["report.tar.gz"]),
     (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope", "exposure"]),

@@ -88,3 +88,12 @@ def test_a_processor_that_lacks_instructions_is_an_import_error(tmp_path):
 
 def test_the_version_is_that_of_the_command(command):
     assert command("--version").stdout.split()[1] == plumbline.__version__
+
+
+def test_messages_that_protoc_makes_of_the_schemas_lie_beside_the_package(tmp_path):
+    made = tmp_path / "plumbline" / "v1" / "log_pb2.py"
+    made.parent.mkdir(parents=True)
+    made.write_text("STATE = 'tracking'\n")
+    program = "import plumbline; from plumbline.v1 import log_pb2; print(plumbline.__version__, log_pb2.STATE)"
+    ran = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    assert ran.stdout.split() == [plumbline.__version__, "tracking"], ran.stderr

@@ -1,4 +1,4 @@
-//! What `#[key(...)]` says.
+//! Contents of `#[key(...)]`.
 
 use proc_macro2::{Ident, Literal, Span, TokenStream, TokenTree};
 use quote::quote;
@@ -99,7 +99,7 @@ pub fn comment(attributes: &[Attribute]) -> String {
     lines.collect::<Vec<_>>().join(" ")
 }
 
-/// What stands before the next comma.
+/// Tokens before the next comma.
 pub fn tokens(input: ParseStream<'_>) -> Result<Vec<TokenTree>> {
     let mut found = Vec::new();
     while !input.is_empty() && !input.peek(Token![,]) {

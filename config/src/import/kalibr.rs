@@ -103,7 +103,7 @@ fn by_file(error: ConfigError, camchain: &Document, imu: &Document) -> ConfigErr
     ConfigError::Invalid { origin, violations }
 }
 
-/// What the two files are.
+/// Names of the two files in messages.
 const CAMCHAIN: &str = "Kalibr's camchain-imucam.yaml";
 const IMU: &str = "Kalibr's imu.yaml";
 

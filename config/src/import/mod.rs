@@ -45,7 +45,7 @@ use lens::Lens;
 use nalgebra::{Isometry3, Vector3};
 use yaml::Node;
 
-/// What an importer reads off the files.
+/// Facts that an importer reads off the files.
 struct Calibration {
     cameras: Vec<CameraConfig>,
     imu_rate_hz: f64,
@@ -133,7 +133,7 @@ fn rigid(node: &Node<'_>, rows: [[f64; 4]; 4]) -> Result<Isometry3<f64>, ConfigE
     }
 }
 
-/// Whether two transforms agree to a centimetre and half a degree, as far as hand-written digits go.
+/// True if two transforms agree to a centimetre and half a degree, as far as hand-written digits go.
 fn agree(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     let difference = a.inverse() * b;
     difference.translation.vector.norm() < 0.01 && difference.rotation.angle() < 0.01

@@ -50,7 +50,7 @@ const ASL: &str = "a sensor.yaml of a data set (EuRoC, Kimera); give its folder 
 
 const DEPTHAI: &str = "a calibration of an OAK camera (DepthAI)";
 
-/// What stands in files that are no YAML, and whose file it is then.
+/// Marks of files that are no YAML, and the program of each.
 const TEXTS: [(&str, &str); 12] = [
     ("T_SC", "a configuration of OKVIS"),
     ("<?xml", OPENCV),

@@ -9,7 +9,7 @@
 #[cfg(feature = "toml")]
 pub(crate) mod file;
 #[cfg(all(test, feature = "toml", feature = "yaml"))]
-mod table;
+mod test_table;
 #[cfg(all(test, feature = "toml", feature = "yaml"))]
 pub(crate) mod tests;
 mod types;

@@ -1,4 +1,4 @@
-//! What is made of the declarations: the file of all keys, the table of the documents, and files that start from a preset.
+//! Products of the declarations: the file of all keys, the table of the documents, and files that start from a preset.
 
 use super::{Key, Kind, Table as _};
 use crate::{Config, ConfigError, PRESETS, every_key, preset_text};
@@ -178,7 +178,7 @@ fn the_table_of_keys_in_the_documents_is_that_of_the_declarations() {
     let path = workspace().join("docs/tuning.md");
     let text = std::fs::read_to_string(&path).unwrap();
     let (before, table) = text.split_once(BEGIN).expect("the document has a place for it");
-    let made = super::table::markdown();
+    let made = super::test_table::markdown();
     if std::env::var_os("WRITE").is_some() {
         std::fs::write(&path, format!("{before}{BEGIN}{made}")).unwrap();
     } else {

@@ -96,7 +96,7 @@ impl AutopilotEndpoint {
     /// Reads `udp://HOST:PORT`, `udpin://ADDRESS:PORT`, `udpin://ADDRESS:PORT?from=HOST` or `serial://DEVICE:BAUD`.
     ///
     /// # Errors
-    /// What is wrong with the text, in words.
+    /// Fault of the text, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (kind, rest) = split_address(text, "udp://, udpin:// or serial://")?;
         match kind.as_str() {
@@ -116,7 +116,7 @@ fn udp_in(text: &str) -> Result<AutopilotEndpoint, String> {
     Ok(AutopilotEndpoint::UdpIn { at: at.to_owned(), from })
 }
 
-/// Whether this is `HOST:PORT`; else what is wrong with it.
+/// Accepts `HOST:PORT`; the error says what is wrong with another text.
 fn host_and_port(text: &str) -> Result<(), String> {
     let Some((_, port)) = text.rsplit_once(':').filter(|(host, _)| !host.is_empty()) else {
         return Err(format!("{text:?} lacks its host, or the port after the last colon"));

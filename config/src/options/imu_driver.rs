@@ -131,7 +131,7 @@ impl ImuEndpoint {
     /// Reads `serial://DEVICE:BAUD`, `iio://NAME` or `iio://GYROSCOPE,ACCELEROMETER`.
     ///
     /// # Errors
-    /// What is wrong with the text, in words.
+    /// Fault of the text, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (kind, rest) = split_address(text, "serial:// or iio://")?;
         match kind.as_str() {

@@ -6,14 +6,14 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// How the text of a loaded mask begins.
+/// Beginning of the text of a loaded mask.
 const RUNS: &str = "runs ";
 /// Most runs of a mask: what outlines of a vehicle have stays far below, and noise is above.
 pub const MAX_MASK_RUNS: usize = 20_000;
 /// Most pixels of a mask: those of the largest image.
 const MAX_PIXELS: u64 = 4096 * 4096;
 
-/// What of a camera's image is ignored: parts of the vehicle, say, or the rim of the lens.
+/// Part of a camera's image that is ignored: parts of the vehicle, say, or the rim of the lens.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Mask {
@@ -70,7 +70,7 @@ impl PixelMask {
         self.runs.len()
     }
 
-    /// Whether each pixel is looked at, row by row.
+    /// Flags of the pixels, row by row: true for one that is looked at.
     pub fn pixels(&self) -> impl Iterator<Item = bool> {
         let runs = self.runs.iter().enumerate();
         runs.flat_map(|(k, length)| std::iter::repeat_n(k % 2 == 0, *length as usize))

@@ -96,14 +96,14 @@ pub struct TlsConfig {
 }
 
 impl TlsConfig {
-    /// Whether there are any.
+    /// True if there are any.
     #[must_use]
     pub fn is_given(&self) -> bool {
         [&self.authority, &self.certificate, &self.key].iter().any(|path| !path.as_os_str().is_empty())
     }
 }
 
-/// Whether this names a certificate, such as `operator.1`, or all of a holder, such as `vehicle:drone`.
+/// True if this names a certificate, such as `operator.1`, or all of a holder, such as `vehicle:drone`.
 #[must_use]
 pub fn is_certificate_name(text: &str) -> bool {
     let (holder, number) = text.rsplit_once('.').unwrap_or((text, "1"));

@@ -31,7 +31,7 @@ pub struct RecorderConfig {
     pub queue_frames: usize,
 }
 
-/// How images are kept.
+/// Form in which images are kept.
 #[keys]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -183,7 +183,7 @@ impl ImuConfig {
     }
 }
 
-/// How far the calibration of the rig may be off, one standard deviation each: the priors of the online
+/// Uncertainty of the calibration of the rig, one standard deviation each: the priors of the online
 /// refinement. Zero switches the refinement of that quantity off.
 #[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -18,7 +18,7 @@ impl SerialLine {
     /// Reads `DEVICE:BAUD`.
     ///
     /// # Errors
-    /// What is wrong with the text, in words.
+    /// Fault of the text, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
         let Some((device, number)) = text.rsplit_once(':').filter(|(device, _)| !device.is_empty()) else {
             return Err(format!("{text:?} lacks its device, or its speed after the last colon"));

@@ -1,4 +1,4 @@
-//! What the estimator alone needs to know, without anything of drivers, network, autopilot or recorder.
+//! Setup of the estimator alone, without anything of drivers, network, autopilot or recorder.
 
 use super::{CameraConfig, EstimatorConfig, ImuConfig, RigConfig};
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ pub struct EstimatorSetup {
     pub camera: Vec<CameraConfig>,
     /// The inertial sensor, whose frame is the body frame `B`.
     pub imu: ImuConfig,
-    /// How well the extrinsics of the sensors are known.
+    /// Uncertainty of the extrinsics of the sensors.
     #[serde(default)]
     pub rig: RigConfig,
     /// Capacities and thresholds.

@@ -48,7 +48,7 @@ pub struct V4l2Config {
     pub controls: Vec<String>,
 }
 
-/// What the images of a device are encoded as; luma of all of them becomes 8-bit grey.
+/// Encoding of a device's images; luma of all of them becomes 8-bit grey.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum V4l2Format {
@@ -85,7 +85,7 @@ pub enum V4l2Format {
     Mjpeg,
 }
 
-/// How left and right images find each other.
+/// Rule by which left and right images find each other.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -133,7 +133,7 @@ impl V4l2Control {
     /// Reads `NAME=VALUE`, such as `power_line_frequency=1`, or `xu:UNIT:SELECTOR:BYTES=VALUE`, such as `xu:3:2:1=0`.
     ///
     /// # Errors
-    /// What is wrong with the text, in words.
+    /// Fault of the text, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
         if text.len() > MAX_CONTROL_BYTES {
             return Err(format!("is longer than {MAX_CONTROL_BYTES} bytes"));

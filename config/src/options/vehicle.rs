@@ -1,4 +1,4 @@
-//! How the sensors sit in the vehicle.
+//! Mounting of the sensors in the vehicle.
 
 use nalgebra::UnitQuaternion;
 use plumbline_keys::keys;

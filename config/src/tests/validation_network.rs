@@ -1,4 +1,4 @@
-//! What is refused of names, endpoints, certificates, ROS 2 and the local socket.
+//! Refusals of names, endpoints, certificates, ROS 2 and the local socket.
 
 use super::validation::{check, refused};
 use crate::Config;

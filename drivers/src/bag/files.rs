@@ -2,46 +2,12 @@
 
 use super::stream::BagFile;
 use crate::DriverError;
+use crate::bag_name::{METADATA, listed, parts_of};
 use std::collections::BTreeSet;
-use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
-/// File that describes a bag of several files.
-const METADATA: &str = "metadata.yaml";
 /// Longest description that is read, bytes.
 const MAX_METADATA_BYTES: u64 = 4 << 20;
-/// Endings of the files of bags; each may be followed by that of Zstandard.
-const ENDINGS: [&str; 3] = ["mcap", "db3", "bag"];
-const PACKED: &str = ".zstd";
-/// Ending of a ROS 1 bag that is still being recorded.
-const ACTIVE: &str = ".bag.active";
-
-/// True if there may be a bag at `path`: a file with the ending of one, or a directory with a description or
-/// such files.
-#[must_use]
-pub fn is_bag(path: &Path) -> bool {
-    if path.is_dir() {
-        return path.join(METADATA).is_file() || !listed(path).is_empty();
-    }
-    has_ending(path)
-}
-
-fn has_ending(path: &Path) -> bool {
-    let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
-    name.ends_with(ACTIVE) || parts(name).is_some()
-}
-
-/// Name without the number at its end, that number, and the ending, of the file of a bag: bag_10.mcap comes after
-/// bag_9.mcap.
-fn parts(name: &str) -> Option<(&str, u64, &str)> {
-    let (stem, ending) = name.strip_suffix(PACKED).unwrap_or(name).rsplit_once('.')?;
-    if !ENDINGS.contains(&ending) {
-        return None;
-    }
-    let base = stem.trim_end_matches(|c: char| c.is_ascii_digit());
-    Some((base, stem[base.len()..].parse().unwrap_or(0), ending))
-}
-
 /// The files of the bag at `path`.
 ///
 /// # Errors
@@ -120,19 +86,6 @@ fn is_plain_name(name: &str) -> bool {
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None))
 }
 
-/// The files of bags in a directory by the numbers at the end of their names, then by name.
-fn listed(path: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(path) else { return Vec::new() };
-    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-    files.retain(|file| has_ending(file) && file.is_file());
-    files.sort_by_key(|file| (parts_of(file).map_or(0, |(_, number, _)| number), file.clone()));
-    files
-}
-
-fn parts_of(file: &Path) -> Option<(&str, u64, &str)> {
-    parts(file.file_name()?.to_str()?)
-}
-
 /// `files`, if they are the parts of one recording: their names differ by a number only.
 fn parts_of_one(path: &Path, files: Vec<PathBuf>) -> Result<Vec<PathBuf>, DriverError> {
     let recording =
@@ -149,6 +102,7 @@ fn parts_of_one(path: &Path, files: Vec<PathBuf>) -> Result<Vec<PathBuf>, Driver
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bag_name::is_bag;
 
     fn directory(files: &[&str], metadata: Option<&str>) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
@@ -184,10 +138,8 @@ mod tests {
         let folder = directory(&["MH_01_easy.bag", "MH_02_easy.bag"], None);
         let words = bag_files(folder.path()).unwrap_err().to_string();
         assert!(words.contains("2 bags of different names"), "{words}");
-        assert!(
-            ["a.db3", "b.bag", "c.bag.active", "d.mcap.zstd"].iter().all(|name| has_ending(Path::new(name)))
-        );
-        assert!(!has_ending(Path::new("a.zstd")));
+        assert!(["a.db3", "b.bag", "c.bag.active", "d.mcap.zstd"].iter().all(|name| is_bag(Path::new(name))));
+        assert!(!is_bag(Path::new("a.zstd")));
     }
 
     #[test]

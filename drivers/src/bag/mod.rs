@@ -24,9 +24,7 @@ mod tests;
 pub(crate) mod topics;
 pub(crate) mod wire;
 
-pub use files::is_bag;
 pub use stereo::BagStereo;
-pub use topics::BagTopics;
 
 use crate::euroc::defects::{of_stamps, shallow, uncovered};
 use crate::euroc::depth::Depth;
@@ -37,7 +35,7 @@ use crate::euroc::picture::foreign;
 use crate::euroc::span::{chosen_frames, frames_span, imu_range};
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions};
-use crate::{DriverError, Faults};
+use crate::{BagTopics, DriverError, Faults};
 use container::Topic;
 use files::bag_files;
 use holds::Holds;

@@ -3,19 +3,7 @@
 use super::container::Topic;
 use super::holds::Holds;
 use super::messages::Kind;
-
-/// Names of the topics to fly; where one is not given it is looked for.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct BagTopics {
-    /// Images of the left camera.
-    pub left: Option<String>,
-    /// Images of the right camera.
-    pub right: Option<String>,
-    /// Inertial samples; where gyroscope and accelerometer are apart, either of them.
-    pub imu: Option<String>,
-    /// The accelerometer, where several topics could be it.
-    pub accel: Option<String>,
-}
+use crate::BagTopics;
 
 /// The inertial topics to fly: one and the same, or gyroscope and accelerometer apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -57,7 +57,7 @@ mod conditions_tests;
 #[cfg(test)]
 pub(crate) mod fixture;
 #[cfg(test)]
-mod pictures;
+mod pictures_tests;
 #[cfg(test)]
 mod tests;
 

@@ -1,4 +1,4 @@
-//! What the front-end is told: outliers, calibration, and the newest state, so that it can look for points where they must be.
+//! Feedback to the front-end: outliers, calibration, and the newest state, so that it can look for points where they must be.
 
 use super::{Odometer, Phase};
 use crate::estimate::Estimate;

@@ -1,4 +1,4 @@
-//! What the sensors tell of a frame before it has a state: measurements of its points and lines, rates, and whether the vehicle stands
+//! Measurements of a frame before it has a state: its points and lines, rates, and whether the vehicle stands
 //! still.
 
 use super::{Odometer, Phase};

@@ -1,4 +1,4 @@
-//! What a vehicle can be, and the reasons for which an estimate is given up.
+//! Limits of a vehicle, and the reasons for which an estimate is given up.
 
 use crate::input::ResetKind;
 use crate::window::Window;

@@ -1,4 +1,4 @@
-//! What is published of a frame: the estimate at its stamp, as well known as the judge says.
+//! Publication of a frame: the estimate at its stamp, as well known as the judge says.
 
 use super::{Odometer, Phase, Solved, Velocity};
 use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};

@@ -57,7 +57,7 @@ impl KnownRig {
 }
 
 impl Window {
-    /// What the next start knows of the rig is what this window has learnt of it; without it, the configured standard
+    /// Keeps for the next start what this window has learnt of the rig; without it, the next start knows the configured standard
     /// deviations.
     pub fn keep_rig(&mut self) {
         let offset = self.rig.minus(&self.configured_rig);

@@ -134,9 +134,9 @@ pub struct Window {
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
     configured_rig: Rig,
-    /// What the present start knew of the rig.
+    /// Knowledge of the rig at the present start.
     known_rig: calibration::KnownRig,
-    /// What the next one is to know of it.
+    /// Knowledge of the rig for the next start.
     kept_rig: Option<calibration::KnownRig>,
     /// Frames for which things that were seen to move are remembered.
     moving_in_sight: u32,

@@ -53,7 +53,7 @@ type MovedLens<'a> = (&'a Lens, Vector3<f64>);
 pub struct MovedLenses<'a>([Option<MovedLens<'a>>; 2]);
 
 impl<'a> MovedLenses<'a> {
-    /// Those that have moved with the present intrinsics of `rig`.
+    /// Lenses that have moved with the present intrinsics of `rig`.
     pub(super) fn of(lenses: Option<&'a Lenses>, rig: &Rig) -> Self {
         Self([0, 1].map(|camera| {
             let lenses = lenses?;
@@ -63,7 +63,7 @@ impl<'a> MovedLenses<'a> {
         }))
     }
 
-    /// What was measured, by the present intrinsics; `None` where they are those of the reference.
+    /// Measured direction by the present intrinsics; `None` where they are those of the reference.
     #[inline(always)]
     pub(super) fn moved<F: Feature>(
         &self,

@@ -42,7 +42,7 @@ pub struct Expected {
     pub crowd: Option<Crowd>,
 }
 
-/// What a prediction can be wrong by while something moves in view: more than that is the motion of others.
+/// Largest error of a prediction while something moves in view: more than that is the motion of others.
 #[derive(Clone, Copy, Debug)]
 pub struct Crowd {
     /// Distance by which forces that did not act, or were not measured, can have moved the prediction, m.

@@ -175,7 +175,7 @@ typedef struct plumbline_imu_sample {
 
 // State at an inertial sample (200 Hz): record 16 of the local socket.
 typedef struct plumbline_odometry {
-  // Time of the inertial sample, ns.
+  // Time of the inertial sample, ns: CLOCK_MONOTONIC, or the clock of a recording.
   int64_t stamp_ns;
   // Time of the hand-over by the flight, ns since 1970; 0 from an estimator of one's own.
   int64_t handed_over_ns;
@@ -197,9 +197,9 @@ typedef struct plumbline_odometry {
   uint32_t reset_counter;
   // Number of steps within the same odometry frame so far.
   uint32_t jumps;
-  // A plumbline_state; while initialising or failed the pose is meaningless.
+  // State (plumbline_state): 0 initialising, 1 tracking, 2 blind, 3 failed; in 0 and 3 the pose is meaningless.
   uint8_t state;
-  // -1 failed, else 0 to 100.
+  // Quality: -1 failed, else 0 to 100.
   int8_t quality;
   // Zero.
   uint8_t reserved[2];
@@ -255,9 +255,9 @@ typedef struct plumbline_estimate {
   uint32_t health;
   // Number of resets: where it changes, the pose may jump.
   uint32_t reset_counter;
-  // A plumbline_state; while initialising or failed the pose is meaningless.
+  // State (plumbline_state): 0 initialising, 1 tracking, 2 blind, 3 failed; in 0 and 3 the pose is meaningless.
   uint8_t state;
-  // -1 failed, else 0 to 100.
+  // Quality: -1 failed, else 0 to 100.
   int8_t quality;
   // 1 if the frame is a keyframe.
   uint8_t is_keyframe;
@@ -289,7 +289,7 @@ typedef struct plumbline_instant {
   int64_t stamp_ns;
   // Time of the hand-over by the flight, ns since 1970.
   int64_t handed_over_ns;
-  // Number of the request.
+  // Number of the request, or of the trigger.
   uint64_t number;
   // Position of B in O, m.
   double position_m[3];
@@ -305,16 +305,19 @@ typedef struct plumbline_instant {
   int64_t estimated_ns;
   // Number of resets until then.
   uint32_t reset_counter;
-  // A plumbline_state.
+  // State (plumbline_state).
   uint8_t state;
-  // 0 to 100.
+  // Quality: 0 to 100.
   int8_t quality;
-  // 0 answered, 1 there was no pose, 2 longer ago than is kept, 3 later than the newest inertial sample.
+  // Outcome: 0 answered, 1 there was no pose then, 2 longer ago than 3 s, 3 later than the newest inertial sample; the state
+  // counts only for 0.
   uint8_t outcome;
   // 1 if there is an estimate after the instant too: the answer would not change any more.
   uint8_t is_settled;
+  // Source: 0 a request, 1 a trigger of the autopilot, 2 a list (replay --at).
+  uint8_t source;
   // Zero.
-  uint8_t reserved[8];
+  uint8_t reserved[7];
 } plumbline_instant;
 
 // Inertial sensor: rate and ranges by section `imu` of the configuration of the flight.

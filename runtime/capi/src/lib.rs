@@ -22,6 +22,8 @@ pub mod estimator;
 mod call;
 pub mod drone;
 pub mod handles;
+#[cfg(test)]
+mod layout_tests;
 pub mod names;
 mod pointers;
 pub mod status;

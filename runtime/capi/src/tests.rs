@@ -7,7 +7,7 @@ use crate::status::{CallFailure, Error, Status};
 use crate::types::{Estimate, Instant, Odometry};
 use crate::version::PLUMBLINE_ABI;
 use plumbline_record::fields::Record;
-use plumbline_record::layout;
+use plumbline_record::{InstantAnswer, InstantSource, layout};
 use std::ffi::CStr;
 use std::mem::offset_of;
 use std::path::Path;
@@ -78,6 +78,11 @@ fn what_no_table_names_is_where_the_layouts_put_it() {
     let estimate: Estimate = from_record(&bytes).unwrap();
     assert_eq!((estimate.handed_over_ns, estimate.is_keyframe, estimate.reserved), (78, 1, [0; 5]));
     assert!(from_record::<Estimate>(&bytes[1..]).is_none());
+    bytes.clear();
+    let answer = InstantAnswer { source: InstantSource::Trigger, ..InstantAnswer::default() };
+    layout::put_instant(&answer, 79, &mut bytes);
+    let instant: Instant = from_record(&bytes).unwrap();
+    assert_eq!((instant.handed_over_ns, instant.source, instant.reserved), (79, 1, [0; 7]));
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub enum Reset {
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Odometry {
-    /// Time of the inertial sample, ns.
+    /// Time of the inertial sample, ns: CLOCK_MONOTONIC, or the clock of a recording.
     pub stamp_ns: i64,
     /// Time of the hand-over by the flight, ns since 1970; 0 from an estimator of one's own.
     pub handed_over_ns: i64,
@@ -59,9 +59,9 @@ pub struct Odometry {
     pub reset_counter: u32,
     /// Number of steps within the same odometry frame so far.
     pub jumps: u32,
-    /// A plumbline_state; while initialising or failed the pose is meaningless.
+    /// State (plumbline_state): 0 initialising, 1 tracking, 2 blind, 3 failed; in 0 and 3 the pose is meaningless.
     pub state: u8,
-    /// -1 failed, else 0 to 100.
+    /// Quality: -1 failed, else 0 to 100.
     pub quality: i8,
     /// Zero.
     pub reserved: [u8; 2],
@@ -95,9 +95,9 @@ pub struct Estimate {
     pub health: u32,
     /// Number of resets: where it changes, the pose may jump.
     pub reset_counter: u32,
-    /// A plumbline_state; while initialising or failed the pose is meaningless.
+    /// State (plumbline_state): 0 initialising, 1 tracking, 2 blind, 3 failed; in 0 and 3 the pose is meaningless.
     pub state: u8,
-    /// -1 failed, else 0 to 100.
+    /// Quality: -1 failed, else 0 to 100.
     pub quality: i8,
     /// 1 if the frame is a keyframe.
     pub is_keyframe: u8,
@@ -113,7 +113,7 @@ pub struct Instant {
     pub stamp_ns: i64,
     /// Time of the hand-over by the flight, ns since 1970.
     pub handed_over_ns: i64,
-    /// Number of the request.
+    /// Number of the request, or of the trigger.
     pub number: u64,
     /// Position of B in O, m.
     pub position_m: [f64; 3],
@@ -129,16 +129,19 @@ pub struct Instant {
     pub estimated_ns: i64,
     /// Number of resets until then.
     pub reset_counter: u32,
-    /// A plumbline_state.
+    /// State (plumbline_state).
     pub state: u8,
-    /// 0 to 100.
+    /// Quality: 0 to 100.
     pub quality: i8,
-    /// 0 answered, 1 there was no pose, 2 longer ago than is kept, 3 later than the newest inertial sample.
+    /// Outcome: 0 answered, 1 there was no pose then, 2 longer ago than 3 s, 3 later than the newest inertial sample; the state
+    /// counts only for 0.
     pub outcome: u8,
     /// 1 if there is an estimate after the instant too: the answer would not change any more.
     pub is_settled: u8,
+    /// Source: 0 a request, 1 a trigger of the autopilot, 2 a list (replay --at).
+    pub source: u8,
     /// Zero.
-    pub reserved: [u8; 8],
+    pub reserved: [u8; 7],
 }
 
 /// Structure of numbers alone, without padding: any bytes are a value of it.

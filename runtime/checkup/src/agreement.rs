@@ -99,7 +99,7 @@ impl Gyro {
     }
 }
 
-/// What agrees best.
+/// Best agreement.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
     /// `t_imu = t_camera + offset`, s, and its standard deviation.
@@ -110,7 +110,7 @@ pub struct Agreement {
     pub focal: (f64, f64),
     /// Disagreement that is left without a change of the time offset, over that with it (all else fit in both).
     pub offset_gain: f64,
-    /// What the configured extrinsics leave at the best offset, rad/s, median.
+    /// Residual that the configured extrinsics leave at the best offset, rad/s, median.
     pub residual_rad_s: f64,
     /// Scatter of the rates, rad/s.
     pub scatter_rad_s: f64,

@@ -42,7 +42,7 @@ pub struct AblationArgs {
     /// Topics of bags.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// What flies, and what is kept.
+    /// Flight, and what is kept of it.
     #[command(flatten)]
     pub trial: TrialArgs,
 }

@@ -73,7 +73,7 @@ pub struct CampaignArgs {
     /// Tilt of the whole scene of every flight from the vertical, degrees, in a direction drawn by the seed.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub lean_deg: f64,
-    /// What flies, and what is kept.
+    /// Flight, and what is kept of it.
     #[command(flatten)]
     pub trial: TrialArgs,
     /// Parallel flights.

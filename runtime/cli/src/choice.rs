@@ -34,7 +34,7 @@ pub struct FlightChoice {
     pub scale: f64,
 }
 
-/// What flies, and what is kept.
+/// Flight, and what is kept of it.
 #[derive(Clone, Debug, Args)]
 pub struct TrialArgs {
     /// Use the left camera only.

@@ -135,7 +135,7 @@ fn alike(words: &[&str], tables: &[&'static str]) -> Option<String> {
     }
 }
 
-/// What `--help` prints of the command that these words name; clap has it as an error.
+/// Help that `--help` prints of the command that these words name; clap has it as an error.
 fn help_of(words: &[&str]) -> clap::Error {
     let asked = ["plumbline"].iter().chain(words).chain(&["--help"]);
     match command().try_get_matches_from(asked) {

@@ -93,7 +93,7 @@ fn run(command: Command) -> anyhow::Result<()> {
 }
 
 #[cfg(test)]
-mod message_options;
+mod message_options_tests;
 #[cfg(feature = "lab")]
 mod paired;
 #[cfg(feature = "lab")]

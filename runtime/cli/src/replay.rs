@@ -114,7 +114,7 @@ pub struct ReplayArgs {
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// What is simulated.
+    /// Simulated flight.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
 }

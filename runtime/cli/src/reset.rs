@@ -16,7 +16,7 @@ pub struct ResetArgs {
     pub kind: ResetArg,
 }
 
-/// How much a reset discards.
+/// Extent of a reset.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ResetArg {
     /// Restart at the present pose.

@@ -68,12 +68,12 @@ pub struct ScenarioArgs {
     /// Give the estimator extrinsics rotated by this angle from the true ones, degrees.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub extrinsics_error_deg: f64,
-    /// What goes wrong with frames.
+    /// Faults of frames.
     #[command(flatten)]
     pub faults: FaultArgs,
 }
 
-/// What goes wrong with frames, simulated or recorded. Times are seconds since the first frame.
+/// Faults of frames, simulated or recorded. Times are seconds since the first frame.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Faults, in any flight")]
 pub struct FaultArgs {

@@ -28,7 +28,7 @@ pub struct SimulateArgs {
     /// Replace an existing data set.
     #[arg(long)]
     pub overwrite: bool,
-    /// What is simulated.
+    /// Simulated flight.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
 }

@@ -59,7 +59,7 @@ pub struct FrameTransforms {
     #[prost(message, repeated, tag = "1")]
     pub transforms: ::prost::alloc::vec::Vec<FrameTransform>,
 }
-/// How a camera turns directions into pixels. Matrices are row-major.
+/// Projection of a camera: directions to pixels. Matrices are row-major.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct CameraCalibration {
     #[prost(message, optional, tag = "1")]
@@ -218,7 +218,7 @@ pub struct Color {
     #[prost(double, tag = "4")]
     pub a: f64,
 }
-/// What is known of an entity beside its looks.
+/// Fact about an entity beside its looks.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct KeyValuePair {
     #[prost(string, tag = "1")]
@@ -285,7 +285,7 @@ pub struct LinePrimitive {
     pub pose: ::core::option::Option<Pose>,
     #[prost(double, tag = "3")]
     pub thickness: f64,
-    /// Whether the thickness is in pixels.
+    /// True if the thickness is in pixels.
     #[prost(bool, tag = "4")]
     pub scale_invariant: bool,
     #[prost(message, repeated, tag = "5")]
@@ -422,7 +422,7 @@ pub struct SceneEntity {
     #[prost(message, repeated, tag = "14")]
     pub models: ::prost::alloc::vec::Vec<ModelPrimitive>,
 }
-/// What is taken out of a scene.
+/// Removal from a scene.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SceneEntityDeletion {
     #[prost(message, optional, tag = "1")]

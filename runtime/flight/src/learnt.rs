@@ -48,7 +48,7 @@ pub enum NothingLearnt {
 pub struct Learnt {
     /// Configuration of the flight with the refined calibration and its standard deviations.
     pub config: ValidConfig,
-    /// What has changed, as comment lines.
+    /// Changes as comment lines.
     pub comment: String,
 }
 

@@ -1,4 +1,4 @@
-//! What is made of flights, and before them.
+//! Work with flights, and before them.
 //!
 //! - [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many, a [`sweep`] flies many
 //!   settings, a [`mod@bench`] measures what they cost;

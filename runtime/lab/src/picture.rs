@@ -22,7 +22,7 @@ pub enum PictureError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// PNG cannot hold the picture.
@@ -30,7 +30,7 @@ pub enum PictureError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What the encoder said.
+        /// Words of the encoder.
         message: String,
     },
 }

@@ -24,7 +24,7 @@ state_methods! {
             self.instant.estimated.as_nanos()
         }
 
-        /// Whether there is an estimate after it too: the answer would not change any more.
+        /// True if there is an estimate after it too: the answer would not change any more.
         #[getter]
         fn settled(&self) -> bool {
             self.instant.is_settled

@@ -38,5 +38,5 @@ pub use orders::{
     MapVerdict, ResetOrder, Verdict,
 };
 pub use plumbline_fields as fields;
-pub use said::{Dropped, Kind};
+pub use said::{Dropped, EntryKind};
 pub use topics::Said;

@@ -1,14 +1,12 @@
 //! Files of the repository that are made of declarations: schema, tables of the documents, names in Python. `make messages`
 //! writes them.
 
-use crate::InstantAnswer;
-use crate::fields::{Enumeration, Outline, Parts, Shape, Value};
-use crate::layout::{ESTIMATE_BYTES, INSTANT_BYTES, ODOMETRY_BYTES};
+use crate::fields::{Enumeration, Outline, Shape};
 use crate::messages::Envelope;
 use crate::schema::{PACKAGE, add_topics, enumerations, is_repeated, kind, messages};
 use crate::topics::{Row, Topic};
+use plumbline_estimator::HealthBits;
 use plumbline_estimator::health::HealthBit;
-use plumbline_estimator::{Estimate, HealthBits, Odometry};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,60 +18,6 @@ fn made_files_are_what_the_declarations_say() {
     made("runtime/python/package/plumbline/health.py", |_| health_py());
     made("docs/health.md", |kept| with_table(kept, "| bit |", &health_table()));
     made("docs/guide.md", |kept| with_table(kept, "| content | message |", &topics_table()));
-}
-
-/// A row of a layout in the document: first byte, the byte after its last, and bytes of one number of its type, if it has one.
-type LayoutRow = (usize, usize, Option<usize>);
-
-fn layout_rows(document: &str, heading: &str) -> Vec<LayoutRow> {
-    let section = document.split(&format!("\n### {heading}\n")).nth(1).expect("the document has the heading");
-    let of_row = |line: &str| -> Option<LayoutRow> {
-        let (bytes, rest) = line.strip_prefix("    ")?.split_once(' ')?;
-        let (from, to) = bytes.split_once("..").unwrap_or((bytes, ""));
-        let from = from.parse().ok()?;
-        let mut words = rest.split_whitespace().peekable();
-        words.next_if(|word| word.parse::<usize>().is_ok());
-        let bits = words.next().and_then(|kind| kind.strip_prefix(['u', 'i', 'f'])?.parse::<usize>().ok());
-        Some((from, to.parse().unwrap_or(from + 1), bits.map(|bits| bits / 8)))
-    };
-    section.split("\n### ").next().unwrap_or_default().lines().filter_map(of_row).collect()
-}
-
-/// First bytes of all fields that a record has in its layout.
-fn first_bytes(record: &dyn Parts, to: &mut Vec<usize>) {
-    record.visit(&mut |about, value| match value {
-        Value::Part(part) => first_bytes(part, to),
-        _ => to.extend(about.at),
-    });
-}
-
-#[test]
-fn the_document_of_the_socket_has_the_layouts_of_the_declarations() {
-    let document =
-        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/local-socket.md"))
-            .unwrap();
-    let records: [(&str, &dyn Parts, usize); 3] = [
-        ("Odometry", &Odometry::default(), ODOMETRY_BYTES),
-        ("Estimate", &Estimate::default(), ESTIMATE_BYTES),
-        ("State at an instant", &InstantAnswer::default(), INSTANT_BYTES),
-    ];
-    for (heading, record, length) in records {
-        let rows = layout_rows(&document, heading);
-        let ends = std::iter::once(0).chain(rows.iter().map(|row| row.1));
-        assert!(rows.iter().map(|row| row.0).eq(ends.take(rows.len())), "{heading}: {rows:?}");
-        assert_eq!(rows.last().map(|row| row.1), Some(length), "{heading}");
-        assert!(
-            rows.iter().all(|(from, to, each)| each.is_none_or(|each| (to - from).is_multiple_of(each))),
-            "{heading}: {rows:?}"
-        );
-        let mut fields = Vec::new();
-        first_bytes(record, &mut fields);
-        // Rows without a type stand for several fields, or for zeros.
-        let has_row = |at: &usize| {
-            rows.iter().any(|(from, to, each)| from == at || each.is_none() && (from..to).contains(&at))
-        };
-        assert!(fields.len() > 8 && fields.iter().all(has_row), "{heading}: {fields:?}, {rows:?}");
-    }
 }
 
 /// Holds a file against what is made of it, or writes it.

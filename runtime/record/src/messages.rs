@@ -1,4 +1,4 @@
-//! What a flight says: the table of topics, and the messages whose types are no other crate's.
+//! Messages of a flight: the table of topics, and the messages whose types are no other crate's.
 //!
 //! A new message is a struct here, or where it is made, and a row of the table.
 
@@ -27,13 +27,13 @@ topics! {
     Right = "foxglove.CompressedImage".log("/input/right").input();
     /// Frames: number, stamp, hashes of the images.
     Frame = "plumbline.v1.log.Frame".record::<FrameAbout>().log("/input/frame").input();
-    /// What became of frames.
+    /// Fate of frames.
     FrameOrder (Order: FrameOrder) = "plumbline.v1.log.FrameOrder".record::<FrameOrder>().log("/order/frame").input();
     /// When estimates took effect.
     CorrectionOrder (Correction: CorrectionOrder) = "plumbline.v1.log.CorrectionOrder".record::<CorrectionOrder>().log("/order/correction").input();
     /// Resets.
     ResetOrder (Reset: ResetOrder) = "plumbline.v1.log.ResetOrder".record::<ResetOrder>().log("/order/reset").input();
-    /// What became of frames for the map.
+    /// Fate of frames for the map.
     MapOrder (MapOrder: MapOrder) = "plumbline.v1.log.MapOrder".record::<MapOrder>().log("/order/map").input();
     /// Main part of an estimate.
     Estimate = "plumbline.v1.log.Estimate".record::<Estimate>().log("/output/estimate").kind(17, Always);
@@ -99,7 +99,7 @@ topics! {
     MapSave = "plumbline.v1.MapSaved".record::<MapSaved>().commands("command/map_save");
 }
 
-/// What every message on a key of the network comes in. The message itself is that of log or local socket, byte by byte.
+/// Envelope of every message on a key of the network. The message itself is that of log or local socket, byte by byte.
 #[derive(Clone, Debug, Default, PartialEq, Record)]
 #[record("Envelope")]
 pub struct Envelope {
@@ -183,7 +183,7 @@ pub struct LadderRung {
 #[derive(Clone, Debug, Default, PartialEq, Record)]
 #[record("Sensors")]
 pub struct SensorNews {
-    /// What is wrong, and what to do: one line each.
+    /// Fault and cure: one line each.
     #[field(1, most = 16)]
     pub notices: Vec<String>,
     /// Stamps of the frames.
@@ -228,7 +228,7 @@ pub struct Picture {
 #[derive(Clone, Debug, Default, PartialEq, Record)]
 #[record("Health")]
 pub struct Health {
-    /// How far the estimator is.
+    /// Progress of the estimator.
     #[field(1)]
     pub state: TrackingState,
     /// Error and warning bits.
@@ -255,7 +255,7 @@ pub struct Health {
     /// The vehicle sends camera pictures to whom it may concern.
     #[field(9)]
     pub offers_camera: bool,
-    /// How the IMU is mounted: takes coordinates from B to V (`vehicle.imu_to_vehicle_deg` of the configuration). The rotation from V
+    /// Mounting of the IMU: takes coordinates from B to V (`vehicle.imu_to_vehicle_deg` of the configuration). The rotation from V
     /// to O is that from B to O times the inverse of this. Empty where it is unknown: then nothing is known of the vehicle's attitude.
     #[field(10)]
     pub rot_v_b: Option<UnitQuaternion<f64>>,

@@ -1,6 +1,6 @@
 //! Messages of a log about images and about itself.
 
-use crate::said::{Dropped, Kind};
+use crate::said::{Dropped, EntryKind};
 use plumbline_config::Timestamp;
 use plumbline_fields::{Enumeration, Field, FieldContent, Record, Shape, Value};
 
@@ -10,9 +10,9 @@ macro_rules! dropped {
         Field::<Self>::new(
             ($tag, "dropped", $wire, $about),
             Shape::Uint64,
-            |o| Value::Whole(o.dropped.of(Kind::$kind) as i64),
+            |o| Value::Whole(o.dropped.of(EntryKind::$kind) as i64),
             |o, value| {
-                o.dropped.0[Kind::$kind as usize] = value.whole() as u64;
+                o.dropped.0[EntryKind::$kind as usize] = value.whole() as u64;
                 Ok(())
             },
         )

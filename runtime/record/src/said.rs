@@ -37,7 +37,7 @@ pub struct FullEstimate {
 
 /// Kinds of entries of a log, as they are counted when they are dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum EntryKind {
     /// Inertial samples.
     Imu,
     /// Frames.
@@ -56,7 +56,7 @@ pub enum Kind {
     Instant,
 }
 
-impl Kind {
+impl EntryKind {
     /// All kinds with their names.
     pub const NAMES: [(Self, &'static str); 8] = [
         (Self::Imu, "inertial samples"),
@@ -72,12 +72,12 @@ impl Kind {
 
 /// Entries that were not recorded, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped(pub [u64; Kind::NAMES.len()]);
+pub struct Dropped(pub [u64; EntryKind::NAMES.len()]);
 
 impl Dropped {
     /// Dropped entries of one kind.
     #[must_use]
-    pub fn of(&self, kind: Kind) -> u64 {
+    pub fn of(&self, kind: EntryKind) -> u64 {
         self.0[kind as usize]
     }
 
@@ -90,14 +90,14 @@ impl Dropped {
     /// Dropped entries of the kinds that a re-execution needs.
     #[must_use]
     pub fn inputs(&self) -> u64 {
-        [Kind::Imu, Kind::Frame, Kind::Order].iter().map(|kind| self.of(*kind)).sum()
+        [EntryKind::Imu, EntryKind::Frame, EntryKind::Order].iter().map(|kind| self.of(*kind)).sum()
     }
 }
 
 impl fmt::Display for Dropped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut separator = "";
-        for (kind, name) in Kind::NAMES {
+        for (kind, name) in EntryKind::NAMES {
             if self.of(kind) > 0 {
                 write!(f, "{separator}{} {name}", self.of(kind))?;
                 separator = ", ";
@@ -115,8 +115,8 @@ mod tests {
     fn what_was_dropped_is_told_in_words() {
         let mut dropped = Dropped::default();
         assert_eq!(dropped.to_string(), "nothing");
-        dropped.0[Kind::Frame as usize] = 3;
-        dropped.0[Kind::Odometry as usize] = 1;
+        dropped.0[EntryKind::Frame as usize] = 3;
+        dropped.0[EntryKind::Odometry as usize] = 1;
         assert_eq!(dropped.to_string(), "3 frames, 1 odometry");
         assert_eq!((dropped.inputs(), dropped.total()), (3, 4));
     }

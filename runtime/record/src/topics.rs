@@ -6,7 +6,7 @@
 //! them.
 
 use crate::fields::stamp_of;
-use crate::said::Kind;
+use crate::said::EntryKind;
 use plumbline_config::Timestamp;
 use plumbline_config::options::{ImageRecording, Link};
 
@@ -96,20 +96,20 @@ impl Topic {
 impl Said {
     /// Its kind, as it is counted when it is dropped.
     #[must_use]
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> EntryKind {
         match self {
-            Self::Imu(_) => Kind::Imu,
+            Self::Imu(_) => EntryKind::Imu,
             Self::Order(_)
             | Self::Correction(_)
             | Self::Reset(_)
             | Self::MapOrder(_)
-            | Self::InstantOrder(_) => Kind::Order,
-            Self::Instant(_) => Kind::Instant,
-            Self::Estimate(_) => Kind::Estimate,
-            Self::Odometry(_) => Kind::Odometry,
-            Self::MapEstimate(_) => Kind::MapEstimate,
+            | Self::InstantOrder(_) => EntryKind::Order,
+            Self::Instant(_) => EntryKind::Instant,
+            Self::Estimate(_) => EntryKind::Estimate,
+            Self::Odometry(_) => EntryKind::Odometry,
+            Self::MapEstimate(_) => EntryKind::MapEstimate,
             // What nothing depends on.
-            _ => Kind::Event,
+            _ => EntryKind::Event,
         }
     }
 

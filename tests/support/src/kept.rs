@@ -1,4 +1,4 @@
-//! What many tests begin with, such as rendered frames, made by the first of them and kept in files: each test is a process of its
+//! Beginnings of many tests, such as rendered frames, made by the first of them and kept in files: each test is a process of its
 //! own. Files belong to one build of the tests; those of the build before are deleted.
 
 use std::fs::File;

@@ -261,7 +261,7 @@ impl Judge {
         self.noise.keep_prediction(prediction);
     }
 
-    /// What becomes of the estimate after the frame of `stamp`.
+    /// Decides about the estimate after the frame of `stamp`.
     pub(super) fn conclude(
         &mut self,
         estimation: &Estimation,

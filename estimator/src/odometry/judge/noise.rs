@@ -84,7 +84,7 @@ pub(in crate::odometry) struct Prediction {
     pub(super) dt_s: f64,
 }
 
-/// What a frame can tell of the noise.
+/// Evidence of a frame about the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Evidence {
     /// Nothing: its motion was not measured throughout, or is not believed for another reason.

@@ -1,4 +1,4 @@
-//! What the estimate is good for, and when it is given up: its landmarks, its velocity, and what a vehicle can be.
+//! Worth of the estimate, and its end: by its landmarks, its velocity, and what a vehicle can be.
 
 use super::super::estimation::Estimation;
 use super::super::plausible::{ResetReason, implausible};
@@ -28,7 +28,7 @@ pub(in crate::odometry) enum Velocity {
     NoMore,
 }
 
-/// What becomes of an estimate after a frame.
+/// Fate of an estimate after a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::odometry) enum Belief {
     /// A start anew may go on from its state.

@@ -175,7 +175,7 @@ impl Start {
         Some(origin.rot_o_b * motion.delta_rot.inverse())
     }
 
-    /// What is known of the newest gathered frame beside its position and yaw, with its standard deviations.
+    /// State of the newest gathered frame beside its position and yaw, with its standard deviations.
     fn known_at_start(&self) -> (AnchorState, AnchorSigmas) {
         let (bias_gyro, bias_accel) = self.bias_memory;
         let known = AnchorState { bias_gyro, bias_accel, up_b: None };

@@ -136,7 +136,7 @@ impl Gyro {
 pub(super) struct Carried(GrowingCovariance);
 
 impl Carried {
-    /// What is known of a state of these covariances; `None` where that is no covariance.
+    /// Knowledge of a state of these covariances; `None` where that is no covariance.
     pub(super) fn of(covariance: NavCovariance, bias_variances: &BiasVariances) -> Option<Self> {
         let grown = GrowingCovariance::new(covariance, bias_variances);
         grown.is_finite().then_some(Self(grown))

@@ -45,7 +45,7 @@ pub(super) struct Start {
     bias_memory: (Vector3<f64>, Vector3<f64>),
     memory: Memory,
     inherited: Inherited,
-    /// What is known of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
+    /// Knowledge of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
     /// it has not measured all the way.
     carried: Option<Carried>,
     /// Why the estimate was last started anew.
@@ -229,7 +229,7 @@ impl Start {
         self.bias_memory
     }
 
-    /// What the present estimate has from those before.
+    /// Heritage of the present estimate from those before.
     pub(super) fn inherited(&self) -> &Inherited {
         &self.inherited
     }

@@ -6,7 +6,7 @@ use plumbline_config::{Config, ImuSample};
 
 /// Known to this standard deviation they are judged: s, rad.
 const KNOWN: (f64, f64) = (0.002, 0.006);
-/// What is off by this many standard deviations is judged, however large these are.
+/// Deviation that is judged, in standard deviations, however large these are.
 const SIGNIFICANT: f64 = 5.0;
 /// A rotation beyond its limit is minded from this many standard deviations on.
 const GROSS: f64 = 3.0;

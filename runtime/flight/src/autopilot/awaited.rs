@@ -7,7 +7,7 @@ use std::time::Duration;
 /// It is looked for this often.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// What is looked for.
+/// Search for something that is not there yet.
 #[derive(Debug)]
 pub struct Awaited<T> {
     found: Receiver<T>,
@@ -38,7 +38,7 @@ impl<T: Send + 'static> Awaited<T> {
         Self { found, _wanted: wanted }
     }
 
-    /// What was found, once; never waits.
+    /// Takes the find, once; never waits.
     pub fn take(&self) -> Option<T> {
         self.found.try_recv().ok()
     }

@@ -16,7 +16,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::net::UdpSocket;
 use std::time::Instant;
 
-/// How far the clock of the autopilot is ahead, ns.
+/// Lead of the autopilot's clock, ns.
 const AHEAD_NS: i64 = 1_234_567_000_000;
 
 struct Autopilot {

@@ -120,7 +120,7 @@ mod tests {
         MessageFeed::new(VehicleFrames::new(&UnitQuaternion::identity()), lost_pose)
     }
 
-    /// What is sent at `now`, ms.
+    /// Message that is sent at `now`, ms.
     fn sent(feed: &mut MessageFeed, has_pose: bool, now_ms: i64) -> Option<ODOMETRY_DATA> {
         let now = Monotonic(now_ms * MS);
         let condition = feed.condition(has_pose, now, |_| true);

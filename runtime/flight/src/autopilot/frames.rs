@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 /// A nose whose horizontal part is shorter than this has no heading.
 const MIN_HORIZONTAL: f64 = 0.1;
 
-/// How the IMU sits in the vehicle.
+/// Mounting of the IMU in the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleFrames {
     rot_f_b: UnitQuaternion<f64>,
@@ -82,7 +82,7 @@ impl VehicleFrames {
 }
 
 impl VehicleOdometry {
-    /// Whether every number is one.
+    /// True if every number is one.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let pose = self.pose_l_f.translation.vector.iter().chain(self.pose_l_f.rotation.coords.iter());

@@ -1,4 +1,4 @@
-//! What the tick and the autopilot's thread share. Nobody waits for anybody.
+//! State that the tick and the autopilot's thread share. Nobody waits for anybody.
 
 use super::flow::FlowMeasurement;
 use crate::pipeline::Instants;
@@ -48,7 +48,7 @@ pub fn handover_ring() -> (Writer<Handover>, Reader<Handover>) {
     ring(RING, &Bell::default())
 }
 
-/// What is true right now.
+/// State right now.
 #[derive(Debug)]
 pub struct Signals {
     /// Cleared when the estimate is given up, set by the next odometry.

@@ -1,4 +1,4 @@
-//! What comes in: bytes from outside become the few messages that concern us, in bounded memory.
+//! Incoming messages: bytes from outside become the few that concern us, in bounded memory.
 
 use mavlink::dialects::common::{CAMERA_TRIGGER_DATA, MavMessage, TIMESYNC_DATA};
 use mavlink::error::MessageReadError;
@@ -15,7 +15,7 @@ pub struct Received {
     pub system_id: u32,
     /// Component that sent it.
     pub component_id: u8,
-    /// What it says of time; `None` for a message of any other kind.
+    /// Answer about time; `None` for a message of any other kind.
     pub timesync: Option<TIMESYNC_DATA>,
     /// Trigger of a camera; `None` for a message of any other kind.
     pub trigger: Option<CAMERA_TRIGGER_DATA>,
@@ -110,7 +110,7 @@ impl MavlinkInbox {
     }
 }
 
-/// What of a message concerns us; `None` when its fields make no sense.
+/// Part of a message that concerns us; `None` when its fields make no sense.
 fn received(message: &MAVLinkMessageRaw) -> Option<Received> {
     let (version, payload) = (message.version(), message.payload());
     let (mut timesync, mut trigger) = (None, None);

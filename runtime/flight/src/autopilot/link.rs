@@ -28,7 +28,7 @@ pub enum LinkError {
     Address {
         /// As configured.
         address: String,
-        /// What the system said.
+        /// Words of the system.
         reason: String,
     },
     /// The socket cannot be had.
@@ -38,7 +38,7 @@ pub enum LinkError {
     Socket {
         /// As configured.
         address: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The device cannot be used.
@@ -48,7 +48,7 @@ pub enum LinkError {
     Device {
         /// Path of the device.
         device: String,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
 }
@@ -60,7 +60,7 @@ pub enum AutopilotLink {
     Udp(UdpLink),
     /// A serial device.
     Serial(SerialLink),
-    /// What is not to be had yet.
+    /// Line that is not to be had yet.
     Awaited(Awaited<Box<AutopilotLink>>),
 }
 
@@ -121,14 +121,14 @@ impl AutopilotLink {
         }
     }
 
-    /// What was read last held a good message: its sender is the autopilot.
+    /// Takes the sender of the bytes that were read last, which held a good message, for the autopilot.
     pub fn confirm(&mut self, now: Monotonic) {
         if let Self::Udp(udp) = self {
             udp.confirm(now);
         }
     }
 
-    /// What became of the line since the last time.
+    /// News of the line since the last time.
     pub fn news(&mut self) -> Option<News> {
         match self {
             Self::Serial(serial) => serial.news(),

@@ -44,7 +44,7 @@ const TRIGGER_PATIENCE_NS: i64 = 500_000_000;
 /// odometry's thread.
 const TRIGGER_PERIOD_NS: i64 = 8_000_000;
 
-/// How the bridge fared.
+/// Figures of the bridge.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct BridgeFigures {
     /// `ODOMETRY` messages that the system took.
@@ -55,7 +55,7 @@ pub struct BridgeFigures {
     pub unsent: u64,
     /// Deadlines that passed unseen.
     pub missed: u64,
-    /// How late deadlines were met, ms.
+    /// Lateness of deadlines, ms.
     pub late_ms: Percentiles,
     /// Messages that came in.
     pub received: u64,
@@ -274,7 +274,7 @@ impl Sender {
         }
     }
 
-    /// What finds no room is not worth waiting for.
+    /// Tells the news; one that finds no room is not waited for.
     fn tell(&mut self, news: News) {
         let _ = self.words.push(news);
     }

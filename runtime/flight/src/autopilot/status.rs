@@ -1,4 +1,4 @@
-//! How the odometry is, and when the pilot is told.
+//! State of the odometry, and when the pilot is told of it.
 
 use crate::schedule::ticker::Monotonic;
 use mavlink::dialects::common::{MavSeverity, MavState};
@@ -13,7 +13,7 @@ const PAUSE_NS: i64 = 1_000_000_000;
 /// Odometry must be usable for so long before flow ends, ns.
 const FLOW_HOLD_NS: i64 = 2_000_000_000;
 
-/// How the odometry is.
+/// State of the odometry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OdometryCondition {
     /// There has been none yet.
@@ -89,7 +89,7 @@ pub struct Announcer {
 }
 
 impl Announcer {
-    /// What is to be said now. One kind of loss that follows another is no news.
+    /// News to be said now. One kind of loss that follows another is no news.
     pub fn news(
         &mut self,
         condition: OdometryCondition,

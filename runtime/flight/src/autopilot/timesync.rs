@@ -64,7 +64,7 @@ impl Default for TimeSync {
 }
 
 impl TimeSync {
-    /// What to ask with (`ts1`, with `tc1` = 0), when it is time to.
+    /// Stamp to ask with (`ts1`, with `tc1` = 0), when it is time to.
     pub fn request(&mut self, now: Monotonic) -> Option<i64> {
         self.forget(now);
         if now < self.next {

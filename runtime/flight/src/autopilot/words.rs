@@ -1,4 +1,4 @@
-//! What people are told of the line to the autopilot, in words: made and written by a thread of normal priority, since making
+//! News of the line to the autopilot for people, in words: made and written by a thread of normal priority, since making
 //! words allocates, and a thread of high priority must not wait for who holds the allocator.
 
 use crate::schedule::ring::{Bell, Writer, ring};
@@ -10,7 +10,7 @@ const WAITING: usize = 16;
 /// The thread looks for its end this often.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// What has happened.
+/// Event of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum News {
     /// The autopilot is heard.
@@ -100,7 +100,7 @@ pub fn teller(address: String) -> Writer<News> {
     writer
 }
 
-/// How far a clock is apart from ours, by what it is ahead in ms: "1908.4 s behind".
+/// Distance of a clock from ours, by its lead in ms: "1908.4 s behind".
 pub(super) fn apart(ahead_ms: f64) -> String {
     let (size, side) = (ahead_ms.abs(), if ahead_ms < 0.0 { "behind" } else { "ahead" });
     if size >= 1000.0 { format!("{:.1} s {side}", size * 1e-3) } else { format!("{size:.3} ms {side}") }

@@ -14,10 +14,10 @@ use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig};
 use plumbline_drivers::BagDataset;
 #[cfg(not(feature = "bags"))]
 use plumbline_drivers::DriverError;
-use plumbline_drivers::bag::is_bag;
 #[cfg(feature = "bags")]
 use plumbline_drivers::bag::read_bag_imu;
 use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions, read_imu_samples};
+use plumbline_drivers::is_bag;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use plumbline_drivers::{BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;

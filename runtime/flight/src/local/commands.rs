@@ -35,7 +35,7 @@ impl CommandExecutor {
         Self { control, save: None }
     }
 
-    /// Whether a map is being saved.
+    /// True while a map is being saved.
     pub fn is_saving(&self) -> bool {
         self.save.is_some()
     }

@@ -87,7 +87,7 @@ pub struct SocketState {
     pub rung: AtomicU8,
     /// State of live sensors.
     pub sensors: Arc<SensorState>,
-    /// What the window holds, after each keyframe.
+    /// Contents of the window, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
     /// The trail, after each frame.
     pub trails: Pool<Trail>,

@@ -74,7 +74,7 @@ impl Outbox {
         self.waiting.push_back(Waiting { record, is_kept: true });
     }
 
-    /// Whether the reader leaves its answers unread: it gets no more of them.
+    /// True if the reader leaves its answers unread: it gets no more of them.
     #[must_use]
     pub fn is_unread(&self) -> bool {
         self.kept_bytes > MAX_KEPT_BYTES
@@ -86,7 +86,7 @@ impl Outbox {
         self.taken
     }
 
-    /// Whether nothing waits.
+    /// True if nothing waits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()

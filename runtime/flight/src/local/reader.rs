@@ -26,7 +26,7 @@ pub enum Rights {
 }
 
 impl Rights {
-    /// Whether the reader may give commands.
+    /// True if the reader may give commands.
     pub fn may_command(&self) -> bool {
         !matches!(self, Self::Read)
     }
@@ -38,7 +38,7 @@ const UNREAD: Duration = Duration::from_secs(2);
 /// A reader that has taken so many bytes reads: the system holds less for it.
 const MORE_THAN_A_SOCKET: u64 = 1 << 20;
 
-/// How silent a reader is, in order: one that does not read comes after all others, then one that has never asked anything.
+/// Silence of a reader, in order: one that does not read comes after all others, then one that has never asked anything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Silence {
     is_unread: bool,
@@ -47,7 +47,7 @@ pub struct Silence {
 }
 
 impl Silence {
-    /// Whether the reader leaves unread what is sent to it.
+    /// True if the reader leaves unread what is sent to it.
     pub fn is_unread(self) -> bool {
         self.is_unread
     }
@@ -123,7 +123,7 @@ impl LocalReader {
         interest
     }
 
-    /// Whether it wants records of this kind.
+    /// True if it wants records of this kind.
     pub fn wants(&self, kind: Kind) -> bool {
         if kind == Kind::Picture { self.pictures_mhz > 0 } else { self.kinds.has(kind) }
     }
@@ -141,7 +141,7 @@ impl LocalReader {
         self.full_since = None;
     }
 
-    /// How long it has been silent. `None` for the network process of this flight, and for one that is known to read: it has
+    /// Silence of the reader. `None` for the network process of this flight, and for one that is known to read: it has
     /// taken more than its socket holds.
     pub fn silence(&self, now: Instant) -> Option<Silence> {
         let unread = self.full_since.map(|since| now.saturating_duration_since(since)).unwrap_or_default();

@@ -38,13 +38,13 @@ const OUTBOX_PICTURES: usize = 2;
 const LAST_WORDS: Duration = Duration::from_millis(500);
 /// Where the system refuses another descriptor, nobody is accepted for so long.
 const PAUSE: Duration = Duration::from_millis(200);
-/// Whether a map was saved is looked at this often.
+/// Time between two looks for a map that was saved.
 const GLANCE: Duration = Duration::from_millis(20);
 /// The thread looks around at least this often.
 const IDLE: Duration = Duration::from_millis(500);
 /// Events that are taken at a time.
 const EVENTS: usize = 64;
-/// What an event is about: the bell, the listening socket, or the reader at a place.
+/// Subject of an event: the bell, the listening socket, or the reader at a place.
 const BELL: u64 = 0;
 const DOOR: u64 = 1;
 const FIRST_READER: u64 = 2;
@@ -193,7 +193,7 @@ impl Server {
         }
     }
 
-    /// Whether there is a place for a reader of this user; the one of the most numerous user's that does not read, or has been
+    /// True if there is a place for a reader of this user; the one of the most numerous user's that does not read, or has been
     /// silent for longest, gives way to it.
     fn has_place(&mut self, user: Option<u32>) -> bool {
         let of =

@@ -240,7 +240,7 @@ fn reports_of_the_network_process_reach_its_keeper() {
     assert!(said.recv_timeout(PATIENCE).is_err(), "its keeper learns that it has gone");
 }
 
-/// Whether a reader that comes now is greeted, and receives the odometry of the next tick.
+/// True if a reader that comes now is greeted, and receives the odometry of the next tick.
 fn is_served(flight: &mut Flight) -> bool {
     let mut client = Local::over(flight.stream());
     if client.next_record().ok() != Some(LocalRecord::Hello(true)) {

@@ -1,7 +1,7 @@
 //! Entries of the recorder: owned, of fixed size, made without allocation.
 
 use plumbline_drivers::StereoFrame;
-use plumbline_record::{Kind, Said};
+use plumbline_record::{EntryKind, Said};
 
 /// One thing that happened.
 // Boxing it would allocate.
@@ -17,10 +17,10 @@ pub enum LogEntry {
 impl LogEntry {
     /// Kind of the entry.
     #[must_use]
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> EntryKind {
         match self {
             Self::Said(said) => said.kind(),
-            Self::Frame(_) => Kind::Frame,
+            Self::Frame(_) => EntryKind::Frame,
         }
     }
 }

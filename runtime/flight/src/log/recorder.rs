@@ -18,7 +18,7 @@ use crate::schedule::queue::Queue;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::StereoFrame;
-use plumbline_record::{Dropped, Kind, Said};
+use plumbline_record::{Dropped, EntryKind, Said};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ struct Shared {
     entries: Queue<LogEntry>,
     /// Filled by the recorder's thread, emptied by the front-end.
     free_frames: Queue<StereoFrame>,
-    dropped: [AtomicU64; Kind::NAMES.len()],
+    dropped: [AtomicU64; EntryKind::NAMES.len()],
     is_running: AtomicBool,
     is_finishing: AtomicBool,
     when_full: WhenFull,
@@ -73,7 +73,7 @@ impl Shared {
         self.is_running.load(Ordering::Acquire)
     }
 
-    fn count_dropped(&self, kind: Kind) {
+    fn count_dropped(&self, kind: EntryKind) {
         self.dropped[kind as usize].fetch_add(1, Ordering::Relaxed);
     }
 
@@ -121,7 +121,7 @@ impl RecorderHandle {
             }
             std::thread::sleep(WAIT);
         }
-        self.0.count_dropped(Kind::Frame);
+        self.0.count_dropped(EntryKind::Frame);
         false
     }
 }

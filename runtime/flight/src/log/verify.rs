@@ -16,7 +16,7 @@ use crate::pipeline::team::Team;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::StereoSource;
 use plumbline_record::compare::Difference;
-use plumbline_record::{Dropped, Kind};
+use plumbline_record::{Dropped, EntryKind};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -183,6 +183,6 @@ fn summed_up(
 
 /// Outputs that the recorder itself says are missing.
 fn dropped_outputs(dropped: &Dropped) -> u64 {
-    let outputs = [Kind::Estimate, Kind::Odometry, Kind::MapEstimate, Kind::Instant];
+    let outputs = [EntryKind::Estimate, EntryKind::Odometry, EntryKind::MapEstimate, EntryKind::Instant];
     outputs.iter().map(|kind| dropped.of(*kind)).sum()
 }

@@ -1,4 +1,4 @@
-// What is known of the selected vehicle, in numbers and words.
+// Details of the selected vehicle, in numbers and words.
 
 import { byId, make, setAttribute, setData, setStyle, setText } from './dom.js';
 import * as f from './format.js';

@@ -92,7 +92,7 @@ function frameNote() {
   return `map frame M: ${number(Math.hypot(correction[0], correction[1], correction[2]), 2)} m from O`;
 }
 
-// What is known of the map of the selected vehicle.
+// Map of the selected vehicle.
 function mapNote() {
   const words = store.vehicle?.state.map;
   return typeof words === 'string' ? `map: ${words}` : '';

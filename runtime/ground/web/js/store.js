@@ -57,7 +57,7 @@ export class Vehicle {
     return tuple(this.state.pose_vehicle, 7);
   }
 
-  // Whether what is shown of it is of now.
+  // True if the display of it is of now.
   get isCurrent() {
     return !['stale', 'lost', 'unknown'].includes(this.presence);
   }
@@ -93,7 +93,7 @@ export class Store {
     return this.vehicles.size ? 'open' : 'waiting';
   }
 
-  // What the station does to reach a vehicle, as long as there is none; empty otherwise.
+  // Action of the station to reach a vehicle, as long as there is none; empty otherwise.
   attempt() {
     if (this.connection() !== 'waiting') return '';
     return this.network ? `No vehicle received yet. ${this.network}.` : 'No vehicle received yet.';
@@ -112,7 +112,7 @@ export class Store {
     return age + (this.isOpen && silence < 1 ? 0 : silence);
   }
 
-  // What is to be said of a vehicle: without a connection, what was true has become stale.
+  // Words about a vehicle: without a connection, what was true has become stale.
   presence(vehicle, at = performance.now()) {
     if (this.isOpen && this.silence(at) < 1.5) return vehicle.presence;
     return vehicle.presence === 'lost' || vehicle.presence === 'unknown' ? vehicle.presence : 'stale';

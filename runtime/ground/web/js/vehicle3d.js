@@ -94,7 +94,7 @@ export class Vehicle3d {
   }
 }
 
-// What only the selected vehicle shows.
+// Parts that only the selected vehicle shows.
 class Detail {
   constructor(root) {
     this.group = new THREE.Group();

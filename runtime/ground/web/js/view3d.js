@@ -308,7 +308,7 @@ export class View3d {
   }
 }
 
-// Whether the processor has to do the work of a graphics processor: then smooth edges are too dear.
+// True if the processor has to do the work of a graphics processor: then smooth edges are too dear.
 function drawsInSoftware() {
   const probe = document.createElement('canvas').getContext('webgl2');
   const info = probe?.getExtension('WEBGL_debug_renderer_info');

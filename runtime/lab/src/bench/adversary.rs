@@ -8,7 +8,7 @@ use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
 /// Frames of one kind in a row.
 const RUN: u64 = 20;
 
-/// What an image shows.
+/// Subject of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pattern {
     Noise,

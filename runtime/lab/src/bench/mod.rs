@@ -20,7 +20,7 @@ const START_S: f64 = 3.0;
 /// The load of images made to be hard.
 const ADVERSARIAL: &str = "adversarial";
 
-/// What the standard load cost: processor time in ms.
+/// Cost of the standard load: processor time in ms.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Bench {
     /// Each load, each stage of it, with the percentiles of its time.

@@ -131,7 +131,7 @@ impl Views {
         Self { width, height, count: 0, levels: zeros.clone(), gradients: zeros, last: Vec::new() }
     }
 
-    /// Whether enough of `image` differs from the last view.
+    /// True if enough of `image` differs from the last view.
     fn has_changed(&self, image: &GrayImage) -> bool {
         let differences: Vec<f32> =
             self.last.iter().zip(image.pixels()).map(|(a, b)| f32::from(a.abs_diff(*b))).collect();

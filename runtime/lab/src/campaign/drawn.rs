@@ -22,7 +22,7 @@ const MISSING_SHARE: [f64; 2] = [0.05, 0.3];
 const CROWD_PERCENT: [f64; 2] = [15.0, 35.0];
 const CROWD_M_S: f64 = 1.2;
 
-/// What a failure acts on.
+/// Target of a failure.
 #[derive(Clone, Copy, Debug)]
 enum Target {
     Axis,

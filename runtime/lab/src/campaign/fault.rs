@@ -1,4 +1,4 @@
-//! What may go wrong in a flight of the campaign: when, and how it is brought about.
+//! Faults that a flight of the campaign may have: when, and how they are brought about.
 
 use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -20,7 +20,7 @@ const SILENT_FOR_S: f64 = 4.0;
 const FRAME_S: f64 = 0.05;
 /// After a fault the flight goes on for so long, s.
 pub(super) const AFTERWARDS_S: f64 = 6.0;
-/// How long a hover and a slow drift are watched, s.
+/// Length of a hover and of a slow drift that are watched, s.
 const HOVER_S: f64 = 120.0;
 const DRIFT_S: f64 = 25.0;
 /// Angle by which cameras are turned, degrees: both as one rig, and the right one alone.
@@ -29,7 +29,7 @@ const RIGHT_TURNED_DEG: f64 = 2.0;
 /// Pixels around the middle that fog leaves clear: some ten points are found there.
 const CLEAR_PX: f64 = 62.0;
 
-/// What goes wrong in a flight.
+/// Fault of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CampaignFault {
     /// Nothing.
@@ -118,7 +118,7 @@ impl CampaignFault {
         InjectedFault::cases().map(Self::Injected)
     }
 
-    /// Whether it is compared with the same flight without it: an error of the inertial sensor, a condition, or a fault with a
+    /// True if it is compared with the same flight without it: an error of the inertial sensor, a condition, or a fault with a
     /// dose.
     #[must_use]
     pub fn is_compared(self) -> bool {
@@ -140,7 +140,7 @@ impl CampaignFault {
         }
     }
 
-    /// What it is called.
+    /// Its name.
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -185,7 +185,7 @@ impl CampaignFault {
         Self::ImagesLate,
     ];
 
-    /// Whether it is about the other camera, so that one camera alone cannot have it.
+    /// True if it is about the other camera, so that one camera alone cannot have it.
     #[must_use]
     pub fn needs_two_cameras(self) -> bool {
         if let Self::Injected(fault) = self {
@@ -272,7 +272,7 @@ impl CampaignFault {
         }
     }
 
-    /// Whether the flight is as long as it is asked for, and may end soon after the fault.
+    /// True if the flight is as long as it is asked for, and may end soon after the fault.
     fn is_of_any_length(self) -> bool {
         use CampaignFault::{Blackout, Drops, Extrinsics, Flicker, LeftLost, None, Offset, RightLost};
         self.is_compared()

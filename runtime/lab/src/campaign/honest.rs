@@ -54,7 +54,7 @@ impl CampaignFault {
     }
 }
 
-/// How a fault was reported.
+/// Report of a fault.
 struct Naming<'a> {
     /// First of the bits that name it, and when, s after its beginning.
     first: Option<(&'a str, f64)>,

@@ -41,7 +41,7 @@ pub const RECORDED_PATHS: [(&str, f64); 7] = [
 pub const SCENES: [(&str, Scene); 3] =
     [("room", Scene::Room), ("hall", Scene::Hall), ("low-texture", Scene::LowTexture)];
 
-/// How flights are flown.
+/// Options of the flights.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The rig that is simulated and believed; the preset `sim` without one.
@@ -63,11 +63,11 @@ pub struct Entry {
     pub path: String,
     /// Name of the scene.
     pub scene: &'static str,
-    /// What goes wrong.
+    /// Fault.
     pub fault: CampaignFault,
     /// Disturbances beside it.
     pub beside: Vec<CampaignFault>,
-    /// What is simulated.
+    /// Simulated flight.
     pub scenario: Scenario,
 }
 
@@ -187,19 +187,19 @@ impl Entry {
         })
     }
 
-    /// Whether the estimate deserved its trust, where something went wrong.
+    /// Judgement of the estimate's trust, where something went wrong.
     fn trust(&self, flown: &Flown) -> Option<Trust> {
         let Truth::Simulated(simulator) = &flown.truth else { return None };
         Trust::of(&flown.poses, &flown.truth, simulator.frame_time(0), &self.fault.span_s()?)
     }
 
-    /// What became of the estimate, where a sensor failed in silence.
+    /// Fate of the estimate, where a sensor failed in silence.
     fn silence(&self, flown: &Flown, rows: &[Estimate]) -> Option<SilentFailure> {
         let Truth::Simulated(simulator) = &flown.truth else { return None };
         SilentFailure::of(rows, &flown.truth, simulator.frame_time(0), SILENT_FROM_S)
     }
 
-    /// Whether the sensor that failed in silence was named in time, and the estimates that could be used were as good as they
+    /// True if the sensor that failed in silence was named in time, and the estimates that could be used were as good as they
     /// said.
     #[must_use]
     pub fn is_honest_of_silence(&self, report: &Report) -> bool {

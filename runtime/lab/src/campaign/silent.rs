@@ -26,13 +26,13 @@ impl CampaignFault {
         }
     }
 
-    /// Whether a sensor fails in silence.
+    /// True if a sensor fails in silence.
     #[must_use]
     pub fn is_silent(self) -> bool {
         !self.names().is_empty()
     }
 
-    /// What becomes of the inertial samples, where they fail in silence.
+    /// Faults of the inertial samples, where they fail in silence.
     pub(super) fn silent_imu(self) -> ImuFaults {
         let [gyro, accel] = [0..3, 3..6].map(|axes: Range<usize>| std::array::from_fn(|k| axes.contains(&k)));
         let stuck = |axes: [bool; 6], at_zero| ImuFaults {
@@ -51,7 +51,7 @@ impl CampaignFault {
         }
     }
 
-    /// What becomes of the images, where they fail in silence.
+    /// Faults of the images, where they fail in silence.
     pub(super) fn silent_images(self) -> ImageFaults {
         let none = ImageFaults::default();
         match self {

@@ -19,13 +19,13 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// How many pairs.
+    /// Number of pairs.
     #[must_use]
     pub fn len(&self) -> usize {
         self.estimate.len()
     }
 
-    /// Whether there is none.
+    /// True if there is none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.estimate.is_empty()

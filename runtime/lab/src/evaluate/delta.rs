@@ -1,8 +1,8 @@
-//! How far apart the poses of a relative error are.
+//! Distance between the poses of a relative error.
 
 use serde::Serialize;
 
-/// How far apart the poses of a relative error are.
+/// Distance between the poses of a relative error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Delta {

@@ -1,4 +1,4 @@
-//! How an odometry leaves the truth behind: path, drift per distance, drift of the heading, completion.
+//! Drift of an odometry from the truth: path, drift per distance, drift of the heading, completion.
 
 use super::Pairs;
 use super::relative::{relative_error, travelled_m};

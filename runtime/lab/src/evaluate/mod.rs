@@ -1,4 +1,4 @@
-//! How good is a trajectory? The figures of `plumbline evaluate`, the same as `evo_ape` and `evo_rpe`
+//! Quality of a trajectory: the figures of `plumbline evaluate`, the same as `evo_ape` and `evo_rpe`
 //! (PyPI `evo`) give for the same files; a test compares them.
 //!
 //! The way of the data: [`load_trajectory`], [`associate`] by time, [`align`], then absolute errors
@@ -18,9 +18,9 @@ mod stats;
 mod time_shift;
 
 #[cfg(test)]
-mod evo;
+mod evo_tests;
 #[cfg(test)]
-mod noise;
+mod test_noise;
 
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
@@ -43,7 +43,7 @@ use plumbline_flight::flight::truth::read_truth;
 use serde::Serialize;
 use std::path::Path;
 
-/// How trajectories are compared.
+/// Options of a comparison of trajectories.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvaluateOptions {
     /// Largest difference of stamps of a pair, s.
@@ -52,13 +52,13 @@ pub struct EvaluateOptions {
     pub alignment: AlignmentMode,
     /// Distance of relative errors.
     pub delta: Delta,
-    /// Whether relative errors begin at each pose.
+    /// True if relative errors begin at each pose.
     pub all_pairs: bool,
-    /// What is added to the stamps of the estimate.
+    /// Addition to the stamps of the estimate.
     pub time_offset: TimeOffset,
 }
 
-/// What is added to the stamps of the estimate before poses are paired.
+/// Addition to the stamps of the estimate before poses are paired.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TimeOffset {
     /// Nothing: both have one clock.
@@ -66,7 +66,7 @@ pub enum TimeOffset {
     None,
     /// A fixed offset, s.
     Seconds(f64),
-    /// What makes its motion that of the reference.
+    /// Offset that makes its motion that of the reference.
     Search,
 }
 
@@ -86,7 +86,7 @@ pub struct Evaluation {
     pub estimate_poses: usize,
     /// Poses of the reference.
     pub reference_poses: usize,
-    /// What was added to the stamps of the estimate, s.
+    /// Addition to the stamps of the estimate, s.
     pub time_offset_s: f64,
     /// Pairs by time.
     pub associated: usize,
@@ -110,7 +110,7 @@ pub struct Evaluation {
     pub drift: Option<Drift>,
     /// Drift of the heading, degrees per minute.
     pub yaw_drift_deg_per_min: Option<f64>,
-    /// How much too long the estimate is, percent; none where the motion does not tell.
+    /// Excess of the estimate's length, percent; none where the motion does not tell.
     pub scale_error_percent: Option<f64>,
     /// Sign that quaternions have another order than they were read in.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -172,7 +172,7 @@ pub fn evaluate(
     })
 }
 
-/// How much too long the estimate is, percent; `None` where the reference hardly moves, against the errors of positions.
+/// Excess of the estimate's length, percent; `None` where the reference hardly moves, against the errors of positions.
 #[must_use]
 pub fn scale_error_percent(pairs: &Pairs) -> Option<f64> {
     let (scale, residual_m) = best_fit(pairs)?;
@@ -187,7 +187,7 @@ fn best_fit(pairs: &Pairs) -> Option<(f64, f64)> {
     Some((similarity.scale, errors_m.rmse))
 }
 
-/// How far positions are from their mean, along the directions in which they are spread most.
+/// Distance of positions from their mean, along the directions in which they are spread most.
 struct Spread {
     /// Standard deviations, the largest first, m.
     sigmas_m: [f64; 3],
@@ -208,7 +208,7 @@ impl Spread {
         Self { sigmas_m: variances.map(|variance| variance.max(0.0).sqrt()) }
     }
 
-    /// Whether a rotation about any axis moves positions by more than their errors, so that an alignment by them finds it.
+    /// True if a rotation about any axis moves positions by more than their errors, so that an alignment by them finds it.
     fn tells_rotation(&self, alignment: AlignmentMode, residual_m: f64) -> bool {
         let sigma_m = match alignment {
             AlignmentMode::None | AlignmentMode::Origin => return true,

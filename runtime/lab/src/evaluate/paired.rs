@@ -62,7 +62,7 @@ impl PairedDifference {
         })
     }
 
-    /// Whether the interval of the difference lies on one side of zero.
+    /// True if the interval of the difference lies on one side of zero.
     #[must_use]
     pub fn is_significant(&self) -> bool {
         self.difference_95[0] > 0.0 || self.difference_95[1] < 0.0
@@ -107,7 +107,7 @@ fn interval(mut values: Vec<f64>, tail: f64) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::noise::Noise;
+    use crate::evaluate::test_noise::Noise;
 
     /// Flights that differ by 100 % among themselves; the second variant is better by 10 %, give or take 3 %.
     fn flights(noise: &mut Noise, count: usize, gain: f64) -> Vec<(f64, f64)> {

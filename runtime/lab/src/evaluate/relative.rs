@@ -16,9 +16,9 @@ const TIME_SLACK_S: f64 = 1e-3;
 /// Statistics of relative errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RelativeErrors {
-    /// How far apart the poses are.
+    /// Distance between the poses.
     pub delta: Delta,
-    /// Whether each pose begins a pair, or pairs follow one another.
+    /// True if each pose begins a pair, false if pairs follow one another.
     pub all_pairs: bool,
     /// Length of the translation of `E`, m.
     pub translation_m: Statistics,

@@ -19,7 +19,7 @@ pub struct Statistics {
     pub max: f64,
     /// Sum of squares.
     pub sse: f64,
-    /// How many errors.
+    /// Number of errors.
     pub count: usize,
 }
 

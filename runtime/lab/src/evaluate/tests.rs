@@ -1,6 +1,6 @@
 //! Tests of the way as a whole.
 
-use super::noise::Noise;
+use super::test_noise::Noise;
 use super::*;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;

@@ -222,7 +222,7 @@ fn correlation(pairs: impl Iterator<Item = (Motion, Motion)>, overlap: usize) ->
 
 #[cfg(test)]
 mod tests {
-    use super::super::noise::Noise;
+    use super::super::test_noise::Noise;
     use super::*;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 

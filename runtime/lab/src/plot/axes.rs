@@ -13,7 +13,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontDesc, FontFamily, FontStyle, RGBColor, ShapeStyle, TextStyle};
 use std::ops::Range;
 
-/// What the plotting library says when it cannot draw.
+/// Outcome of drawing, with the error of the plotting library.
 pub(super) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 type Surface<B> = DrawingArea<B, Shift>;
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
@@ -60,7 +60,7 @@ pub(super) struct Rect {
     pub height: i32,
 }
 
-/// What a legend shows before a word.
+/// Mark of a legend before a word.
 #[derive(Clone, Copy)]
 pub(super) enum Sign {
     Line(RGBColor),

@@ -32,7 +32,7 @@ const CIRCLE_SIDES: usize = 72;
 /// One camera of a calibration, to be drawn.
 #[derive(Clone, Debug)]
 pub struct LensFigure {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Size of its images, px.
     pub size_px: (usize, usize),
@@ -123,7 +123,7 @@ fn empty_cells(camera: &LensFigure) -> Vec<Vec<(f64, f64)>> {
     empty
 }
 
-/// How far each corner lies off, lengthened, where it was seen: a pattern is an error of the lens model.
+/// Distance of each corner from its projection, lengthened, where it was seen: a pattern is an error of the lens model.
 fn errors<B: DrawingBackend>(camera: &LensFigure, area: &DrawingArea<B, Shift>, rect: Rect) -> Drawn<B> {
     let title = format!("residuals, {LENGTHENED} times as long");
     caption(area, rect, &title, &[(Sign::Line(ERROR), "seen to projected")])?;

@@ -27,7 +27,7 @@ pub struct LogFigure {
     pub title: String,
     /// A line of figures below it.
     pub facts: String,
-    /// What is along the horizontal axes, with its unit.
+    /// Quantity along the horizontal axes, with its unit.
     pub horizontal: String,
     /// Panels, from the left.
     pub panels: Vec<LogPanel>,

@@ -51,7 +51,7 @@ pub enum PlotError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The PNG cannot be written.
@@ -62,7 +62,7 @@ pub enum PlotError {
     Drawing(String),
 }
 
-/// What a figure is written as.
+/// Format of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Svg,
@@ -80,7 +80,7 @@ impl Kind {
     }
 }
 
-/// Whether a figure can be written to a file of that name.
+/// Accepts a file name that a figure can be written to.
 ///
 /// # Errors
 /// When its ending is neither `.svg` nor `.png`.
@@ -113,7 +113,7 @@ pub fn write_log_log(figure: &LogFigure, path: &Path) -> Result<(), PlotError> {
     write_drawing(&Drawing::LogLog(figure), path, SIZE_PX)
 }
 
-/// What a figure shows.
+/// Contents of a figure.
 enum Drawing<'a> {
     Flight(&'a PlotSubject),
     LogLog(&'a LogFigure),

@@ -38,9 +38,9 @@ pub(super) struct Panel {
     pub curves: Vec<Curve>,
     /// Three standard deviations about zero.
     pub band: Pieces,
-    /// What the band is called.
+    /// Name of the band.
     pub band_name: &'static str,
-    /// Whether zero is in the middle.
+    /// True if zero is in the middle.
     pub is_error: bool,
 }
 
@@ -109,7 +109,7 @@ fn error_panels(subject: &PlotSubject) -> Vec<Panel> {
     panels
 }
 
-/// What is shown where the truth is not known: the path, and what the estimate says of its own errors.
+/// Panels where the truth is not known: the path, and what the estimate says of its own errors.
 fn path_panels(subject: &PlotSubject) -> Vec<Panel> {
     let position = three(subject, &|s| Some(s.pose_o_b.translation.vector));
     let mut panels = vec![Panel::new("Position in O [m]", position)];

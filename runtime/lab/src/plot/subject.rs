@@ -1,4 +1,4 @@
-//! What a figure shows: an estimated flight and, where it is known, where the vehicle really was.
+//! Subject of a figure: an estimated flight and, where it is known, where the vehicle really was.
 
 use crate::evaluate::{
     AlignmentMode, EvaluateError, Pairs, Similarity, absolute_errors, align, aligned, path_length_m,
@@ -14,7 +14,7 @@ const MAX_TRUTH_GAP_NS: i64 = 100_000_000;
 /// A pause of the estimate this many times its usual period breaks a curve.
 const GAP_PERIODS: f64 = 3.5;
 
-/// How the truth is brought into the frame of the estimate.
+/// Way in which the truth is brought into the frame of the estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TruthAlignment {
     /// By position and yaw at the first pose: what the covariance, which begins there, speaks of.
@@ -61,7 +61,7 @@ pub struct PlotSubject {
     pub(super) truth: Vec<StampedPose>,
     /// When the estimate was reset.
     pub(super) resets: Vec<Timestamp>,
-    /// How the truth was brought to the estimate.
+    /// Way in which the truth was brought to the estimate.
     pub(super) alignment: Option<TruthAlignment>,
     /// Root mean square position error after SE(3) alignment, m, and the length of the true path, m.
     pub(super) ate_rmse_m: Option<(f64, f64)>,
@@ -124,7 +124,7 @@ impl PlotSubject {
         })
     }
 
-    /// Whether more than poses is known.
+    /// True if more than poses is known.
     #[must_use]
     pub fn has_states(&self) -> bool {
         self.samples.iter().any(|sample| sample.nav.is_some())

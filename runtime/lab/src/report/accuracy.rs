@@ -26,7 +26,7 @@ pub struct Accuracy {
     pub ate_percent: f64,
     /// Largest position error after alignment, m.
     pub max_error_m: f64,
-    /// How much too long the estimate is, percent; `None` where the positions hardly move, against their errors.
+    /// Excess of the estimate's length, percent; `None` where the positions hardly move, against their errors.
     pub scale_error_percent: Option<f64>,
     /// Root mean square translation error over each second, m; `None` for a flight that is shorter.
     pub rpe_1s_m: Option<f64>,
@@ -155,7 +155,7 @@ fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// How the errors fit the covariances, the truth brought to the first pose by position and yaw.
+/// Fit of the errors to the covariances, the truth brought to the first pose by position and yaw.
 struct Consistency {
     nees_ratio: Option<f64>,
     final_error_m: f64,

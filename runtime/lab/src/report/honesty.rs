@@ -100,7 +100,7 @@ impl Honesty {
         Some(honesty)
     }
 
-    /// Whether the estimates that may be used were as good as they said, and no jump was kept from the reader.
+    /// True if the estimates that may be used were as good as they said, and no jump was kept from the reader.
     #[must_use]
     pub fn is_honest(&self) -> bool {
         self.worst_sigmas.largest() <= MAX_SIGMAS && self.jumps == 0

@@ -35,7 +35,7 @@ use trust::Trust;
 /// Everything a run tells.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// What was flown.
+    /// Name of the flight.
     pub name: String,
     /// Frames taken.
     pub frames: u64,
@@ -69,10 +69,10 @@ pub struct Report {
     pub stage_ms: BTreeMap<&'static str, Percentiles>,
     /// From an inertial sample to its odometry, microseconds.
     pub odometry_handout_us: Percentiles,
-    /// How a live run kept its time.
+    /// Timing of a live run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub live: Option<LiveFigures>,
-    /// What the sensors of a live flight brought.
+    /// Figures of the sensors of a live flight.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensors: Option<SensorReport>,
     /// Points, means per frame.
@@ -99,17 +99,17 @@ pub struct Report {
     /// Faults that were injected.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub injected: Vec<String>,
-    /// Whether estimates that may be used were as good as they said, where the truth is known.
+    /// Honesty of the estimates that may be used, where the truth is known.
     pub honesty: Option<Honesty>,
-    /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
+    /// Trust that the estimate deserved about a fault, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
-    /// What became of the estimate of a sensor that failed in silence, in the flights of a campaign.
+    /// Fate of the estimate of a sensor that failed in silence, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub silence: Option<SilentFailure>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
-    /// What the drivers survived.
+    /// Faults that the drivers survived.
     pub faults: DriverFaults,
     /// Inertial samples that the estimator refused.
     pub imu_refused: u64,
@@ -119,13 +119,13 @@ pub struct Report {
     pub imu_to_vehicle_deg: Option<[f64; 3]>,
     /// SHA-256 of the configuration.
     pub config_hash: String,
-    /// What the recorder wrote, where there was one.
+    /// Figures of the recorder, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecorderSummary>,
-    /// What the autopilot was told, where there was one.
+    /// Figures of the autopilot's bridge, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub autopilot: Option<BridgeFigures>,
-    /// What cannot be right with the data, the calibration or the flight.
+    /// Findings about data, calibration or flight that cannot be right.
     pub warnings: Vec<Finding>,
 }
 
@@ -419,7 +419,7 @@ fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
     ]
 }
 
-/// How a live run kept its time, for people.
+/// Timing of a live run, for people.
 fn live_lines(live: &LiveFigures) -> [String; 2] {
     let late = &live.sample_to_odometry_ms;
     [

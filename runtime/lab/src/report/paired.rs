@@ -30,7 +30,7 @@ const MM: f64 = 1e3;
 /// The reports of a variant, by flight.
 #[derive(Clone, Debug)]
 pub struct Variant {
-    /// What the variant is called.
+    /// Name of the variant.
     pub name: String,
     reports: BTreeMap<String, Value>,
 }
@@ -53,7 +53,7 @@ impl Variant {
         self.reports.len()
     }
 
-    /// Whether there is no flight.
+    /// True if there is no flight.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.reports.is_empty()
@@ -63,7 +63,7 @@ impl Variant {
 /// A variant against another.
 #[derive(Clone, Debug, Serialize)]
 pub struct PairedComparison {
-    /// What the variant is compared with.
+    /// Variant that it is compared with.
     pub base: String,
     /// The variant.
     pub variant: String,

@@ -1,4 +1,4 @@
-//! What the map brought: places seen again, loops, and the errors of the trajectories in the map.
+//! Gain of the map: places seen again, loops, and the errors of the trajectories in the map.
 
 use super::accuracy::ate_rmse_m;
 use plumbline_flight::flight::Flown;
@@ -17,7 +17,7 @@ pub struct PlacesReport {
     pub loops_used: u32,
     /// Frames that the map was not given, because it was not done with the one before.
     pub passed_over: u64,
-    /// What was found later than the rule says.
+    /// Number that was found later than the rule says.
     pub late: u64,
     /// Poses that were known in the map when their frames came, over all poses.
     pub localized: f64,

@@ -1,4 +1,4 @@
-//! What the sensors of a live flight brought, and what became of it.
+//! Figures of the sensors of a live flight, and of what became of their data.
 
 use plumbline_drivers::{
     CameraMonitor, ImuFigures, SocketFigures, TriggerFigures, TriggerMonitor, V4l2Figures,
@@ -24,7 +24,7 @@ pub struct ImuReport {
     /// Its samples.
     #[serde(flatten)]
     pub stream: StreamFigures,
-    /// What became of them before.
+    /// Counts of what became of them before.
     #[serde(flatten)]
     pub figures: ImuFigures,
 }
@@ -48,7 +48,7 @@ pub struct CameraReport {
     /// A program that sends frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub socket: Option<SocketFigures>,
-    /// How frames were stamped, where a microcontroller triggers the cameras.
+    /// Stamps of the frames, where a microcontroller triggers the cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triggers: Option<TriggerFigures>,
 }
@@ -128,7 +128,7 @@ impl SensorReport {
     }
 }
 
-/// How much a clock is off: "0.5 ppm fast".
+/// Error of a clock: "0.5 ppm fast".
 fn clock_words(ppm: f64) -> String {
     format!("{:.1} ppm {}", ppm.abs(), if ppm < 0.0 { "slow" } else { "fast" })
 }

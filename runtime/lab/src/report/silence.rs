@@ -1,4 +1,4 @@
-//! What becomes of an estimate when a sensor fails without a word: whether it is reported, and what can still be used.
+//! Fate of an estimate when a sensor fails without a word: whether it is reported, and what can still be used.
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::pose_error;
@@ -79,7 +79,7 @@ impl SilentFailure {
         Some(silence)
     }
 
-    /// Whether estimates that were used were as good as they said, and one of `names` was up within a second, none before.
+    /// True if estimates that were used were as good as they said, and one of `names` was up within a second, none before.
     #[must_use]
     pub fn is_honest(&self, names: &[&str]) -> bool {
         let is_of_time = |(name, s): &&(&str, f64)| names.contains(name) && *s <= MAX_NAMELESS_S;

@@ -1,4 +1,4 @@
-//! Whether an estimate deserves the trust that its covariance asks for, while something goes wrong and after it.
+//! Trust in an estimate: whether it deserves what its covariance asks for, while something goes wrong and after it.
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{nees, pose_error};
@@ -7,7 +7,7 @@ use plumbline_flight::flight::{CausalPose, Truth};
 use serde::Serialize;
 use std::ops::Range;
 
-/// What a fault does is seen in the frames after it too, s.
+/// Time after a fault in which its frames still show it, s.
 const AFTERMATH_S: f64 = 1.0;
 /// "Five seconds after" is a second around that, s.
 const AFTER_S: Range<f64> = 4.5..5.5;
@@ -18,7 +18,7 @@ pub const MAX_NEES_DURING: f64 = 10.0;
 /// Poses further apart than this have a time without a pose between them, s.
 const POSE_GAP_S: f64 = 0.15;
 
-/// How errors and covariances went together about a fault. Normalized squared errors (NEES) of position and attitude are
+/// Agreement of errors and covariances about a fault. Normalized squared errors (NEES) of position and attitude are
 /// given over their expectation, the truth brought to the first pose of the flight by position and yaw.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trust {
@@ -64,7 +64,7 @@ impl Trust {
         })
     }
 
-    /// Whether the errors were consistent with the covariance.
+    /// True if the errors were consistent with the covariance.
     #[must_use]
     pub fn is_deserved(&self) -> bool {
         let during = self.nees_during.is_none_or(|nees| nees <= MAX_NEES_DURING);

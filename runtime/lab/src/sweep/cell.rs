@@ -40,7 +40,7 @@ pub struct Cell {
     pub of: usize,
     /// Changes `key=value` of the configuration.
     pub setting: Vec<String>,
-    /// What is flown.
+    /// Subject of the flight.
     pub subject: Subject,
     /// The seed, of a simulated flight.
     pub seed: Option<u64>,
@@ -49,7 +49,7 @@ pub struct Cell {
     pub(super) common: Arc<Common>,
 }
 
-/// What a cell came to, as its file has it.
+/// Result of a cell, as its file has it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CellResult {
     /// Its number in the sweep, from 0.
@@ -62,7 +62,7 @@ pub struct CellResult {
     pub executable: String,
     /// Changes `key=value` of the configuration.
     pub setting: Vec<String>,
-    /// What was flown.
+    /// Name of the flight.
     pub subject: String,
     /// The seed, of a simulated flight.
     pub seed: Option<u64>,

@@ -44,7 +44,7 @@ pub enum SweepError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A file is not that of a cell.
@@ -52,7 +52,7 @@ pub enum SweepError {
     NotACell {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of it.
         reason: String,
     },
     /// The folder holds cells of another sweep.

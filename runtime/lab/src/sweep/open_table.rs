@@ -270,12 +270,6 @@ impl OpenTable {
         })
     }
 
-    /// Lines with the missing sequences, one for each incomplete suite.
-    #[must_use]
-    pub fn missing_lines(&self) -> Vec<String> {
-        self.suites.iter().filter_map(|suite| self.missing_line(suite)).collect()
-    }
-
     fn csv(&self) -> String {
         let first = ["sequence", "flights", "failed", "cameras"];
         let last = ["ate_causal_min_m", "ate_causal_max_m", "digest"];

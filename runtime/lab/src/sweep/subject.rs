@@ -1,4 +1,4 @@
-//! What the cells of a sweep fly.
+//! Subjects of a sweep's cells.
 
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::Scenario;
@@ -7,7 +7,7 @@ use plumbline_flight::flight::{Cut, Flight, FlightError, open_recording, open_si
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What is flown.
+/// Subject of a flight.
 #[derive(Clone, Debug)]
 pub enum Subject {
     /// A EuRoC data set, a flight log or a ROS bag.
@@ -17,9 +17,9 @@ pub enum Subject {
     },
     /// A simulated flight.
     Simulated {
-        /// What it is called: the argument that it was made of.
+        /// Name: the argument that it was made of.
         name: String,
-        /// What is simulated; each seed of the sweep replaces its own.
+        /// Simulated flight; each seed of the sweep replaces its own.
         scenario: Box<Scenario>,
         /// The estimator believes the cameras turned by this angle, degrees.
         extrinsics_error_deg: f64,
@@ -55,7 +55,7 @@ impl Subject {
         }
     }
 
-    /// What it is called.
+    /// Its name.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -74,7 +74,7 @@ pub struct NamedTruth {
     pub poses: Vec<StampedPose>,
 }
 
-/// What all cells have in common.
+/// Common part of all cells.
 #[derive(Clone, Debug, Default)]
 pub struct Common {
     /// The configuration; without one that of the data set, of the log, or the preset `sim`.

@@ -1,4 +1,4 @@
-//! What a sweep came to: a row a setting, the best first and marked, and everything as CSV.
+//! Result of a sweep: a row a setting, the best first and marked, and everything as CSV.
 
 use super::{CellFigures, CellResult};
 use crate::evaluate::{ConsistencyOutput, FlightConsistency, Nees};

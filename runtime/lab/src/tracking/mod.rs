@@ -1,4 +1,4 @@
-//! What a flight made of its images: how long tracks live, how well they fit, and how many do not.
+//! Images of a flight in figures: how long tracks live, how well they fit, and how many do not.
 //!
 //! The figures depend on the images and not on the truth, so that a recorded flight and a simulated one can be compared by them.
 //! Memory is fixed: long flights cost no more than short ones.

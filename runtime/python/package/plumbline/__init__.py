@@ -11,13 +11,18 @@ Units are SI: m, s, rad. Stamps are integer nanoseconds. Quaternions are Hamilto
 coordinates from `B` to `O`.
 """
 
+# What stands above the imports is needed by them.
+# ruff: noqa: E402
+from pkgutil import extend_path as _extend_path
+
+# Beside it may lie what protoc makes of the schemas: `plumbline.v1`.
+__path__ = _extend_path(__path__, __name__)
+
 from plumbline._processor import check as _check_processor
 
 # Before the native module is loaded, whose instructions an older processor lacks.
 _check_processor()
 
-# The names below need it.
-# ruff: noqa: E402
 from plumbline._native import VERSION as __version__
 from plumbline._native import Config, Estimate, Estimator, Instant, Odometry
 from plumbline.arrays import Estimates, Imu, MapPoses, Odometries, Poses

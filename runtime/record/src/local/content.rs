@@ -11,7 +11,7 @@ use crate::said::FullEstimate;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Trail};
 
-/// What a flight sends.
+/// Record that a flight sends.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LocalRecord {
     /// Greeting; whether commands are taken.

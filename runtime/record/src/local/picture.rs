@@ -19,7 +19,7 @@ pub struct Shot {
     pub stamp: Timestamp,
     /// The image.
     pub image: GrayImage,
-    /// Whether the image is that of the frame.
+    /// True if the image is that of the frame.
     pub has_image: bool,
     /// Points.
     pub points: Vec<ShotPoint>,

@@ -59,7 +59,7 @@ pub(super) struct Evidence<'a> {
     pub(super) turns: &'a Deque<Turn, MAX_TURNS>,
 }
 
-/// What a frame adds to a contradiction.
+/// Addition of a frame to a contradiction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NewestTurn {
     pub(super) turn: Turn,
@@ -232,7 +232,7 @@ impl Contradiction {
     }
 }
 
-/// What is left of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
+/// Rest of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
 fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
     let rate = turn.seen / turn.dt_s();
     let squared = rate.norm_squared();

@@ -20,7 +20,7 @@ const MATCH_NOISE_RAD: f64 = 3e-4;
 /// A delay is suspected where turns and gyroscope differ by so many times less at it than at none.
 const SUSPECT_CONTRAST: f64 = 2.0;
 
-/// What is known of a delay.
+/// Knowledge of a delay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Delay {
     /// Lag of the gyroscope behind the turns, s.

@@ -1,4 +1,4 @@
-//! What becomes of a pair of images that do not belong together: one of them is left out.
+//! Treatment of a pair of images that do not belong together: one of them is left out.
 //!
 //! A camera that jumps against the other is found by [`shift`], one that is late or has repeated an image by
 //! [`time`], cameras that see different things by [`sight`].

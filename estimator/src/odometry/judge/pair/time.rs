@@ -35,7 +35,7 @@ const FRAMES_TO_PROVE: f64 = 5.0;
 const PROBATION_S: f64 = 5.0;
 /// Repetitions that follow each other within this time are a habit of the camera, s.
 const HABIT_S: f64 = 10.0;
-/// What is found in both images of a pair that sees different things is mostly wrong; for this long after it did, s.
+/// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
 const DISAGREED_S: f64 = 2.0;
 /// The right camera.
 pub(super) const RIGHT: usize = 1;

@@ -16,7 +16,7 @@ const MOST_S: f64 = 0.012;
 /// A correction is at most so many standard deviations of what was expected, or this, s.
 const MOST_SIGMAS: f64 = 6.0;
 const PLAUSIBLE_S: f64 = 4e-3;
-/// What is left of a turn may be this, rad, and so many standard deviations.
+/// Largest rest of a turn that counts as explained, rad, and in standard deviations.
 const EXPLAINED_RAD: f64 = 1.5e-3;
 const EXPLAINED_SIGMAS: f64 = 5.0;
 /// Share of the turn by which the scale of a gyroscope may be off.

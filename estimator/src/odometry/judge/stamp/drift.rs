@@ -22,7 +22,7 @@ const INDEPENDENT: f64 = 0.1;
 /// Changes of the rate that are too small to tell, rad/s.
 const STEADY_RAD_S: f64 = 0.1;
 
-/// What a frame turned otherwise by the images than by the gyroscope, and by how much it turned at all.
+/// Difference of a frame's turn by the images from that by the gyroscope, and the size of the turn itself.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
     rad: Vector3<f64>,

@@ -21,7 +21,7 @@ pub struct SerialLink {
     tried: Monotonic,
     /// The rest of a message that the device had no room for.
     rest: Vec<u8>,
-    /// What became of the device, and was not told yet.
+    /// News of the device that was not told yet.
     news: Option<News>,
 }
 
@@ -107,7 +107,7 @@ impl SerialLink {
     }
 }
 
-/// Whether to try again is all there is to do.
+/// True if there is nothing to do but to try again.
 fn is_for_now(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }

@@ -43,7 +43,7 @@ pub struct Corner {
     pub px: Vector2<f64>,
 }
 
-/// What both cameras see of the board at one time; nothing where there is no camera or no board.
+/// Corners that both cameras see of the board at one time; nothing where there is no camera or no board.
 pub type Sight = [Vec<Corner>; 2];
 
 /// One or two cameras.
@@ -91,7 +91,7 @@ fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(pose.translation.vector + shift), pose.rotation * turn)
 }
 
-/// What comes out of an adjustment.
+/// Outcome of an adjustment.
 #[derive(Clone, Debug)]
 pub struct Adjusted {
     /// The cameras.

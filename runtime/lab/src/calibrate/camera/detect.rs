@@ -19,7 +19,7 @@ const NEAR_MARKERS: usize = 2;
 /// The corners of a marker.
 type Four = [Vector2<f64>; 4];
 
-/// What was found in an image at first sight.
+/// Finds in an image at first sight.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FirstSight {
     /// Corners of the board, by their numbers.
@@ -116,7 +116,7 @@ fn charuco_corners(target: &Target, layout: CharucoLayout, markers: &[&Marker]) 
     if corners.len() < MIN_CHARUCO_CORNERS { Vec::new() } else { corners }
 }
 
-/// How a ChArUco board was printed: the layout under which its markers lie in a plane.
+/// Print of a ChArUco board: the layout under which its markers lie in a plane.
 #[must_use]
 pub fn layout_of(target: &Target, images: &[Vec<Marker>]) -> CharucoLayout {
     let Target::Charuco { rows, .. } = *target else { return CharucoLayout::BlackFirst };

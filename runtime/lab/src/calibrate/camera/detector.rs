@@ -1,9 +1,9 @@
-//! What a calibration asks of an image, to be answered by OpenCV in the crate `plumbline-boards`.
+//! Questions of a calibration about an image, to be answered by OpenCV in the crate `plumbline-boards`.
 
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
 
-/// What a detector could not do.
+/// Failure of a detector.
 pub type Fault = Box<dyn std::error::Error + Send + Sync>;
 /// Places in an image, px.
 pub type Places = Vec<Vector2<f64>>;

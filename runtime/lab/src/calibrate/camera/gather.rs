@@ -27,7 +27,7 @@ const ENOUGH_TILTED: f64 = 1.0 / 3.0;
 /// Tilts are those under a camera that is guessed afresh at these numbers of pairs.
 const GUESSED_AT: [usize; 4] = [6, 12, 24, 48];
 
-/// What the person who moves the board is asked for.
+/// Request to the person who moves the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hint {
     /// No camera sees it.
@@ -65,20 +65,20 @@ impl fmt::Display for Hint {
     }
 }
 
-/// What has been gathered.
+/// Progress of the gathering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gathered {
     /// Frames that were looked at.
     pub looks: u64,
     /// Pairs that were kept.
     pub pairs: usize,
-    /// Those of them that show the board to both cameras.
+    /// Number of them that show the board to both cameras.
     pub shared: usize,
-    /// Those of them that are tilted, by a camera that is guessed; 0 until there are some.
+    /// Number of them that are tilted, by a camera that is guessed; 0 until there are some.
     pub tilted: usize,
     /// Share of the cells of each camera's image in which corners were seen.
     pub coverage: [f64; 2],
-    /// What is missing.
+    /// Missing view.
     pub hint: Hint,
 }
 
@@ -118,7 +118,7 @@ impl Gatherer {
         }
     }
 
-    /// Whether what is seen at this time is to be kept.
+    /// Looks at the board at this time; true if the view is to be kept.
     pub fn look(&mut self, stamp: Timestamp, sight: &Sight) -> bool {
         self.looks += 1;
         let last = self.last.replace((stamp, sight.clone()));
@@ -138,7 +138,7 @@ impl Gatherer {
         true
     }
 
-    /// How far the gathering is.
+    /// Progress of the gathering.
     #[must_use]
     pub fn gathered(&self) -> Gathered {
         let share = |camera: usize| {
@@ -224,7 +224,7 @@ impl Gatherer {
         }
     }
 
-    /// Whether the board is tilted against the left camera.
+    /// True if the board is tilted against the left camera.
     fn is_tilted(&self, sight: &Sight) -> bool {
         let pose = |guess: &CameraModel| initial::pose(guess, &self.points, &sight[0]);
         self.guess.as_ref().filter(|_| !sight[0].is_empty()).and_then(pose).is_some_and(|pose_c_t| {
@@ -233,13 +233,13 @@ impl Gatherer {
         })
     }
 
-    /// How fast the board moved between two looks, widths of the image a second; `None` where that is not known.
+    /// Speed of the board between two looks, widths of the image a second; `None` where it is not known.
     fn speed(&self, interval_ns: i64, before: &Sight, now: &Sight) -> Option<f64> {
         let way = self.motion(before, now)?;
         (1..FURTHEST_NS).contains(&interval_ns).then(|| way.all / (interval_ns as f64 * 1e-9))
     }
 
-    /// Whether the board was seen nowhere near before.
+    /// True if the board was seen nowhere near before.
     fn is_new(&self, sight: &Sight) -> bool {
         let is_near = |kept: &Sight| {
             self.motion(kept, sight).is_some_and(|way| way.shift < MOVED && way.change < CHANGED)
@@ -247,7 +247,7 @@ impl Gatherer {
         !self.kept.iter().any(is_near)
     }
 
-    /// How corners moved in the first camera that sees some of them both times; `None` where none does.
+    /// Motion of corners in the first camera that sees some of them both times; `None` where none does.
     fn motion(&self, before: &Sight, now: &Sight) -> Option<Motion> {
         (0..self.sizes_px.len()).find_map(|camera| {
             let width = self.sizes_px[camera].0.max(1) as f64;
@@ -275,7 +275,7 @@ impl Gatherer {
     }
 }
 
-/// How corners moved: all in all, in the mean, and against each other in shares of their spread.
+/// Motion of corners: all in all, in the mean, and against each other in shares of their spread.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     all: f64,
@@ -322,7 +322,7 @@ mod tests {
     }
 
     impl Rig {
-        /// What is seen of the board whose middle is there, m, tilted by so much.
+        /// Sight of the board whose middle is there, m, tilted by so much.
         fn sight(&self, middle: [f64; 3], tilt: [f64; 3]) -> Sight {
             let points = &self.gatherer.points;
             let centre = points.iter().sum::<Vector2<f64>>() / points.len() as f64;

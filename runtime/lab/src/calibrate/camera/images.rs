@@ -24,7 +24,7 @@ pub enum ImagesError {
     Layout {
         /// The folder.
         path: PathBuf,
-        /// What is missing, and the cure.
+        /// Missing part, and the cure.
         reason: String,
     },
     /// A folder cannot be read.
@@ -32,7 +32,7 @@ pub enum ImagesError {
     Io {
         /// The folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// An image cannot be read.
@@ -43,7 +43,7 @@ pub enum ImagesError {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said, or what is in the way, and the cure.
+        /// Words of the system, or the obstacle, and the cure.
         reason: String,
     },
 }
@@ -58,7 +58,7 @@ impl ImagesError {
     }
 }
 
-/// What both cameras took at one time: files, read when they are asked for.
+/// Images that both cameras took at one time: files, read when they are asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moment {
     /// The name that both files share, without its ending.
@@ -74,7 +74,7 @@ pub struct Images {
     pub cameras: usize,
     /// At most as many as were asked for, spread evenly.
     pub moments: Vec<Moment>,
-    /// How many there are in all.
+    /// Number of images in all.
     pub total: usize,
     /// Moments with an image of one camera alone.
     pub unpaired: usize,
@@ -140,7 +140,7 @@ fn pngs(root: &Path, camera: &str) -> Result<Option<BTreeMap<String, PathBuf>>, 
     Ok(Some(files))
 }
 
-/// What is in a folder.
+/// Files of a folder.
 fn listed(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
     let io = |source| ImagesError::Io { path: folder.to_owned(), source };
     folder.read_dir().map_err(io)?.map(|entry| Ok(entry.map_err(io)?.path())).collect()

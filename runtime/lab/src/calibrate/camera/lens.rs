@@ -71,7 +71,7 @@ impl LensKind {
     }
 }
 
-/// What the unknowns of a camera are called.
+/// Names of the unknowns of a camera.
 #[must_use]
 pub fn names(model: &CameraModel) -> Vec<&'static str> {
     let of_lens = model.distortion.coefficients().into_iter().map(|(name, _)| name);

@@ -31,10 +31,10 @@ pub enum LiveError {
     Detector {
         /// The camera.
         camera: usize,
-        /// What it said.
+        /// Its words.
         fault: Fault,
     },
-    /// What was gathered cannot be kept.
+    /// Gathered images cannot be kept.
     #[error(transparent)]
     Images(#[from] ImagesError),
     /// The reader's thread panicked.
@@ -57,7 +57,7 @@ pub enum LiveError {
     },
 }
 
-/// What is gathered, and how.
+/// Plan of the gathering.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardCapture<'a> {
     /// The board.
@@ -205,7 +205,7 @@ struct Held {
     is_over: bool,
 }
 
-/// What a wait brought.
+/// Outcome of a wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Came {
     Frame,

@@ -51,17 +51,17 @@ const FIRST_TRIM: Trim = Trim { medians: 6.0, px: 1.0 };
 const LAST_TRIM: Trim = Trim { medians: 3.0, px: 0.0 };
 const LAST_TRIMS: usize = 2;
 
-/// How far off a corner may lie.
+/// Largest offset of a corner.
 #[derive(Clone, Copy, Debug)]
 struct Trim {
     medians: f64,
     px: f64,
 }
 
-/// What both cameras took at one time.
+/// Images that both cameras took at one time.
 #[derive(Clone, Debug)]
 pub struct Pair {
-    /// What it is called in tables.
+    /// Name in tables.
     pub name: String,
     /// The image of the left and of the right camera; `None` where there is none.
     pub images: [Option<GrayImage>; 2],
@@ -75,7 +75,7 @@ pub enum CalibrateError {
     Detector {
         /// The image.
         image: String,
-        /// What it said.
+        /// Its words.
         fault: Fault,
     },
     /// Images of one camera differ in size.
@@ -97,9 +97,9 @@ pub enum CalibrateError {
         camera: usize,
         /// The board that was looked for.
         target: Target,
-        /// How many images were looked at.
+        /// Number of images that were looked at.
         images: usize,
-        /// What was seen instead, and the cure.
+        /// Finds instead, and the cure.
         hint: String,
     },
     /// The board is to be seen too seldom.
@@ -128,7 +128,7 @@ pub enum CalibrateError {
         target: Target,
         /// Root of the mean squared distance, px.
         misfit_px: f64,
-        /// What to look at.
+        /// Place to look at.
         cure: &'static str,
     },
     /// The views do not tell the camera.
@@ -190,7 +190,7 @@ fn sizes(pairs: &[Pair]) -> Result<Vec<(usize, usize)>, CalibrateError> {
     Ok(sizes)
 }
 
-/// What is seen of the board in every image, at first sight.
+/// Sight of the board in every image, at first.
 fn first_sights(
     pairs: &[Pair],
     target: &Target,
@@ -249,7 +249,7 @@ fn by_markers(
     Ok(markers.into_iter().map(|both| both.map(|found| found.map(sight))).collect())
 }
 
-/// Whether a camera sees the board often enough; one that has no image is not there.
+/// Accepts a camera that sees the board often enough, and one that has no image, which is not there.
 fn check_views(
     pairs: &[Pair],
     target: &Target,

@@ -80,7 +80,7 @@ fn chosen(
     Ok(pairs)
 }
 
-/// Whether number `k` of `total` is one of `most` that are spread evenly.
+/// True if number `k` of `total` is one of `most` that are spread evenly.
 #[must_use]
 pub fn is_chosen(k: usize, total: usize, most: usize) -> bool {
     let most = most.max(1);

@@ -1,4 +1,4 @@
-//! What a calibration found, how sure it is of it, and what to do better next time.
+//! Finds of a calibration, how sure it is of them, and what to do better next time.
 
 use super::adjust::{Adjusted, Cameras, PAIR, SharedMatrix, Sight};
 use super::lens::{LENS, project};
@@ -123,7 +123,7 @@ impl Calibration {
         }
     }
 
-    /// What is poor about it, each with the cure; nothing of a good one.
+    /// Weak points, each with the cure; none of a good one.
     #[must_use]
     pub fn advice(&self) -> Vec<String> {
         let mut advice = Vec::new();
@@ -222,7 +222,7 @@ fn camera_result<'a>(
     }
 }
 
-/// How many corners were seen in each of the [`CELLS`], row by row.
+/// Number of corners seen in each of the [`CELLS`], row by row.
 #[must_use]
 pub fn cell_counts(model: &CameraModel, residuals: &[Residual]) -> Vec<usize> {
     let mut counts = vec![0; CELLS[0] * CELLS[1]];

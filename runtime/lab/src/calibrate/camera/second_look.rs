@@ -62,7 +62,7 @@ fn expected_px(target: &Target, cameras: &Cameras, index: usize, pose_c0_t: &Iso
     target.corners_m().into_iter().enumerate().filter_map(corner).collect()
 }
 
-/// How far the windows may reach, so that no other corner is in them.
+/// Reach of the windows, so that no other corner is in them.
 pub(super) fn half_window_px(target: &Target, corners_px: &[Vector2<f64>]) -> usize {
     let to_nearest = |(k, px): (usize, &Vector2<f64>)| {
         let others = corners_px.iter().enumerate().filter(|(other, _)| *other != k);

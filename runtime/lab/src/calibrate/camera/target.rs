@@ -128,7 +128,7 @@ impl Target {
         }
     }
 
-    /// How many markers it has.
+    /// Number of its markers.
     #[must_use]
     pub fn marker_count(&self) -> usize {
         match *self {

@@ -26,7 +26,7 @@ pub struct Measured {
     pub sigma: f64,
 }
 
-/// What was found of one axis.
+/// Finds about one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisNoise {
     /// White noise density: unit of the rate / sqrt(Hz).

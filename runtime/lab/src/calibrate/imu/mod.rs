@@ -21,7 +21,7 @@ use plumbline_config::options::ImuConfig;
 
 /// A rest shorter than this says nothing of the noise, s.
 pub const SHORTEST_REST_S: f64 = 2.0;
-/// What is told to a recording that is too short for the walks, in words.
+/// Advice to a recording that is too short for the walks.
 const WALK_CURE: &str = "record two hours or more, at an even temperature";
 /// A misfit above this is told.
 const NOTABLE_MISFIT: f64 = 4.0;
@@ -47,7 +47,7 @@ pub struct SensorNoise {
     pub walk: Option<Measured>,
 }
 
-/// What a recording says of the sensor.
+/// Finds of a recording about the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
     /// The part at rest.
@@ -155,7 +155,7 @@ impl Found {
         lines
     }
 
-    /// What is to be known before the figures are trusted, each with its cure.
+    /// Warnings before the figures are trusted, each with its cure.
     #[must_use]
     pub fn remarks(&self, gravity_m_s2: f64) -> Vec<String> {
         let mut remarks = self.remarks_on_rest();

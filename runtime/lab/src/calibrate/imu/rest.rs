@@ -49,14 +49,14 @@ pub struct RestInterval {
 }
 
 impl RestInterval {
-    /// Whether it scatters more than a sensor does by itself.
+    /// True if it scatters more than a sensor does by itself.
     #[must_use]
     pub fn is_shaken(&self) -> bool {
         (0..2).any(|k| self.scatter[k] > OWN_SCATTER[k])
     }
 }
 
-/// What is said of one piece.
+/// Statement about one piece.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     mean: [Vector3<f64>; 2],

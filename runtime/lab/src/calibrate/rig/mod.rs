@@ -35,10 +35,10 @@ const SETTLED_SIGMAS: f64 = 0.25;
 /// Standard deviations that a calibration is worth its name with: m, rad, s.
 const MOST_SIGMAS: [f64; 3] = [0.015, 0.0052, 0.001];
 
-/// How a rig is calibrated.
+/// Options of a rig's calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigOptions {
-    /// How far the calibration to begin with may be off, one standard deviation: attitude, rad.
+    /// Uncertainty of the calibration to begin with, one standard deviation: attitude, rad.
     pub rotation_sigma_rad: f64,
     /// Place, m.
     pub translation_sigma_m: f64,
@@ -48,7 +48,7 @@ pub struct RigOptions {
     pub piece_s: f64,
     /// Passes, at most.
     pub max_passes: usize,
-    /// Whether the readout of a rolling shutter is looked for first.
+    /// True if the readout of a rolling shutter is looked for first.
     pub finds_readout: bool,
 }
 
@@ -65,7 +65,7 @@ impl Default for RigOptions {
     }
 }
 
-/// What came out.
+/// Result.
 #[derive(Clone, Debug)]
 pub struct FoundRig {
     /// The configuration with the calibration in it.
@@ -86,7 +86,7 @@ pub struct FoundRig {
     pub passes: usize,
     /// Length of the recording, s.
     pub span_s: f64,
-    /// How it was turned.
+    /// Turning of the rig.
     pub excitation: Excitation,
     /// Readout of the cameras, where it was looked for.
     pub readout: Option<FoundReadout>,
@@ -240,7 +240,7 @@ fn all_samples(flight: Flight) -> Result<Vec<ImuSample>, FlightError> {
     Ok(samples)
 }
 
-/// How it was turned, if that is enough.
+/// Turning of the rig, if that is enough.
 fn turned(samples: &[ImuSample], config: &ValidConfig) -> Result<Excitation, RigError> {
     let Some(excitation) = Excitation::of(samples) else {
         return Err(RigError::TooShort { span_s: 0.0, pieces: 0, piece_s: 0.0, lost: 0 });

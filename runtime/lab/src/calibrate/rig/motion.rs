@@ -1,4 +1,4 @@
-//! Whether a recording turned enough for its rig to be seen: the spread of the angular rate over all axes.
+//! Turning of a recording, enough for its rig to be seen or not: the spread of the angular rate over all axes.
 //!
 //! Where a camera sits on the IMU shows in what turning does to it. As long as a rig turns about one axis alone, neither
 //! a turn of the camera about that axis nor a place further along it changes anything that is measured; so there must
@@ -10,7 +10,7 @@ use plumbline_config::ImuSample;
 /// Axes about which the rate is less than this, root of the mean square, were not turned about, rad/s.
 pub const LEAST_RATE_RAD_S: f64 = 0.15;
 
-/// How a rig was turned.
+/// Turning of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Excitation {
     /// Principal axes of the angular rate in the body, the liveliest first.
@@ -55,7 +55,7 @@ impl Excitation {
         pairs.filter(|(_, rate)| *rate < LEAST_RATE_RAD_S).map(|(axis, _)| *axis).collect()
     }
 
-    /// Whether it was turned about two axes at least.
+    /// True if it was turned about two axes at least.
     #[must_use]
     pub fn is_enough(&self) -> bool {
         self.missing().len() < 2

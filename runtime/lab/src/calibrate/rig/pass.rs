@@ -16,10 +16,10 @@ const LEAD_S: f64 = 0.3;
 /// A piece shorter than this part of the others says too little.
 const LEAST_PART: f64 = 0.6;
 
-/// What a pass brought.
+/// Result of a pass.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pass {
-    /// What each piece found.
+    /// Finds of each piece.
     pub(super) pieces: Vec<RigEstimate>,
     /// Mean cost of an observation in every whole piece, `None` where it found no pose or lost it.
     pub(super) costs: Vec<Option<f64>>,
@@ -62,7 +62,7 @@ impl Piece {
         }
     }
 
-    /// What it found, and the mean cost of an observation, if it went well for long enough.
+    /// Its find, and the mean cost of an observation, if it went well for long enough.
     fn finish(mut self, least_s: f64) -> Option<(RigEstimate, f64)> {
         let is_sound = self.resets == 0 && self.last.seconds_since(self.begin) >= least_s;
         let mean_cost = self.fit.cost / self.fit.observations.max(1) as f64;

@@ -34,7 +34,7 @@ pub fn nees<const N: usize>(error: &SVector<f64, N>, covariance: &SMatrix<f64, N
     Some(half.norm_squared()).filter(|value| value.is_finite())
 }
 
-/// How a run's errors fit its covariances.
+/// Fit of a run's errors to its covariances.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Consistency {
     /// Mean NEES over its expectation: 1 is honest, above is overconfident, below is timid.
@@ -92,7 +92,7 @@ mod tests;
 #[cfg(test)]
 mod summary_tests {
     use super::*;
-    use crate::evaluate::noise::Noise;
+    use crate::evaluate::test_noise::Noise;
     use nalgebra::{Matrix6, Vector3};
 
     #[test]

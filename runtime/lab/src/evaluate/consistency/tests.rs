@@ -3,7 +3,7 @@
 use super::errors::step;
 use super::flown::FlightConsistency;
 use super::mean_ratio_bounds;
-use crate::evaluate::noise::Noise;
+use crate::evaluate::test_noise::Noise;
 use nalgebra::{Isometry3, Matrix4, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::odometry::StepCovariance;
@@ -26,7 +26,7 @@ fn turn(angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle)
 }
 
-/// What an error of position and yaw at `p0` does to a state at `pose` with velocity `v`.
+/// Effect of an error of position and yaw at `p0` on a state at `pose` with velocity `v`.
 fn by_frame(pose: &Isometry3<f64>, v: &Vector3<f64>, p0: &Vector3<f64>) -> SMatrix<f64, 9, 4> {
     let mut by = SMatrix::<f64, 9, 4>::zeros();
     by.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();

@@ -17,6 +17,13 @@ fn results(paths: &[&str]) -> Vec<CellResult> {
     cells.iter().map(|cell| result(cell, 0.1 * (1.0 + cell.start_s.unwrap()))).collect()
 }
 
+impl OpenTable {
+    /// Lines with the missing sequences, one for each incomplete suite.
+    fn missing_lines(&self) -> Vec<String> {
+        self.suites.iter().filter_map(|suite| self.missing_line(suite)).collect()
+    }
+}
+
 #[test]
 fn a_sequence_has_the_median_of_its_starts_in_the_order_of_the_suite() {
     let table = OpenTable::new(&results(&["/data/V1_01_easy", "/data/MH_01_easy/mav0", "/data/clip"]));

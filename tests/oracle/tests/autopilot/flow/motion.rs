@@ -18,7 +18,7 @@ const WAY_S: f64 = 4.0;
 /// Angular frequency of the changes of height, rad/s.
 const SWING_RAD_S: f64 = 0.7;
 
-/// What the vehicle does in flight, beside some sway and roll.
+/// Motion of the vehicle in flight, beside some sway and roll.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     /// Speed to the north.

@@ -1,4 +1,4 @@
-//! What is measured in the flight, and the bridge's messages of it.
+//! Measurements of the flight, and the bridge's messages of it.
 
 use super::motion::Truth;
 use crate::autopilot::ekf2::stamp_us;

@@ -34,7 +34,7 @@ fn poses() -> Vec<Isometry3<f64>> {
     (0..12).map(pose).collect()
 }
 
-/// What the rig sees, each coordinate off by up to `noise_px`.
+/// Corners that the rig sees, each coordinate off by up to `noise_px`.
 fn sights(rig: &Cameras, noise_px: f64) -> Vec<Sight> {
     let mut draw = 1_u64;
     let mut noise = || {

@@ -40,7 +40,7 @@ fn row(name: &str, key: &Key) -> String {
     format!("| `{name}` | {default}{range} | {} |\n", first_sentence(key.text).replace('|', "\\|"))
 }
 
-/// What stands before the first full stop, or before the colon of a list of words.
+/// Text before the first full stop, or before the colon of a list of words.
 fn first_sentence(text: &str) -> &str {
     let end = [". ", ": \""].iter().filter_map(|end| text.find(end)).min();
     text[..end.unwrap_or(text.len())].trim_end_matches('.')

@@ -2,7 +2,7 @@
 //!
 //! evo is that of the Python of the tests, the ground truth a recorded one.
 
-use super::noise::Noise;
+use super::test_noise::Noise;
 use super::*;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_drivers::tum::write_tum;
@@ -51,7 +51,7 @@ impl Evo {
         Some(Self { questions: child.stdin.take().unwrap(), answers, child })
     }
 
-    /// What `tool` prints for two files.
+    /// Print of `tool` for two files.
     fn answer(&mut self, tool: &str, arguments: &str, [reference, estimate]: [&Path; 2]) -> String {
         let (reference, estimate) = (reference.display(), estimate.display());
         writeln!(self.questions, "{tool} tum {reference} {estimate} {arguments}").unwrap();
