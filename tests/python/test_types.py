@@ -95,5 +95,5 @@ def test_messages_that_protoc_makes_of_the_schemas_lie_beside_the_package(tmp_pa
     made.parent.mkdir(parents=True)
     made.write_text("STATE = 'tracking'\n")
     program = "import plumbline; from plumbline.v1 import log_pb2; print(plumbline.__version__, log_pb2.STATE)"
-    ran = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    ran = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}, capture_output=True, text=True)
     assert ran.stdout.split() == [plumbline.__version__, "tracking"], ran.stderr

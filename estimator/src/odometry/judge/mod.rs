@@ -222,6 +222,7 @@ impl Judge {
     ) -> bool {
         if outcome.is_not_positive_definite {
             case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+            self.gyroscope.prolong_suspicion(case.stamp);
             self.forces.prolong_suspicion(case.stamp);
             self.stilled_force.prolong_suspicion(case.stamp);
         }

@@ -196,7 +196,7 @@ class Instant:
         """Time of the estimate before it, ns."""
     @property
     def settled(self) -> bool:
-        """Whether there is an estimate after it too: the answer would not change any more."""
+        """True if there is an estimate after it too: the answer would not change any more."""
     @property
     def state(self) -> str:
         """State of the estimate before it: "tracking" or "blind"."""

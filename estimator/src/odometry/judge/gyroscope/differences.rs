@@ -1,7 +1,4 @@
 //! Differences between the turns of frames by the images and by the gyroscope, and what they come to in sum.
-//!
-//! Errors of the sightings of frames on end have much in common: landmarks that are a little off, few or on one plane, turn all of them
-//! alike. The variance of their sum lies between that of independent errors and that of one error.
 
 use super::contradiction::AGREES_RAD;
 use crate::window::sighting::variance_along;
@@ -13,8 +10,6 @@ use plumbline_config::{Portable, Timestamp};
 pub(super) const AGREES_SIGMAS: f64 = 5.0;
 /// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
 const SCALE_SHARE: f64 = 0.01;
-/// Correlation of the errors of sightings on end.
-const CORRELATION: f64 = 0.5;
 /// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
 const SUMS: [(usize, f64); 2] = [(3, 2e-3), (8, 1e-3)];
 const MAX_SUM: usize = SUMS[1].0;
@@ -122,6 +117,11 @@ impl Differences {
         self.suspect = all.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
     }
 
+    /// Nothing could be learnt from the frame of `stamp`: what is suspect stays so.
+    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
+        self.suspect = self.suspect.map(|(_, off)| (stamp, off));
+    }
+
     /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
     pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
         let (_, off) = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S)?;
@@ -142,11 +142,11 @@ impl Differences {
         let sum: Vector3<f64> = newest().map(|d| d.rad).sum();
         let span_s: f64 = newest().map(|d| d.dt_s).sum();
         let turned: f64 = newest().map(|d| d.seen.norm()).sum();
-        let of_sightings = variance_of_sum(newest().map(|d| variance_along(&d.covariance, &sum)));
+        let of_sightings: Matrix3<f64> = newest().map(|d| d.covariance).sum();
         let ends = [newest().next()?, newest().last()?];
         let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(sigmas.stamp_s).at_least(stamp_sigma_s);
         let of_stamps: f64 = ends.map(|d| (d.rate_b().norm() * stamp(d)).squared()).iter().sum();
-        let variance = of_sightings
+        let variance = variance_along(&of_sightings, &sum)
             + of_stamps
             + self.gyro_density.squared() * span_s
             + (sigmas.bias_rad_s * span_s).squared();
@@ -154,12 +154,6 @@ impl Differences {
             + SCALE_SHARE * turned;
         Some(sum.norm() / admitted)
     }
-}
-
-/// Variance of a sum of correlated errors that have these variances.
-fn variance_of_sum(variances: impl Iterator<Item = f64>) -> f64 {
-    let (squares, sum) = variances.fold((0.0, 0.0), |(squares, sum), x| (squares + x, sum + x.sqrt()));
-    (1.0 - CORRELATION) * squares + CORRELATION * sum.squared()
 }
 
 #[cfg(test)]
@@ -171,7 +165,7 @@ mod tests {
         let sigmas = Sigmas { bias_rad_s: 1e-3, stamp_s: 0.0 };
         let mut differences = Differences::new(1e-4);
         let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
-        let rad = Vector3::new(1.2e-3, 0.0, 0.0);
+        let rad = Vector3::new(5e-4, 0.0, 0.0);
         let covariance = Matrix3::identity() * 1e-7;
         for k in 0..8 {
             let (from, seen) = (at(k), Vector3::zeros());
@@ -182,7 +176,7 @@ mod tests {
             assert_eq!(differences.contradict_since(&sigmas, 1.0), None);
         }
         let sigma_rad = |stamp| differences.of_attitude(stamp).map(|c| c[(0, 0)].sqrt());
-        assert!(sigma_rad(at(8)).is_some_and(|sigma| (sigma - 8.0 * 1.2e-3 * SUSPECT_SHARE).abs() < 1e-9));
+        assert!(sigma_rad(at(8)).is_some_and(|sigma| (sigma - 8.0 * 5e-4 * SUSPECT_SHARE).abs() < 1e-9));
         assert_eq!(sigma_rad(at(16)), None, "it is over");
     }
 }

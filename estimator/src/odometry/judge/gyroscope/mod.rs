@@ -218,6 +218,11 @@ impl RotationWatch {
         self.drift.error()
     }
 
+    /// Nothing could be learnt from the frame of `stamp`: turns that are suspect stay so.
+    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
+        self.differences.prolong_suspicion(stamp);
+    }
+
     /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
     pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
         self.differences.of_attitude(stamp)

@@ -218,7 +218,7 @@ fn turns_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
     let is_contradicted = |step_rad_s: f64, is_unvoted: bool| {
         fly(Wrong { step_rad_s, is_unvoted, ..NOTHING }).iter().any(|(_, bits, _)| bits.0 != 0)
     };
-    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.06, is_unvoted)), [true, false]);
+    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.04, is_unvoted)), [true, false]);
     assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.12, is_unvoted)), [true, true]);
 }
 
