@@ -1,4 +1,4 @@
-//! The truth of the pairs in motion: how far its path wanders from the one that the inertial samples feel.
+//! Truth of the pairs in motion: how far its path wanders from the one that the inertial samples feel.
 //!
 //! The second difference `p(t + h) - 2 p(t) + p(t - h)` of a path is the integral of its acceleration, weighted by a triangle. What the truth has
 //! beyond that of the samples has the variance `2 q h` if its positions walk at random with a density of `q`, and `6 s²` if
@@ -50,7 +50,7 @@ fn walk(rows: &[Row], half: usize) -> Vector3<f64> {
 }
 
 #[test]
-fn the_truth_of_the_pairs_in_motion_walks_by_more_than_an_estimate_of_a_second_is_uncertain() {
+fn the_truth_of_the_pairs_in_motion_walks_by_five_millimetres_in_a_second() {
     let Some(shared) = shared("euroc/MH_01_motion") else { return };
     let rows = rows(&shared.join("euroc/MH_01_motion"));
     let walks = [5, 10, 20].map(|half| walk(&rows, half).sum());

@@ -24,8 +24,8 @@ const MOST_UNEXPLAINED: f64 = 0.2;
 /// that of its silence, so that a vehicle that lands is not taken for one.
 const SEEN_M_S: f64 = 0.1;
 const NEWLY_S: f64 = 1.0;
-/// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Recorded flights
-/// stay below 1.4 and 0.05.
+/// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Sound flights
+/// reach 1.9 standard deviations, then 0.11 off.
 const SHOWS_SIGMAS: f64 = 2.5;
 const LEAST_OFF: f64 = 0.06;
 /// Largest quality while they do.

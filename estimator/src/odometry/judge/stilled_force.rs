@@ -4,6 +4,9 @@
 //! accelerated otherwise by metres per second squared; until then the velocity is off by centimetres per second, and nothing shows it but
 //! that the force no longer changes as it used to, from one frame to the next, by more than its noise. An axis that does so by chance, in
 //! every tenth frame, has gone on with its changes before they would have made a difference.
+//!
+//! An axis that is still in most frames of a second, while another one moves and it usually felt more than noise itself, measures nothing. Where
+//! the readings of all axes are noise, the images tell whether the vehicle moves ([`super::scale_watch`]).
 
 use crate::inertial::Preintegration;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};

@@ -71,7 +71,7 @@ impl Tracking {
         (self.last_seen, self.last_reset, self.doubted) = (None, None, None);
     }
 
-    /// The images contradict the motion to the frame of `stamp` as a whole.
+    /// The images contradict the motion to the frame of `stamp` as a whole, or place it without inertial samples.
     pub(super) fn note_doubt(&mut self, stamp: Timestamp) {
         self.doubted = Some(stamp);
     }

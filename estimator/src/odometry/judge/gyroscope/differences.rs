@@ -64,18 +64,18 @@ impl Differences {
         Self { gyro_density, newest: Deque::new(), suspect: None }
     }
 
-    /// Forgets them.
+    /// Forgets the differences.
     pub(super) fn clear(&mut self) {
         self.newest.clear();
     }
 
-    /// Forgets what is suspect as well.
+    /// Forgets the differences and what is suspect.
     pub(super) fn forget(&mut self) {
         self.clear();
         self.suspect = None;
     }
 
-    /// Takes that of another frame; returns that of the frame before.
+    /// Takes the difference of another frame; returns that of the frame before.
     pub(super) fn push(&mut self, difference: Difference) -> Option<Difference> {
         let before = self.newest.back().copied();
         if self.newest.is_full() {
@@ -85,19 +85,20 @@ impl Differences {
         before
     }
 
-    /// That of the newest frame as a multiple of what it may come to without a fault.
+    /// Difference of the newest frame as a multiple of what it may come to without a fault.
     pub(super) fn newest_excess(&self, sigmas: &Sigmas) -> f64 {
         self.excess(1, sigmas, SUMS[0].1).unwrap_or(0.0)
     }
 
-    /// The same of the longest sum; 0 where it is not complete, or a single difference makes up half of it.
+    /// Longest sum of differences as a multiple of what it may come to without a fault; 0 where it is not complete, or a single difference makes
+    /// up half of it.
     pub(super) fn even_excess(&self, sigmas: &Sigmas) -> f64 {
         let sum = self.sum(MAX_SUM);
         let is_even = self.newest.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
         self.excess(MAX_SUM, sigmas, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
     }
 
-    /// Since when they add up to more than `least` times what is admitted.
+    /// Beginning of the differences that add up to more than `least` times what is admitted.
     pub(super) fn contradict_since(&self, sigmas: &Sigmas, least: f64) -> Option<Timestamp> {
         SUMS.iter().find_map(|(count, stamp_sigma_s)| {
             let excess = self.excess(*count, sigmas, *stamp_sigma_s)?;
@@ -129,12 +130,12 @@ impl Differences {
         Some(off * off.transpose())
     }
 
-    /// The sum of the newest `count`, rad.
+    /// Sum of the newest `count` differences, rad.
     fn sum(&self, count: usize) -> Vector3<f64> {
         self.newest.iter().rev().take(count).map(|d| d.rad).sum()
     }
 
-    /// The sum of the newest `count` as a multiple of what it may come to without a fault, where stamps have a standard deviation of at
+    /// Sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard deviation of at
     /// least `stamp_sigma_s`; `None` where there are fewer.
     fn excess(&self, count: usize, sigmas: &Sigmas, stamp_sigma_s: f64) -> Option<f64> {
         let first = self.newest.len().checked_sub(count)?;
