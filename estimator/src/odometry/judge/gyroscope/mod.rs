@@ -48,8 +48,9 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
-/// Sums contradict from this multiple of what is admitted if no landmark votes for the images.
+/// Sums contradict from this multiple of what is admitted if no landmark votes for the images, and these tell the turn no better than this, rad.
 const UNVOTED_EXCESS: f64 = 2.0;
+const POOR_RAD: f64 = 2e-3;
 
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
@@ -245,7 +246,8 @@ impl RotationWatch {
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
         let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
-        let least = if frame.is_voted { 1.0 } else { UNVOTED_EXCESS };
+        let is_poor = variance_along(&frame.covariance, &newest.difference) > POOR_RAD.squared();
+        let least = if frame.is_voted || !is_poor { 1.0 } else { UNVOTED_EXCESS };
         let first = alone.or_else(|| self.differences.contradict_since(sigmas, least))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         let may_name_gyro =

@@ -33,6 +33,8 @@ struct Wrong {
     is_force_wrong: bool,
     /// True if known landmarks explain the predicted turn as well.
     is_unvoted: bool,
+    /// Standard deviation of the turns by the images, rad.
+    sigma_rad: f64,
     /// Until when, s.
     until_s: f64,
 }
@@ -45,6 +47,7 @@ const NOTHING: Wrong = Wrong {
     jump_rad: 0.0,
     is_force_wrong: false,
     is_unvoted: false,
+    sigma_rad: 4e-4,
     until_s: f64::INFINITY,
 };
 
@@ -105,6 +108,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
                 is_voted: !wrong.is_unvoted,
+                covariance: Matrix3::identity() * wrong.sigma_rad.squared(),
                 ..turn([last_s, t], angle(t - age_s) - angle(last_s - last_age_s) + noise + jump)
             };
             let _ = watch.update(&frame);
@@ -214,12 +218,16 @@ fn a_step_that_single_frames_hardly_show_is_contradicted_for_as_long_as_it_lasts
 }
 
 #[test]
-fn turns_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
-    let is_contradicted = |step_rad_s: f64, is_unvoted: bool| {
-        fly(Wrong { step_rad_s, is_unvoted, ..NOTHING }).iter().any(|(_, bits, _)| bits.0 != 0)
+fn poor_sightings_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
+    let is_contradicted = |step_rad_s: f64, sigma_rad: f64| {
+        [false, true].map(|is_unvoted| {
+            let said = fly(Wrong { step_rad_s, sigma_rad, is_unvoted, ..NOTHING });
+            said.iter().any(|(_, bits, _)| bits.0 != 0)
+        })
     };
-    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.04, is_unvoted)), [true, false]);
-    assert_eq!([false, true].map(|is_unvoted| is_contradicted(0.12, is_unvoted)), [true, true]);
+    assert_eq!(is_contradicted(0.15, 2.5e-3), [true, false]);
+    assert_eq!(is_contradicted(0.4, 2.5e-3), [true, true]);
+    assert_eq!(is_contradicted(0.05, 4e-4), [true, true], "good ones are evidence without votes");
 }
 
 #[test]
