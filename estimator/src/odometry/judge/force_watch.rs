@@ -26,9 +26,6 @@ const HALVES: [usize; 3] = [2, 4, 8];
 const MAX_LEGS: usize = 2 * HALVES[2] + 1;
 /// A gain of velocity contradicts by this many standard deviations.
 const CONTRADICTS_SIGMAS: f64 = 5.0;
-/// From so many it is suspect: nothing is done about it, but the velocity is as uncertain as a share of it, m/s.
-const SUSPECT_SIGMAS: f64 = 2.0;
-const SUSPECT_SHARE: f64 = 0.4;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
 /// A stamp is not better than this, s.
@@ -110,8 +107,6 @@ pub(super) struct ForceWatch {
     contradicting: u32,
     last: Option<(Timestamp, f64)>,
     is_named: bool,
-    /// A suspect gain of velocity, m/s in `O`, and the last frame that showed it.
-    suspect: Option<(Timestamp, Vector3<f64>)>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
     /// Slow mean of the bias, m/s² in `B`.
@@ -128,8 +123,6 @@ pub(super) struct Gain {
 /// Change of velocity over a span of frames that the images show and the forces do not explain.
 #[derive(Clone, Copy, Debug)]
 struct Unexplained {
-    /// m/s in `O`.
-    off: Vector3<f64>,
     gain: Gain,
     sigmas: f64,
     forces: WrongForces,
@@ -143,7 +136,6 @@ impl ForceWatch {
             contradicting: 0,
             last: None,
             is_named: false,
-            suspect: None,
             gain: None,
             slow_bias: None,
         }
@@ -187,7 +179,6 @@ impl ForceWatch {
             by_bias: seen.rot_o_before * (seen.motion.bias_accel - slow_bias),
         });
         let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
-        self.suspect(seen.stamp, &unexplained);
         self.gain = unexplained[HALVES.len() - 1].map(|span| span.gain);
         let contradicts = |span: &Unexplained| span.sigmas > CONTRADICTS_SIGMAS;
         let of_spans = unexplained.into_iter().flatten().find(contradicts).map(|span| span.forces);
@@ -250,32 +241,6 @@ impl ForceWatch {
         if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
-    /// Takes note of the most suspect of the spans that end at `stamp`, or goes on with a larger one that still holds.
-    fn suspect(&mut self, stamp: Timestamp, spans: &[Option<Unexplained>]) {
-        let suspects = spans.iter().flatten().filter(|span| span.sigmas > SUSPECT_SIGMAS);
-        let newest = suspects.max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).map(|span| span.off);
-        let held = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < HELD_S);
-        self.suspect = match (newest, held) {
-            (Some(newest), Some((_, held))) if held.norm_squared() > newest.norm_squared() => {
-                Some((stamp, held))
-            }
-            (Some(newest), _) => Some((stamp, newest)),
-            (None, held) => held,
-        };
-    }
-
-    /// Nothing could be learnt from the frame of `stamp`: what is suspect stays so.
-    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
-        self.suspect = self.suspect.map(|(_, off)| (stamp, off));
-    }
-
-    /// Covariance of the velocity at `stamp` by forces that are suspect, m²/s² in `O`.
-    pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
-        let (_, off) = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < HELD_S)?;
-        let off = off * SUSPECT_SHARE;
-        Some(off * off.transpose())
-    }
-
     /// Change of velocity over the newest span of twice `half` frames that the forces do not explain. `None` if there are fewer
     /// frames, or if it is not finite.
     fn unexplained(&self, half: usize, sigmas: &ForceSigmas) -> Option<Unexplained> {
@@ -306,7 +271,6 @@ impl ForceWatch {
         let sigmas = off_m_s / variance.sqrt();
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         sigmas.is_finite().then_some(Unexplained {
-            off,
             gain: Gain { felt: felt + by_bias * half_s, seen },
             sigmas,
             forces: WrongForces { since: b.stamp, sigma_m_s2 },

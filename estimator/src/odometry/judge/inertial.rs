@@ -50,6 +50,7 @@ impl Judge {
     /// Judges the inertial samples that lead to the newest frame by what that sees.
     pub(super) fn judge_samples(&mut self, estimation: &mut Estimation, tried: &Tried, case: &mut Case<'_>) {
         let (stuck, coverage) = (estimation.imu.stuck(), case.coverage);
+        let were_believed = !self.gyroscope.is_distrusting();
         report_stuck(stuck, case.health);
         if stuck.gyro {
             // Its name is known.
@@ -68,7 +69,7 @@ impl Judge {
             self.judge_turn(estimation, (sighting, votes), case);
         }
         if self.gyroscope.is_distrusting() {
-            self.tracking.note_doubt(case.stamp);
+            self.tracking.note_distrust(case.stamp, were_believed);
         }
         self.settle_belief(estimation, sighting.is_some(), case.health);
         if coverage.unmeasured.is_any() || self.gyroscope.is_distrusting() {

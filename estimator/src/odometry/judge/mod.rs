@@ -3,7 +3,8 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A force set in suddenly and did not act ([`sudden_force`]), or stopped changing ([`stilled_force`]): the published velocity is uncertain.
+//! 1. A force set in suddenly and did not act ([`sudden_force`]), or stopped changing ([`stilled_force`]), a reading jumped
+//!    ([`sudden_sample`]): the published state is uncertain.
 //! 2. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
 //! 3. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
@@ -16,7 +17,8 @@
 //! 8. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
 //!    `IMU_CONTRADICTED`.
 //! 9. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
-//! 10. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
+//! 10. Frames are corrected to one side, whoever is wrong ([`leaning`]): the published state is uncertain.
+//! 11. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
 //!
 //! Sensors that repeat their readings are known before ([`crate::inertial::stuck`]). Watches do not know each other: what one must know of
 //! another is handed to it here, and in [`inertial`], where one sighting judges gyroscope and accelerometer.
@@ -25,12 +27,14 @@ mod covariance;
 mod force_watch;
 mod gyroscope;
 mod inertial;
+mod leaning;
 mod noise;
 mod pair;
 mod scale_watch;
 mod stamp;
 mod stilled_force;
 mod sudden_force;
+mod sudden_sample;
 mod tracking;
 mod trial;
 
@@ -50,6 +54,7 @@ use crate::window::sighting::Sighting;
 use crate::window::solve::Outcome;
 use force_watch::ForceWatch;
 use gyroscope::RotationWatch;
+use leaning::Leaning;
 use noise::{Evidence, NoiseScale};
 use pair::Pair;
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
@@ -57,6 +62,7 @@ use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stilled_force::StilledForce;
 use sudden_force::SuddenForce;
+use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
 
@@ -68,9 +74,11 @@ pub(super) struct Judge {
     gyroscope: RotationWatch,
     forces: ForceWatch,
     sudden_force: SuddenForce,
+    sudden_sample: SuddenSample,
     stilled_force: StilledForce,
     scale: ScaleWatch,
     noise: NoiseScale,
+    leaning: Leaning,
     tracking: Tracking,
 }
 
@@ -102,9 +110,11 @@ impl Judge {
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
             sudden_force: SuddenForce::new(),
+            sudden_sample: SuddenSample::default(),
             stilled_force: StilledForce::new(setup.imu.accel_noise_density),
             scale: ScaleWatch::default(),
             noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
+            leaning: Leaning::default(),
             tracking: Tracking::new(setup.estimator.health.clone()),
         }
     }
@@ -112,6 +122,7 @@ impl Judge {
     /// Takes an inertial sample, as it was read.
     pub(super) fn add_sample(&mut self, sample: &ImuSample) {
         self.gyroscope.add(sample);
+        self.sudden_sample.add(sample);
     }
 
     /// Takes the points of a frame, before it has a state.
@@ -223,8 +234,8 @@ impl Judge {
         if outcome.is_not_positive_definite {
             case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
             self.gyroscope.prolong_suspicion(case.stamp);
-            self.forces.prolong_suspicion(case.stamp);
             self.stilled_force.prolong_suspicion(case.stamp);
+            self.leaning.prolong_suspicion(case.stamp);
         }
         let window = &mut estimation.window;
         let is_contradicted = window.is_newest_doubtful() && window.doubt_newest_motion(max_iterations);
@@ -254,7 +265,8 @@ impl Judge {
             (true, false) => Evidence::Innovation,
             (true, true) => Evidence::Contradiction,
         };
-        self.noise.learn(&mut estimation.window, prediction, evidence, case.health);
+        let Self { noise, leaning, .. } = self;
+        noise.learn(&mut estimation.window, prediction, (evidence, leaning), case.health);
     }
 
     /// The newest frame tells nothing of how well it is known.
@@ -280,6 +292,7 @@ impl Judge {
     /// The estimate starts anew: forgets its states. What is known of the sensors stays, unless the reset is hard.
     pub(super) fn clear(&mut self, kind: ResetKind) {
         self.noise.forget_state();
+        self.leaning = Leaning::default();
         self.gyroscope.forget_turns();
         self.forces.clear();
         self.sudden_force = SuddenForce::new();

@@ -7,6 +7,7 @@
 //! the ratio is back, and shrinks more slowly; never below what is stated. It begins large: a tilt that was taken for certain
 //! before the first second had told what the forces are worth would stay in the prior.
 
+use super::leaning::{Corrected, Leaning};
 use crate::estimate::HealthBits;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::Window;
@@ -197,12 +198,12 @@ impl NoiseScale {
         }
     }
 
-    /// Scales the inertial noise of new factors by what the newest frame corrected of its `prediction`.
+    /// Scales the inertial noise of new factors by what the newest frame corrected of its `prediction`, which `leaning` takes as well.
     pub(super) fn learn(
         &mut self,
         window: &mut Window,
         prediction: &Prediction,
-        evidence: Evidence,
+        (evidence, leaning): (Evidence, &mut Leaning),
         health: &mut HealthBits,
     ) {
         let after = window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
@@ -210,10 +211,13 @@ impl NoiseScale {
         match (evidence, before, &after, window.frames.last()) {
             (Evidence::Contradiction, ..) => self.add_contradiction(prediction.dt_s),
             (Evidence::Innovation, Some(before), Some(after), Some(newest)) => {
-                let (nav, expected) = (&newest.nav, &prediction.nav);
+                let states = [&prediction.nav, &newest.nav];
+                let (stamp, dt_s) = (newest.stamp, prediction.dt_s);
+                leaning.add(&Corrected { stamp, dt_s, states, covariances: [before, after] });
+                let [expected, nav] = states;
                 let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
                 if d.iter().flatten().all(|x| x.is_finite()) {
-                    self.add(prediction.dt_s, &d, [before, after]);
+                    self.add(dt_s, &d, [before, after]);
                 }
             }
             _ => {}

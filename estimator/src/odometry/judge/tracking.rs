@@ -15,6 +15,9 @@ const KNOWN_VELOCITY: f64 = 0.1;
 const PLENTY_LANDMARKS: f64 = 60.0;
 /// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s, and the quality at most this.
 const DOUBTED_S: f64 = 0.3;
+/// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
+const RECURS_S: f64 = 2.0;
+const PROBATION_S: f64 = 1.0;
 const DOUBTED_QUALITY: i8 = 10;
 
 /// Knowledge of the velocity since the last start.
@@ -52,12 +55,24 @@ pub(super) struct Tracking {
     begun: Option<Timestamp>,
     /// When the images last contradicted a motion as a whole.
     doubted: Option<Timestamp>,
+    /// When inertial samples were last not believed, and for how long the quality is bounded afterwards, s.
+    distrusted: Option<Timestamp>,
+    distrusted_s: f64,
 }
 
 impl Tracking {
     pub(super) fn new(options: HealthConfig) -> Self {
         let velocity = Velocity::NotYet;
-        Self { options, velocity, last_seen: None, last_reset: None, begun: None, doubted: None }
+        Self {
+            options,
+            velocity,
+            last_seen: None,
+            last_reset: None,
+            begun: None,
+            doubted: None,
+            distrusted: None,
+            distrusted_s: DOUBTED_S,
+        }
     }
 
     /// An estimate begins.
@@ -68,12 +83,29 @@ impl Tracking {
 
     /// Forgets stamps that those to come have nothing to do with.
     pub(super) fn forget_time(&mut self) {
-        (self.last_seen, self.last_reset, self.doubted) = (None, None, None);
+        (self.last_seen, self.last_reset) = (None, None);
+        (self.doubted, self.distrusted) = (None, None);
     }
 
-    /// The images contradict the motion to the frame of `stamp` as a whole, or place it without inertial samples.
+    /// The images contradict the motion to the frame of `stamp` as a whole.
     pub(super) fn note_doubt(&mut self, stamp: Timestamp) {
         self.doubted = Some(stamp);
+    }
+
+    /// The images place the frame of `stamp` without inertial samples, which are not believed, and `were_believed` for the frame before.
+    pub(super) fn note_distrust(&mut self, stamp: Timestamp, were_believed: bool) {
+        if were_believed {
+            let recurs = self.distrusted.is_some_and(|last| stamp.seconds_since(last) < RECURS_S);
+            self.distrusted_s = if recurs { PROBATION_S } else { DOUBTED_S };
+        }
+        self.distrusted = Some(stamp);
+    }
+
+    /// True if the velocity is that of a few images at `stamp`.
+    fn is_doubted_at(&self, stamp: Timestamp) -> bool {
+        let is_within =
+            |last: Option<Timestamp>, s: f64| last.is_some_and(|last| stamp.seconds_since(last) < s);
+        is_within(self.doubted, DOUBTED_S) || is_within(self.distrusted, self.distrusted_s)
     }
 
     /// An estimate was given up at `stamp`: none is for being blind shortly after.
@@ -143,9 +175,25 @@ impl Tracking {
             (1.0 - estimation.velocity_sigma_m_s() / self.options.max_velocity_sigma_m_s).clamp(0.0, 1.0);
         let quality = (100.0 * by_landmarks.at_most(by_velocity)).round() as i8;
         let newest = estimation.window.frames.last();
-        let is_doubtful = newest
-            .zip(self.doubted)
-            .is_some_and(|(newest, doubted)| newest.stamp.seconds_since(doubted) < DOUBTED_S);
+        let is_doubtful = newest.is_some_and(|newest| self.is_doubted_at(newest.stamp));
         if is_doubtful { quality.min(DOUBTED_QUALITY) } else { quality }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_that_are_soon_distrusted_again_are_on_probation_for_longer() {
+        let mut tracking = Tracking::new(HealthConfig::default());
+        let at = |s: f64| Timestamp::default().plus_seconds(s);
+        tracking.note_distrust(at(1.0), true);
+        tracking.note_distrust(at(1.05), false);
+        assert_eq!([1.3, 1.4].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
+        tracking.note_distrust(at(1.5), true);
+        assert_eq!([2.4, 2.6].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
+        tracking.note_distrust(at(9.0), true);
+        assert_eq!([9.2, 9.4].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
     }
 }
