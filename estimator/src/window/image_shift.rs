@@ -26,7 +26,7 @@ pub struct ImageShifts {
     pub of_pair: Option<PairShifts>,
 }
 
-/// The same, of landmarks that both images show.
+/// Medians over the landmarks that both images show, px.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairShifts {
     /// Distances in the left and the right image.

@@ -15,10 +15,10 @@ const KNOWN_VELOCITY: f64 = 0.1;
 const PLENTY_LANDMARKS: f64 = 60.0;
 /// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s, and the quality at most this.
 const DOUBTED_S: f64 = 0.3;
+const DOUBTED_QUALITY: i8 = 10;
 /// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
 const RECURS_S: f64 = 2.0;
 const PROBATION_S: f64 = 1.0;
-const DOUBTED_QUALITY: i8 = 10;
 
 /// Knowledge of the velocity since the last start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
