@@ -47,6 +47,7 @@ impl Odometer {
         let (points, lines) = estimation.measurer.tracks_mut();
         estimation.window.correct_intrinsics(points, lines);
         let flow = estimation.measurer.median_flow(observations);
+        self.judge.see_motion(estimation.measurer.median_ways_px(observations), flow);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         let depth_m = match self.phase {
             Phase::Running => estimation.measurer.median_depth_m(&estimation.window.points),

@@ -188,6 +188,19 @@ impl Measurer {
         Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
     }
 
+    /// Median way of the points in each image since the frame before, px, where enough are followed; call before [`Self::remember`].
+    #[must_use]
+    pub fn median_ways_px(&mut self, observations: &[PointObservation]) -> [Option<f64>; 2] {
+        let Self { previous, flow: [ways_px, _], .. } = self;
+        [0, 1].map(|camera| {
+            ways_px.clear();
+            let moved = |o: &PointObservation| Some(o.px[camera]? - find(previous, o.track_id)?.px[camera]?);
+            ways_px.extend(observations.iter().filter_map(moved).map(|way| way.norm()));
+            let count = ways_px.len();
+            (count >= MIN_FLOW_POINTS).then(|| *ways_px.select_nth_unstable_by(count / 2, f64::total_cmp).1)
+        })
+    }
+
     /// Epipolar moments of the points of the frame before, by their motion in the right image from the one before that to this one, which took
     /// `span_s`: rates that share no noise with the distances. `None` where too few points were seen throughout. Call before
     /// [`Self::remember`].

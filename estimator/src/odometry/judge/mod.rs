@@ -33,6 +33,7 @@ mod pair;
 mod scale_watch;
 mod stamp;
 mod stilled_force;
+mod stopped_view;
 mod sudden_force;
 mod sudden_sample;
 mod tracking;
@@ -43,6 +44,7 @@ pub(super) use noise::Prediction;
 pub(super) use tracking::{Belief, Velocity};
 
 use super::estimation::Estimation;
+use super::measurements::MedianFlow;
 use super::vibrating;
 use crate::estimate::HealthBits;
 use crate::inertial::buffer::Coverage;
@@ -61,6 +63,7 @@ use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stilled_force::StilledForce;
+use stopped_view::{Stop, StoppedView};
 use sudden_force::SuddenForce;
 use sudden_sample::SuddenSample;
 use tracking::Tracking;
@@ -70,6 +73,7 @@ use trial::{Tried, try_prediction};
 #[derive(Clone, Debug)]
 pub(super) struct Judge {
     stamps: StampErrors,
+    view: StoppedView,
     pair: Pair,
     gyroscope: RotationWatch,
     forces: ForceWatch,
@@ -106,6 +110,7 @@ impl Judge {
         let gravity_o = nalgebra::Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2);
         Self {
             stamps: StampErrors::default(),
+            view: StoppedView::default(),
             pair: Pair::new(setup),
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
@@ -130,6 +135,11 @@ impl Judge {
         self.pair.see(points, health);
     }
 
+    /// Takes how far the view of each camera has moved since the frame before, px, and its common motion if it is known.
+    pub(super) fn see_motion(&mut self, moved_px: [Option<f64>; 2], common: Option<MedianFlow>) {
+        self.view.see(moved_px, common);
+    }
+
     /// Before a start: takes vibration for noise of the forces.
     pub(super) fn expect_vibration(&mut self, estimation: &mut Estimation) {
         let squared_density = vibrating::squared_density(&estimation.vibration, estimation.imu.period_s());
@@ -143,13 +153,14 @@ impl Judge {
         self.pair.add_gathered(stamp, moments);
     }
 
-    /// Judges the pair of the frame of `stamp`, which waits for a start; returns the camera that is left out.
+    /// Judges the images of the frame of `stamp`, which waits for a start; returns the camera that is left out.
     pub(super) fn judge_gathered(
         &mut self,
         estimation: &mut Estimation,
         stamp: Timestamp,
         health: &mut HealthBits,
     ) -> Option<usize> {
+        self.view.leave_out(estimation, health);
         self.pair.judge_gathered(estimation, stamp, health)
     }
 
@@ -198,6 +209,9 @@ impl Judge {
         prediction: Prediction,
         case: &mut Case<'_>,
     ) -> Verdict {
+        if let Some(Stop::One(camera)) = self.view.judge(estimation, case.health) {
+            self.pair.stops(camera);
+        }
         let (prediction, known) = self.correct_stamp(estimation, prediction, case.coverage);
         let is_pair_judged = self.pair.is_doubtful(estimation, case.stamp, case.health);
         if is_pair_judged {

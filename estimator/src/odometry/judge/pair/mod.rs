@@ -139,6 +139,11 @@ impl Pair {
         self.shift.jumped().or_else(|| self.time.distrusted_at(stamp, left_sees(estimation)))
     }
 
+    /// The image of `camera` stops, and the other one does not.
+    pub(super) fn stops(&mut self, camera: usize) {
+        self.shift.jump(camera);
+    }
+
     /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
     pub(super) fn judge(&mut self, estimation: &mut Estimation, stamp: Timestamp, health: &mut HealthBits) {
         let was_out_of_step = self.time.is_out_of_step();

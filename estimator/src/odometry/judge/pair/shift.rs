@@ -101,6 +101,11 @@ impl PairShift {
         }
     }
 
+    /// `camera` has jumped.
+    pub(super) fn jump(&mut self, camera: usize) {
+        self.jumped.get_or_insert(Jumped { camera, frames: 0, agreeing: 0 });
+    }
+
     /// The camera whose images are not used.
     pub(super) fn jumped(&self) -> Option<usize> {
         self.jumped.map(|jumped| jumped.camera)
