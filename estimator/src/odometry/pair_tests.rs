@@ -29,6 +29,8 @@ struct Flown {
     named_s: Option<f64>,
     /// Times of the frames in which the cameras were said to disagree, s after it.
     disagree_s: Vec<f64>,
+    /// The same of frames in which an image was said to be frozen.
+    frozen_s: Vec<f64>,
 }
 
 /// Flies with what is tracked as `spoil` leaves it.
@@ -36,7 +38,7 @@ fn fly_spoilt(mut spoil: impl FnMut(&mut World, f64, &mut Tracked)) -> Flown {
     let mut world = World::new(&config(2), 5, 400);
     let mut odometer = Odometer::new(&world.config);
     let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
-    let mut flown = Flown { largest_m: 0.0, named_s: None, disagree_s: Vec::new() };
+    let mut flown = Flown { largest_m: 0.0, named_s: None, disagree_s: Vec::new(), frozen_s: Vec::new() };
     let (mut origin, mut next_imu) = (None, 0u32);
     for k in 0..280u32 {
         let t = 0.2 + f64::from(k) * 0.05;
@@ -57,6 +59,12 @@ fn fly_spoilt(mut spoil: impl FnMut(&mut World, f64, &mut Tracked)) -> Flown {
         if estimate.health.contains(HealthBits::CAMERAS_DISAGREE) {
             flown.disagree_s.push(t - BEGIN_S);
         }
+        if [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]
+            .iter()
+            .any(|bit| estimate.health.contains(*bit))
+        {
+            flown.frozen_s.push(t - BEGIN_S);
+        }
         let Some(pose) = estimate.pose() else { continue };
         let truth = world.pose_o_b(t);
         let expected = *origin.get_or_insert_with(|| anchored(pose, &truth)) * truth;
@@ -67,9 +75,11 @@ fn fly_spoilt(mut spoil: impl FnMut(&mut World, f64, &mut Tracked)) -> Flown {
 }
 
 /// Flies with a camera that is late; returns the largest error of the position, m, and when that was said, s after it was.
-fn fly(late: Option<Late>) -> (f64, Option<f64>) {
+fn fly(late: Late) -> (f64, Option<f64>) {
     let flown = fly_spoilt(|world, t, tracked| {
-        let Some(late) = late.filter(|_| t > BEGIN_S) else { return };
+        if t <= BEGIN_S {
+            return;
+        }
         let before = world.observe(t - 0.05 * late.frames, [true; 2]);
         let is_repeated = late.is_repeat_seen && t < BEGIN_S + 0.05;
         if is_repeated {
@@ -96,16 +106,53 @@ fn fly_shifted(camera: usize, by: Vector2<f64>) -> Flown {
     })
 }
 
+/// Flies with images that are those of [`BEGIN_S`], with noise of their own, for `frozen_s`.
+fn fly_frozen(cameras: &[usize], frozen_s: f64) -> Flown {
+    fly_spoilt(|world, t, tracked| {
+        if !(BEGIN_S..BEGIN_S + frozen_s).contains(&t) {
+            return;
+        }
+        let frozen = world.observe(BEGIN_S, [true; 2]);
+        for point in &mut tracked.points {
+            let seen = frozen.iter().find(|o| o.track_id == point.track_id);
+            for camera in cameras {
+                point.px[*camera] = seen.and_then(|o| o.px[*camera]);
+                point.xy[*camera] = seen.and_then(|o| o.xy[*camera]);
+            }
+        }
+        tracked.points.retain(|o| o.px.iter().any(Option::is_some));
+    })
+}
+
 #[test]
 fn a_pair_in_step_is_not_doubted() {
-    let (largest_m, named_s) = fly(None);
-    assert!(largest_m < 0.05 && named_s.is_none(), "{largest_m} m, {named_s:?}");
+    let flown = fly_spoilt(|_, _, _| {});
+    assert!(flown.largest_m < 0.05, "{} m", flown.largest_m);
+    assert!(flown.named_s.is_none() && flown.frozen_s.is_empty() && flown.disagree_s.is_empty());
+}
+
+#[test]
+fn images_that_freeze_in_flight_are_left_out_until_they_move_again() {
+    let Flown { largest_m, frozen_s, .. } = fly_frozen(&[0, 1], 1.0);
+    assert!(largest_m < 0.1, "{largest_m} m");
+    assert!(frozen_s.first().is_some_and(|s| *s < 0.1), "{frozen_s:?}");
+    assert!(frozen_s.last().is_some_and(|s| (0.9..1.1).contains(s)), "{frozen_s:?}");
+}
+
+#[test]
+fn a_camera_that_freezes_in_flight_beside_one_that_does_not_disagrees_with_it() {
+    for camera in [0, 1] {
+        let Flown { largest_m, disagree_s, .. } = fly_frozen(&[camera], 1.0);
+        assert!(largest_m < 0.05, "{camera}: {largest_m} m");
+        assert!(disagree_s.first().is_some_and(|s| *s < 0.1), "{camera}: {disagree_s:?}");
+        assert!(disagree_s.last().is_some_and(|s| *s < 2.5), "{camera}: {disagree_s:?}");
+    }
 }
 
 #[test]
 fn a_camera_that_is_late_since_it_repeated_an_image_is_left_out() {
     for camera in [0, 1] {
-        let (largest_m, named_s) = fly(Some(Late { camera, frames: 1.0, is_repeat_seen: true }));
+        let (largest_m, named_s) = fly(Late { camera, frames: 1.0, is_repeat_seen: true });
         assert!(largest_m < 0.1, "{camera}: {largest_m} m");
         assert!(named_s.is_some_and(|s| s < 2.0), "{camera}: {named_s:?}");
     }
@@ -113,7 +160,7 @@ fn a_camera_that_is_late_since_it_repeated_an_image_is_left_out() {
 
 #[test]
 fn a_right_camera_that_is_late_unnoticed_is_named_and_left_out() {
-    let (largest_m, named_s) = fly(Some(Late { camera: 1, frames: 1.0, is_repeat_seen: false }));
+    let (largest_m, named_s) = fly(Late { camera: 1, frames: 1.0, is_repeat_seen: false });
     assert!(largest_m < 0.3 && named_s.is_some_and(|s| s < 2.0), "{largest_m} m, {named_s:?}");
 }
 
