@@ -192,6 +192,9 @@ impl Judge {
             }
             _ => self.forces.pass_over(newest.stamp),
         };
+        if self.gyroscope.is_distrusting() {
+            self.scale.forget_gains();
+        }
         if let (Some(gain), [.., before, newest]) = (self.forces.gain(), &estimation.window.frames[..]) {
             self.scale.add(&Compared {
                 gain,

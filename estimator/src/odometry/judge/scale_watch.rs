@@ -83,6 +83,13 @@ impl ScaleWatch {
         self.judge(is_silent);
     }
 
+    /// Forgets gains that came from samples that have lost belief, and what they told of the baseline.
+    pub(super) fn forget_gains(&mut self) {
+        if self.contradicted != Some(Culprit::Accelerometer) {
+            *self = Self::default();
+        }
+    }
+
     /// Judges whether the scales agree.
     fn judge(&mut self, is_silent: bool) {
         let is_moving = self.frames > MIN_FRAMES && self.newly_squared > SEEN_M_S.squared();
@@ -170,6 +177,18 @@ mod tests {
         let still = Compared { is_silent: true, ..compared(Vector3::zeros(), Vector3::zeros()) };
         (0..60).for_each(|_| watch.add(&still));
         assert_eq!(watch.contradicted(), None, "it stands");
+    }
+
+    #[test]
+    fn gains_of_samples_that_lose_belief_tell_nothing_of_the_baseline() {
+        let mut watch = ScaleWatch::default();
+        for k in 0..100 {
+            let gain = Vector3::new(libm::sin(0.085 * f64::from(k)), 0.0, 0.0) * 0.4;
+            watch.add(&compared(gain, gain * 1.5));
+        }
+        assert_eq!(watch.contradicted(), Some(Culprit::Baseline));
+        watch.forget_gains();
+        assert_eq!(watch.contradicted(), None);
     }
 
     #[test]
