@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use plumbline_config::Portable;
 
 /// A view stops if it moved by this much in the last frame, px, and by less than this share of that in this one.
-const MOVED_PX: f64 = 1.5;
+const MOVED_PX: f64 = 1.0;
 const STOPPED_SHARE: f64 = 0.15;
 /// It would have moved on by this share of what it did in the last frame, as its speed has changed (a swing that turns would not), and as
 /// the landmarks are predicted.
@@ -40,6 +40,12 @@ impl View {
         let expected = EXPECTED_SHARE * before;
         let is_stop = before > MOVED_PX && now < (STOPPED_SHARE * before).at_most(RESUMES_PX);
         (is_stop && 2.0 * before - earlier > expected).then_some(expected)
+    }
+
+    /// True if it moves by much less than in the last frame.
+    fn stands(&self) -> bool {
+        let [now, before, _] = self.moved_px;
+        now.zip(before).is_some_and(|(now, before)| now < 2.0 * STOPPED_SHARE * before)
     }
 
     fn resumes(&self) -> bool {
@@ -110,8 +116,7 @@ impl StoppedView {
             [Some(_), None] if goes_on(right) => Some(Stop::One(0)),
             [None, Some(_)] if goes_on(left) => Some(Stop::One(1)),
             [Some(expected_px), _] => {
-                let right_px = right.moved_px[0].or(right.moved_px[1]);
-                let is_left_alone = cameras > 1 && right_px.is_some_and(|px| px > RESUMES_PX);
+                let is_left_alone = cameras > 1 && right.moved_px[1].is_some() && !right.stands();
                 let stop = if is_left_alone { Stop::One(0) } else { Stop::All };
                 off_px().is_some_and(|off_px| off_px > expected_px).then_some(stop)
             }
