@@ -91,6 +91,14 @@ impl<'a> Builder<'a> {
         Self { real: Some(real), ..self }
     }
 
+    /// Builds things whose finishes are those given, whatever finishes the scene draws.
+    pub(super) fn as_given<T>(&mut self, build: impl FnOnce(&mut Self) -> T) -> T {
+        let real = self.real.take();
+        let built = build(self);
+        self.real = real;
+        built
+    }
+
     /// A rectangle, seen from the side of `u x v`.
     pub(super) fn quad(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
         let finish = self.finished(finish, u.norm() * v.norm());

@@ -182,7 +182,7 @@ const KINDS: &[NamedKind] = &[
                 that its calibration does not describe exactly",
         doses: &[
             Dose::new("exposure, ms", 3.0, 100.0),
-            Dose::new("difference between lens and calibration at the corners, px", 0.6, 20.0),
+            Dose::new("difference between lens and calibration at the corners, px", 2.0, 20.0),
         ],
         cases: &[&[]],
         apply: |scenario, [exposure_ms, lens_px, _]| {

@@ -1,20 +1,23 @@
 //! Difference between a lens and its calibration: what is left after the adjustment of a good one.
 //!
-//! An adjustment over the whole image leaves no residual of low order: in the distance `rho` from the middle, 1 at the corners,
+//! An adjustment over the whole image leaves no residual of low order, and boards are seldom seen in the corners, where a polynomial
+//! of four coefficients ends to hold: in the distance `rho` from the middle, 1 at the corners,
 //!
 //! ```text
-//! d(rho) = a (7.8 rho³ - 8.8 rho⁵)
+//! d(rho) = a (w (7.8 rho³ - 8.8 rho⁵) + (1 + w) rho¹³)
 //! ```
 //!
-//! is `a` at 0.6 and `-a` at the corners. A part that lies in one direction, `a/2 (rho² - 1/2)`, stands for a tilted sensor.
+//! is `w a` at 0.6 and `a` at the corners. A part that lies in one direction, `t a (rho² - 1/2)`, stands for a tilted sensor.
 
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector2;
-use plumbline_config::CameraModel;
+use plumbline_config::{CameraModel, Portable};
 
 /// Share of the stated size that the radial part of a lens has at least, and share of the part in one direction.
 const LEAST_RADIAL: f64 = 0.6;
-const TILT: f64 = 0.5;
+const TILT: f64 = 0.1;
+/// Share of the wave within the image.
+const WAVE: f64 = 0.15;
 
 /// Shift of the image of a lens against its calibration.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +50,10 @@ impl LensResidual {
         let centre = Vector2::new(model.width_px as f64 - 1.0, model.height_px as f64 - 1.0) * 0.5;
         let from_centre = (px - centre) / centre.norm();
         let r2 = from_centre.norm_squared();
-        px - from_centre * (r2 * (7.8 - 8.8 * r2) * self.radial_px) - self.tilt_px * (r2 - 0.5)
+        px - from_centre
+            * ((WAVE * r2 * (7.8 - 8.8 * r2) + (1.0 + WAVE) * r2.squared().squared() * r2.squared())
+                * self.radial_px)
+            - self.tilt_px * (r2 - 0.5)
     }
 }
 
@@ -61,15 +67,16 @@ mod tests {
         let model = fixture::config().camera[0].model();
         let mut largest = 0.0_f64;
         for (seed, camera) in (0..20).flat_map(|seed| [(seed, 0), (seed, 1)]) {
-            let residual = LensResidual::draw(0.3, seed, camera);
+            let residual = LensResidual::draw(1.0, seed, camera);
             let shift =
                 |u: f64, v: f64| (residual.undone(&Vector2::new(u, v), &model) - Vector2::new(u, v)).norm();
-            assert!(shift(375.5, 239.5) < 0.08 && shift(0.0, 0.0) > 0.1, "{residual:?}");
+            let within = shift(375.5, 239.5).max(shift(605.5, 379.5));
+            assert!(within < 0.25 && shift(0.0, 0.0) > 0.5, "{residual:?}");
             let places =
                 (0..24).flat_map(|i| (0..15).map(move |j| (32.0 * f64::from(i), 32.0 * f64::from(j))));
             largest = places.map(|(u, v)| shift(u, v)).fold(largest, f64::max);
         }
-        assert!((0.3..0.5).contains(&largest), "{largest}");
+        assert!((0.8..1.1).contains(&largest), "{largest}");
     }
 
     #[test]

@@ -16,9 +16,11 @@ const CONTRASTS: (f64, f64) = (0.06, 1.3);
 const ZOOMS: (f64, f64) = (1.0, 2.5);
 const LEAF_ZOOMS: (f64, f64) = (0.5, 2.5);
 /// Share of surfaces with a pattern of leaves, which lie one over the other in all sizes: its statistics are those of natural images.
-const LEAVES: f64 = 0.5;
-/// From this size on a surface fills much of an image, m². Its pattern are leaves, and tone and contrast are drawn from the middle
-/// of their ranges.
+const LEAVES: f64 = 0.2;
+/// Share of plain surfaces, and their contrast.
+const BARE: f64 = 0.45;
+const BARE_CONTRAST: f64 = 0.06;
+/// From this size on a surface fills much of an image, m². Its tone and contrast are drawn from the middle of their ranges.
 const LARGE_M2: f64 = 4.0;
 const ANY: [f64; 2] = [0.0, 1.0];
 const MIDDLE_TONES: [f64; 2] = [0.3, 0.7];
@@ -51,11 +53,12 @@ impl RealFinishes {
         let [tones, contrasts] = if is_large { [MIDDLE_TONES, MIDDLE_CONTRASTS] } else { [ANY; 2] };
         let tone = self.even_log(self.tones, tones);
         let contrast = self.even_log(CONTRASTS, contrasts);
-        let has_leaves = self.draws.unit() < LEAVES || is_large;
-        let (material, zoom) = match has_leaves {
-            true => (Material::Posters, self.even_log(LEAF_ZOOMS, ANY)),
-            false => (finish.material, finish.zoom * self.even_log(ZOOMS, ANY)),
+        let kind = self.draws.unit();
+        let (material, zoom) = match kind {
+            _ if kind < LEAVES => (Material::Posters, self.even_log(LEAF_ZOOMS, ANY)),
+            _ => (finish.material, finish.zoom * self.even_log(ZOOMS, ANY)),
         };
+        let contrast = if kind > 1.0 - BARE { BARE_CONTRAST } else { contrast };
         let is_glossy = self.draws.unit() < GLOSSY;
         let gloss = if is_glossy { self.draws.range(GLOSS.0, GLOSS.1) as f32 } else { 0.0 };
         let at = |share: f64| (tone * (1.0 + share)) as f32;

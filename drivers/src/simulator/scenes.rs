@@ -1,9 +1,14 @@
 //! The scenes: a room full of texture, a large hall, and a room of plain painted walls.
 
 use super::builder::{Builder, Wall};
-use super::light::{Lamp, Lighting, bake};
+use super::fittings::{
+    beams, carpets, ceiling_lights, crate_finishes, floor_place, pictures, pilasters, skirting, wall_place,
+};
+use super::light::{Lighting, bake};
 use super::pattern::{GRID_CELL_M, Material};
 use super::real_finish::RealFinishes;
+use super::real_hall::real_hall;
+use super::real_room::real_room;
 use super::solid::{Bounds, Solid};
 use super::surroundings::Surroundings;
 use super::world::{Finish, World};
@@ -86,7 +91,13 @@ pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>], surroundings
                 Scene::Hall | Scene::Far => RealFinishes::of_hall(seed),
                 Scene::Room | Scene::Rooms(_) | Scene::LowTexture => RealFinishes::of_room(seed),
             };
-            furnished(Builder::new(seed, path).finished_by(real), scene, &flight)
+            let mut builder = Builder::new(seed, path).finished_by(real);
+            let lighting = match scene {
+                Scene::Hall => real_hall(&mut builder, &flight),
+                Scene::Room => real_room(&mut builder, &flight),
+                _ => furnish(&mut builder, scene, &flight),
+            };
+            finished(builder, &lighting)
         }
     }
 }
@@ -97,13 +108,23 @@ pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vec
 }
 
 fn furnished(mut builder: Builder<'_>, scene: Scene, flight: &Bounds) -> World {
-    let lighting = match scene {
-        Scene::Room | Scene::Rooms(_) => room(&mut builder, flight),
-        Scene::Hall => hall(&mut builder, flight),
-        Scene::Far => far(&mut builder, flight),
-        Scene::LowTexture => plain_room(&mut builder, flight),
-    };
-    bake(&mut builder.surfaces, &builder.casters, &lighting);
+    let lighting = furnish(&mut builder, scene, flight);
+    finished(builder, &lighting)
+}
+
+/// Furnishes `scene` in its usual way.
+fn furnish(b: &mut Builder<'_>, scene: Scene, flight: &Bounds) -> Lighting {
+    match scene {
+        Scene::Room | Scene::Rooms(_) => room(b, flight),
+        Scene::Hall => hall(b, flight),
+        Scene::Far => far(b, flight),
+        Scene::LowTexture => plain_room(b, flight),
+    }
+}
+
+/// World of what was built.
+fn finished(mut builder: Builder<'_>, lighting: &Lighting) -> World {
+    bake(&mut builder.surfaces, &builder.casters, lighting);
     let mut world = World::new(builder.surfaces);
     if world.surfaces.iter().any(|surface| surface.finish.gloss > 0.0) {
         world.lamps.extend(lighting.lamps.iter().map(|lamp| lamp.p_w));
@@ -153,71 +174,6 @@ fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {
     Bounds { low, high: flight.high + Vector3::new(sides_m[1], sides_m[0], above_m) }
 }
 
-/// Ceiling panels that shine, in a grid of about `pitch_m`, and their lamps.
-fn ceiling_lights(b: &mut Builder<'_>, bounds: &Bounds, pitch_m: f64, lamp: (f64, f64)) -> Vec<Lamp> {
-    let size = bounds.high - bounds.low;
-    let count = [0, 1].map(|k| (size[k] / pitch_m).round().at_least(1.0));
-    let mut lamps = Vec::new();
-    for i in 0..count[0] as usize {
-        for j in 0..count[1] as usize {
-            let x = bounds.low.x + (i as f64 + 0.5) * size.x / count[0];
-            let y = bounds.low.y + (j as f64 + 0.5) * size.y / count[1];
-            let at = Vector3::new(x, y, bounds.high.z - 0.06);
-            let glow = finish(Material::Paint).glowing(b.draws.range(285.0, 330.0) as f32);
-            b.hang(&Solid::standing(at, [1.2, 0.35, 0.06], 0.0), glow);
-            let p_w = at - Vector3::new(0.0, 0.0, 0.15);
-            lamps.push(Lamp { p_w, strength: lamp.0 * b.draws.range(0.85, 1.15), reach_m: lamp.1 });
-        }
-    }
-    lamps
-}
-
-/// Pictures in a grid over a wall, at most `size_m` wide.
-fn pictures(b: &mut Builder<'_>, wall: &Wall, size_m: f64, chance: f64) {
-    let cell = 1.35 * size_m;
-    let columns = (wall.length / cell).floor().at_least(1.0);
-    let rows = ((wall.height - 0.3) / cell).floor().at_least(1.0);
-    for i in 0..columns as usize {
-        for j in 0..rows as usize {
-            if b.draws.unit() > chance {
-                continue;
-            }
-            let size = [(); 2].map(|()| size_m * b.draws.range(0.55, 1.0));
-            let pitch = [wall.length / columns, (wall.height - 0.3) / rows];
-            let at = (i as f64 + 0.5) * pitch[0] - 0.5 * size[0] + b.draws.range(-0.1, 0.1) * size_m;
-            let z = 0.2 + (j as f64 + 0.5) * pitch[1] - 0.5 * size[1];
-            let kind = [Material::Posters, Material::Labels, Material::Stones][b.draws.index(3)];
-            let look = finish(kind).zoomed(b.draws.range(0.5, 1.3));
-            let (dark, bright) = (b.draws.range(0.0, 0.15), b.draws.range(0.75, 1.05));
-            b.attach(&wall.panel(at, z.at_least(0.05), size, 0.03), look.toned(dark as f32, bright as f32));
-        }
-    }
-}
-
-/// A random place on the floor, at least `inset_m` from the walls.
-fn floor_place(b: &mut Builder<'_>, bounds: &Bounds, inset_m: f64) -> Vector3<f64> {
-    let x = b.draws.range(bounds.low.x + inset_m, bounds.high.x - inset_m);
-    let y = b.draws.range(bounds.low.y + inset_m, bounds.high.y - inset_m);
-    Vector3::new(x, y, bounds.low.z)
-}
-
-/// A place before a wall, `depth_m` from it to the centre.
-fn wall_place(b: &mut Builder<'_>, wall: &Wall, width_m: f64, depth_m: f64) -> Vector3<f64> {
-    let at =
-        b.draws.range(0.5 * width_m + 0.1, (wall.length - 0.5 * width_m - 0.1).at_least(0.5 * width_m + 0.2));
-    wall.origin + wall.along * at + wall.inward() * depth_m
-}
-
-fn crate_finishes() -> [Finish; 5] {
-    [
-        finish(Material::Labels),
-        finish(Material::Wood).zoomed(0.7),
-        finish(Material::Posters).zoomed(0.6),
-        finish(Material::Stones).zoomed(0.7),
-        finish(Material::Metal).zoomed(0.8),
-    ]
-}
-
 /// The room around a flight.
 pub(super) fn room_around(flight: &Bounds) -> Bounds {
     grown(flight, [1.6, 1.4], 1.1)
@@ -257,21 +213,6 @@ fn room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
         b.stack(foot, side, &fill);
     }
     Lighting { ambient: 105.0, step_m: 0.3, lamps }
-}
-
-fn skirting(b: &mut Builder<'_>, wall: &Wall, look: Finish) {
-    b.attach(&wall.panel(0.0, 0.0, [wall.length, 0.1], 0.025), look);
-}
-
-/// Carpets, a few millimetres thick.
-fn carpets(b: &mut Builder<'_>, bounds: &Bounds, count: usize) {
-    for i in 0..count {
-        let foot = floor_place(b, bounds, 1.3);
-        let size = [b.draws.range(1.4, 2.2), b.draws.range(1.0, 1.7), 0.006 + 0.003 * i as f64];
-        let yaw = b.draws.range(-0.6, 0.6);
-        let kind = [Material::Posters, Material::Stones, Material::Tiles][i % 3];
-        b.lay(&Solid::standing(foot, size, yaw), finish(kind).toned(0.05, 0.9));
-    }
 }
 
 fn hall(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
@@ -321,27 +262,6 @@ fn far(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
     let walls = [Material::Bricks, Material::Stones, Material::Concrete, Material::Posters].map(look);
     b.shell(&bounds, look(Material::Stones), look(Material::Concrete), walls);
     Lighting { ambient: 200.0, step_m: 8.0, lamps: Vec::new() }
-}
-
-fn pilasters(b: &mut Builder<'_>, wall: &Wall) {
-    let count = (wall.length / 5.0).floor().at_least(1.0);
-    for i in 0..count as usize {
-        let at = (i as f64 + 0.5) * wall.length / count - 0.3;
-        b.attach(&wall.panel(at, 0.0, [0.6, wall.height], 0.35), finish(Material::Tiles).zoomed(1.3));
-    }
-}
-
-fn beams(b: &mut Builder<'_>, bounds: &Bounds) {
-    let size = bounds.high - bounds.low;
-    let count = (size.x / 4.0).floor().at_least(1.0);
-    for i in 0..count as usize {
-        let x = bounds.low.x + (i as f64 + 0.5) * size.x / count;
-        let foot = Vector3::new(x, bounds.low.y + 0.5 * size.y, bounds.high.z - 0.5);
-        let beam = Solid::standing(foot, [0.35, size.y, 0.4], 0.0);
-        if b.is_clear(&beam.bounds()) {
-            b.solid(&beam, finish(Material::Metal).zoomed(1.5).toned(0.0, 0.7));
-        }
-    }
 }
 
 fn pillar(b: &mut Builder<'_>, foot: Vector3<f64>, height: f64) {

@@ -16,6 +16,7 @@ pub enum Surroundings {
         /// Dark spots in a view.
         spots: f64,
     },
-    /// Surfaces of all tones with weak patterns, few strong ones, and lamps that are mirrored in some.
+    /// A hall of machines and a room of mats: surfaces of all tones, plain or with weak patterns and few strong ones, and lamps that are
+    /// mirrored in some.
     Real,
 }
