@@ -107,7 +107,7 @@ impl Canvas {
         });
     }
 
-    /// Paints a soft fold with half extents `half`, turned by `angle`: full in the middle, and nothing at its edge.
+    /// Paints a soft fold with half extents `half`, turned by `angle`: `level` in the middle, fading to nothing at its edge.
     pub(super) fn paint_fold(&mut self, centre: [f32; 2], half: [f32; 2], angle: f32, level: f32) {
         let (sin, cos) = libm::sincosf(angle);
         let reach = (half[0] * half[0] + half[1] * half[1]).sqrt();

@@ -8,10 +8,6 @@ use super::world::Finish;
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
-const fn finish(material: Material) -> Finish {
-    Finish::of(material)
-}
-
 /// Ceiling panels that shine, in a grid of about `pitch_m`, and their lamps.
 pub(super) fn ceiling_lights(
     b: &mut Builder<'_>,
@@ -27,7 +23,7 @@ pub(super) fn ceiling_lights(
             let x = bounds.low.x + (i as f64 + 0.5) * size.x / count[0];
             let y = bounds.low.y + (j as f64 + 0.5) * size.y / count[1];
             let at = Vector3::new(x, y, bounds.high.z - 0.06);
-            let glow = finish(Material::Paint).glowing(b.draws.range(285.0, 330.0) as f32);
+            let glow = Finish::of(Material::Paint).glowing(b.draws.range(285.0, 330.0) as f32);
             b.hang(&Solid::standing(at, [1.2, 0.35, 0.06], 0.0), glow);
             let p_w = at - Vector3::new(0.0, 0.0, 0.15);
             lamps.push(Lamp { p_w, strength: lamp.0 * b.draws.range(0.85, 1.15), reach_m: lamp.1 });
@@ -51,7 +47,7 @@ pub(super) fn pictures(b: &mut Builder<'_>, wall: &Wall, size_m: f64, chance: f6
             let at = (i as f64 + 0.5) * pitch[0] - 0.5 * size[0] + b.draws.range(-0.1, 0.1) * size_m;
             let z = 0.2 + (j as f64 + 0.5) * pitch[1] - 0.5 * size[1];
             let kind = [Material::Posters, Material::Labels, Material::Stones][b.draws.index(3)];
-            let look = finish(kind).zoomed(b.draws.range(0.5, 1.3));
+            let look = Finish::of(kind).zoomed(b.draws.range(0.5, 1.3));
             let (dark, bright) = (b.draws.range(0.0, 0.15), b.draws.range(0.75, 1.05));
             b.attach(&wall.panel(at, z.at_least(0.05), size, 0.03), look.toned(dark as f32, bright as f32));
         }
@@ -75,11 +71,11 @@ pub(super) fn wall_place(b: &mut Builder<'_>, wall: &Wall, width_m: f64, depth_m
 /// Finishes of crates and of what lies on shelves.
 pub(super) fn crate_finishes() -> [Finish; 5] {
     [
-        finish(Material::Labels),
-        finish(Material::Wood).zoomed(0.7),
-        finish(Material::Posters).zoomed(0.6),
-        finish(Material::Stones).zoomed(0.7),
-        finish(Material::Metal).zoomed(0.8),
+        Finish::of(Material::Labels),
+        Finish::of(Material::Wood).zoomed(0.7),
+        Finish::of(Material::Posters).zoomed(0.6),
+        Finish::of(Material::Stones).zoomed(0.7),
+        Finish::of(Material::Metal).zoomed(0.8),
     ]
 }
 
@@ -95,7 +91,7 @@ pub(super) fn carpets(b: &mut Builder<'_>, bounds: &Bounds, count: usize) {
         let size = [b.draws.range(1.4, 2.2), b.draws.range(1.0, 1.7), 0.006 + 0.003 * i as f64];
         let yaw = b.draws.range(-0.6, 0.6);
         let kind = [Material::Posters, Material::Stones, Material::Tiles][i % 3];
-        b.lay(&Solid::standing(foot, size, yaw), finish(kind).toned(0.05, 0.9));
+        b.lay(&Solid::standing(foot, size, yaw), Finish::of(kind).toned(0.05, 0.9));
     }
 }
 
@@ -104,7 +100,7 @@ pub(super) fn pilasters(b: &mut Builder<'_>, wall: &Wall) {
     let count = (wall.length / 5.0).floor().at_least(1.0);
     for i in 0..count as usize {
         let at = (i as f64 + 0.5) * wall.length / count - 0.3;
-        b.attach(&wall.panel(at, 0.0, [0.6, wall.height], 0.35), finish(Material::Tiles).zoomed(1.3));
+        b.attach(&wall.panel(at, 0.0, [0.6, wall.height], 0.35), Finish::of(Material::Tiles).zoomed(1.3));
     }
 }
 
@@ -117,7 +113,7 @@ pub(super) fn beams(b: &mut Builder<'_>, bounds: &Bounds) {
         let foot = Vector3::new(x, bounds.low.y + 0.5 * size.y, bounds.high.z - 0.5);
         let beam = Solid::standing(foot, [0.35, size.y, 0.4], 0.0);
         if b.is_clear(&beam.bounds()) {
-            b.solid(&beam, finish(Material::Metal).zoomed(1.5).toned(0.0, 0.7));
+            b.solid(&beam, Finish::of(Material::Metal).zoomed(1.5).toned(0.0, 0.7));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Difference between a lens and its calibration: what is left after the adjustment of a good one.
 //!
-//! An adjustment over the whole image leaves no residual of low order, and boards are seldom seen in the corners, where a polynomial
-//! of four coefficients ends to hold: in the distance `rho` from the middle, 1 at the corners,
+//! An adjustment over the whole image leaves no residual of low order. Boards are seldom seen in the corners, where a polynomial of
+//! four coefficients no longer fits. In the distance `rho` from the middle, 1 at the corners,
 //!
 //! ```text
 //! d(rho) = a (w (7.8 rho³ - 8.8 rho⁵) + (1 + w) rho¹³)
@@ -16,7 +16,7 @@ use plumbline_config::{CameraModel, Portable};
 /// Share of the stated size that the radial part of a lens has at least, and share of the part in one direction.
 const LEAST_RADIAL: f64 = 0.6;
 const TILT: f64 = 0.1;
-/// Share of the wave within the image.
+/// Share `w` of the wave within the image, before the corners.
 const WAVE: f64 = 0.15;
 
 /// Shift of the image of a lens against its calibration.
@@ -50,11 +50,13 @@ impl LensResidual {
         let centre = Vector2::new(model.width_px as f64 - 1.0, model.height_px as f64 - 1.0) * 0.5;
         let from_centre = (px - centre) / centre.norm();
         let r2 = from_centre.norm_squared();
-        px - from_centre
-            * ((WAVE * r2 * (7.8 - 8.8 * r2) + (1.0 + WAVE) * r2.squared().squared() * r2.squared())
-                * self.radial_px)
-            - self.tilt_px * (r2 - 0.5)
+        px - from_centre * (radial_profile(r2) * self.radial_px) - self.tilt_px * (r2 - 0.5)
     }
+}
+
+/// Radial part over the distance from the middle, for a size of 1 px; `r2` is the square of that distance.
+fn radial_profile(r2: f64) -> f64 {
+    WAVE * r2 * (7.8 - 8.8 * r2) + (1.0 + WAVE) * r2.squared().squared() * r2.squared()
 }
 
 #[cfg(test)]

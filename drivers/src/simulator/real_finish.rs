@@ -17,7 +17,7 @@ const ZOOMS: (f64, f64) = (1.0, 2.5);
 const LEAF_ZOOMS: (f64, f64) = (0.5, 2.5);
 /// Share of surfaces with a pattern of leaves, which lie one over the other in all sizes: its statistics are those of natural images.
 const LEAVES: f64 = 0.2;
-/// Share of plain surfaces, and their contrast.
+/// Share of surfaces that are almost plain, and their contrast.
 const BARE: f64 = 0.45;
 const BARE_CONTRAST: f64 = 0.06;
 /// From this size on a surface fills much of an image, m². Its tone and contrast are drawn from the middle of their ranges.
@@ -54,11 +54,12 @@ impl RealFinishes {
         let tone = self.even_log(self.tones, tones);
         let contrast = self.even_log(CONTRASTS, contrasts);
         let kind = self.draws.unit();
-        let (material, zoom) = match kind {
-            _ if kind < LEAVES => (Material::Posters, self.even_log(LEAF_ZOOMS, ANY)),
-            _ => (finish.material, finish.zoom * self.even_log(ZOOMS, ANY)),
+        let (has_leaves, is_bare) = (kind < LEAVES, kind > 1.0 - BARE);
+        let (material, zoom) = match has_leaves {
+            true => (Material::Posters, self.even_log(LEAF_ZOOMS, ANY)),
+            false => (finish.material, finish.zoom * self.even_log(ZOOMS, ANY)),
         };
-        let contrast = if kind > 1.0 - BARE { BARE_CONTRAST } else { contrast };
+        let contrast = if is_bare { BARE_CONTRAST } else { contrast };
         let is_glossy = self.draws.unit() < GLOSSY;
         let gloss = if is_glossy { self.draws.range(GLOSS.0, GLOSS.1) as f32 } else { 0.0 };
         let at = |share: f64| (tone * (1.0 + share)) as f32;

@@ -16,24 +16,21 @@ const BELOW_M: f64 = 2.0;
 /// Walls beyond the flight, m, and least height of the hall.
 const SIDES_M: [f64; 2] = [6.0, 4.5];
 const HEIGHT_M: f64 = 8.0;
-/// Things that are tried for on each square metre of the floor.
+/// Attempts to place a thing, for each square metre of the floor.
 const THINGS_PER_M2: f64 = 0.9;
-/// Pipes below the ceiling, and distance of the pipes on the walls, m.
+/// Attempts to place a pipe across the hall, and length of wall for each pipe along it, m.
 const OVERHEAD: usize = 10;
 const WALL_PIPES_M: f64 = 5.0;
-
-const fn of(material: Material) -> Finish {
-    Finish::of(material)
-}
 
 /// Builds the hall around `flight`.
 pub(super) fn real_hall(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
     let low = flight.low - Vector3::new(SIDES_M[0], SIDES_M[1], BELOW_M);
     let mut bounds = Bounds { low, high: flight.high + Vector3::new(SIDES_M[1], SIDES_M[0], 3.5) };
     bounds.high.z = bounds.high.z.at_least(bounds.low.z + HEIGHT_M);
-    let metal = of(Material::Metal).zoomed(3.0);
-    let walls = [metal, of(Material::Concrete).zoomed(2.5), of(Material::Bricks).zoomed(1.6), metal];
-    let walls = b.shell(&bounds, of(Material::Tiles).zoomed(1.5), metal, walls);
+    let metal = Finish::of(Material::Metal).zoomed(3.0);
+    let walls =
+        [metal, Finish::of(Material::Concrete).zoomed(2.5), Finish::of(Material::Bricks).zoomed(1.6), metal];
+    let walls = b.shell(&bounds, Finish::of(Material::Tiles).zoomed(1.5), metal, walls);
     let lamps = ceiling_lights(b, &bounds, 7.5, (170.0, 7.0));
     for wall in &walls {
         pilasters(b, wall);
@@ -101,7 +98,7 @@ fn cabinet(b: &mut Builder<'_>, foot: Vector3<f64>) {
     if !b.reserve(&solid.bounds()) {
         return;
     }
-    b.stand(&solid, of(Material::Paint));
+    b.stand(&solid, Finish::of(Material::Paint));
     let doors = b.draws.range(1.0, 4.99) as usize;
     framed_side(b, &solid, 1.0, doors);
     framed_side(b, &solid, -1.0, doors);
@@ -119,7 +116,7 @@ fn machine(b: &mut Builder<'_>, foot: Vector3<f64>) {
     if !b.reserve(&whole.bounds()) {
         return;
     }
-    b.stand(&base, of(Material::Metal).zoomed(1.2));
+    b.stand(&base, Finish::of(Material::Metal).zoomed(1.2));
     clutter(b, &base, 9);
     let [a, c] = base.axes();
     for side in [-0.3, 0.25] {
@@ -130,7 +127,7 @@ fn machine(b: &mut Builder<'_>, foot: Vector3<f64>) {
     }
 }
 
-/// Small things on top of a solid.
+/// Small things on top of a solid, where the flight leaves room.
 fn clutter(b: &mut Builder<'_>, below: &Solid, count: usize) {
     let [a, c] = below.axes();
     let top = below.centre + Vector3::z() * below.half.z;
@@ -140,7 +137,10 @@ fn clutter(b: &mut Builder<'_>, below: &Solid, count: usize) {
             + a * (b.draws.range(-0.8, 0.8) * below.half.x)
             + c * (b.draws.range(-0.8, 0.8) * below.half.y);
         let yaw = below.yaw + b.draws.range(-0.4, 0.4);
-        b.lay(&Solid::standing(at, size, yaw), of(Material::Labels).zoomed(0.5));
+        let thing = Solid::standing(at, size, yaw);
+        if b.is_clear(&thing.bounds()) {
+            b.lay(&thing, Finish::of(Material::Labels).zoomed(0.5));
+        }
     }
 }
 
@@ -152,11 +152,11 @@ fn tank(b: &mut Builder<'_>, foot: Vector3<f64>, height: f64) {
         b.casters.push(solid);
         tube(b, foot, Vector3::z() * (tall - 0.08), radius);
         let lid = foot + Vector3::z() * (tall - 0.08);
-        b.lay(&Solid::standing(lid, [2.1 * radius, 2.1 * radius, 0.08], 0.0), of(Material::Metal));
+        b.lay(&Solid::standing(lid, [2.1 * radius, 2.1 * radius, 0.08], 0.0), Finish::of(Material::Metal));
     }
 }
 
-/// A railing: posts and rails, through which one sees what is behind.
+/// A railing: posts and rails, with a view of what is behind.
 fn railing(b: &mut Builder<'_>, foot: Vector3<f64>) {
     let (long, tall) = (b.draws.range(1.5, 5.0), b.draws.range(0.9, 1.2));
     let yaw = if b.draws.unit() < 0.5 { 0.0 } else { std::f64::consts::FRAC_PI_2 };
@@ -186,7 +186,7 @@ fn pallets(b: &mut Builder<'_>, foot: Vector3<f64>) {
         return;
     }
     let [a, c] = whole.axes();
-    let wood = of(Material::Wood).zoomed(0.6);
+    let wood = Finish::of(Material::Wood).zoomed(0.6);
     for layer in 0..count {
         let at = foot + Vector3::z() * (0.15 * layer as f64);
         for side in [-0.35, 0.0, 0.35] {
@@ -198,10 +198,7 @@ fn pallets(b: &mut Builder<'_>, foot: Vector3<f64>) {
         }
     }
     if b.draws.unit() < 0.5 {
-        let load = Solid {
-            half: Vector3::new(0.55, 0.36, 0.0),
-            ..Solid::standing(foot + Vector3::z() * (0.15 * count as f64), [1.1, 0.72, 0.0], yaw)
-        };
+        let load = Solid::standing(foot + Vector3::z() * (0.15 * count as f64), [1.1, 0.72, 0.0], yaw);
         clutter(b, &load, 5);
     }
 }

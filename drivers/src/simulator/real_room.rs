@@ -25,9 +25,11 @@ const PLAY_MATS_PER_M2: f64 = 0.025;
 const STRIPS_PER_M2: f64 = 0.2;
 /// Height of a truss above the floor, its own height, distance of its posts and width of its bars, m.
 const TRUSS_M: [f64; 4] = [2.7, 0.3, 0.4, 0.05];
-/// Share of mats that lie on their side in front of others, and of windows above the mats.
+/// Share of mats that lie on their side in front of others.
 const LYING: f64 = 0.35;
+/// Chance of a window on every two metres of wall, and its grey level, above white.
 const WINDOWS: f64 = 0.5;
+const WINDOW_GLOW: f32 = 320.0;
 
 /// Builds the room around `flight`.
 pub(super) fn real_room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
@@ -88,7 +90,7 @@ fn cloth(b: &mut Builder<'_>) -> Finish {
     Finish::of(Material::Folds).zoomed(zoom).toned(tone * (1.0 - contrast), tone * (1.0 + contrast))
 }
 
-/// Windows above the mats, too bright for the sensor.
+/// Windows, brighter than the sensor's white.
 fn windows(b: &mut Builder<'_>, wall: &Wall) {
     let count = (wall.length / 2.0) as usize;
     for k in 0..count {
@@ -98,7 +100,7 @@ fn windows(b: &mut Builder<'_>, wall: &Wall) {
             let tall = (wall.height - bottom - 0.3).at_most(1.4);
             b.attach(
                 &wall.panel(at, bottom, [width, tall], 0.02),
-                Finish::of(Material::Paint).glowing(320.0),
+                Finish::of(Material::Paint).glowing(WINDOW_GLOW),
             );
         }
     }

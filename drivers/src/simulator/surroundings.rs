@@ -16,7 +16,6 @@ pub enum Surroundings {
         /// Dark spots in a view.
         spots: f64,
     },
-    /// A hall of machines and a room of mats: surfaces of all tones, plain or with weak patterns and few strong ones, and lamps that are
-    /// mirrored in some.
+    /// A hall of machines, a room of mats: surfaces of all tones, plain or with mostly weak patterns, some of which mirror the lamps.
     Real,
 }
