@@ -157,10 +157,11 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
+# What tests start comes while they are compiled.
 test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
-	scripts/setup python >target/python.log 2>&1 & python=$$!; \
+	{ scripts/setup programs && scripts/setup python; } >target/setup.log 2>&1 & programs=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
-	wait $$python || { cat target/python.log; exit 1; }; exit $$status
+	wait $$programs || { cat target/setup.log; exit 1; }; exit $$status
 	$(MAKE) doctests tests
 
 forget-skips:
@@ -267,7 +268,6 @@ clean: ## remove what was built
 setup: ## install what tests and lints need
 	@scripts/setup test
 
-# The Python packages alone are wanted by tests only, and come while others are built.
 tools:
 	@scripts/setup tools
 

@@ -17,7 +17,7 @@ fn has(compiler: &str, need: Need) -> bool {
     let is_here =
         Command::new(compiler).arg("--version").output().is_ok_and(|output| output.status.success());
     if !is_here {
-        skip(need, format_args!("{compiler} is not installed (scripts/setup tools)"));
+        skip(need, format_args!("{compiler} is not installed (scripts/setup programs)"));
     }
     is_here
 }
