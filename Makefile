@@ -157,12 +157,14 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-# What tests start comes while they are compiled.
+# What tests start comes while they are compiled; examples of the documentation, one crate after the other, run beside the tests.
 test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
 	{ scripts/setup programs && scripts/setup python; } >target/setup.log 2>&1 & programs=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
 	wait $$programs || { cat target/setup.log; exit 1; }; exit $$status
-	$(MAKE) doctests tests
+	$(MAKE) doctests >target/doctests.log 2>&1 & doctests=$$!; \
+	status=0; $(MAKE) tests || status=$$?; \
+	wait $$doctests || { cat target/doctests.log; exit 1; }; exit $$status
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
