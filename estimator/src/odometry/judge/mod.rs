@@ -5,20 +5,21 @@
 //!
 //! 1. A force set in suddenly and did not act ([`sudden_force`]), or stopped changing ([`stilled_force`]), a reading jumped
 //!    ([`sudden_sample`]): the published state is uncertain.
-//! 2. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
-//! 3. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
+//! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
+//! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
+//! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
-//! 4. Part of the scene moves ([`trial`]): its observations are dropped.
-//! 5. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
+//! 5. Part of the scene moves ([`trial`]): its observations are dropped.
+//! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
-//! 6. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
+//! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
-//! 7. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
-//! 8. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
+//! 8. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
+//! 9. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
 //!    `IMU_CONTRADICTED`.
-//! 9. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
-//! 10. Frames are corrected to one side, whoever is wrong ([`leaning`]): the published state is uncertain.
-//! 11. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
+//! 10. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
+//! 11. Frames are corrected to one side, whoever is wrong ([`leaning`]): the published state is uncertain.
+//! 12. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
 //!
 //! Sensors that repeat their readings are known before ([`crate::inertial::stuck`]). Watches do not know each other: what one must know of
 //! another is handed to it here, and in [`inertial`], where one sighting judges gyroscope and accelerometer.
