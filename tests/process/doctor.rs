@@ -57,6 +57,40 @@ fn a_measure_that_the_data_do_not_hold_has_its_reason() {
     );
 }
 
+/// With its time and its cure; measures that it spoils are not judged, and a sound data set has no such axis.
+#[test]
+fn an_axis_that_fails_with_noise_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, fault, words, cure) in [
+        ("sound", "accel-pulse:x:0", "all six live", ""),
+        (
+            "dead",
+            "gyro-dead:x@0",
+            "gyroscope x reads noise alone from 0 to 12 s",
+            "look at wiring, bus and driver",
+        ),
+        (
+            "exchanged",
+            "accel-exchanged:yz@5",
+            "accelerometer y and z read each other's motion from",
+            "was right before",
+        ),
+    ] {
+        let path = folder.path().join(name).display().to_string();
+        let flight = ["--path", "hand-held", "--duration", "12", "--scale", "0.5", "--fault", fault];
+        let written = plumbline(&[&["simulate", &path], &flight[..]].concat());
+        assert!(written.status.success(), "{}", stderr(&written));
+        let (status, report) = json(&["doctor", &path, "--json"]);
+        let is_sound = cure.is_empty();
+        assert_eq!((status, &report["fit"]), (Some(i32::from(!is_sound)), &is_sound.into()), "{report:#}");
+        let measures = report["measures"].as_array().unwrap();
+        let of = |name: &str| measures.iter().find(|measure| measure["name"] == name).unwrap();
+        let told = |key: &str| of("IMU axes")[key].as_str().unwrap();
+        assert!(told("value").starts_with(words) && told("cure").contains(cure), "{report:#}");
+        assert_eq!(of("scale")["verdict"], if is_sound { "good" } else { "not measured" }, "{report:#}");
+    }
+}
+
 #[test]
 fn live_sensors_that_are_not_there_are_told_after_the_time_that_was_given() {
     let (left, imu) =

@@ -51,7 +51,7 @@ pub struct Turn {
 }
 
 /// The gyroscope's rate over time, integrated.
-struct Gyro {
+pub(crate) struct Gyro {
     begin: Timestamp,
     times_s: Vec<f64>,
     angles: Vec<Vector3<f64>>,
@@ -59,7 +59,7 @@ struct Gyro {
 }
 
 impl Gyro {
-    fn new(samples: &[ImuSample]) -> Option<Self> {
+    pub(crate) fn new(samples: &[ImuSample]) -> Option<Self> {
         let begin = samples.first()?.stamp;
         let (mut times_s, mut angles, mut rates) = (Vec::new(), Vec::new(), Vec::<Vector3<f64>>::new());
         let mut angle = Vector3::zeros();
@@ -90,7 +90,7 @@ impl Gyro {
     }
 
     /// Mean rate during a turn moved by `tau_s`, and its derivative by that.
-    fn during(&self, turn: &Turn, tau_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub(crate) fn during(&self, turn: &Turn, tau_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let from_s = turn.from.seconds_since(self.begin) + tau_s;
         let to_s = turn.to.seconds_since(self.begin) + tau_s;
         let ((angle_a, rate_a), (angle_b, rate_b)) = (self.at(from_s)?, self.at(to_s)?);

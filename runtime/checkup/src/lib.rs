@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`timing`] | rates, jitter and gaps of both sensors |
 //! | [`inertial`] | gravity, bias of the gyroscope, stuck and saturated axes |
+//! | `failing` | inertial sensors that fail with noise, by the motion that images show |
 //! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | [`vibration`] | level and lines of the spectrum, and what they may be aliases of |
 //! | [`exposure`] | dark and burnt-out images, blur by rotation |
@@ -22,6 +23,7 @@
 
 pub mod agreement;
 pub mod exposure;
+mod failing;
 mod fft;
 pub mod finding;
 pub mod health;
@@ -46,6 +48,7 @@ mod tests;
 pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
+use failing::Failure;
 use inertial::Rest;
 use lag::LagFinder;
 use motion::MotionFinder;
@@ -108,6 +111,8 @@ struct Nonsense {
     findings: Vec<Finding>,
     are_samples_wrong: bool,
     are_columns_wrong: bool,
+    /// Inertial sensors that fail.
+    failures: Vec<Failure>,
 }
 
 impl Checkup {
@@ -223,14 +228,15 @@ impl Checkup {
         let imu = self.arrivals();
         let rest = inertial::rest(&self.samples, &self.turns);
         let turns = GravityTurns::of(&self.samples);
-        let Nonsense { findings, are_samples_wrong, are_columns_wrong } = self.nonsense(&rest, &turns);
-        let consequences =
-            self.consequences(are_samples_wrong, are_columns_wrong, !findings.is_empty(), &imu);
+        let nonsense = self.nonsense(&rest, &turns, &imu);
+        let consequences = self.consequences(&nonsense, &imu);
+        let Nonsense { findings, failures, are_columns_wrong, .. } = nonsense;
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(findings).map(Finding::into_measure).collect();
         measures.extend(self.timing(&imu));
         measures.extend(self.repeats.judge(&self.samples));
+        measures.push(failing::judge(inertial::axes(&self.samples, &self.config.imu), &failures));
         measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
         measures.extend(self.cameras());
         for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
@@ -251,9 +257,11 @@ impl Checkup {
         imu
     }
 
-    /// Findings that cannot be right.
-    fn nonsense(&self, rest: &Rest, turns: &GravityTurns) -> Nonsense {
+    /// Findings that cannot be right, and sensors that fail by what images show.
+    fn nonsense(&self, rest: &Rest, turns: &GravityTurns, imu: &Arrivals) -> Nonsense {
         let config = &self.config;
+        let comparable = if self.are_images_wrong(imu) { &[] } else { &self.turns[..] };
+        let mut failures = failing::failures(comparable, &self.samples, config);
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
@@ -261,17 +269,18 @@ impl Checkup {
             plausibility::nonsense(&magnitudes, (turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
         // At rest the mounting says it, with its angles.
         findings.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
+        failing::reconcile(&mut failures, &mut findings);
         let refused = inertial::refused(self.refused_samples, self.samples.len());
         // What is left of such samples does not tell how gravity turns.
         findings.retain(|finding| refused.is_none() || finding.what != gravity::DISAGREE);
         let refused = refused.filter(|_| findings.is_empty());
         let are_samples_wrong = refused.is_some()
-            || !magnitudes.nonsense().is_empty()
+            || magnitudes.nonsense().iter().any(|finding| findings.contains(finding))
             || findings.iter().any(|finding| finding.what == IN_DEGREES);
         let are_columns_wrong =
             findings.iter().any(|finding| [OTHER_AXES, gravity::DISAGREE].contains(&finding.what.as_str()));
         findings.extend(refused);
-        Nonsense { findings, are_samples_wrong, are_columns_wrong }
+        Nonsense { findings, are_samples_wrong, are_columns_wrong, failures }
     }
 
     /// Measures of the stamps, and of frames with both images.
@@ -298,8 +307,7 @@ impl Checkup {
     /// Measures of the inertial sensor and of its mounting; how gravity turns where `turns` tells it.
     fn inertial(&self, rest: &Rest, turns: Option<&GravityTurns>) -> Vec<Measure> {
         let config = &self.config;
-        let mut measures = vec![inertial::axes(&self.samples, &config.imu)];
-        measures.extend(turns.map(GravityTurns::judge));
+        let mut measures: Vec<Measure> = turns.map(GravityTurns::judge).into_iter().collect();
         let [gravity, bias] = inertial::at_rest(rest, config);
         let [mounting, heading] = mounting::judge(&self.samples, rest, config);
         measures.extend([gravity, mounting, heading, bias]);
@@ -350,21 +358,16 @@ impl Checkup {
 
     /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
     /// would mislead.
-    fn consequences(
-        &self,
-        are_samples_wrong: bool,
-        are_columns_wrong: bool,
-        is_anything_wrong: bool,
-        imu: &Arrivals,
-    ) -> Vec<&'static str> {
+    fn consequences(&self, wrong: &Nonsense, imu: &Arrivals) -> Vec<&'static str> {
         let (no_samples, no_frames) = (self.samples.is_empty(), self.frames.stamps.is_empty());
-        let is_troubled = self.troubles.iter().any(Option::is_some);
-        let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong || no_samples);
+        let is_both = !wrong.findings.is_empty()
+            || self.troubles.iter().any(Option::is_some)
+            || (no_samples || no_frames || self.are_images_wrong(imu));
+        let samples = OF_SAMPLES.into_iter().filter(|_| wrong.are_samples_wrong || no_samples);
         let images = OF_IMAGES.into_iter().filter(|_| no_frames);
-        let is_both =
-            is_anything_wrong || is_troubled || no_samples || no_frames || self.are_images_wrong(imu);
-        let columns = OF_COLUMNS.into_iter().filter(|_| are_columns_wrong);
-        samples.chain(images).chain(columns).chain(OF_BOTH.into_iter().filter(|_| is_both)).collect()
+        let columns = OF_COLUMNS.into_iter().filter(|_| wrong.are_columns_wrong);
+        let both = OF_BOTH.into_iter().filter(|_| is_both);
+        samples.chain(images).chain(columns).chain(both).chain(failing::spoiled(&wrong.failures)).collect()
     }
 }
 

@@ -118,7 +118,7 @@ fn bias(
 }
 
 /// The samples of a time.
-fn between(samples: &[ImuSample], from: Timestamp, to: Timestamp) -> &[ImuSample] {
+pub(crate) fn between(samples: &[ImuSample], from: Timestamp, to: Timestamp) -> &[ImuSample] {
     let begin = samples.partition_point(|sample| sample.stamp < from);
     let end = samples.partition_point(|sample| sample.stamp < to).max(begin);
     &samples[begin..end]

@@ -28,6 +28,11 @@ const REPEATED: f64 = 0.1;
 /// Median of the rotation rate beyond which nothing flies, rad/s.
 const MAX_MEDIAN_RATE_RAD_S: f64 = 20.0;
 
+/// Finding about an accelerometer that does not measure gravity; cures where gravity is taken out, and where the unit is unknown.
+pub const NOT_GRAVITY: &str = "the accelerometer does not measure gravity";
+pub(crate) const WITH_GRAVITY: &str = "deliver the raw specific force with gravity in it, m/s^2";
+pub(crate) const ANOTHER_UNIT: &str = "write it in m/s^2, gravity included";
+
 /// Magnitudes of the first samples.
 #[derive(Clone, Debug)]
 pub struct Magnitudes {
@@ -180,18 +185,15 @@ fn not_gravity(accel: f64, is_steady: bool) -> Finding {
     } else if accel < SPECIFIC_FORCE_M_S2.start && (!is_steady || accel < SPECIFIC_FORCE_G.start) {
         (
             "that gravity is not in the samples: linear acceleration, from which a filter has taken it out",
-            "deliver the raw specific force with gravity in it, m/s^2",
+            WITH_GRAVITY,
         )
     } else if SPECIFIC_FORCE_G.contains(&accel) {
         ("that it is in units of gravity (g)", "multiply it by 9.80665: m/s^2 is expected")
     } else if SPECIFIC_FORCE_MG.contains(&accel) {
         ("that it is in thousandths of gravity (mg)", "multiply it by 0.00980665: m/s^2 is expected")
     } else {
-        (
-            "another unit, or columns that are not those of the accelerometer",
-            "write it in m/s^2, gravity included",
-        )
+        ("another unit, or columns that are not those of the accelerometer", ANOTHER_UNIT)
     };
     let evidence = format!("median magnitude {accel:.3}, gravity is 9.8 m/s^2");
-    Finding::new("the accelerometer does not measure gravity", evidence, cause, cure)
+    Finding::new(NOT_GRAVITY, evidence, cause, cure)
 }

@@ -183,7 +183,7 @@ impl RotationAgreement {
         let median = median(ratios)?;
         (!FOCAL_RATIO.contains(&median)).then(|| {
             Finding::new(
-                "the images turn at another rate than the gyroscope",
+                OTHER_RATE,
                 format!("{median:.2} times as fast across the optical axis"),
                 "focal lengths of another camera or of another image size, or a wrong lens model",
                 "use the calibration of this camera (camera[..].focal_px, distortion)",
@@ -199,6 +199,8 @@ fn rates(gyro: f64, images: f64) -> String {
 
 /// Finding about columns of the gyroscope or about extrinsics.
 pub const OTHER_AXES: &str = "the gyroscope and the images turn about different axes";
+/// Finding about focal lengths.
+pub const OTHER_RATE: &str = "the images turn at another rate than the gyroscope";
 /// Finding about a gyroscope in degrees.
 pub const IN_DEGREES: &str = "the gyroscope turns faster than a vehicle can, or than the images";
 
@@ -213,7 +215,7 @@ pub(super) fn in_degrees(evidence: &str) -> Finding {
 }
 
 /// All assignments of three columns with all signs but the one that changes nothing.
-pub(super) fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
+pub(crate) fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
     const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let all = ORDERS.into_iter().flat_map(|order| (0..8).map(move |signs| (order, signs)));
     all.skip(1).map(|(order, signs)| {

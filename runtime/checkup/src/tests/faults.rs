@@ -108,6 +108,18 @@ fn axes_of_another_assignment_explain_nothing() {
 }
 
 #[test]
+fn cameras_turned_by_a_right_angle_are_named_and_no_sensor_is() {
+    let Some(lively) = lively() else { return };
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        let turned = lively
+            .with(|data| data.config.camera.iter_mut().for_each(|camera| turn(camera, axis, 90.0, false)));
+        let report = turned.report();
+        assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "turn about different axes");
+        assert_eq!(measure(&report, "IMU axes").verdict, Fitness::Good, "{}", told(&report));
+    }
+}
+
+#[test]
 fn a_rotor_at_180_hz_is_named_though_it_is_sampled_as_20() {
     let mut shaken = flight(0);
     let begin = shaken.samples[0].1.stamp;
