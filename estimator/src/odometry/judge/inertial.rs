@@ -161,10 +161,8 @@ impl Judge {
         coverage: Coverage,
     ) {
         let Some(newest) = estimation.window.frames.last() else { return };
-        let is_judged = estimation.window.options.cameras > 1
-            && self.tracking.is_velocity_known()
-            && coverage.is_measured()
-            && !self.gyroscope.is_distrusting();
+        let is_judged =
+            self.tracking.is_velocity_known() && coverage.is_measured() && !self.gyroscope.is_distrusting();
         // A contradiction that known landmarks began goes on with those that are there.
         let is_open = self.forces.is_contradicted();
         let is_by_forces = trial.is_none_or(Trial::is_by_forces);
