@@ -47,7 +47,9 @@ impl Odometer {
         let (points, lines) = estimation.measurer.tracks_mut();
         estimation.window.correct_intrinsics(points, lines);
         let flow = estimation.measurer.median_flow(observations);
-        self.judge.see_motion(estimation.measurer.median_ways_px(observations), flow);
+        let periods = dt_s / self.options.frame_period_s;
+        let moved_px = estimation.measurer.median_ways_px(observations).map(|way_px| Some(way_px? / periods));
+        self.judge.see_motion(moved_px, flow);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         let depth_m = match self.phase {
             Phase::Running => estimation.measurer.median_depth_m(&estimation.window.points),

@@ -59,9 +59,9 @@ use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use start::Start;
 use zero_velocity::ZeroVelocityDetector;
 
-/// Where inertial samples were missing, fewer points than these that are known from before do not prove where the vehicle is: a
-/// few false matches agree with any motion. As many as a start rests on.
-const MIN_WITNESSES_OF_GAP: usize = 12;
+/// Fewer points than these that are known from before do not prove where the vehicle is, after missing samples or against those
+/// that are there: a few false matches agree with any motion. As many as a start rests on.
+const MIN_WITNESSES: usize = 12;
 
 /// Options in the units of their use.
 #[derive(Clone, Debug)]
@@ -256,8 +256,10 @@ impl Odometer {
         estimation.window.update_manhattan(estimation.measurer.lines(), tilt_sigma_rad);
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = estimation.window.optimize(max_iterations);
-        let is_contradicted = judge.after_solving(estimation, outcome, max_iterations, &mut case);
-        if coverage.has_gap && connected < MIN_WITNESSES_OF_GAP {
+        let is_witnessed = connected >= MIN_WITNESSES;
+        let may_doubt = is_witnessed.then_some(max_iterations);
+        let is_contradicted = judge.after_solving(estimation, outcome, may_doubt, &mut case);
+        if coverage.has_gap && !is_witnessed {
             estimation.carry_covariance();
             judge.keep_prediction(verdict.prediction);
         } else {

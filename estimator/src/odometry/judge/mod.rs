@@ -136,7 +136,7 @@ impl Judge {
         self.pair.see(points, health);
     }
 
-    /// Takes how far the view of each camera has moved since the frame before, px, and its common motion if it is known.
+    /// Takes how far the view of each camera moves in a frame period, px, and its common motion since the frame before if it is known.
     pub(super) fn see_motion(&mut self, moved_px: [Option<f64>; 2], common: Option<MedianFlow>) {
         self.view.see(moved_px, common);
     }
@@ -238,12 +238,12 @@ impl Judge {
     }
 
     /// Judges the motion that leads to the newest frame by the `outcome` of the solver, and drops what does not fit; returns whether the
-    /// images contradict it.
+    /// images contradict it. The motion is doubted in `iterations` at most, and not at all without.
     pub(super) fn after_solving(
         &mut self,
         estimation: &mut Estimation,
         outcome: Outcome,
-        max_iterations: usize,
+        iterations: Option<usize>,
         case: &mut Case<'_>,
     ) -> bool {
         if outcome.is_not_positive_definite {
@@ -253,7 +253,8 @@ impl Judge {
             self.leaning.prolong_suspicion(case.stamp);
         }
         let window = &mut estimation.window;
-        let is_contradicted = window.is_newest_doubtful() && window.doubt_newest_motion(max_iterations);
+        let is_contradicted =
+            iterations.is_some_and(|most| window.is_newest_doubtful() && window.doubt_newest_motion(most));
         if is_contradicted {
             case.health.insert(HealthBits::IMU_CONTRADICTED);
             self.tracking.note_doubt(case.stamp);

@@ -78,8 +78,9 @@ pub(super) struct StilledForce {
     still: [(u32, f64); 3],
     /// The last frames in which an axis has not changed by more than noise, a bit each, and whether it is silent.
     within_noise: [u32; 3],
-    /// Mean squares of the changes that an axis has felt, m²/s⁶.
+    /// Mean squares of the changes that an axis has felt, m²/s⁶, and the mean bound of noise, m/s³: after missing frames it is lower.
     felt_square: Vector3<f64>,
+    usual_noise: f64,
     is_silent: [bool; 3],
     /// Standard deviations of the velocity, m/s, with the axes of the body in `O`, and when they were last renewed.
     held: Option<(Timestamp, Vector3<f64>, Matrix3<f64>)>,
@@ -96,6 +97,7 @@ impl StilledForce {
             still: [(0, 0.0); 3],
             within_noise: [0; 3],
             felt_square: Vector3::zeros(),
+            usual_noise: 0.0,
             is_silent: [false; 3],
             held: None,
         }
@@ -167,6 +169,8 @@ impl StilledForce {
             let share = if frames.count_ones() >= QUIET_IN { QUIET_SHARE * share } else { share };
             self.felt_square[axis] += (change[axis].squared() - self.felt_square[axis]) * share;
         }
+        self.usual_noise += (noise - self.usual_noise) * share;
+        let noise = noise.at_least(self.usual_noise);
         let counts = self.within_noise.map(u32::count_ones);
         let is_moved = counts.iter().any(|count| *count <= LAST_FRAMES / 2);
         for (axis, is_silent) in self.is_silent.iter_mut().enumerate() {

@@ -22,7 +22,7 @@ const EXPECTED_SHARE: f64 = 0.5;
 const RESUMES_PX: f64 = 1.0;
 const DRIFT_PX: f64 = 0.5;
 
-/// Motion of a camera's view in the last frames, px, newest first, as far as its points were followed.
+/// Motion of a camera's view, px in a frame period, of the last frames, newest first, as far as its points were followed.
 #[derive(Clone, Copy, Debug, Default)]
 struct View {
     moved_px: [Option<f64>; 3],
@@ -72,7 +72,7 @@ pub(super) struct StoppedView {
 }
 
 impl StoppedView {
-    /// Takes how far the view of each camera has moved since the frame before, px, and its common motion if it is known.
+    /// Takes how far the view of each camera moves in a frame period, px, and its common motion since the frame before if it is known.
     pub(super) fn see(&mut self, moved_px: [Option<f64>; 2], common: Option<MedianFlow>) {
         self.drift_px += common.map_or_else(Vector2::zeros, |flow| flow.px);
         for (view, moved_px) in self.views.iter_mut().zip(moved_px) {
