@@ -208,6 +208,25 @@ fn a_few_false_matches_after_a_hole_deceive_nobody() {
 }
 
 #[test]
+fn a_few_false_matches_after_missing_frames_are_not_believed_against_the_samples() {
+    let age_s: fn(f64) -> Option<f64> = |t| (!(6.0..6.5).contains(&t)).then_some(0.0);
+    let points: fn(f64, &mut Vec<PointObservation>) = |t, points| {
+        if (t - 6.5).abs() < 0.02 {
+            points.truncate(8);
+            for point in points.iter_mut() {
+                point.px.iter_mut().flatten().for_each(|px| px.x += 60.0);
+                point.xy.iter_mut().flatten().for_each(|xy| xy.x += 60.0 / 458.0);
+            }
+        }
+    };
+    for seed in [1, 2] {
+        let judged = fly(&mut World::new(&config(2), seed, 500), 8.2, &Trouble { age_s, points, ..NONE });
+        let worst_m = judged.iter().map(|j| j.error_m).fold(0.0, f64::max);
+        assert!(worst_m < 0.1, "{seed}: {worst_m} m");
+    }
+}
+
+#[test]
 fn blind_for_longer_than_an_estimate_lives_and_then_started_anew() {
     let alive: fn(f64) -> [bool; 2] = |t| [!(5.0..11.0).contains(&t); 2];
     for seed in [1, 2] {
