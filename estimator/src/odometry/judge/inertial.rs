@@ -193,7 +193,9 @@ impl Judge {
         if self.gyroscope.is_distrusting() {
             self.scale.forget_gains();
         }
-        if let (Some(gain), [.., before, newest]) = (self.forces.gain(), &estimation.window.frames[..]) {
+        // One camera has its scale from the forces.
+        let gain = self.forces.gain().filter(|_| estimation.window.options.cameras > 1);
+        if let (Some(gain), [.., before, newest]) = (gain, &estimation.window.frames[..]) {
             self.scale.add(&Compared {
                 gain,
                 is_silent: self.stilled_force.is_silent(),
