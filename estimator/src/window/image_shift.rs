@@ -20,7 +20,9 @@ const MAX_PAIRS: usize = 128;
 pub struct ImageShifts {
     /// Distance in the left image.
     pub left: f64,
-    /// Shifts by those that the right image shows as well, if they are enough.
+    /// Share of its landmarks that are found in the right image as well.
+    pub shared: f64,
+    /// Shifts by those, if they are enough.
     pub of_pair: Option<PairShifts>,
 }
 
@@ -61,15 +63,16 @@ impl Window {
                 let _ = of_one.push(value);
             }
         }
-        if of_left.len() < MIN_PAIRS {
+        let (pairs, count) = (all[0].len(), of_left.len());
+        if count < MIN_PAIRS {
             return None;
         }
         let px = |values| median(values) * self.options.focal_px;
-        let of_pair = (all[0].len() >= MIN_PAIRS).then(|| {
+        let of_pair = (pairs >= MIN_PAIRS).then(|| {
             let [left, right, x, y] = all.map(px);
             PairShifts { of_camera: [left, right], apart: Vector2::new(x, y) }
         });
-        Some(ImageShifts { left: px(of_left), of_pair })
+        Some(ImageShifts { left: px(of_left), shared: pairs as f64 / count as f64, of_pair })
     }
 }
 

@@ -4,6 +4,9 @@
 //! moves both, so that the shift of one against the other stays as it was, within a tenth of a pixel, whatever the vehicle does. Where it
 //! leaves its mean, one camera has been knocked, or its image is frozen, late or of another place: that which is further from
 //! where the landmarks were expected, if the other one sees them there. Its images are not used until the shift is back.
+//!
+//! A left image that jumps across the lines on which the right one is searched has no such shift: its points are not found in the right
+//! one any more. Where that happens from one frame to the next, and the left image is not where it was expected, it is the left one.
 
 use crate::window::image_shift::{ImageShifts, PairShifts};
 use nalgebra::Vector2;
@@ -16,6 +19,10 @@ const JUMP_PX: f64 = 1.5;
 const JUMP_SPREADS: f64 = 8.0;
 /// The other camera sees most landmarks where they were expected, within this share of the jump: else the pose is wrong, or a crowd moves.
 const OTHER_SHARE: f64 = 0.4;
+/// The left image loses the right one if it is this far from where it was expected, px, and the share of landmarks that both show falls below
+/// this share of what it was.
+const LOST_PX: f64 = 3.0;
+const LOST_SHARE: f64 = 0.5;
 /// Frames on end with half of that, at most, before the camera is used again.
 const FRAMES_TO_AGREE: u32 = 10;
 /// The left camera leads the tracks. They go on in the right one if the left one is not to be used, but for the last two of so many frames, by
@@ -45,6 +52,8 @@ pub(super) struct PairShift {
     mean_px: Vector2<f64>,
     /// Mean square of the distance from the mean, px².
     spread: f64,
+    /// Share of the landmarks that both images of the last frame showed.
+    shared: f64,
     jumped: Option<Jumped>,
 }
 
@@ -55,6 +64,11 @@ impl PairShift {
             jumped.frames += 1;
         }
         let Some(shifts) = shifts else { return };
+        let shared = std::mem::replace(&mut self.shared, shifts.shared);
+        let is_lost = shifts.left > LOST_PX && shifts.shared < LOST_SHARE * shared;
+        if is_lost && self.jumped.is_none() && self.frames >= FRAMES_OF_MEAN[0] {
+            return self.jumped = Some(Jumped { camera: LEFT, frames: 0, agreeing: 0 });
+        }
         match (shifts.of_pair, &mut self.jumped) {
             (Some(of_pair), _) => self.add_pair(&of_pair),
             (None, Some(jumped)) => jumped.agreeing = 0,
@@ -128,7 +142,7 @@ mod tests {
     fn of(of_camera: [Vector2<f64>; 2]) -> ImageShifts {
         let apart = of_camera[1] - of_camera[0];
         let of_pair = PairShifts { of_camera: of_camera.map(|shift| shift.norm()), apart };
-        ImageShifts { left: of_camera[0].norm(), of_pair: Some(of_pair) }
+        ImageShifts { left: of_camera[0].norm(), shared: 0.9, of_pair: Some(of_pair) }
     }
 
     #[test]
@@ -179,5 +193,15 @@ mod tests {
             watch.add(Some(of([Vector2::zeros(), Vector2::new(px, 0.0)])));
             assert_eq!(watch.jumped(), None);
         }
+    }
+
+    #[test]
+    fn a_left_image_that_loses_the_right_one_has_jumped_unless_it_is_where_it_was_expected() {
+        let lost = |left_px: f64| {
+            let mut watch = watched(|_| Vector2::zeros(), [Vector2::zeros(); 2]);
+            watch.add(Some(ImageShifts { left: left_px, shared: 0.4, of_pair: None }));
+            watch.jumped()
+        };
+        assert_eq!([9.0, 0.5].map(lost), [Some(LEFT), None]);
     }
 }
