@@ -46,16 +46,15 @@ impl Odometer {
         estimation.measurer.measure_lines(&tracked.lines, &outliers.lines, &rate_c);
         let (points, lines) = estimation.measurer.tracks_mut();
         estimation.window.correct_intrinsics(points, lines);
-        let flow = estimation.measurer.median_flow(observations);
+        let motion = estimation.measurer.motion(observations);
         let periods = dt_s / self.options.frame_period_s;
-        let moved_px = estimation.measurer.median_ways_px(observations).map(|way_px| Some(way_px? / periods));
-        self.judge.see_motion(moved_px, flow);
+        self.judge.see_motion(motion.ways_px.map(|way_px| Some(way_px? / periods)), motion.common);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         let depth_m = match self.phase {
             Phase::Running => estimation.measurer.median_depth_m(&estimation.window.points),
             Phase::Gathering => 0.0,
         };
-        self.zero_velocity.update(flow, imu_mean, known_bias, self.options.gravity_m_s2, depth_m);
+        self.zero_velocity.update(motion.common, imu_mean, known_bias, self.options.gravity_m_s2, depth_m);
         if self.zero_velocity.is_still() {
             health.insert(HealthBits::STATIONARY);
         }

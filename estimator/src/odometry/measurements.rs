@@ -31,6 +31,16 @@ pub struct Measurer {
     line_sigma_px: f64,
     lines: Vec<LineTrack>,
     flow: [Vec<f64>; 2],
+    ways_px: [Vec<f64>; 2],
+}
+
+/// Motion of the points in the images since the frame before; `None` where too few are followed.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageMotion {
+    /// The common motion, in both images.
+    pub common: Option<MedianFlow>,
+    /// Median way in each image, px.
+    pub ways_px: [Option<f64>; 2],
 }
 
 /// Median displacement of the points since the frame before, px.
@@ -61,6 +71,7 @@ impl Measurer {
             earlier: Vec::with_capacity(capacity),
             measurements: Vec::with_capacity(capacity),
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
+            ways_px: [Vec::with_capacity(capacity), Vec::with_capacity(capacity)],
         }
     }
 
@@ -162,43 +173,26 @@ impl Measurer {
         self.lines.retain_mut(|track| track.leave_out(camera));
     }
 
-    /// The common motion of the image since the frame before; call before [`Self::remember`].
+    /// Motion of the points in the images since the frame before; call before [`Self::remember`].
     #[must_use]
-    pub fn median_flow(&mut self, observations: &[PointObservation]) -> Option<MedianFlow> {
-        for component in &mut self.flow {
-            component.clear();
-        }
+    pub fn motion(&mut self, observations: &[PointObservation]) -> ImageMotion {
+        let Self { previous, flow, ways_px, .. } = self;
+        flow.iter_mut().chain(ways_px.iter_mut()).for_each(Vec::clear);
         for observation in observations {
-            let Some(before) = find(&self.previous, observation.track_id) else { continue };
-            for camera in 0..2 {
+            let Some(before) = find(previous, observation.track_id) else { continue };
+            for (camera, ways_px) in ways_px.iter_mut().enumerate() {
                 if let (Some(now), Some(then)) = (observation.px[camera], before.px[camera]) {
-                    self.flow[0].push(now.x - then.x);
-                    self.flow[1].push(now.y - then.y);
+                    let way_px = now - then;
+                    flow[0].push(way_px.x);
+                    flow[1].push(way_px.y);
+                    ways_px.push(way_px.norm());
                 }
             }
         }
-        let count = self.flow[0].len();
-        if count < MIN_FLOW_POINTS {
-            return None;
-        }
-        let mut median = |k: usize| {
-            let values = &mut self.flow[k];
-            *values.select_nth_unstable_by(count / 2, f64::total_cmp).1
-        };
-        Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
-    }
-
-    /// Median way of the points in each image since the frame before, px, where enough are followed; call before [`Self::remember`].
-    #[must_use]
-    pub fn median_ways_px(&mut self, observations: &[PointObservation]) -> [Option<f64>; 2] {
-        let Self { previous, flow: [ways_px, _], .. } = self;
-        [0, 1].map(|camera| {
-            ways_px.clear();
-            let moved = |o: &PointObservation| Some(o.px[camera]? - find(previous, o.track_id)?.px[camera]?);
-            ways_px.extend(observations.iter().filter_map(moved).map(|way| way.norm()));
-            let count = ways_px.len();
-            (count >= MIN_FLOW_POINTS).then(|| *ways_px.select_nth_unstable_by(count / 2, f64::total_cmp).1)
-        })
+        let count = flow[0].len();
+        let [x, y] = flow.each_mut().map(|values| median(values));
+        let common = x.zip(y).map(|(x, y)| MedianFlow { px: Vector2::new(x, y), count });
+        ImageMotion { common, ways_px: ways_px.each_mut().map(|values| median(values)) }
     }
 
     /// Epipolar moments of the points of the frame before, by their motion in the right image from the one before that to this one, which took
@@ -229,12 +223,7 @@ impl Measurer {
             let landmark = landmarks.of_track(track.track_id).map(|index| &landmarks.all()[index]);
             inverse_depths.extend(landmark.filter(|l| l.is_triangulated).map(|l| l.feature.rho));
         }
-        let count = inverse_depths.len();
-        if count < MIN_FLOW_POINTS {
-            return f64::INFINITY;
-        }
-        let median = *inverse_depths.select_nth_unstable_by(count / 2, f64::total_cmp).1;
-        if median > 0.0 { 1.0 / median } else { f64::INFINITY }
+        median(inverse_depths).filter(|median| *median > 0.0).map_or(f64::INFINITY, |median| 1.0 / median)
     }
 
     /// Keeps the points for the next frame.
@@ -255,6 +244,12 @@ impl Measurer {
         let root = covariance.cholesky().and_then(|root| root.l().try_inverse());
         root.map_or_else(|| px_by_xy / self.sigma_px, |root| root * px_by_xy)
     }
+}
+
+/// The middle one of enough values.
+fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (values.len() >= MIN_FLOW_POINTS).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn find(sorted: &[PointObservation], track_id: u32) -> Option<&PointObservation> {
