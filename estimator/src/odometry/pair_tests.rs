@@ -29,7 +29,7 @@ struct Flown {
     named_s: Option<f64>,
     /// Times of the frames in which the cameras were said to disagree, s after it.
     disagree_s: Vec<f64>,
-    /// The same of frames in which an image was said to be frozen.
+    /// Times of the frames in which an image was said to be frozen, s after it.
     frozen_s: Vec<f64>,
 }
 

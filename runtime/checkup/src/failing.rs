@@ -130,7 +130,7 @@ impl Data<'_> {
     }
 }
 
-/// Of the failures that explain nearly as much as the best one that of the least value.
+/// The failure of least value, of those that explain nearly as much as the best one.
 fn least_of_the_best(found: Vec<Failure>, value: impl Fn(&Failure) -> f64) -> Option<Failure> {
     let most = found.iter().map(|failure| failure.explained).fold(0.0, f64::max);
     let nearly = found.into_iter().filter(|failure| failure.explained >= NEARLY * most);

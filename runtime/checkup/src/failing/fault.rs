@@ -15,7 +15,7 @@ const RATE_SIGMA: (f64, f64) = (0.015, 0.05);
 const DRIFT: (f64, f64) = (0.03, 0.4);
 /// Standard deviation of a force that images show, m/s², and its growth with the rate, m/s² for a rad/s.
 const FORCE_SIGMA: (f64, f64) = (0.2, 0.2);
-/// ... and errors of neighbouring images are not independent: what their scatter says is taken this much larger.
+/// Factor on what the scatter of that says: errors of neighbouring images are not independent.
 const INFLATED: f64 = 2.0;
 /// Standard deviation of a bias of the accelerometer, and of one that is a fault, m/s².
 const BIAS_M_S2: f64 = 0.4;
@@ -33,7 +33,7 @@ pub(super) enum Kind {
     Dead,
     /// The negative.
     Negated,
-    /// That of the other of two axes.
+    /// The motion of the other of two axes.
     Exchanged,
     /// Too much or too little by a constant.
     Offset,
