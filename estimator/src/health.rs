@@ -55,8 +55,9 @@ const STUCK: (&str, &str) = (
 );
 /// Causes and cure of images that repeat.
 const FROZEN: (&str, &str) = (
-    "a driver that hands out an image again (twice the frame rate, or a frame that was dropped), or a simulator without noise",
-    "hand out each image once, with its own stamp; for images without noise set \
+    "a camera that hangs, a driver that hands out an image again (twice the frame rate, or a frame that was dropped), or a simulator \
+     without noise",
+    "restart the camera, and hand out each image once, with its own stamp; for simulated images without noise set \
      `estimator.health.refuse_repeated_images = false`",
 );
 
@@ -175,9 +176,9 @@ health_bits! {
     16 GYRO_STUCK "gyroscope stuck", "the gyroscope repeats its readings", STUCK;
     /// Readings of the accelerometer, or of one of its axes, repeat bit for bit, and are not used.
     17 ACCEL_STUCK "accelerometer stuck", "the accelerometer repeats its readings", STUCK;
-    /// The left image is bit for bit the one before: it counts as missing.
+    /// The left image repeats the one before, bit for bit or, in flight, but for its noise: it counts as missing.
     18 LEFT_FROZEN "left image frozen", "the left camera repeats its images", FROZEN;
-    /// The right image is bit for bit the one before: it counts as missing.
+    /// The right image repeats the one before, bit for bit or, in flight, but for its noise: it counts as missing.
     19 RIGHT_FROZEN "right image frozen", "the right camera repeats its images", FROZEN;
     /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The images
     /// go on alone, and may follow what moves: the quality is at most 10.

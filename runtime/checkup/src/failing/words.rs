@@ -5,7 +5,7 @@ use super::{Failure, InertialSensor};
 use crate::finding::Finding;
 use crate::plausibility::gravity::{self, DISAGREE, UPSIDE_DOWN};
 use crate::plausibility::inertial::{ANOTHER_UNIT, NOT_GRAVITY, WITH_GRAVITY};
-use crate::plausibility::rotation::{OTHER_AXES, OTHER_RATE};
+use crate::plausibility::rotation::{OTHER_AXES, OTHER_RATE, STAND_STILL};
 use crate::verdict::{Fitness, Measure};
 use crate::{mounting, scale};
 
@@ -51,7 +51,7 @@ impl Failure {
     fn explains(&self, finding: &Finding) -> bool {
         let is_gyroscope = self.sensor == InertialSensor::Gyroscope;
         match finding.what.as_str() {
-            OTHER_AXES | OTHER_RATE => is_gyroscope,
+            OTHER_AXES | OTHER_RATE | STAND_STILL => is_gyroscope,
             DISAGREE => true,
             UPSIDE_DOWN => !is_gyroscope,
             // A filter may have taken gravity out: at rest both look alike.

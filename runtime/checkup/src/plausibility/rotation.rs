@@ -31,6 +31,8 @@ const STRONG_RATE_RAD_S: f64 = 0.3;
 const MIN_STRONG: usize = 40;
 /// Median of the images' rate over the gyroscope's across the optical axis: translation makes it 0.85 to 1.15.
 const FOCAL_RATIO: std::ops::Range<f64> = 0.62..1.5;
+/// Images that turn by a smaller share of what the gyroscope does stand still.
+const STANDING_SHARE: f64 = 0.1;
 
 /// One rotation rate, twice.
 #[derive(Clone, Copy, Debug)]
@@ -96,6 +98,9 @@ impl RotationAgreement {
         if gyro > MIN_DEGREE_RATE && gyro > DEGREE_FACTOR * images {
             return Some(in_degrees(&rates(gyro, images)));
         }
+        if let Some(finding) = self.standing_finding() {
+            return Some(finding);
+        }
         let centred = self.centred();
         let cross: Matrix3<f64> = centred.iter().map(|p| p.rate_c * p.gyro_b.transpose()).sum();
         let power = |of: &dyn Fn(&RotationPair) -> f64| centred.iter().map(of).sum::<f64>();
@@ -118,6 +123,21 @@ impl RotationAgreement {
         let ratio = of(&|pair| pair.gyro_b.norm() / pair.rate_c.norm())?;
         let is_clear = clear.len() >= MIN_CLEAR && gyro > MIN_DEGREE_RATE && ratio > DEGREE_FACTOR;
         is_clear.then(|| in_degrees(&rates(gyro, images)))
+    }
+
+    /// Finding: images stand still in some fast turns and follow others. A wrong calibration shows in all of them.
+    fn standing_finding(&self) -> Option<Finding> {
+        let strong = self.pairs.iter().filter(|pair| pair.gyro_b.norm() > STRONG_RATE_RAD_S);
+        let stands = |pair: &&RotationPair| pair.rate_c.norm() < STANDING_SHARE * pair.gyro_b.norm();
+        let (standing, moving): (Vec<&RotationPair>, Vec<&RotationPair>) = strong.partition(stands);
+        (standing.len().min(moving.len()) >= MIN_STRONG).then(|| {
+            Finding::new(
+                STAND_STILL,
+                format!("in {} of {} fast turns", standing.len(), standing.len() + moving.len()),
+                "images that freeze, with noise of their own, or a gyroscope that fails",
+                "look at cable, driver and load of the camera, and restart it",
+            )
+        })
     }
 
     /// The pairs less their means: a bias goes.
@@ -201,6 +221,8 @@ fn rates(gyro: f64, images: f64) -> String {
 pub const OTHER_AXES: &str = "the gyroscope and the images turn about different axes";
 /// Finding about focal lengths.
 pub const OTHER_RATE: &str = "the images turn at another rate than the gyroscope";
+/// Finding about images that freeze.
+pub const STAND_STILL: &str = "the images stand still while the gyroscope turns";
 /// Finding about a gyroscope in degrees.
 pub const IN_DEGREES: &str = "the gyroscope turns faster than a vehicle can, or than the images";
 

@@ -230,6 +230,21 @@ fn focal_lengths_of_another_camera_are_told() {
 }
 
 #[test]
+fn images_that_freeze_with_noise_are_no_other_focal_length() {
+    let mut flight = Flight::simulated(Scene::Room, 16.0);
+    let frozen = flight.glimpses.len() / 2;
+    for k in frozen + 1..flight.glimpses.len() {
+        let images = flight.glimpses[frozen].images.clone();
+        let glimpse = &mut flight.glimpses[k];
+        glimpse.images = images;
+        for (pixel, grey) in glimpse.images.iter_mut().flat_map(|image| &mut image.pixels).enumerate() {
+            *grey += ((pixel * 31 + k * 17) % 5) as f32 * 0.1;
+        }
+    }
+    names(&flight.findings(), &["stand still while the gyroscope turns", "freeze", "restart"]);
+}
+
+#[test]
 fn a_camera_that_never_delivers_and_the_reason_of_a_reset_are_told() {
     let mut plausibility = Plausibility::new(&Config::preset("sim").unwrap(), false);
     (0..MISSED_AFTER).for_each(|k| plausibility.add_estimate(k, HealthBits::RIGHT_MISSING));
