@@ -44,7 +44,8 @@ const MOST_SLACK: f64 = 3.0;
 const NEAR_RHO: f64 = 0.7;
 
 impl Window {
-    /// Drops what the newest frame, at its predicted pose, sees of things that move, and returns whether there was any.
+    /// Drops what the newest frame, at its predicted pose, sees of things that move; returns how many known landmarks it still
+    /// sees, if anything was dropped.
     /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s; `crowd` bounds the error of the predicted
     /// position. A `trial` that does not contradict the prediction
     /// takes the place of the votes of all landmarks; where it outvotes the predicted turn, nothing is dropped.
@@ -53,30 +54,30 @@ impl Window {
         velocity_sigma_m_s: f64,
         crowd: Option<Crowd>,
         trial: Option<&Trial>,
-    ) -> bool {
+    ) -> Option<usize> {
         let was_in_sight = self.moving_in_sight > 0;
         if trial.is_some_and(Trial::is_turn_outvoted) {
-            return false;
+            return None;
         }
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
-        let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
+        let slack = self.slack(velocity_sigma_m_s)?;
         let verdict = self.verdict_within(slack);
         let most = if trial.is_some_and(Trial::is_backed) { 1.0 } else { self.options.max_moving_share };
         if !are_moving(verdict, was_in_sight, most) {
-            return false;
+            return None;
         }
         let ballot = self.ballot(slack, trial);
         let outvotes =
             |ballot: Ballot| crowd.is_none_or(|crowd| ballot.off_m <= crowd.wrong_m) && ballot.outvotes();
         if trial.is_none() && !explains(verdict) && ballot.is_some_and(outvotes) {
-            return false;
+            return None;
         }
         self.forget_moving(slack);
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
         if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
             self.moving_in_sight = REMEMBERED_FRAMES;
         }
-        true
+        Some(self.known_in_newest())
     }
 
     /// Judges what the newest frame sees from where it is now.

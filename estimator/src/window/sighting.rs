@@ -50,6 +50,8 @@ pub struct Sighting {
     pub rotation_covariance: Matrix3<f64>,
     /// True if it rests on known landmarks alone: then it is evidence against other sensors.
     pub is_witness: bool,
+    /// Share of the observations that agree with it.
+    pub agreeing_share: f64,
 }
 
 /// Variance along `direction`, which need not be of unit length; the trace where it is zero.
@@ -183,6 +185,14 @@ impl Window {
         rays
     }
 
+    /// Known points that the newest frame sees.
+    pub(super) fn known_in_newest(&self) -> usize {
+        let newest = self.frames.len().saturating_sub(1);
+        let is_seen =
+            |l: &PointLandmark| l.observations.last().is_some_and(|o| usize::from(o.frame) == newest);
+        self.points.all().iter().filter(|l| l.is_triangulated && is_seen(l) && self.is_known(l)).count()
+    }
+
     /// True if a landmark was hosted long enough ago, and seen between then and the newest frame.
     fn is_known(&self, landmark: &PointLandmark) -> bool {
         let Some(newest) = self.frames.last() else { return false };
@@ -230,6 +240,7 @@ fn solve(
         position_covariance: to_o * block(0) * to_o.transpose(),
         rotation_covariance: block(3),
         is_witness: false,
+        agreeing_share: agreeing as f64 / rays.len() as f64,
     })
 }
 

@@ -39,8 +39,11 @@ const FRAMES_TO_NAME: u32 = 4;
 /// dead agrees while it has nothing to feel.
 const HELD_S: f64 = 0.3;
 const HELD_NAMED_S: f64 = 1.0;
-/// And this long while no frame can show it, s.
+/// And this long while no frame can show it, s: an accelerometer that is named has to be seen to agree.
 const UNSEEN_S: f64 = 1.0;
+const UNSEEN_NAMED_S: f64 = 5.0;
+/// What a named accelerometer was wrong by is thought of for this long, s.
+const LATELY_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
 /// Largest quality while forces are contradicted.
@@ -107,6 +110,8 @@ pub(super) struct ForceWatch {
     contradicting: u32,
     last: Option<(Timestamp, f64)>,
     is_named: bool,
+    /// When the accelerometer was last named, and the largest of what its forces were wrong by then, m/s².
+    named: Option<(Timestamp, f64)>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
     /// Slow mean of the bias, m/s² in `B`.
@@ -136,6 +141,7 @@ impl ForceWatch {
             contradicting: 0,
             last: None,
             is_named: false,
+            named: None,
             gain: None,
             slow_bias: None,
         }
@@ -152,7 +158,14 @@ impl ForceWatch {
         self.legs.clear();
         self.gain = None;
         let (last, sigma_m_s2) = self.last?;
-        if stamp.seconds_since(last) < UNSEEN_S {
+        let (seen, unseen_s) = match self.named.filter(|_| self.is_named) {
+            Some((named, _)) => (named, UNSEEN_NAMED_S),
+            None => (last, UNSEEN_S),
+        };
+        if stamp.seconds_since(seen) < unseen_s {
+            if self.is_named {
+                self.last = Some((stamp, sigma_m_s2));
+            }
             return Some(WrongForces { since: last, sigma_m_s2 });
         }
         self.settle(stamp);
@@ -187,6 +200,10 @@ impl ForceWatch {
             self.contradicting += 1;
             self.last = Some((seen.stamp, wrong.sigma_m_s2));
             self.is_named |= self.contradicting >= FRAMES_TO_NAME;
+            if self.is_named {
+                let wrong_m_s2 = wrong.sigma_m_s2.at_least(self.lately_wrong_m_s2(seen.stamp));
+                self.named = Some((seen.stamp, wrong_m_s2));
+            }
         } else {
             self.settle(seen.stamp);
         }
@@ -219,6 +236,12 @@ impl ForceWatch {
     fn is_held_at(&self, stamp: Timestamp) -> bool {
         let held_s = if self.is_named { HELD_NAMED_S } else { HELD_S };
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
+    }
+
+    /// What the forces of an accelerometer that was named lately were wrong by, m/s²; zero if it was not.
+    pub(super) fn lately_wrong_m_s2(&self, stamp: Timestamp) -> f64 {
+        let named = self.named.filter(|(last, _)| stamp.seconds_since(*last) < LATELY_S);
+        named.map_or(0.0, |(_, wrong_m_s2)| wrong_m_s2)
     }
 
     /// Gain of velocity over the longest span that ends at the newest frame; `None` where it was not seen throughout.

@@ -97,3 +97,27 @@ fn a_frame_that_was_not_sighted_ends_a_span_and_a_contradiction_that_is_over() {
     let _ = watch.pass_over(Timestamp::from_nanos(1_100_000_000));
     assert!(!watch.is_contradicted() && watch.bounded(90) == 90);
 }
+
+#[test]
+fn an_accelerometer_that_was_named_has_to_be_seen_to_agree() {
+    let at = |s: f64| Timestamp::from_nanos((s * 1e9) as i64);
+    let mut watch = ForceWatch::new(GRAVITY_O);
+    (watch.last, watch.is_named, watch.named) = (Some((at(0.0), 14.0)), true, Some((at(0.0), 14.0)));
+    for k in 1..98 {
+        assert!(watch.pass_over(at(f64::from(k) * PERIOD_S)).is_some(), "{k}");
+    }
+    watch.settle(at(5.8));
+    assert!(watch.is_contradicted(), "seen to agree for 0.95 s");
+    watch.settle(at(5.9));
+    assert!(!watch.is_contradicted());
+    assert_eq!([4.9, 5.1].map(|s| watch.lately_wrong_m_s2(at(s))), [14.0, 0.0]);
+}
+
+#[test]
+fn an_accelerometer_that_nobody_sees_is_not_contradicted_for_ever() {
+    let at = |s: f64| Timestamp::from_nanos((s * 1e9) as i64);
+    let mut watch = ForceWatch::new(GRAVITY_O);
+    (watch.last, watch.is_named, watch.named) = (Some((at(0.0), 14.0)), true, Some((at(0.0), 14.0)));
+    (1..200).for_each(|k| _ = watch.pass_over(at(f64::from(k) * PERIOD_S)));
+    assert!(!watch.is_contradicted());
+}

@@ -69,7 +69,7 @@ impl Judge {
             self.judge_turn(estimation, (sighting, votes), case);
         }
         if self.gyroscope.is_distrusting() {
-            self.tracking.note_distrust(case.stamp, were_believed);
+            self.tracking.note_distrust(case.stamp, were_believed, self.gyroscope.is_carried());
         }
         self.settle_belief(estimation, sighting.is_some(), case.health);
         if coverage.unmeasured.is_any() || self.gyroscope.is_distrusting() {
@@ -92,7 +92,7 @@ impl Judge {
     /// The pose of the newest frame by its images: that of the trial, unless what moves has been dropped since.
     fn sight(&self, window: &Window, tried: &Tried, start: &NavState) -> Option<Sighting> {
         match &tried.trial {
-            Some(trial) if !tried.is_dropped => Some(trial.sighting),
+            Some(trial) if tried.left.is_none() => Some(trial.sighting),
             _ if self.gyroscope.is_distrusting() => window.sight_newest(start),
             _ => window.sight_by_known(start).or_else(|| window.sight_newest(start)),
         }
@@ -116,6 +116,8 @@ impl Judge {
             time_sigma_s: self.stamps.newest_variance().map(f64::sqrt),
             seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
             covariance: sighting.rotation_covariance,
+            agreeing_share: sighting.agreeing_share,
+            speed_m_s: before.nav.v_o_b.norm(),
             bias_gyro: before.nav.bias_gyro,
             bias_sigma_rad_s,
             skips_frames: case.health.contains(HealthBits::FRAME_GAP),

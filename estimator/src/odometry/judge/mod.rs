@@ -9,9 +9,9 @@
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
 //! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
-//! 5. Part of the scene moves ([`trial`]): its observations are dropped.
+//! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
-//!    images place the frame, the covariance grows. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
+//!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
 //! 8. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
@@ -222,7 +222,17 @@ impl Judge {
         let known = known.filter(|_| !is_pair_judged);
         let tried = if self.may_try(estimation, case) {
             let stamp_sigma_s = self.time_sigma_s();
-            try_prediction(&mut estimation.window, &prediction, known, &self.sudden_force, stamp_sigma_s)
+            let wrong_m_s2 = self.forces.lately_wrong_m_s2(case.stamp);
+            let tried = try_prediction(
+                &mut estimation.window,
+                &prediction,
+                known,
+                &self.sudden_force,
+                wrong_m_s2,
+                stamp_sigma_s,
+            );
+            self.tracking.note_left(case.stamp, tried.left);
+            tried
         } else {
             Tried::default()
         };

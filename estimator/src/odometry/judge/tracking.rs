@@ -16,6 +16,8 @@ const PLENTY_LANDMARKS: f64 = 60.0;
 /// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s, and the quality at most this.
 const DOUBTED_S: f64 = 0.3;
 const DOUBTED_QUALITY: i8 = 10;
+/// Fewest known landmarks that hold an estimate while others are dropped as moving.
+const MIN_HOLDING: usize = 6;
 /// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
 const RECURS_S: f64 = 2.0;
 const PROBATION_S: f64 = 1.0;
@@ -92,11 +94,21 @@ impl Tracking {
         self.doubted = Some(stamp);
     }
 
-    /// The images place the frame of `stamp` without inertial samples, which are not believed, and `were_believed` for the frame before.
-    pub(super) fn note_distrust(&mut self, stamp: Timestamp, were_believed: bool) {
-        if were_believed {
-            let recurs = self.distrusted.is_some_and(|last| stamp.seconds_since(last) < RECURS_S);
-            self.distrusted_s = if recurs { PROBATION_S } else { DOUBTED_S };
+    /// The prediction of the frame of `stamp` was tried: `left` known landmarks agree with it, if anything was dropped as moving.
+    pub(super) fn note_left(&mut self, stamp: Timestamp, left: Option<usize>) {
+        if left.is_some_and(|left| left < MIN_HOLDING) {
+            self.note_doubt(stamp);
+        }
+    }
+
+    /// The images place the frame of `stamp` without inertial samples, which are not believed, and `were_believed` for the frame before; a
+    /// crowd may carry them.
+    pub(super) fn note_distrust(&mut self, stamp: Timestamp, were_believed: bool, is_carried: bool) {
+        let recurs = self.distrusted.is_some_and(|last| stamp.seconds_since(last) < RECURS_S);
+        if is_carried || (were_believed && recurs) {
+            self.distrusted_s = PROBATION_S;
+        } else if were_believed {
+            self.distrusted_s = DOUBTED_S;
         }
         self.distrusted = Some(stamp);
     }
@@ -188,12 +200,27 @@ mod tests {
     fn samples_that_are_soon_distrusted_again_are_on_probation_for_longer() {
         let mut tracking = Tracking::new(HealthConfig::default());
         let at = |s: f64| Timestamp::default().plus_seconds(s);
-        tracking.note_distrust(at(1.0), true);
-        tracking.note_distrust(at(1.05), false);
+        tracking.note_distrust(at(1.0), true, false);
+        tracking.note_distrust(at(1.05), false, false);
         assert_eq!([1.3, 1.4].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
-        tracking.note_distrust(at(1.5), true);
+        tracking.note_distrust(at(1.5), true, false);
         assert_eq!([2.4, 2.6].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
-        tracking.note_distrust(at(9.0), true);
+        tracking.note_distrust(at(9.0), true, false);
         assert_eq!([9.2, 9.4].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
+        tracking.note_distrust(at(19.0), true, false);
+        tracking.note_distrust(at(19.05), false, true);
+        assert_eq!([20.0, 20.1].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
+    }
+
+    #[test]
+    fn a_prediction_that_no_known_landmark_agrees_with_costs_the_quality() {
+        let mut tracking = Tracking::new(HealthConfig::default());
+        let at = |s: f64| Timestamp::default().plus_seconds(s);
+        let mut judged = |s: f64, left| {
+            tracking.note_left(at(s), left);
+            tracking.is_doubted_at(at(s))
+        };
+        let left = [(1.0, None), (1.05, Some(MIN_HOLDING)), (1.1, Some(2)), (1.3, None), (1.5, None)];
+        assert_eq!(left.map(|(s, left)| judged(s, left)), [false, false, true, true, false]);
     }
 }

@@ -19,32 +19,42 @@ const VELOCITY_SIGMAS: f64 = 5.0;
 pub(super) struct Tried {
     /// The prediction against known landmarks; `None` where it cannot be relied on, or too few are seen.
     pub(super) trial: Option<Trial>,
-    /// Whatever moves in view was dropped.
-    pub(super) is_dropped: bool,
+    /// Known landmarks that agree with the prediction, once whatever moves in view was dropped.
+    pub(super) left: Option<usize>,
 }
 
 /// Tries a prediction that can be relied on against what is seen, and drops what moves if the prediction holds. `known` is the pose by
-/// known landmarks if it was looked for, `stamp_sigma_s` the standard deviation of the frame's time.
+/// known landmarks if it was looked for, `stamp_sigma_s` the standard deviation of the frame's time, `wrong_m_s2` what forces have lately been
+/// wrong by.
 pub(super) fn try_prediction(
     window: &mut Window,
     prediction: &Prediction,
     known: Option<Sighting>,
     sudden_force: &SuddenForce,
+    wrong_m_s2: f64,
     stamp_sigma_s: f64,
 ) -> Tried {
     let Some(velocity_sigma_m_s) = prediction.velocity_sigma_m_s() else { return Tried::default() };
-    let crowd = crowd(window, sudden_force, prediction.dt_s, velocity_sigma_m_s);
+    let crowd = crowd(window, sudden_force, wrong_m_s2, (prediction.dt_s, velocity_sigma_m_s));
     let trial = window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s, crowd }, known);
     let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
-    let is_dropped = !is_contradicted && window.drop_moving(velocity_sigma_m_s, crowd, trial.as_ref());
-    Tried { trial, is_dropped }
+    let left = match is_contradicted {
+        true => None,
+        false => window.drop_moving(velocity_sigma_m_s, crowd, trial.as_ref()),
+    };
+    Tried { trial, left }
 }
 
 /// Bound of what a prediction over `dt_s` from a velocity of this standard deviation, m/s, can be wrong by, while something moves in view.
-fn crowd(window: &Window, sudden_force: &SuddenForce, dt_s: f64, velocity_sigma_m_s: f64) -> Option<Crowd> {
+fn crowd(
+    window: &Window,
+    sudden_force: &SuddenForce,
+    wrong_m_s2: f64,
+    (dt_s, velocity_sigma_m_s): (f64, f64),
+) -> Option<Crowd> {
     let newest = window.frames.last().filter(|_| window.is_motion_in_sight())?;
     let by_sudden = sudden_force.moved_m(newest.taken, dt_s);
-    let by_unmeasured = 0.5 * UNMEASURED_M_S2 * dt_s.squared();
+    let by_unmeasured = 0.5 * UNMEASURED_M_S2.at_least(wrong_m_s2) * dt_s.squared();
     let by_velocity = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s;
     Some(Crowd {
         wrong_m: SUDDEN_SHARE * by_sudden.unwrap_or(0.0) + by_unmeasured + by_velocity,

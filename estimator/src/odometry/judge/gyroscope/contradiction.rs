@@ -103,6 +103,8 @@ pub(super) struct Contradiction {
     was_gyro_named: bool,
     /// False if something else is as likely to be wrong as the gyroscope.
     may_name_gyro: bool,
+    /// True if a crowd may carry the images: they contradict the accelerometer too, or many landmarks do not agree with them.
+    pub(super) is_carried: bool,
 }
 
 impl Contradiction {
@@ -122,6 +124,7 @@ impl Contradiction {
             largest: Vector3::zeros(),
             was_gyro_named: false,
             may_name_gyro,
+            is_carried: !may_name_gyro,
         }
     }
 

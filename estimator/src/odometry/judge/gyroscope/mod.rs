@@ -48,6 +48,9 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
+/// Images may be carried by a crowd where so few of the landmarks agree with their pose; the way then errs by as much as the heading, rad, at most.
+const CARRIED_SHARE: f64 = 0.8;
+const MOST_CARRIED_RAD: f64 = 1.0;
 /// Sums contradict from this multiple of what is admitted if no landmark votes for the images, and these tell the turn no better than this, rad.
 const UNVOTED_EXCESS: f64 = 2.0;
 const POOR_RAD: f64 = 2e-3;
@@ -66,6 +69,9 @@ pub(super) struct SeenTurn {
     /// The turn by the images, rad, and its covariance, rad².
     pub(super) seen: Vector3<f64>,
     pub(super) covariance: Matrix3<f64>,
+    /// Share of the landmarks that agree with where the images place the frame, and its speed, m/s.
+    pub(super) agreeing_share: f64,
+    pub(super) speed_m_s: f64,
     /// Present bias of the gyroscope, rad/s, and its standard deviation.
     pub(super) bias_gyro: Vector3<f64>,
     pub(super) bias_sigma_rad_s: f64,
@@ -96,6 +102,8 @@ pub(super) struct RotationWatch {
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
     left_rad: f64,
+    /// Turn for which a crowd may have carried the images, rad: by so much the way since errs in direction.
+    carried_rad: f64,
 }
 
 impl RotationWatch {
@@ -112,6 +120,7 @@ impl RotationWatch {
             probation: None,
             left_m: 0.0,
             left_rad: 0.0,
+            carried_rad: 0.0,
         }
     }
 
@@ -126,7 +135,7 @@ impl RotationWatch {
         self.turns.clear();
         self.differences.forget();
         (self.contradiction, self.suspicious) = (None, None);
-        (self.left_m, self.left_rad) = (0.0, 0.0);
+        (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
         self.probation = None;
     }
 
@@ -153,6 +162,7 @@ impl RotationWatch {
         }
         let _ = self.turns.push_back(turn);
         let dt_s = to.seconds_since(from);
+        self.left_m += self.carried_rad.at_most(MOST_CARRIED_RAD) * frame.speed_m_s * dt_s;
         if frame.skips_samples || dt_s > FRAME_HOLE_S {
             let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
             self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
@@ -193,7 +203,7 @@ impl RotationWatch {
         let contradicted = if self.contradiction.is_some() {
             newest.adds_up = self.differences.contradict_since(&sigmas, 1.0).is_some();
             newest.sum_excess = self.differences.even_excess(&sigmas);
-            self.settle(&newest);
+            self.settle(&newest, frame.agreeing_share);
             None
         } else {
             self.begin_contradiction(&newest, frame, &sigmas)
@@ -268,13 +278,18 @@ impl RotationWatch {
         self.hole_before(stamp).is_some()
     }
 
-    /// Goes on with a contradiction.
-    fn settle(&mut self, newest: &NewestTurn) {
+    /// Goes on with a contradiction; so many of the landmarks agree with the images.
+    fn settle(&mut self, newest: &NewestTurn, agreeing_share: f64) {
         let Some(mut contradiction) = self.contradiction else { return };
+        contradiction.is_carried |= agreeing_share < CARRIED_SHARE;
         let is_over = contradiction.settle(newest, &self.evidence());
-        if contradiction.culprit == Culprit::Disputed {
+        let turned_rad = newest.turn.seen.norm();
+        if contradiction.culprit == Culprit::Disputed || contradiction.is_carried {
             self.left_m += DISPUTED_M_S * newest.turn.to.seconds_since(newest.turn.from);
-            self.left_rad += newest.turn.seen.norm();
+            self.left_rad += turned_rad;
+        }
+        if contradiction.is_carried {
+            self.carried_rad += turned_rad;
         }
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
@@ -289,6 +304,11 @@ impl RotationWatch {
     /// True while the inertial samples are distrusted.
     pub(super) fn is_distrusting(&self) -> bool {
         self.contradiction.is_some() || self.probation.is_some_and(|probation| probation.has_begun())
+    }
+
+    /// True while the inertial samples are distrusted by images that a crowd may carry.
+    pub(super) fn is_carried(&self) -> bool {
+        self.contradiction.is_some_and(|contradiction| contradiction.is_carried)
     }
 
     /// Says in `health` what was found.

@@ -54,6 +54,8 @@ const NOTHING: Wrong = Wrong {
 /// The turn `seen` between two times, of a frame of which nothing else is to be said.
 fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
     SeenTurn {
+        agreeing_share: 1.0,
+        speed_m_s: 0.0,
         span: span_s.map(at),
         stamps: span_s.map(at),
         rate_b: rate(span_s[1]),
@@ -265,4 +267,39 @@ fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
     let added = watch.added_covariance(&nav, &Vector3::zeros()).expect("something is left");
     let of_rotation = added.fixed_view::<3, 3>(NavState::ROT, NavState::ROT).into_owned();
     assert!((of_rotation - Matrix3::identity() * 0.04).norm() < 1e-12, "{of_rotation}");
+}
+
+/// Standard deviations of position, m, and heading, rad, two seconds after a gyroscope was contradicted for one, whose images agree with so
+/// many of the landmarks.
+fn left_after(agreeing_share: f64, is_force_wrong: bool) -> [f64; 2] {
+    let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
+    let mut watch = RotationWatch::new(&imu);
+    for k in 0..160 {
+        let t = f64::from(k) * 0.05;
+        for sample in 0..10 {
+            let t = t + f64::from(sample) * 0.005;
+            watch.add(&ImuSample { stamp: at(t), gyro: rate(t), accel: Vector3::zeros() });
+        }
+        let slip = if (5.0..5.5).contains(&t) { Vector3::y() * 0.03 } else { Vector3::zeros() };
+        let frame = SeenTurn {
+            agreeing_share,
+            speed_m_s: 1.0,
+            is_force_contradicted: is_force_wrong && (4.5..5.5).contains(&t),
+            ..turn([t - 0.05, t], angle(t) - angle(t - 0.05) + slip)
+        };
+        let _ = watch.update(&frame);
+    }
+    assert!(!watch.is_distrusting());
+    let added = watch.added_covariance(&NavState::default(), &Vector3::zeros());
+    let of = |part: usize| added.map_or(0.0, |added| added[(part, part)].sqrt());
+    [of(NavState::P), of(NavState::ROT + 2)]
+}
+
+#[test]
+fn images_that_a_crowd_may_carry_leave_position_and_heading_uncertain() {
+    let alone = left_after(0.95, false);
+    assert!(alone[0] < 0.15, "a dispute of 0.2 s: {alone:?}");
+    for carried in [left_after(0.7, false), left_after(0.95, true)] {
+        assert!(carried[0] > 4.0 * alone[0] && carried[1] > 2.0 * alone[1], "{carried:?}, {alone:?}");
+    }
 }
