@@ -52,7 +52,7 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 use agreement::Turn;
 use failing::Failure;
 use frozen::{Frozen, Views};
-use inertial::Rest;
+use inertial::{Axes, Rest};
 use lag::LagFinder;
 use late_camera::Lag;
 use motion::MotionFinder;
@@ -254,7 +254,7 @@ impl Checkup {
         measures.extend(shown.frozen.judge());
         measures.extend(self.timing(&imu));
         measures.extend(shown.repeats.judge(&self.samples));
-        measures.push(failing::judge(inertial::axes(&self.samples, &self.config.imu), &failures));
+        measures.extend(failing::judge(&Axes::of(&self.samples, &self.config.imu), &failures));
         measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
         measures.extend(self.cameras(&shown));
         // What is left of a recording whose images freeze may be too little.
@@ -420,8 +420,9 @@ pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 const OF_PAIRS: [&str; 6] =
     ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation", "focal length", scale::NAME];
 /// Measures of the inertial samples alone.
-const OF_SAMPLES: [&str; 9] = [
+const OF_SAMPLES: [&str; 10] = [
     "IMU axes",
+    inertial::UNMOVED_NAME,
     gravity::NAME,
     "gravity",
     mounting::NAME,

@@ -17,7 +17,8 @@ fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
     assert!(missing.iter().all(|m| {
         let absent = ["blur", "mounting heading", "camera-IMU rotation", "time offset", "focal length"];
-        absent.contains(&m.name) || ["accelerometer axes", "scale"].contains(&m.name)
+        absent.contains(&m.name)
+            || ["accelerometer axes", "scale", crate::inertial::UNMOVED_NAME].contains(&m.name)
     }));
 }
 
@@ -145,6 +146,18 @@ fn a_line_beside_half_the_rate_is_said_to_be_there() {
         sample.gyro.x += 0.2 * (TAU * 104.0 * sample.stamp.seconds_since(begin)).sin();
     }
     assert_found(&shaken.report(), "vibration of the gyroscope", Fitness::NotFit, "near half the rate");
+}
+
+#[test]
+fn axes_that_hardly_move_are_not_measured() {
+    let report = flight(0).report();
+    let unmoved = measure(&report, crate::inertial::UNMOVED_NAME);
+    assert_eq!(unmoved.verdict, Fitness::NotMeasured);
+    assert!(unmoved.value.contains("gyroscope x y z"), "{}", told(&report));
+    assert!(measure(&report, "IMU axes").value.starts_with("none repeats its value"), "{}", told(&report));
+    let hand = super::simulated(FlightPath::HandHeld, 0.0, 12.0, 0).report();
+    assert!(hand.measure(crate::inertial::UNMOVED_NAME).is_none(), "{}", told(&hand));
+    assert!(measure(&hand, "IMU axes").value.starts_with("all six live"), "{}", told(&hand));
 }
 
 #[test]
