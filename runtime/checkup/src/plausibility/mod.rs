@@ -293,9 +293,8 @@ impl Plausibility {
             self.resets.push(Finding::new(
                 GIVEN_UP,
                 reason,
-                "wrong units or calibration where it happens soon after the start, else motion that the sensors do not \
-                 support",
-                "look at the other warnings; `plumbline doctor` checks the configuration",
+                "a sensor or images that fail, or a motion that they do not support; soon after the start, wrong units or a wrong calibration",
+                "look at the other warnings, and run `plumbline doctor` on the data",
             ));
         }
     }
