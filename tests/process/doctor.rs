@@ -57,6 +57,46 @@ fn a_measure_that_the_data_do_not_hold_has_its_reason() {
     );
 }
 
+/// A data set says which fault is in it, and `doctor` finds it.
+#[test]
+fn frozen_images_are_named_with_their_camera_and_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frozen").display().to_string();
+    let fault =
+        ["--path", "hand-held", "--duration", "8", "--scale", "0.5", "--fault", "image-frozen:right@4+2.03"];
+    let written = plumbline(&[&["simulate", &path], &fault[..]].concat());
+    let text = String::from_utf8_lossy(&written.stdout).into_owned();
+    assert!(text.contains("fault: image-frozen:right") && text.contains("from 4 to 6.03 s"), "{text}");
+    let (status, report) = json(&["doctor", &path, "--json"]);
+    let wrong: Vec<_> = report["measures"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|measure| measure["verdict"] == "not fit")
+        .collect();
+    assert_eq!((status, wrong.len(), &wrong[0]["name"]), (Some(1), 1, &"frozen images".into()), "{report:#}");
+    let (value, cure) = (wrong[0]["value"].as_str().unwrap(), wrong[0]["cure"].as_str().unwrap());
+    assert!(value.starts_with("right images stand still for 2.0 s (4.0 to 6.0 s"), "{value}");
+    assert!(cure.contains("the right camera, and restart it"), "{cure}");
+}
+
+#[test]
+fn a_simulated_flight_may_have_one_camera_and_a_path_by_its_name() {
+    let one = plumbline(&["doctor", "sim:room?mono=true&scale=0.5", "--seconds", "2"]);
+    let text = String::from_utf8_lossy(&one.stdout);
+    assert!(text.contains("it takes two cameras"), "{text}{}", stderr(&one));
+    for (path, imu, words) in [
+        ("V9", "simulated", "no such path or file; give demo, hand-held"),
+        ("demo", "recorded", "such as V1_02"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let to = folder.path().join("flight").display().to_string();
+        let refused = plumbline(&["simulate", &to, "--path", path, "--imu", imu]);
+        assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+        assert!(stderr(&refused).contains(words), "{}", stderr(&refused));
+    }
+}
+
 /// With its time and its cure; measures that it spoils are not judged, and a sound data set has no such axis.
 #[test]
 fn an_axis_that_fails_with_noise_is_named() {

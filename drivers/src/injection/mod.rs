@@ -87,6 +87,24 @@ impl InjectedFault {
         }
     }
 
+    /// The fault for people: as it is written, what it is, and when.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let Range { start, end } = self.span_s();
+        let when = match (self.is_of_rig(), end.is_finite()) {
+            (true, _) => "in the calibration that is written".to_owned(),
+            (false, true) => {
+                format!("from {start} to {} s after the first frame", (end * 1e6).round() / 1e6)
+            }
+            (false, false) => format!("from {start} s after the first frame to the end"),
+        };
+        let again = match self.period_s.is_finite() {
+            true => format!(", and every {} s after that", self.period_s),
+            false => String::new(),
+        };
+        format!("{self} ({}), {when}{again}", self.kind.about)
+    }
+
     /// By how much the clocks of all sensors step back, and when, s after the first frame.
     #[must_use]
     pub fn clock_step_s(&self) -> Option<(f64, f64)> {

@@ -414,3 +414,18 @@ fn a_fault_with_a_period_acts_again_and_again() {
         assert!(bad.parse::<InjectedFault>().is_err(), "{bad}");
     }
 }
+
+#[test]
+fn words_of_a_fault_say_what_it_is_and_when() {
+    for (text, words) in [
+        ("image-frozen:left@5+3", "image-frozen:left:1.5@5+3 (One image again"),
+        ("image-frozen:left@5+3", "from 5 to 8 s after the first frame"),
+        ("accel-pulse:x:30@6+0.1", "from 6 to 6.1 s after the first frame"),
+        ("gyro-dead:x@8", "from 8 s after the first frame to the end"),
+        ("imu-gap@5+0.5/10", "from 5 to 5.5 s after the first frame, and every 10 s after that"),
+        ("rig-baseline:1.1", "in the calibration that is written"),
+    ] {
+        let told = text.parse::<InjectedFault>().unwrap().words();
+        assert!(told.contains(words), "{told}");
+    }
+}

@@ -42,6 +42,9 @@ pub enum FlightPath {
 }
 
 impl FlightPath {
+    /// Names of the built-in paths.
+    pub const NAMES: [&str; 7] = ["demo", "hand-held", "hover", "drift", "carried", "yaws", "sweeps"];
+
     /// The built-in path of that name, else the path along that file.
     #[must_use]
     pub fn named(name: &str) -> Self {

@@ -7,9 +7,11 @@
 //! calibration of the cameras explains as much, no sensor is named.
 
 mod fault;
+mod moved;
 mod piece;
 mod words;
 
+pub(crate) use moved::moved;
 pub(crate) use words::{judge, reconcile, spoiled};
 
 use crate::agreement::{Turn, agreement};

@@ -2,6 +2,7 @@
 //! their range.
 
 use crate::agreement::Turn;
+use crate::failing;
 use crate::finding::Finding;
 use crate::statistics::{mean_and_spread, median};
 use crate::verdict::{Fitness, Measure};
@@ -200,43 +201,91 @@ pub fn refused(count: u64, used: usize) -> Option<Finding> {
     })
 }
 
-/// Axes of both sensors as numbers, with their names.
-const AXES: [&str; 6] =
-    ["gyroscope x", "gyroscope y", "gyroscope z", "accelerometer x", "accelerometer y", "accelerometer z"];
+/// Number of the axes of both sensors, and the names of these.
+const AXES: usize = 6;
+const SENSORS: [&str; 2] = ["gyroscope", "accelerometer"];
 
 fn axis(sample: &ImuSample, axis: usize) -> f64 {
     if axis < 3 { sample.gyro[axis] } else { sample.accel[axis - 3] }
 }
 
-/// Verdict on the axes: all alive, and how often one is at the end of its range.
-#[must_use]
-pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
-    const NAME: &str = "IMU axes";
-    if samples.len() < STUCK.1 {
-        return Measure::missing(NAME, "too few samples", "check the IMU");
+/// Name of the measure of axes that did not move.
+pub const UNMOVED_NAME: &str = "unmoved axes";
+
+/// What the samples say of the axes.
+pub(crate) struct Axes {
+    samples: usize,
+    stuck: [bool; AXES],
+    moved: [bool; AXES],
+    /// Samples at the end of the range.
+    saturated: usize,
+}
+
+impl Axes {
+    pub(crate) fn of(samples: &[ImuSample], imu: &ImuConfig) -> Self {
+        let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
+        let at_end = |sample: &&ImuSample| {
+            sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
+                || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
+        };
+        let moved = failing::moved(samples);
+        Self {
+            samples: samples.len(),
+            stuck: std::array::from_fn(|k| is_stuck(samples, k, longest)),
+            moved: std::array::from_fn(|k| moved[k / 3][k % 3]),
+            saturated: samples.iter().filter(at_end).count(),
+        }
     }
-    let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
-    let stuck: Vec<&str> =
-        (0..AXES.len()).filter(|k| is_stuck(samples, *k, longest)).map(|k| AXES[k]).collect();
-    let at_end = |sample: &&ImuSample| {
-        sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
-            || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
+
+    /// Verdict on the axes: none stuck, which are alive, and how often one is at the end of its range.
+    pub(crate) fn judge(&self) -> Measure {
+        const NAME: &str = "IMU axes";
+        if self.samples < STUCK.1 {
+            return Measure::missing(NAME, "too few samples", "check the IMU");
+        }
+        let stuck = self.stuck.iter().filter(|is_stuck| **is_stuck).count();
+        let figures = [("stuck_axes", stuck as f64), ("saturated_samples", self.saturated as f64)];
+        if stuck > 0 {
+            let value = format!("{} repeats its value", names(self.stuck));
+            let cure = "replace the sensor, or check its bus: the register that is read no longer changes";
+            return Measure::new(NAME, Fitness::NotFit, value, cure, &figures);
+        }
+        let live = match self.moved {
+            [true, true, true, true, true, true] => "all six live".to_owned(),
+            [false, false, false, false, false, false] => "none repeats its value".to_owned(),
+            moved => format!("{} live", names(moved)),
+        };
+        let share = self.saturated as f64 / self.samples as f64;
+        Measure::new(
+            NAME,
+            Fitness::within(share, SATURATED.0, SATURATED.1),
+            format!("{live}, {} of {} samples at the end of the range", self.saturated, self.samples),
+            "choose a larger range of the sensor, damp its mounting, or correct `imu.gyro_range_rad_s` and `accel_range_m_s2`",
+            &figures,
+        )
+    }
+
+    /// The axes that nothing is known of, but for those of gyroscope and accelerometer that fail.
+    pub(crate) fn unmoved(&self, failing: [[bool; 3]; 2]) -> Option<Measure> {
+        let is_open = |k: usize| !self.moved[k] && !self.stuck[k] && !failing[k / 3][k % 3];
+        let open = std::array::from_fn(is_open);
+        let cure = "turn the vehicle by hand about all three axes, and move it to and fro along each, for ten seconds each";
+        (self.samples >= STUCK.1 && open.contains(&true)).then(|| {
+            let value =
+                format!("{}: hardly moved, so a dead, negated or exchanged axis would not show", names(open));
+            Measure::missing(UNMOVED_NAME, &value, cure)
+        })
+    }
+}
+
+/// Names of these axes.
+fn names(axes: [bool; AXES]) -> String {
+    let of = |sensor: usize| {
+        let letters = (0..3).filter(|k| axes[3 * sensor + k]).map(|k| ["x", "y", "z"][k]);
+        let letters = letters.collect::<Vec<_>>();
+        (!letters.is_empty()).then(|| format!("{} {}", SENSORS[sensor], letters.join(" ")))
     };
-    let saturated = samples.iter().filter(at_end).count();
-    let share = saturated as f64 / samples.len() as f64;
-    let figures = [("stuck_axes", stuck.len() as f64), ("saturated_samples", saturated as f64)];
-    if !stuck.is_empty() {
-        let value = format!("{} repeats its value", stuck.join(" and "));
-        let cure = "replace the sensor, or check its bus: the register that is read no longer changes";
-        return Measure::new(NAME, Fitness::NotFit, value, cure, &figures);
-    }
-    Measure::new(
-        NAME,
-        Fitness::within(share, SATURATED.0, SATURATED.1),
-        format!("all six live, {saturated} of {} samples at the end of the range", samples.len()),
-        "choose a larger range of the sensor, damp its mounting, or correct `imu.gyro_range_rad_s` and `accel_range_m_s2`",
-        &figures,
-    )
+    (0..2).filter_map(of).collect::<Vec<_>>().join(" and ")
 }
 
 fn rate_hz(samples: &[ImuSample]) -> f64 {

@@ -5,7 +5,7 @@
 use crate::late_camera::Lag;
 use crate::pair::PairMatcher;
 use crate::statistics::median;
-use plumbline_config::{Config, GrayImage, ImageView};
+use plumbline_config::{Config, GrayImage, ImageView, Timestamp};
 use std::collections::VecDeque;
 
 /// Frames by which a camera may be late.
@@ -26,12 +26,23 @@ const MAX_ERRORS: usize = 5000;
 pub(crate) struct LagFinder {
     matcher: PairMatcher,
     limit_px: f64,
-    /// The images before, the newest last.
-    before: VecDeque<[GrayImage; 2]>,
+    /// The images before with their stamps, the newest last.
+    before: VecDeque<(Timestamp, [GrayImage; 2])>,
     next: usize,
     /// Errors of the frames that were looked into as they came, and with each lag.
-    came_px: Vec<f64>,
-    lagged_px: [Vec<f64>; LAGS.len()],
+    came: Vec<Moment>,
+    lagged: [Vec<Moment>; LAGS.len()],
+}
+
+/// Error of a match between images of these stamps, px.
+struct Moment {
+    stamps: [Timestamp; 2],
+    error_px: f64,
+}
+
+fn errors_px(moments: &[Moment], is_frozen: &dyn Fn(Timestamp) -> bool) -> Vec<f64> {
+    let sound = moments.iter().filter(|moment| !moment.stamps.iter().any(|stamp| is_frozen(*stamp)));
+    sound.map(|moment| moment.error_px).collect()
 }
 
 impl LagFinder {
@@ -42,49 +53,61 @@ impl LagFinder {
             limit_px: DOUBTFUL * f64::from(config.estimator.points.max_epipolar_px),
             before: VecDeque::with_capacity(MAX_LAG + 1),
             next: 0,
-            came_px: Vec::new(),
-            lagged_px: Default::default(),
+            came: Vec::new(),
+            lagged: Default::default(),
         })
     }
 
     /// Takes the images of a frame, and the errors of its matches as it came.
-    pub(crate) fn add(&mut self, [left, right]: [&ImageView<'_>; 2], errors_px: impl Iterator<Item = f64>) {
+    pub(crate) fn add(
+        &mut self,
+        stamp: Timestamp,
+        [left, right]: [&ImageView<'_>; 2],
+        errors_px: impl Iterator<Item = f64>,
+    ) {
         let errors: Vec<f64> = errors_px.map(f64::abs).collect();
         if errors.len() < MIN_MATCHES || median(&errors) > self.limit_px {
-            self.came_px.extend(errors.iter().take(MAX_ERRORS.saturating_sub(self.came_px.len())));
-            self.look_into([left, right]);
+            let room = MAX_ERRORS.saturating_sub(self.came.len());
+            let moment = |error_px: &f64| Moment { stamps: [stamp; 2], error_px: *error_px };
+            self.came.extend(errors.iter().take(room).map(moment));
+            self.look_into(stamp, [left, right]);
         }
         if self.before.len() == MAX_LAG {
             self.before.pop_front();
         }
-        self.before.push_back([left, right].map(copy));
+        self.before.push_back((stamp, [left, right].map(copy)));
     }
 
-    fn look_into(&mut self, [left, right]: [&ImageView<'_>; 2]) {
+    fn look_into(&mut self, stamp: Timestamp, [left, right]: [&ImageView<'_>; 2]) {
         let place = self.next % LAGS.len();
         self.next += 1;
         let lag = LAGS[place];
         let earlier = self.before.len().checked_sub(usize::from(lag.unsigned_abs()));
-        let Some([left_before, right_before]) = earlier.and_then(|at| self.before.get(at)) else { return };
+        let Some((earlier, [left_before, right_before])) = earlier.and_then(|at| self.before.get(at)) else {
+            return;
+        };
         // A right camera that is late shows now what the left one showed before.
         let is_found = match lag > 0 {
             true => self.matcher.find(&left_before.view(), right),
             false => self.matcher.find(left, &right_before.view()),
         };
-        let kept = &mut self.lagged_px[place];
+        let (kept, stamps) = (&mut self.lagged[place], [*earlier, stamp]);
         if is_found && kept.len() < MAX_ERRORS {
-            kept.extend(self.matcher.matches().iter().map(|found| found.epipolar_px.abs()));
+            let errors = self.matcher.matches().iter().map(|found| found.epipolar_px.abs());
+            kept.extend(errors.map(|error_px| Moment { stamps, error_px }));
         }
     }
 
-    /// The lag with which left and right agree, where they do not as they came.
-    pub(crate) fn lag(&self) -> Option<Lag> {
-        if self.came_px.len() < MIN_ERRORS {
+    /// The lag with which left and right agree, where they do not as they came, by frames whose images are not frozen.
+    pub(crate) fn lag(&self, is_frozen: &dyn Fn(Timestamp) -> bool) -> Option<Lag> {
+        let came = errors_px(&self.came, is_frozen);
+        if came.len() < MIN_ERRORS {
             return None;
         }
-        let came = median(&self.came_px);
-        let lags = LAGS.iter().zip(&self.lagged_px).filter(|(_, errors)| errors.len() >= MIN_ERRORS);
-        let best = lags.map(|(lag, errors)| (*lag, median(errors))).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let came = median(&came);
+        let lagged = self.lagged.iter().map(|moments| errors_px(moments, is_frozen));
+        let lags = LAGS.iter().zip(lagged).filter(|(_, errors)| errors.len() >= MIN_ERRORS);
+        let best = lags.map(|(lag, errors)| (*lag, median(&errors))).min_by(|a, b| a.1.total_cmp(&b.1))?;
         (best.1 < BETTER * came).then_some(Lag { frames: best.0, errors_px: (best.1, came) })
     }
 }

@@ -14,6 +14,7 @@
 //! | [`pair`], [`lag`] | epipolar error left to right, by matches that know nothing of the calibration; a camera late by frames |
 //! | [`scale`] | the scale of the pair of cameras against that of the accelerometer |
 //! | `repeats` | samples and images that are bit for bit those before |
+//! | `frozen` | cameras that deliver one image again and again, with noise |
 //! | [`motion`], [`agreement`] | time offset and rotation between camera and IMU, by the rotation that images show |
 //! | [`health`] | the health bits of a flight: a line at its end, and warnings |
 //! | [`plausibility`] | units, columns, axes and sides that cannot be right; of a flight too, while it goes on |
@@ -26,6 +27,7 @@ pub mod exposure;
 mod failing;
 mod fft;
 pub mod finding;
+mod frozen;
 pub mod health;
 pub mod inertial;
 pub mod lag;
@@ -49,8 +51,10 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
 use failing::Failure;
-use inertial::Rest;
+use frozen::{Frozen, Views};
+use inertial::{Axes, Rest};
 use lag::LagFinder;
+use late_camera::Lag;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
 use plausibility::gravity::{self, GravityTurns};
@@ -92,6 +96,7 @@ pub struct Checkup {
     glimpse: Glimpse,
     sight: Sight,
     rotations: Vec<Seen>,
+    views: Views,
     matcher: Option<PairMatcher>,
     pairs: PairFigures,
     lag: Option<LagFinder>,
@@ -104,6 +109,16 @@ pub struct Checkup {
     refused_samples: u64,
     /// Samples and frames out of order or of the same stamp.
     disordered: [u64; 2],
+}
+
+/// What images show, without those that are frozen.
+struct Shown {
+    frozen: Frozen,
+    rotations: Vec<Seen>,
+    turns: Vec<Turn>,
+    pairs: PairFigures,
+    lag: Option<Lag>,
+    repeats: Repeats,
 }
 
 /// Findings that cannot be right, and the measurements that they spoil.
@@ -129,6 +144,7 @@ impl Checkup {
             glimpse: Glimpse::new(image_sizes(&config.camera)),
             sight: Sight::new(config),
             rotations: Vec::new(),
+            views: Views::new(config),
             matcher: PairMatcher::new(config),
             pairs: PairFigures::default(),
             lag: LagFinder::new(config),
@@ -200,6 +216,7 @@ impl Checkup {
                 image.as_ref().is_some_and(|image| self.glimpse.images[camera].take_view(image));
         }
         let seen = self.sight.add(&self.glimpse);
+        self.views.add(&self.glimpse, seen);
         if self.rotations.len() < plausibility::MAX_PAIRS {
             self.rotations.extend(seen);
         }
@@ -207,9 +224,9 @@ impl Checkup {
         if !matcher.find(left, right) {
             return;
         }
-        self.pairs.add(matcher.matches());
+        self.pairs.add(frame.stamp, matcher.matches());
         if let Some(lag) = &mut self.lag {
-            lag.add([left, right], matcher.matches().iter().map(|found| found.epipolar_px));
+            lag.add(frame.stamp, [left, right], matcher.matches().iter().map(|found| found.epipolar_px));
         }
         if let Some(motion) = &mut self.motion {
             self.turns.extend(motion.next(frame.stamp, matcher.left(), matcher.matches()));
@@ -225,25 +242,50 @@ impl Checkup {
     /// Measurements so far with their verdicts.
     #[must_use]
     pub fn report(&self) -> CheckupReport {
-        let imu = self.arrivals();
-        let rest = inertial::rest(&self.samples, &self.turns);
+        let (imu, shown) = (self.arrivals(), self.shown());
+        let rest = inertial::rest(&self.samples, &shown.turns);
         let turns = GravityTurns::of(&self.samples);
-        let nonsense = self.nonsense(&rest, &turns, &imu);
-        let consequences = self.consequences(&nonsense, &imu);
+        let nonsense = self.nonsense(&shown, &rest, &turns, &imu);
+        let consequences = self.consequences(&shown, &nonsense, &imu);
         let Nonsense { findings, failures, are_columns_wrong, .. } = nonsense;
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(findings).map(Finding::into_measure).collect();
+        measures.extend(shown.frozen.judge());
         measures.extend(self.timing(&imu));
-        measures.extend(self.repeats.judge(&self.samples));
-        measures.push(failing::judge(inertial::axes(&self.samples, &self.config.imu), &failures));
+        measures.extend(shown.repeats.judge(&self.samples));
+        measures.extend(failing::judge(&Axes::of(&self.samples, &self.config.imu), &failures));
         measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
-        measures.extend(self.cameras());
-        for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
+        measures.extend(self.cameras(&shown));
+        // What is left of a recording whose images freeze may be too little.
+        let is_too_little = |measure: &Measure| {
+            !shown.frozen.is_none()
+                && measure.verdict <= Fitness::Uncertain
+                && (OF_BOTH.contains(&measure.name) || OF_IMAGES.contains(&measure.name))
+        };
+        let is_consequence =
+            |measure: &Measure| consequences.contains(&measure.name) || is_too_little(measure);
+        for measure in measures.iter_mut().filter(|measure| is_consequence(measure)) {
             measure.verdict = Fitness::NotMeasured;
             measure.cure = NAMED_ABOVE.into();
         }
         CheckupReport { measures }
+    }
+
+    /// What images show, without those that are frozen.
+    fn shown(&self) -> Shown {
+        let frozen = self.views.frozen(&self.samples, &self.config);
+        let is_frozen = |stamp: Timestamp| frozen.covers(stamp);
+        let rotations = self.rotations.iter().copied().filter(|seen| !frozen.touches(seen.from, seen.to));
+        let turns = self.turns.iter().copied().filter(|turn| !frozen.touches(turn.from, turn.to));
+        Shown {
+            rotations: rotations.collect(),
+            turns: turns.collect(),
+            pairs: self.pairs.without(&is_frozen),
+            lag: self.lag.as_ref().and_then(|lag| lag.lag(&is_frozen)),
+            repeats: self.repeats.without([0, 1].map(|camera| frozen.exact(camera))),
+            frozen,
+        }
     }
 
     /// Arrivals of the samples.
@@ -258,15 +300,16 @@ impl Checkup {
     }
 
     /// Findings that cannot be right, and sensors that fail by what images show.
-    fn nonsense(&self, rest: &Rest, turns: &GravityTurns, imu: &Arrivals) -> Nonsense {
+    fn nonsense(&self, shown: &Shown, rest: &Rest, turns: &GravityTurns, imu: &Arrivals) -> Nonsense {
         let config = &self.config;
-        let comparable = if self.are_images_wrong(imu) { &[] } else { &self.turns[..] };
+        let comparable = if self.are_images_wrong(shown, imu) { &[] } else { &shown.turns[..] };
         let mut failures = failing::failures(comparable, &self.samples, config);
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
-        let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
-        let mut findings =
-            plausibility::nonsense(&magnitudes, (turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
+        let agreement = plausibility::agreement_of(config, &shown.rotations, &self.samples);
+        let is_frozen = |stamp: Timestamp| shown.frozen.covers(stamp);
+        let (gravity, sight) = ((turns, config.vehicle.rot_v_b()), (&self.sight, &is_frozen as _));
+        let mut findings = plausibility::nonsense(&magnitudes, gravity, &agreement, sight);
         // At rest the mounting says it, with its angles.
         findings.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
         failing::reconcile(&mut failures, &mut findings);
@@ -316,18 +359,17 @@ impl Checkup {
     }
 
     /// Measures of the images, and of cameras against each other and against the inertial sensor.
-    fn cameras(&self) -> Vec<Measure> {
+    fn cameras(&self, shown: &Shown) -> Vec<Measure> {
         let config = &self.config;
         let mut measures =
             vec![self.sight.brightness.judge(), exposure::blur(&self.samples, config, self.exposure_s)];
-        let lag = self.lag.as_ref().and_then(LagFinder::lag);
-        measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config, lag.as_ref())));
+        measures.extend(self.matcher.as_ref().map(|_| shown.pairs.judge(config, shown.lag.as_ref())));
         if self.motion.is_some() {
-            let agreed = agreement::judge(&self.turns, &self.samples, config);
+            let agreed = agreement::judge(&shown.turns, &self.samples, config);
             let focal = agreed.iter().find(|measure| measure.name == agreement::FOCAL_NAME);
             let focal = focal.map_or(Fitness::NotMeasured, |measure| measure.verdict);
             measures.extend(agreed);
-            measures.push(scale::judge(&self.turns, &self.samples, config, focal));
+            measures.push(scale::judge(&shown.turns, &self.samples, config, focal));
         }
         if config.camera.len() == 1 {
             let missing = |name| {
@@ -344,25 +386,25 @@ impl Checkup {
 
     /// True if images repeat, are of different moments or are measured through a wrong lens model, or the
     /// stamps of either stream are mixed up. Comparisons of images and samples are then no measurement.
-    fn are_images_wrong(&self, imu: &Arrivals) -> bool {
+    fn are_images_wrong(&self, shown: &Shown, imu: &Arrivals) -> bool {
         let limit_px = f64::from(self.config.estimator.points.max_epipolar_px);
         let rate_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);
         let mut frames = self.frames.clone();
         frames.disordered = self.disordered[timing::Sensor::Cameras as usize];
-        self.repeats.is_grave()
-            || self.lag.as_ref().and_then(LagFinder::lag).is_some()
-            || self.pairs.is_lens_in_doubt(limit_px)
+        shown.repeats.is_grave()
+            || shown.lag.is_some()
+            || shown.pairs.is_lens_in_doubt(limit_px)
             || timing::is_mixed_up(timing::Sensor::Imu, imu, self.config.imu.rate_hz)
             || timing::is_mixed_up(timing::Sensor::Cameras, &frames, rate_hz)
     }
 
     /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
     /// would mislead.
-    fn consequences(&self, wrong: &Nonsense, imu: &Arrivals) -> Vec<&'static str> {
+    fn consequences(&self, shown: &Shown, wrong: &Nonsense, imu: &Arrivals) -> Vec<&'static str> {
         let (no_samples, no_frames) = (self.samples.is_empty(), self.frames.stamps.is_empty());
         let is_both = !wrong.findings.is_empty()
             || self.troubles.iter().any(Option::is_some)
-            || (no_samples || no_frames || self.are_images_wrong(imu));
+            || (no_samples || no_frames || self.are_images_wrong(shown, imu));
         let samples = OF_SAMPLES.into_iter().filter(|_| wrong.are_samples_wrong || no_samples);
         let images = OF_IMAGES.into_iter().filter(|_| no_frames);
         let columns = OF_COLUMNS.into_iter().filter(|_| wrong.are_columns_wrong);
@@ -378,8 +420,9 @@ pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 const OF_PAIRS: [&str; 6] =
     ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation", "focal length", scale::NAME];
 /// Measures of the inertial samples alone.
-const OF_SAMPLES: [&str; 9] = [
+const OF_SAMPLES: [&str; 10] = [
     "IMU axes",
+    inertial::UNMOVED_NAME,
     gravity::NAME,
     "gravity",
     mounting::NAME,

@@ -10,7 +10,7 @@ use crate::plausibility::stereo;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix2, Vector2, Vector3};
-use plumbline_config::{Config, ImageView};
+use plumbline_config::{Config, ImageView, Timestamp};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::points::align::TranslationTemplate;
 use plumbline_estimator::points::corners::{CornerDetector, Demand};
@@ -203,36 +203,43 @@ impl PairMatcher {
 /// Statistics of the matches against the calibration.
 #[derive(Clone, Debug, Default)]
 pub struct PairFigures {
-    pairs: usize,
-    errors_px: Vec<f64>,
-    exchanged_px: Vec<f64>,
-    inverse_depths: Vec<f64>,
-    radii: Vec<f64>,
+    pairs: Vec<Timestamp>,
+    matches: Vec<(Timestamp, PairMatch)>,
 }
 
 impl PairFigures {
-    /// Takes the matches of a pair.
-    pub fn add(&mut self, matches: &[PairMatch]) {
-        self.pairs += 1;
-        if self.errors_px.len() < MAX_ERRORS {
-            self.errors_px.extend(matches.iter().map(|found| found.epipolar_px));
-            self.exchanged_px.extend(matches.iter().map(|found| found.exchanged_px));
-            self.inverse_depths.extend(matches.iter().map(|found| found.inverse_depth));
-            self.radii.extend(matches.iter().map(|found| found.radius));
+    /// Takes the matches of the pair of a frame.
+    pub fn add(&mut self, stamp: Timestamp, matches: &[PairMatch]) {
+        self.pairs.push(stamp);
+        if self.matches.len() < MAX_ERRORS {
+            self.matches.extend(matches.iter().map(|found| (stamp, *found)));
         }
+    }
+
+    /// Those of frames whose images are not frozen.
+    #[must_use]
+    pub fn without(&self, is_frozen: &dyn Fn(Timestamp) -> bool) -> Self {
+        let pairs = self.pairs.iter().copied().filter(|stamp| !is_frozen(*stamp)).collect();
+        let matches = self.matches.iter().copied().filter(|(stamp, _)| !is_frozen(*stamp)).collect();
+        Self { pairs, matches }
+    }
+
+    fn all(&self, of: impl Fn(&PairMatch) -> f64) -> Vec<f64> {
+        self.matches.iter().map(|(_, found)| of(found)).collect()
     }
 
     /// Judges them, where the images are of these moments.
     #[must_use]
     pub fn judge(&self, config: &Config, lag: Option<&Lag>) -> Measure {
         const NAME: &str = "epipolar error";
-        if self.errors_px.len() < MIN_MATCHES {
-            let value = format!("{} matches in {} pairs", self.errors_px.len(), self.pairs);
+        if self.matches.len() < MIN_MATCHES {
+            let value = format!("{} matches in {} pairs", self.matches.len(), self.pairs.len());
             let cure = "look at something with texture, in light, one to five metres away, lenses clean and in focus";
             return Measure::new(NAME, Fitness::NotMeasured, value, cure, &[]);
         }
-        let sizes: Vec<f64> = self.errors_px.iter().map(|error| error.abs()).collect();
-        let (middle, tail, side) = (median(&sizes), quantile(&sizes, 0.95), median(&self.errors_px));
+        let errors_px = self.all(|found| found.epipolar_px);
+        let sizes: Vec<f64> = errors_px.iter().map(|error| error.abs()).collect();
+        let (middle, tail, side) = (median(&sizes), quantile(&sizes, 0.95), median(&errors_px));
         let limit: f64 = config.estimator.points.max_epipolar_px.into();
         let behind = self.behind(config);
         let wrong_side = Fitness::within(behind, BEHIND.0, BEHIND.1);
@@ -246,7 +253,8 @@ impl PairFigures {
         let focal_px = config.camera.first().map_or(1.0, |camera| camera.focal_px[1]);
         let degrees = (side / focal_px).atan().to_degrees().abs();
         // Exchanged they agree: or, of a rectified pair, which agrees either way, all is behind.
-        let are_exchanged = median(&self.exchanged_px) < EXCHANGED * middle || wrong_side > verdict;
+        let exchanged_px = self.all(|found| found.exchanged_px);
+        let are_exchanged = median(&exchanged_px) < EXCHANGED * middle || wrong_side > verdict;
         let cure = if let Some(lag) = lag {
             verdict = Fitness::NotFit;
             lag.cure(config)
@@ -284,8 +292,8 @@ impl PairFigures {
     /// Error within which three quarters lie, px, in the middle and at the rim; not a number where too few were matched.
     fn parts(&self) -> (f64, f64) {
         let part = |is_in: &dyn Fn(f64) -> bool| {
-            let inside = self.errors_px.iter().zip(&self.radii).filter(|(_, radius)| is_in(**radius));
-            let errors: Vec<f64> = inside.map(|(error, _)| error.abs()).collect();
+            let inside = self.matches.iter().filter(|(_, found)| is_in(found.radius));
+            let errors: Vec<f64> = inside.map(|(_, found)| found.epipolar_px.abs()).collect();
             if errors.len() < MIN_PART { f64::NAN } else { quantile(&errors, 0.75) }
         };
         (part(&|radius| radius < MIDDLE), part(&|radius| radius > RIM))
@@ -303,7 +311,7 @@ impl PairFigures {
         let [left, right] = config.camera.as_slice() else { return 0.0 };
         let baseline_m = (left.pose_b_c().inverse() * right.pose_b_c()).translation.vector.norm();
         let least = -BEHIND_PX / (left.focal_px[0] * baseline_m);
-        let behind = self.inverse_depths.iter().filter(|inverse_depth| **inverse_depth < least).count();
-        behind as f64 / self.inverse_depths.len().max(1) as f64
+        let behind = self.matches.iter().filter(|(_, found)| found.inverse_depth < least).count();
+        behind as f64 / self.matches.len().max(1) as f64
     }
 }

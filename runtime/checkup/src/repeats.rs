@@ -35,6 +35,12 @@ impl Repeats {
         }
     }
 
+    /// Repeats without so many of each camera, which are explained otherwise.
+    pub(crate) fn without(&self, explained: [usize; 2]) -> Self {
+        let left = |camera: usize| self.repeated[camera].saturating_sub(explained[camera] as u64);
+        Self { repeated: [left(0), left(1)], seen: self.seen, last: Default::default() }
+    }
+
     /// True if so many images repeat that motion cannot be measured.
     pub(crate) fn is_grave(&self) -> bool {
         self.share() > SHARE.1

@@ -7,7 +7,8 @@
 //!
 //! Start, gravity and what biases add over so short a time are a polynomial of second order in `t`; it is taken out of both, and
 //! `f` is the regression of what is left of `u` by what is left of `w`. Many such pieces give its standard deviation. A smooth flight
-//! leaves too little in two seconds; pieces of four seconds are taken then.
+//! leaves too little in two seconds; pieces of four seconds are taken then. A piece that fits the others far worse than they fit each
+//! other is left out: a blow, or images that show a motion of something else.
 
 use crate::agreement::Turn;
 use crate::statistics::median;
@@ -33,13 +34,29 @@ const KNOWN: f64 = 0.05;
 /// Deviation of the factor from 1: minded beyond the first, not fit beyond the second, each with three standard deviations more.
 const OFF: (f64, f64) = (0.03, 0.06);
 
-/// Sums of a piece: `w w`, `w u`, `u u`, and how many numbers.
-#[derive(Clone, Copy, Default)]
+/// A piece is left out where it fits so many times worse than the median one and by so much, m/s. Beyond this share nothing is known.
+const OUTLIER: f64 = 4.0;
+const OUTLIER_M_S: f64 = 0.05;
+const MAX_LEFT_OUT: f64 = 0.4;
+/// Weight of a piece for the first guess of the factor, over the median of all.
+const MAX_WEIGHT: f64 = 3.0;
+
+/// Sums of a piece: `w w`, `w u`, `u u`, how many numbers, and its beginning.
+#[derive(Clone, Copy)]
 struct Piece {
     ww: f64,
     wu: f64,
     uu: f64,
     count: f64,
+    from: Timestamp,
+}
+
+impl Piece {
+    /// Root mean square of what the factor leaves, m/s.
+    fn left(&self, factor: f64) -> f64 {
+        let squares = self.uu - factor * (2.0 * self.wu - factor * self.ww);
+        (squares.max(0.0) / self.count).sqrt()
+    }
 }
 
 /// Factor by which the images show the motion larger than the accelerometer, and its standard deviation.
@@ -47,10 +64,16 @@ struct Piece {
 pub struct ScaleFactor {
     /// 1 where the distance between the cameras is right.
     pub value: f64,
+    /// The same with all noise in the images, not in the accelerometer: the true one lies between both.
+    pub upper: f64,
     /// Standard deviation.
     pub sigma: f64,
     /// Pieces that tell it, and their length, s.
     pub pieces: (usize, f64),
+    /// Pieces that were left out, and the beginning of the first of them, s after the first image.
+    pub left_out: Option<(usize, f64)>,
+    /// True if these are too many.
+    pub is_disputed: bool,
 }
 
 /// The factor; `None` where the vehicle hardly accelerated.
@@ -80,13 +103,18 @@ fn factor_of(
         }
         rest = after;
     }
+    let all = pieces.len() as f64;
+    let (mut pieces, left_out) = without_outliers(pieces);
     let is_moving = |piece: &Piece| (piece.ww / piece.count).sqrt() >= MIN_MOTION_M_S;
     pieces.retain(is_moving);
-    if pieces.len() < MIN_PIECES {
+    if pieces.len() < MIN_PIECES - usize::from(!left_out.is_empty()) {
         return None;
     }
+    let is_disputed = left_out.len() as f64 > MAX_LEFT_OUT * all;
     let (ww, wu) = pieces.iter().fold((0.0, 0.0), |sum, piece| (sum.0 + piece.ww, sum.1 + piece.wu));
     let value = wu / ww;
+    let begin = turns.first()?.from;
+    let left_out = left_out.first().map(|first| (left_out.len(), first.from.seconds_since(begin)));
     // By what each piece says apart.
     let squares: f64 = pieces.iter().map(|piece| (piece.wu - value * piece.ww).powi(2)).sum();
     let by_pieces = (squares * pieces.len() as f64 / (pieces.len() - 1) as f64).sqrt() / ww;
@@ -94,7 +122,31 @@ fn factor_of(
     let left: f64 = pieces.iter().map(|piece| piece.uu - value * (2.0 * piece.wu - value * piece.ww)).sum();
     let count: f64 = pieces.iter().map(|piece| piece.count).sum();
     let sigma = by_pieces.max(INFLATED * (left.max(0.0) / count / ww).sqrt());
-    Some(ScaleFactor { value, sigma, pieces: (pieces.len(), piece_s) })
+    let upper = pieces.iter().map(|piece| piece.uu).sum::<f64>() / wu;
+    Some(ScaleFactor { value, upper, sigma, pieces: (pieces.len(), piece_s), left_out, is_disputed })
+}
+
+/// Pieces that agree on a factor, and those that fit it far worse.
+fn without_outliers(pieces: Vec<Piece>) -> (Vec<Piece>, Vec<Piece>) {
+    let factor = middle_factor(&pieces);
+    let usual = median(&pieces.iter().map(|piece| piece.left(factor)).collect::<Vec<_>>());
+    let limit = OUTLIER * usual.max(OUTLIER_M_S / OUTLIER);
+    pieces.into_iter().partition(|piece| piece.left(factor) <= limit)
+}
+
+/// Median of the factors of single pieces, weighted by their motion.
+fn middle_factor(pieces: &[Piece]) -> f64 {
+    let most = MAX_WEIGHT * median(&pieces.iter().map(|piece| piece.ww).collect::<Vec<_>>());
+    let mut factors: Vec<(f64, f64)> =
+        pieces.iter().map(|piece| (piece.wu / piece.ww, piece.ww.min(most))).collect();
+    factors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * factors.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut below = 0.0;
+    let middle = factors.iter().find(|(_, weight)| {
+        below += weight;
+        below >= half
+    });
+    middle.map_or(f64::NAN, |(factor, _)| *factor)
 }
 
 /// Bias of the gyroscope by what the images turn less, rad/s.
@@ -194,7 +246,7 @@ fn of_piece(
         measured.push(path.mean_velocity(from_s, to_s)?);
     }
     let (shown, measured) = (without_trend(&times, &shown)?, without_trend(&times, &measured)?);
-    let mut piece = Piece { count: 3.0 * times.len() as f64, ..Piece::default() };
+    let mut piece = Piece { ww: 0.0, wu: 0.0, uu: 0.0, count: 3.0 * times.len() as f64, from: first.from };
     for (u, w) in shown.iter().zip(&measured) {
         piece.ww += w.norm_squared();
         piece.wu += w.dot(u);
@@ -221,16 +273,28 @@ fn without_trend(times_s: &[f64], values: &[Vector3<f64>]) -> Option<Vec<Vector3
 pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config, focal: Fitness) -> Measure {
     const MOVE: &str =
         "fly, or move the vehicle by hand to and fro by half a metre, twice a second, for ten seconds";
-    let Some(ScaleFactor { value, sigma, pieces: (pieces, piece_s) }) = factor(turns, samples, config) else {
+    let Some(found) = factor(turns, samples, config) else {
         return Measure::missing(NAME, "the vehicle hardly accelerated while images showed its motion", MOVE);
     };
+    let ScaleFactor { value, upper, sigma, pieces: (pieces, piece_s), .. } = found;
     let baseline = baseline_m(config);
+    let without = found.left_out.map_or_else(String::new, |(count, from_s)| {
+        format!(
+            ", without {count} in which they contradict each other (the first from {from_s:.0} s after the first image: a blow, or a step of \
+             the accelerometer)"
+        )
+    });
     let words = format!(
-        "images show the motion {value:.3} times as large as the accelerometer, within {sigma:.3}, in {pieces} pieces of {piece_s} s"
+        "images show the motion {value:.3} times as large as the accelerometer, within {sigma:.3}, in {pieces} pieces of {piece_s} \
+         s{without}"
     );
     let figures = [("factor", value), ("sigma", sigma), ("baseline_m", baseline)];
     let verdict = Fitness::within((value - 1.0).abs(), OFF.0 + 3.0 * sigma, OFF.1 + 3.0 * sigma);
-    if sigma > KNOWN * value.abs().max(1.0) && verdict != Fitness::NotFit {
+    if verdict > Fitness::Good && (value..upper).contains(&1.0) {
+        let cure = "readings of the accelerometer scatter by more than its motion: look at its vibration first, then measure again";
+        return Measure::new(NAME, Fitness::Uncertain, words, cure, &figures);
+    }
+    if found.is_disputed || sigma > KNOWN * value.abs().max(1.0) && verdict != Fitness::NotFit {
         return Measure::new(NAME, Fitness::Uncertain, words, MOVE, &figures);
     }
     if verdict > Fitness::Good && focal > Fitness::Good {

@@ -287,7 +287,8 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
         }
         let scenario = options.scenario(named.scene)?;
         let error_deg = options.extrinsics_error_deg;
-        let flight = open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?;
+        let mono = args.mono || named.mono;
+        let flight = open_simulation(config, &scenario, mono, error_deg, args.cache.as_deref())?;
         return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
     }
     let frames = match &args.frames {

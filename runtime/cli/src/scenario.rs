@@ -1,5 +1,6 @@
 //! The arguments that describe a simulated flight.
 
+use super::simulated::flown_path;
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{
@@ -8,7 +9,6 @@ use plumbline_drivers::simulator::{
 };
 use plumbline_drivers::{FrameFaults, InjectedFault, LostCamera};
 use std::ops::Range;
-use std::path::Path;
 
 /// Exposure with `--motion-blur`, s.
 const BLUR_EXPOSURE_S: f64 = 0.008;
@@ -20,12 +20,13 @@ const FLICKER: f64 = 0.15;
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
     /// Path: `demo` (take-off and figures of eight), `hand-held` (about all axes), `hover`, `drift` (slowly to the left),
-    /// `carried` (starts and ends at rest), `yaws` (500 degrees/s), `sweeps` (fast and banked), or a TUM file (plain or .gz).
+    /// `carried` (starts and ends at rest), `yaws` (500 degrees/s), `sweeps` (fast and banked), a TUM file (plain or .gz), or the
+    /// beginning of the name of one in euroc/trajectories of $PLUMBLINE_SHARED (or ../shared), such as V1_02.
     #[arg(long, default_value = "demo")]
     pub path: String,
-    /// Inertial samples: `simulated`, `recorded`, or a file of recorded samples. `recorded` reads .../imu/NAME.csv.gz
-    /// for --path .../trajectories/NAME.tum.gz. Recorded samples are used unchanged, and the path is adjusted to
-    /// them.
+    /// Inertial samples: `simulated`, `recorded` (by a real sensor along this path, such as `--path V1_02 --imu recorded`), or a
+    /// file of recorded samples. `recorded` reads .../imu/NAME.csv.gz for --path .../trajectories/NAME.tum.gz. Recorded samples
+    /// are used unchanged, and the path is adjusted to them.
     #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
     pub imu: String,
     /// Error of the simulated inertial sensor, such as force:0.07:2; may be repeated: see
@@ -113,6 +114,20 @@ impl FaultArgs {
             blackout_s: self.blackout.as_deref().map(|text| span("--blackout", text)).transpose()?,
             flicker: if self.flicker { FLICKER } else { 0.0 },
         })
+    }
+
+    /// The faults for people, each with its time.
+    pub fn words(&self) -> Vec<String> {
+        let given = [
+            self.blackout.as_ref().map(|span| format!("black images, {span} s after the first frame")),
+            self.lost_camera
+                .as_ref()
+                .map(|lost| format!("no images of a camera, {lost} s after the first frame")),
+            (self.drop_rate > 0.0)
+                .then(|| format!("{} % of the frames lost at random", 100.0 * self.drop_rate)),
+            self.flicker.then(|| "exposure that varies from frame to frame".to_owned()),
+        ];
+        given.into_iter().flatten().chain(self.fault.iter().map(InjectedFault::words)).collect()
     }
 
     /// True if there are no faults.
@@ -224,16 +239,17 @@ impl ScenarioArgs {
         }
         let duration_s = self.duration.unwrap_or(USUAL_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
+        let path = FlightPath::named(&flown_path(&self.path, None)?);
         let mut scenario = Scenario {
             scene,
-            path: FlightPath::named(&self.path),
+            inertial: self.inertial(&path)?,
+            path,
             start_s: self.start,
             duration_s,
             laps: self.laps,
             seed: self.seed,
             resolution_scale: self.scale,
             effects,
-            inertial: self.inertial(),
             lean_deg: self.lean_deg,
             calibration_error: self.calibration_error,
             ..Scenario::default()
@@ -243,11 +259,15 @@ impl ScenarioArgs {
         Ok(scenario)
     }
 
-    fn inertial(&self) -> Inertial {
-        match self.imu.as_str() {
-            "simulated" => Inertial::Simulated,
-            "recorded" => Inertial::Recorded(recorded_along(Path::new(&self.path))),
-            file => Inertial::Recorded(file.into()),
+    fn inertial(&self, path: &FlightPath) -> Result<Inertial, Usage> {
+        match (self.imu.as_str(), path) {
+            ("simulated", _) => Ok(Inertial::Simulated),
+            ("recorded", FlightPath::Tum(file)) => Ok(Inertial::Recorded(recorded_along(file))),
+            ("recorded", _) => Err(Usage(format!(
+                "--imu recorded: nothing was recorded along the path {}; give --path the trajectory of a recording, such as V1_02",
+                self.path
+            ))),
+            (file, _) => Ok(Inertial::Recorded(file.into())),
         }
     }
 }

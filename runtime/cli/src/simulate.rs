@@ -11,8 +11,16 @@ use plumbline_drivers::{InjectedFrames, InjectedImu};
 use plumbline_flight::flight::{preset_for, scenario_config};
 use std::path::PathBuf;
 
+const EXAMPLES: &str = "Examples:
+  plumbline simulate FOLDER --path hand-held --duration 15
+  plumbline simulate FOLDER --path V1_02 --imu recorded --start 15
+                                               samples of a real sensor, and images along its path
+  plumbline simulate FOLDER --fault image-frozen:left@5+3
+                                               with a fault; `plumbline help faults` lists them";
+
 /// Arguments of `plumbline simulate`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct SimulateArgs {
     /// Directory to write `mav0` into.
     pub out_dir: PathBuf,
@@ -63,5 +71,8 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
         written.imu_samples,
         written.truth_rows
     ));
+    for fault in args.scenario.faults.words() {
+        say(format_args!("fault: {fault}"));
+    }
     Ok(())
 }

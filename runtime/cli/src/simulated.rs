@@ -2,7 +2,7 @@
 
 use super::Usage;
 use super::scenario::{ScenarioArgs, parse_scene};
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Parser;
 use plumbline_drivers::simulator::{FlightPath, Scene};
 use std::path::{Path, PathBuf};
@@ -16,6 +16,8 @@ pub(super) struct SimulatedFlight {
     pub options: ScenarioArgs,
     /// True if there are any.
     pub has_options: bool,
+    /// True for the left camera only.
+    pub mono: bool,
 }
 
 /// Options of a simulated flight, as a command line of their own.
@@ -24,6 +26,9 @@ pub(super) struct SimulatedFlight {
 struct Simulated {
     #[command(flatten)]
     scenario: ScenarioArgs,
+    /// Use the left camera only.
+    #[arg(long)]
+    mono: bool,
 }
 
 /// Simulated flight that `name` names; `None` for the name of a file.
@@ -39,9 +44,9 @@ pub(super) fn simulated(name: &str, shared: Option<&Path>) -> Result<Option<Simu
     let parsed = Simulated::try_parse_from(arguments).map_err(|e| {
         let text = e.to_string();
         let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
-        Usage(format!("{name}: {first}; options are those of `plumbline replay` for simulated flights"))
+        Usage(format!("{name}: {first}; `plumbline simulate --help` lists the options of a simulated flight"))
     })?;
-    Ok(Some(SimulatedFlight { scene, options: parsed.scenario, has_options }))
+    Ok(Some(SimulatedFlight { scene, options: parsed.scenario, has_options, mono: parsed.mono }))
 }
 
 /// True if an option of a simulated flight has another value than its default.
@@ -64,29 +69,66 @@ pub(super) fn check_recorded(source: &Path) -> Result<(), Usage> {
     }
 }
 
-/// `path=demo&motion-blur` as `--path=demo --motion-blur`. A path that is no file is the name of a trajectory in the
-/// shared data; a built-in one begins where the vehicle is in full flight.
-fn arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>> {
+/// `path=demo&motion-blur` as `--path=demo --motion-blur`; a switch may be written as `motion-blur=true`. A built-in trajectory of the
+/// shared data begins where the vehicle is in full flight.
+fn arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>, Usage> {
     let mut arguments = Vec::new();
-    for option in options.split('&').filter(|option| !option.is_empty()) {
-        let is_file = |path: &&str| matches!(FlightPath::named(path), FlightPath::Tum(_));
-        let named = option.strip_prefix("path=").filter(is_file).filter(|path| !Path::new(path).exists());
-        let Some(name) = named else {
-            arguments.push(format!("--{option}"));
+    for option in options.split('&').filter(|option| !option.is_empty() && !option.ends_with("=false")) {
+        let Some(name) = option.strip_prefix("path=") else {
+            arguments.push(format!("--{}", option.strip_suffix("=true").unwrap_or(option)));
             continue;
         };
-        let file = trajectories(shared)?.join(format!("{name}.tum.gz"));
-        ensure!(file.is_file(), Usage(format!("path={name}: no such file, and no {}", file.display())));
-        arguments.push(format!("--path={}", file.display()));
-        if let (Some(start_s), false) = (full_flight_s(name), options.contains("start=")) {
+        let path = flown_path(name, shared)?;
+        arguments.push(format!("--path={path}"));
+        let is_named = path != name && !options.contains("start=");
+        if let Some(start_s) = full_flight_s(&path).filter(|_| is_named) {
             arguments.push(format!("--start={start_s}"));
         }
     }
     Ok(arguments)
 }
 
-/// Start of a built-in trajectory, s.
-fn full_flight_s(name: &str) -> Option<f64> {
+/// A built-in path, a file, or the file of the trajectory in the shared data whose name begins so.
+///
+/// # Errors
+/// When there is none, or several.
+pub(super) fn flown_path(name: &str, shared: Option<&Path>) -> Result<String, Usage> {
+    if !matches!(FlightPath::named(name), FlightPath::Tum(_)) || Path::new(name).exists() {
+        return Ok(name.to_owned());
+    }
+    let folder = trajectories(shared);
+    let known = folder.as_deref().map(known_trajectories).unwrap_or_default();
+    let found: Vec<&String> =
+        known.iter().filter(|known| !name.is_empty() && known.starts_with(name)).collect();
+    if let (Ok(folder), [one]) = (&folder, found.as_slice()) {
+        return Ok(folder.join(format!("{one}.tum.gz")).display().to_string());
+    }
+    let names = match &folder {
+        Ok(folder) => format!("a trajectory in {}: {}", folder.display(), known.join(", ")),
+        Err(_) => {
+            "the name of a trajectory in the shared data ($PLUMBLINE_SHARED, or ../shared; not found)".into()
+        }
+    };
+    let what = if found.len() > 1 { "is the beginning of several names" } else { "no such path or file" };
+    Err(Usage(format!(
+        "--path {name}: {what}; give {}, a TUM file such as FOLDER/NAME.tum.gz, or {names}",
+        FlightPath::NAMES.join(", ")
+    )))
+}
+
+/// Names of the trajectories in a folder.
+fn known_trajectories(folder: &Path) -> Vec<String> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = files.filter_map(|file| file.file_name().into_string().ok());
+    let mut names: Vec<String> =
+        names.filter_map(|name| name.strip_suffix(".tum.gz").map(str::to_owned)).collect();
+    names.sort();
+    names
+}
+
+/// Start of the flight along the file of a built-in trajectory, s.
+fn full_flight_s(path: &str) -> Option<f64> {
+    let name = Path::new(path).file_name()?.to_str()?.strip_suffix(".tum.gz")?;
     #[cfg(feature = "lab")]
     let built_in = &plumbline_lab::campaign::PATHS[..];
     #[cfg(not(feature = "lab"))]
@@ -118,6 +160,43 @@ mod tests {
         let named = flight("sim:hall?duration=3&seed=2").unwrap();
         assert!(named.has_options && are_given(&named.options));
         assert_eq!((named.scene, named.options.duration, named.options.seed), (Scene::Hall, Some(3.0), 2));
+    }
+
+    #[test]
+    fn switches_may_have_a_value_and_one_camera_is_one_of_them() {
+        let flight = |name| simulated(name, None).unwrap().unwrap();
+        for name in ["sim:room?mono", "sim:room?mono=true&seed=2", "sim:room?motion-blur=false&mono=true"] {
+            assert!(flight(name).mono && !flight(name).options.motion_blur, "{name}");
+        }
+        assert!(
+            !flight("sim:room?mono=false").mono && flight("sim:room?motion-blur=true").options.motion_blur
+        );
+        let words = simulated("sim:room?stereo=true", None).unwrap_err().to_string();
+        assert!(words.contains("--stereo") && words.contains("plumbline simulate --help"), "{words}");
+    }
+
+    #[test]
+    fn a_path_is_built_in_or_a_file_or_the_beginning_of_a_name_in_the_shared_data() {
+        let shared = tempfile::tempdir().unwrap();
+        let folder = shared.path().join("euroc/trajectories");
+        std::fs::create_dir_all(&folder).unwrap();
+        for name in ["V1_01_easy", "V1_02_medium"] {
+            std::fs::write(folder.join(format!("{name}.tum.gz")), "").unwrap();
+        }
+        let path = |name: &str| flown_path(name, Some(shared.path())).map_err(|error| error.to_string());
+        assert_eq!(path("yaws").unwrap(), "yaws");
+        let file = folder.join("V1_02_medium.tum.gz").display().to_string();
+        assert_eq!((path("V1_02").unwrap(), path(&file).unwrap()), (file.clone(), file));
+        for (name, why) in
+            [("V1", "several names"), ("V9", "no such path or file"), ("", "no such path or file")]
+        {
+            let words = path(name).unwrap_err();
+            for part in [why, "hand-held", ".tum.gz", "V1_01_easy, V1_02_medium"] {
+                assert!(words.contains(part), "{part}: {words}");
+            }
+        }
+        let words = flown_path("V9", Some(Path::new("/nowhere"))).unwrap_err().to_string();
+        assert!(words.contains("yaws") && words.contains("PLUMBLINE_SHARED"), "{words}");
     }
 
     #[test]

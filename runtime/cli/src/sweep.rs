@@ -36,7 +36,7 @@ As an array of jobs, on any batch system (see docs/at-scale.md):
   plumbline sweep --collect FOLDER                 print the table of all finished cells
 
 Simulated flights are sim:room, sim:hall, sim:low-texture and sim:far. After ? append options of `plumbline replay` without their \
-dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur. \
+dashes, joined by &, such as path=V1_02, imu=recorded (samples of a real sensor along it), duration=20, start=15, seed=2, scale=0.5, motion-blur. \
 Finished cells are not flown again: after an interruption, repeat the same command.";
 
 /// Arguments of `plumbline sweep`.
@@ -271,6 +271,12 @@ pub(super) fn subject(name: &str, shared: Option<&Path>) -> Result<Subject> {
         ensure!(path.exists(), Usage(format!("{name}: does not exist; give a data set, a log, or sim:room")));
         return Ok(Subject::Recorded { path });
     };
+    ensure!(
+        !flight.mono,
+        Usage(format!(
+            "{name}: `mono` is an option of `replay` and `doctor` here; leave it out, and give --mono where the command has it"
+        ))
+    );
     Ok(Subject::Simulated {
         name: name.to_owned(),
         scenario: Box::new(flight.options.scenario(flight.scene)?),

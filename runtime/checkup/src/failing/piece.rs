@@ -21,7 +21,7 @@ const MIN_MEANS: usize = 8;
 /// filter in the sensor makes neighbours alike.
 const WHITE: f64 = 2.0;
 /// Scatter of readings that is as good as none, rad/s and m/s².
-const FLOORS: (f64, f64) = (0.002, 0.02);
+pub(super) const FLOORS: (f64, f64) = (0.002, 0.02);
 
 /// One moment of a piece.
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +161,21 @@ fn slope(path: &[Step], at: Timestamp) -> Option<(Vector3<f64>, f64)> {
 /// Means of `n` samples of such a noise scatter about a straight line with the variance `s² / n`; those of a sensor that measures
 /// a motion scatter by the motion too.
 fn silent(samples: &[ImuSample], of: impl Fn(&ImuSample) -> Vector3<f64>) -> [bool; 3] {
-    let [first, .., last] = samples else { return [false; 3] };
+    let Some((scatter, white)) = scatter(samples, of) else { return [false; 3] };
+    [0, 1, 2].map(|k| scatter[k] <= limit_of_noise(white[k]))
+}
+
+/// Variance up to which means are those of noise alone.
+pub(super) fn limit_of_noise(white: f64) -> f64 {
+    WHITE * WHITE * (white + 0.25)
+}
+
+/// Variance of the means of each axis about a straight line, and that of white noise; `None` of too few samples.
+pub(super) fn scatter(
+    samples: &[ImuSample],
+    of: impl Fn(&ImuSample) -> Vector3<f64>,
+) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let [first, .., last] = samples else { return None };
     let readings: Vec<Vector3<f64>> = samples.iter().map(of).collect();
     let steps = readings.len() as f64 - 1.0;
     let each = ((MEAN_S * steps / last.stamp.seconds_since(first.stamp)).round() as usize).max(1);
@@ -170,8 +184,7 @@ fn silent(samples: &[ImuSample], of: impl Fn(&ImuSample) -> Vector3<f64>) -> [bo
     let squares: Vector3<f64> =
         readings.windows(2).map(|pair| (pair[1] - pair[0]).map(|step| step * step)).sum();
     let white = squares * (0.5 / steps / each as f64);
-    let scatter = line(&means).1 / (means.len() as f64 - 2.0);
-    [0, 1, 2].map(|k| means.len() >= MIN_MEANS && scatter[k] <= WHITE * WHITE * (white[k] + 0.25))
+    (means.len() >= MIN_MEANS).then(|| (line(&means).1 / (means.len() as f64 - 2.0), white))
 }
 
 fn mean(values: impl ExactSizeIterator<Item = Vector3<f64>>) -> Vector3<f64> {

@@ -60,6 +60,23 @@ fn sound_recordings_have_no_failure() {
 }
 
 #[test]
+fn axes_are_alive_by_their_motion_and_not_by_their_noise() {
+    let moved = |path: FlightPath, faults: &[&str]| moved(&Recording::of(path, faults).samples);
+    assert_eq!(moved(FlightPath::HandHeld, &[]), [[true; 3]; 2]);
+    // Figures of eight turn about the vertical alone, which is x in this rig.
+    let [gyroscope, _] = moved(FlightPath::Demo, &[]);
+    assert_eq!(gyroscope, [true, false, false]);
+    assert_eq!(moved(FlightPath::Hover, &[]), [[false; 3]; 2]);
+    for dose in ["1", "10", "100"] {
+        let fault = format!("gyro-dead:y:{dose}@0");
+        let [gyroscope, accelerometer] = moved(FlightPath::HandHeld, &[&fault, "accel-frozen:xz@0"]);
+        assert_eq!((gyroscope, accelerometer), ([true, false, true], [false, true, false]), "{fault}");
+    }
+    let blow = moved(FlightPath::Hover, &["accel-pulse:x:30@6+0.1"]);
+    assert_eq!(blow, [[false; 3]; 2], "a blow is no motion");
+}
+
+#[test]
 fn faults_with_noise_are_named_with_their_axes_and_their_time() {
     const ONE: [[&str; 2]; 3] = [["x", "x"], ["y", "y"], ["z", "z"]];
     const TWO: [[&str; 2]; 3] = [["xy", "x and y"], ["yz", "y and z"], ["xz", "x and z"]];

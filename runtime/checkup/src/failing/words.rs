@@ -3,6 +3,7 @@
 use super::fault::Kind;
 use super::{Failure, InertialSensor};
 use crate::finding::Finding;
+use crate::inertial::Axes;
 use crate::plausibility::gravity::{self, DISAGREE, UPSIDE_DOWN};
 use crate::plausibility::inertial::{ANOTHER_UNIT, NOT_GRAVITY, WITH_GRAVITY};
 use crate::plausibility::rotation::{OTHER_AXES, OTHER_RATE, STAND_STILL};
@@ -74,8 +75,18 @@ pub(crate) fn reconcile(failures: &mut Vec<Failure>, findings: &mut Vec<Finding>
     }
 }
 
+/// The measures of the axes with the failures.
+pub(crate) fn judge(axes: &Axes, failures: &[Failure]) -> Vec<Measure> {
+    let failing = |sensor| {
+        let of_sensor = failures.iter().filter(move |failure| failure.sensor == sensor);
+        [0, 1, 2].map(|k| of_sensor.clone().any(|failure| failure.fault.axes[k]))
+    };
+    let failing = [failing(InertialSensor::Gyroscope), failing(InertialSensor::Accelerometer)];
+    [named(axes.judge(), failures)].into_iter().chain(axes.unmoved(failing)).collect()
+}
+
 /// The measure of the axes with the failures.
-pub(crate) fn judge(axes: Measure, failures: &[Failure]) -> Measure {
+fn named(axes: Measure, failures: &[Failure]) -> Measure {
     if failures.is_empty() || axes.verdict == Fitness::NotFit {
         return axes;
     }

@@ -22,7 +22,7 @@ use crate::verdict::Fitness;
 use gravity::GravityTurns;
 use inertial::Magnitudes;
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::{Config, ImuSample, Timestamp};
+use plumbline_config::{CameraModel, Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 use rotation::{RotationAgreement, RotationPair};
 use std::collections::VecDeque;
@@ -80,16 +80,49 @@ impl Glimpse {
 /// A rotation that images showed, before the inertial samples of its time are there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
-    from: Timestamp,
-    to: Timestamp,
-    rate_c: Vector3<f64>,
+    pub(crate) from: Timestamp,
+    pub(crate) to: Timestamp,
+    pub(crate) rate_c: Vector3<f64>,
+}
+
+impl Seen {
+    /// Angle of the rotation, rad.
+    pub(crate) fn angle(&self) -> f64 {
+        self.rate_c.norm() * self.to.seconds_since(self.from)
+    }
+}
+
+/// Rotations of one camera, from one of its images to the next.
+pub(crate) struct TurnFinder {
+    finder: RotationFinder,
+    last: Option<Timestamp>,
+}
+
+impl TurnFinder {
+    pub(crate) fn new(model: CameraModel) -> Self {
+        Self { finder: RotationFinder::new(model), last: None }
+    }
+
+    /// Takes the image of a frame; returns how the camera turned since the one before, as far as images agree on it.
+    pub(crate) fn next(&mut self, stamp: Timestamp, image: Option<&Thumbnail>) -> Option<Seen> {
+        let Some(image) = image else {
+            self.finder.forget();
+            self.last = None;
+            return None;
+        };
+        let last = self.last.replace(stamp);
+        let (rot_last_now, correlation) = self.finder.next(image)?;
+        let from = last?;
+        let dt_s = stamp.seconds_since(from);
+        let is_neighbour = correlation >= MIN_CORRELATION && dt_s > 0.0 && dt_s < MAX_GAP_S;
+        is_neighbour.then(|| Seen { from, to: stamp, rate_c: rot_last_now.scaled_axis() / dt_s })
+    }
 }
 
 /// Evidence of the images alone, frame by frame.
 pub(crate) struct Sight {
-    finder: Option<RotationFinder>,
+    left: Option<TurnFinder>,
     sides: Option<Sides>,
-    last_frame: Option<Timestamp>,
     pub(crate) brightness: Brightness,
 }
 
@@ -98,9 +131,8 @@ impl Sight {
     pub(crate) fn new(config: &Config) -> Self {
         let left = config.camera.first();
         Self {
-            finder: left.map(|camera| RotationFinder::new(camera.model())),
+            left: left.map(|camera| TurnFinder::new(camera.model())),
             sides: Sides::new(config),
-            last_frame: None,
             brightness: Brightness::default(),
         }
     }
@@ -111,20 +143,9 @@ impl Sight {
             self.brightness.add(camera, image);
         }
         if let (Some(sides), [true, true]) = (&mut self.sides, frame.valid) {
-            sides.add(&frame.images);
+            sides.add(frame.stamp, &frame.images);
         }
-        let finder = self.finder.as_mut()?;
-        if !frame.valid[0] {
-            finder.forget();
-            self.last_frame = None;
-            return None;
-        }
-        let last = self.last_frame.replace(frame.stamp);
-        let (rot_last_now, correlation) = finder.next(&frame.images[0])?;
-        let from = last?;
-        let dt_s = frame.stamp.seconds_since(from);
-        let is_neighbour = correlation >= MIN_CORRELATION && dt_s > 0.0 && dt_s < MAX_GAP_S;
-        is_neighbour.then(|| Seen { from, to: frame.stamp, rate_c: rot_last_now.scaled_axis() / dt_s })
+        self.left.as_mut()?.next(frame.stamp, frame.valid[0].then_some(&frame.images[0]))
     }
 }
 
@@ -149,7 +170,7 @@ pub(crate) fn nonsense(
     magnitudes: &Magnitudes,
     (gravity, rot_v_b): (&GravityTurns, Option<UnitQuaternion<f64>>),
     agreement: &RotationAgreement,
-    sight: &Sight,
+    (sight, is_frozen): (&Sight, &dyn Fn(Timestamp) -> bool),
 ) -> Vec<Finding> {
     let mut findings = magnitudes.nonsense();
     if findings.is_empty() {
@@ -159,7 +180,7 @@ pub(crate) fn nonsense(
         findings.extend(gravity.finding(rot_v_b).or_else(|| gravity.upside_down(rot_v_b)));
     }
     if findings.is_empty() {
-        findings.extend(sight.sides.as_ref().and_then(Sides::finding));
+        findings.extend(sight.sides.as_ref().and_then(|sides| sides.finding(is_frozen)));
     }
     findings
 }
@@ -272,9 +293,8 @@ impl Plausibility {
             self.resets.push(Finding::new(
                 GIVEN_UP,
                 reason,
-                "wrong units or calibration where it happens soon after the start, else motion that the sensors do \
-                 not support",
-                "look at the other warnings; `plumbline doctor` checks the configuration",
+                "a sensor or images that fail, or a motion that they do not support; soon after the start, wrong units or a wrong calibration",
+                "look at the other warnings, and run `plumbline doctor` on the data",
             ));
         }
     }
@@ -325,8 +345,8 @@ impl Plausibility {
         let mut findings = self.stamp_findings();
         let are_stamps_wrong = !findings.is_empty();
         if findings.is_empty() {
-            findings =
-                nonsense(&self.magnitudes, (&self.gravity, self.rot_v_b), &self.agreement, &self.sight);
+            let sight = (&self.sight, &(|_| false) as &dyn Fn(Timestamp) -> bool);
+            findings = nonsense(&self.magnitudes, (&self.gravity, self.rot_v_b), &self.agreement, sight);
         }
         if findings.is_empty() {
             findings.extend(mounting::finding(&self.first, &self.config));

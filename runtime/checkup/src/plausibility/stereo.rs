@@ -4,7 +4,7 @@
 use super::Finding;
 use crate::thumbnail::{Thumbnail, to_image, to_thumbnail};
 use nalgebra::{Isometry3, Vector2, Vector3};
-use plumbline_config::{CameraModel, Config};
+use plumbline_config::{CameraModel, Config, Timestamp};
 
 /// Every so many pairs one is looked at, and so many in all.
 const EVERY: u64 = 10;
@@ -32,7 +32,7 @@ const EQUAL: f32 = 0.01;
 /// Share of such pixels in a pair of one image.
 const MAX_DIFFERENT: f64 = 0.01;
 /// Pairs of one image that are told.
-const MIN_EQUAL: u64 = 3;
+const MIN_EQUAL: usize = 3;
 
 /// Cause for exchanged cameras.
 pub const SWAPPED: &str = "that left and right camera are swapped";
@@ -46,11 +46,18 @@ pub struct Sides {
     models: [CameraModel; 2],
     pose_c1_c0: Isometry3<f64>,
     pairs: u64,
+    /// Votes of the pairs that were looked at.
+    votes: Vec<Votes>,
+}
+
+/// Votes of the patches of one pair.
+#[derive(Clone, Copy, Debug)]
+struct Votes {
+    stamp: Timestamp,
     right: u32,
     wrong: u32,
-    /// Pairs that were looked at, and those of them whose images are equal.
-    looked_at: u64,
-    equal: u64,
+    /// True if both images are equal.
+    are_equal: bool,
 }
 
 /// A square of a thumbnail.
@@ -90,34 +97,31 @@ impl Sides {
             models: [left.model(), right.model()],
             pose_c1_c0,
             pairs: 0,
-            right: 0,
-            wrong: 0,
-            looked_at: 0,
-            equal: 0,
+            votes: Vec::with_capacity(MAX_LOOKED_AT as usize),
         })
     }
 
-    /// Takes a pair.
-    pub fn add(&mut self, images: &[Thumbnail; 2]) {
+    /// Takes the pair of a frame.
+    pub fn add(&mut self, stamp: Timestamp, images: &[Thumbnail; 2]) {
         self.pairs += 1;
         if self.pairs % EVERY != 1 || self.pairs > EVERY * MAX_LOOKED_AT {
             return;
         }
         let [left, right] = images;
-        self.looked_at += 1;
-        self.equal += u64::from(are_equal(left, right));
+        let mut votes = Votes { stamp, right: 0, wrong: 0, are_equal: are_equal(left, right) };
         let (width, height) = (left.width / CELLS.0, left.height / CELLS.1);
         for cell in 0..CELLS.0 * CELLS.1 {
             let corner = (cell % CELLS.0 * width, cell / CELLS.0 * height);
             if let Some((at, patch)) = most_distinct(left, corner, (width, height)) {
-                self.vote(&to_image(&at, left.shrink), &patch, right);
+                self.vote(&mut votes, &to_image(&at, left.shrink), &patch, right);
             }
         }
+        self.votes.push(votes);
     }
 
     /// Looks for a patch of the left image in the right one, along its epipolar line in front of the cameras: as
     /// configured, and as if the left image were the right camera's.
-    fn vote(&mut self, px: &Vector2<f64>, patch: &Patch, right: &Thumbnail) {
+    fn vote(&self, votes: &mut Votes, px: &Vector2<f64>, patch: &Patch, right: &Thumbnail) {
         let best = |from: &CameraModel, to: &CameraModel, pose_to_from: &Isometry3<f64>| {
             let Some(xy) = from.unproject(px) else { return -1.0 };
             let bearing = pose_to_from.rotation * Vector3::new(xy.x, xy.y, 1.0);
@@ -132,28 +136,29 @@ impl Sides {
         let [left_model, right_model] = &self.models;
         let configured = best(left_model, right_model, &self.pose_c1_c0);
         let swapped = best(right_model, left_model, &self.pose_c1_c0.inverse());
-        self.right += u32::from(configured > SAME && configured > swapped + BETTER);
-        self.wrong += u32::from(swapped > SAME && swapped > configured + BETTER);
+        votes.right += u32::from(configured > SAME && configured > swapped + BETTER);
+        votes.wrong += u32::from(swapped > SAME && swapped > configured + BETTER);
     }
 
-    /// Finding: left and right are one image, or swapped.
+    /// Finding: left and right are one image, or swapped, by frames whose images are not frozen.
     #[must_use]
-    pub fn finding(&self) -> Option<Finding> {
-        if self.equal >= MIN_EQUAL && 2 * self.equal > self.looked_at {
+    pub fn finding(&self, is_frozen: &dyn Fn(Timestamp) -> bool) -> Option<Finding> {
+        let votes = || self.votes.iter().filter(|votes| !is_frozen(votes.stamp));
+        let (looked_at, equal) = (votes().count(), votes().filter(|votes| votes.are_equal).count());
+        let right: u32 = votes().map(|votes| votes.right).sum();
+        let wrong: u32 = votes().map(|votes| votes.wrong).sum();
+        if equal >= MIN_EQUAL && 2 * equal > looked_at {
             return Some(Finding::new(
                 "left and right images are the same",
-                format!("in {} of {} pairs", self.equal, self.looked_at),
+                format!("in {equal} of {looked_at} pairs"),
                 "one camera, topic or folder that is used for both sides",
                 "name the other camera: `driver.v4l2.right`, `plumbline replay --topic right=NAME`, or copy the folder cam1 again",
             ));
         }
-        (self.wrong >= MIN_VOTES && self.wrong > MAJORITY * self.right).then(|| {
+        (wrong >= MIN_VOTES && wrong > MAJORITY * right).then(|| {
             Finding::new(
                 "near objects are shifted to the wrong side between the images of a pair",
-                format!(
-                    "{} patches match with left and right swapped, {} as configured",
-                    self.wrong, self.right
-                ),
+                format!("{wrong} patches match with left and right swapped, {right} as configured"),
                 SWAPPED,
                 CURE,
             )

@@ -17,7 +17,8 @@ fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
     assert!(missing.iter().all(|m| {
         let absent = ["blur", "mounting heading", "camera-IMU rotation", "time offset", "focal length"];
-        absent.contains(&m.name) || ["accelerometer axes", "scale"].contains(&m.name)
+        absent.contains(&m.name)
+            || ["accelerometer axes", "scale", crate::inertial::UNMOVED_NAME].contains(&m.name)
     }));
 }
 
@@ -145,6 +146,67 @@ fn a_line_beside_half_the_rate_is_said_to_be_there() {
         sample.gyro.x += 0.2 * (TAU * 104.0 * sample.stamp.seconds_since(begin)).sin();
     }
     assert_found(&shaken.report(), "vibration of the gyroscope", Fitness::NotFit, "near half the rate");
+}
+
+/// Adds a pulse to the readings, s after the first sample.
+fn pulse(from_s: f64, lasts_s: f64, accel: Vector3<f64>, gyro: Vector3<f64>) -> impl Fn(&mut super::Data) {
+    move |data| {
+        let begin = data.samples[0].1.stamp;
+        for (_, sample) in &mut data.samples {
+            if (from_s..from_s + lasts_s).contains(&sample.stamp.seconds_since(begin)) {
+                sample.accel += accel;
+                sample.gyro += gyro;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_blow_changes_neither_the_noise_nor_the_scale_and_is_named() {
+    let hand_held = super::simulated(FlightPath::HandHeld, 0.0, 12.0, ALL);
+    let sound = hand_held.report();
+    let vibration = "vibration of the accelerometer";
+    for (accel, from_s, lasts_s, is_told) in [
+        (Vector3::new(30.0, 0.0, 0.0), 5.0, 0.1, true),
+        (Vector3::new(0.0, -60.0, 0.0), 7.0, 0.3, true),
+        (Vector3::new(0.0, 0.0, 200.0), 9.0, 0.02, true),
+        (Vector3::new(5.0, 0.0, 0.0), 4.8, 1.0, true),
+    ] {
+        let report = hand_held.with(pulse(from_s, lasts_s, accel, Vector3::zeros())).report();
+        println!("{accel:?}\n{}", told(&report));
+        let figure =
+            |report: &crate::CheckupReport, name, figure| measure(report, name).figure(figure).unwrap();
+        for (name, of, tolerance) in
+            [(vibration, "times_configured", 0.1), (crate::scale::NAME, "factor", 0.03)]
+        {
+            assert_eq!(measure(&report, name).verdict, measure(&sound, name).verdict, "{}", told(&report));
+            let ratio = figure(&report, name, of) / figure(&sound, name, of);
+            assert!((ratio - 1.0).abs() < tolerance, "{name}: {ratio}");
+        }
+        let value = &measure(&report, vibration).value;
+        assert_eq!(value.contains("without a blow of"), is_told, "{value}");
+        assert!(
+            measure(&report, crate::scale::NAME).value.contains("contradict each other"),
+            "{}",
+            told(&report)
+        );
+    }
+    assert!(!told(&sound).contains("blow"), "{}", told(&sound));
+    let turned = hand_held.with(pulse(5.0, 0.1, Vector3::zeros(), Vector3::new(0.0, 3.0, 0.0))).report();
+    assert_found(&turned, "vibration of the gyroscope", Fitness::NotMeasured, "without a blow of");
+    assert!(turned.is_fit(), "{}", told(&turned));
+}
+
+#[test]
+fn axes_that_hardly_move_are_not_measured() {
+    let report = flight(0).report();
+    let unmoved = measure(&report, crate::inertial::UNMOVED_NAME);
+    assert_eq!(unmoved.verdict, Fitness::NotMeasured);
+    assert!(unmoved.value.contains("gyroscope x y z"), "{}", told(&report));
+    assert!(measure(&report, "IMU axes").value.starts_with("none repeats its value"), "{}", told(&report));
+    let hand = super::simulated(FlightPath::HandHeld, 0.0, 12.0, 0).report();
+    assert!(hand.measure(crate::inertial::UNMOVED_NAME).is_none(), "{}", told(&hand));
+    assert!(measure(&hand, "IMU axes").value.starts_with("all six live"), "{}", told(&hand));
 }
 
 #[test]

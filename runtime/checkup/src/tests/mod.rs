@@ -2,6 +2,7 @@
 //! recording, are fit.
 
 mod faults;
+mod frozen;
 mod pairs;
 mod recorded;
 

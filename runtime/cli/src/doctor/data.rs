@@ -41,10 +41,10 @@ pub(super) fn open(
     topics: &BagTopics,
     seconds: f64,
 ) -> Result<Flight> {
-    if let Some(SimulatedFlight { scene, mut options, .. }) = simulated(source, None)? {
+    if let Some(SimulatedFlight { scene, mut options, mono, .. }) = simulated(source, None)? {
         options.duration.get_or_insert(seconds);
         let scenario = options.scenario(scene)?;
-        let flight = open_simulation(config, &scenario, false, options.extrinsics_error_deg, None)?;
+        let flight = open_simulation(config, &scenario, mono, options.extrinsics_error_deg, None)?;
         return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
     }
     let cut = Cut { frames: None, seconds: 0.0..seconds };
