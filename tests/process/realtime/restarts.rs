@@ -1,6 +1,7 @@
-//! A vehicle that is killed and started again, over and over, while a station watches. Part of `make soak`.
+//! Vehicles, network processes, routers and stations that are killed, over and over. Part of `make soak`.
 
-use crate::local::children;
+use crate::local::{children, digests, flown_alone, was_disturbed};
+use crate::supervised::{BACK, listening};
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use crate::{plumbline, stderr};
 use plumbline_test_support::soak_minutes;
@@ -26,9 +27,10 @@ struct Station {
 }
 
 impl Station {
-    fn start(endpoint: &str) -> Self {
+    /// A station with a session of this kind: "--listen" or "--connect".
+    fn start(session: &str, endpoint: &str) -> Self {
         let mut command = Command::new(PLUMBLINE);
-        command.args(["ground", "--json", "--no-http", "--listen", endpoint]);
+        command.args(["ground", "--json", "--no-http", session, endpoint]);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let received = Arc::new(AtomicU64::new(0));
@@ -44,6 +46,22 @@ impl Station {
 
     fn received(&self) -> u64 {
         self.received.load(Ordering::Relaxed)
+    }
+
+    /// Kills the only process that this one has started; the time until the station receives something again.
+    fn silence_after_the_death_of_a_worker_of(&self, process: u32, signal: &str) -> Duration {
+        let workers = children(process);
+        assert_eq!(workers.len(), 1, "one process of {process}");
+        let killed = Command::new("kill").args([signal, &workers[0].to_string()]).status().unwrap();
+        assert!(killed.success());
+        let died = Instant::now();
+        // Lines that it had received before may still come.
+        std::thread::sleep(Duration::from_millis(50));
+        let before = self.received();
+        eventually("the station hears the vehicle again", Duration::from_secs(15), || {
+            self.received() > before
+        });
+        died.elapsed()
     }
 
     fn resident_mb(&self) -> f64 {
@@ -82,7 +100,7 @@ fn verify_up_to_the_cut(log: &Path, flown_s: f64) -> u64 {
 fn soak_a_vehicle_that_is_killed_comes_back_and_its_logs_are_whole_up_to_the_cut() {
     render(FLIGHT_S);
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
-    let station = Station::start(&endpoint);
+    let station = Station::start("--listen", &endpoint);
     let folder = tempfile::tempdir().unwrap();
     let restarts = 4 + 2 * soak_minutes();
     let (mut slowest_s, mut verified_frames, mut settled_mb) = (0.0_f64, 0, None);
@@ -110,4 +128,52 @@ fn soak_a_vehicle_that_is_killed_comes_back_and_its_logs_are_whole_up_to_the_cut
          verified, the station grew by {grown_mb:.1} MB"
     );
     assert!(grown_mb < 8.0, "the station grew by {grown_mb:.1} MB");
+}
+
+#[test]
+#[ignore = "minutes: `make soak`"]
+fn soak_network_process_router_and_station_killed_twenty_times_each_in_one_flight() {
+    const LONG_S: u32 = 160;
+    const TIMES: usize = 20;
+    let alone = flown_alone(LONG_S);
+    let port = free_port();
+    let router = listening(&["router"], "tcp", port, &[]);
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let station = Station::start("--connect", &endpoint);
+    let folder = tempfile::tempdir().unwrap();
+    let (report, log) = (folder.path().join("report.json"), folder.path().join("flight.mcap"));
+    let mut command = flight("drone", LONG_S);
+    command.args(["--connect", &endpoint, "--report"]).arg(&report).arg("--record").arg(&log);
+    let mut vehicle = Running::start(command);
+    eventually("the station hears the vehicle", Duration::from_secs(15), || station.received() > 0);
+    for (name, process) in [
+        ("network process", vehicle.child.id()),
+        ("router", router.child.id()),
+        ("station", station.child.id()),
+    ] {
+        let silence = |k: usize| {
+            std::thread::sleep(Duration::from_millis(700));
+            // A panic ends a worker by SIGABRT or by a status of its own; both are faults.
+            let signal = if k.is_multiple_of(2) { "-KILL" } else { "-ABRT" };
+            station.silence_after_the_death_of_a_worker_of(process, signal)
+        };
+        let silences: Vec<Duration> = (0..TIMES).map(silence).collect();
+        println!(
+            "{name} killed {TIMES} times: heard again after {:.2?} at most",
+            silences.iter().max().unwrap()
+        );
+        assert!(silences.iter().all(|silence| *silence < BACK), "{name}: {silences:.2?}");
+    }
+    assert!(vehicle.child.try_wait().unwrap().is_none(), "the flight ended too soon: {}", vehicle.words());
+    assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
+    let verified = plumbline(&["verify", log.to_str().unwrap()]);
+    assert!(verified.status.success(), "{}", stderr(&verified));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    // On a host that refuses frames there is nothing to compare; the log is whole in any case.
+    println!(
+        "refused or late frames: {}; ticks late, ms: {}",
+        was_disturbed(&report),
+        report["live"]["tick_late_ms"]
+    );
+    assert!(was_disturbed(&report) || digests(&report) == alone);
 }
