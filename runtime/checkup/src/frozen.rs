@@ -246,7 +246,7 @@ impl Frozen {
     fn words(&self, side: &str, spans: &[&Span]) -> String {
         let after_s = |stamp: Timestamp| stamp.seconds_since(self.begin);
         let time = |span: &&Span| format!("{:.1} to {:.1} s", after_s(span.view.from), after_s(span.view.to));
-        let mut times = spans.iter().take(TOLD).map(|span| time(span)).collect::<Vec<_>>().join(", ");
+        let mut times = spans.iter().take(TOLD).map(time).collect::<Vec<_>>().join(", ");
         if spans.len() > TOLD {
             let _ = write!(times, " and {} times more", spans.len() - TOLD);
         }
