@@ -2,7 +2,6 @@
 //! their range.
 
 use crate::agreement::Turn;
-use crate::failing;
 use crate::finding::Finding;
 use crate::statistics::{mean_and_spread, median};
 use crate::verdict::{Fitness, Measure};
@@ -222,13 +221,13 @@ pub(crate) struct Axes {
 }
 
 impl Axes {
-    pub(crate) fn of(samples: &[ImuSample], imu: &ImuConfig) -> Self {
+    /// Of samples whose axes moved or not.
+    pub(crate) fn of(samples: &[ImuSample], imu: &ImuConfig, moved: [[bool; 3]; 2]) -> Self {
         let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
         let at_end = |sample: &&ImuSample| {
             sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
                 || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
         };
-        let moved = failing::moved(samples);
         Self {
             samples: samples.len(),
             stuck: std::array::from_fn(|k| is_stuck(samples, k, longest)),

@@ -254,7 +254,8 @@ impl Checkup {
         measures.extend(shown.frozen.judge());
         measures.extend(self.timing(&imu));
         measures.extend(shown.repeats.judge(&self.samples));
-        measures.extend(failing::judge(&Axes::of(&self.samples, &self.config.imu), &failures));
+        let axes = Axes::of(&self.samples, &self.config.imu, failing::moved(&self.samples));
+        measures.extend(failing::judge(&axes, &failures));
         measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
         measures.extend(self.cameras(&shown));
         // What is left of a recording whose images freeze may be too little.

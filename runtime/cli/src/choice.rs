@@ -1,7 +1,7 @@
 //! Which of the built-in simulated flights a command flies.
 
 use super::Usage;
-use super::simulated::trajectories;
+use super::paths::trajectories;
 use clap::Args;
 use plumbline_drivers::simulator::{FlightPath, Scene};
 use plumbline_lab::campaign::{CampaignFault, Entry, PATHS, RECORDED_PATHS, SCENES};

@@ -96,6 +96,7 @@ fn run(command: Command) -> anyhow::Result<()> {
 mod message_options_tests;
 #[cfg(feature = "lab")]
 mod paired;
+mod paths;
 #[cfg(feature = "lab")]
 pub mod plot;
 mod progress;

@@ -1,6 +1,6 @@
 //! The arguments that describe a simulated flight.
 
-use super::simulated::flown_path;
+use super::paths::flown_path;
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{
@@ -20,8 +20,8 @@ const FLICKER: f64 = 0.15;
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
     /// Path: `demo` (take-off and figures of eight), `hand-held` (about all axes), `hover`, `drift` (slowly to the left),
-    /// `carried` (starts and ends at rest), `yaws` (500 degrees/s), `sweeps` (fast and banked), a TUM file (plain or .gz), or the
-    /// beginning of the name of one in euroc/trajectories of $PLUMBLINE_SHARED (or ../shared), such as V1_02.
+    /// `carried` (starts and ends at rest), `yaws` (500 degrees/s), `sweeps` (banked), a TUM file (or .gz), or a name in the shared
+    /// data: V1_02.
     #[arg(long, default_value = "demo")]
     pub path: String,
     /// Inertial samples: `simulated`, `recorded` (by a real sensor along this path, such as `--path V1_02 --imu recorded`), or a

@@ -1,11 +1,12 @@
 //! Simulated flights that an argument names: `sim:room?path=demo&duration=10`.
 
 use super::Usage;
+use super::paths::flown_path;
 use super::scenario::{ScenarioArgs, parse_scene};
 use anyhow::Result;
 use clap::Parser;
-use plumbline_drivers::simulator::{FlightPath, Scene};
-use std::path::{Path, PathBuf};
+use plumbline_drivers::simulator::Scene;
+use std::path::Path;
 
 /// A simulated flight, as it was named.
 #[derive(Clone, Debug)]
@@ -88,44 +89,6 @@ fn arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>, Usage>
     Ok(arguments)
 }
 
-/// A built-in path, a file, or the file of the trajectory in the shared data whose name begins so.
-///
-/// # Errors
-/// When there is none, or several.
-pub(super) fn flown_path(name: &str, shared: Option<&Path>) -> Result<String, Usage> {
-    if !matches!(FlightPath::named(name), FlightPath::Tum(_)) || Path::new(name).exists() {
-        return Ok(name.to_owned());
-    }
-    let folder = trajectories(shared);
-    let known = folder.as_deref().map(known_trajectories).unwrap_or_default();
-    let found: Vec<&String> =
-        known.iter().filter(|known| !name.is_empty() && known.starts_with(name)).collect();
-    if let (Ok(folder), [one]) = (&folder, found.as_slice()) {
-        return Ok(folder.join(format!("{one}.tum.gz")).display().to_string());
-    }
-    let names = match &folder {
-        Ok(folder) => format!("a trajectory in {}: {}", folder.display(), known.join(", ")),
-        Err(_) => {
-            "the name of a trajectory in the shared data ($PLUMBLINE_SHARED, or ../shared; not found)".into()
-        }
-    };
-    let what = if found.len() > 1 { "is the beginning of several names" } else { "no such path or file" };
-    Err(Usage(format!(
-        "--path {name}: {what}; give {}, a TUM file such as FOLDER/NAME.tum.gz, or {names}",
-        FlightPath::NAMES.join(", ")
-    )))
-}
-
-/// Names of the trajectories in a folder.
-fn known_trajectories(folder: &Path) -> Vec<String> {
-    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let names = files.filter_map(|file| file.file_name().into_string().ok());
-    let mut names: Vec<String> =
-        names.filter_map(|name| name.strip_suffix(".tum.gz").map(str::to_owned)).collect();
-    names.sort();
-    names
-}
-
 /// Start of the flight along the file of a built-in trajectory, s.
 fn full_flight_s(path: &str) -> Option<f64> {
     let name = Path::new(path).file_name()?.to_str()?.strip_suffix(".tum.gz")?;
@@ -134,17 +97,6 @@ fn full_flight_s(path: &str) -> Option<f64> {
     #[cfg(not(feature = "lab"))]
     let built_in: &[(&str, f64)] = &[];
     built_in.iter().find(|(known, _)| *known == name).map(|(_, start_s)| *start_s)
-}
-
-/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
-pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
-    let shared =
-        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
-    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
-    if folder.is_dir() {
-        return Ok(folder);
-    }
-    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
 }
 
 #[cfg(test)]
@@ -173,30 +125,6 @@ mod tests {
         );
         let words = simulated("sim:room?stereo=true", None).unwrap_err().to_string();
         assert!(words.contains("--stereo") && words.contains("plumbline simulate --help"), "{words}");
-    }
-
-    #[test]
-    fn a_path_is_built_in_or_a_file_or_the_beginning_of_a_name_in_the_shared_data() {
-        let shared = tempfile::tempdir().unwrap();
-        let folder = shared.path().join("euroc/trajectories");
-        std::fs::create_dir_all(&folder).unwrap();
-        for name in ["V1_01_easy", "V1_02_medium"] {
-            std::fs::write(folder.join(format!("{name}.tum.gz")), "").unwrap();
-        }
-        let path = |name: &str| flown_path(name, Some(shared.path())).map_err(|error| error.to_string());
-        assert_eq!(path("yaws").unwrap(), "yaws");
-        let file = folder.join("V1_02_medium.tum.gz").display().to_string();
-        assert_eq!((path("V1_02").unwrap(), path(&file).unwrap()), (file.clone(), file));
-        for (name, why) in
-            [("V1", "several names"), ("V9", "no such path or file"), ("", "no such path or file")]
-        {
-            let words = path(name).unwrap_err();
-            for part in [why, "hand-held", ".tum.gz", "V1_01_easy, V1_02_medium"] {
-                assert!(words.contains(part), "{part}: {words}");
-            }
-        }
-        let words = flown_path("V9", Some(Path::new("/nowhere"))).unwrap_err().to_string();
-        assert!(words.contains("yaws") && words.contains("PLUMBLINE_SHARED"), "{words}");
     }
 
     #[test]
