@@ -221,7 +221,7 @@ pub(crate) struct Axes {
 }
 
 impl Axes {
-    /// Of samples whose axes moved or not.
+    /// Counts what the axes did over the samples; `moved` tells those whose readings show a motion.
     pub(crate) fn of(samples: &[ImuSample], imu: &ImuConfig, moved: [[bool; 3]; 2]) -> Self {
         let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
         let at_end = |sample: &&ImuSample| {

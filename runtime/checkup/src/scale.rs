@@ -64,7 +64,7 @@ impl Piece {
 pub struct ScaleFactor {
     /// 1 where the distance between the cameras is right.
     pub value: f64,
-    /// The same with all noise in the images, not in the accelerometer: the true one lies between both.
+    /// Factor with all noise in the images, not in the accelerometer: the true one lies between this and `value`.
     pub upper: f64,
     /// Standard deviation.
     pub sigma: f64,

@@ -39,10 +39,10 @@ const FRAMES_TO_NAME: u32 = 4;
 /// dead agrees while it has nothing to feel.
 const HELD_S: f64 = 0.3;
 const HELD_NAMED_S: f64 = 1.0;
-/// And this long while no frame can show it, s: an accelerometer that is named has to be seen to agree.
+/// And this long while no frame can show it, s; once the accelerometer is named so long, since it has to be seen to agree.
 const UNSEEN_S: f64 = 1.0;
 const UNSEEN_NAMED_S: f64 = 5.0;
-/// What a named accelerometer was wrong by is thought of for this long, s.
+/// A prediction may be as wrong as the accelerometer was for this long after that was last contradicted, s.
 const LATELY_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
@@ -238,7 +238,7 @@ impl ForceWatch {
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
     }
 
-    /// What the forces of an accelerometer that was named lately were wrong by, m/s²; zero if it was not.
+    /// Largest error of the forces lately, m/s², if the accelerometer was named; zero if not.
     pub(super) fn lately_wrong_m_s2(&self, stamp: Timestamp) -> f64 {
         let named = self.named.filter(|(last, _)| stamp.seconds_since(*last) < LATELY_S);
         named.map_or(0.0, |(_, wrong_m_s2)| wrong_m_s2)

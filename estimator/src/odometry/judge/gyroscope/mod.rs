@@ -48,7 +48,7 @@ const FRAME_HOLE_S: f64 = 0.25;
 const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
-/// Images may be carried by a crowd where so few of the landmarks agree with their pose; the way then errs by as much as the heading, rad, at most.
+/// Share of the landmarks below which a crowd may carry the images: fewer agree with their pose. The heading is unknown beyond this angle, rad.
 const CARRIED_SHARE: f64 = 0.8;
 const MOST_CARRIED_RAD: f64 = 1.0;
 /// Sums contradict from this multiple of what is admitted if no landmark votes for the images, and these tell the turn no better than this, rad.
@@ -102,7 +102,7 @@ pub(super) struct RotationWatch {
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
     left_rad: f64,
-    /// Turn for which a crowd may have carried the images, rad: by so much the way since errs in direction.
+    /// Turn during which a crowd may have carried the images, rad: the standard deviation of the direction of the way since.
     carried_rad: f64,
 }
 
@@ -278,7 +278,7 @@ impl RotationWatch {
         self.hole_before(stamp).is_some()
     }
 
-    /// Goes on with a contradiction; so many of the landmarks agree with the images.
+    /// Goes on with a contradiction; `agreeing_share` of the landmarks agree with the images.
     fn settle(&mut self, newest: &NewestTurn, agreeing_share: f64) {
         let Some(mut contradiction) = self.contradiction else { return };
         contradiction.is_carried |= agreeing_share < CARRIED_SHARE;

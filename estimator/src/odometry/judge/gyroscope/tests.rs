@@ -269,8 +269,8 @@ fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
     assert!((of_rotation - Matrix3::identity() * 0.04).norm() < 1e-12, "{of_rotation}");
 }
 
-/// Standard deviations of position, m, and heading, rad, two seconds after a gyroscope was contradicted for one, whose images agree with so
-/// many of the landmarks.
+/// Standard deviations of position, m, and heading, rad, after images have contradicted the gyroscope for half a second while this share of
+/// the landmarks agreed with them.
 fn left_after(agreeing_share: f64, is_force_wrong: bool) -> [f64; 2] {
     let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
     let mut watch = RotationWatch::new(&imu);
