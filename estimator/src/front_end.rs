@@ -172,6 +172,7 @@ impl FrontEnd {
         self.turn_rate_b = feedback.turn_rate_b;
         self.distrusts_imu = feedback.distrusts_imu;
         self.untracked_camera = feedback.untracked_camera;
+        self.points.set_state_known(feedback.solved.pose_o_b.is_some());
         self.known_state.clone_from(&feedback.known_state);
         self.known_points.clone_from(&feedback.known_points);
     }

@@ -2,6 +2,10 @@
 //!
 //! Coarse levels of the pyramid show a fine pattern of equal cells as aliases, and on the full image a match may be off by a whole
 //! cell. A corner whose patch is not seen again close by can be looked for everywhere within that distance.
+//!
+//! Two signs tell that the texture in view repeats: most of the strongest corners have a rival, or some of all corners stand in a
+//! lattice, with rivals opposite each other in two directions. Rivals alone are common where texture is scarce, along edges; lattices
+//! are not, so that few of them tell, even where the strongest corners are edges of things and the pattern is too fine to be seen far away.
 
 use super::align::TranslationTemplate;
 use super::flow::{FlowOptions, prepare_at, track_patch};
@@ -24,36 +28,120 @@ const MIN_ZNCC: (f32, f32) = (0.6, 0.75);
 const MIN_LEAD: f32 = 0.08;
 /// Gain in correlation by an alignment, at most.
 const MAX_GAIN: f32 = 0.1;
-/// Corners that are remembered, corners that are enough to tell, and the share of them above which the texture repeats.
-const REMEMBERED: u32 = 24;
-const ENOUGH: u32 = 6;
-const REPEATING_SHARE: f32 = 0.75;
+/// Opposite rivals are equally far from the corner to this, px.
+const OPPOSITE_PX: i32 = 1;
+/// Sine of the least angle between the two directions of a lattice.
+const MIN_SINE: f32 = 0.5;
+/// Corners of which it is remembered whether they have a rival, those that are enough to tell, and the share above which the texture
+/// repeats.
+const RIVALS: Limits = Limits { remembered: 24, enough: 6, begins: 0.75, ends: 0.75 };
+/// The same of lattices: 6 to 78 % of the corners on a fine pattern, none on others.
+const LATTICES: Limits = Limits { remembered: 64, enough: 24, begins: 0.05, ends: 0.01 };
 /// A last step longer than this means no convergence, px.
 const MAX_LAST_STEP_PX: f32 = 0.1;
 
-/// Running share of the corners that are seen again close by.
+/// Bounds of a running share.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    remembered: u32,
+    enough: u32,
+    begins: f32,
+    ends: f32,
+}
+
+/// Running share of corners that are of a kind.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct RepetitionWatch {
+struct Share {
     share: f32,
     looked: u32,
+    is_large: bool,
+}
+
+impl Share {
+    fn add(&mut self, is_of_kind: bool, limits: &Limits) {
+        self.looked = (self.looked + 1).min(limits.remembered);
+        self.share += (f32::from(u8::from(is_of_kind)) - self.share) / self.looked as f32;
+        let limit = if self.is_large { limits.ends } else { limits.begins };
+        self.is_large = self.looked >= limits.enough && self.share > limit;
+    }
+}
+
+/// Evidence that the texture in view repeats itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RepetitionWatch {
+    rivals: Share,
+    lattices: Share,
 }
 
 impl RepetitionWatch {
-    /// Takes a corner.
-    pub fn add(&mut self, is_repeated: bool) {
-        self.looked = (self.looked + 1).min(REMEMBERED);
-        self.share += (f32::from(u8::from(is_repeated)) - self.share) / self.looked as f32;
+    /// Takes one of the strongest corners.
+    pub fn add(&mut self, has_rival: bool) {
+        self.rivals.add(has_rival, &RIVALS);
     }
 
-    /// True before enough corners were looked at.
+    /// Takes any corner.
+    pub fn add_any(&mut self, is_in_lattice: bool) {
+        self.lattices.add(is_in_lattice, &LATTICES);
+    }
+
+    /// True before enough of the strongest corners were looked at.
     pub fn is_new(&self) -> bool {
-        self.looked < ENOUGH
+        self.rivals.looked < RIVALS.enough
+    }
+
+    /// True if most of the strongest corners have a rival.
+    pub fn is_everywhere(&self) -> bool {
+        self.rivals.is_large
     }
 
     /// True if the texture in view repeats itself.
     pub fn is_repeating(&self) -> bool {
-        self.looked >= ENOUGH && self.share > REPEATING_SHARE
+        self.rivals.is_large || self.lattices.is_large
     }
+}
+
+/// True if the patch at `px` is seen again at opposite places around it, in two directions.
+pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
+    let mut template = TranslationTemplate::empty();
+    if !prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template) {
+        return false;
+    }
+    let plane = pyramid.plane(0);
+    let zncc = |offset: Vector2<f32>| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0);
+    let mut first: Option<Vector2<f32>> = None;
+    for offset in offsets(SURROUNDINGS_PX).filter(|o| is_upper(o) && is_around(o)) {
+        let is_new = first.is_none_or(|a| a.perp(&offset).abs() > MIN_SINE * a.norm() * offset.norm());
+        if !is_new || !is_rival(&zncc, offset) {
+            continue;
+        }
+        if !offsets(OPPOSITE_PX).any(|off| is_rival(&zncc, off - offset)) {
+            continue;
+        }
+        if first.is_some() {
+            return true;
+        }
+        first = Some(offset);
+    }
+    false
+}
+
+/// True for one of two opposite offsets.
+fn is_upper(offset: &Vector2<f32>) -> bool {
+    offset.y < 0.0 || offset.y == 0.0 && offset.x < 0.0
+}
+
+/// True for an offset to another place close by.
+fn is_around(offset: &Vector2<f32>) -> bool {
+    (SAME_PLACE_PX..=SURROUNDINGS_PX as f32).contains(&offset.norm())
+}
+
+/// True if the patch is seen again at `offset`. The shoulder of the patch itself is no other place: a maximum of `zncc` is.
+fn is_rival(zncc: &impl Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
+    let here = zncc(offset);
+    here > ALIKE_ZNCC
+        && [Vector2::x(), Vector2::y()]
+            .iter()
+            .all(|side| here >= zncc(offset + side) && here >= zncc(offset - side))
 }
 
 /// Distance from `px` to the nearest place around it where its patch is seen again, px; `None` for a corner of its own.
@@ -63,24 +151,11 @@ pub(super) fn nearest_rival_px(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<f
         return None;
     }
     let plane = pyramid.plane(0);
-    let zncc = |at: Vector2<f32>| template.zncc_at(&plane, &at).unwrap_or(-1.0);
+    let zncc = |offset: Vector2<f32>| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0);
     let mut nearest: Option<f32> = None;
-    for offset in offsets(SURROUNDINGS_PX) {
+    for offset in offsets(SURROUNDINGS_PX).filter(is_around) {
         let far = offset.norm();
-        if far < SAME_PLACE_PX
-            || far > SURROUNDINGS_PX as f32
-            || nearest.is_some_and(|nearest| nearest <= far)
-        {
-            continue;
-        }
-        let at = px + offset;
-        let here = zncc(at);
-        // The shoulder of the patch itself is no other place: a maximum is.
-        let is_maximum = here > ALIKE_ZNCC
-            && [Vector2::x(), Vector2::y()]
-                .iter()
-                .all(|side| here >= zncc(at + side) && here >= zncc(at - side));
-        if is_maximum {
+        if nearest.is_none_or(|nearest| nearest > far) && is_rival(&zncc, offset) {
             nearest = Some(far);
         }
     }
@@ -159,6 +234,33 @@ mod tests {
     fn a_corner_among_equal_cells_repeats_and_one_of_its_own_does_not() {
         assert!(nearest_rival_px(&image((0, 0), false), &AT).is_some_and(|px| (px - 5.0).abs() < 1.5));
         assert_eq!(nearest_rival_px(&image((0, 0), true), &AT), None);
+    }
+
+    #[test]
+    fn a_corner_among_equal_cells_stands_in_a_lattice_and_one_of_its_own_does_not() {
+        assert!(is_in_lattice(&image((0, 0), false), &AT));
+        assert!(!is_in_lattice(&image((0, 0), true), &AT));
+    }
+
+    #[test]
+    fn equal_cells_in_a_row_are_no_lattice() {
+        let mut random = Random::new(4);
+        let level = |x: usize, y: usize| if x % 5 < 2 && (44..50).contains(&y) { 60.0 } else { 150.0 };
+        let pixels =
+            (0..SIZE * SIZE).map(|k| (level(k % SIZE, k / SIZE) + random.gaussian()) as u8).collect();
+        let mut row = Pyramid::new(SIZE, SIZE, 3);
+        assert!(row.build(&GrayImage::from_pixels(SIZE, SIZE, pixels).unwrap().view()));
+        assert!(nearest_rival_px(&row, &AT).is_some() && !is_in_lattice(&row, &AT));
+    }
+
+    #[test]
+    fn few_lattices_tell_where_the_strongest_corners_are_edges_of_things() {
+        let mut watch = RepetitionWatch::default();
+        (0..16).for_each(|k| watch.add(k % 3 == 0));
+        (0..64).for_each(|_| watch.add_any(false));
+        assert!(!watch.is_repeating());
+        (0..8).for_each(|k| watch.add_any(k % 2 == 0));
+        assert!(watch.is_repeating());
     }
 
     #[test]

@@ -99,6 +99,8 @@ pub(super) struct Track {
     pub depth: Option<Depth>,
     /// Distance to the nearest place that looked the same when it began, px, if there was one.
     pub rival_px: Option<f32>,
+    /// True if it was looked for such places.
+    pub is_looked_at: bool,
     /// True if it was found well within the search around its predicted place, false at the rim or not; `None` without one.
     pub was_predicted: Option<bool>,
     /// Frames in a row without the left camera, though it delivered.
@@ -136,6 +138,7 @@ impl Track {
             stereo: None,
             depth: None,
             rival_px: None,
+            is_looked_at: false,
             was_predicted: None,
             without_left: 0,
             came_by: None,

@@ -163,6 +163,8 @@ pub struct PointTracker {
     repetition: RepetitionWatch,
     /// Frames for which predictions are refused, since most points were not where the last one put them.
     refused: u32,
+    /// True once the window had a state, until a reset.
+    has_started: bool,
 }
 
 impl PointTracker {
@@ -193,6 +195,7 @@ impl PointTracker {
             before: Vec::with_capacity(options.max_points),
             repetition: RepetitionWatch::default(),
             refused: 0,
+            has_started: false,
         }
     }
 
@@ -230,6 +233,7 @@ impl PointTracker {
     pub fn reset(&mut self) {
         self.store.clear();
         self.observations.clear();
+        self.has_started = false;
         for view in &mut self.views {
             view.has_previous = false;
         }
@@ -348,6 +352,12 @@ impl PointTracker {
 
     /// Finds the followed tracks in the other camera.
     fn pair_tracks(&mut self) {
+        if self.is_start_of_one_camera() {
+            for track in &mut self.store.tracks {
+                track.came_by.into_iter().for_each(|(by, _)| track.unsee(1 - by));
+            }
+            return;
+        }
         let mut searches = 0;
         let is_strict = self.is_strict();
         for (from, to) in [(0, 1), (1, 0)] {

@@ -2,6 +2,7 @@
 
 use super::PointTracker;
 use crate::points::prediction::{KnownPoint, MATCH_SIGMA_PX, PredictedMotion, take_depths};
+use crate::points::repetition::nearest_rival_px;
 use crate::points::rig::{Baseline, RigCamera};
 use crate::points::track::Depth;
 use plumbline_config::Portable;
@@ -13,6 +14,8 @@ const PREDICTED_M: f64 = 1.5;
 /// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
 const MIN_PREDICTED: usize = 12;
 const REFUSED_FRAMES: u32 = 10;
+/// Tracks of before that are looked at a frame; bounds the worst frame.
+const MAX_LOOKS: usize = 40;
 /// Matches of tracks up to this age are no evidence of the depth around them.
 const NEW_AGE: u32 = 2;
 
@@ -41,7 +44,23 @@ impl PointTracker {
         for track in self.store.tracks.iter_mut().filter(|track| track.depth.is_none()) {
             track.depth = track.px[0].and_then(|px| self.depths.around(&px));
         }
+        self.look_for_rivals();
         self.motion = Some(*motion);
+    }
+
+    /// Takes note of whether the window has a state.
+    pub fn set_state_known(&mut self, is_known: bool) {
+        self.has_started |= is_known;
+    }
+
+    /// Looks for rivals of tracks that began before points were predicted.
+    fn look_for_rivals(&mut self) {
+        let Self { views, store, .. } = self;
+        for track in store.tracks.iter_mut().filter(|track| !track.is_looked_at).take(MAX_LOOKS) {
+            track.is_looked_at = true;
+            let seen = views.iter().zip(track.px).find_map(|(view, px)| Some((view, px?)));
+            track.rival_px = seen.and_then(|(view, px)| nearest_rival_px(&view.current, &px.cast()));
+        }
     }
 
     /// True if the texture in view repeats itself, so that points are predicted, or else only those followed that are unique.
