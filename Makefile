@@ -37,7 +37,7 @@ endif
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny vendored advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header messages capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
 
 help: ## this list
@@ -158,7 +158,7 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
 # What tests start comes while they are compiled; examples of the documentation, one crate after the other, run beside the tests.
-test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
+test: tools fmt-check deny vendored forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
 	{ scripts/setup programs && scripts/setup python; } >target/setup.log 2>&1 & programs=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
 	wait $$programs || { cat target/setup.log; exit 1; }; exit $$status
@@ -283,6 +283,9 @@ clippy:
 # Advisories are apart: their database is not on crates.io, and changes from day to day.
 deny:
 	$(CARGO) deny --workspace --locked check bans licenses sources
+
+vendored: ## the mended copies of Zenoh's crates are the published ones with their patches
+	scripts/vendored
 
 advisories: setup ## known vulnerabilities of the dependencies, but those listed with a reason in deny.toml (needs github.com)
 	$(CARGO) deny --workspace --locked check advisories
