@@ -54,9 +54,12 @@ build: ## the product
 	@scripts/setup base
 	$(CARGO) build $(FLAGS) -p plumbline
 
+# A build with OpenCV.
+OPENCV = --config scripts/opencv.toml
+
 calibration: ## the product with `plumbline calibrate camera`, which needs OpenCV
 	@scripts/setup calibration
-	$(CARGO) build $(FLAGS) -p plumbline --features calibration
+	$(CARGO) build $(FLAGS) $(OPENCV) -p plumbline --features calibration
 
 # `cargo build` of the product for ARCH; what is handed out is compiled as a whole.
 PRODUCT = CARGO_INCREMENTAL=0 $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
@@ -196,7 +199,7 @@ doctests: ## the examples in the documentation of the code
 	$(LINTED) $(CARGO) test $(PACKAGES) --doc
 
 oracle: setup forget-skips ## beside OpenCV and PX4's filter: projection, tracks, lines, calibration, odometry (CI runs it beside `make test`)
-	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(FLAGS) -p plumbline-boards -p plumbline-oracle --lib --tests -E 'not $(TIMED)' $(ARGS))
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(FLAGS) $(OPENCV) -p plumbline-boards -p plumbline-oracle --lib --tests -E 'not $(TIMED)' $(ARGS))
 
 checked: setup ## the tests of configuration, estimator and drivers alone, whose build is short
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
@@ -217,7 +220,7 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(FLAGS) $(OPENCV) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FAULTY) --profile soak --run-ignored all -E 'test(/^sabotage::/)' $(ARGS))
 
@@ -244,7 +247,7 @@ fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and
 	@scripts/fuzz all runs=5000
 
 bench: setup ## benchmarks of the stages
-	$(CARGO) bench --locked -p plumbline-oracle $(ARGS)
+	$(CARGO) bench --locked $(OPENCV) -p plumbline-oracle $(ARGS)
 
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base
@@ -277,8 +280,8 @@ fmt-check:
 	$(CARGO) fmt --all --check
 
 clippy:
-	$(CARGO) clippy $(FLAGS) --workspace --all-targets -- -D warnings
-	$(CARGO) clippy $(FLAGS) --workspace --features plumbline/calibration -- -D warnings
+	$(CARGO) clippy $(FLAGS) $(OPENCV) --workspace --all-targets -- -D warnings
+	$(CARGO) clippy $(FLAGS) $(OPENCV) --workspace --features plumbline/calibration -- -D warnings
 
 # Advisories are apart: their database is not on crates.io, and changes from day to day.
 deny:
