@@ -37,7 +37,7 @@ endif
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny vendored advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header messages capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
 
 help: ## this list
@@ -54,9 +54,12 @@ build: ## the product
 	@scripts/setup base
 	$(CARGO) build $(FLAGS) -p plumbline
 
+# A build with OpenCV.
+OPENCV = --config scripts/opencv.toml
+
 calibration: ## the product with `plumbline calibrate camera`, which needs OpenCV
 	@scripts/setup calibration
-	$(CARGO) build $(FLAGS) -p plumbline --features calibration
+	$(CARGO) build $(FLAGS) $(OPENCV) -p plumbline --features calibration
 
 # `cargo build` of the product for ARCH; what is handed out is compiled as a whole.
 PRODUCT = CARGO_INCREMENTAL=0 $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
@@ -158,7 +161,7 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
 # What tests start comes while they are compiled; examples of the documentation, one crate after the other, run beside the tests.
-test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
+test: tools fmt-check deny vendored forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
 	{ scripts/setup programs && scripts/setup python; } >target/setup.log 2>&1 & programs=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
 	wait $$programs || { cat target/setup.log; exit 1; }; exit $$status
@@ -196,7 +199,7 @@ doctests: ## the examples in the documentation of the code
 	$(LINTED) $(CARGO) test $(PACKAGES) --doc
 
 oracle: setup forget-skips ## beside OpenCV and PX4's filter: projection, tracks, lines, calibration, odometry (CI runs it beside `make test`)
-	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(FLAGS) -p plumbline-boards -p plumbline-oracle --lib --tests -E 'not $(TIMED)' $(ARGS))
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(FLAGS) $(OPENCV) -p plumbline-boards -p plumbline-oracle --lib --tests -E 'not $(TIMED)' $(ARGS))
 
 checked: setup ## the tests of configuration, estimator and drivers alone, whose build is short
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
@@ -217,7 +220,7 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(FLAGS) $(OPENCV) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FAULTY) --profile soak --run-ignored all -E 'test(/^sabotage::/)' $(ARGS))
 
@@ -244,7 +247,7 @@ fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and
 	@scripts/fuzz all runs=5000
 
 bench: setup ## benchmarks of the stages
-	$(CARGO) bench --locked -p plumbline-oracle $(ARGS)
+	$(CARGO) bench --locked $(OPENCV) -p plumbline-oracle $(ARGS)
 
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base
@@ -277,12 +280,15 @@ fmt-check:
 	$(CARGO) fmt --all --check
 
 clippy:
-	$(CARGO) clippy $(FLAGS) --workspace --all-targets -- -D warnings
-	$(CARGO) clippy $(FLAGS) --workspace --features plumbline/calibration -- -D warnings
+	$(CARGO) clippy $(FLAGS) $(OPENCV) --workspace --all-targets -- -D warnings
+	$(CARGO) clippy $(FLAGS) $(OPENCV) --workspace --features plumbline/calibration -- -D warnings
 
 # Advisories are apart: their database is not on crates.io, and changes from day to day.
 deny:
 	$(CARGO) deny --workspace --locked check bans licenses sources
+
+vendored: ## the mended copies of Zenoh's crates are the published ones with their patches
+	scripts/vendored
 
 advisories: setup ## known vulnerabilities of the dependencies, but those listed with a reason in deny.toml (needs github.com)
 	$(CARGO) deny --workspace --locked check advisories
