@@ -3,4 +3,5 @@
 mod dataset;
 mod recorded;
 mod rendered;
+mod repeated;
 mod scene;

@@ -66,8 +66,8 @@ impl PointTracker {
         }
         let is_repeating = self.rig.len() > 1 && self.repetition.is_repeating();
         let is_known = self.motion.is_some();
-        let is_strict = self.options.unique_only
-            || is_repeating && (self.repetition.is_everywhere() || self.has_started);
+        let is_strict =
+            self.options.unique_only || is_repeating && (self.repetition.is_everywhere() || self.has_started);
         for corner in corners {
             let px = corner.px.cast::<f64>();
             let Some(xy) = self.rig[c].unproject(&px) else { continue };
