@@ -14,7 +14,7 @@ const PREDICTED_M: f64 = 1.5;
 /// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
 const MIN_PREDICTED: usize = 12;
 const REFUSED_FRAMES: u32 = 10;
-/// Tracks of before that are looked at a frame; bounds the worst frame.
+/// Tracks whose rivals are looked for late, per frame; bounds the worst frame.
 const MAX_LOOKS: usize = 40;
 /// Matches of tracks up to this age are no evidence of the depth around them.
 const NEW_AGE: u32 = 2;
