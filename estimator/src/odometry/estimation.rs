@@ -32,6 +32,8 @@ pub(super) struct Estimation {
     pub(super) rate_b: Vector3<f64>,
     /// Vibration at the newest frame.
     pub(super) vibration: Vibration,
+    /// The texture in view repeats itself.
+    pub(super) is_repeating: bool,
     /// Covariance of the newest state against the first pose of all.
     pub(super) covariance: NavCovariance,
     /// Variances of its biases.

@@ -4,7 +4,6 @@
 use super::{Odometer, Phase};
 use crate::estimate::HealthBits;
 use crate::exchange::Tracked;
-use crate::points::PointObservation;
 use nalgebra::Vector3;
 
 /// Landmarks in view below which the estimate is weak.
@@ -16,9 +15,9 @@ const BLURRED_PX: f64 = 3.0;
 
 impl Odometer {
     /// Reports frames that see too little, and cameras that see different things.
-    pub(super) fn check_points(&mut self, observations: &[PointObservation], health: &mut HealthBits) {
-        self.judge.see(observations, health);
-        match observations.len() {
+    pub(super) fn check_points(&mut self, tracked: &Tracked, health: &mut HealthBits) {
+        self.judge.see(&tracked.points, tracked.is_repeating, health);
+        match tracked.points.len() {
             0 => health.insert(HealthBits::NO_FEATURES),
             n if n < FEW_LANDMARKS => health.insert(HealthBits::LOW_FEATURES),
             _ => {}
@@ -40,6 +39,7 @@ impl Odometer {
         let rate_c = [0, 1].map(|c| estimation.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         estimation.rate_b = estimation.rate_at(last, stamp, &bias_gyro);
         estimation.vibration = estimation.imu.vibration(stamp);
+        estimation.is_repeating = tracked.is_repeating;
         // The front-end does not know the outliers of the frame before yet.
         let outliers = estimation.window.outliers();
         estimation.measurer.measure_points(observations, &outliers.points, &rate_c);
@@ -61,7 +61,7 @@ impl Odometer {
         if let Some(earlier) = self.start.stamp_before_last().filter(|_| self.phase == Phase::Gathering) {
             let span_s = stamp.seconds_since(earlier);
             let moments = estimation.measurer.epipolar_moments(observations, &estimation.window.rig, span_s);
-            self.judge.see_gathered(stamp, moments);
+            self.judge.see_gathered(stamp, moments.filter(|_| !estimation.is_repeating));
         }
         estimation.measurer.remember(observations);
         if self.blur_px() > BLURRED_PX {

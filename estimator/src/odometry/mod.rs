@@ -128,6 +128,7 @@ impl Odometer {
                     .with_readouts(readouts(setup)),
                 rate_b: Vector3::zeros(),
                 vibration: Vibration::default(),
+                is_repeating: false,
                 covariance: NavCovariance::zeros(),
                 bias_variances: BiasVariances::zeros(),
                 time_offset_sigma_s: setup.rig.time_offset_sigma_s,
@@ -205,7 +206,7 @@ impl Odometer {
         if tracked.budget != WorkBudget::FULL {
             health.insert(HealthBits::DEGRADED);
         }
-        self.check_points(&tracked.points, &mut health);
+        self.check_points(tracked, &mut health);
         probe.begin(Stage::Window);
         self.measure(tracked, &mut health);
         self.step = None;

@@ -48,6 +48,11 @@ impl Flight {
 type Alive = fn(f64) -> [bool; 2];
 
 fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
+    fly_before(world, duration_s, alive, false)
+}
+
+/// Flies before texture that repeats itself, or not.
+fn fly_before(world: &mut World, duration_s: f64, alive: Alive, is_repeating: bool) -> Flight {
     let mut odometer = Odometer::new(&world.config);
     let mut tracked = Tracked::new(&world.config);
     let mut feedback = Feedback::new(&world.config);
@@ -70,6 +75,7 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
         }
         tracked.points = world.observe(t, alive(t));
         tracked.sequence = u64::from(k);
+        tracked.is_repeating = is_repeating;
         tracked.time = FrameTime { stamp: needed, time_offset_s };
         heard_offset_s = feedback.time_offset_s;
         let mut answer = None;
@@ -128,6 +134,15 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
 
 fn both(_: f64) -> [bool; 2] {
     [true; 2]
+}
+
+#[test]
+fn before_texture_that_repeats_a_start_takes_half_a_second() {
+    let first_s = [false, true].map(|is_repeating| {
+        let mut world = World::new(&config(2), 1, 500);
+        fly_before(&mut world, 1.0, both, is_repeating).first_pose_s.unwrap()
+    });
+    assert!(first_s[0] < 0.2 && (0.5..0.6).contains(&first_s[1]), "{first_s:?}");
 }
 
 #[test]

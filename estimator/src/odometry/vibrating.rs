@@ -16,17 +16,10 @@ const VIBRATING_M_S2: f64 = 3.0;
 /// Largest density of white noise that a start expects of it, m/s²/√Hz: that of 5 m/s² at 200 Hz, which leaves the tilt uncertain by
 /// 40 mrad. With a tilt that is not known at all the heading would not be either.
 const MOST_DENSITY: f64 = 0.3;
-/// Frames of a start with two cameras on a vehicle that vibrates: 0.55 s at 20 Hz.
-const FRAMES: usize = 12;
 
 /// True if the vehicle vibrates.
-fn is_vibrating(vibration: &Vibration) -> bool {
+pub(super) fn is_vibrating(vibration: &Vibration) -> bool {
     vibration.force.amax() > VIBRATING_M_S2 * VIBRATING_M_S2
-}
-
-/// Frames of a start with two cameras, which takes `usual` ones.
-pub(super) fn frames_of_start(usual: usize, vibration: &Vibration) -> usize {
-    if is_vibrating(vibration) { usual.max(FRAMES) } else { usual }
 }
 
 /// Squared density of the noise that a start expects of the forces, m²/s³, samples being `period_s` apart; `None` without vibration.

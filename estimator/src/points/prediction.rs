@@ -12,6 +12,8 @@ use plumbline_config::Portable;
 pub(super) const MATCH_SIGMA_PX: f64 = 0.5;
 /// Tracks around a point by which its depth is guessed.
 const NEIGHBOURS: usize = 4;
+/// Distance of these at most, in focal lengths: further away lies another surface, whose depth puts a match into another cell.
+pub(super) const AROUND: f64 = 0.26;
 /// Share of the depth by which a point may differ from those around it, beyond their own spread.
 const GUESSED_SHARE: f64 = 0.1;
 
@@ -43,11 +45,13 @@ pub struct PredictedMotion {
 #[derive(Clone, Debug)]
 pub(super) struct DepthMap {
     points: Vec<(Vector2<f64>, Depth)>,
+    around_px: f64,
 }
 
 impl DepthMap {
-    pub fn new(capacity: usize) -> Self {
-        Self { points: Vec::with_capacity(capacity) }
+    /// Room for `capacity` depths, which count for what is no further from them than `around_px`.
+    pub fn new(capacity: usize, around_px: f64) -> Self {
+        Self { points: Vec::with_capacity(capacity), around_px }
     }
 
     pub fn clear(&mut self) {
@@ -60,7 +64,7 @@ impl DepthMap {
         }
     }
 
-    /// Depth at `px` by the nearest points; `None` where there are too few.
+    /// Depth at `px` by the nearest points; `None` where too few are near.
     pub fn around(&self, px: &Vector2<f64>) -> Option<Depth> {
         let mut nearest = [(f64::INFINITY, Depth { rho: 0.0, sigma: 0.0 }); NEIGHBOURS];
         for (at, depth) in &self.points {
@@ -74,7 +78,7 @@ impl DepthMap {
                 nearest[k] = (far, *depth);
             }
         }
-        nearest[NEIGHBOURS - 1].0.is_finite().then(|| {
+        (nearest[NEIGHBOURS - 1].0 < self.around_px.squared()).then(|| {
             nearest.sort_unstable_by(|a, b| a.1.rho.total_cmp(&b.1.rho));
             let (low, high) = (nearest[0].1, nearest[NEIGHBOURS - 1].1);
             let rho = 0.5 * (nearest[NEIGHBOURS / 2 - 1].1.rho + nearest[NEIGHBOURS / 2].1.rho);
@@ -119,7 +123,7 @@ mod tests {
 
     #[test]
     fn depth_around_a_point_is_that_of_the_nearest_four() {
-        let mut map = DepthMap::new(8);
+        let mut map = DepthMap::new(8, 60.0);
         for k in 0..3 {
             map.add(Vector2::new(f64::from(k), 0.0), depth(0.5));
         }
@@ -128,11 +132,12 @@ mod tests {
         map.add(Vector2::new(50.0, 50.0), depth(3.0));
         let found = map.around(&Vector2::zeros()).expect("enough points");
         assert!((found.rho - 0.5).abs() < 1e-12 && found.sigma < 0.1, "{found:?}");
+        assert_eq!(map.around(&Vector2::new(0.0, 62.0)), None, "another surface");
     }
 
     #[test]
     fn depth_around_an_edge_is_as_uncertain_as_the_edge_is_deep() {
-        let mut map = DepthMap::new(8);
+        let mut map = DepthMap::new(8, 60.0);
         for (k, rho) in [0.2, 0.2, 1.0, 1.0].into_iter().enumerate() {
             map.add(Vector2::new(k as f64, 0.0), depth(rho));
         }

@@ -99,7 +99,7 @@ pub(super) struct Track {
     pub depth: Option<Depth>,
     /// Distance to the nearest place that looked the same when it began, px, if there was one.
     pub rival_px: Option<f32>,
-    /// True once such places were looked for.
+    /// True if such places were looked for.
     pub is_looked_at: bool,
     /// True if it was found well within the search around its predicted place, false at the rim or not; `None` without one.
     pub was_predicted: Option<bool>,

@@ -12,7 +12,7 @@ use super::PointObservation;
 use super::corners::CornerDetector;
 use super::outliers::{ExpectedMotion, OutlierFilter};
 use super::pairing::Pairing;
-use super::prediction::{DepthMap, PredictedMotion};
+use super::prediction::{AROUND, DepthMap, PredictedMotion};
 use super::repetition::RepetitionWatch;
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
@@ -172,6 +172,7 @@ impl PointTracker {
     #[must_use]
     pub fn new(options: &PointsConfig, cameras: &[CameraModel]) -> Self {
         let cameras = &cameras[..cameras.len().min(2)];
+        let focal_px = cameras.first().map_or(0.0, |c| c.focal_px.x);
         let detector = |c: &CameraModel| {
             let (cell, border) = (options.cell_px, options.border_px + 2);
             CornerDetector::new(c.width_px, c.height_px, cell, border, options.min_corner_score)
@@ -191,7 +192,7 @@ impl PointTracker {
             frame: 0,
             limit: options.max_points,
             motion: None,
-            depths: DepthMap::new(options.max_points),
+            depths: DepthMap::new(options.max_points, AROUND * focal_px),
             before: Vec::with_capacity(options.max_points),
             repetition: RepetitionWatch::default(),
             refused: 0,
@@ -305,6 +306,7 @@ impl PointTracker {
         if self.views.iter().any(|v| v.is_new) {
             self.follow();
             self.reject_outliers();
+            self.end_tracks_of_before();
             self.pair_tracks();
             self.prune();
             self.detect();

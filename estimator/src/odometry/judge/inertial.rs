@@ -123,6 +123,7 @@ impl Judge {
             skips_frames: case.health.contains(HealthBits::FRAME_GAP),
             skips_samples: case.coverage.has_gap,
             is_force_contradicted: self.forces.is_contradicted(),
+            is_repeating: estimation.is_repeating,
             is_voted: votes.sighted as f64 >= VOTED_SHARE * votes.all as f64,
         });
         if let Some(since) = since {

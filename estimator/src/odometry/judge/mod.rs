@@ -131,9 +131,9 @@ impl Judge {
         self.sudden_sample.add(sample);
     }
 
-    /// Takes the points of a frame, before it has a state.
-    pub(super) fn see(&mut self, points: &[PointObservation], health: &mut HealthBits) {
-        self.pair.see(points, health);
+    /// Takes the points of a frame, before it has a state; `is_repeating`: the texture in view repeats itself.
+    pub(super) fn see(&mut self, points: &[PointObservation], is_repeating: bool, health: &mut HealthBits) {
+        self.pair.see(points, is_repeating, health);
     }
 
     /// Takes how far the view of each camera moves in a frame period, px, and its common motion since the frame before if it is known.

@@ -46,6 +46,9 @@ const LEAST_BIAS_SHARE: f64 = 0.02;
 const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Scale known worse than this, relative to itself, is not known: a start with one camera waits.
 const MAX_SCALE_SIGMA: f64 = 0.15;
+/// Frames of a start with two cameras on a vehicle that vibrates, or before texture that repeats itself, 0.55 s at 20 Hz: over fewer, false
+/// matches agree with a false velocity.
+const HARD_START_FRAMES: usize = 12;
 /// Frames between attempts of a monocular start.
 const MONO_RETRY_FRAMES: usize = 4;
 
@@ -84,8 +87,9 @@ impl Start {
     /// have enough stereo tracks. A black frame does not count, since it says nothing of the velocity. `None` while there are
     /// too few.
     fn stereo_span(&self, estimation: &Estimation) -> Option<usize> {
-        let wanted =
-            vibrating::frames_of_start(self.options.stereo_frames, &estimation.vibration).min(MAX_FRAMES - 1);
+        let is_hard = vibrating::is_vibrating(&estimation.vibration) || estimation.is_repeating;
+        let least = if is_hard { HARD_START_FRAMES } else { 0 };
+        let wanted = self.options.stereo_frames.max(least).min(MAX_FRAMES - 1);
         let newest_first = self.gathering.frames().iter().rev().enumerate();
         let (before, _) =
             newest_first.filter(|(_, frame)| shared_tracks(frame) >= MIN_STEREO_TRACKS).nth(wanted - 1)?;

@@ -94,3 +94,19 @@ fn pairs_of_before_end_where_cells_come_into_view_during_the_start() {
     }
     assert!(paired.len() > 20 && paired.iter().all(|&count| count == 0), "{paired:?}");
 }
+
+/// Cells that come into view during a flight: what was matched before they were noticed is not followed any further.
+#[test]
+fn tracks_of_before_end_where_cells_come_into_view_in_flight() {
+    let mut tracker = tracker();
+    let mut seen = show(&mut tracker, false);
+    tracker.set_state_known(true);
+    let is_noticed = (1..80).any(|k| {
+        let newest = seen.iter().map(|point| point.track_id).max().unwrap();
+        let was_told = tracker.is_repeating();
+        seen = show_moved(&mut tracker, true, 4 * k);
+        assert!(!was_told || seen.iter().all(|point| point.track_id > newest), "{k}");
+        was_told
+    });
+    assert!(is_noticed);
+}

@@ -2,7 +2,6 @@
 
 use super::PointTracker;
 use crate::points::prediction::{KnownPoint, MATCH_SIGMA_PX, PredictedMotion, take_depths};
-use crate::points::repetition::nearest_rival_px;
 use crate::points::rig::{Baseline, RigCamera};
 use crate::points::track::Depth;
 use plumbline_config::Portable;
@@ -14,8 +13,6 @@ const PREDICTED_M: f64 = 1.5;
 /// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
 const MIN_PREDICTED: usize = 12;
 const REFUSED_FRAMES: u32 = 10;
-/// Tracks whose rivals are looked for late, per frame; bounds the worst frame.
-const MAX_LOOKS: usize = 40;
 /// Matches of tracks up to this age are no evidence of the depth around them.
 const NEW_AGE: u32 = 2;
 
@@ -44,7 +41,6 @@ impl PointTracker {
         for track in self.store.tracks.iter_mut().filter(|track| track.depth.is_none()) {
             track.depth = track.px[0].and_then(|px| self.depths.around(&px));
         }
-        self.look_for_rivals();
         self.motion = Some(*motion);
     }
 
@@ -53,13 +49,11 @@ impl PointTracker {
         self.has_started |= is_known;
     }
 
-    /// Looks for rivals of tracks that began before points were predicted.
-    fn look_for_rivals(&mut self) {
-        let Self { views, store, .. } = self;
-        for track in store.tracks.iter_mut().filter(|track| !track.is_looked_at).take(MAX_LOOKS) {
-            track.is_looked_at = true;
-            let seen = views.iter().zip(track.px).find_map(|(view, px)| Some((view, px?)));
-            track.rival_px = seen.and_then(|(view, px)| nearest_rival_px(&view.current, &px.cast()));
+    /// Ends the tracks that began before the repetition was noticed: matched on coarse levels, most are paired with another cell.
+    pub(super) fn end_tracks_of_before(&mut self) {
+        if self.is_strict() {
+            self.store.tracks.iter_mut().for_each(|track| track.lost = !track.is_looked_at);
+            self.store.sweep();
         }
     }
 

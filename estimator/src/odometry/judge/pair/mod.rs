@@ -50,8 +50,12 @@ impl Pair {
         self.time.wait_anew();
     }
 
-    /// Takes the points of a frame, tracked in both images or in one.
-    pub(super) fn see(&mut self, points: &[PointObservation], health: &mut HealthBits) {
+    /// Takes the points of a frame, tracked in both images or in one. Where texture repeats itself they tell nothing: few are paired, or with
+    /// another cell.
+    pub(super) fn see(&mut self, points: &[PointObservation], is_repeating: bool, health: &mut HealthBits) {
+        if is_repeating {
+            return self.sight.forget();
+        }
         let shared = points.iter().filter(|o| o.px.iter().all(Option::is_some)).count();
         self.sight.update(points.len(), shared, health);
     }
@@ -147,7 +151,8 @@ impl Pair {
     /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
     pub(super) fn judge(&mut self, estimation: &mut Estimation, stamp: Timestamp, health: &mut HealthBits) {
         let was_out_of_step = self.time.is_out_of_step();
-        self.time.add(stamp, estimation.window.epipolar_moments(), self.frame_period_s);
+        let moments = estimation.window.epipolar_moments().filter(|_| !estimation.is_repeating);
+        self.time.add(stamp, moments, self.frame_period_s);
         let is_out_of_step = self.time.is_out_of_step();
         self.report(health);
         let Some(camera) = self.distrusted_camera(estimation, stamp) else { return };

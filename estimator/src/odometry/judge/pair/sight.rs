@@ -26,6 +26,11 @@ impl PairWatch {
         Self { cameras, frames_to_tell: (TIME_TO_TELL_S * rate_hz).round().at_least(1.0) as u32, frames: 0 }
     }
 
+    /// Forgets what the cameras did not have in common.
+    pub fn forget(&mut self) {
+        self.frames = 0;
+    }
+
     /// Takes the number of points of a frame, and of those that both cameras see; says so in `health` once the cameras have
     /// disagreed for a while.
     pub fn update(&mut self, points: usize, shared: usize, health: &mut HealthBits) {
@@ -67,6 +72,19 @@ mod tests {
         assert_eq!(told_after(1, 100, 0, fine), None, "one camera has nothing to disagree with");
         assert_eq!(told_after(2, 10, 0, fine), None, "too few points to judge by");
         assert_eq!(told_after(2, 100, 0, HealthBits::RIGHT_MISSING), None, "that is told otherwise");
+    }
+
+    #[test]
+    fn frames_that_tell_nothing_begin_the_time_anew() {
+        let mut watch = PairWatch::new(2, 20.0);
+        for k in 0..60 {
+            let mut health = HealthBits::default();
+            watch.update(100, 0, &mut health);
+            assert_eq!(health, HealthBits::default());
+            if k % 14 == 13 {
+                watch.forget();
+            }
+        }
     }
 
     #[test]
