@@ -12,7 +12,7 @@ use plumbline_config::Portable;
 pub(super) const MATCH_SIGMA_PX: f64 = 0.5;
 /// Tracks around a point by which its depth is guessed.
 const NEIGHBOURS: usize = 4;
-/// Distance of these at most, in focal lengths: further away lies another surface, whose depth puts a match into another cell.
+/// Distance of these at most, in focal lengths: what lies further away may be another surface, whose depth puts a match into another cell.
 pub(super) const AROUND: f64 = 0.26;
 /// Share of the depth by which a point may differ from those around it, beyond their own spread.
 const GUESSED_SHARE: f64 = 0.1;

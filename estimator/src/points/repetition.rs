@@ -34,7 +34,7 @@ const OPPOSITE_PX: i32 = 1;
 const MIN_SINE: f32 = 0.5;
 /// Corners of which it is remembered whether they have a rival, those that are enough to tell, and the share above which the texture
 /// repeats.
-const RIVALS: Limits = Limits { remembered: 24, enough: 6, begins: 0.75, ends: 0.75 };
+const RIVALS: Limits = Limits { remembered: 24, enough: 6, begins: 0.75, ends: 0.6 };
 /// Corners of which it is remembered whether they stand in a lattice (6 to 78 % on a fine pattern, none on others), and their limits.
 const LATTICES: Limits = Limits { remembered: 64, enough: 24, begins: 0.05, ends: 0.01 };
 /// A last step longer than this means no convergence, px.

@@ -304,9 +304,9 @@ impl PointTracker {
         self.observations.clear();
         self.take_images(input, fork);
         if self.views.iter().any(|v| v.is_new) {
+            self.end_tracks_of_before();
             self.follow();
             self.reject_outliers();
-            self.end_tracks_of_before();
             self.pair_tracks();
             self.prune();
             self.detect();

@@ -46,8 +46,8 @@ const LEAST_BIAS_SHARE: f64 = 0.02;
 const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Scale known worse than this, relative to itself, is not known: a start with one camera waits.
 const MAX_SCALE_SIGMA: f64 = 0.15;
-/// Frames of a start with two cameras on a vehicle that vibrates, or before texture that repeats itself, 0.55 s at 20 Hz: over fewer, false
-/// matches agree with a false velocity.
+/// Frames of a start with two cameras on a vehicle that vibrates, or before texture that repeats itself, 0.55 s at 20 Hz: fewer do not
+/// tell its sway, nor false matches from true ones.
 const HARD_START_FRAMES: usize = 12;
 /// Frames between attempts of a monocular start.
 const MONO_RETRY_FRAMES: usize = 4;

@@ -80,8 +80,6 @@ pub(super) struct SeenTurn {
     pub(super) skips_samples: bool,
     /// The accelerometer is contradicted.
     pub(super) is_force_contradicted: bool,
-    /// The texture in view repeats itself: landmarks may be of another cell.
-    pub(super) is_repeating: bool,
     /// Landmarks vote for the turn by the images against the predicted one; where both explain them, the former is that of a few, or of a
     /// crowd that is hardly faster than its noise.
     pub(super) is_voted: bool,
@@ -253,10 +251,6 @@ impl RotationWatch {
         frame: &SeenTurn,
         sigmas: &Sigmas,
     ) -> Option<Timestamp> {
-        if frame.is_repeating && !frame.is_voted {
-            // A few landmarks of another cell pull a sighting, whatever its covariance says.
-            return None;
-        }
         let [from, to] = frame.span;
         let hole = self.hole_before(to);
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();

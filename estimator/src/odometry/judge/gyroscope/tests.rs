@@ -33,8 +33,6 @@ struct Wrong {
     is_force_wrong: bool,
     /// True if known landmarks explain the predicted turn as well.
     is_unvoted: bool,
-    /// True if the texture in view repeats itself.
-    is_repeating: bool,
     /// Standard deviation of the turns by the images, rad.
     sigma_rad: f64,
     /// Until when, s.
@@ -49,7 +47,6 @@ const NOTHING: Wrong = Wrong {
     jump_rad: 0.0,
     is_force_wrong: false,
     is_unvoted: false,
-    is_repeating: false,
     sigma_rad: 4e-4,
     until_s: f64::INFINITY,
 };
@@ -70,7 +67,6 @@ fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
         skips_frames: false,
         skips_samples: false,
         is_force_contradicted: false,
-        is_repeating: false,
         is_voted: true,
     }
 }
@@ -114,7 +110,6 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
                 is_voted: !wrong.is_unvoted,
-                is_repeating: wrong.is_repeating,
                 covariance: Matrix3::identity() * wrong.sigma_rad.squared(),
                 ..turn([last_s, t], angle(t - age_s) - angle(last_s - last_age_s) + noise + jump)
             };
@@ -235,17 +230,6 @@ fn poor_sightings_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
     assert_eq!(is_contradicted(0.15, 2.5e-3), [true, false]);
     assert_eq!(is_contradicted(0.4, 2.5e-3), [true, true]);
     assert_eq!(is_contradicted(0.05, 4e-4), [true, true], "good ones are evidence without votes");
-}
-
-#[test]
-fn before_texture_that_repeats_a_turn_counts_only_if_landmarks_vote_for_it() {
-    for wrong in [Wrong { step_rad_s: 0.4, ..NOTHING }, Wrong { jump_rad: 0.1, ..NOTHING }] {
-        let is_contradicted = [false, true].map(|is_unvoted| {
-            let said = fly(Wrong { is_repeating: true, is_unvoted, ..wrong });
-            said.iter().any(|(_, bits, _)| bits.0 != 0)
-        });
-        assert_eq!(is_contradicted, [true, false]);
-    }
 }
 
 #[test]
