@@ -32,8 +32,8 @@ const MAX_GAIN: f32 = 0.1;
 const OPPOSITE_PX: i32 = 1;
 /// Sine of the least angle between the two directions of a lattice.
 const MIN_SINE: f32 = 0.5;
-/// Corners of which it is remembered whether they have a rival, those that are enough to tell, and the share above which the texture
-/// repeats.
+/// Corners of which it is remembered whether they have a rival, those that are enough to tell, and the shares above which the texture
+/// begins to repeat, and goes on to.
 const RIVALS: Limits = Limits { remembered: 24, enough: 6, begins: 0.75, ends: 0.6 };
 /// Corners of which it is remembered whether they stand in a lattice (6 to 78 % on a fine pattern, none on others), and their limits.
 const LATTICES: Limits = Limits { remembered: 64, enough: 24, begins: 0.05, ends: 0.01 };

@@ -46,17 +46,6 @@ fn votes(window: &Window, sighting: &Sighting) -> Votes {
     window.frames.last().map_or_else(Votes::default, |newest| window.votes(&newest.nav, sighting, 1.0))
 }
 
-/// True if landmarks vote for the sighted pose against the predicted one.
-fn is_voted(votes: &Votes) -> bool {
-    votes.sighted as f64 >= VOTED_SHARE * votes.all as f64
-}
-
-/// True if a sighting tells something of the turn. Before texture that repeats itself a few landmarks of another cell pull it, whatever its
-/// covariance says, unless others vote for it.
-fn is_evidence(votes: &Votes, is_repeating: bool) -> bool {
-    !is_repeating || is_voted(votes)
-}
-
 impl Judge {
     /// Judges the inertial samples that lead to the newest frame by what that sees.
     pub(super) fn judge_samples(&mut self, estimation: &mut Estimation, tried: &Tried, case: &mut Case<'_>) {
@@ -77,9 +66,7 @@ impl Judge {
             && self.is_witness(&estimation.window, sighting, case)
         {
             let votes = tried.trial.map_or_else(|| votes(&estimation.window, sighting), |trial| trial.votes);
-            if self.gyroscope.is_distrusting() || is_evidence(&votes, estimation.is_repeating) {
-                self.judge_turn(estimation, (sighting, votes), case);
-            }
+            self.judge_turn(estimation, (sighting, votes), case);
         }
         if self.gyroscope.is_distrusting() {
             self.tracking.note_distrust(case.stamp, were_believed, self.gyroscope.is_carried());
@@ -136,7 +123,7 @@ impl Judge {
             skips_frames: case.health.contains(HealthBits::FRAME_GAP),
             skips_samples: case.coverage.has_gap,
             is_force_contradicted: self.forces.is_contradicted(),
-            is_voted: is_voted(&votes),
+            is_voted: votes.sighted as f64 >= VOTED_SHARE * votes.all as f64,
         });
         if let Some(since) = since {
             estimation.imu.distrust(since);
@@ -242,17 +229,5 @@ impl Judge {
         let is_suspicious =
             window.frames.last().is_some_and(|newest| self.gyroscope.is_suspicious_at(newest.stamp));
         case.coverage.has_gap || case.health.contains(HealthBits::FRAME_GAP) || is_suspicious
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn before_texture_that_repeats_a_sighting_is_evidence_if_landmarks_vote_for_it() {
-        let votes = |sighted| Votes { predicted: 0, sighted, both: 40 - sighted, all: 40 };
-        assert_eq!([0, 5, 6].map(|sighted| is_evidence(&votes(sighted), true)), [false, false, true]);
-        assert!(is_evidence(&votes(0), false));
     }
 }
