@@ -10,7 +10,7 @@ use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
-use crate::points::prediction::KnownPoint;
+use crate::points::prediction::{KnownPoint, WitnessedTurn};
 use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
 use crate::window::state::{FrameTime, MAX_FRAMES, NavState};
 use crate::work_budget::WorkBudget;
@@ -47,6 +47,8 @@ pub struct Tracked {
     pub figures: FrameFigures,
     /// The texture in view repeats itself: the front-end asks for [`Feedback::known_state`].
     pub is_repeating: bool,
+    /// With such texture: the turn since the frame before by corners of their own, if they agree about one.
+    pub turn: Option<WitnessedTurn>,
     /// The work that the frame gets, an input like the images.
     pub budget: WorkBudget,
 }
@@ -66,6 +68,7 @@ impl Tracked {
             health: HealthBits::default(),
             figures: FrameFigures::default(),
             is_repeating: false,
+            turn: None,
             budget: WorkBudget::FULL,
         }
     }

@@ -254,6 +254,7 @@ impl FrontEnd {
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         tracked.is_repeating = self.points.is_repeating();
+        tracked.turn = self.points.turn();
         self.write_observations(tracked);
     }
 
@@ -270,6 +271,7 @@ impl FrontEnd {
         if !is_admitted {
             tracked.reset = None;
             tracked.is_repeating = false;
+            tracked.turn = None;
             tracked.points.clear();
             tracked.lines.clear();
             tracked.figures = FrameFigures::default();

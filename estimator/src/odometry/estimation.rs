@@ -8,6 +8,7 @@ use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuBuffer, Preintegration, Vibration};
 use crate::origin::body_velocity_covariance;
+use crate::points::prediction::WitnessedTurn;
 use crate::window::Window;
 use crate::window::feature::Feature;
 use crate::window::growth::GrowingCovariance;
@@ -34,6 +35,8 @@ pub(super) struct Estimation {
     pub(super) vibration: Vibration,
     /// The texture in view repeats itself.
     pub(super) is_repeating: bool,
+    /// With such texture: the turn of the newest frame since the one before by corners of their own.
+    pub(super) turn: Option<WitnessedTurn>,
     /// Covariance of the newest state against the first pose of all.
     pub(super) covariance: NavCovariance,
     /// Variances of its biases.
@@ -73,6 +76,13 @@ impl Rates {
 }
 
 impl Estimation {
+    /// Leaves the image of `camera` of the newest frame out, and what it told of the turn.
+    pub(super) fn leave_out_image(&mut self, camera: usize) {
+        self.measurer.leave_out(camera);
+        self.window.forget_image_of_newest(camera);
+        self.turn = None;
+    }
+
     /// The motion between two times, samples having these biases (gyroscope, accelerometer), and what was met on the way.
     pub(super) fn preintegrate(
         &self,

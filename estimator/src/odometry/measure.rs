@@ -40,6 +40,7 @@ impl Odometer {
         estimation.rate_b = estimation.rate_at(last, stamp, &bias_gyro);
         estimation.vibration = estimation.imu.vibration(stamp);
         estimation.is_repeating = tracked.is_repeating;
+        estimation.turn = tracked.turn;
         // The front-end does not know the outliers of the frame before yet.
         let outliers = estimation.window.outliers();
         estimation.measurer.measure_points(observations, &outliers.points, &rate_c);

@@ -129,6 +129,7 @@ impl Odometer {
                 rate_b: Vector3::zeros(),
                 vibration: Vibration::default(),
                 is_repeating: false,
+                turn: None,
                 covariance: NavCovariance::zeros(),
                 bias_variances: BiasVariances::zeros(),
                 time_offset_sigma_s: setup.rig.time_offset_sigma_s,

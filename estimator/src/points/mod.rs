@@ -22,6 +22,7 @@ pub mod template;
 mod temporal;
 mod track;
 pub mod tracker;
+mod witness;
 
 #[cfg(test)]
 mod tests;

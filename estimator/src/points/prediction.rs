@@ -5,7 +5,8 @@
 //! from the tracks around it.
 
 use super::track::{Depth, Track};
-use nalgebra::{Isometry3, Vector2, Vector3};
+use super::witness::FoundTurn;
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::Portable;
 
 /// Error of a stereo match, px.
@@ -39,6 +40,35 @@ pub struct PredictedMotion {
     pub pose_prev_known_b: Isometry3<f64>,
     /// Standard deviation of the way, m.
     pub sigma_m: f64,
+}
+
+/// Turn of the body since the frame before, by corners that look like nothing around them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WitnessedTurn {
+    /// Takes coordinates of the current body to the previous.
+    pub rot_prev_cur_b: UnitQuaternion<f64>,
+    /// Covariance in the current body, rad².
+    pub covariance: Matrix3<f64>,
+    /// True if the inertial samples predicted another turn.
+    pub is_other: bool,
+}
+
+impl WitnessedTurn {
+    /// The turn that a camera mounted by `rot_b_c` `found` beyond the predicted one.
+    pub(super) fn new(
+        rot_prev_predicted_b: &UnitQuaternion<f64>,
+        rot_b_c: &UnitQuaternion<f64>,
+        found: &FoundTurn,
+    ) -> Self {
+        let rot_cur_predicted_c = UnitQuaternion::from_rotation_matrix(&found.rot_cur_predicted);
+        let to_b = rot_b_c.to_rotation_matrix();
+        Self {
+            rot_prev_cur_b: rot_prev_predicted_b
+                * (rot_b_c * rot_cur_predicted_c.inverse() * rot_b_c.inverse()),
+            covariance: to_b * found.covariance * to_b.transpose(),
+            is_other: found.is_other,
+        }
+    }
 }
 
 /// Depths of the tracks by their place in an image.
@@ -163,5 +193,24 @@ mod tests {
         take_depths(&mut store.tracks, &known, &nearer, 0.02);
         let rho = [0, 1, 2].map(|k| store.tracks[k].depth.map(|depth| depth.rho));
         assert_eq!(rho, [Some(0.5), Some(0.25 / 0.75), Some(0.5)]);
+    }
+
+    #[test]
+    fn the_turn_of_the_body_is_that_of_a_camera_however_it_is_mounted() {
+        let rot_b_c = UnitQuaternion::from_euler_angles(0.1, -0.2, 1.5);
+        let rot_prev_cur_b = UnitQuaternion::from_euler_angles(0.02, -0.05, 0.03);
+        let predicted = rot_prev_cur_b * UnitQuaternion::from_euler_angles(0.01, 0.004, -0.006);
+        let of_camera = |rot_b: UnitQuaternion<f64>| rot_b_c.inverse() * rot_b * rot_b_c;
+        let found = FoundTurn {
+            rot_cur_predicted: (of_camera(rot_prev_cur_b).inverse() * of_camera(predicted))
+                .to_rotation_matrix(),
+            covariance: Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, 3.0)),
+            is_other: true,
+        };
+        let turn = WitnessedTurn::new(&predicted, &rot_b_c, &found);
+        assert!(turn.rot_prev_cur_b.angle_to(&rot_prev_cur_b) < 1e-9);
+        let axis_c = Vector3::z();
+        let axis_b = rot_b_c * axis_c;
+        assert!((axis_b.dot(&(turn.covariance * axis_b)) - 3.0).abs() < 1e-9, "variance goes with the axis");
     }
 }

@@ -5,6 +5,7 @@ use super::repetition::search;
 use super::rig::{Prediction, RigCamera, predict};
 use super::template::{ReferencePatch, RefineLimits};
 use super::track::Track;
+use super::witness::Witness;
 use crate::image::Pyramid;
 use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
@@ -35,10 +36,14 @@ const MOST_SIGMA_PX: f64 = 2.0;
 /// A point with rivals is looked for within so many standard deviations, and within these bounds, px.
 const NEAR_SIGMAS: f64 = 2.0;
 const NEAR_PX: (f64, f64) = (1.0, 2.0);
+/// Or, where most were missed, within this, px.
+pub(super) const WIDE_PX: f64 = 3.0;
 /// Nor further than this share of the way to its rival.
 const RIVAL_SHARE: f64 = 0.45;
 /// Found beyond this share of the search, it is evidence against the prediction.
 const RIM_SHARE: f64 = 0.75;
+/// A place that is evidence of another turn is predicted to so many pixels.
+const WITNESS_SIGMA_PX: f64 = 0.6;
 /// Random walk of the flow from frame to frame, px.
 const FLOW_SIGMA_PX: f32 = 0.1;
 
@@ -72,6 +77,8 @@ pub(super) struct Transition<'a> {
     pub is_unique_only: bool,
     /// Predicted motion of the camera, where it is known and the texture repeats itself.
     pub shift: Option<Shift>,
+    /// Look for points with rivals as far as these allow.
+    pub is_wide: bool,
 }
 
 /// Predicted motion of a camera.
@@ -94,8 +101,9 @@ struct Expected {
 
 impl Expected {
     /// Radius of the search around it, where the nearest place that looks the same is `rival_px` away, px.
-    fn reach_px(&self, rival_px: f32) -> f64 {
-        (NEAR_SIGMAS * self.sigma_px).clamp(NEAR_PX.0, NEAR_PX.1).at_most(RIVAL_SHARE * f64::from(rival_px))
+    fn reach_px(&self, rival_px: f32, is_wide: bool) -> f64 {
+        let near_px = (NEAR_SIGMAS * self.sigma_px).clamp(NEAR_PX.0, NEAR_PX.1);
+        (if is_wide { WIDE_PX } else { near_px }).at_most(RIVAL_SHARE * f64::from(rival_px))
     }
 }
 
@@ -129,6 +137,15 @@ impl Transition<'_> {
         outcome.unwrap_or(Followed::Lost)
     }
 
+    /// Where a track that was followed by this camera was predicted, and where it is; `None` if its place was not predicted well.
+    pub fn witness(&self, track: &Track) -> Option<Witness> {
+        let (_, xy) = track.came_by.filter(|(by, _)| *by == self.index)?;
+        self.expected(track, &xy).filter(|expected| expected.sigma_px < WITNESS_SIGMA_PX)?;
+        let (shift, rho) = (self.shift.as_ref()?, track.depth?.rho);
+        let p = shift.rot_cur_prev * Vector3::new(xy.x, xy.y, 1.0) + shift.t_cur_prev * rho;
+        Some(Witness { expected: p.xy() / p.z, found: track.xy[self.index]?, rho: rho / p.z })
+    }
+
     fn try_follow(&self, track: &mut Track, reference: &ReferencePatch) -> Option<Followed> {
         let c = self.index;
         let (px, xy) = (track.px[c]?, track.xy[c]?);
@@ -141,7 +158,7 @@ impl Transition<'_> {
             track.was_predicted = Some(false);
             let outcome = self.recognise_near(track, reference, &px, &expected, &turned)?;
             let off_px = (track.px[c]? - expected.px).norm();
-            track.was_predicted = Some(off_px <= RIM_SHARE * expected.reach_px(rival_px));
+            track.was_predicted = Some(off_px <= RIM_SHARE * expected.reach_px(rival_px, self.is_wide));
             return self.moved(track, &xy, &turned, outcome);
         }
         let outcome = self.recognise(track, reference, &guess, &turned).or_else(|| {
@@ -220,7 +237,7 @@ impl Transition<'_> {
         turned: &Prediction,
     ) -> Option<Followed> {
         let c = self.index;
-        let reach_px = expected.reach_px(track.rival_px?) as f32;
+        let reach_px = expected.reach_px(track.rival_px?, self.is_wide) as f32;
         let warp = turned.warp * track.warp[c];
         let limits = RefineLimits { max_move_px: reach_px, ..self.limits() };
         let refined = reference

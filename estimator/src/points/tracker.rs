@@ -7,12 +7,13 @@
 mod begin;
 mod follow;
 mod predicted;
+mod witnessed;
 
 use super::PointObservation;
 use super::corners::CornerDetector;
 use super::outliers::{ExpectedMotion, OutlierFilter};
 use super::pairing::Pairing;
-use super::prediction::{AROUND, DepthMap, PredictedMotion};
+use super::prediction::{AROUND, DepthMap, PredictedMotion, WitnessedTurn};
 use super::repetition::RepetitionWatch;
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
@@ -158,7 +159,8 @@ pub struct PointTracker {
     limit: usize,
     motion: Option<PredictedMotion>,
     depths: DepthMap,
-    /// Tracks as they were before a large turn.
+    turn: Option<WitnessedTurn>,
+    /// Tracks as they were before they were followed, where that may be done once more.
     before: Vec<Track>,
     repetition: RepetitionWatch,
     /// Frames for which predictions are refused, since most points were not where the last one put them.
@@ -193,6 +195,7 @@ impl PointTracker {
             limit: options.max_points,
             motion: None,
             depths: DepthMap::new(options.max_points, AROUND * focal_px),
+            turn: None,
             before: Vec::with_capacity(options.max_points),
             repetition: RepetitionWatch::default(),
             refused: 0,
@@ -279,6 +282,12 @@ impl PointTracker {
         self.figures
     }
 
+    /// Turn since the frame before by corners of their own, where it was looked for and they agree.
+    #[must_use]
+    pub fn turn(&self) -> Option<WitnessedTurn> {
+        self.turn
+    }
+
     /// The points seen in the last frame, in order of track id.
     #[must_use]
     pub fn observations(&self) -> &[PointObservation] {
@@ -302,6 +311,7 @@ impl PointTracker {
         self.frame += 1;
         self.figures = TrackerFigures::default();
         self.observations.clear();
+        self.turn = None;
         self.take_images(input, fork);
         if self.views.iter().any(|v| v.is_new) {
             self.end_tracks_of_before();
@@ -335,7 +345,8 @@ impl PointTracker {
             for (before, now) in self.store.tracks.iter().filter_map(|track| track.step_in(c)) {
                 self.filter.add(&before, &now);
             }
-            let rotation = camera.rotation_of(&view.rot_prev_cur_b);
+            let told = self.turn.filter(|turn| turn.is_other && view.frames == 1);
+            let rotation = camera.rotation_of(&told.map_or(view.rot_prev_cur_b, |turn| turn.rot_prev_cur_b));
             let expected = self.motion.filter(|_| view.frames == 1).and_then(|motion| {
                 let way =
                     (camera.pose_b_c.inverse() * motion.pose_prev_cur_b * camera.pose_b_c).translation.vector;

@@ -9,20 +9,18 @@ use super::force_watch::{ForceSigmas, SeenMotion};
 use super::gyroscope::SeenTurn;
 use super::scale_watch::{Compared, Culprit};
 use super::trial::Tried;
+use super::turn_by_images::TurnByImages;
 use super::{Case, Judge};
 use crate::estimate::HealthBits;
-use crate::geometry::log_so3;
+use crate::geometry::exp_so3;
 use crate::inertial::Unmeasured;
 use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;
 use crate::window::Window;
 use crate::window::frame::Frame;
-use crate::window::sighting::{Sighting, Votes};
+use crate::window::sighting::Sighting;
 use crate::window::state::NavState;
 use crate::window::trial::Trial;
-
-/// Share of the landmarks that the sighted pose alone explains, from which they vote for it.
-const VOTED_SHARE: f64 = 0.15;
 
 /// Reports stuck sensors in `health`; returns whether there are any.
 pub(in crate::odometry) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
@@ -41,9 +39,12 @@ fn expected(window: &Window, coverage: Coverage) -> Option<NavState> {
     Some(steady.unwrap_or_else(|| newest.nav.clone()))
 }
 
-/// Votes of the landmarks between the present pose of the newest frame and the sighted one.
-fn votes(window: &Window, sighting: &Sighting) -> Votes {
-    window.frames.last().map_or_else(Votes::default, |newest| window.votes(&newest.nav, sighting, 1.0))
+/// Puts the newest frame at `start`, turned from the frame before as the images say.
+fn place_turned(window: &mut Window, start: NavState, turn: &TurnByImages) {
+    if let [.., before, _] = &window.frames[..] {
+        let rot_o_b = before.nav.rot_o_b * exp_so3(&turn.seen);
+        window.place_newest_at(NavState { rot_o_b, ..start });
+    }
 }
 
 impl Judge {
@@ -61,21 +62,19 @@ impl Judge {
         if sighting.is_none() {
             self.gyroscope.end_probation();
         }
-        if let Some(sighting) = &sighting
-            && !stuck.gyro
-            && self.is_witness(&estimation.window, sighting, case)
-        {
-            let votes = tried.trial.map_or_else(|| votes(&estimation.window, sighting), |trial| trial.votes);
-            self.judge_turn(estimation, (sighting, votes), case);
+        let turn = self.turn_by_images(estimation, sighting.as_ref(), tried, case);
+        if let Some(turn) = turn.filter(|_| !stuck.gyro) {
+            self.judge_turn(estimation, &turn, case);
         }
         if self.gyroscope.is_distrusting() {
             self.tracking.note_distrust(case.stamp, were_believed, self.gyroscope.is_carried());
         }
         self.settle_belief(estimation, sighting.is_some(), case.health);
         if coverage.unmeasured.is_any() || self.gyroscope.is_distrusting() {
-            match &sighting {
-                Some(sighting) => estimation.window.place_newest(sighting),
-                None => estimation.window.place_newest_at(start),
+            match (&sighting, turn.filter(|turn| turn.is_by_corners)) {
+                (_, Some(turn)) => place_turned(&mut estimation.window, start, &turn),
+                (Some(sighting), None) => estimation.window.place_newest(sighting),
+                (None, None) => estimation.window.place_newest_at(start),
             }
         }
         self.judge_forces(estimation, sighting, tried.trial.as_ref(), coverage);
@@ -98,14 +97,30 @@ impl Judge {
         }
     }
 
+    /// The turn of the newest frame that is evidence against the gyroscope: that of known landmarks, unless corners contradict it.
+    fn turn_by_images(
+        &self,
+        estimation: &Estimation,
+        sighting: Option<&Sighting>,
+        tried: &Tried,
+        case: &Case<'_>,
+    ) -> Option<TurnByImages> {
+        let window = &estimation.window;
+        let by_landmarks = sighting
+            .filter(|sighting| self.is_witness(window, sighting, case))
+            .and_then(|sighting| TurnByImages::of_landmarks(window, sighting, tried.trial.as_ref()));
+        // What moves in view may have corners of its own.
+        let by_corners =
+            estimation.turn.filter(|_| !window.is_motion_in_sight()).as_ref().map(TurnByImages::of_corners);
+        match (by_corners, by_landmarks) {
+            (Some(corners), Some(landmarks)) if !landmarks.is_turn_of(&corners) => Some(corners),
+            (corners, landmarks) => landmarks.or(corners),
+        }
+    }
+
     /// Compares the turn of the newest frame by its images with the gyroscope; samples that they contradict lose belief, and where they agree,
     /// errors of stamps are learnt.
-    fn judge_turn(
-        &mut self,
-        estimation: &mut Estimation,
-        (sighting, votes): (&Sighting, Votes),
-        case: &Case<'_>,
-    ) {
+    fn judge_turn(&mut self, estimation: &mut Estimation, turn: &TurnByImages, case: &Case<'_>) {
         let [.., before, newest] = &estimation.window.frames[..] else { return };
         let [bias_sigma_rad_s, _] = estimation.bias_sigmas();
         let stamp = newest.stamp;
@@ -114,16 +129,17 @@ impl Judge {
             stamps: [before.stamp, newest.stamp],
             rate_b: estimation.rate_b,
             time_sigma_s: self.stamps.newest_variance().map(f64::sqrt),
-            seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
-            covariance: sighting.rotation_covariance,
-            agreeing_share: sighting.agreeing_share,
+            seen: turn.seen,
+            covariance: turn.covariance,
+            agreeing_share: turn.agreeing_share,
             speed_m_s: before.nav.v_o_b.norm(),
             bias_gyro: before.nav.bias_gyro,
             bias_sigma_rad_s,
             skips_frames: case.health.contains(HealthBits::FRAME_GAP),
             skips_samples: case.coverage.has_gap,
             is_force_contradicted: self.forces.is_contradicted(),
-            is_voted: votes.sighted as f64 >= VOTED_SHARE * votes.all as f64,
+            is_voted: turn.is_voted,
+            may_be_pulled: estimation.is_repeating,
         });
         if let Some(since) = since {
             estimation.imu.distrust(since);

@@ -10,7 +10,7 @@
 //! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
-//! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`]): samples are not believed from the beginning on, motions are integrated anew, the
+//! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
@@ -39,6 +39,7 @@ mod sudden_force;
 mod sudden_sample;
 mod tracking;
 mod trial;
+mod turn_by_images;
 
 pub(super) use inertial::report_stuck;
 pub(super) use noise::Prediction;

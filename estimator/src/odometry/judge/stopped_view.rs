@@ -103,8 +103,7 @@ impl StoppedView {
         let bits = [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
         for (camera, bit) in bits.into_iter().enumerate().take(estimation.window.options.cameras) {
             health.insert(bit);
-            estimation.measurer.leave_out(camera);
-            estimation.window.forget_image_of_newest(camera);
+            estimation.leave_out_image(camera);
         }
     }
 

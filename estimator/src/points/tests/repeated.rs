@@ -1,9 +1,10 @@
 //! The start before texture that repeats itself finely, around things of their own.
 
 use super::scene::{HEIGHT, WIDTH, model};
+use crate::points::prediction::{KnownPoint, PredictedMotion};
 use crate::points::{PointObservation, PointTracker, TrackerInput};
 use crate::work_budget::InTurn;
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::options::PointsConfig;
 use plumbline_config::{GrayImage, Random};
 
@@ -42,9 +43,19 @@ fn show(tracker: &mut PointTracker, has_cells: bool) -> Vec<PointObservation> {
 
 /// Shows the view after the cameras moved sideways by so many pixels.
 fn show_moved(tracker: &mut PointTracker, has_cells: bool, way_px: i32) -> Vec<PointObservation> {
+    show_turned(tracker, has_cells, way_px, UnitQuaternion::identity())
+}
+
+/// The same, where the gyroscope has turned by `rot_prev_cur`.
+fn show_turned(
+    tracker: &mut PointTracker,
+    has_cells: bool,
+    way_px: i32,
+    rot_prev_cur: UnitQuaternion<f64>,
+) -> Vec<PointObservation> {
     let images = [image(way_px, has_cells), image(way_px + DISPARITY_PX, has_cells)];
     let images = images.each_ref().map(|image| Some(image.view()));
-    let input = TrackerInput { images, rot_prev_cur: UnitQuaternion::identity() };
+    let input = TrackerInput { images, rot_prev_cur };
     tracker.track(&input, &InTurn, &mut ()).to_vec()
 }
 
@@ -114,4 +125,69 @@ fn tracks_of_before_end_where_cells_come_into_view_in_flight() {
         }
     }
     panic!("is not noticed");
+}
+
+/// Shows the view of cameras at rest, for which the inertial samples predict `turn`, rad; returns how many tracks went on.
+fn show_predicted(tracker: &mut PointTracker, turn: Vector3<f64>) -> usize {
+    let motion = PredictedMotion {
+        pose_prev_cur_b: Isometry3::new(Vector3::new(0.0, 0.0, 1e-3), turn),
+        pose_prev_known_b: Isometry3::identity(),
+        sigma_m: 1e-3,
+    };
+    tracker.set_prediction(Some(&motion), &[]);
+    let seen = show_turned(tracker, true, 0, UnitQuaternion::from_scaled_axis(turn));
+    seen.iter().filter(|point| point.age > 1).count()
+}
+
+#[test]
+fn before_cells_a_gyroscope_that_turns_while_the_view_rests_is_told_by_corners_of_their_own() {
+    let mut tracker = tracker();
+    tracker.set_state_known(true);
+    (0..8).for_each(|_| {
+        show_predicted(&mut tracker, Vector3::zeros());
+    });
+    let followed = show_predicted(&mut tracker, Vector3::zeros());
+    assert!(followed > 20 && tracker.turn().is_some_and(|turn| !turn.is_other), "{:?}", tracker.turn());
+    // Half a cell in the image, and more than one.
+    for turn in [Vector3::new(0.0, 0.01, 0.0), Vector3::new(-0.022, 0.0, 0.0)] {
+        let left = show_predicted(&mut tracker, turn);
+        let seen = tracker.turn().expect("corners agree");
+        assert!(seen.is_other && seen.rot_prev_cur_b.angle() < 2e-3, "{turn:?}: {seen:?}");
+        assert!(10 * left > 9 * followed, "{turn:?}: {left} of {followed}");
+    }
+}
+
+/// A wall of equal cells 10 px apart, and nothing else.
+fn wall() -> GrayImage {
+    let mut random = Random::new(6);
+    let level = |x: usize, y: usize| if x % 10 < 4 && y % 10 < 5 { 40.0 } else { 90.0 };
+    let pixels =
+        (0..WIDTH * HEIGHT).map(|k| (level(k % WIDTH, k / WIDTH) + random.gaussian()) as u8).collect();
+    GrayImage::from_pixels(WIDTH, HEIGHT, pixels).unwrap()
+}
+
+#[test]
+fn before_wide_cells_points_that_most_missed_are_found_where_most_agree_about_it() {
+    let (mut tracker, image) = (tracker(), wall());
+    tracker.set_state_known(true);
+    let mut known: Vec<KnownPoint> = Vec::new();
+    let mut followed = Vec::new();
+    for turn in [0.0, 0.0, 0.0, 0.01, 0.0] {
+        let pose_prev_cur_b = Isometry3::new(Vector3::zeros(), Vector3::new(0.0, turn, 0.0));
+        let motion =
+            PredictedMotion { pose_prev_cur_b, pose_prev_known_b: Isometry3::identity(), sigma_m: 1e-3 };
+        tracker.set_prediction(Some(&motion), &known);
+        let input = TrackerInput {
+            images: [Some(image.view()), Some(image.view())],
+            rot_prev_cur: UnitQuaternion::identity(),
+        };
+        let seen = tracker.track(&input, &InTurn, &mut ());
+        followed.push(seen.iter().filter(|point| point.age > 1).count());
+        let far = |point: &PointObservation| {
+            Some(KnownPoint { track_id: point.track_id, xy: point.xy[0]?, rho: 0.1, rho_sigma: 1e-3 })
+        };
+        known = seen.iter().filter_map(far).collect();
+    }
+    assert!(tracker.is_repeating() && followed[2] > 20, "{followed:?}");
+    assert!(followed[3] > 20 && followed[4] > 20, "a turn of 2.6 px: {followed:?}");
 }

@@ -18,18 +18,21 @@ impl PointTracker {
         self.store.tracks.iter_mut().skip(self.limit).for_each(|track| track.lost = true);
         self.store.sweep();
         self.before.clear();
-        if self.is_turn_large() && self.store.tracks.len() >= MIN_TRACKS {
+        let is_doubtful = self.is_turn_large() && self.store.tracks.len() >= MIN_TRACKS;
+        if is_doubtful || self.motion.is_some() {
             self.before.extend_from_slice(&self.store.tracks);
         }
         let found = self.follow_all();
-        if (found as f64) < FOUND_SHARE * self.before.len() as f64 {
+        if is_doubtful && (found as f64) < FOUND_SHARE * self.before.len() as f64 {
             self.follow_without_turn(found);
+        } else if self.is_prediction_missed() {
+            self.follow_by_rivals();
         }
-        let is_within = self.store.tracks.iter().filter_map(|track| track.was_predicted);
-        let (predicted, missed) =
-            (is_within.clone().count(), is_within.filter(|is_within| !is_within).count());
+        let is_missed = self.is_prediction_missed();
         self.store.sweep();
-        self.judge_prediction(predicted, missed);
+        if is_missed {
+            self.refuse_prediction();
+        }
     }
 
     fn is_turn_large(&self) -> bool {
@@ -40,14 +43,15 @@ impl PointTracker {
     /// Follows the tracks as if the cameras had not turned, where the predicted turn led to `found` of them, and keeps to that if it leads to
     /// many times as many: then the gyroscope is wrong.
     fn follow_without_turn(&mut self, found: usize) {
-        let (motion, figures) = (self.motion.take(), std::mem::take(&mut self.figures));
+        let (motion, turn) = (self.motion.take(), self.turn);
+        let figures = std::mem::take(&mut self.figures);
         let mut turns = [UnitQuaternion::identity(); 2];
         self.exchange_turns(&mut turns);
         std::mem::swap(&mut self.before, &mut self.store.tracks);
         if (self.follow_all() as f64) < TIMES_AS_MANY * found.max(1) as f64 {
             std::mem::swap(&mut self.before, &mut self.store.tracks);
             self.exchange_turns(&mut turns);
-            (self.motion, self.figures) = (motion, figures);
+            (self.motion, self.turn, self.figures) = (motion, turn, figures);
         }
     }
 
@@ -56,10 +60,47 @@ impl PointTracker {
         views.for_each(|(view, turn)| std::mem::swap(&mut view.rot_prev_cur_b, turn));
     }
 
-    /// Follows all tracks, and returns how many were found; the others are marked as lost.
-    fn follow_all(&mut self) -> usize {
+    /// Follows all tracks, and returns how many were found; the others are marked as lost. Those without rivals come first: where they
+    /// tell of another turn than the predicted one, the others are looked for by that.
+    pub(super) fn follow_all(&mut self) -> usize {
+        let unique = self.follow_those(false);
+        self.turn = self.turn_by_unique();
+        if let (Some(motion), Some(turn)) = (&mut self.motion, self.turn.filter(|turn| turn.is_other)) {
+            motion.pose_prev_cur_b.rotation = turn.rot_prev_cur_b;
+        }
+        unique + self.follow_those(true)
+    }
+
+    /// Follows the tracks that have rivals, or those that have none.
+    fn follow_those(&mut self, have_rivals: bool) -> usize {
+        let (mut tracks, mut figures, mut found) = (std::mem::take(&mut self.store.tracks), self.figures, 0);
+        let transitions = self.transitions();
+        for track in tracks.iter_mut().filter(|track| track.rival_px.is_some() == have_rivals) {
+            track.came_by = None;
+            track.was_predicted = None;
+            let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
+            let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
+                let mask = self.masks[t.index].as_ref();
+                t.follow(track, &self.store.references[track.slot], mask)
+            });
+            let counter = match outcome {
+                Followed::Refined => &mut figures.refined,
+                Followed::FlowOnly => &mut figures.flow_only,
+                Followed::Changed => &mut figures.changed,
+                Followed::Lost => &mut figures.lost,
+            };
+            *counter += 1;
+            track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
+            found += usize::from(!track.lost);
+        }
+        (self.store.tracks, self.figures) = (tracks, figures);
+        found
+    }
+
+    /// The way from the previous image of each camera into that of this frame, where there are both, by the predicted motion if there is one.
+    pub(super) fn transitions(&self) -> [Option<Transition<'_>>; 2] {
         let is_unique_only = self.is_strict();
-        let transitions: [Option<Transition<'_>>; 2] = std::array::from_fn(|c| {
+        std::array::from_fn(|c| {
             self.views.get(c).filter(|v| v.can_follow()).map(|view| Transition {
                 index: c,
                 camera: &self.rig[c],
@@ -72,6 +113,7 @@ impl PointTracker {
                 border_px: self.options.border_px as f64,
                 use_reference: self.use_reference,
                 is_unique_only,
+                is_wide: false,
                 shift: self.motion.filter(|_| view.frames == 1).map(|motion| {
                     let pose_b_c = &self.rig[c].pose_b_c;
                     let pose_cur_prev_c = (pose_b_c.inverse() * motion.pose_prev_cur_b * pose_b_c).inverse();
@@ -82,26 +124,6 @@ impl PointTracker {
                     }
                 }),
             })
-        });
-        let mut found = 0;
-        for (track, reference) in self.store.iter_mut() {
-            track.came_by = None;
-            track.was_predicted = None;
-            let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
-            let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
-                let mask = self.masks[t.index].as_ref();
-                t.follow(track, reference, mask)
-            });
-            let counter = match outcome {
-                Followed::Refined => &mut self.figures.refined,
-                Followed::FlowOnly => &mut self.figures.flow_only,
-                Followed::Changed => &mut self.figures.changed,
-                Followed::Lost => &mut self.figures.lost,
-            };
-            *counter += 1;
-            track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
-            found += usize::from(!track.lost);
-        }
-        found
+        })
     }
 }

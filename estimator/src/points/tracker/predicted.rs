@@ -10,8 +10,7 @@ use plumbline_config::Portable;
 const MOST_SIGMA_PX: f64 = 2.0;
 /// Distance at which the certainty of a way is judged, m.
 const PREDICTED_M: f64 = 1.5;
-/// With so many predicted points, a prediction that most of them miss is refused, for so many frames.
-const MIN_PREDICTED: usize = 12;
+/// Frames for which predictions are refused once most points have missed one.
 const REFUSED_FRAMES: u32 = 10;
 /// Matches of tracks up to this age are no evidence of the depth around them.
 const NEW_AGE: u32 = 2;
@@ -63,14 +62,12 @@ impl PointTracker {
         self.rig.len() > 1 && self.repetition.is_repeating()
     }
 
-    /// Ends the tracks that have rivals, and refuses predictions for a while, if most points were not well within their search.
-    pub(super) fn judge_prediction(&mut self, predicted: usize, missed: usize) {
-        if predicted >= MIN_PREDICTED && 2 * missed > predicted {
-            self.refused = REFUSED_FRAMES;
-            self.motion = None;
-            self.store.tracks.iter_mut().for_each(|track| track.lost = track.rival_px.is_some());
-            self.store.sweep();
-        }
+    /// Ends the tracks that have rivals, and refuses predictions for a while.
+    pub(super) fn refuse_prediction(&mut self) {
+        self.refused = REFUSED_FRAMES;
+        self.motion = None;
+        self.store.tracks.iter_mut().for_each(|track| track.lost = track.rival_px.is_some());
+        self.store.sweep();
     }
 
     /// Takes the depths around new points from the matches of the first `count` tracks in camera `c`.

@@ -1,6 +1,6 @@
 //! Agreement of gyroscope and images about the vehicle's rotation, and the late one of the two if they disagree.
 //!
-//! The images alone give the turn of every frame since the one before ([`crate::window::sighting`]), to some tenths of a
+//! The images alone give the turn of every frame since the one before ([`super::turn_by_images`]), to some tenths of a
 //! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. What the frames of some tenths of
 //! a second differ by in sum contradicts it, and the inertial samples are not believed any more, from the first of them on. An error of
 //! a frame's stamp turns that frame by as much as the vehicle turns in that time, but leaves no trace in the sum: its size is learnt from
@@ -54,6 +54,8 @@ const MOST_CARRIED_RAD: f64 = 1.0;
 /// Sums contradict from this multiple of what is admitted if no landmark votes for the images, and these tell the turn no better than this, rad.
 const UNVOTED_EXCESS: f64 = 2.0;
 const POOR_RAD: f64 = 2e-3;
+/// Or from this one where a few points of another cell may pull the images.
+const PULLED_EXCESS: f64 = 1.3;
 
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
@@ -83,6 +85,8 @@ pub(super) struct SeenTurn {
     /// Landmarks vote for the turn by the images against the predicted one; where both explain them, the former is that of a few, or of a
     /// crowd that is hardly faster than its noise.
     pub(super) is_voted: bool,
+    /// The texture in view repeats itself: a few points of another cell may pull the turn.
+    pub(super) may_be_pulled: bool,
 }
 
 /// Compares the turns of frames with the gyroscope.
@@ -257,7 +261,11 @@ impl RotationWatch {
         let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
         let is_poor = variance_along(&frame.covariance, &newest.difference) > POOR_RAD.squared();
-        let least = if frame.is_voted || !is_poor { 1.0 } else { UNVOTED_EXCESS };
+        let least = match (frame.is_voted, is_poor, frame.may_be_pulled) {
+            (true, _, _) | (false, false, false) => 1.0,
+            (false, true, _) => UNVOTED_EXCESS,
+            (false, false, true) => PULLED_EXCESS,
+        };
         let first = alone.or_else(|| self.differences.contradict_since(sigmas, least))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         let may_name_gyro =

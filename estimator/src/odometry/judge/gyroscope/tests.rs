@@ -33,6 +33,8 @@ struct Wrong {
     is_force_wrong: bool,
     /// True if known landmarks explain the predicted turn as well.
     is_unvoted: bool,
+    /// True if a few points may pull the images.
+    may_be_pulled: bool,
     /// Standard deviation of the turns by the images, rad.
     sigma_rad: f64,
     /// Until when, s.
@@ -47,6 +49,7 @@ const NOTHING: Wrong = Wrong {
     jump_rad: 0.0,
     is_force_wrong: false,
     is_unvoted: false,
+    may_be_pulled: false,
     sigma_rad: 4e-4,
     until_s: f64::INFINITY,
 };
@@ -68,6 +71,7 @@ fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
         skips_samples: false,
         is_force_contradicted: false,
         is_voted: true,
+        may_be_pulled: false,
     }
 }
 
@@ -110,6 +114,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
                 is_voted: !wrong.is_unvoted,
+                may_be_pulled: wrong.may_be_pulled,
                 covariance: Matrix3::identity() * wrong.sigma_rad.squared(),
                 ..turn([last_s, t], angle(t - age_s) - angle(last_s - last_age_s) + noise + jump)
             };
@@ -302,4 +307,20 @@ fn images_that_a_crowd_may_carry_leave_position_and_heading_uncertain() {
     for carried in [left_after(0.7, false), left_after(0.95, true)] {
         assert!(carried[0] > 4.0 * alone[0] && carried[1] > 2.0 * alone[1], "{carried:?}, {alone:?}");
     }
+}
+
+#[test]
+fn where_a_few_points_may_pull_the_images_a_turn_has_to_be_larger() {
+    let least_rad_s = |may_be_pulled: bool, is_unvoted: bool| {
+        let of_step = |k: u32| f64::from(k) * 2e-3;
+        let is_found = |step_rad_s: &f64| {
+            let said = fly(Wrong { step_rad_s: *step_rad_s, is_unvoted, may_be_pulled, ..NOTHING });
+            first_s(&said, HealthBits::IMU_CONTRADICTED).is_some()
+        };
+        (1..60).map(of_step).find(is_found).expect("a turn that is found")
+    };
+    let plain = least_rad_s(false, true);
+    let pulled = least_rad_s(true, true);
+    assert!((1.2..1.5).contains(&(pulled / plain)), "{plain} and {pulled} rad/s");
+    assert!((least_rad_s(true, false) - plain).abs() < 1e-9, "most vote for it");
 }

@@ -160,8 +160,7 @@ impl Pair {
         if camera == RIGHT && is_out_of_step && !was_out_of_step {
             estimation.window.forget_images(camera);
         }
-        estimation.measurer.leave_out(camera);
-        estimation.window.forget_image_of_newest(camera);
+        estimation.leave_out_image(camera);
     }
 }
 
