@@ -7,6 +7,9 @@
 //! 3. [`outliers`]: what no motion of the camera explains goes;
 //! 4. [`pairing`] and [`stereo`]: the same point in the other camera, against the same first patch;
 //! 5. [`corners`]: new points where the image has none.
+//!
+//! Where texture repeats ([`repetition`]), points are looked for where the window predicts them ([`prediction`]), by a turn that corners
+//! of their own may correct ([`witness`]).
 
 mod affine_sums;
 pub mod align;

@@ -11,7 +11,7 @@ use heapless::Vec;
 use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Matrix6, Rotation3, Vector2, Vector3, Vector6};
 use plumbline_config::Portable;
 
-/// Witnesses that are asked.
+/// Corners that are asked at most.
 pub(super) const MAX_WITNESSES: usize = 64;
 /// Fewest that must agree, and their least share of all.
 const MIN_AGREEING: usize = 4;
@@ -26,6 +26,7 @@ const WAY_SIGMA_M: f64 = 3e-3;
 /// Standard deviation of a place, px.
 const PLACE_SIGMA_PX: f64 = 0.5;
 
+/// Corners that are asked about a turn.
 pub(super) type Witnesses = Vec<Witness, MAX_WITNESSES>;
 
 /// Place of a corner in the new image, as predicted and as found.
@@ -50,7 +51,7 @@ pub(super) struct FoundTurn {
 }
 
 impl Witness {
-    /// What is left between both after a small turn, rad.
+    /// What is left between both, in normalized coordinates, after a small turn, rad.
     fn off(&self, theta: &Vector3<f64>) -> Vector2<f64> {
         self.found - self.expected - self.by_turn() * theta
     }

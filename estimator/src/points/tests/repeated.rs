@@ -46,7 +46,7 @@ fn show_moved(tracker: &mut PointTracker, has_cells: bool, way_px: i32) -> Vec<P
     show_turned(tracker, has_cells, way_px, UnitQuaternion::identity())
 }
 
-/// The same, where the gyroscope has turned by `rot_prev_cur`.
+/// Shows the view after the cameras moved sideways by so many pixels, and the gyroscope turned by `rot_prev_cur`.
 fn show_turned(
     tracker: &mut PointTracker,
     has_cells: bool,

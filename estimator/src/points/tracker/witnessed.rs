@@ -4,7 +4,7 @@ use super::{PointTracker, TrackerFigures};
 use crate::points::prediction::{PredictedMotion, WitnessedTurn};
 use crate::points::temporal::{Transition, WIDE_PX};
 use crate::points::track::Track;
-use crate::points::witness::{MAX_WITNESSES, Witness, find_turn};
+use crate::points::witness::{MAX_WITNESSES, Witnesses, find_turn};
 
 /// With so many predicted points, a prediction that most of them miss is wrong.
 const MIN_PREDICTED: usize = 12;
@@ -63,7 +63,7 @@ impl PointTracker {
 fn turn_by<'a>(
     transitions: [Option<Transition<'a>>; 2],
     motion: &PredictedMotion,
-    witnesses: impl Fn(&Transition<'a>) -> heapless::Vec<Witness, MAX_WITNESSES>,
+    witnesses: impl Fn(&Transition<'a>) -> Witnesses,
 ) -> Option<WitnessedTurn> {
     transitions.iter().flatten().find_map(|transition| {
         let camera = transition.camera;
