@@ -11,7 +11,7 @@ use plumbline_config::{ImuSample, Timestamp};
 
 /// The longest hole in a stream whose next stamp is believed at once, ns: a stall of host, line or camera is shorter. After a
 /// longer one a fraction of a second more is lost, until it is plain that the clock runs.
-const MAX_HOLE_NS: i64 = 500_000_000;
+pub const MAX_HOLE_NS: i64 = 500_000_000;
 /// Inertial samples follow one another within this, ns: at 100 Hz, the slowest sensors that fly, every fifth arrives.
 const IMU_STEP_NS: i64 = 50_000_000;
 /// Inertial samples must have followed one another for this time before their clock is believed again, ns: longer than

@@ -149,9 +149,12 @@ impl Propagator {
         self.stamp = estimate.stamp;
         self.estimated = estimate.stamp;
         let first = self.samples.partition_point(|s| s.sample.stamp <= estimate.stamp);
-        let are_stamps_late =
-            [HealthBits::IMU_LATE, HealthBits::IMAGES_LATE].iter().any(|bit| estimate.health.contains(*bit));
-        self.distrusted = if are_stamps_late { Unmeasured::BOTH } else { Unmeasured::default() };
+        let is_any = |bits: [HealthBits; 3]| bits.iter().any(|bit| estimate.health.contains(*bit));
+        let [late, early] = [HealthBits::IMU_LATE, HealthBits::IMAGES_LATE];
+        self.distrusted = Unmeasured {
+            gyro: is_any([late, early, HealthBits::GYRO_CONTRADICTED]),
+            accel: is_any([late, early, HealthBits::ACCEL_CONTRADICTED]),
+        };
         self.samples.range_mut(first..).for_each(|believed| believed.distrust(self.distrusted));
         self.newest = first.checked_sub(1).map(|k| self.samples[k]);
         for k in first..self.samples.len() {
@@ -440,6 +443,27 @@ mod tests {
         };
         let [_, of_blow_m_s] = sigmas(&known, hit, |_| false);
         assert!(of_blow_m_s > 2.0, "0.3 s at the end of the range: {of_blow_m_s} m/s");
+    }
+
+    #[test]
+    fn sensors_that_are_contradicted_carry_no_state() {
+        let carried = |bit: HealthBits| {
+            let mut propagator = Propagator::new(sensor_without_noise().setup());
+            propagator.correct(&Estimate { health: bit, ..estimate() });
+            let wrong = |_: i64, reading: &mut ImuSample| {
+                reading.accel.x += 5.0;
+                reading.gyro.z += 0.5;
+            };
+            let newest = run(&mut propagator, 1000, wrong).swap_remove(20);
+            let sigma = |part: usize| newest.covariance[(part, part)].sqrt();
+            (newest.v_o_b.x, sigma(6), newest.pose_o_b.rotation.angle(), sigma(3))
+        };
+        let (gained_m_s, sigma_m_s, ..) = carried(HealthBits::ACCEL_CONTRADICTED);
+        assert!(gained_m_s.abs() < 0.05 && sigma_m_s > 0.1, "{gained_m_s}, {sigma_m_s} m/s");
+        let (.., turned_rad, sigma_rad) = carried(HealthBits::GYRO_CONTRADICTED);
+        assert!(turned_rad < 1e-3 && sigma_rad > 0.02, "{turned_rad}, {sigma_rad} rad");
+        let (gained_m_s, _, turned_rad, _) = carried(HealthBits::default());
+        assert!(gained_m_s > 0.4 && turned_rad > 0.04, "sensors that are believed carry it");
     }
 
     fn is_finite(odometry: &Odometry) -> bool {

@@ -47,6 +47,7 @@ mod sabotage;
 mod security;
 mod setup;
 mod shuttle;
+mod sound;
 mod supervised;
 mod sweep;
 mod terminal;

@@ -12,6 +12,7 @@
 
 use crate::geometry::{exp_so3, right_jacobian, skew};
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
+use plumbline_config::Portable;
 use plumbline_config::options::ImuConfig;
 
 /// An error of scale or alignment counts as white noise of this correlation time, s: about as long as a motion keeps its
@@ -101,6 +102,8 @@ pub struct Preintegration {
     pub bias_gyro: Vector3<f64>,
     /// Accelerometer bias of integration, m/s².
     pub bias_accel: Vector3<f64>,
+    /// Variance of the times of both ends together, s²; in the covariance already.
+    pub ends_variance_s2: f64,
 }
 
 /// `dp`, `dR`, `dv` at other biases than those of integration.
@@ -127,6 +130,7 @@ impl Preintegration {
             by_bias: SMatrix::zeros(),
             bias_gyro: *bias_gyro,
             bias_accel: *bias_accel,
+            ends_variance_s2: 0.0,
         }
     }
 
@@ -225,6 +229,7 @@ impl Preintegration {
             delta_v: self.delta_v + rot * delta.v,
             covariance: a * self.covariance * a.transpose() + b * next.covariance * b.transpose(),
             by_bias: a * self.by_bias + b * next.by_bias,
+            ends_variance_s2: self.ends_variance_s2.at_least(next.ends_variance_s2),
             ..*self
         }
     }

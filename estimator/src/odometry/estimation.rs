@@ -3,6 +3,7 @@
 //! [`super::start`] begins it, [`super::judge`] judges it, and [`super::Odometer`] carries it from frame to frame.
 
 use super::measurements::Measurer;
+use super::start::Inherited;
 use crate::estimate::{BiasVariances, NavCovariance};
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::buffer::Coverage;
@@ -11,9 +12,8 @@ use crate::origin::body_velocity_covariance;
 use crate::points::prediction::WitnessedTurn;
 use crate::window::Window;
 use crate::window::feature::Feature;
-use crate::window::growth::GrowingCovariance;
 use crate::window::landmark::{Landmark, LandmarkStore};
-use crate::window::state::NavState;
+use crate::window::state::{FrameMatrix, NavState};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
@@ -156,18 +156,24 @@ impl Estimation {
             by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(rate_b);
             by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
             motion.covariance += by_stamp * by_stamp.transpose() * variance;
+            motion.ends_variance_s2 += variance;
         }
         motion
     }
 
-    /// Integrates the motions of the window that end after `since` anew, as far as their samples are kept.
-    pub(super) fn integrate_anew(&mut self, since: Timestamp) {
+    /// Integrates the motions of the window that end after `since` anew, as far as their samples are kept. Their ends are as uncertain as
+    /// before, and at least by `variance`, s².
+    pub(super) fn integrate_anew(&mut self, since: Timestamp, variance: f64) {
         for k in 1..self.window.frames.len() {
             let (before, frame) = (&self.window.frames[k - 1], &self.window.frames[k]);
-            if frame.stamp <= since || frame.inertial.is_none() || !self.imu.reaches_back_to(before.taken) {
+            let Some(inertial) = &frame.inertial else { continue };
+            if frame.stamp <= since || !self.imu.reaches_back_to(before.taken) {
                 continue;
             }
+            let variance = inertial.motion.ends_variance_s2.at_least(variance);
             let (motion, _) = self.preintegrate([before.taken, frame.taken], &before.nav.biases());
+            let rate_b = log_so3(&motion.delta_rot) / motion.dt_s;
+            let motion = self.with_uncertain_ends(motion, &before.nav, &rate_b, variance);
             self.window.replace_motion(k, motion);
         }
     }
@@ -197,15 +203,12 @@ impl Estimation {
         [largest(0).sqrt(), largest(3).sqrt()]
     }
 
-    /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
-    pub(super) fn carry_covariance(&mut self) {
-        if let [.., before, newest] = &self.window.frames[..]
-            && let Some(inertial) = &newest.inertial
-        {
-            let mut grown = GrowingCovariance::new(self.covariance, &self.bias_variances);
-            grown.grow(&before.nav, &inertial.motion, &self.window.imu_noise);
-            self.covariance = grown.nav;
-        }
+    /// Takes the covariance `predicted` of newest state and biases, against the start anew, where the frame tells nothing of how well it is
+    /// known.
+    pub(super) fn carry_covariance(&mut self, predicted: &FrameMatrix, inherited: &Inherited) {
+        let Some(newest) = self.window.frames.last() else { return };
+        self.covariance = inherited.added_to(predicted.fixed_view::<9, 9>(0, 0).into_owned(), &newest.nav);
+        self.bias_variances = predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
     }
 
     /// Landmarks seen in the newest frame.

@@ -175,8 +175,8 @@ impl Odometer {
         feedback: &mut Feedback,
     ) -> Estimate {
         if tracked.is_clock_set {
-            self.forget_time();
             self.start_anew(ResetReason::ClockSet);
+            self.forget_time();
         }
         if let Some(kind) = tracked.reset {
             self.start_anew(ResetReason::AskedFor(kind));
@@ -261,13 +261,15 @@ impl Odometer {
         let is_witnessed = connected >= MIN_WITNESSES;
         let may_doubt = is_witnessed.then_some(max_iterations);
         let is_contradicted = judge.after_solving(estimation, outcome, may_doubt, &mut case);
-        if coverage.has_gap && !is_witnessed {
-            estimation.carry_covariance();
-            judge.keep_prediction(verdict.prediction);
-        } else {
-            self.refresh_covariance(case.health);
+        let is_told = is_witnessed || !coverage.has_gap;
+        if is_told && self.refresh_covariance(case.health) {
             self.judge.learn_noise(&mut self.estimation, &verdict.prediction, is_contradicted, &mut case);
             self.note_step();
+        } else {
+            if let Some(predicted) = &verdict.prediction.covariance {
+                self.estimation.carry_covariance(predicted, self.start.inherited());
+            }
+            self.judge.keep_prediction(verdict.prediction);
         }
         if is_keyframe {
             self.note_keyframes();

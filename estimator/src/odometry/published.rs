@@ -7,8 +7,8 @@ use crate::window::{Fit, RigEstimate};
 use plumbline_config::Portable;
 
 impl Odometer {
-    /// Takes the covariance of the newest frame from the window.
-    pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) {
+    /// Takes the covariance of the newest frame from the window; returns false if that has none.
+    pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) -> bool {
         let estimation = &mut self.estimation;
         match estimation.window.newest_covariance() {
             Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
@@ -18,10 +18,11 @@ impl Odometer {
                 estimation.time_offset_sigma_s = variance.at_least(0.0).sqrt();
                 let of_biases = estimation.window.newest_bias_variances();
                 estimation.bias_variances = of_biases.unwrap_or(estimation.bias_variances);
+                true
             }
             _ => {
                 health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
-                estimation.carry_covariance();
+                false
             }
         }
     }

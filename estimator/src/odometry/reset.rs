@@ -18,7 +18,7 @@ impl Odometer {
         self.estimation.measurer.clear();
         self.estimation.imu.trust();
         self.zero_velocity.clear();
-        self.judge.clear(kind);
+        self.judge.clear(&mut self.estimation, kind);
         if kind == ResetKind::Hard {
             self.forget_time();
         }

@@ -6,7 +6,7 @@ use crate::estimate::TrackingState;
 use crate::geometry::exp_so3;
 use crate::input::ResetKind;
 use crate::window::state::Rig;
-use plumbline_config::ValidSetup;
+use plumbline_config::{ImuSample, ValidSetup};
 
 /// A flight, frame by frame.
 struct Flight {
@@ -15,6 +15,8 @@ struct Flight {
     tracked: Tracked,
     feedback: Feedback,
     is_dark: bool,
+    /// Reading of the clock at the beginning, s.
+    clock_s: f64,
     next_imu: u32,
     next_frame: u32,
     last: Option<Estimate>,
@@ -28,6 +30,7 @@ impl Flight {
             tracked: Tracked::new(setup),
             feedback: Feedback::new(setup),
             is_dark: false,
+            clock_s: 0.0,
             next_imu: 0,
             next_frame: 0,
             last: None,
@@ -44,12 +47,13 @@ impl Flight {
         let t = self.t();
         self.tracked.samples.clear();
         while f64::from(self.next_imu) * 0.005 <= t + 0.005 {
-            self.tracked.samples.push(self.world.imu(f64::from(self.next_imu) * 0.005, true));
+            let sample = self.world.imu(f64::from(self.next_imu) * 0.005, true);
+            self.tracked.samples.push(ImuSample { stamp: sample.stamp.plus_seconds(self.clock_s), ..sample });
             self.next_imu += 1;
         }
         self.tracked.points = self.world.observe(t, [!self.is_dark; 2]);
         self.tracked.sequence = u64::from(self.next_frame);
-        self.tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
+        self.tracked.time = FrameTime { stamp: stamp(t + self.clock_s), time_offset_s: 0.0 };
         self.tracked.reset = reset;
         self.last.insert(self.odometer.process(&self.tracked, &mut (), &mut self.feedback))
     }
@@ -135,6 +139,69 @@ fn tilt_sigma_after_darkness(missing: u32) -> f64 {
 fn a_start_anew_takes_over_the_tilt_where_the_gyroscope_measured_all_the_way() {
     let (carried_rad, lost_rad) = (tilt_sigma_after_darkness(0), tilt_sigma_after_darkness(40));
     assert!(carried_rad < 0.03 && carried_rad < 0.5 * lost_rad, "{carried_rad} and {lost_rad} rad");
+}
+
+#[test]
+fn a_turn_while_the_clock_is_set_is_no_measured_one() {
+    for clock_s in [-10.0, 100.0] {
+        let mut flight = biased(2);
+        flight.frames(100);
+        // Samples and frames of 0.2 s are refused meanwhile.
+        flight.clock_s = clock_s;
+        (flight.next_frame, flight.next_imu) = (flight.next_frame + 4, flight.next_imu + 40);
+        flight.tracked.is_clock_set = true;
+        flight.frame(None);
+        flight.tracked.is_clock_set = false;
+        let first = flight.until_pose();
+        let tilt_sigma_rad = flight.odometer.estimation.tilt_sigma_rad();
+        assert!(tilt_sigma_rad > 5e-3, "{clock_s}: gravity tells the tilt, to {tilt_sigma_rad} rad");
+        let of_heading = first.origin.covariance[(3, 3)].sqrt();
+        let of_way = first.origin.covariance[(0, 0)].sqrt();
+        assert!(of_heading > 0.25 && (0.3..5.0).contains(&of_way), "{clock_s}: {of_heading} rad, {of_way} m");
+    }
+}
+
+#[test]
+fn a_start_anew_inherits_what_a_dispute_left_uncertain() {
+    let mut flight = biased(2);
+    flight.frames(60);
+    let disputed = flight.odometer.estimation.covariance + NavCovariance::identity() * 25.0;
+    let Odometer { estimation, start, phase, .. } = &mut flight.odometer;
+    start.prepare(estimation, disputed, ResetKind::Soft);
+    estimation.window.clear();
+    *phase = Phase::Gathering;
+    assert!(flight.until_pose().covariance[(0, 0)] > 24.0);
+}
+
+#[test]
+fn a_hard_reset_forgets_the_noise_of_the_flight() {
+    let mut flight = biased(2);
+    flight.frames(5);
+    let stated = crate::inertial::ImuNoise::of(&flight.world.config.imu);
+    assert_ne!(flight.odometer.estimation.window.imu_noise, stated);
+    flight.odometer.reset(ResetKind::Hard);
+    assert_eq!(flight.odometer.estimation.window.imu_noise, stated);
+}
+
+#[test]
+fn motions_that_are_integrated_anew_are_as_doubtful_as_before() {
+    let mut flight = biased(2);
+    flight.frames(60);
+    let newest = |flight: &Flight| {
+        let frame = flight.odometer.estimation.window.frames.last().and_then(|frame| frame.inertial.as_ref());
+        frame.map(|inertial| inertial.motion.covariance).unwrap_or_default()
+    };
+    let Estimation { window, .. } = &mut flight.odometer.estimation;
+    let since = window.frames[window.frames.len() - 2].stamp;
+    window.doubt_forces(since, 20.0);
+    let doubted = newest(&flight);
+    flight.odometer.estimation.window.doubt_forces(since, 20.0);
+    assert_eq!(newest(&flight), doubted, "the same doubt counts once");
+    flight.odometer.estimation.integrate_anew(since, 4e-6);
+    let anew = newest(&flight);
+    assert!((6..9).all(|k| anew[(k, k)] >= 0.999 * doubted[(k, k)] && doubted[(k, k)] > 0.9));
+    flight.odometer.estimation.integrate_anew(since, 0.0);
+    assert!((newest(&flight) - anew).norm() < 1e-6 * anew.norm(), "its ends are as uncertain");
 }
 
 #[test]
@@ -239,7 +306,7 @@ fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_
     flight.frames(160);
     let spoilt = (Rig::P_B_C0, Rig::ROT_B_C0);
     flight.odometer.estimation.window.prior.equations.add(spoilt.0, spoilt.1, 1e30);
-    let mut last = flight.frame(None).covariance;
+    let (mut last, mut velocities) = (flight.frame(None).covariance, Vec::new());
     for k in 1..100 {
         let estimate = flight.frame(None).clone();
         if estimate.reset_counter > 0 {
@@ -251,8 +318,13 @@ fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_
             let [now, then] = [&now, &last].map(|c| c.fixed_view::<3, 3>(part, part).trace());
             assert!(now > then, "frame {k}, part {part}: {now} after {then}");
         }
+        velocities.push(now.fixed_view::<3, 3>(6, 6).trace());
         last = now;
     }
+    // A bias that is not known moves the velocity with the time, not with its root.
+    let grown = |k: usize| velocities[k] - velocities[0];
+    let half = velocities.len() / 2;
+    assert!(grown(2 * half - 1) > 3.0 * grown(half - 1), "{velocities:?}");
     let blind_s = flight.world.config.estimator.health.max_blind_s;
     assert!(flight.frames(1 + (blind_s * 20.0) as usize / 20).reset_counter == 1, "is given up in the end");
     flight.until_pose();

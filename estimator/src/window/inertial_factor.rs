@@ -35,6 +35,8 @@ pub struct InertialFactor {
     pub motion: Preintegration,
     walk: BiasWalk,
     information: Option<FrameMatrix>,
+    /// Standard deviation of the forces beyond their noise, m/s²; in the covariance of the motion already.
+    doubted_m_s2: f64,
 }
 
 impl InertialFactor {
@@ -48,14 +50,15 @@ impl InertialFactor {
         let is_long = motion.dt_s > STEADY_BIASES_S;
         let of_walk = is_long.then(|| walk.information(&motion, noise)).flatten();
         let information = of_walk.or_else(|| information(&motion, noise));
-        Self { motion, walk, information }
+        Self { motion, walk, information, doubted_m_s2: 0.0 }
     }
 
     /// The factor over this interval and `next`.
     #[must_use]
     pub fn followed_by(&self, next: &Self, noise: &ImuNoise) -> Self {
         let walk = self.walk.followed_by(&self.motion, (&next.walk, &next.motion), noise);
-        Self::with_walk(self.motion.followed_by(&next.motion), walk, noise)
+        let doubted_m_s2 = self.doubted_m_s2.at_least(next.doubted_m_s2);
+        Self { doubted_m_s2, ..Self::with_walk(self.motion.followed_by(&next.motion), walk, noise) }
     }
 
     /// The factor of the same motion, of which next to nothing is known but how long it took: a vehicle may have turned and
@@ -77,11 +80,15 @@ impl InertialFactor {
         Self::new(motion, noise)
     }
 
-    /// The factor of the same motion, whose forces may be off by `sigma_m_s2` throughout.
+    /// The factor of the same motion, whose forces may be off by `sigma_m_s2` throughout. A smaller doubt is part of one that counts already.
     #[must_use]
     pub fn with_doubted_forces(mut self, sigma_m_s2: f64, noise: &ImuNoise) -> Self {
+        if sigma_m_s2 <= self.doubted_m_s2 {
+            return self;
+        }
+        let more_m_s2 = (sigma_m_s2.squared() - self.doubted_m_s2.squared()).sqrt();
         let dt = self.motion.dt_s;
-        let (way, gain) = (0.5 * sigma_m_s2 * dt * dt, sigma_m_s2 * dt);
+        let (way, gain) = (0.5 * more_m_s2 * dt * dt, more_m_s2 * dt);
         for k in 0..3 {
             let (p, v) = (NavState::P + k, NavState::V + k);
             let covariance = &mut self.motion.covariance;
@@ -90,7 +97,13 @@ impl InertialFactor {
             covariance[(p, v)] += way * gain;
             covariance[(v, p)] += way * gain;
         }
-        Self::with_walk(self.motion, self.walk, noise)
+        Self { doubted_m_s2: sigma_m_s2, ..Self::with_walk(self.motion, self.walk, noise) }
+    }
+
+    /// The factor of another integration of the same interval: its forces are as doubtful.
+    #[must_use]
+    pub fn integrated_anew(&self, motion: Preintegration, noise: &ImuNoise) -> Self {
+        Self::new(motion, noise).with_doubted_forces(self.doubted_m_s2, noise)
     }
 
     /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.

@@ -148,9 +148,14 @@ impl Window {
         }
     }
 
-    /// Another motion leads to frame `index`.
+    /// Gives the motion that leads to frame `index` another integration.
     pub fn replace_motion(&mut self, index: usize, motion: Preintegration) {
-        self.frames[index].inertial = Some(InertialFactor::new(motion, &self.imu_noise));
+        let Self { frames, imu_noise, .. } = self;
+        let inertial = &mut frames[index].inertial;
+        *inertial = Some(match inertial {
+            Some(before) => before.integrated_anew(motion, imu_noise),
+            None => InertialFactor::new(motion, imu_noise),
+        });
     }
 
     /// Observations of landmarks with a depth by the newest frame, one of each, evenly chosen among them, or among the known ones.

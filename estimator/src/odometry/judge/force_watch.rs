@@ -23,7 +23,9 @@ use plumbline_config::{Portable, Timestamp};
 /// Frames in half a span.
 const HALVES: [usize; 3] = [2, 4, 8];
 /// Sightings that are kept: those of the longest span.
-const MAX_LEGS: usize = 2 * HALVES[2] + 1;
+const MAX_LEGS: usize = SPAN_FRAMES + 1;
+/// Frames of the longest span.
+pub(super) const SPAN_FRAMES: usize = 2 * HALVES[2];
 /// A gain of velocity contradicts by this many standard deviations.
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
@@ -58,6 +60,8 @@ struct Leg {
     /// Covariance of the position, m², with what an error of the stamp makes of it.
     covariance: Matrix3<f64>,
     dt_s: f64,
+    /// Attitude of the frame before.
+    rot_o_before: UnitQuaternion<f64>,
     /// Gain of velocity, m/s, and way, m, by the forces since the leg before, in `O`.
     gained: Vector3<f64>,
     travelled: Vector3<f64>,
@@ -123,6 +127,13 @@ pub(super) struct ForceWatch {
 pub(super) struct Gain {
     pub(super) felt: Vector3<f64>,
     pub(super) seen: Vector3<f64>,
+    /// Share of gravity in both, m/s in `O`.
+    pub(super) by_gravity: Vector3<f64>,
+    /// Attitude in the middle of the span.
+    pub(super) rot_o_b: UnitQuaternion<f64>,
+    /// Covariance of the difference of both, m²/s² in `O`.
+    pub(super) covariance: Matrix3<f64>,
+    pub(super) span_s: f64,
 }
 
 /// Change of velocity over a span of frames that the images show and the forces do not explain.
@@ -187,6 +198,7 @@ impl ForceWatch {
                 + by_stamp * by_stamp.transpose()
                 + Matrix3::identity() * LEAST_SIGHTING_M.squared(),
             dt_s: seen.motion.dt_s,
+            rot_o_before: seen.rot_o_before,
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
             by_bias: seen.rot_o_before * (seen.motion.bias_accel - slow_bias),
@@ -274,7 +286,8 @@ impl ForceWatch {
         let [(b, h1), (c, h2)] = [&first, &second].map(|joined| (joined.end, joined.span_s));
         let seen = second.moved / h2 - first.moved / h1;
         let half_s = 0.5 * (h1 + h2);
-        let felt = self.gravity_o * half_s + first.gained + second.travelled / h2 - first.travelled / h1;
+        let by_gravity = self.gravity_o * half_s;
+        let felt = by_gravity + first.gained + second.travelled / h2 - first.travelled / h1;
         let by_bias = (first.by_bias + second.by_bias) / (2 * half) as f64;
         let off = seen - felt;
         let off_m_s = off.norm();
@@ -285,16 +298,22 @@ impl ForceWatch {
         let of_forces = sigmas.bias_m_s2.squared()
             + (gravity_m_s2 * sigmas.tilt_rad).squared()
             + MODEL_SIGMA_M_S2.squared();
-        let variance = variance_along(&of_images, &off)
-            + of_forces * half_s.squared()
-            + sigmas.noise.accel_density.squared() * 2.0 * half_s;
+        let of_forces = of_forces * half_s.squared() + sigmas.noise.accel_density.squared() * 2.0 * half_s;
+        let variance = variance_along(&of_images, &off) + of_forces;
         let of_newest = 2.0 * off_m_s * h2 / c.dt_s.squared();
         let throughout = 2.0 * off_m_s / half_s;
         let sigma_m_s2 = if half == HALVES[0] { of_newest } else { throughout };
         let sigmas = off_m_s / variance.sqrt();
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         sigmas.is_finite().then_some(Unexplained {
-            gain: Gain { felt: felt + by_bias * half_s, seen },
+            gain: Gain {
+                felt: felt + by_bias * half_s,
+                seen,
+                by_gravity,
+                rot_o_b: b.rot_o_before,
+                covariance: of_images + Matrix3::identity() * of_forces,
+                span_s: h1 + h2,
+            },
             sigmas,
             forces: WrongForces { since: b.stamp, sigma_m_s2 },
         })

@@ -7,7 +7,7 @@
 
 use super::force_watch::{ForceSigmas, SeenMotion};
 use super::gyroscope::SeenTurn;
-use super::scale_watch::{Compared, Culprit};
+use super::scale_watch::ScaleWatch;
 use super::trial::Tried;
 use super::turn_by_images::TurnByImages;
 use super::{Case, Judge};
@@ -78,13 +78,11 @@ impl Judge {
             }
         }
         self.judge_forces(estimation, sighting, tried.trial.as_ref(), coverage);
-        if self.forces.is_named() || self.stilled_force.is_axis_silent() {
+        if self.forces.is_named() || self.unfelt_force.is_contradicted() {
             case.health.insert(HealthBits::ACCEL_CONTRADICTED);
         }
-        match self.scale.contradicted() {
-            Some(Culprit::Baseline) => case.health.insert(HealthBits::SCALE_CONTRADICTED),
-            Some(Culprit::Accelerometer) => case.health.insert(HealthBits::ACCEL_CONTRADICTED),
-            None => {}
+        if self.scale.is_contradicted() {
+            case.health.insert(HealthBits::SCALE_CONTRADICTED);
         }
     }
 
@@ -166,7 +164,7 @@ impl Judge {
             false => estimation.imu.trust(),
         }
         if let Some(since) = estimation.imu.take_revision() {
-            estimation.integrate_anew(since);
+            estimation.integrate_anew(since, 0.0);
         }
     }
 
@@ -209,16 +207,20 @@ impl Judge {
             _ => self.forces.pass_over(newest.stamp),
         };
         if self.gyroscope.is_distrusting() {
-            self.scale.forget_gains();
+            // Gains of samples that have lost belief tell nothing of the baseline.
+            self.scale = ScaleWatch::default();
         }
-        // One camera has its scale from the forces.
-        let gain = self.forces.gain().filter(|_| estimation.window.options.cameras > 1);
+        let gain = self.forces.gain();
+        if gain.is_none() {
+            self.unfelt_force.pass_over();
+        }
         if let (Some(gain), [.., before, newest]) = (gain, &estimation.window.frames[..]) {
-            self.scale.add(&Compared {
-                gain,
-                is_silent: self.stilled_force.is_silent(),
-                dt_s: newest.taken.seconds_since(before.taken),
-            });
+            let dt_s = newest.taken.seconds_since(before.taken);
+            self.unfelt_force.add(&gain, dt_s);
+            // One camera has its scale from the forces.
+            if estimation.window.options.cameras > 1 {
+                self.scale.add(&gain, dt_s);
+            }
         }
         if let Some(wrong) = found {
             estimation.window.doubt_forces(wrong.since, wrong.sigma_m_s2);

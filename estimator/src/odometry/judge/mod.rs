@@ -3,7 +3,7 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A force set in suddenly and did not act ([`sudden_force`]), or stopped changing ([`stilled_force`]), a reading jumped
+//! 1. A force set in suddenly and did not act ([`sudden_force`]), a reading jumped
 //!    ([`sudden_sample`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
@@ -12,7 +12,7 @@
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
-//! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis is silent, [`stilled_force`]): forces are as uncertain as they are wrong, the images place the
+//! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis feels nothing, [`unfelt_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
 //! 8. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
 //! 9. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
@@ -33,13 +33,13 @@ mod noise;
 mod pair;
 mod scale_watch;
 mod stamp;
-mod stilled_force;
 mod stopped_view;
 mod sudden_force;
 mod sudden_sample;
 mod tracking;
 mod trial;
 mod turn_by_images;
+mod unfelt_force;
 
 pub(super) use inertial::report_stuck;
 pub(super) use noise::Prediction;
@@ -64,12 +64,12 @@ use pair::Pair;
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
-use stilled_force::StilledForce;
 use stopped_view::{Stop, StoppedView};
 use sudden_force::SuddenForce;
 use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
+use unfelt_force::UnfeltForce;
 
 /// All watches.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ pub(super) struct Judge {
     forces: ForceWatch,
     sudden_force: SuddenForce,
     sudden_sample: SuddenSample,
-    stilled_force: StilledForce,
+    unfelt_force: UnfeltForce,
     scale: ScaleWatch,
     noise: NoiseScale,
     leaning: Leaning,
@@ -118,7 +118,7 @@ impl Judge {
             forces: ForceWatch::new(gravity_o),
             sudden_force: SuddenForce::new(),
             sudden_sample: SuddenSample::default(),
-            stilled_force: StilledForce::new(setup.imu.accel_noise_density),
+            unfelt_force: UnfeltForce::default(),
             scale: ScaleWatch::default(),
             noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
             leaning: Leaning::default(),
@@ -192,11 +192,8 @@ impl Judge {
         let (taken, nav) = from.map(|last| (last.taken, last.nav.clone())).unwrap_or_default();
         if case.coverage.is_measured() {
             self.sudden_force.update([taken, case.stamp], &nav.rot_o_b, &motion);
-            let density = self.noise.stated().accel_density;
-            self.stilled_force.update(case.stamp, &nav.rot_o_b, &motion, density);
         } else {
             self.sudden_force.forget_forces();
-            self.stilled_force.forget_forces();
         }
         let time_variance = 2.0 * self.gyroscope.stamp_sigma_s().squared();
         let motion = estimation.with_uncertain_ends(motion, &nav, &estimation.rate_b, time_variance);
@@ -260,7 +257,6 @@ impl Judge {
         if outcome.is_not_positive_definite {
             case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
             self.gyroscope.prolong_suspicion(case.stamp);
-            self.stilled_force.prolong_suspicion(case.stamp);
             self.leaning.prolong_suspicion(case.stamp);
         }
         let window = &mut estimation.window;
@@ -317,22 +313,27 @@ impl Judge {
     }
 
     /// The estimate starts anew: forgets its states. What is known of the sensors stays, unless the reset is hard.
-    pub(super) fn clear(&mut self, kind: ResetKind) {
+    pub(super) fn clear(&mut self, estimation: &mut Estimation, kind: ResetKind) {
         self.noise.forget_state();
         self.leaning = Leaning::default();
         self.gyroscope.forget_turns();
         self.forces.clear();
         self.sudden_force = SuddenForce::new();
-        self.stilled_force.clear();
+        self.unfelt_force = UnfeltForce::default();
+        // A start takes the stamps of its frames as they are.
+        self.stamps = StampErrors::default();
         self.pair.wait_anew();
         if kind == ResetKind::Hard {
-            self.pair.clear();
             self.scale = ScaleWatch::default();
+            self.noise.forget_scale(&mut estimation.window);
         }
     }
 
     /// Forgets all stamps: those that come have nothing to do with them.
     pub(super) fn forget_time(&mut self) {
+        self.view = StoppedView::default();
+        self.pair.clear();
+        self.sudden_sample = SuddenSample::default();
         self.gyroscope.clear();
         self.tracking.forget_time();
     }
@@ -382,7 +383,7 @@ impl Judge {
     /// 0..=100 by landmarks in view and the certainty of the velocity, bounded while sensors contradict each other.
     pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
         let quality = self.gyroscope.bounded(self.tracking.quality(estimation, in_view));
-        self.stilled_force.bounded(self.scale.bounded(self.pair.bounded(self.forces.bounded(quality))))
+        self.unfelt_force.bounded(self.scale.bounded(self.pair.bounded(self.forces.bounded(quality))))
     }
 
     /// True while inertial samples are not believed.

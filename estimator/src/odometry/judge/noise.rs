@@ -81,7 +81,8 @@ pub(super) struct NoiseScale {
 #[derive(Clone, Debug)]
 pub(in crate::odometry) struct Prediction {
     pub(in crate::odometry) nav: NavState,
-    covariance: Option<FrameMatrix>,
+    /// Covariance of state and biases; `None` in the first frame of an estimate.
+    pub(in crate::odometry) covariance: Option<FrameMatrix>,
     pub(super) dt_s: f64,
 }
 
@@ -118,6 +119,13 @@ impl NoiseScale {
     pub(super) fn forget_state(&mut self) {
         (self.position, self.velocity) = Default::default();
         self.newest = None;
+    }
+
+    /// Forgets what the sensor's noise is beyond the stated one.
+    pub(super) fn forget_scale(&mut self, window: &mut Window) {
+        let cameras = if self.is_scaled { 2 } else { 1 };
+        *self = Self::new(self.stated, cameras);
+        window.imu_noise = self.stated;
     }
 
     /// Takes the correction `d` of position, m, and velocity, m/s, that lowered the covariance of the state from `before` to

@@ -3,8 +3,6 @@
 //! Gains of velocity over the longest span of [`super::force_watch`], as the images show them, `y`, and as the forces make them, `x`, are
 //! freed of what changes slowly, which is bias and gravity, and regressed: `y = f x`. The factor `f` is that of the configured baseline over
 //! the true one. It is believed where the forces that are scaled by it explain the images: an accelerometer that fails otherwise does not.
-//!
-//! An accelerometer whose readings are noise while the images show a vehicle that moves has failed, whatever the factor.
 
 use super::force_watch::Gain;
 use nalgebra::Vector3;
@@ -20,10 +18,6 @@ const FRAMES_OF_GAIN: f64 = 16.0;
 const MIN_FRAMES: f64 = 12.0;
 const MIN_GAIN_M_S: f64 = 0.05;
 const MOST_UNEXPLAINED: f64 = 0.2;
-/// Root mean square of seen gains from which an accelerometer has something to feel, m/s, and the time constant of that mean, s: shorter than
-/// that of its silence, so that a vehicle that lands is not taken for one.
-const SEEN_M_S: f64 = 0.1;
-const NEWLY_S: f64 = 1.0;
 /// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Sound flights
 /// reach 1.9 standard deviations, then 0.11 off.
 const SHOWS_SIGMAS: f64 = 2.5;
@@ -39,34 +33,13 @@ pub(super) struct ScaleWatch {
     felt_squared: f64,
     product: f64,
     seen_squared: f64,
-    /// Mean square of the seen gains of the last seconds, m²/s².
-    newly_squared: f64,
-    contradicted: Option<Culprit>,
-}
-
-/// What is wrong where the scales disagree.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Culprit {
-    /// The distance between the cameras.
-    Baseline,
-    /// The accelerometer, whose readings are noise.
-    Accelerometer,
-}
-
-/// Gain of velocity over a span of frames before the watch.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Compared {
-    pub(super) gain: Gain,
-    /// The readings of the accelerometer are noise.
-    pub(super) is_silent: bool,
-    /// Time since the gain before, s.
-    pub(super) dt_s: f64,
+    is_contradicted: bool,
 }
 
 impl ScaleWatch {
-    /// Takes a gain.
-    pub(super) fn add(&mut self, compared: &Compared) {
-        let Compared { gain: Gain { felt, seen }, dt_s, is_silent } = *compared;
+    /// Takes a gain, `dt_s` after the one before.
+    pub(super) fn add(&mut self, gain: &Gain, dt_s: f64) {
+        let Gain { felt, seen, .. } = *gain;
         let slow = self.slow.get_or_insert([felt, seen]);
         let share = (dt_s / SLOW_S).at_most(1.0);
         let [felt, seen] = [(felt, 0), (seen, 1)].map(|(gain, k)| {
@@ -79,25 +52,11 @@ impl ScaleWatch {
         add(&mut self.felt_squared, felt.norm_squared());
         add(&mut self.product, felt.dot(&seen));
         add(&mut self.seen_squared, seen.norm_squared());
-        self.newly_squared += (seen.norm_squared() - self.newly_squared) * (dt_s / NEWLY_S).at_most(1.0);
-        self.judge(is_silent);
-    }
-
-    /// Forgets gains that came from samples that have lost belief, and what they told of the baseline.
-    pub(super) fn forget_gains(&mut self) {
-        if self.contradicted != Some(Culprit::Accelerometer) {
-            *self = Self::default();
-        }
+        self.judge();
     }
 
     /// Judges whether the scales agree.
-    fn judge(&mut self, is_silent: bool) {
-        let is_moving = self.frames > MIN_FRAMES && self.newly_squared > SEEN_M_S.squared();
-        match (is_silent && is_moving, self.contradicted) {
-            (true, _) => return self.contradicted = Some(Culprit::Accelerometer),
-            (false, Some(Culprit::Accelerometer)) => self.contradicted = None,
-            _ => {}
-        }
+    fn judge(&mut self) {
         let factor = self.product / self.felt_squared;
         let unexplained = self.seen_squared - factor * self.product;
         let sigma = (FRAMES_OF_GAIN * unexplained / (self.frames * self.felt_squared)).sqrt();
@@ -106,26 +65,27 @@ impl ScaleWatch {
             && unexplained < MOST_UNEXPLAINED * self.seen_squared;
         let off = (factor - 1.0).abs();
         if is_told && off > LEAST_OFF.at_least(SHOWS_SIGMAS * sigma) {
-            self.contradicted = Some(Culprit::Baseline);
+            self.is_contradicted = true;
         } else if is_told && off.at_least(sigma) < 0.5 * LEAST_OFF {
-            self.contradicted = None;
+            self.is_contradicted = false;
         }
     }
 
-    /// What is wrong if the images show another scale than the forces.
-    pub(super) fn contradicted(&self) -> Option<Culprit> {
-        self.contradicted
+    /// True if the images show another scale than the forces.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.is_contradicted
     }
 
     /// The quality of an estimate that would have `quality` if the scales agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.contradicted.is_some() { quality.min(CONTRADICTED_QUALITY) } else { quality }
+        if self.is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{Matrix3, UnitQuaternion};
 
     /// Watches five seconds of frames of a vehicle that sways, whose images show its gains times `factor`, with what else they show.
     fn watched(factor: f64, else_seen: impl Fn(f64) -> Vector3<f64>) -> bool {
@@ -134,13 +94,14 @@ mod tests {
             let t = 0.05 * f64::from(k);
             let gain = Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), 0.3 * libm::sin(2.3 * t)) * 0.4;
             let bias = Vector3::new(0.05, -0.03, 0.02);
-            watch.add(&compared(gain + bias, gain * factor + else_seen(t)));
+            watch.add(&compared(gain + bias, gain * factor + else_seen(t)), 0.05);
         }
-        watch.contradicted() == Some(Culprit::Baseline)
+        watch.is_contradicted()
     }
 
-    fn compared(felt: Vector3<f64>, seen: Vector3<f64>) -> Compared {
-        Compared { gain: Gain { felt, seen }, is_silent: false, dt_s: 0.05 }
+    fn compared(felt: Vector3<f64>, seen: Vector3<f64>) -> Gain {
+        let (by_gravity, covariance) = (Vector3::zeros(), Matrix3::identity());
+        Gain { felt, seen, by_gravity, rot_o_b: UnitQuaternion::identity(), covariance, span_s: 0.8 }
     }
 
     fn noise(t: f64) -> Vector3<f64> {
@@ -165,37 +126,10 @@ mod tests {
     }
 
     #[test]
-    fn an_accelerometer_that_feels_nothing_is_named_itself() {
-        let mut watch = ScaleWatch::default();
-        for k in 0..100 {
-            let t = 0.05 * f64::from(k);
-            let gain = Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), 0.0) * 0.4;
-            watch.add(&Compared { is_silent: true, ..compared(Vector3::zeros(), gain) });
-        }
-        assert_eq!(watch.contradicted(), Some(Culprit::Accelerometer));
-        assert_eq!(watch.bounded(90), 10);
-        let still = Compared { is_silent: true, ..compared(Vector3::zeros(), Vector3::zeros()) };
-        (0..60).for_each(|_| watch.add(&still));
-        assert_eq!(watch.contradicted(), None, "it stands");
-    }
-
-    #[test]
-    fn gains_of_samples_that_lose_belief_tell_nothing_of_the_baseline() {
-        let mut watch = ScaleWatch::default();
-        for k in 0..100 {
-            let gain = Vector3::new(libm::sin(0.085 * f64::from(k)), 0.0, 0.0) * 0.4;
-            watch.add(&compared(gain, gain * 1.5));
-        }
-        assert_eq!(watch.contradicted(), Some(Culprit::Baseline));
-        watch.forget_gains();
-        assert_eq!(watch.contradicted(), None);
-    }
-
-    #[test]
     fn hovering_tells_no_scale() {
         let mut watch = ScaleWatch::default();
-        (0..200).for_each(|k| watch.add(&compared(noise(f64::from(k)), Vector3::zeros())));
-        assert_eq!(watch.contradicted(), None);
+        (0..200).for_each(|k| watch.add(&compared(noise(f64::from(k)), Vector3::zeros()), 0.05));
+        assert!(!watch.is_contradicted());
         assert_eq!(watch.bounded(90), 90);
     }
 }

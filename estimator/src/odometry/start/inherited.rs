@@ -8,6 +8,7 @@
 //! carried on by the gyroscope, where it measured all the way. Of a vehicle in flight gravity alone would tell the tilt to some
 //! degrees.
 
+use crate::admission::MAX_HOLE_NS;
 use crate::estimate::{BiasVariances, NavCovariance};
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::origin::OriginUncertainty;
@@ -28,7 +29,8 @@ const MOST_RAD: f64 = std::f64::consts::PI;
 /// The uncertainty of the last pose of all, when it was, and how fast it went.
 #[derive(Clone, Debug)]
 struct Last {
-    stamp: Timestamp,
+    /// `None` once the clock was set.
+    stamp: Option<Timestamp>,
     covariance: Matrix4<f64>,
     speed_m_s: f64,
     rate_rad_s: f64,
@@ -67,16 +69,30 @@ impl Inherited {
         let speed_m_s = nav.v_o_b.norm() + velocity_sigma;
         let is_sound = of_pose.iter().all(|x| x.is_finite()) && speed_m_s.is_finite();
         self.last = Some(match is_sound {
-            true => Last { stamp, covariance: of_pose, speed_m_s, rate_rad_s },
-            false => Last { stamp, covariance: unknown(), speed_m_s: 0.0, rate_rad_s: 0.0 },
+            true => Last { stamp: Some(stamp), covariance: of_pose, speed_m_s, rate_rad_s },
+            false => Last { stamp: Some(stamp), covariance: unknown(), speed_m_s: 0.0, rate_rad_s: 0.0 },
         });
         self.origin = OriginUncertainty::default();
+    }
+
+    /// Forgets when the last pose was: the clock was set.
+    pub(super) fn forget_time(&mut self) {
+        if let Some(last) = &mut self.last {
+            last.stamp = None;
+        }
+    }
+
+    /// Takes the first frame since the clock was set: the last pose is older than its `stamp` by the longest hole that a stream may have.
+    pub(super) fn resume(&mut self, stamp: Timestamp) {
+        if let Some(last) = &mut self.last {
+            last.stamp.get_or_insert(stamp.plus_nanos(-MAX_HOLE_NS));
+        }
     }
 
     /// The start anew is at `p_o_b`, at `stamp`; `gyro` is what measured the turn since the last pose, if it did all the way.
     pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>, gyro: Option<Gyro>) {
         let Some(last) = &self.last else { return };
-        let dt = stamp.seconds_since(last.stamp).at_least(0.0);
+        let dt = last.stamp.map_or(0.0, |last| stamp.seconds_since(last).at_least(0.0));
         let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).at_most(MOST_M);
         let unseen_rad = (last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt;
         let turn_rad = gyro.map_or(unseen_rad, |gyro| gyro.turn_sigma_rad(dt)).at_most(MOST_RAD);
@@ -227,6 +243,20 @@ mod tests {
         let of_turn =
             inherited.added_to(NavCovariance::zeros(), &nav).fixed_view::<3, 3>(3, 3).trace().sqrt();
         assert!((of_turn - std::f64::consts::PI).abs() < 1e-6, "two turns of 2 rad: any heading");
+    }
+
+    #[test]
+    fn a_clock_that_was_set_leaves_the_longest_hole_of_a_stream_unseen() {
+        for set_to_ns in [-3_600_000_000_000, 3_600_000_000_000] {
+            let mut inherited = Inherited::default();
+            inherited.leave(at(0), &state(), 1.0, &(NavCovariance::identity() * 1e-6));
+            inherited.forget_time();
+            inherited.resume(at(set_to_ns));
+            inherited.resume(at(set_to_ns + 50_000_000));
+            inherited.begin(at(set_to_ns + 100_000_000), &state().p_o_b, None);
+            let sigma_m = inherited.added_to(NavCovariance::zeros(), &state())[(0, 0)].sqrt();
+            assert!((0.9..1.0).contains(&sigma_m), "0.6 s at 1 m/s: {sigma_m}");
+        }
     }
 
     #[test]

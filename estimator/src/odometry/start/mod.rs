@@ -14,7 +14,8 @@ use crate::estimate::{HealthBits, NavCovariance};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::input::ResetKind;
 use crate::window::state::{FrameTime, NavState};
-use inherited::{Carried, Gyro, Inherited};
+pub(super) use inherited::Inherited;
+use inherited::{Carried, Gyro};
 use memory::Memory;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
@@ -109,6 +110,7 @@ impl Start {
             // A start needs gravity, and turns between its frames.
             self.gathering.clear();
         }
+        self.inherited.resume(stamp);
         self.carry_attitude(estimation, last, stamp);
         if let Some(camera) = judge.judge_gathered(estimation, stamp, health) {
             self.gathering.leave_out(camera);
@@ -166,7 +168,7 @@ impl Start {
             (ResetKind::Hard, _) => self.inherited.forget(),
             (ResetKind::Soft, Some(frame)) => {
                 let turn_rad_s = estimation.rate_b.norm();
-                self.inherited.leave(frame.stamp, &frame.nav, turn_rad_s, &estimation.covariance)
+                self.inherited.leave(frame.stamp, &frame.nav, turn_rad_s, &stated)
             }
             (ResetKind::Soft, None) => {}
         }
@@ -213,6 +215,7 @@ impl Start {
     /// Forgets all stamps: the gyroscope has not measured from the last pose on.
     pub(super) fn forget_time(&mut self) {
         self.carried = None;
+        self.inherited.forget_time();
     }
 
     pub(super) fn give_reason(&mut self, reason: ResetReason) {

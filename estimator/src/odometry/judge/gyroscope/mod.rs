@@ -132,6 +132,7 @@ impl RotationWatch {
     pub(super) fn clear(&mut self) {
         self.angles.clear();
         self.forget_turns();
+        self.forces_contradicted = None;
     }
 
     /// Forgets turns and contradiction: the estimate starts anew.

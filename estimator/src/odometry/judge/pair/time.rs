@@ -244,6 +244,9 @@ mod tests {
         assert!(watch.disagree(seconds(0.0)) && !watch.disagree(seconds(0.05)));
         assert_eq!([2.0, 2.1].map(|s| watch.distrusted_at(seconds(s), true)), [Some(RIGHT), None]);
         assert!(watch.disagree(seconds(3.0)));
+        // The clock is set back by an hour.
+        watch.clear();
+        assert_eq!(watch.distrusted_at(seconds(-3600.0), true), None);
     }
 
     #[test]

@@ -205,12 +205,14 @@ impl Correction<'_> {
         prediction
     }
 
-    /// Begins to correct stamps; the motions of the window took them for exact.
+    /// Begins to correct stamps.
     fn begin_correction(&mut self, stamp: Timestamp) {
         let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
         self.errors.begin(stamp, slow, FIRST_JITTER_S);
         self.errors.newest_variance = FIRST_JITTER_S.squared();
-        self.take_times_for_uncertain(2.0 * FIRST_JITTER_S.squared());
+        // The motions of the window took them for exact.
+        let since = self.estimation.window.frames.first().map_or(stamp, |first| first.stamp);
+        self.estimation.integrate_anew(since, 2.0 * FIRST_JITTER_S.squared());
     }
 
     /// True if the images turn otherwise than predicted shortly after a start, which knows bias and velocity by a few frames: errors of
@@ -221,20 +223,5 @@ impl Correction<'_> {
         let variance = variance_along(&sighting.rotation_covariance, &turn) + bias;
         self.begun.is_some_and(|begun| stamp.seconds_since(begun) < ROUGH_S)
             && turn.norm_squared() > EXPLAINED_RAD.squared() + EXPLAINED_SIGMAS.squared() * variance
-    }
-
-    /// Integrates the motions of the window anew, as between times that are uncertain by `variance`, s²: so far they were taken for exact.
-    fn take_times_for_uncertain(&mut self, variance: f64) {
-        for k in 1..self.estimation.window.frames.len() {
-            let (before, frame) = (&self.estimation.window.frames[k - 1], &self.estimation.window.frames[k]);
-            if frame.inertial.is_none() || !self.estimation.imu.reaches_back_to(before.taken) {
-                continue;
-            }
-            let (from, span) = (before.nav.clone(), [before.taken, frame.taken]);
-            let (motion, _) = self.estimation.preintegrate(span, &from.biases());
-            let rate_b = log_so3(&motion.delta_rot) / motion.dt_s;
-            let motion = self.estimation.with_uncertain_ends(motion, &from, &rate_b, variance);
-            self.estimation.window.replace_motion(k, motion);
-        }
     }
 }

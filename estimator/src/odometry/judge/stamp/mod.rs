@@ -146,7 +146,7 @@ fn shift_times(estimation: &mut Estimation, by_s: f64) {
         frame.taken = frame.stamp.plus_seconds(by_s);
     }
     if let Some(since) = since {
-        estimation.integrate_anew(since);
+        estimation.integrate_anew(since, 0.0);
     }
 }
 

@@ -1,0 +1,141 @@
+//! Accelerations that the images show and an axis of the accelerometer does not feel.
+//!
+//! Over the longest span of [`super::force_watch`] the images show a gain of velocity without gravity, and the readings feel one, both in the axes
+//! of the body in the middle of the span. From one span to the next they change by `s` and by `f`; biases and tilts hardly do. An axis that
+//! measures has `f = s + n`, one that reads a constant and noise, whatever the vehicle does, has `f = n`, with `n` of variance `σ²`. The
+//! logarithm of their likelihood ratio is
+//!
+//! ```text
+//! l = s (s / 2 - f) / σ²
+//! ```
+//!
+//! and its sum over time, held between zero and the bound, decides (Page 1954, "Continuous inspection schemes"): it rises while the images show
+//! motion that the axis misses, and falls as the axis follows. Without motion it stays: a vehicle that stands, hovers, falls or flies an even
+//! turn has nothing for the axis to feel, and accuses nobody.
+
+use super::force_watch::{Gain, SPAN_FRAMES};
+use heapless::Deque;
+use nalgebra::Vector3;
+use plumbline_config::Portable;
+
+/// Sum that decides: three axes with a span of 0.8 s each make 13,500 trials an hour, of which `exp(-16)` each are wrong: one in a thousand hours.
+const DECIDES: f64 = 16.0;
+/// Largest quality while an axis is contradicted.
+const CONTRADICTED_QUALITY: i8 = 10;
+
+/// Evidence against the axes of the accelerometer.
+#[derive(Clone, Debug, Default)]
+pub(super) struct UnfeltForce {
+    /// What was felt and seen over the spans that end with the last frames on end, oldest first, m/s in `B`.
+    gains: Deque<[Vector3<f64>; 2], SPAN_FRAMES>,
+    sums: Vector3<f64>,
+    is_unfelt: [bool; 3],
+}
+
+impl UnfeltForce {
+    /// The newest frame tells no gain.
+    pub(super) fn pass_over(&mut self) {
+        self.gains.clear();
+    }
+
+    /// Takes the gain up to the newest frame, `dt_s` after the one before.
+    pub(super) fn add(&mut self, gain: &Gain, dt_s: f64) {
+        let rot_b_o = gain.rot_o_b.inverse();
+        let newest = [gain.felt, gain.seen].map(|gained| rot_b_o * (gained - gain.by_gravity));
+        let before = if self.gains.is_full() { self.gains.pop_front() } else { None };
+        let _ = self.gains.push_back(newest);
+        let Some(before) = before else { return };
+        let [felt, seen] = [newest[0] - before[0], newest[1] - before[1]];
+        // Spans that end with frames on end share most of their frames.
+        let share = (dt_s / gain.span_s).at_most(1.0);
+        for axis in 0..3 {
+            let axis_o = gain.rot_o_b * Vector3::ith(axis, 1.0);
+            let variance = 2.0 * axis_o.dot(&(gain.covariance * axis_o));
+            let ratio = share * seen[axis] * (0.5 * seen[axis] - felt[axis]) / variance;
+            if ratio.is_finite() {
+                self.sums[axis] = (self.sums[axis] + ratio).clamp(0.0, DECIDES);
+            }
+            self.is_unfelt[axis] =
+                self.sums[axis] >= DECIDES || (self.is_unfelt[axis] && self.sums[axis] > 0.0);
+        }
+    }
+
+    /// True if an axis does not feel what the images show.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.is_unfelt.contains(&true)
+    }
+
+    /// The quality of an estimate that would have `quality` if all axes measured.
+    pub(super) fn bounded(&self, quality: i8) -> i8 {
+        if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, UnitQuaternion};
+    use proptest::prelude::*;
+
+    const PERIOD_S: f64 = 0.05;
+
+    fn noise(k: usize) -> Vector3<f64> {
+        let t = k as f64;
+        Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * 0.03
+    }
+
+    /// Frames after which an axis is contradicted; of the frame of number `k`, `flown(k)` are what is felt and what is seen, m/s in `B`.
+    fn contradicted(flown: impl Fn(usize) -> [Vector3<f64>; 2]) -> Vec<usize> {
+        let mut watch = UnfeltForce::default();
+        let mut contradicted = Vec::new();
+        for k in 0..400 {
+            let rot_o_b = UnitQuaternion::new(Vector3::new(0.3, 0.2, 0.02 * k as f64));
+            let [felt, seen] = flown(k).map(|gained_b| rot_o_b * gained_b);
+            let by_gravity = Vector3::new(0.0, 0.0, -4.0);
+            let gain = Gain {
+                felt: felt + by_gravity,
+                seen: seen + by_gravity,
+                by_gravity,
+                rot_o_b,
+                covariance: Matrix3::identity() * 0.06_f64.powi(2),
+                span_s: 0.8,
+            };
+            watch.add(&gain, PERIOD_S);
+            if watch.is_contradicted() {
+                contradicted.push(k);
+            }
+        }
+        contradicted
+    }
+
+    fn sway(k: usize) -> Vector3<f64> {
+        let t = PERIOD_S * k as f64;
+        Vector3::new(libm::sin(1.7 * t), libm::cos(1.1 * t), libm::sin(2.3 * t)) * 0.4 + Vector3::z() * 4.0
+    }
+
+    proptest! {
+        #[test]
+        fn no_axis_that_feels_what_is_seen_is_contradicted(size in 0.0..20.0, scale in 0.9..1.1) {
+            prop_assert!(contradicted(|k| [sway(k) * size * scale + noise(k), sway(k) * size]).is_empty());
+        }
+
+        #[test]
+        fn an_axis_that_reads_a_constant_is_contradicted_until_it_feels_again(axis in 0_usize..3, constant in -5.0..5.0) {
+            let found = contradicted(|k| {
+                let mut felt = sway(k);
+                if (100..200).contains(&k) {
+                    felt[axis] = constant;
+                }
+                [felt + noise(k), sway(k)]
+            });
+            let [first, last] = [found.first(), found.last()].map(|k| k.copied().unwrap_or(0));
+            prop_assert!((101..200).contains(&first) && (199..290).contains(&last), "{first} to {last}");
+        }
+    }
+
+    #[test]
+    fn an_even_turn_has_nothing_to_feel() {
+        let even = Vector3::new(1.5, 0.0, 4.0);
+        assert!(contradicted(|k| [even + noise(k), even - noise(k)]).is_empty());
+    }
+}
