@@ -34,7 +34,6 @@ pub mod serial;
 pub mod simulator;
 pub mod source;
 pub mod stop;
-pub mod tape;
 mod text_lines;
 pub mod trigger;
 pub mod truth;
@@ -60,7 +59,6 @@ pub use sensor_faults::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFau
 pub use serial::SerialImu;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use stop::StopFlag;
-pub use tape::{Direction, Tape, TapeImu, TapeStereo};
 pub use trigger::{TriggerFigures, TriggerMonitor};
 pub use truth::TruthState;
 pub use tum::StampedPose;

@@ -239,7 +239,7 @@ impl ScenarioArgs {
         }
         let duration_s = self.duration.unwrap_or(USUAL_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
-        let path = FlightPath::named(&flown_path(&self.path, None)?);
+        let path = FlightPath::named(&flown_path(&self.path)?);
         let mut scenario = Scenario {
             scene,
             inertial: self.inertial(&path)?,
