@@ -9,34 +9,29 @@ pub(crate) const fn mix(value: u64) -> u64 {
     Random::new(value).next_bits()
 }
 
-/// Purpose of a stream of random numbers; keeps streams of one seed apart.
+/// Purpose of a stream of random numbers; keeps streams of one seed apart. Another number is another stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub(crate) enum Purpose {
     Layout = 1,
-    Texture,
-    Bias,
-    ImuNoise,
-    Vibration,
-    ImageNoise,
-    Flicker,
-    Drop,
-    Hand,
-    Blow,
-    Garbage,
-    Wander,
-    ForceError,
-    SensorAxes,
-    Knock,
-    Calibration,
-    Lean,
-    Intrinsics,
-    Glare,
-    Specks,
-    People,
-    Injected,
-    Lens,
-    RealFinish,
+    Texture = 2,
+    Bias = 3,
+    ImuNoise = 4,
+    Vibration = 5,
+    ImageNoise = 6,
+    Flicker = 7,
+    Drop = 8,
+    Hand = 9,
+    Wander = 12,
+    ForceError = 13,
+    SensorAxes = 14,
+    Calibration = 16,
+    Lean = 17,
+    Intrinsics = 18,
+    People = 21,
+    Injected = 22,
+    Lens = 23,
+    RealFinish = 24,
 }
 
 /// A stream of draws.

@@ -61,35 +61,6 @@ fn noise_of_a_standing_sensor_is_written_as_a_configuration_with_a_figure() {
 }
 
 #[test]
-fn masks_of_the_legs_are_written_and_the_configuration_takes_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (flight, out) = (at("with-legs"), at(""));
-    let simulated = plumbline(&[
-        "simulate",
-        &flight,
-        "--condition",
-        "vehicle-parts",
-        "--duration",
-        "10",
-        "--scale",
-        "0.4",
-    ]);
-    assert!(simulated.status.success(), "{}", stderr(&simulated));
-    let arguments = ["calibrate", "masks", &flight, "--out", &out];
-    let found = plumbline(&arguments);
-    assert!(found.status.success(), "{}", stderr(&found));
-    let said = String::from_utf8(found.stdout.clone()).unwrap();
-    assert!(said.contains("% of the right image") && said.contains("mask = \"left-mask.png\""), "{said}");
-    let masks = ["left", "right"].map(|side| at(&format!("{side}-mask.png")));
-    let set = [0, 1].map(|k| format!("camera.{k}.mask={}", masks[k]));
-    let replayed =
-        plumbline(&["replay", &flight, "--duration", "4", "--set", &set[0], "--set", &set[1], "--json"]);
-    assert!(replayed.status.success(), "{}", stderr(&replayed));
-    fails(&arguments, 2, &["left-mask.png", "--overwrite"]);
-}
-
-#[test]
 fn what_is_no_recording_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out.toml");

@@ -1,11 +1,12 @@
 //! Faults of frames: a decorator around any source.
 
 use super::kinds::{Effect, ImageChange, Stamping, Target};
-use super::pixels::{Jpeg, NoiseTable, shift};
-use super::{InjectedFault, seed_of};
-use crate::random::{Draws, Purpose};
+use super::InjectedFault;
+use super::pixels::{Jpeg, add_noise, shift};
+use crate::random::Draws;
+use crate::simulator::noise::NoiseTable;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
-use plumbline_config::{GrayImage, Portable, Timestamp};
+use plumbline_config::{Portable, Timestamp};
 use std::f64::consts::TAU;
 
 /// Source of frames with faults.
@@ -16,6 +17,7 @@ pub struct InjectedFrames<S> {
     begin: Timestamp,
     slots: Vec<Slot>,
     missing: u64,
+    unpaired: u64,
 }
 
 impl<S: StereoSource> InjectedFrames<S> {
@@ -32,9 +34,9 @@ impl<S: StereoSource> InjectedFrames<S> {
         let mut frame = StereoFrame::new(sizes_px);
         let first = source.next_frame(&mut frame)?.then_some(frame);
         let begin = first.as_ref().map_or_else(Timestamp::default, |frame| frame.stamp);
-        let slot =
-            |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, seed_of(seed, place), sizes_px);
-        Ok(Self { source, first, begin, slots: faults.iter().enumerate().map(slot).collect(), missing: 0 })
+        let slot = |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), sizes_px);
+        let slots = faults.iter().enumerate().map(slot).collect();
+        Ok(Self { source, first, begin, slots, missing: 0, unpaired: 0 })
     }
 
     /// Stamp of the first frame, from which the times of faults count.
@@ -53,11 +55,12 @@ impl<S: StereoSource> StereoSource for InjectedFrames<S> {
                 None => {}
             }
             let time_s = frame.stamp.seconds_since(self.begin);
-            let mut is_lost = false;
+            let (mut is_lost, was_pair) = (false, frame.valid == [true; 2]);
             for slot in &mut self.slots {
                 is_lost |= slot.strike(frame, time_s);
             }
             if !is_lost && frame.valid != [false; 2] {
+                self.unpaired += u64::from(was_pair && frame.valid != [true; 2]);
                 return Ok(true);
             }
             self.missing += 1;
@@ -74,8 +77,8 @@ impl<S: StereoSource> StereoSource for InjectedFrames<S> {
     }
 
     fn faults(&self) -> Faults {
-        let theirs = self.source.faults();
-        Faults { missing: theirs.missing + self.missing, ..theirs }
+        let Faults { missing, unpaired, .. } = self.source.faults();
+        Faults { missing: missing + self.missing, unpaired: unpaired + self.unpaired, ..self.source.faults() }
     }
 }
 
@@ -84,28 +87,20 @@ struct Slot {
     fault: InjectedFault,
     seed: u64,
     noise: Option<NoiseTable>,
-    /// Earlier images, as many as the fault needs.
-    kept: Vec<Kept>,
+    /// Noise of the frame before.
+    fields: [Vec<f32>; 2],
+    /// Images of earlier frames, as many as the fault needs.
+    kept: Vec<StereoFrame>,
     /// Frames so far.
     count: usize,
     /// True while a frozen image is kept.
     is_frozen: bool,
-    /// Noise of the frame before.
-    fields: [Vec<f32>; 2],
     jpeg: Option<[Jpeg; 2]>,
-}
-
-/// Images of an earlier frame.
-#[derive(Clone)]
-struct Kept {
-    images: [GrayImage; 2],
-    valid: [bool; 2],
 }
 
 impl Slot {
     fn new(fault: InjectedFault, seed: u64, sizes_px: [(usize, usize); 2]) -> Self {
-        let blank =
-            Kept { images: sizes_px.map(|(width, height)| GrayImage::new(width, height)), valid: [false; 2] };
+        let blank = StereoFrame::new(sizes_px);
         let change = match fault.kind.effect {
             Effect::Image(change) => Some(change),
             _ => None,
@@ -117,13 +112,10 @@ impl Slot {
             _ => 0,
         };
         let is_noisy = matches!(change, Some(ImageChange::Freeze | ImageChange::Black | ImageChange::Noise));
-        let fields = match change {
-            Some(ImageChange::Noise) => sizes_px.map(|(width, height)| Vec::with_capacity(width * height)),
-            _ => Default::default(),
-        };
+        let fields = sizes_px.map(|(w, h)| Vec::with_capacity(if is_noisy { w * h } else { 0 }));
         let jpeg = matches!(change, Some(ImageChange::Jpeg)).then(|| blank.images.each_ref().map(Jpeg::new));
         let noise = is_noisy.then(|| NoiseTable::new(seed));
-        Self { fault, seed, noise, kept: vec![blank; count], count: 0, is_frozen: false, fields, jpeg }
+        Self { fault, seed, noise, fields, kept: vec![blank; count], count: 0, is_frozen: false, jpeg }
     }
 
     /// Changes the frame at `time_s`; returns whether it is lost.
@@ -145,7 +137,7 @@ impl Slot {
     }
 
     fn draws(&self, frame: &StereoFrame) -> Draws {
-        Draws::new(self.seed, Purpose::Injected, frame.sequence)
+        Draws::new(self.seed, self.fault.purpose(), frame.sequence)
     }
 
     fn late_ms(&self, stamping: Stamping, frame: &StereoFrame, time_s: f64) -> f64 {
@@ -197,7 +189,7 @@ impl Slot {
     }
 
     /// Images of `frames` frames before this one; `None` if there were none.
-    fn earlier(&self, frames: usize) -> Option<&Kept> {
+    fn earlier(&self, frames: usize) -> Option<&StereoFrame> {
         let index = self.count.checked_sub(1 + frames)?;
         self.kept.get(index % self.kept.len().max(1))
     }
@@ -208,14 +200,8 @@ impl Slot {
         let image = &mut frame.images[camera];
         match change {
             ImageChange::Lost => frame.valid[camera] = false,
-            ImageChange::Black => {
-                image.pixels_mut().fill(0);
-                self.add_noise(image, dose, sequence, camera);
-            }
-            ImageChange::Freeze if self.is_frozen => {
-                image.clone_from(&self.kept[0].images[camera]);
-                self.add_noise(image, dose, sequence, camera);
-            }
+            ImageChange::Black => image.pixels_mut().fill(0),
+            ImageChange::Freeze if self.is_frozen => image.clone_from(&self.kept[0].images[camera]),
             ImageChange::Shift => shift(image, dose, second),
             ImageChange::Late => match self.earlier(dose.round() as usize) {
                 Some(kept) => {
@@ -229,23 +215,16 @@ impl Slot {
                     image.clone_from(&kept.images[camera]);
                 }
             }
-            ImageChange::Noise => {
-                if let Some(noise) = &self.noise {
-                    noise.add_correlated(image, &mut self.fields[camera], (dose, second), sequence, camera);
-                }
-            }
             ImageChange::Jpeg => {
                 if let Some(jpeg) = &mut self.jpeg {
                     jpeg[camera].pass(image, dose);
                 }
             }
-            ImageChange::Freeze | ImageChange::Repeat | ImageChange::Exchange => {}
+            ImageChange::Noise | ImageChange::Freeze | ImageChange::Repeat | ImageChange::Exchange => {}
         }
-    }
-
-    fn add_noise(&self, image: &mut GrayImage, sigma: f64, sequence: u64, camera: usize) {
         if let Some(noise) = &self.noise {
-            noise.add(image, sigma, sequence, camera);
+            let field = &mut self.fields[camera];
+            add_noise(noise, &mut frame.images[camera], field, (dose, second), (sequence, camera));
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Faults of inertial samples: a decorator around any source.
 
 use super::kinds::{Change, Effect, Sensor, Target};
-use super::{InjectedFault, seed_of};
-use crate::random::{Draws, Purpose};
+use super::InjectedFault;
+use crate::random::Draws;
 use crate::{DriverError, Faults, ImuReading, ImuSource};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
@@ -22,7 +22,7 @@ impl<S: ImuSource> InjectedImu<S> {
     /// Wraps `source` of a sensor of `config`, in a flight whose first frame is at `begin`.
     #[must_use]
     pub fn new(source: S, config: &ImuConfig, begin: Timestamp, faults: &[InjectedFault], seed: u64) -> Self {
-        let slot = |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, seed_of(seed, place), config);
+        let slot = |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), config);
         Self { source, begin, slots: faults.iter().enumerate().map(slot).collect(), missing: 0 }
     }
 }
@@ -106,7 +106,7 @@ impl Slot {
             if sensor != name && sensor != Sensor::Both {
                 continue;
             }
-            let mut draws = Draws::new(self.seed, Purpose::Injected, 2 * reading.sequence + part as u64);
+            let mut draws = Draws::new(self.seed, self.fault.purpose(), 2 * reading.sequence + part as u64);
             match late {
                 Some(late) => self.take(value, &late[part]),
                 None => self.alter(change, value, &held[part], self.noise[part], &mut draws),

@@ -1,7 +1,7 @@
 //! Faults that are injected on purpose into the streams of a flight, recorded or simulated, or into the calibration that its
 //! estimator is given: `KIND[:TARGET][:DOSE...][@FROM[+DURATION[/PERIOD]]]`, such as `accel-pulse:x:30@6+0.1`.
 //!
-//! [`kinds`] is the table of what there is: to add a kind, add a row, and do what it says in [`imu`], [`frames`] or [`rig`].
+//! `kinds.toml` is the table of what there is: to add a kind, add an entry, and do what it says in [`imu`], [`frames`] or [`rig`].
 //! Faults act in the order in which they are given. Every draw is a pure function of the seed, of the fault's place in that order
 //! and of the number of the sample or frame. Times count from the first frame.
 
@@ -17,7 +17,7 @@ pub use frames::InjectedFrames;
 pub use imu::InjectedImu;
 pub use kinds::FaultKind;
 
-use crate::random::mix;
+use crate::random::{Purpose, mix};
 use kinds::{Change, DOSES, Effect, KINDS, Target};
 use plumbline_config::Config;
 use std::fmt;
@@ -34,12 +34,14 @@ pub struct InjectedFault {
     lasts_s: f64,
     /// Period of repetition, s. Default: infinite (acts once).
     period_s: f64,
+    /// True for draws of the seed of the flight alone, whatever the place: those of `--drop-rate`.
+    is_placeless: bool,
 }
 
 impl InjectedFault {
     /// Kinds of faults, with the cases that a campaign flies.
     pub fn cases() -> impl Iterator<Item = Self> {
-        let case = |kind: &FaultKind, case: &str| format!("{}{case}", kind.name).parse().ok();
+        let case = |kind: &FaultKind, case: &String| format!("{}{case}", kind.name).parse().ok();
         KINDS.iter().flat_map(move |kind| kind.cases.iter().filter_map(move |text| case(kind, text)))
     }
 
@@ -52,7 +54,23 @@ impl InjectedFault {
     fn of(kind: &'static FaultKind) -> Self {
         let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
         let (from_s, lasts_s) = (kind.from_s, kind.lasts_s);
-        Self { kind, target: kind.target, doses, from_s, lasts_s, period_s: f64::INFINITY }
+        let period_s = f64::INFINITY;
+        Self { kind, target: kind.target, doses, from_s, lasts_s, period_s, is_placeless: false }
+    }
+
+    /// Returns the fault with draws of the seed of the flight alone, whatever its place.
+    #[must_use]
+    pub fn placeless(self) -> Self {
+        Self { is_placeless: true, ..self }
+    }
+
+    /// Seed of its draws, at `place` in the order in which faults are given.
+    const fn seed(&self, seed: u64, place: usize) -> u64 {
+        if self.is_placeless { seed } else { mix(seed ^ mix(place as u64 + 1)) }
+    }
+
+    const fn purpose(&self) -> Purpose {
+        if self.is_placeless { Purpose::Drop } else { Purpose::Injected }
     }
 
     /// Kind of the fault.
@@ -140,11 +158,6 @@ impl InjectedFault {
     }
 }
 
-/// Seed of the fault at `place` in the order in which faults are given.
-const fn seed_of(seed: u64, place: usize) -> u64 {
-    mix(seed ^ mix(place as u64 + 1))
-}
-
 impl FromStr for InjectedFault {
     type Err = String;
 
@@ -153,7 +166,7 @@ impl FromStr for InjectedFault {
         let mut parts = what.split(':').peekable();
         let name = parts.next().unwrap_or_default();
         let kind = KINDS.iter().find(|kind| kind.name == name).ok_or_else(|| {
-            let names: Vec<_> = KINDS.iter().map(|kind| kind.name).collect();
+            let names: Vec<_> = KINDS.iter().map(|kind| kind.name.as_str()).collect();
             format!("unknown fault '{name}'; choose {}", names.join(", "))
         })?;
         let mut fault = Self::of(kind);

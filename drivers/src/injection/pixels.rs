@@ -1,76 +1,32 @@
 //! Changes of the pixels of one image by faults.
 
-use crate::random::{Draws, Purpose};
+use crate::simulator::noise::{NOISE_RUN, NoiseTable};
 use crate::v4l2::jpeg::LumaDecoder;
 use jpeg_encoder::{ColorType, Encoder};
 use plumbline_config::GrayImage;
 
-/// Normal values drawn ahead; runs of noise are pieces of this table.
-const NOISE_TABLE: usize = 1 << 15;
-/// Pixels that take one piece of the table.
-const NOISE_RUN: usize = 32;
-
-/// Noise for pixels.
-#[derive(Debug)]
-pub(super) struct NoiseTable {
-    values: Vec<f32>,
-    seed: u64,
-}
-
-impl NoiseTable {
-    pub(super) fn new(seed: u64) -> Self {
-        let mut draws = Draws::new(seed, Purpose::ImageNoise, u64::MAX);
-        Self { values: (0..NOISE_TABLE + NOISE_RUN).map(|_| draws.normal() as f32).collect(), seed }
-    }
-
-    /// Runs of noise of unit variance for the image of `camera` in frame `sequence`.
-    fn runs(&self, sequence: u64, camera: usize) -> impl Iterator<Item = &[f32]> {
-        let mut draws = Draws::new(self.seed, Purpose::ImageNoise, 2 * sequence + camera as u64);
-        std::iter::repeat_with(move || &self.values[draws.index(NOISE_TABLE)..][..NOISE_RUN])
-    }
-
-    /// Adds noise of `sigma` grey levels.
-    pub(super) fn add(&self, image: &mut GrayImage, sigma: f64, sequence: u64, camera: usize) {
-        if sigma <= 0.0 {
-            return;
-        }
-        let sigma = sigma as f32;
-        for (pixels, noise) in image.pixels_mut().chunks_mut(NOISE_RUN).zip(self.runs(sequence, camera)) {
-            pixels
-                .iter_mut()
-                .zip(noise)
-                .for_each(|(pixel, noise)| *pixel = level(f32::from(*pixel) + sigma * noise));
+/// Noise of `sigma` grey levels for the image of `camera` in frame `sequence`, which keeps the share `correlation` of its `field` of
+/// the frame before; the field is empty before the first frame.
+pub(super) fn add_noise(
+    table: &NoiseTable,
+    image: &mut GrayImage,
+    field: &mut Vec<f32>,
+    (sigma, correlation): (f64, f64),
+    (sequence, camera): (u64, usize),
+) {
+    let is_first = field.is_empty();
+    field.resize(image.pixels().len(), 0.0);
+    let (kept, new) =
+        if is_first { (0.0, 1.0) } else { (correlation, (1.0 - correlation * correlation).sqrt()) };
+    let (sigma, kept, new) = (sigma as f32, kept as f32, new as f32);
+    let runs = field.chunks_mut(NOISE_RUN).zip(table.runs(sequence, camera));
+    for (pixels, (field, noise)) in image.pixels_mut().chunks_mut(NOISE_RUN).zip(runs) {
+        for ((pixel, field), noise) in pixels.iter_mut().zip(field).zip(noise) {
+            *field = kept * *field + new * noise;
+            // The grey level nearest to the value: a cast keeps within 0 to 255.
+            *pixel = (f32::from(*pixel) + sigma * *field + 0.5) as u8;
         }
     }
-
-    /// Adds noise of `sigma` grey levels that keeps the share `correlation` of its `field` of the frame before; the field is empty
-    /// before the first frame.
-    pub(super) fn add_correlated(
-        &self,
-        image: &mut GrayImage,
-        field: &mut Vec<f32>,
-        (sigma, correlation): (f64, f64),
-        sequence: u64,
-        camera: usize,
-    ) {
-        let is_first = field.is_empty();
-        field.resize(image.pixels().len(), 0.0);
-        let (kept, new) =
-            if is_first { (0.0, 1.0) } else { (correlation, (1.0 - correlation * correlation).sqrt()) };
-        let (sigma, kept, new) = (sigma as f32, kept as f32, new as f32);
-        let runs = field.chunks_mut(NOISE_RUN).zip(self.runs(sequence, camera));
-        for (pixels, (field, noise)) in image.pixels_mut().chunks_mut(NOISE_RUN).zip(runs) {
-            for ((pixel, field), noise) in pixels.iter_mut().zip(field).zip(noise) {
-                *field = kept * *field + new * noise;
-                *pixel = level(f32::from(*pixel) + sigma * *field);
-            }
-        }
-    }
-}
-
-/// The grey level nearest to `value`.
-fn level(value: f32) -> u8 {
-    (value + 0.5) as u8
 }
 
 /// Shifts an image to the right and down by whole pixels; what comes into view repeats the edge.

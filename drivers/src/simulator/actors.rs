@@ -1,13 +1,12 @@
-//! Things that move: people who cross the view, and parts of the vehicle in it.
+//! People who cross the view.
 
+use super::Trajectory;
 use super::builder::Builder;
 use super::pattern::Material;
 use super::scenario::{People, Scenario};
 use super::shot::MAX_MOVERS;
 use super::solid::Solid;
-use super::trajectory::Trajectory;
-use super::vehicle_parts::{BLADE_SIZE_M, LEG_SIZE_M, vehicle_parts};
-use super::world::{Finish, Surface, World};
+use super::world::{Finish, World};
 use crate::random::{Draws, Purpose};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::options::CameraConfig;
@@ -21,20 +20,12 @@ const PERSON_SHARE: f64 = 0.3;
 const ABSENT_M: f64 = -1000.0;
 /// Height and depth of a person, m.
 const PERSON_SIZE_M: [f64; 2] = [1.75, 0.3];
-/// Light on what moves, grey levels of a white surface.
+/// Light on people, grey levels of a white surface.
 const BRIGHTNESS: f32 = 165.0;
-
-/// Moving things in a flight.
-#[derive(Clone, Debug)]
-pub(super) struct Actors {
-    people: Vec<Person>,
-    /// Pose of the left camera in the body, where parts of the vehicle are in view.
-    parts: Option<Isometry3<f64>>,
-}
 
 /// A person who walks across the view again and again.
 #[derive(Clone, Copy, Debug)]
-struct Person {
+pub(super) struct Person {
     /// Takes coordinates of the left camera to the body.
     pose_b_c: Isometry3<f64>,
     /// Duration of a crossing, and how much of the first one has passed at the beginning of the path, s; negative for people who come later.
@@ -44,72 +35,44 @@ struct Person {
     way_m: f64,
 }
 
-impl Actors {
-    /// Puts what moves by `scenario` into the world. `first_frame_s` is the time of the first frame after the beginning of the path, s.
-    pub(super) fn enter(
-        scenario: &Scenario,
-        camera: &CameraConfig,
-        first_frame_s: f64,
-        world: &mut World,
-    ) -> Self {
-        let people = scenario.people.map(|mut people| {
-            // The time counts from the first frame on.
-            people.from_s += if people.from_s > 0.0 { first_frame_s } else { 0.0 };
-            walkers(&people, camera, scenario.seed, world)
-        });
-        let people = people.unwrap_or_default();
-        let parts = scenario.vehicle_parts.then(|| camera.pose_b_c());
-        if parts.is_some() {
-            let dark = Finish::of(Material::Paint).toned(0.0, 0.12);
-            for size in [LEG_SIZE_M, LEG_SIZE_M, BLADE_SIZE_M, BLADE_SIZE_M] {
-                world.add_mover(faces(size, dark, 0), BRIGHTNESS);
-            }
-        }
-        Self { people, parts }
-    }
-
-    /// Poses in the world at `time`, in the order in which they entered.
-    pub(super) fn poses(&self, flight: &Trajectory, time: Timestamp) -> [Isometry3<f64>; MAX_MOVERS] {
-        let mut poses = [Isometry3::identity(); MAX_MOVERS];
-        for (pose, person) in poses.iter_mut().zip(&self.people) {
-            *pose = person.pose(flight, time);
-        }
-        if let Some(pose_b_c) = &self.parts {
-            let pose_w_c = flight.motion(time).pose_w_b * pose_b_c;
-            let seconds = time.seconds_since(flight.begin());
-            for (pose, part) in poses[self.people.len()..].iter_mut().zip(vehicle_parts(seconds)) {
-                *pose = pose_w_c * part;
-            }
-        }
-        poses
-    }
+/// Poses in the world at `time` of people, in the order in which they entered.
+pub(super) fn poses(people: &[Person], flight: &Trajectory, time: Timestamp) -> [Isometry3<f64>; MAX_MOVERS] {
+    let mut poses = [Isometry3::identity(); MAX_MOVERS];
+    poses.iter_mut().zip(people).for_each(|(pose, person)| *pose = person.pose(flight, time));
+    poses
 }
 
-/// The faces of a box around the origin.
-fn faces(size: [f64; 3], finish: Finish, seed: u64) -> Vec<Surface> {
-    let mut builder = Builder::new(seed, &[]);
-    let half = Vector3::from(size) * 0.5;
-    builder.solid(&Solid { centre: Vector3::zeros(), half, yaw: 0.0 }, finish);
-    builder.surfaces
-}
-
-/// People that fill the share, evenly spread.
-fn walkers(people: &People, camera: &CameraConfig, seed: u64, world: &mut World) -> Vec<Person> {
+/// Puts people that fill the share of `scenario`, evenly spread, into the world. `first_frame_s` is the time of the first frame
+/// after the beginning of the path, s.
+pub(super) fn enter(
+    scenario: &Scenario,
+    camera: &CameraConfig,
+    first_frame_s: f64,
+    world: &mut World,
+) -> Vec<Person> {
+    let (People { share, speed_m_s, from_s }, seed) = (scenario.people, scenario.seed);
+    if share <= 0.0 {
+        return Vec::new();
+    }
+    // The time counts from the first frame on.
+    let from_s = from_s + if from_s > 0.0 { first_frame_s } else { 0.0 };
     let view_m = PEOPLE_M * camera.width_px as f64 / camera.focal_px[0];
-    let count = (people.share / PERSON_SHARE).round().clamp(1.0, (MAX_MOVERS - 4) as f64);
-    let width_m = people.share * view_m / count;
+    let count = (share / PERSON_SHARE).round().clamp(1.0, MAX_MOVERS as f64);
+    let width_m = share * view_m / count;
     let way_m = view_m + width_m;
-    let crossing_s = way_m / people.speed_m_s.at_least(0.05);
+    let crossing_s = way_m / speed_m_s.at_least(0.05);
     let mut draws = Draws::new(seed, Purpose::People, 0);
-    let first_s = if people.from_s > 0.0 { -people.from_s } else { draws.unit() * crossing_s };
+    let first_s = if from_s > 0.0 { -from_s } else { draws.unit() * crossing_s };
     // People who come later follow one another; those who are there from the start are ahead of one another.
-    let next_s = crossing_s / count * if people.from_s > 0.0 { -1.0 } else { 1.0 };
+    let next_s = crossing_s / count * if from_s > 0.0 { -1.0 } else { 1.0 };
     let clothes = [Material::Labels, Material::Posters, Material::Stones, Material::Tiles];
     (0..count as usize)
         .map(|k| {
             let finish = Finish::of(clothes[draws.index(4)]).zoomed(0.6).toned(0.05, 0.9);
-            let size = [width_m, PERSON_SIZE_M[1], PERSON_SIZE_M[0]];
-            world.add_mover(faces(size, finish, seed.wrapping_add(k as u64)), BRIGHTNESS);
+            let half = Vector3::new(width_m, PERSON_SIZE_M[1], PERSON_SIZE_M[0]) * 0.5;
+            let mut builder = Builder::new(seed.wrapping_add(k as u64), &[]);
+            builder.solid(&Solid { centre: Vector3::zeros(), half, yaw: 0.0 }, finish);
+            world.add_mover(builder.surfaces, BRIGHTNESS);
             let phase_s = first_s + k as f64 * next_s;
             Person { pose_b_c: camera.pose_b_c(), crossing_s, phase_s, way_m }
         })

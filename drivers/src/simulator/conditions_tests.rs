@@ -112,50 +112,11 @@ fn people_who_come_later_are_not_seen_before() {
 }
 
 #[test]
-fn parts_of_the_vehicle_stay_in_the_corners() {
-    let [with, without] = [flight_in(Scene::Room, "vehicle-parts:0"), flight(Scene::Room, |_| {})];
-    for index in [0, 40, 79] {
-        let share = difference(&left(&with, index), &left(&without, index));
-        assert!((0.005..0.15).contains(&share), "{share}");
-    }
-}
-
-#[test]
-fn masks_hide_the_parts_of_the_vehicle_and_little_else() {
-    let [with, without] = [flight_in(Scene::Room, "vehicle-parts:0:1"), flight(Scene::Room, |_| {})];
-    for (camera, configured) in with.config().camera.iter().enumerate() {
-        let mask = configured.mask.as_ref().unwrap().pixels().unwrap();
-        assert!((0.75..0.97).contains(&mask.seen_share()), "{}", mask.seen_share());
-        for index in [0, 40, 79] {
-            let [a, b] = [&with, &without].map(|simulator| {
-                let mut image = GrayImage::new(1, 1);
-                simulator.render_camera(index, camera, &mut simulator.scratch(), &mut image);
-                image
-            });
-            let pixels = a.pixels().iter().zip(b.pixels()).zip(mask.pixels());
-            let seen = pixels.filter(|((a, b), is_seen)| *is_seen && a.abs_diff(**b) > 4).count();
-            assert_eq!(seen, 0, "camera {camera}, image {index}");
-        }
-    }
-}
-
-#[test]
 fn night_is_dark_and_noisy() {
     let day = flight(Scene::Room, |_| {});
     let night = flight_in(Scene::Room, "night");
     let [a, b] = [&day, &night].map(|simulator| mean(&left(simulator, 20)));
     assert!((b / a - 0.2).abs() < 0.03, "{b} {a}");
-}
-
-#[test]
-fn steps_of_the_light_saturate_and_settle() {
-    let simulator = flight_in(Scene::Room, "auto-exposure:0.3:4:2");
-    // Frames at 20 Hz: well exposed, just after the step at 2 s, and settled.
-    let means = [39, 41, 79].map(|index| mean(&left(&simulator, index)));
-    assert!(means[1] > 1.5 * means[0] && means[2] < 1.2 * means[0], "{means:?}");
-    let bright = left(&simulator, 41);
-    let saturated = bright.pixels().iter().filter(|p| **p == 255).count();
-    assert!(saturated > bright.pixels().len() / 10, "{saturated}");
 }
 
 #[test]
@@ -170,32 +131,10 @@ fn a_bare_room_shows_few_corners_and_a_pattern_many() {
 }
 
 #[test]
-fn warming_cameras_see_larger_images_later() {
-    let [cold, warm] = [flight(Scene::Room, |_| {}), flight_in(Scene::Room, "warming:2:0:1")];
-    let lens = &warm.inner.cameras[0].0;
-    // After four time constants the focal length is 1.96 % longer: what is seen at the edge was further in.
-    let index = 79;
-    let zoom = f64::from(warm.shot(warm.frame_time(index), 0).zoom);
-    assert!((zoom - 1.0196).abs() < 1e-3, "{zoom}");
-    let (a, b) = (left(&cold, index), left(&warm, index));
-    let (mut as_zoomed, mut as_cold) = (0.0, 0.0);
-    for (u, v) in (0..30).flat_map(|i| (0..18).map(move |j| (30 + 10 * i, 30 + 10 * j))) {
-        let bearing = lens.model.unproject(&Vector2::new(f64::from(u), f64::from(v))).unwrap();
-        let px = lens.model.project_normalized(&(bearing / zoom)).0;
-        let grey = f64::from(b.pixels()[v as usize * b.width() + u as usize]);
-        as_zoomed += (tests::grey(&a, &px) - grey).abs();
-        as_cold += (f64::from(a.pixels()[v as usize * a.width() + u as usize]) - grey).abs();
-    }
-    assert!(as_zoomed < 0.6 * as_cold, "{as_zoomed} {as_cold}");
-}
-
-#[test]
 fn conditions_give_the_same_bits_in_any_order() {
     let make = || {
         flight(Scene::Room, |scenario| {
-            let names =
-                ["rolling-shutter:10", "people:60", "vehicle-parts", "glare", "blur:3:2", "auto-exposure"];
-            for condition in names {
+            for condition in ["rolling-shutter:10", "people:60", "blur:3:2"] {
                 condition.parse::<SimulatedCondition>().unwrap().apply(scenario);
             }
         })

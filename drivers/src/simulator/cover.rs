@@ -111,7 +111,7 @@ impl Cover {
         self.facets.clear();
         for (surfaces, pose) in shot.poses(world) {
             for index in surfaces {
-                if let Some(facet) = Facet::new(index, &world.surfaces[index], &pose, shot.zoom)
+                if let Some(facet) = Facet::new(index, &world.surfaces[index], &pose)
                     && facet.nearest_within(&lens.all).is_some()
                 {
                     self.facets.push(facet);
@@ -139,7 +139,7 @@ impl Cover {
         for (surfaces, pose) in shot.poses(world) {
             while let Some(facet) = facets.next_if(|facet| surfaces.contains(&(facet.surface as usize))) {
                 let index = facet.surface as usize;
-                let now = Facet::new(index, &world.surfaces[index], &pose, shot.zoom);
+                let now = Facet::new(index, &world.surfaces[index], &pose);
                 *facet = now.unwrap_or(Facet::hidden(facet.surface));
             }
         }

@@ -1,21 +1,19 @@
-//! From light to grey levels: what optics and sensor do to an image, and what goes wrong with a stream.
+//! From light to grey levels: what optics and sensor do to an image.
 //!
 //! Every draw is a pure function of the seed, the frame, the camera and the pixel, so frames may be
 //! rendered in any order and on any thread.
 
-use crate::FrameFaults;
+use super::noise::{NOISE_RUN, NoiseTable};
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector2;
 use plumbline_config::{CameraModel, Portable};
 use std::f64::consts::TAU;
 
-/// Normal values drawn ahead; rows of noise are pieces of this table.
-const NOISE_TABLE: usize = 1 << 15;
-/// Pixels that take one piece of the table.
-const NOISE_RUN: usize = 32;
+/// Period of the slow change of exposure, s.
+const DRIFT_PERIOD_S: f64 = 7.0;
 
 /// Effects on images and frames. Times are seconds since the first frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
     /// Standard deviation of the noise of a black pixel, grey levels.
     pub read_noise: f64,
@@ -37,11 +35,6 @@ pub struct Effects {
     pub flicker: f64,
     /// Amplitude of a slow change of exposure, relative.
     pub exposure_drift: f64,
-    /// Period of that change, s.
-    pub exposure_drift_period_s: f64,
-    /// Faults of finished frames. Prefer [`Self::blackout`] and [`Self::flicker`] for darkness and flicker:
-    /// they happen before the noise of the sensor.
-    pub frames: FrameFaults,
     /// Both images are black, noise aside, from the first to the second time, s.
     pub blackout: Option<(f64, f64)>,
     /// `t_imu = t_camera + time_offset_s`: stamps of images are early by this much.
@@ -49,68 +42,6 @@ pub struct Effects {
     /// Time from the exposure of the first row to that of the last, s; 0 for a global shutter. The middle row is exposed at the
     /// measurement time.
     pub readout_s: f64,
-    /// Steps of the light, and how the exposure follows them.
-    pub light_steps: Option<LightSteps>,
-    /// Bright lights around the horizon.
-    pub glare: Option<Glare>,
-    /// Specks of rain in an image.
-    pub specks: u32,
-    /// Change of the cameras with their temperature.
-    pub warming: Option<Warming>,
-}
-
-/// Light that steps up and down, and an exposure that follows. The flight begins in the dark, well exposed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightSteps {
-    /// Time constant of the exposure, s.
-    pub lag_s: f64,
-    /// Bright light against dark light.
-    pub ratio: f64,
-    /// Time between two steps, s.
-    pub period_s: f64,
-}
-
-impl LightSteps {
-    /// Brightness of the image against that of a good exposure, `time_s` after the first frame.
-    fn gain_at(&self, time_s: f64) -> f64 {
-        let half = 0.5 * libm::log(self.ratio.at_least(1e-3));
-        let period_s = self.period_s.at_least(0.05);
-        let lag = |s: f64| libm::exp(-s / self.lag_s.at_least(1e-3));
-        let (mut light, mut exposure, mut left_s) = (-half, half, time_s.at_least(0.0));
-        while left_s > period_s {
-            exposure = -light + (exposure + light) * lag(period_s);
-            light = -light;
-            left_s -= period_s;
-        }
-        libm::exp((exposure + light) * lag(left_s))
-    }
-}
-
-/// Bright lights around the horizon, seen through everything: their veils brighten the image around them, up to saturation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Glare {
-    /// Brightness in the middle, grey levels.
-    pub grey: f64,
-    /// Angle at which it has fallen to a quarter, rad.
-    pub radius_rad: f64,
-}
-
-/// Cameras that warm up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Warming {
-    /// Growth of the focal lengths in the end, relative.
-    pub focal: f64,
-    /// Turn of the right camera towards the left in the end, rad.
-    pub vergence_rad: f64,
-    /// Time constant, s.
-    pub time_s: f64,
-}
-
-impl Warming {
-    /// Share of the change that has come about `time_s` after the first frame.
-    pub(super) fn share(&self, time_s: f64) -> f64 {
-        1.0 - libm::exp(-time_s.at_least(0.0) / self.time_s.at_least(1e-3))
-    }
 }
 
 impl Default for Effects {
@@ -127,15 +58,9 @@ impl Default for Effects {
             gain: 1.0,
             flicker: 0.01,
             exposure_drift: 0.05,
-            exposure_drift_period_s: 7.0,
-            frames: FrameFaults::default(),
             blackout: None,
             time_offset_s: 0.0,
             readout_s: 0.0,
-            light_steps: None,
-            glare: None,
-            specks: 0,
-            warming: None,
         }
     }
 }
@@ -161,9 +86,8 @@ impl Effects {
             return 0.0;
         }
         let flicker = self.flicker * Draws::new(seed, Purpose::Flicker, index).normal();
-        let drift = self.exposure_drift * libm::sin(TAU * time_s / self.exposure_drift_period_s);
-        let steps = self.light_steps.map_or(1.0, |steps| steps.gain_at(time_s));
-        self.gain * steps * (1.0 + flicker + drift).at_least(0.05)
+        let drift = self.exposure_drift * libm::sin(TAU * time_s / DRIFT_PERIOD_S);
+        self.gain * (1.0 + flicker + drift).at_least(0.05)
     }
 }
 
@@ -172,8 +96,7 @@ impl Effects {
 pub(super) struct Sensor {
     width: usize,
     vignette: Vec<f32>,
-    noise: Vec<f32>,
-    seed: u64,
+    noise: NoiseTable,
     read_variance: f32,
     shot_noise: f32,
     /// Weight of each neighbour in the blur of the lens.
@@ -183,26 +106,23 @@ pub(super) struct Sensor {
 impl Sensor {
     /// Tables for one camera.
     pub(super) fn new(effects: &Effects, model: &CameraModel, seed: u64) -> Self {
-        let mut draws = Draws::new(seed, Purpose::ImageNoise, u64::MAX);
-        let noise = (0..NOISE_TABLE + NOISE_RUN).map(|_| draws.normal() as f32).collect();
         Self {
             width: model.width_px,
             vignette: vignette(model, effects.vignetting),
-            noise,
-            seed,
+            noise: NoiseTable::new(seed),
             read_variance: effects.read_noise.squared() as f32,
             shot_noise: effects.shot_noise as f32,
             blur: (0.5 * effects.lens_blur_px.clamp(0.0, 0.7).squared()) as f32,
         }
     }
 
-    /// Turns light (grey levels, overwritten) into pixels; `stream` names frame and camera.
+    /// Turns light (grey levels, overwritten) into the pixels of `camera` in frame `sequence`.
     pub(super) fn develop(
         &self,
         light: &mut [f32],
         rows: &mut [f32],
         gain: f64,
-        stream: u64,
+        (sequence, camera): (u64, usize),
         out: &mut [u8],
     ) {
         if self.blur > 0.0 {
@@ -210,10 +130,9 @@ impl Sensor {
         }
         let gain = gain as f32;
         let noisy = self.read_variance > 0.0 || self.shot_noise > 0.0;
-        let mut draws = Draws::new(self.seed, Purpose::ImageNoise, stream);
         let runs = light.chunks(NOISE_RUN).zip(self.vignette.chunks(NOISE_RUN));
-        for ((light, vignette), out) in runs.zip(out.chunks_mut(NOISE_RUN)) {
-            let noise = &self.noise[draws.index(NOISE_TABLE)..][..NOISE_RUN];
+        let runs = runs.zip(self.noise.runs(sequence, camera));
+        for (((light, vignette), noise), out) in runs.zip(out.chunks_mut(NOISE_RUN)) {
             for (((pixel, light), vignette), noise) in out.iter_mut().zip(light).zip(vignette).zip(noise) {
                 let level = light * vignette * gain;
                 let noise =
@@ -281,7 +200,7 @@ mod tests {
     fn developed(sensor: &Sensor, level: f32, stream: u64) -> Vec<u8> {
         let mut light = vec![level; 752 * 480];
         let mut out = vec![0; light.len()];
-        sensor.develop(&mut light, &mut [0.0; 2 * 752], 1.0, stream, &mut out);
+        sensor.develop(&mut light, &mut [0.0; 2 * 752], 1.0, (stream, 0), &mut out);
         out
     }
 
@@ -308,17 +227,6 @@ mod tests {
             let correlation = products / (image.len() as f64 * 4.0);
             assert!(correlation.abs() < 0.02, "lag {lag}: {correlation}");
         }
-    }
-
-    #[test]
-    fn exposure_follows_steps_of_the_light() {
-        let steps = LightSteps { lag_s: 0.3, ratio: 4.0, period_s: 2.0 };
-        let gains = [0.0, 1.99, 2.001, 2.3, 3.99, 4.001, 4.3].map(|t| steps.gain_at(t));
-        assert!((gains[0] - 1.0).abs() < 1e-9 && (gains[1] - 1.0).abs() < 1e-9, "{gains:?}");
-        assert!((gains[2] - 4.0).abs() < 0.05 && (gains[5] - 0.25).abs() < 0.005, "{gains:?}");
-        // One time constant later the error has fallen to 1/e in the logarithm.
-        assert!((gains[3].ln() - 4.0_f64.ln() / std::f64::consts::E).abs() < 0.01, "{gains:?}");
-        assert!((gains[4] - 1.0).abs() < 0.01, "{gains:?}");
     }
 
     #[test]

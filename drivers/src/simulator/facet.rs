@@ -34,9 +34,8 @@ impl Facet {
         Self { s: [0.0; 3], t: [0.0; 3], w: [0.0, 0.0, -1.0], surface }
     }
 
-    /// Facet of a surface for a camera at `pose_w_c` in the surface's frame with `zoom` times the tabulated focal length. `None`
-    /// when the surface shows its back.
-    pub(super) fn new(index: usize, surface: &Surface, pose_w_c: &Isometry3<f64>, zoom: f32) -> Option<Self> {
+    /// Facet of a surface for a camera at `pose_w_c` in the surface's frame. `None` when the surface shows its back.
+    pub(super) fn new(index: usize, surface: &Surface, pose_w_c: &Isometry3<f64>) -> Option<Self> {
         let origin_w = surface.origin - pose_w_c.translation.vector;
         if surface.normal.dot(&origin_w) > -1e-6 {
             return None;
@@ -44,9 +43,7 @@ impl Facet {
         let to_camera = |v| pose_w_c.rotation.inverse_transform_vector(v);
         let columns = [to_camera(&surface.edge_u), to_camera(&surface.edge_v), to_camera(&origin_w)];
         let inverse = Matrix3::from_columns(&columns).try_inverse()?;
-        // Bearings are those of the tabulated focal length.
-        let by = [1.0 / zoom, 1.0 / zoom, 1.0];
-        let row = |i: usize| [0, 1, 2].map(|j| inverse[(i, j)] as f32 * by[j]);
+        let row = |i: usize| [0, 1, 2].map(|j| inverse[(i, j)] as f32);
         Some(Self { s: row(0), t: row(1), w: row(2), surface: index as u32 })
     }
 

@@ -16,8 +16,6 @@ use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use std::f64::consts::TAU;
 
-/// Range of an accelerometer that clips: 2 g, the smallest that is sold.
-pub const CLIPPED_RANGE_M_S2: f64 = 19.6;
 /// One g of a data sheet, m/s².
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 /// Slow changes of the rotors' speed: periods, s.
@@ -52,11 +50,6 @@ pub struct ImuEffects {
     pub misalignment_rad: f64,
     /// Sensitivity of every gyroscope axis to a force along a drawn direction, rad/s per g.
     pub g_sensitivity_rad_s_per_g: f64,
-    /// Share of the samples that an accelerometer of [`CLIPPED_RANGE_M_S2`] clips, by a vibration as hard as that takes; 0 for
-    /// the configured range.
-    pub clipped_share: f64,
-    /// Multiple of the residual of recorded samples ([`Inertial::Residual`](super::Inertial::Residual)) that is added.
-    pub residual_scale: f64,
 }
 
 impl Default for ImuEffects {
@@ -75,8 +68,6 @@ impl Default for ImuEffects {
             scale_error: 0.0,
             misalignment_rad: 0.0,
             g_sensitivity_rad_s_per_g: 0.0,
-            clipped_share: 0.0,
-            residual_scale: 0.0,
         }
     }
 }
@@ -119,8 +110,6 @@ pub(super) struct ImuModel {
     axes: Option<Axes>,
     /// Coloured error of the accelerometer at every sample, m/s²; empty for none.
     coloured: Vec<Vector3<f64>>,
-    /// Residuals of recorded samples over the path; empty without a recording.
-    residual: Vec<Residual>,
 }
 
 impl ImuModel {
@@ -141,32 +130,7 @@ impl ImuModel {
         let axes = Axes::of(&effects, seed);
         let coloured = coloured(config, &effects, seed, count);
         let config = config.clone();
-        Self { config, effects, seed, begin, biases, phases, wander, axes, coloured, residual: Vec::new() }
-    }
-
-    /// Sensor with `residual` in its samples, one after the other and over again.
-    pub(super) fn with_residual(mut self, residual: Vec<Residual>) -> Self {
-        self.residual = residual;
-        self
-    }
-
-    /// Sensor shaken so hard along `flight` that it clips the share of samples that its effects ask for.
-    pub(super) fn clipping(mut self, flight: &Trajectory) -> Self {
-        if self.effects.clipped_share > 0.0 {
-            self.effects.vibration_accel_m_s2 = {
-                let (share, range) = self.clipped();
-                let span_s = flight.end().seconds_since(flight.begin());
-                super::clipping::amplitude(share, range, span_s, |t| {
-                    (self.force(&flight.motion_at(t)), self.vibration(t, 1))
-                })
-            };
-        }
-        self
-    }
-
-    /// Share of the samples to be clipped, and the range, m/s².
-    pub(super) fn clipped(&self) -> (f64, f64) {
-        (self.effects.clipped_share, self.config.accel_range_m_s2)
+        Self { config, effects, seed, begin, biases, phases, wander, axes, coloured }
     }
 
     /// Number of samples of the flight.
@@ -210,7 +174,7 @@ impl ImuModel {
     }
 
     /// The specific force at rest or in `motion`, m/s².
-    pub(super) fn force(&self, motion: &MotionState) -> Vector3<f64> {
+    fn force(&self, motion: &MotionState) -> Vector3<f64> {
         let up = Vector3::new(0.0, 0.0, self.config.gravity_m_s2);
         motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up))
     }
@@ -223,11 +187,6 @@ impl ImuModel {
         }
         if let Some(error) = self.coloured.get(k as usize) {
             force += error;
-        }
-        if !self.residual.is_empty() {
-            let residual = &self.residual[k as usize % self.residual.len()];
-            omega += self.effects.residual_scale * residual.gyro;
-            force += self.effects.residual_scale * residual.accel;
         }
         (omega, force)
     }
@@ -245,7 +204,7 @@ impl ImuModel {
     }
 
     /// Vibration of unit amplitude, sensor 0 gyroscope, 1 accelerometer.
-    pub(super) fn vibration(&self, t_s: f64, sensor: usize) -> Vector3<f64> {
+    fn vibration(&self, t_s: f64, sensor: usize) -> Vector3<f64> {
         let ahead = self.ahead(t_s);
         Vector3::from_fn(|axis, _| {
             let angle = TAU * self.effects.vibration_hz * t_s + ahead;
@@ -253,15 +212,6 @@ impl ImuModel {
             libm::sin(angle + phases[0]) + 0.5 * libm::sin(2.0 * angle + phases[1])
         })
     }
-}
-
-/// Difference between a recorded sample and the path that it was recorded along.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Residual {
-    /// rad/s.
-    pub(super) gyro: Vector3<f64>,
-    /// m/s².
-    pub(super) accel: Vector3<f64>,
 }
 
 /// Scale, misalignment and sensitivity to forces.

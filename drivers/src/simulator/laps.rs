@@ -1,8 +1,9 @@
 //! Repeats a path several times: at its end the flight returns smoothly to its beginning.
 
 use super::Trajectory;
+use super::path::smooth_step;
 use crate::StampedPose;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Portable;
 
 /// Samples of the path that the spline is drawn through.
@@ -14,16 +15,10 @@ const SHORTEST_WAY_S: f64 = 4.0;
 /// Speeds on the way back, m/s and rad/s.
 const SPEED: (f64, f64) = (0.8, 0.6);
 
-/// `laps` times the part of `flight` from `from_s` on, `lap_s` long, each `shift` (m) further than the one before; `None`
-/// when that is too short to fly.
-pub(super) fn laps(
-    flight: &Trajectory,
-    (from_s, lap_s): (f64, f64),
-    laps: u32,
-    shift: &Vector3<f64>,
-) -> Option<Trajectory> {
+/// `laps` times the part of `flight` from `from_s` on, `lap_s` long; `None` when that is too short to fly.
+pub(super) fn laps(flight: &Trajectory, (from_s, lap_s): (f64, f64), laps: u32) -> Option<Trajectory> {
     let (first, last) = (flight.motion_at(from_s).pose_w_b, flight.motion_at(from_s + lap_s).pose_w_b);
-    let distance = (last.translation.vector - first.translation.vector - shift).norm();
+    let distance = (last.translation.vector - first.translation.vector).norm();
     let angle = last.rotation.angle_to(&first.rotation);
     let way_s = SHORTEST_WAY_S.at_least(distance / SPEED.0).at_least(angle / SPEED.1) + 2.0 * FADE_S;
     // Whole samples, so that every lap is sampled at the same places.
@@ -37,21 +32,15 @@ pub(super) fn laps(
         let in_round = t % round_s;
         let pose = match in_round <= lap_s {
             true => flight.motion_at(from_s + in_round).pose_w_b,
-            false => way_back(flight, (from_s, from_s + lap_s), (in_round - lap_s, way_s), shift),
+            false => way_back(flight, (from_s, from_s + lap_s), (in_round - lap_s, way_s)),
         };
-        let pose = Translation3::from(shift * (t / round_s).floor()) * pose;
         StampedPose { stamp: begin.plus_seconds(t), pose }
     };
     Trajectory::from_poses(&(0..=count).map(sample).collect::<Vec<_>>())
 }
 
-/// On the way from the end of a lap to its beginning, moved by `shift`; `t` seconds after the first and of `way_s`.
-fn way_back(
-    flight: &Trajectory,
-    (from_s, to_s): (f64, f64),
-    (t, way_s): (f64, f64),
-    shift: &Vector3<f64>,
-) -> Isometry3<f64> {
+/// On the way from the end of a lap to its beginning; `t` seconds after the first and of `way_s`.
+fn way_back(flight: &Trajectory, (from_s, to_s): (f64, f64), (t, way_s): (f64, f64)) -> Isometry3<f64> {
     let faded = |t: f64| FADE_S * (1.0 - libm::exp(-t / FADE_S));
     let carried = |at_s: f64, by_s: f64| {
         let motion = flight.motion_at(at_s);
@@ -60,9 +49,8 @@ fn way_back(
         Isometry3::from_parts(p.into(), motion.pose_w_b.rotation * turn)
     };
     let (leaving, arriving) = (carried(to_s, faded(t)), carried(from_s, -faded(way_s - t)));
-    let x = t / way_s;
-    let share = x * x * x * (10.0 + x * (6.0 * x - 15.0));
-    let p = leaving.translation.vector.lerp(&(arriving.translation.vector + shift), share);
+    let share = smooth_step(t / way_s);
+    let p = leaving.translation.vector.lerp(&arriving.translation.vector, share);
     let rotation = leaving
         .rotation
         .try_slerp(&arriving.rotation, share, 1e-9)
@@ -78,8 +66,8 @@ mod tests {
 
     #[test]
     fn the_second_lap_is_the_first_again_and_the_way_between_is_smooth() {
-        let flight = path::demo(60.0, &Isometry3::identity()).unwrap();
-        let twice = laps(&flight, (8.0, 20.0), 2, &Vector3::zeros()).unwrap();
+        let flight = path::flown(60.0, &Isometry3::identity(), path::demo).unwrap();
+        let twice = laps(&flight, (8.0, 20.0), 2).unwrap();
         let whole_s = twice.end().seconds_since(twice.begin());
         let round_s = whole_s - 20.0;
         for t in [1.0, 7.0, 19.0] {

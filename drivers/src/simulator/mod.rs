@@ -13,23 +13,19 @@ mod batch;
 mod builder;
 pub(crate) mod calibration;
 mod canvas;
-mod clipping;
-mod conditions;
 mod cover;
 mod effects;
 mod facet;
 mod fittings;
 mod gloss;
-mod hand;
 mod imu;
-mod imu_errors;
 mod laps;
 mod lens;
 mod lens_residual;
 mod light;
 mod light_map;
 mod named;
-mod overlay;
+pub(crate) mod noise;
 mod path;
 mod pattern;
 mod prefetch;
@@ -43,17 +39,14 @@ mod samples;
 mod scenario;
 mod scenes;
 mod select;
+mod settings;
 mod shade;
 mod shot;
 mod solid;
 mod spline;
-mod station;
 mod stereo;
-mod surroundings;
 mod texture;
 mod trajectory;
-mod twin;
-mod vehicle_parts;
 mod world;
 
 #[cfg(test)]
@@ -66,25 +59,23 @@ mod pictures_tests;
 mod tests;
 
 pub use calibration::{draw_calibration, mistake_intrinsics};
-pub use conditions::{Conditions, SimulatedCondition};
-pub use effects::{Effects, Glare, LightSteps, Warming};
-pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
-pub use imu_errors::{ImuError, ImuErrors};
-pub use named::{Dose, Family, Named, NamedKind};
+pub use effects::Effects;
+pub use imu::ImuEffects;
+pub use named::{Dose, ImuError, Named, SimulatedCondition};
 pub use samples::{Inertial, recorded_along};
-pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, USUAL_DURATION_S, scaled_config};
-pub use scenes::{Scene, Twin};
+pub use scenario::{FlightPath, IntrinsicsError, People, Scenario, USUAL_DURATION_S, scaled_config};
+pub use scenes::{Scene, Surroundings};
 pub use stereo::SimulatedStereo;
-pub use surroundings::Surroundings;
 pub use trajectory::{MotionState, Trajectory};
 pub use world::Hit;
 
-use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};
-use actors::Actors;
+use crate::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
+use actors::Person;
 use effects::Sensor;
+use imu::ImuModel;
 use lens::{Lens, TILE};
 use lens_residual::LensResidual;
-use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
 use samples::{Recording, Samples};
@@ -109,7 +100,7 @@ struct Inner {
     scenario: Scenario,
     flight: Trajectory,
     world: World,
-    actors: Actors,
+    people: Vec<Person>,
     cameras: Vec<(Lens, Sensor)>,
     imu: Samples,
     first_frame: Timestamp,
@@ -137,27 +128,21 @@ impl Simulator {
     pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
         scenario.check(config)?;
         let config = scenario.rig(config);
-        let (mut flight, twins, recording) = match (&scenario.inertial, &scenario.path) {
+        let (flight, recording) = match (&scenario.inertial, &scenario.path) {
             (Inertial::Recorded(samples), FlightPath::Tum(poses)) => {
                 let (recording, flight) = Recording::read(samples, poses, &config.imu)?;
-                (flight, None, Some(recording))
+                (flight, Some(recording))
             }
-            _ => {
-                let (flight, twins) = scenario.flight(&config)?;
-                (flight, twins, None)
-            }
+            _ => (scenario.flight(&config)?, None),
         };
         let (first_frame, duration_s) = scenario.window(&flight)?;
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
-        let mut world = match &twins {
-            Some(twins) => twins.build(scenario.seed, &path),
-            None => scenes::build(scenario.scene, scenario.seed, &path, scenario.surroundings),
-        };
+        let mut world = scenes::build(scenario.scene, scenario.seed, &path, scenario.surroundings);
         if scenario.lean_deg != 0.0 {
             world.lean(scenario.lean_deg.to_radians(), scenario.seed, &path);
         }
-        let actors =
-            Actors::enter(scenario, &config.camera[0], first_frame.seconds_since(flight.begin()), &mut world);
+        let first_frame_s = first_frame.seconds_since(flight.begin());
+        let people = actors::enter(scenario, &config.camera[0], first_frame_s, &mut world);
         let residual_px = scenario.effects.lens_residual_px * scenario.resolution_scale;
         let cameras = config.camera.iter().enumerate().map(|(number, camera)| {
             let model = camera.model();
@@ -169,17 +154,13 @@ impl Simulator {
         let imu = match recording {
             Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
             None => {
-                let sensor = scenario.sensor(&config, &flight, first_frame, duration_s)?;
-                Samples::Simulated(Box::new(sensor))
+                let [begin, end] = [-LEAD_S, duration_s + LEAD_S].map(|s| first_frame.plus_seconds(s));
+                Samples::Simulated(Box::new(ImuModel::new(&config.imu, scenario.imu, scenario.seed, begin, end)))
             }
         };
-        if let Some(knock) = &scenario.knock {
-            let at = first_frame.plus_seconds(knock.at_s);
-            flight.knock(at, knock.length_s, knock.distance_m, scenario.seed);
-        }
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
-        let inner = Inner { config, scenario, flight, world, actors, cameras, imu, first_frame, frames };
+        let inner = Inner { config, scenario, flight, world, people, cameras, imu, first_frame, frames };
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -207,14 +188,13 @@ impl Simulator {
         SimulatedImu { simulator: self.clone(), next: 0 }
     }
 
-    /// A stream of the frames, with working memory of its own, and with what goes wrong with them in the scenario.
+    /// A stream of the frames, with working memory of its own.
     #[must_use]
-    pub fn stereo(&self) -> FaultySource<SimulatedStereo> {
-        let Scenario { effects, seed, .. } = &self.inner.scenario;
-        FaultySource::new(SimulatedStereo::new(self.clone()), effects.frames.clone(), *seed)
+    pub fn stereo(&self) -> SimulatedStereo {
+        SimulatedStereo::new(self.clone())
     }
 
-    /// Frames of the flight, lost ones included.
+    /// Frames of the flight.
     #[must_use]
     pub fn frame_count(&self) -> u64 {
         self.inner.frames
@@ -293,23 +273,15 @@ impl Simulator {
         if (image.width(), image.height()) != size {
             *image = GrayImage::new(size.0, size.1);
         }
-        let seed = inner.scenario.seed;
-        let mut gain = effects.gain_at(seed, index, elapsed_s);
-        let (pixels, stream) = (size.0 * size.1, 2 * index + camera as u64);
+        let gain = effects.gain_at(inner.scenario.seed, index, elapsed_s);
+        let pixels = size.0 * size.1;
         if gain > 0.0 {
             self.expose(time, camera, scratch);
-            let light = &mut scratch.light[..pixels];
-            if let Some(glare) = &effects.glare {
-                let attitude = self.pose_w_c(time, lens).rotation;
-                gain *= overlay::exposure(&attitude, seed);
-                overlay::add_glare(glare, lens, &attitude, seed, light);
-            }
-            overlay::add_specks(effects.specks, size.0, seed, stream, light);
         } else {
             scratch.light[..pixels].fill(0.0);
         }
         let (light, rows) = (&mut scratch.light[..pixels], &mut scratch.rows[..2 * size.0]);
-        sensor.develop(light, rows, gain, stream, image.pixels_mut());
+        sensor.develop(light, rows, gain, (index, camera), image.pixels_mut());
     }
 
     /// Light of one image into `scratch.light`.
@@ -366,16 +338,8 @@ impl Simulator {
     fn shot(&self, time: Timestamp, camera: usize) -> Shot {
         let inner = &self.inner;
         let mut shot = Shot::at(self.pose_w_c(time, &inner.cameras[camera].0));
-        if !inner.world.movers.is_empty() {
-            shot.movers = inner.actors.poses(&inner.flight, time);
-        }
-        if let Some(warming) = &inner.scenario.effects.warming {
-            let share = warming.share(time.seconds_since(inner.first_frame));
-            shot.zoom = (1.0 + share * warming.focal) as f32;
-            if camera == 1 {
-                let turn = -share * warming.vergence_rad;
-                shot.pose_w_c.rotation *= UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
-            }
+        if !inner.people.is_empty() {
+            shot.movers = actors::poses(&inner.people, &inner.flight, time);
         }
         shot
     }

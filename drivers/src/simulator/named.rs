@@ -1,80 +1,85 @@
-//! Errors and conditions by name and dose, as command lines and campaigns ask for them: `force:0.07:2`.
+//! Errors of the inertial sensor and conditions of light, camera, scene and motion, by name and dose: `force:0.07:2`.
 //!
-//! A family is a table of [`NamedKind`]s; [`Named`] is one of them with its doses.
+//! `disturbances.toml` is the table of both; what an entry sets is in [`super::settings`].
 
 use super::Scenario;
+use super::settings::Setting;
+use serde::Deserialize;
 use std::fmt;
-use std::marker::PhantomData;
 use std::str::FromStr;
+use std::sync::LazyLock;
 
 /// Most doses of a kind.
-pub(super) const DOSES: usize = 3;
+const DOSES: usize = 3;
 
-/// One number that an error or a condition is given.
-#[derive(Debug)]
+/// One number that an error, a condition or a fault is given.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Dose {
     /// Meaning and unit.
-    pub unit: &'static str,
+    pub unit: String,
     /// Value of a dose that is left out.
     pub default: f64,
-    /// Smallest value.
-    pub least: f64,
-    /// Largest value.
-    pub most: f64,
+    /// Smallest and largest value.
+    pub range: [f64; 2],
+    sets: Option<Setting>,
+    times: Option<f64>,
 }
 
 impl Dose {
-    /// Creates a dose from 0 to `most`.
-    pub(crate) const fn new(unit: &'static str, default: f64, most: f64) -> Self {
-        Self { unit, default, least: 0.0, most }
-    }
-
-    /// Creates a dose of either sign, from `-most` to `most`.
-    pub(crate) const fn signed(unit: &'static str, default: f64, most: f64) -> Self {
-        Self { unit, default, least: -most, most }
-    }
-
     /// Reads `part` of the argument `text`.
     pub(crate) fn read(&self, part: &str, text: &str) -> Result<f64, String> {
-        let value = part.parse().ok().filter(|value| (self.least..=self.most).contains(value));
-        let Self { unit, least, most, .. } = self;
+        let Self { unit, range: [least, most], .. } = self;
+        let value = part.parse().ok().filter(|value| (*least..=*most).contains(value));
         value.ok_or_else(|| format!("'{text}': '{part}' is not a number from {least} to {most} ({unit})"))
     }
 }
 
 /// A kind of error or condition.
-#[derive(Debug)]
-pub struct NamedKind {
-    /// Name.
-    pub name: &'static str,
-    /// Description, in a sentence.
-    pub about: &'static str,
-    /// Doses, in order.
-    pub doses: &'static [Dose],
-    /// Doses with which a campaign flies it, the first ones of each.
-    pub(super) cases: &'static [&'static [f64]],
-    pub(super) apply: fn(&mut Scenario, &[f64; DOSES]),
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NamedKind {
+    name: String,
+    about: String,
+    doses: Vec<Dose>,
+    #[serde(default)]
+    also: Vec<(Setting, f64)>,
+    cases: Vec<Vec<f64>>,
 }
 
-/// A table of kinds.
-pub trait Family: 'static {
-    /// The noun for one of them in messages.
-    const NOUN: &'static str;
-    /// All kinds.
-    const KINDS: &'static [NamedKind];
+/// Table of the kinds.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Kinds {
+    imu_error: Vec<NamedKind>,
+    condition: Vec<NamedKind>,
 }
 
-/// A kind of the family `F` with its doses.
-pub struct Named<F> {
+static KINDS: LazyLock<Kinds> =
+    LazyLock::new(|| toml::from_str(include_str!("disturbances.toml")).expect("the table of disturbances"));
+
+/// An error of the inertial sensor (`IS_IMU`) or a condition, with its doses.
+#[derive(Clone, Copy)]
+pub struct Named<const IS_IMU: bool> {
     kind: &'static NamedKind,
     doses: [f64; DOSES],
-    family: PhantomData<F>,
 }
 
-impl<F: Family> Named<F> {
+/// An error of the inertial sensor.
+pub type ImuError = Named<true>;
+/// A condition of light, camera, scene or motion.
+pub type SimulatedCondition = Named<false>;
+
+impl<const IS_IMU: bool> Named<IS_IMU> {
+    const NOUN: &str = if IS_IMU { "error of an inertial sensor" } else { "condition" };
+
+    fn kinds() -> &'static [NamedKind] {
+        if IS_IMU { &KINDS.imu_error } else { &KINDS.condition }
+    }
+
     /// All kinds with the doses of a campaign.
     pub fn cases() -> impl Iterator<Item = Self> {
-        F::KINDS.iter().flat_map(|kind| {
+        Self::kinds().iter().flat_map(|kind| {
             kind.cases.iter().map(move |doses| {
                 let mut named = Self::of(kind);
                 named.doses[..doses.len()].copy_from_slice(doses);
@@ -85,94 +90,76 @@ impl<F: Family> Named<F> {
 
     /// `kind` with its default doses.
     fn of(kind: &'static NamedKind) -> Self {
-        let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
-        Self { kind, doses, family: PhantomData }
-    }
-
-    /// Name.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        self.kind.name
+        Self { kind, doses: std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default)) }
     }
 
     /// Makes `scenario` one with it.
     pub fn apply(&self, scenario: &mut Scenario) {
-        (self.kind.apply)(scenario, &self.doses);
+        let dosed = self.kind.doses.iter().zip(self.doses);
+        let dosed = dosed.filter_map(|(dose, value)| Some((dose.sets?, value * dose.times.unwrap_or(1.0))));
+        dosed.chain(self.kind.also.iter().copied()).for_each(|(set, value)| set.apply(scenario, value));
     }
 
     /// One line for each kind: name, doses with units and defaults, and what it is.
     #[must_use]
     pub fn help() -> String {
         let line = |kind: &NamedKind| {
-            let doses: Vec<_> =
-                kind.doses.iter().map(|dose| format!("{} [{}]", dose.unit, dose.default)).collect();
-            format!("{}:{} - {}", kind.name, doses.join(":"), kind.about)
+            let doses = kind.doses.iter().map(|dose| format!("{} [{}]", dose.unit, dose.default));
+            format!("{}:{} - {}", kind.name, doses.collect::<Vec<_>>().join(":"), kind.about)
         };
-        F::KINDS.iter().map(line).collect::<Vec<_>>().join("\n")
+        Self::kinds().iter().map(line).collect::<Vec<_>>().join("\n")
     }
 }
 
-impl<F: Family> FromStr for Named<F> {
+impl<const IS_IMU: bool> FromStr for Named<IS_IMU> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let mut parts = text.split(':');
         let name = parts.next().unwrap_or_default();
-        let names = || F::KINDS.iter().map(|kind| kind.name).collect::<Vec<_>>().join(", ");
-        let kind = F::KINDS
-            .iter()
-            .find(|kind| kind.name == name)
-            .ok_or_else(|| format!("unknown {} '{name}'; choose {}", F::NOUN, names()))?;
+        let kind = Self::kinds().iter().find(|kind| kind.name == name).ok_or_else(|| {
+            let names: Vec<_> = Self::kinds().iter().map(|kind| kind.name.as_str()).collect();
+            format!("unknown {} '{name}'; choose {}", Self::NOUN, names.join(", "))
+        })?;
         let mut named = Self::of(kind);
         for (i, part) in parts.enumerate() {
-            let dose = kind
-                .doses
-                .get(i)
-                .ok_or_else(|| format!("'{text}': {name} has {} doses", kind.doses.len()))?;
+            let dose = kind.doses.get(i);
+            let dose = dose.ok_or_else(|| format!("'{text}': {name} has {} doses", kind.doses.len()))?;
             named.doses[i] = dose.read(part, text)?;
         }
         Ok(named)
     }
 }
 
-impl<F> fmt::Display for Named<F> {
+impl<const IS_IMU: bool> fmt::Display for Named<IS_IMU> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.kind.name)?;
         self.doses[..self.kind.doses.len()].iter().try_for_each(|dose| write!(f, ":{dose}"))
     }
 }
 
-impl<F> fmt::Debug for Named<F> {
+impl<const IS_IMU: bool> fmt::Debug for Named<IS_IMU> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
     }
 }
 
-// Derived, these would ask the same of the family.
-impl<F> Clone for Named<F> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<F> Copy for Named<F> {}
-
-impl<F> PartialEq for Named<F> {
+/// Two are the same if they are written alike.
+impl<const IS_IMU: bool> PartialEq for Named<IS_IMU> {
     fn eq(&self, other: &Self) -> bool {
-        self.kind.name == other.kind.name && self.doses.map(f64::to_bits) == other.doses.map(f64::to_bits)
+        self.to_string() == other.to_string()
     }
 }
 
-impl<F> Eq for Named<F> {}
+impl<const IS_IMU: bool> Eq for Named<IS_IMU> {}
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ImuError, SimulatedCondition};
     use super::*;
 
-    fn each_case_changes_a_flight<F: Family>() {
-        for named in Named::<F>::cases() {
-            assert_eq!(named.to_string().parse::<Named<F>>().unwrap(), named);
+    fn each_case_changes_a_flight<const IS_IMU: bool>() {
+        for named in Named::<IS_IMU>::cases() {
+            assert_eq!(named.to_string().parse::<Named<IS_IMU>>().unwrap(), named);
             let mut changed = Scenario::default();
             named.apply(&mut changed);
             assert_ne!(changed, Scenario::default(), "{named}");
@@ -195,7 +182,7 @@ mod tests {
 
     #[test]
     fn each_case_of_a_campaign_changes_the_flight() {
-        each_case_changes_a_flight::<super::super::imu_errors::ImuErrors>();
-        each_case_changes_a_flight::<super::super::conditions::Conditions>();
+        each_case_changes_a_flight::<true>();
+        each_case_changes_a_flight::<false>();
     }
 }

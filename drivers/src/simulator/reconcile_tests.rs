@@ -113,11 +113,11 @@ fn recorded_samples_agree_with_their_paths() {
         "MH_04_difficult",
     ] {
         let imu = folder.join(format!("{name}.csv.gz"));
-        let table = crate::euroc::table::read_table(&imu, "", crate::euroc::imu::parse_imu_row).unwrap();
+        let samples = crate::euroc::read_imu_samples(&imu).unwrap();
         let path = folder.with_file_name("trajectories").join(format!("{name}.tum.gz"));
         let poses = crate::tum::read_tum(&path).unwrap();
-        let joined = reconcile(&poses, &table.rows, G).unwrap();
-        let [p, v, q, late] = residuals(&joined, &table.rows);
+        let joined = reconcile(&poses, &samples, G).unwrap();
+        let [p, v, q, late] = residuals(&joined, &samples);
         let path = Trajectory::from_poses(&poses).unwrap();
         let tilt = joined.flight.motion(joined.flight.begin()).pose_w_b.rotation
             * path.motion(joined.flight.begin()).pose_w_b.rotation.inverse();

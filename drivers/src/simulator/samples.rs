@@ -1,25 +1,18 @@
 //! Inertial samples of a simulated flight: made of its motion, or recorded.
 
 use super::LEAD_S;
-use super::imu::{Biases, ImuModel, Residual};
+use super::imu::{Biases, ImuModel};
 use super::reconcile::reconcile;
-use super::spline::Spline;
 use super::trajectory::Trajectory;
 use crate::DriverError;
-use crate::euroc::imu::{IMU_COLUMNS, parse_imu_row};
-use crate::euroc::table::read_table;
+use crate::euroc::read_imu_samples;
 use crate::tum::read_tum;
-use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use std::path::{Path, PathBuf};
 
 /// The rate of recorded samples may be off the configured one by this share.
 const RATE_TOLERANCE: f64 = 0.02;
-/// Knots of a spline that passes what is below 10 Hz, s.
-const FAST_KNOT_S: f64 = 0.05;
-/// Fewest samples that a residual is made of.
-const MIN_RESIDUALS: usize = 200;
 
 /// Source of the inertial samples of a simulated flight.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -30,8 +23,6 @@ pub enum Inertial {
     /// Samples recorded along the path (columns of EuRoC's `imu0/data.csv`, plain or gzip), as they are. The path, a TUM file,
     /// is made to agree with them first.
     Recorded(PathBuf),
-    /// As simulated, with what samples recorded along the path hold above 10 Hz and the path does not.
-    Residual(PathBuf),
 }
 
 /// The file of the samples that were recorded along the trajectory `path`, in the folders of the shared data:
@@ -118,48 +109,9 @@ impl Recording {
     }
 }
 
-/// Residual of the samples of `file` above 10 Hz over the `path` along which they were recorded; from `begin`
-/// on, then from the first sample on.
-pub(super) fn residual(
-    file: &Path,
-    path: &Trajectory,
-    imu: &ImuConfig,
-    begin: Timestamp,
-) -> Result<Vec<Residual>, DriverError> {
-    let mut samples = read_samples(file, imu)?;
-    samples.retain(|s| (path.begin()..=path.end()).contains(&s.stamp));
-    if samples.len() < MIN_RESIDUALS {
-        return Err(DriverError::malformed(
-            file,
-            "holds no samples of the path; give those recorded along it",
-        ));
-    }
-    let up = Vector3::new(0.0, 0.0, imu.gravity_m_s2);
-    let rest = |s: &ImuSample| {
-        let motion = path.motion(s.stamp);
-        let force = motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up));
-        (s.gyro - motion.omega_b, s.accel - force)
-    };
-    let times: Vec<f64> = samples.iter().map(|s| s.stamp.seconds_since(samples[0].stamp)).collect();
-    let rests: Vec<_> = samples.iter().map(rest).collect();
-    let gyro = fast(&times, rests.iter().map(|(gyro, _)| *gyro));
-    let accel = fast(&times, rests.iter().map(|(_, accel)| *accel));
-    let mut residual: Vec<_> =
-        gyro.into_iter().zip(accel).map(|(gyro, accel)| Residual { gyro, accel }).collect();
-    residual.rotate_left(samples.partition_point(|s| s.stamp < begin) % samples.len());
-    Ok(residual)
-}
-
-/// The fast part of `values`: what a spline that passes 10 Hz leaves.
-fn fast(times: &[f64], values: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector3<f64>> {
-    let values: Vec<(f64, [f64; 3])> = times.iter().copied().zip(values.map(Into::into)).collect();
-    let slow = Spline::fit(&values, times[times.len() - 1], FAST_KNOT_S);
-    values.iter().map(|(t, v)| Vector3::from(*v) - Vector3::from(slow.jet(*t).value)).collect()
-}
-
 /// The samples of `file`, of the rate that `imu` says.
 fn read_samples(file: &Path, imu: &ImuConfig) -> Result<Vec<ImuSample>, DriverError> {
-    let samples = read_table(file, IMU_COLUMNS, parse_imu_row)?.rows;
+    let samples = read_imu_samples(file)?;
     let span_s = match samples.as_slice() {
         [first, .., last] => last.stamp.seconds_since(first.stamp),
         _ => 0.0,

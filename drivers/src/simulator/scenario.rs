@@ -1,15 +1,11 @@
 //! Scenario of a simulated flight.
 
-use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
-use super::samples::residual;
-use super::station::Station;
-use super::surroundings::Surroundings;
-use super::twin::{self, Twins};
-use super::vehicle_parts::vehicle_masks;
-use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
+use super::laps::laps;
+use super::path::{self, hand_held};
+use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Surroundings, Trajectory};
+use crate::DriverError;
 use crate::tum::read_tum;
-use crate::{DriverError, StampedPose};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::UnitQuaternion;
 use plumbline_config::options::{Mask, Mounting, VehicleConfig};
 use plumbline_config::{Config, Portable, Timestamp};
 use std::path::PathBuf;
@@ -87,32 +83,24 @@ pub struct Scenario {
     pub imu: ImuEffects,
     /// Source of the inertial samples.
     pub inertial: Inertial,
-    /// A knock that moves the vehicle.
-    pub knock: Option<Knock>,
     /// The whole scene leans by this angle from the vertical, degrees, towards a direction that the seed draws. Path and
     /// gravity stay.
     pub lean_deg: f64,
     /// The rig that the estimator believes is drawn around the true one, with this multiple of the standard deviations that
     /// `[rig]` states; 0 for the true one.
     pub calibration_error: f64,
-    /// The path of a file is flown at this multiple of its speed.
-    pub speed: f64,
     /// Change of the scene.
     pub surroundings: Surroundings,
     /// People who cross the view.
-    pub people: Option<People>,
-    /// True if legs and rotors of the vehicle are in view.
-    pub vehicle_parts: bool,
-    /// True if the rig has masks of these parts.
-    pub masks_vehicle_parts: bool,
+    pub people: People,
     /// By how much the intrinsics that the estimator believes are off.
     pub intrinsics_error: IntrinsicsError,
 }
 
 /// Boxes of a person's size that cross the view, and keep their distance to the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct People {
-    /// Share of the view's width that they fill side by side.
+    /// Share of the view's width that they fill side by side; 0 for nobody.
     pub share: f64,
     /// Velocity against the view, m/s.
     pub speed_m_s: f64,
@@ -131,18 +119,6 @@ pub struct IntrinsicsError {
     pub vergence_rad: f64,
 }
 
-/// A knock: the vehicle is moved by a smooth and very short push, so that images, samples and truth agree, but for what the
-/// inertial sensor's samples miss of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Knock {
-    /// Time of the push, s after the first frame (and up to one sample later, by the seed).
-    pub at_s: f64,
-    /// Duration of the push, s.
-    pub length_s: f64,
-    /// Distance, m; the direction is drawn.
-    pub distance_m: f64,
-}
-
 impl Default for Scenario {
     fn default() -> Self {
         Self {
@@ -156,14 +132,10 @@ impl Default for Scenario {
             effects: Effects::default(),
             imu: ImuEffects::default(),
             inertial: Inertial::default(),
-            knock: None,
             lean_deg: 0.0,
             calibration_error: 0.0,
-            speed: 1.0,
             surroundings: Surroundings::Usual,
-            people: None,
-            vehicle_parts: false,
-            masks_vehicle_parts: false,
+            people: People::default(),
             intrinsics_error: IntrinsicsError::default(),
         }
     }
@@ -173,77 +145,41 @@ impl Scenario {
     /// Checks the scenario against the rig.
     pub(super) fn check(&self, config: &Config) -> Result<(), DriverError> {
         let e = &self.effects;
+        let (is_file, is_recorded) = (matches!(self.path, FlightPath::Tum(_)), self.has_recorded_samples());
+        let rates = config.camera.iter().map(|c| c.rate_hz).chain([config.imu.rate_hz]);
+        let is_short = self.start_s + self.duration_s <= MAX_DEMO_S;
+        let has_own_path = self.laps == 1 && is_file;
         let checks = [
             (matches!(config.camera.len(), 1 | 2), "the rig must have one or two cameras"),
-            (
-                config.camera.iter().all(|c| c.rate_hz > 0.0) && config.imu.rate_hz > 0.0,
-                "rates must be positive",
-            ),
+            (rates.into_iter().all(|hz| hz > 0.0), "rates must be positive"),
             (self.start_s >= 0.0 && self.start_s.is_finite(), "the start must be a number of seconds from 0"),
             (self.duration_s > 0.0, "the duration must be positive"),
             ((1..=100).contains(&self.laps), "there must be 1 to 100 laps"),
+            (is_file || is_short, "the built-in flight lasts two hours at most; choose a shorter duration"),
             (
-                self.laps == 2 || !matches!(self.scene, Scene::Rooms(_)),
-                "through two rooms there must be two laps",
-            ),
-            (
-                matches!(self.path, FlightPath::Tum(_)) || self.start_s + self.duration_s <= MAX_DEMO_S,
-                "the built-in flight lasts two hours at most; choose a shorter duration",
-            ),
-            (
-                self.inertial == Inertial::Simulated
-                    || self.laps == 1 && matches!(self.path, FlightPath::Tum(_)),
+                !is_recorded || has_own_path,
                 "recorded inertial samples need the recorded path they belong to, flown once",
             ),
             (
-                !self.has_recorded_samples() || self.imu == ImuEffects::default() && self.knock.is_none(),
+                !is_recorded || self.imu == ImuEffects::default(),
                 "recorded inertial samples have the errors of their sensor; leave simulated ones out",
-            ),
-            (
-                self.imu.residual_scale == 0.0 || self.inertial != Inertial::Simulated,
-                "the residual of recorded inertial samples needs the recorded path they belong to",
-            ),
-            (
-                self.knock.is_none_or(|k| k.at_s >= 0.0 && k.length_s >= 1e-3 && k.distance_m.is_finite()),
-                "the knock must come after the first frame and last for a millisecond or more",
             ),
             (
                 (0.0..=10.0).contains(&self.calibration_error),
                 "the calibration error must be within 0 to 10 standard deviations",
-            ),
-            (
-                self.speed == 1.0
-                    || self.inertial == Inertial::Simulated && matches!(self.path, FlightPath::Tum(_)),
-                "only the path of a file can be flown at another speed, and without its recorded inertial samples",
-            ),
-            (
-                self.surroundings == Surroundings::Usual || !matches!(self.scene, Scene::Rooms(_)),
-                "two rooms that look alike keep their looks",
             ),
             ((0.0..=LEAD_S).contains(&e.readout_s), "the readout must be within 0 to 0.1 s"),
             (self.lean_deg.abs() <= 5.0, "the scene may lean by 5 degrees at most"),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
             ((0.0..=LEAD_S).contains(&e.exposure_s), "the exposure must be within 0 to 0.1 s"),
-            ((0.0..1.0).contains(&e.frames.drop_probability), "the drop probability must be within 0 to 1"),
-            (
-                e.read_noise >= 0.0 && e.shot_noise >= 0.0 && e.gain > 0.0,
-                "noise and gain must not be negative",
-            ),
+            (e.read_noise >= 0.0 && e.shot_noise >= 0.0, "noise must not be negative"),
+            (e.gain > 0.0, "the gain must be positive"),
         ];
         match checks.iter().find(|(holds, _)| !holds) {
             Some((_, message)) => Err(DriverError::Scenario((*message).into())),
             None => Ok(()),
         }
-    }
-
-    /// True if a flight that differs only in its duration has other images from the first frame on. Once
-    /// along a file it has the same ones, since scene and light surround the path of the whole file. The
-    /// built-in paths, and one in laps, are drawn through samples up to where the flight ends, and walls and
-    /// furniture keep clear of what is flown.
-    #[must_use]
-    pub fn frames_depend_on_duration(&self) -> bool {
-        !matches!(self.path, FlightPath::Tum(_)) || self.laps > 1
     }
 
     /// True if the inertial samples are recorded ones, with which the path is reconciled.
@@ -252,7 +188,7 @@ impl Scenario {
         matches!(self.inertial, Inertial::Recorded(_))
     }
 
-    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer and its readout. On
+    /// The rig that is simulated: `config` at the scenario's resolution, with its readout and exposure. On
     /// a built-in path the vehicle is mounted around its left camera, and the mounting of the IMU follows; a file flies any
     /// vehicle.
     #[must_use]
@@ -265,80 +201,45 @@ impl Scenario {
                 rig.vehicle = VehicleConfig { imu_to_vehicle_deg: Mounting::of_rotation(&rot_v_b) };
             }
         }
-        if self.imu.clipped_share > 0.0 {
-            rig.imu.accel_range_m_s2 = CLIPPED_RANGE_M_S2;
-        }
-        if self.effects.readout_s > 0.0 {
-            rig.camera.iter_mut().for_each(|camera| camera.readout_s = self.effects.readout_s);
-        }
-        if self.effects.exposure_s > 0.0 {
-            rig.camera.iter_mut().for_each(|camera| camera.exposure_s = self.effects.exposure_s);
-        }
-        if self.masks_vehicle_parts {
-            let masks = vehicle_masks(&rig.camera);
-            for (camera, mask) in rig.camera.iter_mut().zip(masks) {
-                camera.mask = Some(Mask::Pixels(mask));
-            }
+        for camera in &mut rig.camera {
+            let Effects { readout_s, exposure_s, .. } = self.effects;
+            camera.readout_s = if readout_s > 0.0 { readout_s } else { camera.readout_s };
+            camera.exposure_s = if exposure_s > 0.0 { exposure_s } else { camera.exposure_s };
         }
         rig
     }
 
-    /// The whole path, and the rooms that it leads through where there are two.
-    pub(super) fn flight(&self, config: &Config) -> Result<(Trajectory, Option<Twins>), DriverError> {
+    /// The whole path.
+    pub(super) fn flight(&self, config: &Config) -> Result<Trajectory, DriverError> {
         let once = self.once(config)?;
         if self.laps == 1 {
-            return Ok((once, None));
+            return Ok(once);
         }
         let rest_s = once.end().seconds_since(once.begin()) - self.start_s - LEAD_S;
         let lap = (self.start_s, (self.duration_s + LEAD_S).at_most(rest_s));
-        let twins = match self.scene {
-            Scene::Rooms(kind) => Some(Twins::new(kind, &twin::positions(&once, lap))),
-            _ => None,
-        };
-        let shift = twins.as_ref().map_or_else(Vector3::zeros, Twins::shift);
-        let flight = laps::laps(&once, lap, self.laps, &shift)
-            .ok_or_else(|| DriverError::Scenario("the path is too short to be flown in laps".into()))?;
-        Ok((flight, twins))
+        laps(&once, lap, self.laps)
+            .ok_or_else(|| DriverError::Scenario("the path is too short to be flown in laps".into()))
     }
 
     /// The path as it is given.
     fn once(&self, config: &Config) -> Result<Trajectory, DriverError> {
         let length_s = (self.start_s + self.duration_s + 2.0 * LEAD_S).at_least(1.0);
-        let pose_b_c = config.camera[0].pose_b_c();
-        let too_short = || DriverError::Scenario("the built-in flight is too short".into());
+        let flown = |at: &dyn Fn(f64) -> path::Place| {
+            path::flown(length_s, &config.camera[0].pose_b_c(), at)
+                .ok_or_else(|| DriverError::Scenario("the built-in flight is too short".into()))
+        };
         match &self.path {
-            FlightPath::Demo => path::demo(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::HandHeld => hand::hand_held(length_s, &pose_b_c, self.seed).ok_or_else(too_short),
-            FlightPath::Hover => Station::Hover.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Drift => Station::Drift.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Carried => Station::Carried.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Yaws => Station::Yaws.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Sweeps => Station::Sweeps.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Tum(file) => {
-                let mut poses = read_tum(file)?;
-                hurry(&mut poses, self.speed);
-                Trajectory::from_poses(&poses).ok_or_else(|| {
-                    DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
-                })
-            }
+            FlightPath::Demo => flown(&path::demo),
+            FlightPath::HandHeld => flown(&hand_held(self.seed)),
+            FlightPath::Hover => flown(&path::hover),
+            FlightPath::Drift => flown(&path::drift),
+            FlightPath::Carried => flown(&path::carried),
+            FlightPath::Yaws => flown(&path::yaws),
+            FlightPath::Sweeps => flown(&path::sweeps),
+            FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
+                DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
+            }),
         }
-    }
-
-    /// The sensor along `flight`, around frames of `duration_s` from `first_frame` on.
-    pub(super) fn sensor(
-        &self,
-        config: &Config,
-        flight: &Trajectory,
-        first_frame: Timestamp,
-        duration_s: f64,
-    ) -> Result<ImuModel, DriverError> {
-        let begin = first_frame.plus_seconds(-LEAD_S);
-        let end = first_frame.plus_seconds(duration_s + LEAD_S);
-        let sensor = ImuModel::new(&config.imu, self.imu, self.seed, begin, end).clipping(flight);
-        Ok(match &self.inertial {
-            Inertial::Residual(file) => sensor.with_residual(residual(file, flight, &config.imu, begin)?),
-            _ => sensor,
-        })
     }
 
     /// First image and duration (s).
@@ -357,14 +258,6 @@ impl Scenario {
             )));
         }
         Ok((first, duration_s.at_most(rest_s)))
-    }
-}
-
-/// Makes `poses` follow one another `times` as fast.
-fn hurry(poses: &mut [StampedPose], times: f64) {
-    let Some(begin) = poses.first().map(|pose| pose.stamp).filter(|_| times != 1.0) else { return };
-    for pose in poses {
-        pose.stamp = begin.plus_seconds(pose.stamp.seconds_since(begin) / times);
     }
 }
 
@@ -429,24 +322,6 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_flight_goes_the_same_way() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("wobble.tum");
-        crate::tum::write_tum(&file, &fixture::wobble_poses(6.0)).unwrap();
-        let flight = |speed| {
-            let path = FlightPath::Tum(file.clone());
-            let scenario = Scenario { path, speed, ..Scenario::default() };
-            scenario.flight(&fixture::config()).unwrap().0
-        };
-        let (usual, fast) = (flight(1.0), flight(1.5));
-        let at = |k: i32| (usual.motion_at(0.3 * f64::from(k)), fast.motion_at(0.2 * f64::from(k)));
-        for (a, b) in (1..19).map(at) {
-            assert!((a.pose_w_b.translation.vector - b.pose_w_b.translation.vector).norm() < 0.005);
-            assert!((a.v_w_b * 1.5 - b.v_w_b).norm() < 0.05);
-        }
-    }
-
-    #[test]
     fn the_built_in_flight_is_another_one_for_each_duration() {
         assert!(!is_beginning(&simulator(&FlightPath::Demo, 4.0), &simulator(&FlightPath::Demo, 8.0)));
     }
@@ -469,13 +344,4 @@ mod tests {
         }
     }
 
-    #[test]
-    fn what_the_duration_changes_is_told() {
-        let file = FlightPath::Tum("path.tum".into());
-        for (path, laps, depends) in [(FlightPath::Demo, 1, true), (file.clone(), 1, false), (file, 2, true)]
-        {
-            let scenario = Scenario { path, laps, ..Scenario::default() };
-            assert_eq!(scenario.frames_depend_on_duration(), depends);
-        }
-    }
 }

@@ -10,7 +10,6 @@ use super::real_finish::RealFinishes;
 use super::real_hall::real_hall;
 use super::real_room::real_room;
 use super::solid::{Bounds, Solid};
-use super::surroundings::Surroundings;
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 use plumbline_config::Portable;
@@ -30,15 +29,6 @@ const SPOT_M: f64 = 0.06;
 /// Views of a camera that cover the sphere: 1.25 sr each.
 const VIEWS_OF_SPHERE: f64 = 10.0;
 
-/// Likeness of the second room to the first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Twin {
-    /// It is the same again, beside it.
-    Repeated,
-    /// It is the first in a mirror that stands between them.
-    Mirrored,
-}
-
 /// Scene of the flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scene {
@@ -50,12 +40,10 @@ pub enum Scene {
     LowTexture,
     /// High above everything: ground, walls and ceiling some 80 m away.
     Far,
-    /// Two furnished rooms that look alike, side by side: a lap through each.
-    Rooms(Twin),
 }
 
 impl Scene {
-    /// The scene that is called `room`, `hall`, `low-texture` or `far`; others are made of those.
+    /// The scene that is called `room`, `hall`, `low-texture` or `far`.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         match name {
@@ -68,6 +56,26 @@ impl Scene {
     }
 }
 
+/// Change of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Surroundings {
+    /// It stays.
+    #[default]
+    Usual,
+    /// One pattern on everything, which repeats itself.
+    Repeated {
+        /// Period at a distance of 3 m, px of the preset `sim` at full size.
+        period_px: f64,
+    },
+    /// Plain walls without furniture.
+    Bare {
+        /// Dark spots in a view.
+        spots: f64,
+    },
+    /// A hall of machines, a room of mats: surfaces of all tones, plain or with mostly weak patterns, some of which mirror the lamps.
+    Real,
+}
+
 const fn finish(material: Material) -> Finish {
     Finish::of(material)
 }
@@ -75,56 +83,28 @@ const fn finish(material: Material) -> Finish {
 /// Builds `scene` around the flight through `path` (positions in the world, m).
 pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>], surroundings: Surroundings) -> World {
     let flight = Bounds::around(path);
-    match surroundings {
-        Surroundings::Usual => build_around(scene, seed, &flight, path),
+    let builder = Builder::new(seed, path);
+    let mut builder = match surroundings {
+        Surroundings::Usual => builder,
         Surroundings::Repeated { period_px } => {
             let zoom = period_px * REPEATED_AT_M / REPEATED_FOCAL_PX / GRID_CELL_M;
-            furnished(
-                Builder::new(seed, path).wrapped_in(Finish::of(Material::Grid).zoomed(zoom)),
-                scene,
-                &flight,
-            )
+            builder.wrapped_in(Finish::of(Material::Grid).zoomed(zoom))
         }
-        Surroundings::Bare { spots } => bare(Builder::new(seed, path), &flight, spots),
-        Surroundings::Real => {
-            let real = match scene {
-                Scene::Hall | Scene::Far => RealFinishes::of_hall(seed),
-                Scene::Room | Scene::Rooms(_) | Scene::LowTexture => RealFinishes::of_room(seed),
-            };
-            let mut builder = Builder::new(seed, path).finished_by(real);
-            let lighting = match scene {
-                Scene::Hall => real_hall(&mut builder, &flight),
-                Scene::Room => real_room(&mut builder, &flight),
-                _ => furnish(&mut builder, scene, &flight),
-            };
-            finished(builder, &lighting)
+        Surroundings::Bare { spots } => return bare(builder, &flight, spots),
+        Surroundings::Real if matches!(scene, Scene::Hall | Scene::Far) => {
+            builder.finished_by(RealFinishes::of_hall(seed))
         }
-    }
-}
-
-/// Builds `scene` around `flight`; furniture keeps clear of `path`.
-pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vector3<f64>]) -> World {
-    furnished(Builder::new(seed, path), scene, flight)
-}
-
-fn furnished(mut builder: Builder<'_>, scene: Scene, flight: &Bounds) -> World {
-    let lighting = furnish(&mut builder, scene, flight);
-    finished(builder, &lighting)
-}
-
-/// Furnishes `scene` in its usual way.
-fn furnish(b: &mut Builder<'_>, scene: Scene, flight: &Bounds) -> Lighting {
-    match scene {
-        Scene::Room | Scene::Rooms(_) => room(b, flight),
-        Scene::Hall => hall(b, flight),
-        Scene::Far => far(b, flight),
-        Scene::LowTexture => plain_room(b, flight),
-    }
-}
-
-/// World of what was built.
-fn finished(mut builder: Builder<'_>, lighting: &Lighting) -> World {
-    bake(&mut builder.surfaces, &builder.casters, lighting);
+        Surroundings::Real => builder.finished_by(RealFinishes::of_room(seed)),
+    };
+    let lighting = match (scene, surroundings) {
+        (Scene::Hall, Surroundings::Real) => real_hall(&mut builder, &flight),
+        (Scene::Room, Surroundings::Real) => real_room(&mut builder, &flight),
+        (Scene::Room, _) => room(&mut builder, &flight),
+        (Scene::Hall, _) => hall(&mut builder, &flight),
+        (Scene::Far, _) => far(&mut builder, &flight),
+        (Scene::LowTexture, _) => plain_room(&mut builder, &flight),
+    };
+    bake(&mut builder.surfaces, &builder.casters, &lighting);
     let mut world = World::new(builder.surfaces);
     if world.surfaces.iter().any(|surface| surface.finish.gloss > 0.0) {
         world.lamps.extend(lighting.lamps.iter().map(|lamp| lamp.p_w));
@@ -175,7 +155,7 @@ fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {
 }
 
 /// The room around a flight.
-pub(super) fn room_around(flight: &Bounds) -> Bounds {
+fn room_around(flight: &Bounds) -> Bounds {
     grown(flight, [1.6, 1.4], 1.1)
 }
 
@@ -296,7 +276,7 @@ fn machine(b: &mut Builder<'_>, foot: Vector3<f64>) {
 }
 
 fn plain_room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
-    let bounds = grown(flight, [1.6, 1.4], 1.1);
+    let bounds = room_around(flight);
     let wall = finish(Material::Paint);
     let tones = [0.86, 0.78, 0.92, 0.82].map(|bright| wall.toned(0.0, bright));
     let floor = finish(Material::Panels).toned(0.05, 0.85).zoomed(1.3);

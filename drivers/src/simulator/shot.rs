@@ -3,16 +3,14 @@
 use super::world::World;
 use nalgebra::Isometry3;
 
-/// Most things that move.
-pub(super) const MAX_MOVERS: usize = 16;
+/// Most people.
+pub(super) const MAX_MOVERS: usize = 4;
 
 /// One instant of one camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shot {
     /// Pose of the camera in the world.
     pub(super) pose_w_c: Isometry3<f64>,
-    /// Focal length against the tabulated one.
-    pub(super) zoom: f32,
     /// Poses in the world of the things that move, as many as the world has.
     pub(super) movers: [Isometry3<f64>; MAX_MOVERS],
 }
@@ -20,7 +18,7 @@ pub(super) struct Shot {
 impl Shot {
     /// A camera in a world in which nothing moves.
     pub(super) fn at(pose_w_c: Isometry3<f64>) -> Self {
-        Self { pose_w_c, zoom: 1.0, movers: [Isometry3::identity(); MAX_MOVERS] }
+        Self { pose_w_c, movers: [Isometry3::identity(); MAX_MOVERS] }
     }
 
     /// Pose of the camera in the frame of each of the surfaces: ranges of them, those at rest first.

@@ -7,7 +7,6 @@
 
 use super::spline::Spline;
 use crate::StampedPose;
-use crate::random::{Draws, Purpose};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp, median};
 
@@ -24,9 +23,6 @@ const MEDIAN_HALF_WIDTH: usize = 6;
 const JUMP_M_S: f64 = 0.4;
 /// Samples further apart than this are not searched for jumps.
 const JUMP_MAX_INTERVAL_S: f64 = 0.02;
-
-/// A knock falls anywhere between two samples at 200 Hz.
-const KNOCK_PHASE_S: f64 = 0.005;
 
 /// State of motion at one time. `W` is the world (z up), `B` the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,26 +44,6 @@ pub struct Trajectory {
     end: Timestamp,
     position: Spline<3>,
     attitude: Spline<4>,
-    knock: Option<Push>,
-}
-
-/// A smooth displacement within a short time.
-#[derive(Clone, Debug)]
-struct Push {
-    begin_s: f64,
-    length_s: f64,
-    displacement_w: Vector3<f64>,
-}
-
-impl Push {
-    /// Displacement, velocity and acceleration at `t_s`: a step of the fifth degree, without acceleration at its ends.
-    fn at(&self, t_s: f64) -> [Vector3<f64>; 3] {
-        let x = ((t_s - self.begin_s) / self.length_s).clamp(0.0, 1.0);
-        let value = x * x * x * (10.0 + x * (6.0 * x - 15.0));
-        let first = 30.0 * x * x * (1.0 - x) * (1.0 - x) / self.length_s;
-        let second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (self.length_s * self.length_s);
-        [value, first, second].map(|share| self.displacement_w * share)
-    }
 }
 
 impl Trajectory {
@@ -96,17 +72,7 @@ impl Trajectory {
             end: poses[poses.len() - 1].stamp,
             position: Spline::fit(&zip(times, positions), end_s, step_s),
             attitude: Spline::fit(&zip(times, &continuous_quaternions(poses)), end_s, step_s),
-            knock: None,
         }
-    }
-
-    /// Moves the vehicle by `distance_m` within `length_s` from `at` on, or up to 5 ms later; `seed` says how much later, and in
-    /// which direction.
-    pub(super) fn knock(&mut self, at: Timestamp, length_s: f64, distance_m: f64, seed: u64) {
-        let mut draws = Draws::new(seed, Purpose::Knock, 0);
-        let begin_s = at.seconds_since(self.begin) + draws.range(0.0, KNOCK_PHASE_S);
-        let direction = Vector3::from_fn(|_, _| draws.normal()).normalize();
-        self.knock = Some(Push { begin_s, length_s, displacement_w: direction * distance_m });
     }
 
     /// First time of the flight.
@@ -134,22 +100,15 @@ impl Trajectory {
         let q = Quaternion::from(nalgebra::Vector4::from(attitude.value));
         let rate = Quaternion::from(nalgebra::Vector4::from(attitude.first));
         let translation = Translation3::from(Vector3::from(position.value));
-        let mut motion = MotionState {
+        MotionState {
             pose_w_b: Isometry3::from_parts(translation, UnitQuaternion::new_normalize(q)),
             v_w_b: position.first.into(),
             a_w_b: position.second.into(),
             omega_b: 2.0 * (q.conjugate() * rate).vector() / q.norm_squared(),
-        };
-        if let Some(knock) = &self.knock {
-            let [p, v, a] = knock.at(t_s);
-            motion.pose_w_b.translation.vector += p;
-            motion.v_w_b += v;
-            motion.a_w_b += a;
         }
-        motion
     }
 
-    /// Positions of the whole flight without knocks, `interval_s` apart.
+    /// Positions of the whole flight, `interval_s` apart.
     pub fn positions(&self, interval_s: f64) -> impl Iterator<Item = Vector3<f64>> + '_ {
         let count = (self.end.seconds_since(self.begin) / interval_s) as usize;
         (0..=count).map(move |i| self.position.jet(i as f64 * interval_s).value.into())

@@ -319,9 +319,9 @@ mod tests {
             table(about, &kinds())
         };
         for (name, kinds) in [
-            ("conditions", &["blur:exposure, ms [6]", "bare-hover:", "warming:"][..]),
+            ("conditions", &["blur:exposure, ms [6]", "bare-hover:", "intrinsics:"][..]),
             ("faults", &["stamp-jitter:", "gyro-late:AXES [xyz]:ms [20] [@10]", "rig-lens"]),
-            ("imu-errors", &["force:", "residual:"]),
+            ("imu-errors", &["force:", "vibration:"]),
         ] {
             let text = of(name);
             assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");

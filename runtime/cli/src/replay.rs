@@ -289,7 +289,7 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
         let error_deg = options.extrinsics_error_deg;
         let mono = args.mono || named.mono;
         let flight = open_simulation(config, &scenario, mono, error_deg, args.cache.as_deref())?;
-        return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
+        return options.faults.inject(flight, scenario.seed, true);
     }
     let frames = match &args.frames {
         None => None,
@@ -304,6 +304,5 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     if let Some(frames) = flight.stereo.expected_frames() {
         args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
     }
-    let flight = flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed);
-    Ok(flight.with_injected(&args.scenario.faults.fault, args.scenario.seed)?)
+    args.scenario.faults.inject(flight, args.scenario.seed, false)
 }

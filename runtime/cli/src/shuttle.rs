@@ -181,8 +181,7 @@ fn open(args: &ShuttleArgs) -> Result<Flight> {
     if let Some(frames) = flight.stereo.expected_frames() {
         args.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
     }
-    let flight = flight.with_faults(args.faults.frame_faults()?, args.seed);
-    Ok(flight.with_injected(&args.faults.fault, args.seed)?)
+    args.faults.inject(flight, args.seed, false)
 }
 
 /// Copies the streams to disk.

@@ -3,7 +3,7 @@
 use super::{CampaignArgs, ImuChoice};
 use crate::Usage;
 use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{Family, Named};
+use plumbline_drivers::simulator::Named;
 use plumbline_lab::campaign::CampaignFault;
 
 /// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
@@ -88,7 +88,7 @@ fn injected(text: &str, duration_s: f64) -> Result<InjectedFault, Usage> {
 }
 
 /// The errors or conditions of those names.
-pub fn each_named<F: Family>(wanted: &[String]) -> Result<Vec<Named<F>>, Usage> {
+pub fn each_named<const IS_IMU: bool>(wanted: &[String]) -> Result<Vec<Named<IS_IMU>>, Usage> {
     let named = wanted.iter().map(|text| match text.as_str() {
         "all" => Ok(Named::cases().collect()),
         one => one.parse().map(|named| vec![named]).map_err(Usage),
@@ -100,7 +100,6 @@ pub fn each_named<F: Family>(wanted: &[String]) -> Result<Vec<Named<F>>, Usage> 
 mod tests {
     use super::*;
     use clap::Parser;
-    use plumbline_drivers::simulator::{Conditions, ImuErrors};
 
     #[derive(Parser)]
     struct Command {
@@ -118,11 +117,11 @@ mod tests {
     fn errors_of_the_sensor_are_chosen_by_name_and_dose() {
         assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
         assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
-        assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
+        assert!(chosen("--faults").contains(&"misalignment:3".to_owned()));
         assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
-        assert!(each_named::<ImuErrors>(&["force:x".to_owned()]).is_err());
+        assert!(each_named::<true>(&["force:x".to_owned()]).is_err());
         assert_eq!(
-            each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(),
+            each_named::<true>(&["all".to_owned()]).unwrap().len(),
             CampaignFault::inertial().count()
         );
     }
@@ -175,7 +174,7 @@ mod tests {
         assert_eq!(chosen("--faults --fault blur:10:6"), ["blur:10:6:1"]);
         assert!(chosen("--faults").contains(&"night:20:4:8".to_owned()));
         assert_eq!(
-            each_named::<Conditions>(&["all".to_owned()]).unwrap().len(),
+            each_named::<false>(&["all".to_owned()]).unwrap().len(),
             CampaignFault::conditions().count()
         );
     }

@@ -45,7 +45,7 @@ pub(super) fn open(
         options.duration.get_or_insert(seconds);
         let scenario = options.scenario(scene)?;
         let flight = open_simulation(config, &scenario, mono, options.extrinsics_error_deg, None)?;
-        return Ok(flight.with_injected(&options.faults.fault, scenario.seed)?);
+        return options.faults.inject(flight, scenario.seed, true);
     }
     let cut = Cut { frames: None, seconds: 0.0..seconds };
     Ok(open_recording(Path::new(source), config, topics, cut, false)?)

@@ -249,32 +249,8 @@ mod tests {
     }
 
     #[test]
-    fn legs_are_masked_and_the_scene_is_not() {
-        let (found, _) = learned("vehicle-parts:0", 14.0);
-        let (_, masked) = learned("vehicle-parts:0:1", 0.5);
-        let found = found.unwrap();
-        for (mask, camera) in found.masks.iter().zip(&masked.config().camera) {
-            let parts = camera.mask.as_ref().unwrap().pixels().unwrap();
-            let (width, height) = parts.size_px();
-            // Legs are in the lower half, rotors in the upper one.
-            let pixels: Vec<(usize, bool, bool)> = (mask.pixels().zip(parts.pixels()).enumerate())
-                .map(|(at, (learned, part))| (at / width, !learned, !part))
-                .collect();
-            let share = |of: &dyn Fn(&(usize, bool, bool)) -> bool,
-                         which: &dyn Fn(&(usize, bool, bool)) -> bool| {
-                let of: Vec<_> = pixels.iter().filter(|pixel| of(pixel)).collect();
-                of.iter().filter(|pixel| which(pixel)).count() as f64 / of.len() as f64
-            };
-            let legs = share(&|(row, _, part)| *row > height / 2 && *part, &|(_, learned, _)| *learned);
-            let scene = share(&|(_, _, part)| !part, &|(_, learned, _)| *learned);
-            println!("{:.3} of the legs and {scene:.3} of the scene are masked, {} views", legs, found.views);
-            assert!(legs > 0.9 && scene < 0.06);
-        }
-    }
-
-    #[test]
     fn without_parts_in_view_nothing_is_masked() {
-        let (found, _) = learned("vehicle-parts:0", 2.0);
+        let (found, _) = learned("blur:1:1", 2.0);
         assert!(matches!(found, Err(MaskError::TooFewViews { .. })));
         let (found, _) = learned("blur:1:1", 14.0);
         let shares: Vec<f64> = found.unwrap().masks.iter().map(PixelMask::seen_share).collect();

@@ -209,7 +209,7 @@ pub fn tables(flights: &[(&Entry, &Honesty)]) -> String {
 
 fn kind(entry: &Entry) -> String {
     match entry.fault {
-        CampaignFault::Injected(fault) => fault.kind().name.to_owned(),
+        CampaignFault::Injected(fault) => fault.kind().name.clone(),
         _ => "none".to_owned(),
     }
 }

@@ -3,10 +3,8 @@
 use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{FlightPath, ImuError, Scene, SimulatedCondition};
-use plumbline_drivers::{
-    ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, InjectedFault, LostCamera,
-};
+use plumbline_drivers::simulator::{FlightPath, ImuError, Scene, SimulatedCondition, Surroundings};
+use plumbline_drivers::InjectedFault;
 use plumbline_flight::flight::{Flight, FlightError};
 use std::ops::Range;
 
@@ -26,8 +24,6 @@ const DRIFT_S: f64 = 25.0;
 /// Angle by which cameras are turned, degrees: both as one rig, and the right one alone.
 const RIG_TURNED_DEG: f64 = 1.0;
 const RIGHT_TURNED_DEG: f64 = 2.0;
-/// Pixels around the middle that fog leaves clear: some ten points are found there.
-const CLEAR_PX: f64 = 62.0;
 
 /// Fault of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +56,7 @@ pub enum CampaignFault {
     Blind,
     /// Nothing nearer than 80 m.
     FarOnly,
-    /// Fog for 5 s, which leaves some ten points.
+    /// A bare room, in which some ten points are seen.
     TenPoints,
     /// Two minutes of hovering.
     Hover,
@@ -240,9 +236,6 @@ impl CampaignFault {
         let dark = |span: Range<f64>| Some((span.start, span.end));
         match self {
             Self::Blackout | Self::Blind | Self::Kidnapped => effects.blackout = self.span_s().and_then(dark),
-            Self::Drops => effects.frames.drop_probability = 0.05,
-            Self::LeftLost => effects.frames.lost_camera = self.lost(0),
-            Self::RightLost => effects.frames.lost_camera = self.lost(1),
             Self::Flicker => effects.flicker = 0.15,
             Self::Offset => effects.time_offset_s = 0.008,
             Self::Inertial(error) => error.apply(scenario),
@@ -263,6 +256,9 @@ impl CampaignFault {
             scenario.path = path;
             scenario.start_s = 0.0;
         }
+        if self == Self::TenPoints {
+            scenario.surroundings = Surroundings::Bare { spots: 10.0 };
+        }
         if matches!(self, Self::FarOnly | Self::FarDrift) {
             entry.scene = "far";
             scenario.scene = Scene::Far;
@@ -279,10 +275,6 @@ impl CampaignFault {
             || matches!(self, None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics)
     }
 
-    fn lost(self, camera: usize) -> Option<LostCamera> {
-        self.span_s().map(|span_s| LostCamera { camera, span_s })
-    }
-
     /// By how much both cameras are believed turned against the truth, degrees.
     pub(super) fn extrinsics_error_deg(self) -> f64 {
         if self == Self::Extrinsics { RIG_TURNED_DEG } else { 0.0 }
@@ -290,13 +282,8 @@ impl CampaignFault {
 
     /// The flight with it in its streams and in what is believed of the rig; `seed` is that of its draws.
     pub(super) fn strike(self, mut flight: Flight, seed: u64) -> Result<Flight, FlightError> {
-        let (imu, images) = (self.imu_faults(&flight.config), self.image_faults());
-        if imu != ImuFaults::default() {
-            flight.imu = Box::new(FaultyImu::new(flight.imu, imu, seed));
-        }
-        if images != ImageFaults::default() {
-            flight.stereo = Box::new(FaultyImages::new(flight.stereo, images, seed));
-        }
+        let faults: Vec<InjectedFault> = self.texts().iter().filter_map(|text| text.parse().ok()).collect();
+        flight = flight.with_injected(&faults, seed)?;
         if self == Self::RightTurned {
             flight.config = flight.config.with("the rig with its right camera turned", turn_right)?;
         }
@@ -306,42 +293,37 @@ impl CampaignFault {
         Ok(flight)
     }
 
-    fn imu_faults(self, config: &ValidConfig) -> ImuFaults {
-        let gaps = |length_s: f64| (0..3).map(|k| BEGIN_S + f64::from(k)).map(|s| s..s + length_s).collect();
-        let none = ImuFaults::default();
+    /// Faults of the table that bring it about.
+    fn texts(self) -> &'static [&'static str] {
         match self {
-            Self::ImuGap50 => ImuFaults { gaps_s: gaps(0.05), ..none },
-            Self::ImuGap200 => ImuFaults { gaps_s: gaps(0.2), ..none },
-            Self::Saturated => ImuFaults {
-                saturated_s: self.span_s(),
-                range: [config.imu.gyro_range_rad_s, config.imu.accel_range_m_s2],
-                ..none
-            },
-            // One sample of the sensor.
-            Self::HourAhead => {
-                ImuFaults { clock: clock(BEGIN_S..BEGIN_S + 1.0 / config.imu.rate_hz, 3600.0), ..none }
-            }
-            Self::SetBack => ImuFaults { clock: self.span_s().and_then(|span| clock(span, -10.0)), ..none },
-            _ => self.silent_imu(),
+            Self::Drops => &["frames-missing:0.05"],
+            Self::LeftLost => &["camera-lost:left@5+5"],
+            Self::RightLost => &["camera-lost:right@5+5"],
+            Self::ImuGap50 => &["imu-gap@5+0.05", "imu-gap@6+0.05", "imu-gap@7+0.05"],
+            Self::ImuGap200 => &["imu-gap@5+0.2", "imu-gap@6+0.2", "imu-gap@7+0.2"],
+            // Beyond the range, and held within it.
+            Self::Saturated => &[
+                "gyro-spikes:xyz:1:1000@5+0.3",
+                "gyro-clip:xyz:17.4@5+0.3",
+                "accel-spikes:xyz:1:10000@5+0.3",
+                "accel-clip:xyz:156.9@5+0.3",
+            ],
+            Self::HourAhead => &["clock-back:-3600@5+0.005"],
+            Self::SetBack => &["clock-back:10@5+0.5"],
+            Self::Covered => &["image-black:left@5+5"],
+            Self::Garbage => &["image-noise:both:100:0@5+0.05"],
+            Self::GyroZero => &["gyro-dead:xyz:0"],
+            Self::GyroAxisStuck => &["gyro-frozen:y:0"],
+            Self::AccelStuck => &["accel-frozen:xyz:0"],
+            Self::ImuFrozen => &["imu-frozen:xyz:0"],
+            Self::ImuLate100 => &["imu-late:100"],
+            Self::ImuLate500 => &["imu-late:500"],
+            Self::ImageFrozen => &["image-frozen:left:0"],
+            Self::ImagesFrozen => &["image-frozen:both:0"],
+            Self::ImagesLate => &["stamp-late:200@10"],
+            _ => &[],
         }
     }
-
-    fn image_faults(self) -> ImageFaults {
-        let none = ImageFaults::default();
-        let span = self.span_s();
-        match self {
-            Self::Covered => ImageFaults { covered: self.lost(0), ..none },
-            Self::Garbage => ImageFaults { garbage_s: span, ..none },
-            Self::TenPoints => ImageFaults { fog: span.map(|span| (span, CLEAR_PX)), ..none },
-            Self::HourAhead => ImageFaults { clock: span.and_then(|span| clock(span, 3600.0)), ..none },
-            Self::SetBack => ImageFaults { clock: span.and_then(|span| clock(span, -10.0)), ..none },
-            _ => self.silent_images(),
-        }
-    }
-}
-
-fn clock(span_s: Range<f64>, step_s: f64) -> Option<ClockFault> {
-    Some(ClockFault { span_s, step_s })
 }
 
 /// Turns the right camera alone about an oblique axis through itself.
