@@ -1,5 +1,5 @@
-//! Sources of samples: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors, behind the
-//! traits of [`source`].
+//! Sources of samples: replay of EuRoC data sets and ROS bags, live cameras and inertial sensors, behind the traits of
+//! [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
@@ -22,14 +22,11 @@ pub mod fuzzing;
 mod grid;
 pub mod iio;
 pub mod inertial;
-pub mod injection;
 pub mod live;
 pub mod prefetch;
-mod random;
 pub mod realsense;
 mod regular_file;
 pub mod serial;
-pub mod simulator;
 pub mod source;
 pub mod stop;
 pub mod tape;
@@ -49,7 +46,6 @@ pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use frame_socket::{SocketFigures, SocketMonitor, SocketStereo};
 pub use iio::IioImu;
 pub use inertial::{ImuFigures, ImuMonitor};
-pub use injection::{InjectedFault, InjectedFrames, InjectedImu};
 pub use live::{CameraMonitor, LiveCameras, LiveImu, open_cameras, open_imu};
 pub use prefetch::Prefetch;
 pub use regular_file::open_regular;

@@ -1,7 +1,7 @@
 //! Common parts of the system tests: the places of the shared data, and the flights.
 
-use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{CampaignFault, Entry};
+use plumbline_simulator::Scene;
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.

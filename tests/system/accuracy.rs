@@ -1,8 +1,8 @@
 //! Simulated flights along real trajectories stay within their limits.
 
-use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{CampaignFault, Entry, Setup};
 use plumbline_lab::report::Report;
+use plumbline_simulator::Scene;
 use plumbline_tests::entry;
 
 /// Flies `path` for ten seconds and checks what a sound flight keeps. Yaw drift per minute and the NEES that is

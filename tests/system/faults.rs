@@ -1,9 +1,9 @@
 //! Faults in flight are survived without a reset, and the covariance accounts for them.
 
-use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::table::{SILENCE_HEAD, TRUST_HEAD, silence_row, trust_row};
 use plumbline_lab::campaign::{CampaignFault, PATHS};
 use plumbline_lab::report::trust::MAX_NEES_DURING;
+use plumbline_simulator::Scene;
 use plumbline_tests::entry;
 
 /// Flies V1_02 in the room for twelve seconds with `fault`; the error stays below `max_error_m` and within

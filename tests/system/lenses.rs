@@ -2,10 +2,10 @@
 
 use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
-use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{CampaignFault, Entry, Setup};
 use plumbline_lab::evaluate::paired::PairedDifference;
 use plumbline_lab::report::Report;
+use plumbline_simulator::Scene;
 use std::path::Path;
 
 /// Lenses of public rigs, and how many times longer than a pinhole's their focal length is at the same size of things near the

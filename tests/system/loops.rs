@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
 use plumbline_config::Timestamp;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
 use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
+use plumbline_simulator::{FlightPath, Scenario, Scene};
 use plumbline_test_support::kept;
 use plumbline_tests::shared;
 use std::path::Path;

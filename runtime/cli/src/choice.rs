@@ -3,8 +3,8 @@
 use super::Usage;
 use super::paths::trajectories;
 use clap::Args;
-use plumbline_drivers::simulator::{FlightPath, Scene};
 use plumbline_lab::campaign::{CampaignFault, Entry, PATHS, RECORDED_PATHS, SCENES};
+use plumbline_simulator::{FlightPath, Scene};
 use std::path::{Path, PathBuf};
 
 /// Where flights along trajectories that are not built in start, s.

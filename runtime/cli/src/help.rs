@@ -4,8 +4,8 @@
 use super::Usage;
 use super::command_line::{Cli, HelpArgs};
 use clap::{Command, CommandFactory as _};
-use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{ImuError, SimulatedCondition};
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{ImuError, SimulatedCondition};
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 

@@ -4,12 +4,12 @@ use super::paths::flown_path;
 use super::{Usage, parse_range};
 use anyhow::Result;
 use clap::Args;
-use plumbline_drivers::simulator::{
+use plumbline_flight::flight::Flight;
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{
     Effects, FlightPath, ImuError, Inertial, Scenario, Scene, SimulatedCondition, USUAL_DURATION_S,
     recorded_along,
 };
-use plumbline_drivers::InjectedFault;
-use plumbline_flight::flight::Flight;
 use std::ops::Range;
 
 /// Exposure with `--motion-blur`, s.

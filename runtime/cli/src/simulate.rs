@@ -6,9 +6,9 @@ use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
 use plumbline_drivers::euroc::{WriteInputs, WriteOptions, write};
-use plumbline_drivers::simulator::Simulator;
-use plumbline_drivers::{InjectedFrames, InjectedImu};
 use plumbline_flight::flight::{preset_for, scenario_config};
+use plumbline_simulator::Simulator;
+use plumbline_simulator::{InjectedFrames, InjectedImu};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:

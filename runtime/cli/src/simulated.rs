@@ -5,7 +5,7 @@ use super::paths::flown_path;
 use super::scenario::{ScenarioArgs, parse_scene};
 use anyhow::Result;
 use clap::Parser;
-use plumbline_drivers::simulator::Scene;
+use plumbline_simulator::Scene;
 use std::path::Path;
 
 /// A simulated flight, as it was named.

@@ -395,7 +395,7 @@ fn write_tables(results: &[CellResult], args: &SweepArgs) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plumbline_drivers::simulator::FlightPath;
+    use plumbline_simulator::FlightPath;
 
     #[test]
     fn seeds_are_a_list_or_a_range_with_both_ends() {

@@ -2,9 +2,9 @@
 
 use super::{CampaignArgs, ImuChoice};
 use crate::Usage;
-use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::Named;
 use plumbline_lab::campaign::CampaignFault;
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::Named;
 
 /// The faults that are asked for and happen in the flight, never none; and those of a set that would begin after its end.
 pub fn faults(args: &CampaignArgs) -> Result<(Vec<CampaignFault>, Vec<CampaignFault>), Usage> {
@@ -120,10 +120,7 @@ mod tests {
         assert!(chosen("--faults").contains(&"misalignment:3".to_owned()));
         assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
         assert!(each_named::<true>(&["force:x".to_owned()]).is_err());
-        assert_eq!(
-            each_named::<true>(&["all".to_owned()]).unwrap().len(),
-            CampaignFault::inertial().count()
-        );
+        assert_eq!(each_named::<true>(&["all".to_owned()]).unwrap().len(), CampaignFault::inertial().count());
     }
 
     #[test]

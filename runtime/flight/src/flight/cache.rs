@@ -6,8 +6,8 @@
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, ErrorKind, Read, Seek, Write};
@@ -194,8 +194,8 @@ mod tests {
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     use plumbline_config::Timestamp;
     use plumbline_drivers::StampedPose;
-    use plumbline_drivers::simulator::Effects;
     use plumbline_drivers::tum::write_tum;
+    use plumbline_simulator::Effects;
 
     /// A turn in a circle, written to a file.
     fn path(folder: &Path, name: &str) -> FlightPath {

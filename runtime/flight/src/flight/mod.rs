@@ -43,7 +43,8 @@ use crate::log::source::LogEnd;
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_drivers::{ImuSource, InjectedFault, StereoSource};
+use plumbline_drivers::{ImuSource, StereoSource};
+use plumbline_simulator::InjectedFault;
 
 /// Streams, configuration and truth of one flight.
 pub struct Flight {

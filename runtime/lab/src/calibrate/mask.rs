@@ -236,7 +236,7 @@ impl Blocks {
 mod tests {
     use super::*;
     use plumbline_config::Config;
-    use plumbline_drivers::simulator::{Scenario, Scene, SimulatedCondition, Simulator};
+    use plumbline_simulator::{Scenario, Scene, SimulatedCondition, Simulator};
 
     /// Masks of a flight through a room under `condition`, and the simulator.
     fn learned(condition: &str, duration_s: f64) -> (Result<FoundMasks, MaskError>, Simulator) {

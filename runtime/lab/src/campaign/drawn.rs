@@ -7,8 +7,8 @@ use super::{CampaignFault, Entry};
 use crate::report::honesty::Honesty;
 use crate::report::silence::MAX_NAMELESS_S;
 use plumbline_config::Random;
-use plumbline_drivers::InjectedFault;
 use plumbline_estimator::HealthBits;
+use plumbline_simulator::InjectedFault;
 use std::fmt::Write as _;
 
 /// Moment of a failure, s after the first frame.

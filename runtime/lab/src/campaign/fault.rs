@@ -2,10 +2,10 @@
 
 use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{FlightPath, ImuError, Scene, SimulatedCondition, Surroundings};
-use plumbline_drivers::InjectedFault;
+use plumbline_config::Config;
 use plumbline_flight::flight::{Flight, FlightError};
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{FlightPath, ImuError, Scene, SimulatedCondition, Surroundings};
 use std::ops::Range;
 
 /// Faults begin here, s after the first frame.

@@ -17,11 +17,11 @@ use crate::report::silence::SilentFailure;
 use crate::report::trust::Trust;
 use crate::tracking::TrackingWatch;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
 use plumbline_estimator::{Estimate, HealthBits};
 use plumbline_flight::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};
 use plumbline_flight::pipeline::listener::Subscriber;
 use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_simulator::{FlightPath, Inertial, Scenario, Scene};
 use std::path::{Path, PathBuf};
 
 /// Trajectories and where in them the vehicle is in full flight, s.

@@ -1,9 +1,10 @@
 //! Subjects of a sweep's cells.
 
 use plumbline_config::ValidConfig;
-use plumbline_drivers::simulator::Scenario;
-use plumbline_drivers::{BagTopics, InjectedFault, StampedPose};
+use plumbline_drivers::{BagTopics, StampedPose};
 use plumbline_flight::flight::{Cut, Flight, FlightError, open_recording, open_simulation};
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::Scenario;
 use std::path::PathBuf;
 use std::sync::Arc;
 

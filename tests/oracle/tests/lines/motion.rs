@@ -7,7 +7,6 @@
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
-use plumbline_drivers::simulator::{Scene, Simulator};
 use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
@@ -15,6 +14,7 @@ use plumbline_estimator::shutter::RowTurns;
 use plumbline_lab::campaign::CampaignFault;
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::{Detector, Line};
+use plumbline_simulator::{Scene, Simulator};
 use plumbline_tests::{entry, shared};
 
 /// Flights, each in its scene.

@@ -3,9 +3,9 @@
 use super::*;
 use nalgebra::Isometry3;
 use plumbline_config::{Config, Timestamp};
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::tum::write_tum;
 use plumbline_drivers::{ImuSource as _, StampedPose};
+use plumbline_simulator::{FlightPath, Scenario, Simulator};
 
 /// The sensor of the preset at this rate, at rest for so long.
 fn at_rest(seed: u64, duration_s: f64, rate_hz: f64) -> (Vec<ImuSample>, ImuConfig) {

@@ -1,8 +1,8 @@
 use super::*;
-use crate::simulator::fixture;
-use crate::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
+use crate::fixture;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp};
+use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 
 /// First frame; inertial samples begin a tenth of a second before.
 const BEGIN: Timestamp = Timestamp::from_nanos(7_000_000_000);

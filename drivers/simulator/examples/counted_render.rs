@@ -8,7 +8,7 @@
 
 use plumbline_config::Config;
 use plumbline_drivers::StereoFrame;
-use plumbline_drivers::simulator::{Effects, Scenario, Scene, Simulator};
+use plumbline_simulator::{Effects, Scenario, Scene, Simulator};
 use rustix::time::{ClockId, clock_gettime};
 use std::error::Error;
 

@@ -19,9 +19,9 @@
 
 use super::spline::Spline;
 use super::trajectory::{MotionState, Trajectory};
-use crate::StampedPose;
 use nalgebra::{Isometry3, Matrix5, Matrix5x1, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, Timestamp, median};
+use plumbline_drivers::StampedPose;
 
 /// Knots of the curve that leads from integrated rates to the attitudes of the path, s.
 const ATTITUDE_KNOT_S: f64 = 2.0;

@@ -3,11 +3,11 @@
 use super::laps::laps;
 use super::path::{self, hand_held};
 use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Surroundings, Trajectory};
-use crate::DriverError;
-use crate::tum::read_tum;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{Mask, Mounting, VehicleConfig};
 use plumbline_config::{Config, Portable, Timestamp};
+use plumbline_drivers::DriverError;
+use plumbline_drivers::tum::read_tum;
 use std::path::PathBuf;
 
 /// Longest built-in flight, s: its curve is held in memory.
@@ -285,7 +285,7 @@ pub fn scaled_config(config: &Config, scale: f64) -> Config {
 mod tests {
     use super::super::{Simulator, fixture};
     use super::*;
-    use crate::{ImuSource, StereoFrame, StereoSource};
+    use plumbline_drivers::{ImuSource, StereoFrame, StereoSource};
 
     fn simulator(path: &FlightPath, duration_s: f64) -> Simulator {
         let scenario =
@@ -316,7 +316,7 @@ mod tests {
     fn along_a_file_a_shorter_flight_is_the_beginning_of_a_longer_one() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("wobble.tum");
-        crate::tum::write_tum(&file, &fixture::wobble_poses(4.0)).unwrap();
+        plumbline_drivers::tum::write_tum(&file, &fixture::wobble_poses(4.0)).unwrap();
         let path = FlightPath::Tum(file);
         assert!(is_beginning(&simulator(&path, 1.0), &simulator(&path, 2.5)));
     }
@@ -343,5 +343,4 @@ mod tests {
             assert!(degrees < 0.5, "{preset}: {degrees} degrees at rest");
         }
     }
-
 }

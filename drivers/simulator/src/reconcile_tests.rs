@@ -1,5 +1,5 @@
 use super::*;
-use crate::simulator::fixture;
+use crate::fixture;
 
 const G: f64 = 9.81;
 const BIAS_GYRO: Vector3<f64> = Vector3::new(-0.002, 0.02, 0.077);
@@ -113,9 +113,9 @@ fn recorded_samples_agree_with_their_paths() {
         "MH_04_difficult",
     ] {
         let imu = folder.join(format!("{name}.csv.gz"));
-        let samples = crate::euroc::read_imu_samples(&imu).unwrap();
+        let samples = plumbline_drivers::euroc::read_imu_samples(&imu).unwrap();
         let path = folder.with_file_name("trajectories").join(format!("{name}.tum.gz"));
-        let poses = crate::tum::read_tum(&path).unwrap();
+        let poses = plumbline_drivers::tum::read_tum(&path).unwrap();
         let joined = reconcile(&poses, &samples, G).unwrap();
         let [p, v, q, late] = residuals(&joined, &samples);
         let path = Trajectory::from_poses(&poses).unwrap();

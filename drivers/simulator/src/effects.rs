@@ -191,7 +191,7 @@ fn blur(light: &mut [f32], rows: &mut [f32], width: usize, weight: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulator::fixture;
+    use crate::fixture;
 
     fn sensor(effects: &Effects, seed: u64) -> Sensor {
         Sensor::new(effects, &fixture::config().camera[0].model(), seed)

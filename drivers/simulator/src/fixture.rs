@@ -1,11 +1,11 @@
-//! Fixtures of the simulator's tests: a EuRoC rig, short flights, and views of images.
+//! Fixtures of the simulator's tests: a EuRoC rig, and short flights.
 
 use super::trajectory::Trajectory;
-use crate::StampedPose;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::{CameraConfig, ImuConfig};
-use plumbline_config::{Config, GrayImage, Timestamp};
+use plumbline_config::{Config, Timestamp};
+use plumbline_drivers::StampedPose;
 
 fn camera(focal_px: [f64; 2], centre_px: [f64; 2], d: [f64; 4], pose_b_c: [[f64; 4]; 4]) -> CameraConfig {
     let distortion = Distortion::RadialTangential { k1: d[0], k2: d[1], p1: d[2], p2: d[3] };
@@ -94,13 +94,4 @@ pub(crate) fn standing(duration_s: f64) -> Trajectory {
     let tilted = Isometry3::new(Vector3::new(1.0, 2.0, 1.0), Vector3::new(0.2, -0.1, 0.7));
     poses.iter_mut().for_each(|p| p.pose = tilted);
     Trajectory::from_poses(&poses).unwrap()
-}
-
-/// Writes an image as PNG.
-pub(crate) fn write_png(path: &std::path::Path, image: &GrayImage) {
-    let file = std::io::BufWriter::new(std::fs::File::create(path).unwrap());
-    let mut encoder = png::Encoder::new(file, image.width() as u32, image.height() as u32);
-    encoder.set_color(png::ColorType::Grayscale);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header().unwrap().write_image_data(image.pixels()).unwrap();
 }

@@ -64,7 +64,7 @@ pub(crate) fn place(camera: &mut CameraConfig, pose_b_c: &Isometry3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulator::fixture;
+    use crate::fixture;
 
     #[test]
     fn drawn_rigs_scatter_as_stated() {

@@ -6,9 +6,9 @@
 //! made from it belong to the poses to machine precision.
 
 use super::spline::Spline;
-use crate::StampedPose;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp, median};
+use plumbline_drivers::StampedPose;
 
 /// Distance of the knots: passes a drone's motion (up to about 8 Hz) and little of a tracker's noise.
 const KNOT_STEP_S: f64 = 0.06;
@@ -171,7 +171,7 @@ fn median_vector(values: &[Vector3<f64>]) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulator::fixture;
+    use crate::fixture;
 
     #[test]
     fn rates_are_those_of_the_poses() {
@@ -224,7 +224,7 @@ mod tests {
         let Some(folder) = plumbline_test_support::shared("euroc/trajectories") else { return };
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
-            let poses = crate::tum::read_tum(&path).unwrap();
+            let poses = plumbline_drivers::tum::read_tum(&path).unwrap();
             let flight = Trajectory::from_poses(&poses).unwrap();
             let (mut speed, mut force, mut rate, mut off) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
             for pose in &poses {

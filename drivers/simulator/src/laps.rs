@@ -2,9 +2,9 @@
 
 use super::Trajectory;
 use super::path::smooth_step;
-use crate::StampedPose;
 use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Portable;
+use plumbline_drivers::StampedPose;
 
 /// Samples of the path that the spline is drawn through.
 const SAMPLE_STEP_S: f64 = 0.01;

@@ -1,8 +1,8 @@
 //! The simulated stereo camera: frames on demand, in order or in any order.
 
 use super::{RenderScratch, Simulator};
-use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::Timestamp;
+use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
 
 /// Frames of a simulated flight, in order. After it is made nothing is allocated.
 #[derive(Clone, Debug)]

@@ -1,9 +1,9 @@
 //! Changes of the pixels of one image by faults.
 
-use crate::simulator::noise::{NOISE_RUN, NoiseTable};
-use crate::v4l2::jpeg::LumaDecoder;
+use crate::noise::{NOISE_RUN, NoiseTable};
 use jpeg_encoder::{ColorType, Encoder};
 use plumbline_config::GrayImage;
+use plumbline_drivers::v4l2::LumaDecoder;
 
 /// Noise of `sigma` grey levels for the image of `camera` in frame `sequence`, which keeps the share `correlation` of its `field` of
 /// the frame before; the field is empty before the first frame.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::simulator::fixture;
+use crate::fixture;
 use nalgebra::UnitQuaternion;
 
 fn model(effects: ImuEffects, flight: &Trajectory, rate_hz: f64) -> ImuModel {
@@ -159,4 +159,3 @@ fn vibration_is_aliased_and_its_frequency_wanders() {
     assert!(share(wandering, 26.9, 27.1) < 0.3);
     assert!(share(wandering, 14.0, 40.0) > 0.7);
 }
-

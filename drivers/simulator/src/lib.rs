@@ -5,17 +5,22 @@
 //! the same curve. Everything is a pure function of the configuration and of the [`Scenario`]: no clock,
 //! no threads, no order of calls has a say, so frames may be rendered ahead and out of order.
 //!
+//! [`faults`] are injected on purpose into the streams of any flight, simulated, recorded or live.
+//!
 //! Frames: `W` world (z up), `B` body (the inertial sensor's own), `C0` and `C1` cameras. Times are those
 //! of the trajectory's file; images begin [`LEAD_S`] after it, so that inertial samples surround them.
+
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod actors;
 mod batch;
 mod builder;
-pub(crate) mod calibration;
+mod calibration;
 mod canvas;
 mod cover;
 mod effects;
 mod facet;
+pub mod faults;
 mod fittings;
 mod gloss;
 mod imu;
@@ -25,10 +30,11 @@ mod lens_residual;
 mod light;
 mod light_map;
 mod named;
-pub(crate) mod noise;
+mod noise;
 mod path;
 mod pattern;
 mod prefetch;
+mod random;
 mod real_finish;
 mod real_hall;
 mod real_room;
@@ -52,7 +58,7 @@ mod world;
 #[cfg(test)]
 mod conditions_tests;
 #[cfg(test)]
-pub(crate) mod fixture;
+mod fixture;
 #[cfg(test)]
 mod pictures_tests;
 #[cfg(test)]
@@ -60,6 +66,7 @@ mod tests;
 
 pub use calibration::{draw_calibration, mistake_intrinsics};
 pub use effects::Effects;
+pub use faults::{InjectedFault, InjectedFrames, InjectedImu};
 pub use imu::ImuEffects;
 pub use named::{Dose, ImuError, Named, SimulatedCondition};
 pub use samples::{Inertial, recorded_along};
@@ -69,7 +76,6 @@ pub use stereo::SimulatedStereo;
 pub use trajectory::{MotionState, Trajectory};
 pub use world::Hit;
 
-use crate::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
 use actors::Person;
 use effects::Sensor;
 use imu::ImuModel;
@@ -77,6 +83,7 @@ use lens::{Lens, TILE};
 use lens_residual::LensResidual;
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
+use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
 use render::Renderer;
 use samples::{Recording, Samples};
 use shot::Shot;
@@ -155,7 +162,13 @@ impl Simulator {
             Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
             None => {
                 let [begin, end] = [-LEAD_S, duration_s + LEAD_S].map(|s| first_frame.plus_seconds(s));
-                Samples::Simulated(Box::new(ImuModel::new(&config.imu, scenario.imu, scenario.seed, begin, end)))
+                Samples::Simulated(Box::new(ImuModel::new(
+                    &config.imu,
+                    scenario.imu,
+                    scenario.seed,
+                    begin,
+                    end,
+                )))
             }
         };
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;

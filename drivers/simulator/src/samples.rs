@@ -4,11 +4,11 @@ use super::LEAD_S;
 use super::imu::{Biases, ImuModel};
 use super::reconcile::reconcile;
 use super::trajectory::Trajectory;
-use crate::DriverError;
-use crate::euroc::read_imu_samples;
-use crate::tum::read_tum;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
+use plumbline_drivers::DriverError;
+use plumbline_drivers::euroc::read_imu_samples;
+use plumbline_drivers::tum::read_tum;
 use std::path::{Path, PathBuf};
 
 /// The rate of recorded samples may be off the configured one by this share.

@@ -1,6 +1,6 @@
 //! Kinds of faults: `kinds.toml` is the table, in the order in which they are listed.
 
-use crate::simulator::Dose;
+use crate::Dose;
 use serde::Deserialize;
 use std::fmt;
 use std::sync::LazyLock;

@@ -4,10 +4,10 @@
 //! look along the x axis of the world, but where a path says otherwise.
 
 use super::trajectory::Trajectory;
-use crate::StampedPose;
 use crate::random::{Draws, Purpose};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
+use plumbline_drivers::StampedPose;
 use std::f64::consts::TAU;
 
 /// Stamp of the first pose: far from zero, so that a confusion of stamp and duration shows.

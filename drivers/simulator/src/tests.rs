@@ -1,13 +1,13 @@
 //! Tests of the whole simulator.
 
 use super::*;
-use crate::{ImuReading, StereoSource};
+use plumbline_drivers::{ImuReading, StereoSource};
 
 /// A short flight of the wobbling body in `scene`, through a perfect camera.
 fn short_flight(scene: Scene, seed: u64, effects: Effects) -> Simulator {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("wobble.tum");
-    crate::tum::write_tum(&file, &fixture::wobble_poses(3.0)).unwrap();
+    plumbline_drivers::tum::write_tum(&file, &fixture::wobble_poses(3.0)).unwrap();
     let scenario = Scenario {
         scene,
         path: FlightPath::Tum(file),
@@ -174,8 +174,7 @@ fn the_renderer_sees_what_rays_see() {
 #[test]
 fn the_same_seed_gives_the_same_bits_in_any_order() {
     let effects = Effects { exposure_s: 0.004, ..Effects::default() };
-    let (one, two) =
-        (short_flight(Scene::Room, 7, effects), short_flight(Scene::Room, 7, effects));
+    let (one, two) = (short_flight(Scene::Room, 7, effects), short_flight(Scene::Room, 7, effects));
     let mut stream = one.stereo();
     let mut frame = StereoFrame::new(one.image_sizes());
     let mut frames = Vec::new();
@@ -225,12 +224,13 @@ fn every_pixel_sees_the_world() {
 #[test]
 fn furniture_keeps_clear_of_the_flight() {
     let files: &[&str] = &["V1_02_medium", "V2_02_medium", "MH_04_difficult"];
-    let mut flights = vec![fixture::wobble(3.0), path::flown(40.0, &Isometry3::identity(), path::demo).unwrap()];
+    let mut flights =
+        vec![fixture::wobble(3.0), path::flown(40.0, &Isometry3::identity(), path::demo).unwrap()];
     for name in files {
         let Some(file) = plumbline_test_support::shared(&format!("euroc/trajectories/{name}.tum.gz")) else {
             continue;
         };
-        flights.push(Trajectory::from_poses(&crate::tum::read_tum(&file).unwrap()).unwrap());
+        flights.push(Trajectory::from_poses(&plumbline_drivers::tum::read_tum(&file).unwrap()).unwrap());
     }
     for flight in &flights {
         let real = [(Scene::Hall, Surroundings::Real), (Scene::Room, Surroundings::Real)];
@@ -376,7 +376,7 @@ fn recorded_samples_are_handed_out_as_they_are() {
     };
     let mut imu = Simulator::new(&fixture::config(), &scenario).unwrap().imu();
     let flown: Vec<ImuReading> = std::iter::from_fn(|| imu.next_reading().unwrap()).collect();
-    let rows = crate::euroc::read_imu_samples(&file).unwrap();
+    let rows = plumbline_drivers::euroc::read_imu_samples(&file).unwrap();
     let from = rows.iter().position(|row| *row == flown[0].sample).unwrap();
     assert!((638..=642).contains(&flown.len()), "{}", flown.len());
     assert!(flown.iter().zip(&rows[from..]).all(|(reading, row)| reading.sample == *row));
@@ -412,4 +412,3 @@ fn leaning_scene_tilts_about_the_path_and_leaves_truth_and_samples() {
         assert!((a.angle(b).to_degrees() - 0.2).abs() < 1e-6);
     }
 }
-

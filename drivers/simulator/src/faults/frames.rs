@@ -1,12 +1,12 @@
 //! Faults of frames: a decorator around any source.
 
-use super::kinds::{Effect, ImageChange, Stamping, Target};
 use super::InjectedFault;
+use super::kinds::{Effect, ImageChange, Stamping, Target};
 use super::pixels::{Jpeg, add_noise, shift};
+use crate::noise::NoiseTable;
 use crate::random::Draws;
-use crate::simulator::noise::NoiseTable;
-use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::{Portable, Timestamp};
+use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
 use std::f64::consts::TAU;
 
 /// Source of frames with faults.
@@ -34,7 +34,8 @@ impl<S: StereoSource> InjectedFrames<S> {
         let mut frame = StereoFrame::new(sizes_px);
         let first = source.next_frame(&mut frame)?.then_some(frame);
         let begin = first.as_ref().map_or_else(Timestamp::default, |frame| frame.stamp);
-        let slot = |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), sizes_px);
+        let slot =
+            |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), sizes_px);
         let slots = faults.iter().enumerate().map(slot).collect();
         Ok(Self { source, first, begin, slots, missing: 0, unpaired: 0 })
     }

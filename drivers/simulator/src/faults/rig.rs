@@ -1,7 +1,7 @@
 //! Mistakes in the calibration that an estimator is given.
 
 use super::kinds::Mistake;
-use crate::simulator::calibration::place;
+use crate::calibration::place;
 use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
 

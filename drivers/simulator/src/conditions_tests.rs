@@ -1,13 +1,13 @@
 //! Tests of the conditions, on rendered images.
 
 use super::*;
-use crate::StereoSource;
+use plumbline_drivers::StereoSource;
 
 /// A flight of the wobbling body in `scene` through a perfect camera, at half the size.
 fn flight(scene: Scene, shape: impl Fn(&mut Scenario)) -> Simulator {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("wobble.tum");
-    crate::tum::write_tum(&file, &fixture::wobble_poses(6.0)).unwrap();
+    plumbline_drivers::tum::write_tum(&file, &fixture::wobble_poses(6.0)).unwrap();
     let mut scenario = Scenario {
         scene,
         path: FlightPath::Tum(file),

@@ -1,12 +1,12 @@
 //! Faults of inertial samples: a decorator around any source.
 
-use super::kinds::{Change, Effect, Sensor, Target};
 use super::InjectedFault;
+use super::kinds::{Change, Effect, Sensor, Target};
 use crate::random::Draws;
-use crate::{DriverError, Faults, ImuReading, ImuSource};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
+use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource};
 use std::collections::VecDeque;
 
 /// Inertial source with faults.
@@ -22,7 +22,8 @@ impl<S: ImuSource> InjectedImu<S> {
     /// Wraps `source` of a sensor of `config`, in a flight whose first frame is at `begin`.
     #[must_use]
     pub fn new(source: S, config: &ImuConfig, begin: Timestamp, faults: &[InjectedFault], seed: u64) -> Self {
-        let slot = |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), config);
+        let slot =
+            |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), config);
         Self { source, begin, slots: faults.iter().enumerate().map(slot).collect(), missing: 0 }
     }
 }
