@@ -30,11 +30,6 @@ export PROPTEST_RNG_SEED ?= 1
 # Two threads for each processor: a test that computes takes two of them, one that waits takes one (.config/nextest.toml).
 export NEXTEST_TEST_THREADS ?= $(shell echo $$((2 * $$(nproc))))
 
-# A build server builds everything once: what would make the next build short (Cargo.toml) makes this one longer.
-ifdef CI
-export CARGO_INCREMENTAL := 0
-endif
-
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny vendored advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
@@ -43,12 +38,9 @@ endif
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
 
-# What the demo needs, and no more: a build from nothing is a third shorter.
-DEMO = -p plumbline --no-default-features --features ground
-
 demo: ## simulated flight with its ground station in the browser
 	@scripts/setup base
-	CARGO_INCREMENTAL=0 $(CARGO) run $(FLAGS) $(DEMO) -- demo $(ARGS)
+	$(CARGO) run $(FLAGS) -p plumbline -- demo $(ARGS)
 
 build: ## the product
 	@scripts/setup base
@@ -61,8 +53,8 @@ calibration: ## the product with `plumbline calibrate camera`, which needs OpenC
 	@scripts/setup calibration
 	$(CARGO) build $(FLAGS) $(OPENCV) -p plumbline --features calibration
 
-# `cargo build` of the product for ARCH; what is handed out is compiled as a whole.
-PRODUCT = CARGO_INCREMENTAL=0 $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
+# `cargo build` of the product for ARCH.
+PRODUCT = $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
 TRIPLE_amd64 = x86_64-unknown-linux-gnu
 TRIPLE_arm64 = aarch64-unknown-linux-gnu
 

@@ -32,6 +32,7 @@ def frames(dataset, start_ns):
     mav0 = pathlib.Path(dataset) / "mav0"
     first_ns = int(rows(mav0 / "imu0" / "data.csv")[0][0])
     tables = [rows(mav0 / camera / "data.csv") for camera in ("cam0", "cam1")]
+    print(f"send_frames: stamps differ from the data set: plumbline evaluate --time-offset {(first_ns - start_ns) * 1e-9:.9f}")
     for number, (left, right) in enumerate(zip(*tables)):
         stamp_ns = int(left[0]) - first_ns + start_ns
         paths = [mav0 / camera / "data" / row[1].strip() for camera, row in (("cam0", left), ("cam1", right))]

@@ -1,5 +1,4 @@
-//! Names of ROS bags and of their topics, which a build without the feature `bags` knows too: it refuses a bag as such
-//! ([`crate::DriverError::LeftOut`]).
+//! Names of ROS bags and of their topics, which a build without the feature `bags` knows too.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

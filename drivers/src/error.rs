@@ -39,14 +39,6 @@ pub enum DriverError {
         /// Reason and cure.
         message: String,
     },
-    /// A build without a cargo feature cannot read it.
-    #[error("{}: this build cannot read it: it was made without the feature `{feature}`; use a full build, as `make build` makes it", path.display())]
-    LeftOut {
-        /// The file or directory.
-        path: PathBuf,
-        /// The feature.
-        feature: &'static str,
-    },
     /// A device that is there does not do what it is asked to; `message` says what, with the key and the cure.
     #[error("{}: {message}", path.display())]
     Device {

@@ -210,7 +210,7 @@ health_bits! {
     /// For a second, one camera has not seen a quarter of the image that the other one sees: something is before its lens.
     25 VIEW_BLOCKED "view blocked", "something is before one lens", (
         "dirt, or a part of the vehicle",
-        "clean the lens, move what hangs before it, or mask it (`plumbline calibrate masks`)",
+        "clean the lens, move what hangs before it, or mask it (`plumbline-lab mask`)",
     );
     /// For a second, nearly all of the images has been plain.
     26 LITTLE_TEXTURE "little texture", "there is hardly any texture in the images", (

@@ -66,9 +66,6 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
         assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
     }
     fails(&["verify", &log, "--images", &file, "--topic", "left=/x"], 2, &["/x", "/cam0"]);
-    let imu = plumbline(&["calibrate", "imu", &file, "--out", &at("imu.toml")]);
-    assert!(imu.status.success(), "{}", stderr(&imu));
-    assert!(stderr(&imu).contains("shaken"), "{}", stderr(&imu));
 }
 
 #[test]
@@ -110,9 +107,7 @@ fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
         written(&python, &clip, 40, [(bag.as_str(), &["png", storage][..])]);
         let file = if storage == "bag" { bag.clone() } else { format!("{bag}/rec.db3") };
         let own = |name: &str| at(&format!("{storage}-{name}"));
-        let (poses, map, log, picture) =
-            (own("poses.tum"), own("bag.map"), own("log.mcap"), own("flight.svg"));
-        let (imu, rig, cells) = (own("imu.toml"), own("rig.toml"), own("sweep.csv"));
+        let (poses, map, log, rig) = (own("poses.tum"), own("bag.map"), own("log.mcap"), own("rig.toml"));
         let with = ["--config", &config];
         let topics = ["--topic", "left=/cam0/image_raw", "--topic", "right=/cam1/image_raw"];
         let without = ["--record", &log, "--set", "recorder.images=none", "--trajectory", &poses];
@@ -122,14 +117,6 @@ fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
             vec!["verify", &log, "--images", &file],
             [&["map", "build", &file, "--poses", &poses, "--out", &map][..], &with].concat(),
             [&["map", "locate", &map, &file][..], &with].concat(),
-            vec!["calibrate", "imu", &file, "--out", &imu],
-            [&["plot", &file, "--out", &picture][..], &with, &topics].concat(),
-            [
-                &["sweep", &file, "--out", &cells, "--set", "estimator.points.sigma_px=0.5"][..],
-                &with,
-                &topics,
-            ]
-            .concat(),
         ] {
             let output = plumbline(&arguments);
             assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));

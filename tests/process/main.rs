@@ -1,6 +1,5 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
-mod at_scale;
 mod bad_input;
 mod bags;
 mod browser;
@@ -21,18 +20,15 @@ mod hardware;
 mod host;
 mod import;
 mod install;
-mod lines;
 mod live_stamps;
 mod local;
 mod log;
 mod maps;
-mod masks;
 mod mounted;
 mod mounting;
 mod network;
 mod other_processor;
 mod own_camera;
-mod plot;
 mod python;
 mod python_package;
 mod raw;
@@ -46,9 +42,7 @@ mod ros;
 mod sabotage;
 mod security;
 mod setup;
-mod shuttle;
 mod supervised;
-mod sweep;
 mod terminal;
 mod troubleshooting;
 mod usage;

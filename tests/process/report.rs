@@ -11,17 +11,9 @@ fn extracted(archive: &str) -> BTreeMap<String, Vec<u8>> {
     let tar = Command::new("tar").args(["-xzf", archive, "-C"]).arg(folder.path()).output().unwrap();
     assert!(tar.status.success(), "{}", stderr(&tar));
     let mut files = BTreeMap::new();
-    let mut folders = vec![folder.path().join("plumbline-report")];
-    while let Some(path) = folders.pop() {
-        for entry in std::fs::read_dir(path).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path.strip_prefix(folder.path().join("plumbline-report")).unwrap();
-                files.insert(name.display().to_string(), std::fs::read(&path).unwrap());
-            }
-        }
+    for entry in std::fs::read_dir(folder.path().join("plumbline-report")).unwrap() {
+        let entry = entry.unwrap();
+        files.insert(entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap());
     }
     files
 }
@@ -63,9 +55,6 @@ fn the_archive_of_a_log_answers_questions_and_keeps_secrets() {
     }
     assert!(text("events.csv").contains("first pose") && text("events.csv").contains("health: "));
     assert_eq!(text("health.csv").lines().count(), 13);
-    let states = text("states_around_events.csv");
-    assert!((30..60).contains(&states.lines().count()), "{}", states.lines().count());
-    assert!(text("imu_around_events.csv").lines().count() > 200 && text("flight.svg").contains("<svg"));
     assert!(text("doctor.txt").contains("stereo pairs") && text("about.json").contains("\"rustc\""));
     assert!(text("config.toml").contains("sigma_px") && text("config.toml").contains("(left out)"));
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
@@ -76,14 +65,8 @@ fn the_archive_of_a_log_answers_questions_and_keeps_secrets() {
             assert!(!is_there || secret.len() < 3, "'{secret}' is in {name}");
         }
     }
-    assert!(files.keys().all(|name| !name.ends_with(".png")));
     // Only what is asked for.
-    let written = plumbline(&["report", &log, "--out", &out, "--with", "images"]);
-    assert!(written.status.success(), "{}", stderr(&written));
-    let with_images = extracted(&out);
-    assert!(with_images.keys().filter(|name| name.ends_with(".png")).count() >= 2);
-    assert!(!String::from_utf8_lossy(&with_images["config.toml"]).contains("SN4711"));
-    let written = plumbline(&["report", &log, "--out", &out, "--with", "addresses"]);
+    let written = plumbline(&["report", &log, "--out", &out, "--with-addresses"]);
     assert!(written.status.success(), "{}", stderr(&written));
     assert!(String::from_utf8_lossy(&extracted(&out)["config.toml"]).contains("SN4711"));
 }
@@ -96,7 +79,7 @@ fn a_recording_is_flown_first_and_its_report_is_in_the_archive() {
     assert!(written.status.success(), "{}", stderr(&written));
     let files = extracted(&out);
     let report: serde_json::Value = serde_json::from_slice(&files["report.json"]).unwrap();
-    assert!(report["completion"].as_f64().unwrap() > 0.5 && files.contains_key("flight.svg"), "{report:#}");
+    assert!(report["completion"].as_f64().unwrap() > 0.5, "{report:#}");
 }
 
 #[test]

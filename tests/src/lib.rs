@@ -1,7 +1,9 @@
 //! Common parts of the system tests: the places of the shared data, and the flights.
 
-use plumbline_lab::campaign::{CampaignFault, Entry};
-use plumbline_simulator::Scene;
+use plumbline_flight::flight::{Flight, fly};
+use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_lab::report::Report;
+use plumbline_simulator::{FlightPath, Scenario, Scene};
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.
@@ -12,13 +14,16 @@ pub fn shared(what: &str) -> Option<PathBuf> {
 
 /// A simulated flight along a real trajectory, from 15 s into it.
 #[must_use]
-pub fn entry(
-    path: &str,
-    scene: (&'static str, Scene),
-    seed: u64,
-    duration_s: f64,
-    fault: CampaignFault,
-) -> Option<Entry> {
-    let trajectories = shared("euroc/trajectories")?.join("euroc/trajectories");
-    Some(Entry::new(&trajectories, (path, 15.0), scene, seed, duration_s, fault))
+pub fn along(path: &str, scene: Scene, duration_s: f64) -> Option<Scenario> {
+    let file = shared("euroc/trajectories")?.join(format!("euroc/trajectories/{path}.tum.gz"));
+    Some(Scenario { scene, path: FlightPath::Tum(file), start_s: 15.0, duration_s, ..Scenario::default() })
+}
+
+/// Flies as fast as it goes, and sums the flight up.
+#[must_use]
+pub fn reported(flight: Flight) -> Report {
+    let options = RunOptions { speed: None, threads: 2 };
+    let report = Report::new(&fly(flight, &options, &Control::default(), vec![]).expect("it flies"));
+    println!("{}", report.summary());
+    report
 }

@@ -1,10 +1,9 @@
 //! Building blocks of a scene: rectangles, solids and furniture that keep clear of the flight path.
 
-use super::light_map::LightMap;
 use super::pattern::Material;
 use super::real_finish::RealFinishes;
 use super::solid::{Bounds, Solid};
-use super::world::{Finish, Surface};
+use super::world::{Finish, LightMap, Surface};
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector3;
 use plumbline_config::Portable;

@@ -5,7 +5,6 @@
 
 use super::facet::Facet;
 use super::lens::{BLOCK, Lens, TILE};
-use super::select::Selection;
 use super::shot::Shot;
 use super::world::World;
 use std::ops::Range;
@@ -21,10 +20,9 @@ pub(super) struct Cover {
     pub(super) facets: Vec<Facet>,
     /// By surface: whether any instant sees it.
     is_seen: Vec<bool>,
-    /// All facets, and those of a block.
-    all: Selection,
-    block: Selection,
-    chosen: Vec<u16>,
+    /// Facets of a block, and of a tile, with their greatest inverse depth.
+    block: Vec<(u16, f32)>,
+    chosen: Vec<(u16, f32)>,
     /// Facets per tile, ended by [`NONE`].
     tiles: Vec<[u16; TILE_FACETS]>,
     /// Nearest facet per pixel, with a border of one pixel all round.
@@ -40,8 +38,7 @@ impl Cover {
         Self {
             facets: Vec::with_capacity(surfaces),
             is_seen: Vec::with_capacity(surfaces),
-            all: Selection::new(surfaces),
-            block: Selection::new(surfaces),
+            block: Vec::with_capacity(surfaces),
             chosen: Vec::with_capacity(surfaces),
             tiles: vec![[NONE; TILE_FACETS]; size_px.0.div_ceil(TILE) * size_px.1.div_ceil(TILE)],
             nearest: vec![NONE; (size_px.0 + 2) * (size_px.1 + 2)],
@@ -72,11 +69,10 @@ impl Cover {
 
     /// Finds the nearest facets in some rows of tiles.
     fn cover_rows(&mut self, lens: &Lens, rows: Range<usize>) {
-        self.all.load(&self.facets, 0..self.facets.len() as u16);
         for column in (0..lens.columns).step_by(BLOCK) {
             let columns = column..(column + BLOCK).min(lens.columns);
-            self.all.select(&lens.block(columns.clone(), rows.clone()), &mut self.chosen);
-            self.block.load(&self.facets, self.chosen.iter().copied());
+            let span = lens.block(columns.clone(), rows.clone());
+            Facet::select(&self.facets, 0..self.facets.len() as u16, &span, &mut self.block);
             for row in rows.clone() {
                 for column in columns.clone() {
                     self.cover_tile(lens, row * lens.columns + column);
@@ -147,8 +143,9 @@ impl Cover {
 
     /// Finds the nearest facet of each pixel of a tile.
     fn cover_tile(&mut self, lens: &Lens, tile: usize) {
-        self.block.select(&lens.tiles[tile], &mut self.chosen);
-        let known = self.chosen.iter().copied().chain(std::iter::repeat(NONE));
+        let block = self.block.iter().map(|(index, _)| *index);
+        Facet::select(&self.facets, block, &lens.tiles[tile], &mut self.chosen);
+        let known = self.chosen.iter().map(|(index, _)| *index).chain(std::iter::repeat(NONE));
         self.tiles[tile].iter_mut().zip(known).for_each(|(slot, index)| *slot = index);
         let (width, height) = (lens.model.width_px, lens.model.height_px);
         let (column, v0) = (tile % lens.columns, tile / lens.columns * TILE);
@@ -156,7 +153,7 @@ impl Cover {
         for (v, [x, y]) in (v0..height).zip(lens.bearings(tile)) {
             let mut depth = [0.0_f32; TILE];
             let mut id = [u32::from(NONE); TILE];
-            for &index in &self.chosen {
+            for &(index, _) in &self.chosen {
                 self.facets[index as usize].cover_row(u32::from(index), x, y, &mut depth, &mut id);
             }
             let row = &mut self.nearest[(v + 1) * (width + 2) + 1 + column * TILE..][..count];

@@ -10,6 +10,7 @@ use super::lens::{Span, TILE};
 use super::texture::{Footprints, Plan, Texture};
 use super::world::{Surface, World};
 use nalgebra::{Isometry3, Matrix3};
+use plumbline_config::Portable;
 
 /// Pixels shaded at a time.
 pub(super) const RUN: usize = 8;
@@ -52,11 +53,41 @@ impl Facet {
     #[inline]
     pub(super) fn nearest_within(&self, span: &Span) -> Option<f32> {
         let nearest = span.range(&self.w)[1];
-        let may_be_in = |f: &[f32; 3]| {
-            let rest = [self.w[0] - f[0], self.w[1] - f[1], self.w[2] - f[2]];
-            span.range(f)[1] >= 0.0 && span.range(&rest)[1] >= 0.0
-        };
+        let may_be_in = |f: &[f32; 3]| span.range(f)[1] >= 0.0 && span.range(&self.rest(f))[1] >= 0.0;
         (nearest > 0.0 && may_be_in(&self.s) && may_be_in(&self.t)).then_some(nearest)
+    }
+
+    /// Least inverse depth within `span` if the facet covers all of it, else 0.
+    #[inline]
+    fn covered(&self, span: &Span) -> f32 {
+        let furthest = span.range(&self.w)[0];
+        let is_in = |f: &[f32; 3]| span.range(f)[0] >= 0.0 && span.range(&self.rest(f))[0] >= 0.0;
+        if furthest > 0.0 && is_in(&self.s) && is_in(&self.t) { furthest } else { 0.0 }
+    }
+
+    #[inline]
+    fn rest(&self, f: &[f32; 3]) -> [f32; 3] {
+        [self.w[0] - f[0], self.w[1] - f[1], self.w[2] - f[2]]
+    }
+
+    /// Selects, of the facets `from`, those that may be seen within `span`, in their order: not outside of it and not behind one
+    /// that covers it.
+    pub(super) fn select(
+        facets: &[Self],
+        from: impl Iterator<Item = u16>,
+        span: &Span,
+        into: &mut Vec<(u16, f32)>,
+    ) {
+        into.clear();
+        let mut behind = 0.0_f32;
+        for index in from {
+            let facet = &facets[index as usize];
+            if let Some(nearest) = facet.nearest_within(span) {
+                behind = behind.at_least(facet.covered(span));
+                into.push((index, nearest));
+            }
+        }
+        into.retain(|(_, nearest)| *nearest >= behind);
     }
 
     /// Puts the facet, as number `index`, into the bearings of a row of a tile, or of the rays of a pixel, wherever it is the
@@ -122,7 +153,7 @@ impl Facet {
     /// Light of a run of pixels side by side at places `(s, t)`. It is smooth: its ends will do for the few pixels of a run.
     #[inline]
     pub(super) fn light_along(&self, world: &World, [s, t]: &[[f32; RUN]; 2]) -> [f32; RUN] {
-        let light = &world.light[self.surface as usize];
+        let light = &world.surfaces[self.surface as usize].light;
         let [first, last] = light.at(&[s[0], s[RUN - 1]], &[t[0], t[RUN - 1]]);
         let slope = (last - first) / (RUN - 1) as f32;
         std::array::from_fn(|i| first + slope * i as f32)
@@ -131,7 +162,7 @@ impl Facet {
     /// As [`Self::light_along`], for pixels anywhere.
     #[inline]
     pub(super) fn light_at(&self, world: &World, [s, t]: &[[f32; RUN]; 2]) -> [f32; RUN] {
-        world.light[self.surface as usize].at(s, t)
+        world.surfaces[self.surface as usize].light.at(s, t)
     }
 
     /// Brightness in `light` of places where the pattern has `values`.

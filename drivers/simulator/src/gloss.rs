@@ -89,11 +89,10 @@ mod tests {
     use super::super::builder::Builder;
     use super::super::fixture;
     use super::super::lens::Lens;
-    use super::super::light_map::LightMap;
     use super::super::pattern::Material;
     use super::super::render::Renderer;
     use super::super::shot::Shot;
-    use super::super::world::{Finish, World};
+    use super::super::world::{Finish, LightMap, World};
     use super::*;
     use nalgebra::{Translation3, UnitQuaternion};
 

@@ -9,6 +9,7 @@
 //! f`, and the specific force `f` becomes `M_a f + c`, where `M_g` and `M_a` hold scale and misalignment, `S`
 //! the sensitivity of the gyroscope to forces, and `c` is a Gauss-Markov process.
 
+use super::samples::{Biases, Samples};
 use super::trajectory::{MotionState, Trajectory};
 use crate::random::{Draws, Purpose};
 use nalgebra::{Matrix3, Vector3};
@@ -86,15 +87,6 @@ impl ImuEffects {
     }
 }
 
-/// Biases at one sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Biases {
-    /// rad/s.
-    pub(super) gyro: Vector3<f64>,
-    /// m/s².
-    pub(super) accel: Vector3<f64>,
-}
-
 /// The sensor along one flight.
 #[derive(Debug)]
 pub(super) struct ImuModel {
@@ -118,8 +110,7 @@ impl ImuModel {
         config: &ImuConfig,
         effects: ImuEffects,
         seed: u64,
-        begin: Timestamp,
-        end: Timestamp,
+        [begin, end]: [Timestamp; 2],
     ) -> Self {
         let count = (end.seconds_since(begin) * config.rate_hz + 1e-6) as usize + 1;
         let mut draws = Draws::new(seed, Purpose::Vibration, 0);
@@ -133,28 +124,14 @@ impl ImuModel {
         Self { config, effects, seed, begin, biases, phases, wander, axes, coloured }
     }
 
-    /// Number of samples of the flight.
-    pub(super) fn len(&self) -> u64 {
-        self.biases.len() as u64
+    /// All samples along `flight`.
+    pub(super) fn samples(self, flight: &Trajectory) -> Samples {
+        let samples = (0..self.biases.len()).map(|k| self.sample(k as u64, flight)).collect();
+        Samples { samples, biases: self.biases, begin: self.begin, rate_hz: self.config.rate_hz }
     }
 
-    /// Measurement time of sample `k`.
-    pub(super) fn stamp(&self, k: u64) -> Timestamp {
-        self.begin.plus_seconds(k as f64 / self.config.rate_hz)
-    }
-
-    /// Biases at `stamp`, between samples by interpolation.
-    pub(super) fn biases(&self, stamp: Timestamp) -> Biases {
-        let last = self.biases.len() - 1;
-        let at = (stamp.seconds_since(self.begin) * self.config.rate_hz).clamp(0.0, last as f64);
-        let (low, part) = (at as usize, at.fract());
-        let (a, b) = (self.biases[low], self.biases[(low + 1).min(last)]);
-        Biases { gyro: a.gyro.lerp(&b.gyro, part), accel: a.accel.lerp(&b.accel, part) }
-    }
-
-    /// Sample `k`, below [`Self::len`].
-    pub(super) fn sample(&self, k: u64, flight: &Trajectory) -> ImuSample {
-        let stamp = self.stamp(k);
+    fn sample(&self, k: u64, flight: &Trajectory) -> ImuSample {
+        let stamp = self.begin.plus_seconds(k as f64 / self.config.rate_hz);
         let motion = flight.motion(stamp);
         let biases = self.biases[k as usize];
         let (omega, force) = self.felt(k, &motion);

@@ -2,15 +2,15 @@ use super::*;
 use crate::fixture;
 use nalgebra::UnitQuaternion;
 
-fn model(effects: ImuEffects, flight: &Trajectory, rate_hz: f64) -> ImuModel {
+fn model(effects: ImuEffects, flight: &Trajectory, rate_hz: f64) -> Samples {
     let config = ImuConfig { rate_hz, ..fixture::config().imu };
-    ImuModel::new(&config, effects, 3, flight.begin(), flight.end())
+    ImuModel::new(&config, effects, 3, [flight.begin(), flight.end()]).samples(flight)
 }
 
 #[test]
 fn at_rest_it_feels_gravity_upwards() {
     let flight = fixture::standing(2.0);
-    let sample = model(ImuEffects::none(), &flight, 200.0).sample(100, &flight);
+    let sample = model(ImuEffects::none(), &flight, 200.0).samples[100];
     let up_b = flight.motion_at(0.5).pose_w_b.rotation.inverse() * Vector3::new(0.0, 0.0, 9.81);
     assert!((sample.accel - up_b).norm() < 1e-6);
     assert!(sample.gyro.norm() < 1e-6);
@@ -21,10 +21,10 @@ fn integrated_finely_it_gives_the_truth() {
     let flight = fixture::wobble(4.0);
     let imu = model(ImuEffects::none(), &flight, 4000.0);
     let dt = 1.0 / 4000.0;
-    let first = flight.motion(imu.stamp(0));
+    let first = flight.motion(imu.samples[0].stamp);
     let (mut q, mut v, mut p) = (first.pose_w_b.rotation, first.v_w_b, first.pose_w_b.translation.vector);
-    for k in 0..imu.len() - 1 {
-        let (a, b) = (imu.sample(k, &flight), imu.sample(k + 1, &flight));
+    for k in 0..imu.samples.len() - 1 {
+        let (a, b) = (imu.samples[k], imu.samples[k + 1]);
         let next = q * UnitQuaternion::from_scaled_axis((a.gyro + b.gyro) * (0.5 * dt));
         let gravity = Vector3::new(0.0, 0.0, -9.81);
         let acceleration = (q * a.accel + next * b.accel) * 0.5 + gravity;
@@ -32,7 +32,7 @@ fn integrated_finely_it_gives_the_truth() {
         v += acceleration * dt;
         q = next;
     }
-    let last = flight.motion(imu.stamp(imu.len() - 1));
+    let last = flight.motion(imu.samples[imu.samples.len() - 1].stamp);
     assert!((p - last.pose_w_b.translation.vector).norm() < 1e-4);
     assert!((v - last.v_w_b).norm() < 1e-4);
     assert!(q.angle_to(&last.pose_w_b.rotation) < 1e-5);
@@ -43,8 +43,8 @@ fn noise_has_the_configured_density() {
     let flight = fixture::standing(50.0);
     let quiet = ImuEffects { noise_scale: 1.0, ..ImuEffects::none() };
     let imu = model(quiet, &flight, 200.0);
-    let mean_square = (0..imu.len()).map(|k| imu.sample(k, &flight).gyro.norm_squared()).sum::<f64>()
-        / (3.0 * imu.len() as f64);
+    let mean_square = (0..imu.samples.len()).map(|k| imu.samples[k].gyro.norm_squared()).sum::<f64>()
+        / (3.0 * imu.samples.len() as f64);
     let expected = fixture::config().imu.gyro_noise_density * 200.0_f64.sqrt();
     assert!((mean_square.sqrt() / expected - 1.0).abs() < 0.02);
 }
@@ -54,10 +54,10 @@ fn biases_are_in_the_samples_and_in_the_truth() {
     let flight = fixture::standing(5.0);
     let effects = ImuEffects { noise_scale: 0.0, ..ImuEffects::default() };
     let imu = model(effects, &flight, 200.0);
-    let sample = imu.sample(500, &flight);
+    let sample = imu.samples[500];
     let biases = imu.biases(sample.stamp);
     assert!((sample.gyro - biases.gyro).norm() < 1e-6 && biases.gyro.norm() > 1e-3);
-    let start = imu.biases(imu.stamp(0));
+    let start = imu.biases(imu.samples[0].stamp);
     assert!((start.accel - biases.accel).norm() > 1e-6, "the bias walks");
 }
 
@@ -67,8 +67,8 @@ fn vibration_shakes_the_samples() {
     let effects = ImuEffects { vibration_accel_m_s2: 3.0, ..ImuEffects::none() };
     let imu = model(effects, &flight, 200.0);
     let still = model(ImuEffects::none(), &flight, 200.0);
-    let most = (0..imu.len())
-        .map(|k| (imu.sample(k, &flight).accel - still.sample(k, &flight).accel).amax())
+    let most = (0..imu.samples.len())
+        .map(|k| (imu.samples[k].accel - still.samples[k].accel).amax())
         .fold(0.0, f64::max);
     assert!((2.0..4.6).contains(&most));
 }
@@ -77,14 +77,14 @@ fn vibration_shakes_the_samples() {
 fn readings_stay_within_range() {
     let flight = fixture::standing(1.0);
     let config = ImuConfig { accel_range_m_s2: 5.0, ..fixture::config().imu };
-    let imu = ImuModel::new(&config, ImuEffects::none(), 1, flight.begin(), flight.end());
-    assert!(imu.sample(0, &flight).accel.amax() <= 5.0);
+    let imu = ImuModel::new(&config, ImuEffects::none(), 1, [flight.begin(), flight.end()]).samples(&flight);
+    assert!(imu.samples[0].accel.amax() <= 5.0);
 }
 
 /// All samples of `effects` along `flight`, and those of a perfect sensor.
 fn beside(effects: ImuEffects, flight: &Trajectory) -> Vec<(ImuSample, ImuSample)> {
     let (imu, perfect) = (model(effects, flight, 200.0), model(ImuEffects::none(), flight, 200.0));
-    (0..imu.len()).map(|k| (imu.sample(k, flight), perfect.sample(k, flight))).collect()
+    (0..imu.samples.len()).map(|k| (imu.samples[k], perfect.samples[k])).collect()
 }
 
 #[test]

@@ -13,7 +13,6 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod actors;
-mod batch;
 mod builder;
 mod calibration;
 mod canvas;
@@ -28,12 +27,10 @@ mod laps;
 mod lens;
 mod lens_residual;
 mod light;
-mod light_map;
 mod named;
 mod noise;
 mod path;
 mod pattern;
-mod prefetch;
 mod random;
 mod real_finish;
 mod real_hall;
@@ -44,7 +41,6 @@ mod render;
 mod samples;
 mod scenario;
 mod scenes;
-mod select;
 mod settings;
 mod shade;
 mod shot;
@@ -81,11 +77,11 @@ use effects::Sensor;
 use imu::ImuModel;
 use lens::{Lens, TILE};
 use lens_residual::LensResidual;
-use nalgebra::{Isometry3, Vector2, Vector3};
+use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
 use render::Renderer;
-use samples::{Recording, Samples};
+use samples::Samples;
 use shot::Shot;
 use std::sync::Arc;
 use world::World;
@@ -135,14 +131,22 @@ impl Simulator {
     pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
         scenario.check(config)?;
         let config = scenario.rig(config);
-        let (flight, recording) = match (&scenario.inertial, &scenario.path) {
+        let (flight, recorded) = match (&scenario.inertial, &scenario.path) {
             (Inertial::Recorded(samples), FlightPath::Tum(poses)) => {
-                let (recording, flight) = Recording::read(samples, poses, &config.imu)?;
-                (flight, Some(recording))
+                let (samples, flight) = Samples::read(samples, poses, &config.imu)?;
+                (flight, Some(samples))
             }
             _ => (scenario.flight(&config)?, None),
         };
         let (first_frame, duration_s) = scenario.window(&flight)?;
+        let [begin, end] = [-LEAD_S, duration_s + LEAD_S].map(|s| first_frame.plus_seconds(s));
+        let imu = match recorded {
+            Some(mut recorded) => {
+                recorded.samples.retain(|sample| (begin..=end).contains(&sample.stamp));
+                recorded
+            }
+            None => ImuModel::new(&config.imu, scenario.imu, scenario.seed, [begin, end]).samples(&flight),
+        };
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
         let mut world = scenes::build(scenario.scene, scenario.seed, &path, scenario.surroundings);
         if scenario.lean_deg != 0.0 {
@@ -158,19 +162,6 @@ impl Simulator {
             (Lens::with_residual(model, camera.pose_b_c(), residual), sensor)
         });
         let cameras = cameras.collect();
-        let imu = match recording {
-            Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
-            None => {
-                let [begin, end] = [-LEAD_S, duration_s + LEAD_S].map(|s| first_frame.plus_seconds(s));
-                Samples::Simulated(Box::new(ImuModel::new(
-                    &config.imu,
-                    scenario.imu,
-                    scenario.seed,
-                    begin,
-                    end,
-                )))
-            }
-        };
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
         let inner = Inner { config, scenario, flight, world, people, cameras, imu, first_frame, frames };
@@ -187,12 +178,6 @@ impl Simulator {
     #[must_use]
     pub fn scenario(&self) -> &Scenario {
         &self.inner.scenario
-    }
-
-    /// The flight.
-    #[must_use]
-    pub fn trajectory(&self) -> &Trajectory {
-        &self.inner.flight
     }
 
     /// A stream of the inertial samples.
@@ -377,7 +362,7 @@ impl Simulator {
 
     /// True states at the times of the inertial samples.
     pub fn truth(&self) -> impl Iterator<Item = TruthState> + '_ {
-        (0..self.inner.imu.len()).map(|k| self.ground_truth(self.inner.imu.stamp(k)))
+        self.inner.imu.samples.iter().map(|sample| self.ground_truth(sample.stamp))
     }
 
     /// The point of the world that pixel `px` of `camera` sees at `time` (of the inertial sensor's axis).
@@ -388,16 +373,6 @@ impl Simulator {
         let direction = pose_w_c.rotation * lens.ray(px)?;
         self.inner.world.first_hit(&pose_w_c.translation.vector, &direction)
     }
-
-    /// Pixel of `camera` at which a point of the world is at `time`, if it is in view and not hidden.
-    #[must_use]
-    pub fn sees(&self, time: Timestamp, camera: usize, p_w: &Vector3<f64>) -> Option<Vector2<f64>> {
-        let lens = &self.inner.cameras.get(camera)?.0;
-        let p_c = self.pose_w_c(time, lens).inverse_transform_point(&(*p_w).into());
-        let px = lens.model.project(&p_c.coords).filter(|px| lens.model.contains(px, 0.0))?;
-        let hit = self.first_hit(time, camera, &px)?;
-        ((hit.p_w - p_w).norm() < 1e-4 * (1.0 + p_c.z)).then_some(px)
-    }
 }
 
 /// Inertial samples of a simulated flight, in order.
@@ -407,22 +382,12 @@ pub struct SimulatedImu {
     next: u64,
 }
 
-impl SimulatedImu {
-    /// Samples of the whole flight.
-    #[must_use]
-    pub fn expected_readings(&self) -> u64 {
-        self.simulator.inner.imu.len()
-    }
-}
-
 impl ImuSource for SimulatedImu {
     fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError> {
-        let (sequence, inner) = (self.next, &self.simulator.inner);
-        if sequence >= inner.imu.len() {
-            return Ok(None);
-        }
+        let sample = self.simulator.inner.imu.samples.get(self.next as usize);
+        let reading = sample.map(|sample| ImuReading { sequence: self.next, sample: *sample });
         self.next += 1;
-        Ok(Some(ImuReading { sequence, sample: inner.imu.sample(sequence, &inner.flight) }))
+        Ok(reading)
     }
 
     fn faults(&self) -> Faults {

@@ -3,9 +3,8 @@
 //! Maps are looked up bilinearly, so shadows have soft edges of about one grid step; the texture carries
 //! all fine detail.
 
-use super::light_map::LightMap;
 use super::solid::Solid;
-use super::world::Surface;
+use super::world::{LightMap, Surface};
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 

@@ -1,9 +1,8 @@
 //! Inertial samples of a simulated flight: made of its motion, or recorded.
 
-use super::LEAD_S;
-use super::imu::{Biases, ImuModel};
 use super::reconcile::reconcile;
 use super::trajectory::Trajectory;
+use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::DriverError;
@@ -35,57 +34,27 @@ pub fn recorded_along(path: &Path) -> PathBuf {
     folder.join("imu").join(format!("{name}.csv.gz"))
 }
 
+/// Biases at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Biases {
+    /// rad/s.
+    pub(super) gyro: Vector3<f64>,
+    /// m/s².
+    pub(super) accel: Vector3<f64>,
+}
+
 /// The inertial samples of a flight.
 #[derive(Debug)]
-pub(super) enum Samples {
-    Simulated(Box<ImuModel>),
-    Recorded(Recording),
+pub(super) struct Samples {
+    pub(super) samples: Vec<ImuSample>,
+    /// Of every sample, from `begin` on; of recorded samples, the means over the whole recording.
+    pub(super) biases: Vec<Biases>,
+    pub(super) begin: Timestamp,
+    pub(super) rate_hz: f64,
 }
 
 impl Samples {
-    /// Number of samples of the flight.
-    pub(super) fn len(&self) -> u64 {
-        match self {
-            Self::Simulated(model) => model.len(),
-            Self::Recorded(recording) => recording.samples.len() as u64,
-        }
-    }
-
-    /// Measurement time of sample `k`, below [`Self::len`].
-    pub(super) fn stamp(&self, k: u64) -> Timestamp {
-        match self {
-            Self::Simulated(model) => model.stamp(k),
-            Self::Recorded(recording) => recording.samples[k as usize].stamp,
-        }
-    }
-
-    /// Biases at `stamp`.
-    pub(super) fn biases(&self, stamp: Timestamp) -> Biases {
-        match self {
-            Self::Simulated(model) => model.biases(stamp),
-            Self::Recorded(recording) => recording.biases,
-        }
-    }
-
-    /// Sample `k`, below [`Self::len`].
-    pub(super) fn sample(&self, k: u64, flight: &Trajectory) -> ImuSample {
-        match self {
-            Self::Simulated(model) => model.sample(k, flight),
-            Self::Recorded(recording) => recording.samples[k as usize],
-        }
-    }
-}
-
-/// Recorded samples.
-#[derive(Clone, Debug)]
-pub(super) struct Recording {
-    samples: Vec<ImuSample>,
-    /// Means over the whole recording.
-    biases: Biases,
-}
-
-impl Recording {
-    /// The samples of `file`, and the flight along the path of `poses` that agrees with them.
+    /// The recorded samples of `file`, and the flight along the path of `poses` that agrees with them.
     pub(super) fn read(
         file: &Path,
         poses: &Path,
@@ -95,17 +64,19 @@ impl Recording {
         let reconciled = reconcile(&read_tum(poses)?, &samples, imu.gravity_m_s2).map_err(|why| {
             DriverError::malformed(file, format!("does not fit {}: {why}", poses.display()))
         })?;
-        let biases = Biases { gyro: reconciled.bias_gyro, accel: reconciled.bias_accel };
+        let biases = vec![Biases { gyro: reconciled.bias_gyro, accel: reconciled.bias_accel }];
         let samples = samples[reconciled.within].to_vec();
-        Ok((Self { samples, biases }, reconciled.flight))
+        let begin = reconciled.flight.begin();
+        Ok((Self { samples, biases, begin, rate_hz: imu.rate_hz }, reconciled.flight))
     }
 
-    /// The samples around the frames from `first_frame` on, `duration_s` long.
-    pub(super) fn around(mut self, first_frame: Timestamp, duration_s: f64) -> Self {
-        let from = first_frame.plus_seconds(-LEAD_S);
-        let to = first_frame.plus_seconds(duration_s + LEAD_S);
-        self.samples.retain(|s| (from..=to).contains(&s.stamp));
-        self
+    /// Biases at `stamp`, between samples by interpolation.
+    pub(super) fn biases(&self, stamp: Timestamp) -> Biases {
+        let last = self.biases.len() - 1;
+        let at = (stamp.seconds_since(self.begin) * self.rate_hz).clamp(0.0, last as f64);
+        let (low, part) = (at as usize, at.fract());
+        let (a, b) = (self.biases[low], self.biases[(low + 1).min(last)]);
+        Biases { gyro: a.gyro.lerp(&b.gyro, part), accel: a.accel.lerp(&b.accel, part) }
     }
 }
 

@@ -4,11 +4,9 @@
 //! enough samples of a facet for a run: one of a pixel that sees a single facet, and one for each facet that an edge pixel
 //! shares itself between.
 
-use super::batch::{Batch, Target};
-use super::cover::{Cover, NONE, TILE_FACETS};
+use super::cover::{Cover, NONE};
 use super::facet::RUN;
 use super::lens::{Lens, Span, TILE};
-use super::select::Selection;
 use super::world::World;
 
 /// Facets that share one pixel, at most.
@@ -71,9 +69,6 @@ pub(super) struct Shader {
     touched: Vec<u16>,
     samples: Vec<Sample>,
     pixels: Vec<Pixel>,
-    batch: Batch,
-    /// Facets of a tile that has edges.
-    known: Selection,
 }
 
 /// Rays of a pixel, from its bearing, in a tile.
@@ -106,8 +101,6 @@ impl Shader {
             touched: Vec::with_capacity(surfaces + SAMPLES / RUN),
             samples: Vec::with_capacity(SAMPLES),
             pixels: Vec::with_capacity(TILE * TILE),
-            batch: Batch::new(PIXEL_FACETS),
-            known: Selection::new(TILE_FACETS),
         }
     }
 
@@ -128,20 +121,19 @@ impl Shader {
                 }
                 let place = (v * width + u) as u32;
                 if none(is_edge) {
-                    self.batch.add(row[u], &x[k], &y[k], Target::Pixels(place));
-                    self.shade_full(view, step, out);
+                    let values = shaded(view, row[u], [&x[k], &y[k]], step, true);
+                    out[place as usize..][..RUN].copy_from_slice(&values);
                     continue;
                 }
-                let rays = rays.get_or_insert_with(|| self.know(view, tile));
+                let rays = rays.get_or_insert_with(|| Rays::new(step));
                 for i in 0..RUN.min(width - u) {
                     let at = [x[k][i], y[k][i]];
                     if is_edge[i] == 0 {
-                        self.add(row[u + i], at, 1.0);
+                        self.add(view, row[u + i], at, 1.0, step);
                     } else {
                         let ids = view.cover.around(lens, u + i, v);
-                        self.add_edge(view, rays, &ids, at);
+                        self.add_edge(view, (tile, rays), &ids, at);
                     }
-                    self.shade_full(view, step, out);
                     self.pixels.push(Pixel { place: place + i as u32, end: self.samples.len() as u16 });
                 }
             }
@@ -149,15 +141,9 @@ impl Shader {
         self.finish(view, step, out);
     }
 
-    /// Loads the facets of a tile and the rays of its edge pixels.
-    fn know(&mut self, view: &View<'_>, tile: usize) -> Rays {
-        self.known.load(&view.cover.facets, view.cover.facets_of(tile));
-        Rays::new(&view.lens.steps[tile])
-    }
-
     /// Adds a sample of facet `id`.
     #[inline]
-    fn add(&mut self, id: u16, at: [f32; 2], share: f32) {
+    fn add(&mut self, view: &View<'_>, id: u16, at: [f32; 2], share: f32, step: &[f32; 4]) {
         let waiting = &mut self.waiting[id as usize];
         let k = waiting.count % RUN;
         (waiting.x[k], waiting.y[k], waiting.sample[k]) = (at[0], at[1], self.samples.len() as u16);
@@ -167,34 +153,17 @@ impl Shader {
         waiting.count = k + 1;
         self.samples.push(Sample { share, value: 0.0 });
         if k + 1 == RUN {
-            self.batch_waiting(id);
+            self.shade_waiting(view, id, step);
         }
     }
 
-    fn batch_waiting(&mut self, id: u16) {
+    fn shade_waiting(&mut self, view: &View<'_>, id: u16, step: &[f32; 4]) {
         let waiting = &mut self.waiting[id as usize];
-        self.batch.add(id, &waiting.x, &waiting.y, Target::Samples(waiting.sample, waiting.count));
-        waiting.count = 0;
-    }
-
-    /// Shades the batch if it is full.
-    #[inline]
-    fn shade_full(&mut self, view: &View<'_>, step: &[f32; 4], out: &mut [f32]) {
-        if self.batch.is_full() {
-            self.shade_batch(view, step, out);
+        let values = shaded(view, id, [&waiting.x, &waiting.y], step, false);
+        for (number, value) in waiting.sample.iter().zip(values).take(waiting.count) {
+            self.samples[*number as usize].value = value;
         }
-    }
-
-    fn shade_batch(&mut self, view: &View<'_>, step: &[f32; 4], out: &mut [f32]) {
-        let samples = &mut self.samples;
-        self.batch.shade(view.world, &view.cover.facets, step, |target, values| match target {
-            Target::Pixels(place) => out[*place as usize..][..RUN].copy_from_slice(values),
-            Target::Samples(numbers, count) => {
-                for (number, value) in numbers.iter().zip(values).take(*count) {
-                    samples[*number as usize].value = *value;
-                }
-            }
-        });
+        waiting.count = 0;
     }
 
     /// Shades what still waits, and sums the samples of each pixel.
@@ -206,11 +175,9 @@ impl Shader {
                 let (x, y) = (waiting.x[0], waiting.y[0]);
                 waiting.x[waiting.count..].fill(x);
                 waiting.y[waiting.count..].fill(y);
-                self.batch_waiting(id);
-                self.shade_full(view, step, out);
+                self.shade_waiting(view, id, step);
             }
         }
-        self.shade_batch(view, step, out);
         let mut begin = 0;
         for pixel in &self.pixels {
             let (mut sum, mut total) = (0.0, 0.0);
@@ -226,9 +193,9 @@ impl Shader {
     }
 
     /// Adds the samples of a pixel that several facets may share.
-    fn add_edge(&mut self, view: &View<'_>, rays: &Rays, ids: &[[u16; 3]; 3], at: [f32; 2]) {
+    fn add_edge(&mut self, view: &View<'_>, (tile, rays): (usize, &Rays), ids: &[[u16; 3]; 3], at: [f32; 2]) {
         let mut candidates = [NONE; PIXEL_FACETS];
-        let count = self.candidates(ids, at, &rays.reach, &mut candidates);
+        let count = candidates_of(view, tile, ids, at, &rays.reach, &mut candidates);
         let (x, y) = (Rays::from(at[0], &rays.x), Rays::from(at[1], &rays.y));
         let (mut depth, mut seen) = ([0.0; TILE], [PIXEL_FACETS as u32; TILE]);
         for (k, &id) in candidates[..count].iter().enumerate() {
@@ -239,7 +206,7 @@ impl Shader {
             let (share, sums) = share(k as u32, &seen, &x, &y);
             if share > 0 {
                 let share_px = share as f32;
-                self.add(id, sums.map(|sum| sum / share_px), share_px);
+                self.add(view, id, sums.map(|sum| sum / share_px), share_px, &view.lens.steps[tile]);
                 left -= share;
             }
             if left == 0 {
@@ -247,37 +214,48 @@ impl Shader {
             }
         }
     }
+}
 
-    /// Facets that a pixel may show: those of its neighbours, and any of the tile that touch it, however
-    /// thin. Returns their number.
-    fn candidates(
-        &self,
-        ids: &[[u16; 3]; 3],
-        at: [f32; 2],
-        reach: &[f32; 2],
-        into: &mut [u16; PIXEL_FACETS],
-    ) -> usize {
-        let mut count = 0;
-        for &id in ids.as_flattened() {
-            if id != NONE && !into[..count].contains(&id) {
-                into[count] = id;
-                count += 1;
-            }
+/// Brightness of a run of bearings that all see facet `id`, side by side or anywhere.
+#[inline]
+fn shaded(
+    view: &View<'_>,
+    id: u16,
+    bearings: [&[f32; RUN]; 2],
+    step: &[f32; 4],
+    are_side_by_side: bool,
+) -> [f32; RUN] {
+    let facet = &view.cover.facets[id as usize];
+    let (plan, on_surface) = facet.plan(view.world, bearings, step);
+    let light = match are_side_by_side {
+        true => facet.light_along(view.world, &on_surface),
+        false => facet.light_at(view.world, &on_surface),
+    };
+    facet.lit(view.world, &facet.texture(view.world).means(&plan), &light)
+}
+
+/// Facets that a pixel may show: those of its neighbours, and any of the tile that touch it, however
+/// thin. Returns their number.
+fn candidates_of(
+    view: &View<'_>,
+    tile: usize,
+    ids: &[[u16; 3]; 3],
+    at: [f32; 2],
+    reach: &[f32; 2],
+    into: &mut [u16; PIXEL_FACETS],
+) -> usize {
+    let mut count = 0;
+    let span = Span { x: [at[0] - reach[0], at[0] + reach[0]], y: [at[1] - reach[1], at[1] + reach[1]] };
+    let touches = |id: &u16| view.cover.facets[*id as usize].nearest_within(&span).is_some();
+    let near = ids.as_flattened().iter().copied().filter(|id| *id != NONE);
+    for (id, is_near) in near.map(|id| (id, true)).chain(view.cover.facets_of(tile).map(|id| (id, false))) {
+        let is_new = count < PIXEL_FACETS && !into[..count].contains(&id);
+        if is_new && (is_near || touches(&id)) {
+            into[count] = id;
+            count += 1;
         }
-        let span = Span { x: [at[0] - reach[0], at[0] + reach[0]], y: [at[1] - reach[1], at[1] + reach[1]] };
-        for group in self.known.groups() {
-            if group.facets().iter().all(|id| into[..count].contains(id)) {
-                continue;
-            }
-            for (&id, is_there) in group.facets().iter().zip(group.touch(&span)) {
-                if is_there && count < PIXEL_FACETS && !into[..count].contains(&id) {
-                    into[count] = id;
-                    count += 1;
-                }
-            }
-        }
-        count
     }
+    count
 }
 
 /// True if no pixel is on an edge.

@@ -5,7 +5,6 @@
 //! (trilinear) and takes several samples along the longer axis of the pixel's footprint (anisotropic),
 //! so oblique surfaces are as sharp across the view as they should be, and none shimmers.
 
-use super::prefetch::prefetch;
 use plumbline_config::Portable;
 
 /// Most samples along the footprint.
@@ -56,62 +55,21 @@ impl Texture {
         self.pairs.len()
     }
 
-    /// Means of the pattern over `N` footprints, 0 to 255.
-    #[cfg(test)]
-    pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
-        let (plan, mut places) = (self.plan(footprints), TexelPlaces::default());
-        self.locate(&plan, &mut places);
-        self.means(&plan, &places)
-    }
-
     /// Plans the sampling of footprints.
     #[inline]
     pub(super) fn plan<const N: usize>(&self, footprints: &Footprints<N>) -> Plan<N> {
         footprints.plan(self.last_level)
     }
 
-    /// Finds where a plan reads, and asks for it ahead.
+    /// Means of the pattern, 0 to 255, over the footprints of a plan.
     #[inline]
-    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut TexelPlaces<N>) {
-        if plan.needs_level() {
-            self.locate_on::<N, false>(plan, &mut into.level);
-        }
-        if plan.needs_next() {
-            self.locate_on::<N, true>(plan, &mut into.next);
-        }
-    }
-
-    #[inline]
-    fn locate_on<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>, into: &mut Taps<N>) {
-        let (mut masks, mut first, mut strides) = ([0; N], [0; N], [0; N]);
-        for i in 0..N {
-            let level = (plan.level[i] as u32 + u32::from(NEXT)).min(self.last_level);
-            let side = 1 << (self.last_level - level);
-            (masks[i], first[i], strides[i]) = (side - 1, PAIR * first_texel(side), PAIR * (side + PADDING));
-        }
-        let (mut x, mut y) = (plan.x, plan.y);
-        for places in into.iter_mut().take(plan.most_taps()) {
-            for i in 0..N {
-                let (column, row) =
-                    (there::<NEXT>(x[i]) >> FRACTION_BITS, there::<NEXT>(y[i]) >> FRACTION_BITS);
-                let (column, row) = (column as u32 & masks[i], row as u32 & masks[i]);
-                places[i] = first[i] + row * strides[i] + PAIR * column;
-                // Lanes that nobody looks at may hold anything.
-                (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
-            }
-            places.iter().for_each(|place| prefetch(&self.pairs, *place as usize));
-        }
-    }
-
-    /// Means of the pattern, 0 to 255, over the footprints of a plan that reads at `places`.
-    #[inline]
-    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &TexelPlaces<N>) -> [f32; N] {
+    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>) -> [f32; N] {
         let (mut level, mut next) = ([0; N], [0; N]);
-        if plan.needs_level() {
-            level = self.sums::<N, false>(plan, &places.level);
+        if plan.part.iter().any(|part| *part < 1.0) {
+            level = self.sums::<N, false>(plan);
         }
-        if plan.needs_next() {
-            next = self.sums::<N, true>(plan, &places.next);
+        if plan.part.iter().any(|part| *part > 0.0) {
+            next = self.sums::<N, true>(plan);
         }
         std::array::from_fn(|i| {
             let level = if plan.part[i] < 1.0 { level[i] as i32 as f32 } else { 0.0 };
@@ -122,17 +80,26 @@ impl Texture {
 
     /// Sums, of the samples of each footprint, of the bilinear values times 65536.
     #[inline]
-    fn sums<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>, places: &Taps<N>) -> [u32; N] {
-        let mut sums = [0; N];
-        let (mut x, mut y) = (plan.x, plan.y);
-        for (tap, places) in (0..).zip(places.iter().take(plan.most_taps())) {
-            let quads = places.map(|place| self.quad(place));
+    fn sums<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>) -> [u32; N] {
+        let (mut masks, mut first, mut strides) = ([0; N], [0; N], [0; N]);
+        for i in 0..N {
+            let level = (plan.level[i] as u32 + u32::from(NEXT)).min(self.last_level);
+            let side = 1 << (self.last_level - level);
+            (masks[i], first[i], strides[i]) = (side - 1, PAIR * first_texel(side), PAIR * (side + PADDING));
+        }
+        let (mut sums, mut x, mut y) = ([0; N], plan.x, plan.y);
+        for tap in 0..plan.taps.iter().fold(0, |most, taps| most.max(*taps)) {
             for i in 0..N {
-                let (right, down) = ((there::<NEXT>(x[i]) & 255) as u32, (there::<NEXT>(y[i]) & 255) as u32);
-                let (upper, lower) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
+                let (at_x, at_y) = (there::<NEXT>(x[i]), there::<NEXT>(y[i]));
+                let (column, row) = ((at_x >> FRACTION_BITS) as u32, (at_y >> FRACTION_BITS) as u32);
+                let (column, row) = (column & masks[i], row & masks[i]);
+                let quad = self.quad(first[i] + row * strides[i] + PAIR * column);
+                let (right, down) = ((at_x & 255) as u32, (at_y & 255) as u32);
+                let (upper, lower) = (quad & 0x00ff_00ff, (quad >> 8) & 0x00ff_00ff);
                 let mixed = upper * (256 - down) + lower * down;
                 let value = (mixed & 0xffff) * (256 - right) + (mixed >> 16) * right;
                 sums[i] += if tap < plan.taps[i] { value } else { 0 };
+                // Lanes that nobody looks at may hold anything.
                 (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
             }
         }
@@ -172,50 +139,10 @@ pub(super) struct Plan<const N: usize> {
     step_y: [i32; N],
 }
 
-/// Places of the samples of `N` footprints, see [`Texture::quad`].
-type Taps<const N: usize> = [[u32; N]; MAX_TAPS as usize];
-
-/// Places that a plan reads on its level and on the next.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct TexelPlaces<const N: usize> {
-    level: Taps<N>,
-    next: Taps<N>,
-}
-
-impl<const N: usize> Default for TexelPlaces<N> {
-    fn default() -> Self {
-        let none = [[0; N]; MAX_TAPS as usize];
-        Self { level: none, next: none }
-    }
-}
-
 /// Maps a coordinate to the `NEXT` level, p / 2 - 1/4, or returns it as it is.
 #[inline]
 fn there<const NEXT: bool>(p: i32) -> i32 {
     if NEXT { p.wrapping_sub(HALF) >> 1 } else { p }
-}
-
-impl<const N: usize> Plan<N> {
-    /// Empty plan: nothing is read.
-    pub(super) const NONE: Self = {
-        let none = [0; N];
-        Self { level: none, part: [0.0; N], taps: [0; N], x: none, y: none, step_x: none, step_y: none }
-    };
-
-    #[inline]
-    fn needs_level(&self) -> bool {
-        self.part.iter().fold(false, |any, &part| any | (part < 1.0))
-    }
-
-    #[inline]
-    fn needs_next(&self) -> bool {
-        self.part.iter().fold(false, |any, &part| any | (part > 0.0))
-    }
-
-    #[inline]
-    fn most_taps(&self) -> usize {
-        self.taps.iter().fold(0, |most, &taps| taps.max(most)) as usize
-    }
 }
 
 impl<const N: usize> Footprints<N> {
@@ -329,7 +256,7 @@ mod tests {
             u_down: [down[0]],
             v_down: [down[1]],
         };
-        texture.sample(&footprint)[0]
+        texture.means(&texture.plan(&footprint))[0]
     }
 
     fn checker(side: usize, field: usize) -> Texture {

@@ -2,7 +2,6 @@
 //!
 //! Frame `W`: z up, metres. A surface is seen from the side its normal points to.
 
-use super::light_map::{LightMap, LightTable};
 use super::pattern::Material;
 use crate::random::{Draws, Purpose};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -42,6 +41,39 @@ impl Finish {
     /// Returns the finish with light of its own.
     pub(super) const fn glowing(self, glow: f32) -> Self {
         Self { glow, ..self }
+    }
+}
+
+/// Brightness (grey levels of a white surface) on a grid over a surface.
+#[derive(Clone, Debug)]
+pub(super) struct LightMap {
+    /// At least two.
+    pub(super) columns: usize,
+    /// At least two.
+    pub(super) rows: usize,
+    /// By rows.
+    pub(super) values: Vec<f32>,
+}
+
+impl LightMap {
+    /// Creates a map of one brightness.
+    pub(super) fn uniform(value: f32) -> Self {
+        Self { columns: 2, rows: 2, values: vec![value; 4] }
+    }
+
+    /// Brightness at places `(s, t)`, all within 0 to 1.
+    #[inline]
+    pub(super) fn at<const N: usize>(&self, s: &[f32; N], t: &[f32; N]) -> [f32; N] {
+        let (cells_x, cells_y) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
+        std::array::from_fn(|i| {
+            let (x, y) = (s[i].clamp(0.0, 1.0) * cells_x, t[i].clamp(0.0, 1.0) * cells_y);
+            let (column, row) = (x.floor().at_most(cells_x - 1.0), y.floor().at_most(cells_y - 1.0));
+            let (fx, fy) = (x - column, y - row);
+            let corner = &self.values[row as usize * self.columns + column as usize..];
+            let across = |of: &[f32]| of[0] + (of[1] - of[0]) * fx;
+            let (a, b) = (across(corner), across(&corner[self.columns..]));
+            a + (b - a) * fy
+        })
     }
 }
 
@@ -99,8 +131,6 @@ pub struct Hit {
 #[derive(Debug)]
 pub(super) struct World {
     pub(super) surfaces: Vec<Surface>,
-    /// Light of each surface.
-    pub(super) light: Vec<LightTable>,
     /// Lamps that glossy surfaces mirror, in the world, m.
     pub(super) lamps: Vec<Vector3<f64>>,
     /// Surfaces of each thing that moves, in its own frame; they come last.
@@ -110,8 +140,7 @@ pub(super) struct World {
 impl World {
     /// Creates the world from surfaces and their light.
     pub(super) fn new(surfaces: Vec<Surface>) -> Self {
-        let light = surfaces.iter().map(|surface| LightTable::new(&surface.light)).collect();
-        Self { surfaces, light, lamps: Vec::new(), movers: Vec::new() }
+        Self { surfaces, lamps: Vec::new(), movers: Vec::new() }
     }
 
     /// Adds a thing that moves, in its own frame and in light of one brightness.
@@ -119,7 +148,6 @@ impl World {
         let begin = self.surfaces.len();
         for mut surface in surfaces {
             surface.light = LightMap::uniform(brightness);
-            self.light.push(LightTable::new(&surface.light));
             self.surfaces.push(surface);
         }
         self.movers.push(begin..self.surfaces.len());

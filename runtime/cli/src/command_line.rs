@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand};
 
 /// Deterministic real-time visual-inertial odometry for drones.
 #[derive(Debug, Parser)]
-#[command(name = "plumbline", version, after_help = examples())]
+#[command(name = "plumbline", version = VERSION, after_help = EXAMPLES)]
 pub struct Cli {
     /// More log messages (-v, -vv); the environment variable RUST_LOG overrides it.
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
@@ -13,24 +13,20 @@ pub struct Cli {
     pub command: Command,
 }
 
-fn examples() -> String {
-    let ground = if cfg!(feature = "ground") {
-        "  plumbline demo                                    a simulated flight, live
+/// Version, and what this build leaves out.
+const VERSION: &str = if cfg!(feature = "calibration") {
+    env!("CARGO_PKG_VERSION")
+} else {
+    concat!(
+        env!("CARGO_PKG_VERSION"),
+        " (without OpenCV, which `calibrate camera` needs: `make calibration`)"
+    )
+};
+
+const EXAMPLES: &str = "Examples:
+  plumbline demo                                    a simulated flight, live
   plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
-"
-    } else {
-        ""
-    };
-    let lab = if cfg!(feature = "lab") {
-        "  plumbline plot out.tum --truth V1_01_easy --out flight.svg   draw it
-  plumbline lines image.png --out lines.png         draw the line segments of one image
-"
-    } else {
-        ""
-    };
-    format!(
-        "Examples:
-{ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set, as fast as possible
+  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set, as fast as possible
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
   plumbline devices                                 list the connected cameras and IMUs
   plumbline setup realsense --out drone.toml        configure a connected camera
@@ -38,16 +34,13 @@ fn examples() -> String {
   plumbline replay V1_01_easy --record log.mcap     record the flight
   plumbline verify log.mcap                         execute it again, and compare all outputs bit for bit
   plumbline evaluate out.tum V1_01_easy             ATE and RPE, computed as evo_ape and evo_rpe do
-{lab}
+
 Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an \
-internal fault ended a task of a live flight: restart the program, as the systemd unit does."
-    )
-}
+internal fault ended a task of a live flight: restart the program, as the systemd unit does.";
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
-    #[cfg(feature = "ground")]
     Demo(super::demo::DemoArgs),
     /// Fly live with the configured cameras and IMU.
     Fly(super::fly::FlyArgs),
@@ -62,21 +55,10 @@ pub enum Command {
     /// Compare a trajectory with its ground truth.
     Evaluate(super::evaluate::EvaluateArgs),
     /// Pack what is known of a flight into one archive, to send with a question: without keys, addresses, names and images.
-    #[cfg(feature = "lab")]
     Report(super::report::ReportArgs),
-    /// Measure the drift of a recording without ground truth: fly it there and back.
-    #[cfg(feature = "lab")]
-    Shuttle(Box<super::shuttle::ShuttleArgs>),
-    /// Draw a flight: path over the truth, errors, covariance, velocity and biases over time.
-    #[cfg(feature = "lab")]
-    Plot(super::plot::PlotArgs),
-    /// Extract the line segments of one image, and draw them.
-    #[cfg(feature = "lab")]
-    Lines(super::lines::LinesArgs),
     /// Build and join maps, locate images in them, and list their contents.
     Map(super::map::MapArgs),
     /// Monitor vehicles over the network: a web page, and a view in the terminal.
-    #[cfg(feature = "ground")]
     Ground(super::ground::GroundArgs),
     /// Relay messages between vehicles and ground stations that cannot reach each other.
     Router(super::router::RouterArgs),
@@ -84,32 +66,16 @@ pub enum Command {
     /// themselves.
     Link(super::link::LinkArgs),
     /// Reset the estimator of a vehicle over the network.
-    #[cfg(feature = "ground")]
     Reset(super::reset::ResetArgs),
     /// Make certificates for vehicles and ground stations.
     Keys(super::keys::KeysArgs),
-    /// Fly the built-in set of simulated flights, with and without faults, and tabulate the errors. See also `sweep`
-    /// (compares settings) and `ablation` (benefit of lines).
-    #[cfg(feature = "lab")]
-    Campaign(super::campaign::CampaignArgs),
-    /// Compare the accuracy with points only and with raw, filtered and merged line segments, over data sets or the
-    /// flights of `campaign`.
-    #[cfg(feature = "lab")]
-    Ablation(super::ablation::AblationArgs),
-    /// Fly every combination of settings on several data sets, on all cores, and tabulate the errors.
-    #[cfg(feature = "lab")]
-    Sweep(super::sweep::SweepArgs),
-    /// Measure the cost of a standard load on this machine, and compare it with an earlier measurement.
-    #[cfg(feature = "lab")]
-    Bench(super::bench::BenchArgs),
     /// List cameras (formats, rates, controls), serial ports and inertial sensors, with their names for the
     /// configuration.
     Devices(super::devices::DevicesArgs),
     /// Set up a connected rig: find it, read its calibration, write a configuration, set emitter and exposure, and run the
     /// doctor.
     Setup(Box<super::setup::SetupArgs>),
-    /// Calibrate the sensors: cameras from images of a board, noise of the IMU, pose of the cameras on the IMU.
-    #[cfg(feature = "lab")]
+    /// Calibrate the sensors: cameras from images of a board, pose of the cameras on the IMU.
     Calibrate(super::calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(super::doctor::DoctorArgs),
@@ -129,17 +95,12 @@ pub enum Command {
 impl Command {
     /// True if messages reach this process over Zenoh as long as it runs.
     pub fn has_network(&self) -> bool {
-        #[cfg(feature = "ground")]
-        if matches!(self, Self::Demo(_) | Self::Ground(_)) {
-            return true;
-        }
-        matches!(self, Self::Router(_) | Self::Link(_))
+        matches!(self, Self::Demo(_) | Self::Ground(_) | Self::Router(_) | Self::Link(_))
     }
 
     /// Name of a command that runs under a supervisor, which starts it again after a fault.
     pub fn supervised(&self) -> Option<&'static str> {
         match self {
-            #[cfg(feature = "ground")]
             Self::Ground(_) => Some("the ground station"),
             Self::Router(_) => Some("the router"),
             _ => None,

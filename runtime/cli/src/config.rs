@@ -1,6 +1,5 @@
 //! `plumbline config`: check a configuration, print a preset, or make a configuration of calibration files.
 
-#[cfg(feature = "yaml")]
 mod import;
 
 use super::{Usage, check_outputs, say};
@@ -56,7 +55,6 @@ fn file_help() -> String {
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
     /// Make a configuration from a calibration by Kalibr or a EuRoC data set.
-    #[cfg(feature = "yaml")]
     Import(import::ImportArgs),
 }
 
@@ -78,10 +76,7 @@ pub fn parse_mounting(text: &str) -> Result<Mounting, String> {
 /// When a file cannot be used, or the configuration cannot be written.
 pub fn run(args: &ConfigArgs) -> Result<()> {
     match (&args.command, &args.file) {
-        #[cfg(feature = "yaml")]
         (Some(ConfigCommand::Import(args)), _) => import::run(args),
-        #[cfg(not(feature = "yaml"))]
-        (Some(never), _) => match *never {},
         (None, Some(file)) => check(file, args),
         (None, None) => Err(Usage("config: name a file or a preset".into()).into()),
     }

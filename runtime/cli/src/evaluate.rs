@@ -4,7 +4,7 @@ use super::say;
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use plumbline_lab::evaluate::{
-    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, TimeOffset, evaluate, load_trajectory,
+    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
 };
 use std::path::PathBuf;
 
@@ -30,24 +30,17 @@ pub struct EvaluateArgs {
     /// Largest difference between the stamps of associated poses, seconds.
     #[arg(long, default_value_t = 0.01)]
     pub max_difference: f64,
-    /// Seconds to add to the stamps of the estimate, as evo's --t_offset; or `auto`: the shift at which both have the same
-    /// motion. For live flights, which are stamped by the host's monotonic clock. Default: 0.
-    #[arg(long, value_name = "S|auto", value_parser = parse_time_offset, allow_hyphen_values = true)]
-    pub time_offset: Option<TimeOffset>,
+    /// Seconds to add to the stamps of the estimate, as evo's --t_offset. For live flights, which are stamped by the host's
+    /// monotonic clock.
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_seconds, allow_hyphen_values = true)]
+    pub time_offset: f64,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }
 
-/// A number of seconds, or `auto`.
-fn parse_time_offset(text: &str) -> Result<TimeOffset, String> {
-    if text == "auto" {
-        return Ok(TimeOffset::Search);
-    }
-    let seconds = text.parse().ok().filter(|s: &f64| s.is_finite());
-    seconds
-        .map(TimeOffset::Seconds)
-        .ok_or_else(|| format!("'{text}' is neither a number of seconds nor 'auto'"))
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|s: &f64| s.is_finite()).ok_or_else(|| "give a number of seconds".into())
 }
 
 /// Freedom of the alignment.
@@ -88,13 +81,10 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
         alignment: args.align.into(),
         delta,
         all_pairs: args.all_pairs,
-        time_offset: args.time_offset.unwrap_or_default(),
+        time_offset_s: args.time_offset,
     };
     let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)
         .with_context(|| format!("{} against {}", args.estimate.display(), args.truth.display()))?;
-    if let Some(misordered) = &result.misordered {
-        tracing::warn!("{misordered}");
-    }
     if args.json {
         say(format_args!("{}", serde_json::to_string_pretty(&result)?));
     } else {

@@ -15,6 +15,8 @@ use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
 use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
+use plumbline_lab::calibrate::camera::ImagesError;
+use plumbline_lab::calibrate::rig::RigError;
 use plumbline_lab::evaluate::EvaluateError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
@@ -81,7 +83,6 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Malformed { .. }
                 | DriverError::Missing { .. }
                 | DriverError::Refused { .. }
-                | DriverError::LeftOut { .. }
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
@@ -93,9 +94,16 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
             PlacesError::Config(_) | PlacesError::Nothing(_) => true,
         };
     }
-    #[cfg(feature = "lab")]
-    if let Some(is_wrong) = is_wrong_input_of_lab(cause) {
-        return is_wrong;
+    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
+        return is_usage(error);
+    }
+    if let Some(error) = cause.downcast_ref::<ImagesError>() {
+        return match error {
+            ImagesError::Layout { .. } => true,
+            ImagesError::Write { .. } => false,
+            ImagesError::Io { source, .. } => is_usage(source),
+            ImagesError::Image(error) => is_usage(error),
+        };
     }
     match cause.downcast_ref::<MapFileError>() {
         Some(MapFileError::Read { source, .. }) => is_usage(source),
@@ -107,27 +115,6 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
             Some(LogError::Exists { .. } | LogError::NotALog { .. })
         ),
     }
-}
-
-/// Counterpart for the errors of the laboratory; `None` for other errors.
-#[cfg(feature = "lab")]
-fn is_wrong_input_of_lab(cause: &(dyn Error + 'static)) -> Option<bool> {
-    use plumbline_lab::calibrate::camera::ImagesError;
-    use plumbline_lab::calibrate::rig::RigError;
-    use plumbline_lab::sweep::SweepError;
-
-    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
-        return Some(is_usage(error));
-    }
-    if let Some(error) = cause.downcast_ref::<SweepError>() {
-        return Some(matches!(error, SweepError::OtherSweep { .. }));
-    }
-    cause.downcast_ref::<ImagesError>().map(|error| match error {
-        ImagesError::Layout { .. } => true,
-        ImagesError::Write { .. } => false,
-        ImagesError::Io { source, .. } => is_usage(source),
-        ImagesError::Image(error) => is_usage(error),
-    })
 }
 
 /// True if an endpoint or a key file cannot be what was meant.

@@ -1,7 +1,6 @@
 //! `plumbline ground`: watch vehicles from afar, in the browser and in the terminal.
 
 use super::access::AccessArgs;
-#[cfg(feature = "terminal")]
 mod in_terminal;
 
 use super::{check_outputs, say, stop_on_signal, supervisor};
@@ -156,7 +155,6 @@ pub fn run(args: &GroundArgs) -> Result<()> {
 }
 
 /// Shows the fleet: the view where there is a terminal, else lines.
-#[cfg(feature = "terminal")]
 fn show(
     args: &GroundArgs,
     fleet: &Mutex<Fleet>,
@@ -168,18 +166,6 @@ fn show(
         return ground::print_lines(fleet, is_over);
     }
     in_terminal::show(fleet, about, is_over, stop)
-}
-
-/// Shows the fleet in lines: this build has no view.
-#[cfg(not(feature = "terminal"))]
-fn show(
-    _: &GroundArgs,
-    fleet: &Mutex<Fleet>,
-    _about: &str,
-    is_over: &impl Fn() -> bool,
-    _stop: &AtomicBool,
-) -> std::io::Result<()> {
-    ground::print_lines(fleet, is_over)
 }
 
 /// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first

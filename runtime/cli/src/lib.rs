@@ -3,21 +3,11 @@
 //! 0 success, 1 the run failed, 2 wrong usage or configuration, 3 a fault of the program in flight ([`exit_status`]); a failure is one line on stderr that
 //! names the file, the key or the device, and what to do.
 
-#[cfg(feature = "lab")]
-pub mod ablation;
 pub mod access;
-#[cfg(feature = "lab")]
-mod bench;
-#[cfg(feature = "lab")]
 mod calibrate;
-#[cfg(feature = "lab")]
-pub mod campaign;
 mod checks;
-#[cfg(feature = "lab")]
-pub mod choice;
 mod command_line;
 mod config;
-#[cfg(feature = "ground")]
 mod demo;
 pub mod devices;
 mod doctor;
@@ -25,14 +15,10 @@ pub mod evaluate;
 mod exit_status;
 pub mod fly;
 mod fly_status;
-#[cfg(feature = "ground")]
 mod ground;
 mod help;
 mod keys;
 mod learn;
-mod left_out;
-#[cfg(feature = "lab")]
-pub mod lines;
 mod link;
 mod link_process;
 pub mod log;
@@ -40,91 +26,28 @@ mod log_lines;
 mod logs;
 mod man;
 mod map;
-
-fn run(command: Command) -> anyhow::Result<()> {
-    match command {
-        #[cfg(feature = "ground")]
-        Command::Demo(args) => demo::run(&args),
-        Command::Fly(args) => fly::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Verify(args) => verify::run(&args),
-        Command::Log(args) => log::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Report(args) => report::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Shuttle(args) => shuttle::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Plot(args) => plot::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Lines(args) => lines::run(&args),
-        Command::Map(args) => map::run(&args),
-        #[cfg(feature = "ground")]
-        Command::Ground(args) => ground::run(&args),
-        Command::Router(args) => router::run(&args),
-        Command::Link(args) => link::run(&args),
-        #[cfg(feature = "ground")]
-        Command::Reset(args) => reset::run(&args),
-        Command::Keys(args) => keys::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Campaign(args) => campaign::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Ablation(args) => ablation::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Sweep(args) => sweep::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Bench(args) => bench::run(&args),
-        Command::Devices(args) => devices::run(&args),
-        Command::Setup(args) => setup::run(&args),
-        #[cfg(feature = "lab")]
-        Command::Calibrate(args) => calibrate::run(&args),
-        Command::Doctor(args) => doctor::run(&args),
-        Command::Config(args) => config::run(&args),
-        Command::Help(args) => help::run(&args),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut help::full(), "plumbline", &mut script);
-            say(String::from_utf8_lossy(&script).trim_end());
-            Ok(())
-        }
-        Command::Man(args) => man::run(help::full(), &args),
-    }
-}
-
 #[cfg(test)]
 mod message_options_tests;
-#[cfg(feature = "lab")]
-mod paired;
 mod paths;
-#[cfg(feature = "lab")]
-pub mod plot;
 mod progress;
-#[cfg(feature = "ground")]
 mod remote;
 pub mod replay;
-#[cfg(feature = "lab")]
 pub mod report;
-#[cfg(feature = "ground")]
 mod reset;
 mod router;
 pub mod run_args;
 mod say;
 pub mod scenario;
 mod setup;
-#[cfg(feature = "lab")]
-pub mod shuttle;
 mod signals;
 pub mod simulate;
 mod simulated;
 mod supervisor;
-#[cfg(feature = "lab")]
-pub mod sweep;
 pub mod topics;
 pub mod verify;
 
 pub use checks::{Usage, check_maps, check_mounting, check_outputs, load_config, parse_range};
-pub use say::{one_line, say, say_unless_closed, say_within};
+pub use say::{one_line, say, say_within};
 pub use signals::stop_on_signal;
 
 use clap::FromArgMatches as _;
@@ -139,10 +62,6 @@ use std::time::Duration;
 /// Runs the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
-    if let Some(refusal) = left_out::command(std::env::args().skip(1)) {
-        eprintln!("plumbline: {refusal}");
-        return ExitCode::from(exit_status::exit_status(&refusal.into()));
-    }
     let mut known = help::command();
     let cli = Cli::from_arg_matches(&known.get_matches_mut())
         .unwrap_or_else(|error| error.format(&mut known).exit());
@@ -164,6 +83,38 @@ pub fn main() -> ExitCode {
             within(PATIENCE, move || drop(std::io::stderr().write_all(words.as_bytes())));
             ExitCode::from(exit_status::exit_status(&error))
         }
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Demo(args) => demo::run(&args),
+        Command::Fly(args) => fly::run(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Verify(args) => verify::run(&args),
+        Command::Log(args) => log::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Report(args) => report::run(&args),
+        Command::Map(args) => map::run(&args),
+        Command::Ground(args) => ground::run(&args),
+        Command::Router(args) => router::run(&args),
+        Command::Link(args) => link::run(&args),
+        Command::Reset(args) => reset::run(&args),
+        Command::Keys(args) => keys::run(&args),
+        Command::Devices(args) => devices::run(&args),
+        Command::Setup(args) => setup::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Config(args) => config::run(&args),
+        Command::Help(args) => help::run(&args),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut help::full(), "plumbline", &mut script);
+            say(String::from_utf8_lossy(&script).trim_end());
+            Ok(())
+        }
+        Command::Man(args) => man::run(help::full(), &args),
     }
 }
 

@@ -45,13 +45,11 @@ fn reader() -> MutexGuard<'static, Option<Reader>> {
 }
 
 /// Redirection of the lines to a reader; dropping it sends them to stderr again.
-#[cfg(all(feature = "ground", feature = "terminal"))]
 #[derive(Debug)]
 pub struct Redirected(());
 
 /// Hands lines over to `reader` where stderr is a terminal, which something else draws on meanwhile. A file or a pipe goes
 /// on taking them.
-#[cfg(all(feature = "ground", feature = "terminal"))]
 pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
     if io::IsTerminal::is_terminal(&io::stderr()) {
         flush();
@@ -60,7 +58,6 @@ pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
     Redirected(())
 }
 
-#[cfg(all(feature = "ground", feature = "terminal"))]
 impl Drop for Redirected {
     fn drop(&mut self) {
         flush();

@@ -27,7 +27,6 @@ pub struct MapArgs {
 #[derive(Debug, Subcommand)]
 enum MapCommand {
     /// Request that a vehicle writes its map now; it must fly with --save-map.
-    #[cfg(feature = "ground")]
     Save(super::remote::RemoteArgs),
     /// Build a map from stereo images with known poses.
     Build(BuildArgs),
@@ -151,7 +150,6 @@ struct MergeArgs {
 /// When a file cannot be used, or nothing comes of it.
 pub fn run(args: &MapArgs) -> Result<()> {
     match &args.command {
-        #[cfg(feature = "ground")]
         MapCommand::Save(remote) => remote.give(plumbline_ground::command::save_map),
         MapCommand::Build(args) => run_build(args),
         MapCommand::Locate(args) => run_locate(args),

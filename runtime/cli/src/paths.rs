@@ -8,20 +8,23 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// When there is none, or several.
-pub(super) fn flown_path(name: &str, shared: Option<&Path>) -> Result<String, Usage> {
+pub(super) fn flown_path(name: &str) -> Result<String, Usage> {
+    flown_path_in(name, &trajectories())
+}
+
+fn flown_path_in(name: &str, folder: &Path) -> Result<String, Usage> {
     if !matches!(FlightPath::named(name), FlightPath::Tum(_)) || Path::new(name).exists() {
         return Ok(name.to_owned());
     }
-    let folder = trajectories(shared);
-    let known = folder.as_deref().map(known_trajectories).unwrap_or_default();
+    let known = known_trajectories(folder);
     let found: Vec<&String> =
         known.iter().filter(|known| !name.is_empty() && known.starts_with(name)).collect();
-    if let (Ok(folder), [one]) = (&folder, found.as_slice()) {
+    if let [one] = found.as_slice() {
         return Ok(folder.join(format!("{one}.tum.gz")).display().to_string());
     }
-    let names = match &folder {
-        Ok(folder) => format!("a trajectory in {}: {}", folder.display(), known.join(", ")),
-        Err(_) => {
+    let names = match known.is_empty() {
+        false => format!("a trajectory in {}: {}", folder.display(), known.join(", ")),
+        true => {
             "the name of a trajectory in the shared data ($PLUMBLINE_SHARED, or ../shared; not found)".into()
         }
     };
@@ -42,15 +45,10 @@ fn known_trajectories(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
-pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
-    let shared =
-        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
-    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
-    if folder.is_dir() {
-        return Ok(folder);
-    }
-    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
+/// The folder of trajectories in the shared data: that of the environment, else `../shared`.
+fn trajectories() -> PathBuf {
+    let shared = std::env::var_os("PLUMBLINE_SHARED").map_or_else(|| "../shared".into(), PathBuf::from);
+    shared.join("euroc/trajectories")
 }
 
 #[cfg(test)]
@@ -65,7 +63,7 @@ mod tests {
         for name in ["V1_01_easy", "V1_02_medium"] {
             std::fs::write(folder.join(format!("{name}.tum.gz")), "").unwrap();
         }
-        let path = |name: &str| flown_path(name, Some(shared.path())).map_err(|error| error.to_string());
+        let path = |name: &str| flown_path_in(name, &folder).map_err(|error| error.to_string());
         assert_eq!(path("yaws").unwrap(), "yaws");
         let file = folder.join("V1_02_medium.tum.gz").display().to_string();
         assert_eq!((path("V1_02").unwrap(), path(&file).unwrap()), (file.clone(), file));
@@ -77,7 +75,7 @@ mod tests {
                 assert!(words.contains(part), "{part}: {words}");
             }
         }
-        let words = flown_path("V9", Some(Path::new("/nowhere"))).unwrap_err().to_string();
+        let words = flown_path_in("V9", Path::new("/nowhere")).unwrap_err().to_string();
         assert!(words.contains("yaws") && words.contains("PLUMBLINE_SHARED"), "{words}");
     }
 }

@@ -19,8 +19,6 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const RING: usize = 256;
 
 /// Part of an estimate that is shown.
-// The demo shows all of it.
-#[cfg_attr(not(feature = "ground"), allow(dead_code))]
 #[derive(Clone, Copy, Debug)]
 pub struct Glance {
     /// Frames so far, this one included.

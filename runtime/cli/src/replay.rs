@@ -20,17 +20,16 @@ use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::{
     Cut, Flight, Flown, KeptInstants, KeptStates, OdometryTrajectory, Truth, fly, open_recording,
-    open_simulation, read_stamps, with_overrides,
+    read_stamps, with_overrides,
 };
 use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::report::accuracy::ForeignTruth;
 use plumbline_lab::report::{Report, late_findings};
-use plumbline_lab::tracking::TrackingWatch;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use written::{check_plot, write_map_outputs, write_state_outputs, write_trajectories};
+use written::write_outputs;
 
 /// Largest number of odometry samples for which memory is allocated beforehand: two hours at 200 Hz.
 const MAX_RESERVED_READINGS: usize = 1_440_000;
@@ -80,9 +79,9 @@ pub struct ReplayArgs {
     /// With --at: the file to write. Default: STAMPS_states.csv beside it.
     #[arg(long, value_name = "OUT.csv", requires = "at")]
     pub at_out: Option<PathBuf>,
-    /// Draw path, errors, covariance, velocity and biases (.svg or .png).
-    #[arg(long, value_name = "OUT.svg|OUT.png")]
-    pub plot: Option<PathBuf>,
+    /// Write the true poses at the times of the estimates (TUM format), where the truth is known.
+    #[arg(long, value_name = "OUT.tum")]
+    pub true_trajectory: Option<PathBuf>,
     /// Ground truth in place of that of the data set: TUM (also .gz) or EuRoC.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -134,9 +133,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         .odometry
         .as_ref()
         .map(|_| OdometryTrajectory::with_room_for(flight.expected_readings().min(MAX_RESERVED_READINGS)));
-    let wants_states = args.states.is_some() || args.plot.is_some();
-    let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
-    let mut tracking = TrackingWatch::new(&flight.config);
+    let mut states = args.states.as_ref().map(|_| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
     let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone(), board)?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
@@ -144,7 +141,6 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);
-    subscribers.push(&mut tracking);
     if let Some(odometry) = &mut odometry {
         subscribers.push(odometry);
     }
@@ -158,14 +154,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     progress.finish();
     let flown = flown?;
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref(), &file_defects);
-    let report = Report::new(&flown).with(outputs).with_tracking(tracking.figures()).warning_of(warnings);
+    let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     let words = args.run.write(&flown, &report)?;
-    write_trajectories(args, &flown.poses, odometry.as_deref())?;
-    write_map_outputs(args, &flown)?;
-    if let Some(states) = states {
-        write_state_outputs(args, &states.into_rows(), &flown.truth)?;
-    }
+    write_outputs(args, &flown, odometry.as_deref(), states.map(KeptStates::into_rows).as_deref())?;
     say(words);
     if let (Some(instants), Some(path)) = (instants, &at_out) {
         instants::write(path, &instants.into_rows(), &flown.poses)?;
@@ -181,16 +173,13 @@ fn checked(args: &ReplayArgs, log: Option<&PathBuf>) -> Result<Option<Vec<plumbl
         return Err(Usage("--speed: give a positive number".into()).into());
     }
     let at_out = instants::file(args);
-    let of_states = [&args.odometry, &args.covariance, &args.states, &args.plot];
+    let of_states = [&args.odometry, &args.covariance, &args.states, &args.true_trajectory];
     let others = [&args.final_trajectory, &args.map_trajectory, &at_out];
     check_outputs(args.run.files().chain(of_states.into_iter().chain(others).flatten()).chain(log))?;
     if at_out.is_some() && at_out == args.at {
         return Err(Usage("--at-out: is the list itself; name another file".into()).into());
     }
     let stamps = args.at.as_deref().map(read_stamps).transpose().map_err(|e| Usage(format!("--at: {e}")))?;
-    if let Some(path) = &args.plot {
-        check_plot(path)?;
-    }
     check_mentions(args)?;
     Ok(stamps)
 }
@@ -207,9 +196,6 @@ fn judge(args: &ReplayArgs, report: &Report, flown: &Flown) -> Result<()> {
     check_recording(report)?;
     if let Some(file) = args.truth.as_ref().filter(|_| report.accuracy.is_none()) {
         ForeignTruth::check(&flown.name, &flown.poses, &flown.truth, file)?;
-    }
-    if let Some(misordered) = report.accuracy.as_ref().and_then(|accuracy| accuracy.misordered) {
-        tracing::warn!("truth: {misordered}");
     }
     Ok(())
 }
@@ -272,7 +258,7 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
 
 fn open(args: &ReplayArgs) -> Result<Flight> {
     let config = load_config(args.config.as_deref())?;
-    if let Some(named) = simulated(&args.dataset, None)? {
+    if let Some(mut named) = simulated(&args.dataset)? {
         let are_both = named.has_options && (are_given(&args.scenario) || args.stop.is_some());
         anyhow::ensure!(
             !are_both,
@@ -281,15 +267,15 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
                 args.dataset
             ))
         );
-        let mut options = if named.has_options { named.options } else { args.scenario.clone() };
-        if let Some(stop) = args.stop {
-            options.duration = Some(options.seconds(Some(stop)).map(|seconds| seconds.end - seconds.start)?);
+        if !named.has_options {
+            named.options = args.scenario.clone();
         }
-        let scenario = options.scenario(named.scene)?;
-        let error_deg = options.extrinsics_error_deg;
-        let mono = args.mono || named.mono;
-        let flight = open_simulation(config, &scenario, mono, error_deg, args.cache.as_deref())?;
-        return options.faults.inject(flight, scenario.seed, true);
+        if let Some(stop) = args.stop {
+            let seconds = named.options.seconds(Some(stop))?;
+            named.options.duration = Some(seconds.end - seconds.start);
+        }
+        named.mono |= args.mono;
+        return named.open(config, args.cache.as_deref());
     }
     let frames = match &args.frames {
         None => None,

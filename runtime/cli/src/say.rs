@@ -6,15 +6,8 @@ use std::time::Duration;
 
 /// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens, which is no failure.
 pub fn say(line: impl Display) {
-    say_unless_closed(false, line);
-}
-
-/// Writes a line to stdout. A closed pipe ends the process, as in [`say`], unless it `goes_on`: there are files to write.
-pub fn say_unless_closed(goes_on: bool, line: impl Display) {
-    match writeln!(std::io::stdout(), "{line}") {
-        Err(error) if goes_on && error.kind() == std::io::ErrorKind::BrokenPipe => {}
-        Err(error) => std::process::exit(i32::from(error.kind() != std::io::ErrorKind::BrokenPipe)),
-        Ok(()) => {}
+    if let Err(error) = writeln!(std::io::stdout(), "{line}") {
+        std::process::exit(i32::from(error.kind() != std::io::ErrorKind::BrokenPipe));
     }
 }
 

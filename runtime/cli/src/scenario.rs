@@ -112,7 +112,8 @@ impl FaultArgs {
             add("--blackout", format!("image-black:0{}", lasting(span("--blackout", text)?)))?;
         }
         if let Some(text) = &self.lost_camera {
-            let (side, range) = text.split_once(':').unwrap_or(("", text));
+            let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
+            let (side, range) = text.split_once(':').ok_or_else(bad)?;
             add("--lost-camera", format!("camera-lost:{side}{}", lasting(span("--lost-camera", range)?)))?;
         }
         if self.drop_rate != 0.0 {
@@ -250,7 +251,7 @@ impl ScenarioArgs {
         }
         let duration_s = self.duration.unwrap_or(USUAL_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
-        let path = FlightPath::named(&flown_path(&self.path, None)?);
+        let path = FlightPath::named(&flown_path(&self.path)?);
         let mut scenario = Scenario {
             scene,
             inertial: self.inertial(&path)?,

@@ -1,10 +1,11 @@
 //! Simulated flights that an argument names: `sim:room?path=demo&duration=10`.
 
 use super::Usage;
-use super::paths::flown_path;
 use super::scenario::{ScenarioArgs, parse_scene};
 use anyhow::Result;
 use clap::Parser;
+use plumbline_config::ValidConfig;
+use plumbline_flight::flight::{Flight, open_simulation};
 use plumbline_simulator::Scene;
 use std::path::Path;
 
@@ -19,6 +20,19 @@ pub(super) struct SimulatedFlight {
     pub has_options: bool,
     /// True for the left camera only.
     pub mono: bool,
+}
+
+impl SimulatedFlight {
+    /// Opens the flight, with its faults; frames are kept in the folder `cache`, if there is one.
+    ///
+    /// # Errors
+    /// When an option makes no sense, or the flight cannot be simulated.
+    pub fn open(&self, config: Option<ValidConfig>, cache: Option<&Path>) -> Result<Flight> {
+        let scenario = self.options.scenario(self.scene)?;
+        let error_deg = self.options.extrinsics_error_deg;
+        let flight = open_simulation(config, &scenario, self.mono, error_deg, cache)?;
+        self.options.faults.inject(flight, scenario.seed, true)
+    }
 }
 
 /// Options of a simulated flight, as a command line of their own.
@@ -36,11 +50,11 @@ struct Simulated {
 ///
 /// # Errors
 /// When there is no such scene or option.
-pub(super) fn simulated(name: &str, shared: Option<&Path>) -> Result<Option<SimulatedFlight>> {
+pub(super) fn simulated(name: &str) -> Result<Option<SimulatedFlight>> {
     let Some(flight) = name.strip_prefix("sim:") else { return Ok(None) };
     let (scene, options) = flight.split_once('?').unwrap_or((flight, ""));
     let scene = parse_scene(scene)?;
-    let arguments = arguments(options, shared)?;
+    let arguments = arguments(options);
     let has_options = !arguments.is_empty();
     let parsed = Simulated::try_parse_from(arguments).map_err(|e| {
         let text = e.to_string();
@@ -70,33 +84,10 @@ pub(super) fn check_recorded(source: &Path) -> Result<(), Usage> {
     }
 }
 
-/// `path=demo&motion-blur` as `--path=demo --motion-blur`; a switch may be written as `motion-blur=true`. A built-in trajectory of the
-/// shared data begins where the vehicle is in full flight.
-fn arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>, Usage> {
-    let mut arguments = Vec::new();
-    for option in options.split('&').filter(|option| !option.is_empty() && !option.ends_with("=false")) {
-        let Some(name) = option.strip_prefix("path=") else {
-            arguments.push(format!("--{}", option.strip_suffix("=true").unwrap_or(option)));
-            continue;
-        };
-        let path = flown_path(name, shared)?;
-        arguments.push(format!("--path={path}"));
-        let is_named = path != name && !options.contains("start=");
-        if let Some(start_s) = full_flight_s(&path).filter(|_| is_named) {
-            arguments.push(format!("--start={start_s}"));
-        }
-    }
-    Ok(arguments)
-}
-
-/// Start of the flight along the file of a built-in trajectory, s.
-fn full_flight_s(path: &str) -> Option<f64> {
-    let name = Path::new(path).file_name()?.to_str()?.strip_suffix(".tum.gz")?;
-    #[cfg(feature = "lab")]
-    let built_in = &plumbline_lab::campaign::PATHS[..];
-    #[cfg(not(feature = "lab"))]
-    let built_in: &[(&str, f64)] = &[];
-    built_in.iter().find(|(known, _)| *known == name).map(|(_, start_s)| *start_s)
+/// `path=demo&motion-blur` as `--path=demo --motion-blur`; a switch may be written as `motion-blur=true`.
+fn arguments(options: &str) -> Vec<String> {
+    let given = options.split('&').filter(|option| !option.is_empty() && !option.ends_with("=false"));
+    given.map(|option| format!("--{}", option.strip_suffix("=true").unwrap_or(option))).collect()
 }
 
 #[cfg(test)]
@@ -105,7 +96,7 @@ mod tests {
 
     #[test]
     fn options_of_the_name_and_of_the_command_line_are_told_apart() {
-        let flight = |name| simulated(name, None).unwrap();
+        let flight = |name| simulated(name).unwrap();
         assert!(flight("V1_01_easy").is_none());
         let plain = flight("sim:room").unwrap();
         assert!(!plain.has_options && !are_given(&plain.options));
@@ -116,14 +107,14 @@ mod tests {
 
     #[test]
     fn switches_may_have_a_value_and_one_camera_is_one_of_them() {
-        let flight = |name| simulated(name, None).unwrap().unwrap();
+        let flight = |name| simulated(name).unwrap().unwrap();
         for name in ["sim:room?mono", "sim:room?mono=true&seed=2", "sim:room?motion-blur=false&mono=true"] {
             assert!(flight(name).mono && !flight(name).options.motion_blur, "{name}");
         }
         assert!(
             !flight("sim:room?mono=false").mono && flight("sim:room?motion-blur=true").options.motion_blur
         );
-        let words = simulated("sim:room?stereo=true", None).unwrap_err().to_string();
+        let words = simulated("sim:room?stereo=true").unwrap_err().to_string();
         assert!(words.contains("--stereo") && words.contains("plumbline simulate --help"), "{words}");
     }
 

@@ -46,7 +46,6 @@ pub fn is_worker() -> bool {
 }
 
 /// Moment at which the command began: before this process if that has been started again.
-#[cfg(feature = "ground")]
 #[must_use]
 pub fn begun() -> Instant {
     let since_ns = std::env::var(VARIABLE).ok().and_then(|text| text.parse::<u64>().ok());

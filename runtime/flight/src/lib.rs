@@ -14,7 +14,6 @@
 
 pub mod alloc;
 pub mod autopilot;
-mod calibration;
 pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]

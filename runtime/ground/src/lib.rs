@@ -27,7 +27,6 @@ mod terminal;
 mod test_messages;
 pub mod track;
 pub mod vehicle;
-#[cfg(feature = "terminal")]
 pub mod view;
 pub mod web;
 
@@ -92,7 +91,6 @@ fn print(lines: &[String], network: &str) -> io::Result<()> {
 }
 
 /// Ends the view when a key says so.
-#[cfg(feature = "terminal")]
 fn quit(stop: &AtomicBool) {
     stop.store(true, Ordering::Relaxed);
 }

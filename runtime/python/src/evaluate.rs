@@ -6,7 +6,7 @@ use crate::table;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
-use plumbline_lab::evaluate::{AlignmentMode, Delta, EvaluateOptions, TimeOffset, evaluate, load_trajectory};
+use plumbline_lab::evaluate::{AlignmentMode, Delta, EvaluateOptions, evaluate, load_trajectory};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ pub struct EvaluateArguments {
     delta_m: Option<f64>,
     all_pairs: bool,
     max_difference_s: f64,
-    time_offset_s: Option<f64>,
+    time_offset_s: f64,
 }
 
 impl EvaluateArguments {
@@ -39,17 +39,14 @@ impl EvaluateArguments {
                 return Err(Class::Argument.error(py, message));
             }
         };
-        let time_offset = match self.time_offset_s {
-            None => TimeOffset::Search,
-            Some(seconds) if seconds.is_finite() => TimeOffset::Seconds(seconds),
-            Some(seconds) => {
-                let message = format!("time_offset: expected a number of seconds or 'auto', got {seconds}");
-                return Err(Class::Argument.error(py, message));
-            }
-        };
+        let time_offset_s = self.time_offset_s;
+        if !time_offset_s.is_finite() {
+            let message = format!("time_offset: expected a number of seconds, got {time_offset_s}");
+            return Err(Class::Argument.error(py, message));
+        }
         let delta = self.delta_m.map_or(Delta::Frames(self.delta_frames), Delta::Metres);
         let (max_difference_s, all_pairs) = (self.max_difference_s, self.all_pairs);
-        Ok(EvaluateOptions { max_difference_s, alignment, delta, all_pairs, time_offset })
+        Ok(EvaluateOptions { max_difference_s, alignment, delta, all_pairs, time_offset_s })
     }
 }
 

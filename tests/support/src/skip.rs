@@ -26,8 +26,6 @@ pub enum Need {
     CgroupV2,
     /// Network namespaces: root and iproute2.
     NetworkNamespaces,
-    /// GNU parallel.
-    Parallel,
     /// The processor family that digests are promised for.
     ReferenceProcessor,
     /// qemu, and Debian's kernel for it (`scripts/vm setup`).
@@ -52,7 +50,7 @@ pub enum Need {
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 18] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -61,7 +59,6 @@ impl Need {
         Self::CgroupFreezer,
         Self::CgroupV2,
         Self::NetworkNamespaces,
-        Self::Parallel,
         Self::ReferenceProcessor,
         Self::VirtualMachine,
         Self::UserEmulation,
@@ -86,7 +83,6 @@ impl Need {
             Self::CgroupFreezer => "cgroup-freezer",
             Self::CgroupV2 => "cgroup-v2",
             Self::NetworkNamespaces => "network-namespaces",
-            Self::Parallel => "parallel",
             Self::ReferenceProcessor => "reference-processor",
             Self::VirtualMachine => "virtual-machine",
             Self::UserEmulation => "user-emulation",

@@ -29,8 +29,6 @@ pub struct FaultKind {
     /// Default duration, s. Default: to the end.
     #[serde(default = "to_the_end")]
     pub(super) lasts_s: f64,
-    /// Cases of a campaign: what follows the name.
-    pub(super) cases: Vec<String>,
 }
 
 fn to_the_end() -> f64 {

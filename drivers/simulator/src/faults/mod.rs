@@ -39,12 +39,6 @@ pub struct InjectedFault {
 }
 
 impl InjectedFault {
-    /// Kinds of faults, with the cases that a campaign flies.
-    pub fn cases() -> impl Iterator<Item = Self> {
-        let case = |kind: &FaultKind, case: &String| format!("{}{case}", kind.name).parse().ok();
-        KINDS.iter().flat_map(move |kind| kind.cases.iter().filter_map(move |text| case(kind, text)))
-    }
-
     /// All kinds.
     pub fn kinds() -> impl Iterator<Item = &'static FaultKind> {
         KINDS.iter()
@@ -71,12 +65,6 @@ impl InjectedFault {
 
     const fn purpose(&self) -> Purpose {
         if self.is_placeless { Purpose::Drop } else { Purpose::Injected }
-    }
-
-    /// Kind of the fault.
-    #[must_use]
-    pub fn kind(&self) -> &'static FaultKind {
-        self.kind
     }
 
     /// Time in which it acts for the first time, s after the first frame.

@@ -350,11 +350,9 @@ fn a_rig_of_one_camera_has_no_fault_of_the_other() {
 }
 
 #[test]
-fn every_case_of_a_campaign_is_read_and_written() {
-    let stated: usize = kinds::KINDS.iter().map(|kind| kind.cases.len()).sum();
-    assert_eq!(InjectedFault::cases().count(), stated);
-    assert!(InjectedFault::kinds().all(|kind| !kind.cases.is_empty()));
-    for fault in InjectedFault::cases() {
+fn every_kind_is_read_and_written() {
+    for kind in InjectedFault::kinds() {
+        let fault: InjectedFault = kind.name.parse().unwrap();
         assert_eq!(fault.to_string().parse::<InjectedFault>().unwrap(), fault);
     }
 }

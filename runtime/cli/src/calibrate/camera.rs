@@ -1,9 +1,9 @@
-//! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
+//! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
-use super::live;
+use super::{live, output as written};
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
-use crate::{Usage, check_outputs, load_config, say};
+use crate::{Usage, load_config, say};
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -11,12 +11,10 @@ use plumbline_config::Config;
 use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
 use plumbline_lab::calibrate::camera::recording::{read_bag, read_log};
-use plumbline_lab::calibrate::camera::result::{CELLS, CameraResult};
 use plumbline_lab::calibrate::camera::{
     Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
 };
-use plumbline_lab::plot::{self, LensFigure};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
   plumbline calibrate camera live --config drone.toml --target aprilgrid:6x6:0.088:0.3 --out my.toml
@@ -57,9 +55,6 @@ pub struct CameraArgs {
     /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
-    /// Picture to write (.png or .svg): positions of the corners and their residuals. Default: a PNG beside OUT.
-    #[arg(long, value_name = "OUT.png|OUT.svg")]
-    picture: Option<PathBuf>,
     /// The model of the lenses.
     #[arg(long, value_enum, default_value_t = Lens::Radtan)]
     lens: Lens,
@@ -76,7 +71,7 @@ pub struct CameraArgs {
     /// Largest number of images or pairs: evenly spaced in a recording, or the first ones that `live` keeps.
     #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
     max_images: u32,
-    /// Replace existing files.
+    /// Replace an existing file.
     #[arg(long)]
     overwrite: bool,
 }
@@ -118,8 +113,7 @@ impl From<Lens> for LensKind {
 pub fn run(args: &CameraArgs) -> Result<()> {
     check_recorded(&args.source)?;
     let detector = detector()?;
-    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("png"));
-    check(args, &picture)?;
+    check(args)?;
     let base_name = args.base_name();
     let base = load_config(Some(&base_name))?.context("a base was named")?;
     let (pairs, source) = match args.is_live() {
@@ -133,11 +127,10 @@ pub fn run(args: &CameraArgs) -> Result<()> {
     let text = output::text(&config, &calibration, &source, &base_name.display().to_string())?;
     // What is written is what will be read.
     Config::from_toml_str(&text, &origin)?;
-    draw(&calibration, &source, &picture)?;
     std::fs::write(&args.out, &text).with_context(|| origin.clone())?;
     table::figures(&calibration).into_iter().for_each(say);
     calibration.advice().iter().for_each(|advice| say(format_args!("advice     {advice}")));
-    say(format_args!("{origin}: written, valid; {}: written", picture.display()));
+    say(format_args!("{origin}: written, valid"));
     Ok(())
 }
 
@@ -176,13 +169,8 @@ impl CameraArgs {
 }
 
 /// Refuses what could not be written or would be overwritten, before the work.
-fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
-    plot::check_name(picture).map_err(|e| Usage(format!("--picture: {e}")))?;
-    check_outputs([&args.out, picture])?;
-    if let Some(file) = [&args.out, picture].into_iter().find(|file| file.exists() && !args.overwrite) {
-        let message = format!("{}: exists; name another file, or give --overwrite", file.display());
-        return Err(Usage(message).into());
-    }
+fn check(args: &CameraArgs) -> Result<()> {
+    written::check(&args.out, args.overwrite)?;
     match args.is_live() {
         true => live::check(&args.live, &args.out, args.overwrite)?,
         false => live::check_absent(&args.live)?,
@@ -230,25 +218,4 @@ fn calibrated(args: &CameraArgs, pairs: &[Pair], detector: &Detector) -> Result<
     let calibration = calibrate(pairs, &args.target, args.lens.into(), detector, &mut || bar.inc(1));
     bar.finish_and_clear();
     Ok(calibration?)
-}
-
-fn draw(calibration: &Calibration, source: &str, path: &Path) -> Result<()> {
-    let figure = |(index, camera): (usize, &CameraResult)| LensFigure {
-        name: format!("cam{index}"),
-        size_px: (camera.model.width_px, camera.model.height_px),
-        corners: camera.residuals.iter().map(|r| (r.px, r.error_px)).collect(),
-        cells: CELLS,
-        rms_px: camera.rms_px,
-    };
-    let cameras: Vec<LensFigure> = calibration.cameras.iter().enumerate().map(figure).collect();
-    let baseline = calibration.pair.map(|pair| format!("  \u{b7}  baseline {:.2} mm", pair.baseline_m * 1e3));
-    let words = format!(
-        "{} corners in {} views of {}  \u{b7}  {:.3} px RMS{}",
-        calibration.corners,
-        calibration.views.len(),
-        calibration.target,
-        calibration.rms_px,
-        baseline.unwrap_or_default()
-    );
-    Ok(plot::write_lenses(&cameras, (source, &words), path)?)
 }

@@ -1,9 +1,7 @@
 //! `plumbline calibrate`: the sensors before a flight.
 
 mod camera;
-mod imu;
 mod live;
-mod masks;
 mod output;
 mod rig;
 
@@ -22,10 +20,6 @@ enum CalibrateCommand {
     /// Calibrate the intrinsics of one or two cameras, and the pose between them, from images of a board (needs a
     /// build with OpenCV: `make calibration`).
     Camera(Box<camera::CameraArgs>),
-    /// Estimate noise densities and bias random walks of the IMU from a recording at rest (Allan deviation).
-    Imu(imu::ImuArgs),
-    /// Find the parts of the vehicle that its cameras see, and write masks that hide them.
-    Masks(masks::MasksArgs),
     /// Calibrate the pose of the cameras on the IMU and their time offset from a recording moved by hand.
     Rig(rig::RigArgs),
 }
@@ -37,8 +31,6 @@ enum CalibrateCommand {
 pub fn run(args: &CalibrateArgs) -> Result<()> {
     match &args.command {
         CalibrateCommand::Camera(args) => camera::run(args),
-        CalibrateCommand::Imu(args) => imu::run(args),
-        CalibrateCommand::Masks(args) => masks::run(args),
         CalibrateCommand::Rig(args) => rig::run(args),
     }
 }

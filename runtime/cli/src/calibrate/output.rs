@@ -7,8 +7,8 @@ use plumbline_record::digest::config_hash;
 use std::path::{Path, PathBuf};
 
 /// Refuses, before the work, outputs that could not be written, and a file that is there unless it may be replaced.
-pub(super) fn check(out: &PathBuf, overwrite: bool, others: &[&PathBuf]) -> Result<(), Usage> {
-    check_outputs(std::iter::once(out).chain(others.iter().copied()))?;
+pub(super) fn check(out: &PathBuf, overwrite: bool) -> Result<(), Usage> {
+    check_outputs([out])?;
     if out.exists() && !overwrite {
         return Err(Usage(format!("{}: exists; name another file, or give --overwrite", out.display())));
     }

@@ -72,7 +72,7 @@ impl RigArgs {
 
 /// Runs the command.
 pub(super) fn run(args: &RigArgs) -> Result<()> {
-    output::check(&args.out, args.overwrite, &[])?;
+    output::check(&args.out, args.overwrite)?;
     check_recorded(&args.source)?;
     let options = args.options()?;
     let named = load_config(args.config.as_deref())?;

@@ -1,6 +1,6 @@
 //! Data of a source for the checkup: samples and frames are read on threads of their own.
 
-use super::super::simulated::{SimulatedFlight, simulated};
+use super::super::simulated::simulated;
 use anyhow::{Result, anyhow};
 use plumbline_checkup::plausibility::Finding;
 use plumbline_checkup::timing::Sensor;
@@ -10,7 +10,7 @@ use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::{BagTopics, DriverError, Faults, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
-use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors, open_simulation};
+use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors};
 use std::io::{IsTerminal as _, Write as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -41,11 +41,9 @@ pub(super) fn open(
     topics: &BagTopics,
     seconds: f64,
 ) -> Result<Flight> {
-    if let Some(SimulatedFlight { scene, mut options, mono, .. }) = simulated(source, None)? {
-        options.duration.get_or_insert(seconds);
-        let scenario = options.scenario(scene)?;
-        let flight = open_simulation(config, &scenario, mono, options.extrinsics_error_deg, None)?;
-        return options.faults.inject(flight, scenario.seed, true);
+    if let Some(mut flight) = simulated(source)? {
+        flight.options.duration.get_or_insert(seconds);
+        return flight.open(config, None);
     }
     let cut = Cut { frames: None, seconds: 0.0..seconds };
     Ok(open_recording(Path::new(source), config, topics, cut, false)?)

@@ -16,9 +16,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use plumbline_checkup::{CheckupReport, Fitness, Measure, NAMED_ABOVE};
 use plumbline_config::Config;
-#[cfg(feature = "lab")]
 use plumbline_config::ValidConfig;
-#[cfg(feature = "lab")]
 use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
@@ -135,7 +133,6 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
 ///
 /// # Errors
 /// When the source cannot be used.
-#[cfg(feature = "lab")]
 pub(super) fn of_recording(
     source: &str,
     config: ValidConfig,

@@ -43,9 +43,6 @@ pub fn run(args: &ZedMiniArgs) -> Result<()> {
     let mut config = preset("zed-mini", args.options.mounting(FORWARD)?)?;
     let mut notes = Vec::new();
     match &args.factory {
-        #[cfg(not(feature = "yaml"))]
-        Some(_) => return Err(super::super::left_out::refusal("--factory", "yaml").into()),
-        #[cfg(feature = "yaml")]
         Some(file) => {
             config = plumbline_config::import::zed_into(config, file)?;
             notes.push(format!(

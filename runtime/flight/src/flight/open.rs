@@ -4,21 +4,16 @@ use super::cache;
 use super::plausibility::{COPY, Finding, missing_camera};
 use super::truth::read_truth;
 use super::{Flight, FlightError, Truth};
-use crate::calibration::euroc_into;
 use crate::log::source::{LogEnd, LogImu, LogStereo};
 use crate::log::{LogError, LogReader};
 use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::import::euroc_into;
 use plumbline_config::options::VehicleConfig;
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig};
-#[cfg(feature = "bags")]
-use plumbline_drivers::BagDataset;
-#[cfg(not(feature = "bags"))]
-use plumbline_drivers::DriverError;
-#[cfg(feature = "bags")]
 use plumbline_drivers::bag::read_bag_imu;
 use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions, read_imu_samples};
 use plumbline_drivers::is_bag;
-use plumbline_drivers::{BagTopics, EurocDataset, EurocOptions, ImuSource as _};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use plumbline_simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use std::ops::Range;
 use std::path::Path;
@@ -168,7 +163,6 @@ pub fn open_recording(
 ///
 /// # Errors
 /// When there is none, or the bag cannot be used.
-#[cfg(feature = "bags")]
 pub fn open_bag(
     path: &Path,
     config: Option<ValidConfig>,
@@ -207,26 +201,6 @@ pub fn open_bag(
     }
     let name = path.display().to_string();
     Ok(Flight { findings, ..Flight::new(config, Box::new(bag.imu()), Box::new(bag.stereo()), name) })
-}
-
-/// Error: this build opens no ROS bags.
-///
-/// # Errors
-/// Always.
-#[cfg(not(feature = "bags"))]
-pub fn open_bag(
-    path: &Path,
-    _config: Option<ValidConfig>,
-    _topics: &BagTopics,
-    _cut: impl Into<Cut>,
-    _mono: bool,
-) -> Result<Flight, FlightError> {
-    Err(DriverError::LeftOut { path: path.to_owned(), feature: "bags" }.into())
-}
-
-#[cfg(not(feature = "bags"))]
-fn read_bag_imu(path: &Path, _topics: &BagTopics) -> Result<Vec<ImuSample>, DriverError> {
-    Err(DriverError::LeftOut { path: path.to_owned(), feature: "bags" })
 }
 
 /// All inertial samples of a recording, in order of time, and the configuration that it holds, if it does: of a EuRoC data

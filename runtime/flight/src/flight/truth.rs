@@ -1,7 +1,7 @@
 //! Ground truth: positions and velocities of the vehicle.
 
-use crate::calibration::euroc_pose;
 use nalgebra::{Isometry3, Vector3};
+use plumbline_config::import::euroc_pose;
 use plumbline_config::{ConfigError, Timestamp};
 use plumbline_drivers::euroc::read_ground_truth;
 use plumbline_drivers::{DriverError, StampedPose, TruthState};

@@ -1,8 +1,8 @@
 //! The stereo pairs of a recording, one by one, with their features: what maps are built from and located by.
 
 use super::file::MapFileError;
-use crate::calibration::euroc_cameras_into;
 use nalgebra::Vector3;
+use plumbline_config::import::euroc_cameras_into;
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoFrame, StereoSource};

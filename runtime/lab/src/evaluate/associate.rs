@@ -48,7 +48,7 @@ pub fn associate(
     let matches = match_stamps(&seconds(short), &seconds(long), max_difference_s);
     if matches.is_empty() {
         let (estimate, reference) = (estimate_span, reference_span);
-        return Err(EvaluateError::NoCommonStamps { estimate, reference, max_difference_s, advice: "" });
+        return Err(EvaluateError::NoCommonStamps { estimate, reference, max_difference_s });
     }
     let of_short = matches.iter().map(|&(i, _)| short[i]).collect();
     let of_long = matches.iter().map(|&(_, j)| long[j]).collect();

@@ -1,62 +1,20 @@
-//! Drift of an odometry from the truth: path, drift per distance, drift of the heading, completion.
+//! Drift of an odometry from the truth: path, drift of the heading, completion.
 
 use super::Pairs;
-use super::relative::{relative_error, travelled_m};
+use super::relative::travelled_m;
 use plumbline_config::median_by;
 use plumbline_drivers::StampedPose;
-use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-/// Lengths of the parts on which drift is measured, as shares of the whole path (Zhang and Scaramuzza
-/// 2018, "A tutorial on quantitative trajectory evaluation for visual(-inertial) odometry", section IV).
-const PART_SHARES: [f64; 5] = [0.1, 0.2, 0.3, 0.4, 0.5];
-/// Parts begin at about this many poses, evenly spread: more would only repeat one another.
-const PART_STARTS: usize = 500;
-/// On a path shorter than this drift per distance says nothing, m.
-const MIN_PATH_M: f64 = 1.0;
 /// Heading errors are averaged over this share of the time at either end.
 const YAW_END_SHARE: f64 = 0.1;
 /// A trajectory is interrupted where its poses are further apart than this many median periods.
 const INTERRUPTION_PERIODS: f64 = 3.0;
 
-/// Drift per distance.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Drift {
-    /// Mean translation error of a part over its length, percent.
-    pub translation_percent: f64,
-    /// Mean rotation error of a part over its length, degrees per metre.
-    pub rotation_deg_per_m: f64,
-}
-
 /// Length of the path, m.
 #[must_use]
 pub fn path_length_m(poses: &[StampedPose]) -> f64 {
     travelled_m(poses).last().copied().unwrap_or(0.0)
-}
-
-/// Mean drift over parts of 10 % to 50 % of the path; `None` where the reference hardly moves.
-#[must_use]
-pub fn drift(pairs: &Pairs) -> Option<Drift> {
-    let travelled = travelled_m(&pairs.reference);
-    let whole = travelled.last().copied().filter(|&path| path >= MIN_PATH_M)?;
-    let step = (travelled.len() / PART_STARTS).max(1);
-    let (mut translation, mut rotation, mut parts) = (0.0, 0.0, 0.0);
-    for length in PART_SHARES.map(|share| share * whole) {
-        for i in (0..travelled.len()).step_by(step) {
-            let j = travelled.partition_point(|&d| d < travelled[i] + length);
-            if j >= travelled.len() {
-                break;
-            }
-            let error = relative_error(pairs, i, j);
-            translation += error.translation.vector.norm() / length;
-            rotation += error.rotation.angle() / length;
-            parts += 1.0;
-        }
-    }
-    (parts > 0.0).then(|| Drift {
-        translation_percent: 100.0 * translation / parts,
-        rotation_deg_per_m: (rotation / parts).to_degrees(),
-    })
 }
 
 /// Drift of the heading in degrees per minute: the mean error of the last tenth of the time less that of
@@ -125,12 +83,6 @@ pub fn coverage(estimate: &[StampedPose], reference: &[StampedPose]) -> f64 {
     estimate.windows(2).map(covered).sum::<f64>() / last.saturating_sub(first) as f64
 }
 
-/// Poses over frames: the share of frames that were answered with a pose.
-#[must_use]
-pub fn completion(poses: u64, frames: u64) -> f64 {
-    if frames == 0 { 0.0 } else { poses as f64 / frames as f64 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,22 +132,6 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_error_is_drift_in_percent() {
-        let pairs = with_estimate(|_, mut p| {
-            p.translation.vector *= 1.02;
-            p
-        });
-        let Drift { translation_percent, rotation_deg_per_m } = drift(&pairs).unwrap();
-        // The chord of an arc is shorter than the arc: a little less than 2 %.
-        assert!((1.5..2.0).contains(&translation_percent), "{translation_percent}");
-        assert!(rotation_deg_per_m < 1e-6);
-        let still = with_estimate(|_, p| p);
-        let still =
-            Pairs { reference: vec![still.reference[0]; 10], estimate: still.estimate[..10].to_vec() };
-        assert_eq!(drift(&still), None);
-    }
-
-    #[test]
     fn coverage_counts_gaps_and_ends() {
         let reference = circle();
         let mut estimate = reference[60..].to_vec(); // begins 6 s late
@@ -203,6 +139,5 @@ mod tests {
         assert!((coverage(&estimate, &reference) - (60.0 - 6.0 - 9.1) / 60.0).abs() < 1e-9);
         assert!((coverage(&reference, &reference) - 1.0).abs() < 1e-12);
         assert_eq!(coverage(&[], &reference), 0.0);
-        assert_eq!((completion(19, 20), completion(0, 0)), (0.95, 0.0));
     }
 }

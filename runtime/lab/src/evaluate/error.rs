@@ -3,12 +3,10 @@
 use super::Delta;
 use plumbline_drivers::DriverError;
 use plumbline_flight::flight::truth::TruthError;
-use serde::Serialize;
 use thiserror::Error;
 
 /// Which of the two trajectories.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The one that is judged.
     Estimate,
@@ -49,7 +47,7 @@ pub enum EvaluateError {
     /// The trajectories have no time in common.
     #[error(
         "no stamps within {max_difference_s} s of each other: the estimate runs from {} to {} s, the reference \
-         from {} to {} s; are they of the same flight?{advice}",
+         from {} to {} s; are they of the same flight? If their clocks differ, give the shift with --time-offset",
         estimate.0, estimate.1, reference.0, reference.1
     )]
     NoCommonStamps {
@@ -59,8 +57,6 @@ pub enum EvaluateError {
         reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
         /// Largest difference of stamps that was allowed, s.
         max_difference_s: f64,
-        /// Further advice at the end of the message; may be empty.
-        advice: &'static str,
     },
     /// Fewer pairs than the figure needs.
     #[error("only {found} common stamps, at least {needed} are needed; is the estimate complete?")]
@@ -70,25 +66,6 @@ pub enum EvaluateError {
         /// Pairs there must be.
         needed: usize,
     },
-    /// The motions of the trajectories agree at no shift of time.
-    #[error(
-        "the motions agree at no shift of time (correlation {correlation:.2}): the estimate runs from {} to {} s, the reference \
-         from {} to {} s; are they of the same flight? If the shift is known, give it with --time-offset S",
-        estimate.0, estimate.1, reference.0, reference.1
-    )]
-    NoTimeOffset {
-        /// Largest correlation of the motions, or of their directions.
-        correlation: f64,
-        /// First and last stamp of the estimate.
-        estimate: (plumbline_config::Timestamp, plumbline_config::Timestamp),
-        /// First and last stamp of the reference.
-        reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
-    },
-    /// The motions of the trajectories agree at more than one shift of time.
-    #[error(
-        "the motions agree at a shift of time by {0:.3} s as well as by {1:.3} s; give one of them with --time-offset"
-    )]
-    SeveralTimeOffsets(f64, f64),
     /// The positions lie in one point or on one line: no rotation can be told.
     #[error(
         "the positions lie in a point or on a line, so no alignment is defined; align by the origin instead"

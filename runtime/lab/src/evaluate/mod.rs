@@ -2,8 +2,8 @@
 //! (PyPI `evo`) give for the same files; a test compares them.
 //!
 //! The way of the data: [`load_trajectory`], [`associate`] by time, [`align`], then absolute errors
-//! ([`Statistics`] of position and rotation), [`relative_errors`], [`drift`], and whether the covariances
-//! are honest ([`nees`]). [`evaluate`] goes all the way at once.
+//! ([`Statistics`] of position and rotation), [`relative_errors`], and whether the covariances are honest
+//! ([`nees`]). [`evaluate`] goes all the way at once.
 
 mod align;
 mod associate;
@@ -11,11 +11,8 @@ pub mod consistency;
 mod delta;
 mod drift;
 mod error;
-mod order;
-pub mod paired;
 mod relative;
 mod stats;
-mod time_shift;
 
 #[cfg(test)]
 mod evo_tests;
@@ -24,16 +21,12 @@ mod test_noise;
 
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
-pub use consistency::{
-    Consistency, ConsistencyOutput, FlightConsistency, Nees, consistency, mean_ratio_bounds, nees, pose_error,
-};
+pub use consistency::{Consistency, FlightConsistency, Nees, consistency, nees, pose_error};
 pub use delta::Delta;
-pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
+pub use drift::{coverage, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
-pub use order::{Misordered, QuaternionOrder, misordered};
 pub use relative::{RelativeErrors, relative_errors};
 pub use stats::Statistics;
-pub use time_shift::find_time_offset;
 
 use nalgebra::{Matrix3, Vector3};
 use plumbline_drivers::euroc::{ground_truth_table, is_of_positions};
@@ -54,28 +47,15 @@ pub struct EvaluateOptions {
     pub delta: Delta,
     /// True if relative errors begin at each pose.
     pub all_pairs: bool,
-    /// Addition to the stamps of the estimate.
-    pub time_offset: TimeOffset,
-}
-
-/// Addition to the stamps of the estimate before poses are paired.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum TimeOffset {
-    /// Nothing: both have one clock.
-    #[default]
-    None,
-    /// A fixed offset, s.
-    Seconds(f64),
-    /// Offset that makes its motion that of the reference.
-    Search,
+    /// Addition to the stamps of the estimate before poses are paired, s.
+    pub time_offset_s: f64,
 }
 
 impl Default for EvaluateOptions {
     /// The defaults of evo, with `evo_ape --align`.
     fn default() -> Self {
         let (alignment, delta) = (AlignmentMode::Se3, Delta::Frames(1));
-        let time_offset = TimeOffset::None;
-        Self { max_difference_s: 0.01, alignment, delta, all_pairs: false, time_offset }
+        Self { max_difference_s: 0.01, alignment, delta, all_pairs: false, time_offset_s: 0.0 }
     }
 }
 
@@ -106,23 +86,10 @@ pub struct Evaluation {
     /// Relative errors (after alignment, which changes them by its scale only); none where no poses are
     /// that far apart.
     pub rpe: Option<RelativeErrors>,
-    /// Drift per distance, where the reference moves.
-    pub drift: Option<Drift>,
     /// Drift of the heading, degrees per minute.
     pub yaw_drift_deg_per_min: Option<f64>,
     /// Excess of the estimate's length, percent; none where the motion does not tell.
     pub scale_error_percent: Option<f64>,
-    /// Sign that quaternions have another order than they were read in.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub misordered: Option<Misordered>,
-}
-
-/// The error with the advice to search the shift of clocks.
-fn with_advice(mut error: EvaluateError) -> EvaluateError {
-    if let EvaluateError::NoCommonStamps { advice, .. } = &mut error {
-        *advice = " If their clocks differ, give --time-offset auto";
-    }
-    error
 }
 
 /// Compares an estimate with its reference.
@@ -134,15 +101,11 @@ pub fn evaluate(
     reference: &[StampedPose],
     options: &EvaluateOptions,
 ) -> Result<Evaluation, EvaluateError> {
-    let time_offset_s = match options.time_offset {
-        TimeOffset::None => 0.0,
-        TimeOffset::Seconds(seconds) => seconds,
-        TimeOffset::Search => find_time_offset(estimate, reference)?,
-    };
+    let time_offset_s = options.time_offset_s;
     let by_clock_of_reference =
         |p: &StampedPose| StampedPose { stamp: p.stamp.plus_seconds(time_offset_s), ..*p };
     let estimate: Vec<StampedPose> = estimate.iter().map(by_clock_of_reference).collect();
-    let pairs = associate(&estimate, reference, options.max_difference_s).map_err(with_advice)?;
+    let pairs = associate(&estimate, reference, options.max_difference_s)?;
     let similarity = align(&pairs, options.alignment)?;
     let aligned_pairs = aligned(&pairs, &similarity);
     let (ate_m, ate_rotation_deg) = absolute_errors(&aligned_pairs)?;
@@ -165,10 +128,8 @@ pub fn evaluate(
         ate_m,
         ate_rotation_deg: Some(ate_rotation_deg).filter(|_| tells_rotation),
         rpe,
-        drift: drift(&pairs),
         yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
         scale_error_percent: scale_error_percent(&pairs),
-        misordered: align(&pairs, AlignmentMode::Se3).ok().and_then(|by| misordered(&pairs, &by)),
     })
 }
 

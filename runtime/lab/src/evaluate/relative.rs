@@ -48,7 +48,7 @@ pub fn relative_errors(
 }
 
 /// `E` of the poses `i` and `j`.
-pub(super) fn relative_error(pairs: &Pairs, i: usize, j: usize) -> nalgebra::Isometry3<f64> {
+fn relative_error(pairs: &Pairs, i: usize, j: usize) -> nalgebra::Isometry3<f64> {
     let motion = |poses: &[StampedPose]| poses[i].pose.inv_mul(&poses[j].pose);
     motion(&pairs.reference).inv_mul(&motion(&pairs.estimate))
 }

@@ -2,8 +2,8 @@
 
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{
-    AlignmentMode, Delta, Misordered, Pairs, align, aligned, misordered, nees, path_length_m, pose_error,
-    relative_errors, scale_error_percent, yaw_drift_deg_per_min,
+    AlignmentMode, Delta, Pairs, align, aligned, nees, path_length_m, pose_error, relative_errors,
+    scale_error_percent, yaw_drift_deg_per_min,
 };
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
@@ -41,9 +41,6 @@ pub struct Accuracy {
     pub final_sigma_m: f64,
     /// Largest position error over its standard deviation.
     pub max_error_sigmas: f64,
-    /// Sign that the quaternions of the truth have another order than they were read in.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub misordered: Option<Misordered>,
 }
 
 impl Accuracy {
@@ -75,7 +72,6 @@ impl Accuracy {
             final_error_m: consistency.final_error_m,
             final_sigma_m: consistency.final_sigma_m,
             max_error_sigmas: consistency.max_error_sigmas,
-            misordered: align(&pairs, AlignmentMode::Se3).ok().and_then(|by| misordered(&pairs, &by)),
         })
     }
 }
@@ -84,7 +80,7 @@ impl Accuracy {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "--truth: {} is not of {flight}: {known} of {poses} poses have a true one; the truth runs from {} to {} s, the flight from {} to {} \
-     s. Give the truth of this flight, on the clock of its inertial samples; between two clocks, `plumbline evaluate --time-offset auto` \
+     s. Give the truth of this flight, on the clock of its inertial samples; between two clocks, `plumbline evaluate --time-offset` \
      compares a trajectory",
     truth.display(), of_truth.0, of_truth.1, of_flight.0, of_flight.1
 )]

@@ -3,14 +3,10 @@
 pub mod accuracy;
 mod clock;
 pub mod honesty;
-pub mod paired;
 pub mod places;
 pub mod sensors;
-pub mod silence;
-pub mod trust;
 
 use crate::evaluate::{FlightConsistency, Nees};
-use crate::tracking::TrackingFigures;
 use accuracy::Accuracy;
 use honesty::Honesty;
 use places::PlacesReport;
@@ -28,9 +24,7 @@ use plumbline_flight::schedule::times::Percentiles;
 use plumbline_record::digest::config_hash;
 use sensors::SensorReport;
 use serde::Serialize;
-use silence::SilentFailure;
 use std::collections::BTreeMap;
-use trust::Trust;
 
 /// Everything a run tells.
 #[derive(Clone, Debug, Serialize)]
@@ -79,9 +73,6 @@ pub struct Report {
     pub points: Points,
     /// Line segments of the left image, means per frame.
     pub lines: Lines,
-    /// Lives and residuals of tracks, of replayed flights.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tracking: Option<TrackingFigures>,
     /// Median quality from the first pose on; `null` without one.
     pub median_quality: Option<i8>,
     /// Number of frames with each health bit, by its name; bits that were never set are left out.
@@ -101,12 +92,6 @@ pub struct Report {
     pub injected: Vec<String>,
     /// Honesty of the estimates that may be used, where the truth is known.
     pub honesty: Option<Honesty>,
-    /// Trust that the estimate deserved about a fault, in the flights of a campaign.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub trust: Option<Trust>,
-    /// Fate of the estimate of a sensor that failed in silence, in the flights of a campaign.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub silence: Option<SilentFailure>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// Faults that the drivers survived.
@@ -235,7 +220,6 @@ impl Report {
             sensors: None,
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
             lines: lines_of(outcome),
-            tracking: None,
             median_quality: f.health.median_quality(),
             health_frames: health_frames(outcome),
             health: f.health.clone(),
@@ -244,8 +228,6 @@ impl Report {
             consistency: published.and_then(|p| FlightConsistency::of(p, &flown.truth)),
             injected: flown.injected.iter().map(ToString::to_string).collect(),
             honesty: published.and_then(|p| Honesty::of(p, &flown.truth, begin_s)),
-            trust: None,
-            silence: None,
             time_offset_s: f.time_offset_s,
             faults: outcome.faults,
             imu_refused: f.imu_refused,
@@ -262,12 +244,6 @@ impl Report {
     #[must_use]
     pub fn with(self, outputs: OutputFigures) -> Self {
         Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
-    }
-
-    /// Adds the figures of tracks.
-    #[must_use]
-    pub fn with_tracking(self, tracking: TrackingFigures) -> Self {
-        Self { tracking: Some(tracking), ..self }
     }
 
     /// Adds the figures of live sensors; allocations of their threads count.

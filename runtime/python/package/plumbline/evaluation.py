@@ -91,7 +91,7 @@ def evaluate(
     delta_m: Optional[float] = None,
     all_pairs: bool = False,
     max_difference_s: float = 0.01,
-    time_offset: Union[float, str] = 0.0,
+    time_offset: float = 0.0,
 ) -> Evaluation:
     """Compares a trajectory with its ground truth.
 
@@ -100,19 +100,19 @@ def evaluate(
     align: freedom of the alignment: "none", "origin", "yaw", "se3" or "sim3".
     delta_frames, delta_m, all_pairs: distance of relative errors in frames or m, and whether they begin at each pose.
     max_difference_s: largest difference of the stamps of a pair, s.
-    time_offset: what is added to the stamps of the estimate, s; "auto" searches it by the motion.
+    time_offset: what is added to the stamps of the estimate, s.
 
     Raises `DataError` if the two have too little in common.
     """
-    if isinstance(time_offset, str) and time_offset != "auto":
-        raise ArgumentTypeError(f"time_offset: expected a number of seconds or 'auto', got {time_offset!r}")
+    if not isinstance(time_offset, (int, float)):
+        raise ArgumentTypeError(f"time_offset: expected a number of seconds, got {time_offset!r}")
     options = {
         "align": align,
         "delta_frames": delta_frames,
         "delta_m": delta_m,
         "all_pairs": all_pairs,
         "max_difference_s": max_difference_s,
-        "time_offset_s": None if time_offset == "auto" else time_offset,
+        "time_offset_s": time_offset,
     }
     values = _native.evaluate(_arrays(estimate, "estimate"), _arrays(truth, "truth"), options)
     figures = json.loads(values["figures"])

@@ -11,11 +11,9 @@ use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_estimator::shutter::RowTurns;
-use plumbline_lab::campaign::CampaignFault;
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::{Detector, Line};
-use plumbline_simulator::{Scene, Simulator};
-use plumbline_tests::{entry, shared};
+use plumbline_tests::{along, shared};
 
 /// Flights, each in its scene.
 const FLIGHTS: [(&str, &str, Scene); 4] = [
@@ -198,10 +196,9 @@ fn rig(is_distorted: bool) -> Config {
 }
 
 /// Tallies of ours merged, ours unmerged and LSD over one flight.
-fn tally(config: &Config, path: &str, scene: (&'static str, Scene)) -> [Tally; 3] {
+fn tally(config: &Config, path: &str, scene: Scene) -> [Tally; 3] {
     let seconds = (PAIRS * PAIR_STEP + 2) as f64 / 20.0;
-    let entry = entry(path, scene, 1, seconds, CampaignFault::None).unwrap();
-    let simulator = Simulator::new(config, &entry.scenario).unwrap();
+    let simulator = Simulator::new(config, &along(path, scene, seconds).unwrap()).unwrap();
     let model = simulator.config().camera[0].model();
     let (mut scratch, size) = (simulator.scratch(), simulator.image_sizes()[0]);
     let (mut ours, mut lsd) = (Ours::new(size), Detector::lsd().unwrap());
@@ -233,7 +230,7 @@ fn compare(is_distorted: bool) {
     let mut sums = [Tally::default(); 3];
     let names = ["ours, merged", "ours, raw", "LSD"];
     for (path, scene_name, scene) in FLIGHTS {
-        let tallies = tally(&config, path, (scene_name, scene));
+        let tallies = tally(&config, path, scene);
         for ((sum, tally), name) in sums.iter_mut().zip(&tallies).zip(names) {
             tally.print(&format!("{path} {scene_name}"), name);
             sum.found += tally.found;

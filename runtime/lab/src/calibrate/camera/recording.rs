@@ -2,7 +2,7 @@
 
 use super::Pair;
 use plumbline_config::options::image_sizes;
-use plumbline_drivers::{BagTopics, StereoFrame, StereoSource};
+use plumbline_drivers::{BagDataset, BagTopics, EurocOptions, StereoFrame, StereoSource};
 use plumbline_flight::flight::{FlightError, open_log};
 use std::path::Path;
 
@@ -35,10 +35,7 @@ pub fn read_log(path: &Path, most: usize, mono: bool) -> Result<Recorded, Flight
 ///
 /// # Errors
 /// When the bag cannot be read, or it is not plain which images are meant.
-#[cfg(feature = "bags")]
 pub fn read_bag(path: &Path, topics: &BagTopics, most: usize, mono: bool) -> Result<Recorded, FlightError> {
-    use plumbline_drivers::{BagDataset, EurocOptions};
-
     let options = EurocOptions { with_imu: false, ..EurocOptions::default() };
     let bag = BagDataset::open(path, topics, &options)?;
     let mut sizes_px = bag.sizes_px();
@@ -51,15 +48,6 @@ pub fn read_bag(path: &Path, topics: &BagTopics, most: usize, mono: bool) -> Res
     // An image of the right camera alone is one of none.
     pairs.retain(|pair| pair.images.iter().any(Option::is_some));
     Ok(Recorded { pairs, total })
-}
-
-/// That no ROS bag can be read here.
-///
-/// # Errors
-/// Always.
-#[cfg(not(feature = "bags"))]
-pub fn read_bag(path: &Path, _: &BagTopics, _: usize, _: bool) -> Result<Recorded, FlightError> {
-    Err(plumbline_drivers::DriverError::LeftOut { path: path.to_owned(), feature: "bags" }.into())
 }
 
 /// `most` of the `total` frames of a source.

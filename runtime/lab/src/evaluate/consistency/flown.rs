@@ -5,7 +5,7 @@ use super::{Consistency, consistency};
 use plumbline_config::Timestamp;
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_flight::flight::{Published, PublishedState, TrueState, Truth};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::fmt;
 
 /// Position and yaw are judged from this long after the start of their frame, s: at the start the error is zero by
@@ -17,7 +17,7 @@ const BEGINNING_S: f64 = 1.0;
 const NEAR_S: f64 = 0.02;
 
 /// Consistency of a flight's outputs.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FlightConsistency {
     /// Estimates, one a frame.
     pub estimates: Nees,
@@ -25,12 +25,9 @@ pub struct FlightConsistency {
     pub odometry: Nees,
 }
 
-/// Figures of one output of a flight.
-pub type ConsistencyOutput = fn(&FlightConsistency) -> &Nees;
-
 /// Figures of one output; `None` where the truth is unknown or nothing could be judged. [`super::errors`] has the
 /// definitions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Nees {
     /// Position since the start of the odometry frame.
     pub position: Option<Consistency>,
@@ -45,15 +42,13 @@ pub struct Nees {
     /// Velocity in the body in the first second after each start.
     pub velocity_at_start: Option<Consistency>,
     /// Largest errors later than that second.
-    #[serde(default)]
     pub largest: LargestErrors,
     /// Errors without a positive definite covariance, in the order of [`Self::NAMES`]: they are in no figure.
-    #[serde(default)]
     pub without_covariance: [usize; 5],
 }
 
 /// Largest errors of a flight from one second after each start on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct LargestErrors {
     /// Angle between estimated and true vertical, degrees.
     pub tilt_deg: f64,
@@ -105,10 +100,6 @@ impl LargestErrors {
 }
 
 impl FlightConsistency {
-    /// Both outputs with their names.
-    pub const OUTPUTS: [(&str, ConsistencyOutput); 2] =
-        [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
-
     /// Judges what was published by the truth; `None` where no truth is known.
     #[must_use]
     pub fn of(published: &Published, truth: &Truth) -> Option<Self> {

@@ -2,7 +2,6 @@
 
 use super::errors::step;
 use super::flown::FlightConsistency;
-use super::mean_ratio_bounds;
 use crate::evaluate::test_noise::Noise;
 use nalgebra::{Isometry3, Matrix4, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
@@ -137,11 +136,10 @@ fn errors_drawn_from_the_covariance_have_a_ratio_of_one() {
             let (tilt, velocity) = (nees.tilt.unwrap(), nees.velocity.unwrap());
             let figures = [(position, 3, 1), (yaw, 1, 1), (steps, 4, 1), (velocity, 3, 2), (tilt, 2, 2)];
             for (figure, degrees, poses) in figures {
-                let (low, high) = mean_ratio_bounds(degrees, FLIGHTS as usize * poses);
-                let ratio = figure.mean_ratio;
-                // Drawn a thousand times: the bounds of 95 %, half as wide again for thirty figures.
-                let (low, high) = (1.0 + 1.5 * (low - 1.0), 1.0 + 1.5 * (high - 1.0));
-                assert!(low < ratio && ratio < high, "frame {frame_sigma}: {degrees} {figure:?}");
+                // Drawn a thousand times: 1.96 standard deviations of chi-squared, half as many again for thirty figures.
+                let count = f64::from(degrees) * (FLIGHTS as usize * poses) as f64;
+                let off = (figure.mean_ratio - 1.0).abs();
+                assert!(off < 1.5 * 1.96 * (2.0 / count).sqrt(), "frame {frame_sigma}: {degrees} {figure:?}");
                 assert!((figure.within_95 - 0.95).abs() < 0.025, "{figure:?}");
                 assert_eq!(figure.count, FLIGHTS as usize * poses);
             }
