@@ -7,7 +7,7 @@
 
 pub mod instants;
 
-use crate::fields::{About, Record as _, Shape, Value};
+use crate::fields::{About, Parts as _, Shape, Value};
 use nalgebra::Vector3;
 use plumbline_estimator::Estimate;
 use std::fmt::Write as _;
