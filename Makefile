@@ -173,7 +173,7 @@ PACKAGES = $(FLAGS) --workspace --exclude plumbline-python --exclude plumbline-o
 TARGETS = --lib --bins --tests --examples
 TESTED = $(PACKAGES) $(TARGETS)
 # The crates whose dependencies are few, and so built soon.
-CHECKED = $(FLAGS) $(addprefix -p plumbline-,config estimator drivers checkup) --all-features --lib --test '*' --examples
+CHECKED = $(FLAGS) $(addprefix -p plumbline-,config estimator drivers simulator checkup) --all-features --lib --test '*' --examples
 TESTS = $(TESTED) -E 'not $(TIMED)'
 # Tests that measure time, or use a whole machine: `make realtime`.
 TIMED = test(/(^|::)realtime::/)

@@ -80,7 +80,7 @@ impl DriverError {
     }
 
     /// [`Self::Malformed`] at `path`.
-    pub(crate) fn malformed(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+    pub fn malformed(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
         Self::Malformed { path: path.into(), message: message.into() }
     }
 }

@@ -1,5 +1,5 @@
-//! Sources of samples: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors, behind the
-//! traits of [`source`].
+//! Sources of samples: replay of EuRoC data sets and ROS bags, live cameras and inertial sensors, behind the traits of
+//! [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
@@ -15,7 +15,6 @@ mod board;
 pub mod clock;
 pub mod error;
 pub mod euroc;
-pub mod faults;
 pub mod frame_socket;
 #[cfg(any(all(test, feature = "bags"), feature = "fuzzing"))]
 #[doc(hidden)]
@@ -23,15 +22,11 @@ pub mod fuzzing;
 mod grid;
 pub mod iio;
 pub mod inertial;
-pub mod injection;
 pub mod live;
 pub mod prefetch;
-mod random;
 pub mod realsense;
 mod regular_file;
-pub mod sensor_faults;
 pub mod serial;
-pub mod simulator;
 pub mod source;
 pub mod stop;
 mod text_lines;
@@ -47,15 +42,12 @@ pub use bag::{BagDataset, BagStereo};
 pub use bag_name::{BagTopics, is_bag};
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
-pub use faults::{FaultySource, FrameFaults, LostCamera};
 pub use frame_socket::{SocketFigures, SocketMonitor, SocketStereo};
 pub use iio::IioImu;
 pub use inertial::{ImuFigures, ImuMonitor};
-pub use injection::{InjectedFault, InjectedFrames, InjectedImu};
 pub use live::{CameraMonitor, LiveCameras, LiveImu, open_cameras, open_imu};
 pub use prefetch::Prefetch;
 pub use regular_file::open_regular;
-pub use sensor_faults::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, StuckFault};
 pub use serial::SerialImu;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use stop::StopFlag;

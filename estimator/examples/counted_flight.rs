@@ -8,7 +8,6 @@
 //! places of the frames instead, `--twice` does it again from the beginning. The first run renders the frames into the file FRAMES,
 //! those after it fly them.
 
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{ImuSource, StereoFrame, StereoSource};
 use plumbline_estimator::config::options::CameraConfig;
 use plumbline_estimator::config::{Config, ValidConfig};
@@ -21,6 +20,7 @@ use plumbline_estimator::places::{
 };
 use plumbline_estimator::points::rig::RigCamera;
 use plumbline_estimator::{Estimator, FrameInput, ImageView};
+use plumbline_simulator::{FlightPath, Scenario, Scene, Simulator};
 use std::error::Error;
 
 /// In full flight from here on, s.

@@ -42,6 +42,7 @@ const CRATES: &[&str] = &[
     "config/keys",
     "drivers",
     "drivers/protocol",
+    "drivers/simulator",
     "estimator",
     "runtime/boards",
     "runtime/capi",

@@ -1,9 +1,9 @@
 //! Common parts of the system tests: the places of the shared data, and the flights.
 
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene};
 use plumbline_flight::flight::{Flight, fly};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
+use plumbline_simulator::{FlightPath, Scenario, Scene};
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.

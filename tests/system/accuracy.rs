@@ -1,8 +1,8 @@
 //! Simulated flights along real trajectories stay within their limits.
 
-use plumbline_drivers::simulator::{Scenario, Scene};
 use plumbline_flight::flight::open_simulation;
 use plumbline_lab::report::Report;
+use plumbline_simulator::{Scenario, Scene};
 use plumbline_tests::{along, reported};
 
 /// Flies `path` for ten seconds and checks what a sound flight keeps. Yaw drift per minute and the NEES that is

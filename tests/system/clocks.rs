@@ -1,10 +1,10 @@
 //! Clocks of sensors that jump: refused, counted, and over within a second, in virtual time and against the clock.
 
 use plumbline_config::Timestamp;
-use plumbline_drivers::simulator::{Scenario, Scene};
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StampedPose, StereoFrame, StereoSource};
 use plumbline_flight::flight::{Flight, Flown, OdometryTrajectory, fly, open_simulation};
 use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_simulator::{Scenario, Scene};
 
 const HOUR_S: f64 = 3600.0;
 const DURATION_S: f64 = 4.0;

@@ -1,8 +1,8 @@
 //! Equal input gives equal bits: again, under load, and with another number of threads.
 
-use plumbline_drivers::simulator::{Scenario, Scene};
 use plumbline_flight::flight::{fly, open_simulation};
 use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_simulator::{Scenario, Scene};
 use std::hint::black_box;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,8 +1,8 @@
 //! Faults in flight are survived without a reset, and the covariance accounts for them.
 
-use plumbline_drivers::simulator::{Effects, Scene};
 use plumbline_flight::flight::open_simulation;
 use plumbline_lab::report::Report;
+use plumbline_simulator::{Effects, Scene};
 use plumbline_tests::{along, reported};
 
 /// Flies V1_02 in the room for twelve seconds with an effect on its images, a fault, and cameras that are believed turned by

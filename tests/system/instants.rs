@@ -2,7 +2,6 @@
 
 use nalgebra::Isometry3;
 use plumbline_config::{Random, Timestamp};
-use plumbline_drivers::simulator::{Scenario, Scene};
 use plumbline_estimator::estimate::TrackingState;
 use plumbline_flight::flight::{
     Flight, KeptInstants, Outputs, Published, PublishedState, Truth, fly, open_simulation,
@@ -12,6 +11,7 @@ use plumbline_flight::log::verify::verify;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::consistency::errors::{since_start, tilt, velocity};
 use plumbline_record::{InstantAnswer, InstantOutcome};
+use plumbline_simulator::{Scenario, Scene};
 
 /// Instants of each flight.
 const COUNT: usize = 500;

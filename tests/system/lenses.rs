@@ -2,9 +2,9 @@
 
 use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
-use plumbline_drivers::simulator::{FlightPath, Scenario};
 use plumbline_flight::flight::open_simulation;
 use plumbline_lab::report::Report;
+use plumbline_simulator::{FlightPath, Scenario};
 use plumbline_tests::reported;
 
 /// Lenses of public rigs, and how many times longer than a pinhole's their focal length is at the same size of things near the

@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
 use plumbline_config::Timestamp;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
 use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
+use plumbline_simulator::{FlightPath, Scenario, Scene};
 use plumbline_test_support::kept;
 use plumbline_tests::shared;
 use std::path::Path;
@@ -218,24 +218,6 @@ fn false_loops_leave_it_unharmed(flown: &Flown) {
     let moved = moved.fold(0.0, f64::max);
     println!("a false loop of 0.1 m moves nodes by {moved:.5} m at most");
     assert!(moved < 0.001);
-}
-
-#[test]
-fn rooms_that_look_alike_are_not_taken_for_each_other() {
-    for twin in [Twin::Repeated, Twin::Mirrored] {
-        let scenario = Scenario { scene: Scene::Rooms(twin), duration_s: 7.0, ..scenario(2) };
-        let (flown, updates) = flown(simulated(&scenario));
-        let recognition = Recognition::of(&flown, &updates);
-        let figures = &flown.outcome.places.as_ref().unwrap().figures;
-        println!("{twin:?}: {recognition:?}, {} contradicted", figures.contradicted);
-        assert_eq!(recognition.wrong, 0, "{twin:?}: a place in the one room is taken for one in the other");
-        let report = Report::new(&flown);
-        let harm = report.places.unwrap().ate_final_rmse_m.unwrap() - report.ate_rmse_m.unwrap();
-        assert!(harm < 0.002, "{twin:?}: loops add {harm} m to the error");
-        if twin == Twin::Repeated {
-            assert!(figures.contradicted >= 10, "the rooms do not look alike: the test shows nothing");
-        }
-    }
 }
 
 /// Flights of two laps along recorded paths: seconds of take-off to leave out, and the scene.

@@ -2,8 +2,8 @@
 //! other tests.
 
 use super::accuracy::with_and_without_lines;
-use plumbline_drivers::simulator::Scene;
 use plumbline_flight::flight::open_simulation;
+use plumbline_simulator::Scene;
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
 use plumbline_tests::{along, reported};
 

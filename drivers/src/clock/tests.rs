@@ -1,5 +1,5 @@
 use super::*;
-use crate::random::{Draws, Purpose};
+use plumbline_config::Random;
 
 const US: i64 = 1_000;
 const MS: i64 = 1_000_000;
@@ -43,7 +43,7 @@ const QUIET: Line = Line {
 impl Line {
     /// Measurement times by the host and by the device, and arrivals, ns.
     fn samples(self, seed: u64) -> impl Iterator<Item = (i64, i64, i64)> {
-        let mut draws = Draws::new(seed, Purpose::ImuNoise, 0);
+        let mut draws = Random::new(seed);
         let mut latest = 0;
         (0..self.rate_hz * self.seconds).map(move |k| {
             let truth = 5_000 * S + k * S / self.rate_hz;
@@ -196,7 +196,7 @@ fn ask(
     truth: i64,
     to_device: impl Fn(i64) -> i64,
     ways: (i64, i64),
-    draws: &mut Draws,
+    draws: &mut Random,
 ) -> bool {
     let mut held_up = |least: i64| least + (-(1.0 - draws.unit()).ln() * 300e3) as i64;
     let (there, back) = (held_up(ways.0), held_up(ways.1));
@@ -213,7 +213,7 @@ fn ask(
 #[test]
 fn round_trips_find_what_arrivals_cannot_know() {
     let mut clock = DeviceClock::new(true);
-    let mut draws = Draws::new(9, Purpose::Drop, 0);
+    let mut draws = Random::new(9);
     // The sensor's filter and the line hold every sample up by 4 ms at least.
     let line = Line { skew: 40e-6, ..QUIET };
     let to_device = |host: i64| 77 * S + (host - 5_000 * S) + (40e-6 * (host - 5_000 * S) as f64) as i64;
@@ -236,7 +236,7 @@ fn round_trips_find_what_arrivals_cannot_know() {
 #[test]
 fn a_device_that_stops_answering_keeps_the_delay_that_was_learnt() {
     let mut clock = DeviceClock::new(true);
-    let mut draws = Draws::new(9, Purpose::Drop, 0);
+    let mut draws = Random::new(9);
     let to_device = |host: i64| 77 * S + (host - 5_000 * S) + (30e-6 * (host - 5_000 * S) as f64) as i64;
     for (k, (truth, device, arrival)) in QUIET.samples(7).enumerate() {
         if k % 20 == 3 && k < 4000 {
@@ -260,7 +260,7 @@ fn a_device_that_never_answers_is_believed_by_its_arrivals_after_three_seconds()
 #[test]
 fn answers_by_another_clock_than_the_samples_are_left_alone() {
     let mut clock = DeviceClock::new(true);
-    let mut draws = Draws::new(9, Purpose::Drop, 0);
+    let mut draws = Random::new(9);
     let to_device = |host: i64| 4 * S + (host - 5_000 * S);
     let mut stamped = 0;
     for (k, (truth, device, arrival)) in QUIET.samples(8).enumerate() {

@@ -4,7 +4,7 @@ use super::framing::Deframer;
 use super::protocol::{Content, Protocol};
 use super::simulated::STEP_RAD_S;
 pub use super::simulated::{Device, imu_config};
-use crate::random::{Draws, Purpose};
+use plumbline_config::Random;
 
 /// Bytes written in hexadecimal.
 pub fn hex(text: &str) -> Vec<u8> {
@@ -43,17 +43,17 @@ pub struct Trouble {
 impl Trouble {
     /// Bytes sent for sample `k`, whose frame this is, and true if the frame itself was hit.
     pub fn pass(&self, k: i64, mut frame: Vec<u8>) -> (Vec<u8>, bool) {
-        let mut draws = Draws::new(self.seed, Purpose::Drop, k as u64);
+        let mut draws = Random::new(Random::new(self.seed ^ ((k as u64) << 32)).next_bits());
         let mut sent = Vec::new();
         if draws.unit() < self.noise {
-            sent.extend((0..draws.index(60)).map(|_| draws.bits() as u8));
+            sent.extend((0..draws.below(60)).map(|_| draws.next_bits() as u8));
         }
         let is_hit = draws.unit() < self.hit;
         if is_hit {
             // Within the frame: the zeros around one of ours are shared with its neighbours.
-            let place = 1 + draws.index(frame.len() - 2);
-            match draws.bits() % 2 {
-                0 => frame[place] ^= 1 << draws.index(8),
+            let place = 1 + draws.below(frame.len() - 2);
+            match draws.next_bits() % 2 {
+                0 => frame[place] ^= 1 << draws.below(8),
                 _ => frame.truncate(place),
             }
         }

@@ -3,8 +3,8 @@
 use super::fixture::{Device, Trouble, imu_config, number_of};
 use super::imu::SerialImu;
 use crate::clock::monotonic_ns;
-use crate::random::{Draws, Purpose};
 use crate::{ImuReading, ImuSource, StopFlag};
+use plumbline_config::Random;
 use plumbline_config::options::{ImuDriverConfig, ImuProtocol, SerialLine};
 use plumbline_protocol::{MAX_FRAME, Message, Receiver, Time, encode};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -73,7 +73,7 @@ struct Played {
 impl Player {
     fn run(&self, master: &OwnedFd) -> Played {
         let mut played = Played { hit: Vec::new(), late_ns: Vec::new() };
-        let mut draws = Draws::new(self.trouble.seed, Purpose::Flicker, 0);
+        let mut draws = Random::new(self.trouble.seed);
         let (mut waiting, mut receiver) = (Vec::new(), Receiver::new());
         for k in 0..self.samples {
             let due_ns = self.device.truth_ns(k);
@@ -87,7 +87,7 @@ impl Player {
             }
             // One frame in ten comes in two pieces.
             if draws.unit() < 0.1 {
-                let rest = waiting.split_off(draws.index(waiting.len()));
+                let rest = waiting.split_off(draws.below(waiting.len()));
                 send(master, &waiting);
                 waiting = rest;
                 thread::sleep(Duration::from_micros(150));

@@ -5,7 +5,7 @@ use super::simulated::opened;
 use super::stream::{Stream, TriggerEvent};
 use crate::ImuReading;
 use crate::inertial::{ImuFigures, LinkFigures};
-use crate::random::{Draws, Purpose};
+use plumbline_config::Random;
 use plumbline_config::options::ImuProtocol;
 use plumbline_protocol::{MAX_FRAME, Message, Trigger, encode};
 
@@ -39,7 +39,7 @@ struct Brought {
 /// and cuts frames where it likes.
 fn play(device: Device, trouble: Trouble, samples: i64, polls_ns: i64) -> Brought {
     let mut stream = stream(&device);
-    let mut draws = Draws::new(trouble.seed, Purpose::Flicker, 0);
+    let mut draws = Random::new(trouble.seed);
     let (mut readings, mut hit, mut waiting) = (Vec::new(), Vec::new(), Vec::new());
     let stall = device.truth_ns(samples / 2)..device.truth_ns(samples / 2) + 200 * MS;
     let mut due_ns = device.start_ns;
@@ -53,9 +53,9 @@ fn play(device: Device, trouble: Trouble, samples: i64, polls_ns: i64) -> Brough
         }
         due_ns = now_ns + polls_ns - device.rate_hz;
         // The end of what waits may be on its way still.
-        let kept = if draws.unit() < 0.3 { draws.index(20).min(waiting.len()) } else { 0 };
+        let kept = if draws.unit() < 0.3 { draws.below(20).min(waiting.len()) } else { 0 };
         let rest = waiting.split_off(waiting.len() - kept);
-        let piece = 1 + draws.index(200);
+        let piece = 1 + draws.below(200);
         feed(&mut stream, &waiting, piece, now_ns, |reading| {
             readings.push((number_of(reading.sample.gyro.x), reading));
         });

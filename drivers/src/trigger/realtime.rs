@@ -4,11 +4,11 @@
 use super::source::{Exposure, Triggered};
 use crate::clock::monotonic_ns;
 use crate::frame_socket::{FrameHeader, SocketStereo};
-use crate::random::{Draws, Purpose};
 use crate::serial::SerialImu;
 use crate::serial::realtime::{send, terminal, wait_until};
 use crate::serial::simulated::{Device, imu_config};
 use crate::{ImuSource as _, StereoFrame, StereoSource as _, StopFlag};
+use plumbline_config::Random;
 use plumbline_config::options::{ImuDriverConfig, ImuProtocol, SerialLine};
 use plumbline_protocol::{MAX_FRAME, Message, Receiver, Time, Trigger, encode};
 use rustix::fd::OwnedFd;
@@ -67,7 +67,7 @@ fn answer(device: Device, master: &OwnedFd, receiver: &mut Receiver) {
 
 /// Frames that arrive 12 to 20 ms after the middle of their exposure and are stamped by that; some are lost.
 fn run_camera(device: Device, path: &Path) {
-    let mut draws = Draws::new(3, Purpose::Flicker, 0);
+    let mut draws = Random::new(3);
     let (mut sender, mut number) = (UnixStream::connect(path).ok(), 1000);
     for n in 0..TRIGGERS {
         let late_ns = 12 * MS + (draws.unit() * 8e6) as i64;

@@ -146,7 +146,7 @@ fn data_length(data: &[u8]) -> usize {
 
 /// Decodes the images of one camera.
 #[derive(Debug)]
-pub(crate) struct LumaDecoder {
+pub struct LumaDecoder {
     width: usize,
     height: usize,
     /// Input of the decoder.
@@ -157,12 +157,16 @@ pub(crate) struct LumaDecoder {
 
 impl LumaDecoder {
     /// For images of this size, px.
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, data: Vec::new(), luma: Vec::new() }
     }
 
     /// Luma of an image, row by row. One of another size is refused before anything is allocated.
-    pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<&[u8], JpegDamage> {
+    ///
+    /// # Errors
+    /// When the bytes are no such image.
+    pub fn decode(&mut self, bytes: &[u8]) -> Result<&[u8], JpegDamage> {
         let parts = Parts::of(bytes)?;
         match parts.size() {
             size if size == (self.width, self.height) => {}

@@ -33,7 +33,7 @@ pub use convert::{Converter, Damage, RawLayout};
 pub use extension::ExtensionUnit;
 pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};
 pub use format::{Arrangement, PixelFormat};
-pub use jpeg::JpegDamage;
+pub use jpeg::{JpegDamage, LumaDecoder};
 pub use list::{CameraInfo, FormatInfo, cameras};
 pub use offers::{FrameRates, SizeInfo};
 pub use stereo::{V4l2Options, V4l2Stereo};

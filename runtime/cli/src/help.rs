@@ -4,8 +4,8 @@
 use super::Usage;
 use super::command_line::{Cli, HelpArgs};
 use clap::{Command, CommandFactory as _};
-use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{ImuError, SimulatedCondition};
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{ImuError, SimulatedCondition};
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 
@@ -318,9 +318,9 @@ mod tests {
             table(about, &kinds())
         };
         for (name, kinds) in [
-            ("conditions", &["blur:exposure, ms [6]", "bare-hover:", "warming:"][..]),
+            ("conditions", &["blur:exposure, ms [6]", "bare-hover:", "intrinsics:"][..]),
             ("faults", &["stamp-jitter:", "gyro-late:AXES [xyz]:ms [20] [@10]", "rig-lens"]),
-            ("imu-errors", &["force:", "residual:"]),
+            ("imu-errors", &["force:", "vibration:"]),
         ] {
             let text = of(name);
             assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");

@@ -1,7 +1,7 @@
 //! Paths of simulated flights by their names: built in, files, and trajectories of the shared data.
 
 use super::Usage;
-use plumbline_drivers::simulator::FlightPath;
+use plumbline_simulator::FlightPath;
 use std::path::{Path, PathBuf};
 
 /// A built-in path, a file, or the file of the trajectory in the shared data whose name begins so.

@@ -290,6 +290,5 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     if let Some(frames) = flight.stereo.expected_frames() {
         args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
     }
-    let flight = flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed);
-    Ok(flight.with_injected(&args.scenario.faults.fault, args.scenario.seed)?)
+    args.scenario.faults.inject(flight, args.scenario.seed, false)
 }

@@ -2,12 +2,14 @@
 
 use super::paths::flown_path;
 use super::{Usage, parse_range};
+use anyhow::Result;
 use clap::Args;
-use plumbline_drivers::simulator::{
+use plumbline_flight::flight::Flight;
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{
     Effects, FlightPath, ImuError, Inertial, Scenario, Scene, SimulatedCondition, USUAL_DURATION_S,
     recorded_along,
 };
-use plumbline_drivers::{FrameFaults, InjectedFault, LostCamera};
 use std::ops::Range;
 
 /// Exposure with `--motion-blur`, s.
@@ -87,7 +89,7 @@ pub struct FaultArgs {
     /// Probability that a frame is lost.
     #[arg(long, default_value_t = 0.0)]
     pub drop_rate: f64,
-    /// Vary the exposure from frame to frame.
+    /// Vary the exposure from frame to frame (simulated flights).
     #[arg(long)]
     pub flicker: bool,
     /// Fault to inject, such as accel-pulse:x:30@6+0.1; may be repeated: see
@@ -97,37 +99,37 @@ pub struct FaultArgs {
 }
 
 impl FaultArgs {
-    /// As faults of finished frames.
-    ///
-    /// # Errors
-    /// When an argument makes no sense.
-    pub fn frame_faults(&self) -> Result<FrameFaults, Usage> {
-        if !(0.0..1.0).contains(&self.drop_rate) {
-            return Err(Usage(format!(
-                "--drop-rate {}: give a probability from 0 to below 1",
-                self.drop_rate
-            )));
+    /// Faults of the options beside `--fault`, with the option of each.
+    fn of_options(&self) -> Result<Vec<(&'static str, InjectedFault)>, Usage> {
+        let mut faults = Vec::new();
+        let mut add = |option, text: String| {
+            let fault = text.parse::<InjectedFault>().map_err(|why| Usage(format!("{option}: {why}")))?;
+            faults.push((option, if option == "--drop-rate" { fault.placeless() } else { fault }));
+            Ok(())
+        };
+        let lasting = |span: Range<f64>| format!("@{}+{}", span.start, span.end - span.start);
+        if let Some(text) = &self.blackout {
+            add("--blackout", format!("image-black:0{}", lasting(span("--blackout", text)?)))?;
         }
-        Ok(FrameFaults {
-            drop_probability: self.drop_rate,
-            lost_camera: self.lost_camera.as_deref().map(lost_camera).transpose()?,
-            blackout_s: self.blackout.as_deref().map(|text| span("--blackout", text)).transpose()?,
-            flicker: if self.flicker { FLICKER } else { 0.0 },
-        })
+        if let Some(text) = &self.lost_camera {
+            let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
+            let (side, range) = text.split_once(':').ok_or_else(bad)?;
+            add("--lost-camera", format!("camera-lost:{side}{}", lasting(span("--lost-camera", range)?)))?;
+        }
+        if self.drop_rate != 0.0 {
+            add("--drop-rate", format!("frames-missing:{}", self.drop_rate))?;
+        }
+        Ok(faults)
     }
 
     /// The faults for people, each with its time.
-    pub fn words(&self) -> Vec<String> {
-        let given = [
-            self.blackout.as_ref().map(|span| format!("black images, {span} s after the first frame")),
-            self.lost_camera
-                .as_ref()
-                .map(|lost| format!("no images of a camera, {lost} s after the first frame")),
-            (self.drop_rate > 0.0)
-                .then(|| format!("{} % of the frames lost at random", 100.0 * self.drop_rate)),
-            self.flicker.then(|| "exposure that varies from frame to frame".to_owned()),
-        ];
-        given.into_iter().flatten().chain(self.fault.iter().map(InjectedFault::words)).collect()
+    ///
+    /// # Errors
+    /// When an argument makes no sense.
+    pub fn words(&self) -> Result<Vec<String>, Usage> {
+        let flicker = self.flicker.then(|| "exposure that varies from frame to frame".to_owned());
+        let options = self.of_options()?.into_iter().map(|(_, fault)| fault);
+        Ok(options.chain(self.fault.iter().copied()).map(|fault| fault.words()).chain(flicker).collect())
     }
 
     /// True if there are no faults.
@@ -144,32 +146,35 @@ impl FaultArgs {
     /// # Errors
     /// When one does.
     pub fn check_begin_before(&self, end_s: f64) -> Result<(), Usage> {
-        let faults = self.frame_faults()?;
-        let begins = [
-            ("--blackout".to_owned(), faults.blackout_s.map(|span| span.start)),
-            ("--lost-camera".to_owned(), faults.lost_camera.map(|lost| lost.span_s.start)),
-        ];
-        let injected =
-            self.fault.iter().map(|fault| (format!("--fault {fault}"), Some(fault.span_s().start)));
-        for (option, begin_s) in begins.into_iter().chain(injected) {
-            if let Some(begin_s) = begin_s.filter(|begin_s| *begin_s >= end_s) {
-                let message =
-                    format!("{option}: begins at {begin_s} s, after the flight's end at {end_s:.2} s");
-                return Err(Usage(message));
-            }
+        let options = self.of_options()?.into_iter().map(|(option, fault)| (option.to_owned(), fault));
+        let injected = self.fault.iter().map(|fault| (format!("--fault {fault}"), *fault));
+        match options.chain(injected).find(|(_, fault)| fault.span_s().start >= end_s) {
+            Some((option, fault)) => Err(Usage(format!(
+                "{option}: begins at {} s, after the flight's end at {end_s:.2} s",
+                fault.span_s().start
+            ))),
+            None => Ok(()),
         }
-        Ok(())
     }
 
-    /// As effects of a simulated flight, where darkness and flicker come before the noise of the sensor.
-    fn apply(&self, effects: &mut Effects) -> Result<(), Usage> {
-        let faults = self.frame_faults()?;
-        effects.blackout = faults.blackout_s.as_ref().map(|span| (span.start, span.end));
-        if self.flicker {
-            effects.flicker = faults.flicker;
-        }
-        effects.frames = FrameFaults { blackout_s: None, flicker: 0.0, ..faults };
-        Ok(())
+    /// The faults of the options beside `--fault` in the streams of a flight; in a simulated one, darkness is an effect on its
+    /// images.
+    ///
+    /// # Errors
+    /// When an argument makes no sense.
+    pub fn in_streams(&self, is_simulated: bool) -> Result<Vec<InjectedFault>, Usage> {
+        let is_left = |option: &str| !(is_simulated && option == "--blackout");
+        let options = self.of_options()?.into_iter().filter(|(option, _)| is_left(option));
+        Ok(options.map(|(_, fault)| fault).collect())
+    }
+
+    /// The flight with these faults.
+    ///
+    /// # Errors
+    /// When an argument makes no sense, or the flight cannot have such a fault.
+    pub fn inject(&self, flight: Flight, seed: u64, is_simulated: bool) -> Result<Flight> {
+        let flight = flight.with_injected(&self.in_streams(is_simulated)?, seed)?;
+        Ok(flight.with_injected(&self.fault, seed)?)
     }
 }
 
@@ -200,6 +205,7 @@ impl ScenarioArgs {
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
             ("--motion-blur", self.motion_blur),
+            ("--flicker", self.faults.flicker),
             ("--time-offset-ms", self.time_offset_ms != 0.0),
             ("--extrinsics-error-deg", self.extrinsics_error_deg != 0.0),
         ];
@@ -233,7 +239,13 @@ impl ScenarioArgs {
     /// When an argument makes no sense.
     pub fn scenario(&self, scene: Scene) -> Result<Scenario, Usage> {
         let mut effects = Effects { time_offset_s: self.time_offset_ms * 1e-3, ..Effects::default() };
-        self.faults.apply(&mut effects)?;
+        if let Some(text) = &self.faults.blackout {
+            let dark = span("--blackout", text)?;
+            effects.blackout = Some((dark.start, dark.end));
+        }
+        if self.faults.flicker {
+            effects.flicker = FLICKER;
+        }
         if self.motion_blur {
             effects.exposure_s = BLUR_EXPOSURE_S;
         }
@@ -277,17 +289,6 @@ fn span(flag: &str, text: &str) -> Result<Range<f64>, Usage> {
         (Some(from), Some(to)) => Ok(from..to),
         _ => Err(Usage(format!("{flag}: '{text}' needs both ends, such as 5..6.5"))),
     }
-}
-
-fn lost_camera(text: &str) -> Result<LostCamera, Usage> {
-    let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
-    let (side, range) = text.split_once(':').ok_or_else(bad)?;
-    let camera = match side {
-        "left" => 0,
-        "right" => 1,
-        _ => return Err(bad()),
-    };
-    Ok(LostCamera { camera, span_s: span("--lost-camera", range)? })
 }
 
 #[cfg(test)]

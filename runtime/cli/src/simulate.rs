@@ -6,9 +6,9 @@ use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
 use plumbline_drivers::euroc::{WriteInputs, WriteOptions, write};
-use plumbline_drivers::simulator::Simulator;
-use plumbline_drivers::{InjectedFrames, InjectedImu};
 use plumbline_flight::flight::{preset_for, scenario_config};
+use plumbline_simulator::Simulator;
+use plumbline_simulator::{InjectedFrames, InjectedImu};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -53,7 +53,10 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
     let bar = ProgressBar::new(simulator.frame_count());
     let (faults, seed) = (&args.scenario.faults.fault, scenario.seed);
     faults.iter().try_for_each(|fault| fault.check_cameras(simulator.camera_count())).map_err(Usage)?;
-    let mut stereo = InjectedFrames::start(simulator.stereo(), simulator.image_sizes(), faults, seed)?;
+    let sizes_px = simulator.image_sizes();
+    let options = args.scenario.faults.in_streams(true)?;
+    let stereo = InjectedFrames::start(simulator.stereo(), sizes_px, &options, seed)?;
+    let mut stereo = InjectedFrames::start(stereo, sizes_px, faults, seed)?;
     let mut imu = InjectedImu::new(simulator.imu(), &simulator.config().imu, stereo.begin(), faults, seed);
     let mut written_config = simulator.config().clone();
     faults.iter().for_each(|fault| fault.mistake(&mut written_config));
@@ -71,7 +74,7 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
         written.imu_samples,
         written.truth_rows
     ));
-    for fault in args.scenario.faults.words() {
+    for fault in args.scenario.faults.words()? {
         say(format_args!("fault: {fault}"));
     }
     Ok(())

@@ -5,8 +5,8 @@ use super::scenario::{ScenarioArgs, parse_scene};
 use anyhow::Result;
 use clap::Parser;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::simulator::Scene;
 use plumbline_flight::flight::{Flight, open_simulation};
+use plumbline_simulator::Scene;
 use std::path::Path;
 
 /// A simulated flight, as it was named.
@@ -31,7 +31,7 @@ impl SimulatedFlight {
         let scenario = self.options.scenario(self.scene)?;
         let error_deg = self.options.extrinsics_error_deg;
         let flight = open_simulation(config, &scenario, self.mono, error_deg, cache)?;
-        Ok(flight.with_injected(&self.options.faults.fault, scenario.seed)?)
+        self.options.faults.inject(flight, scenario.seed, true)
     }
 }
 

@@ -3,11 +3,11 @@
 use crate::config::config_of;
 use crate::errors::{Class, of_evaluation, of_flight};
 use plumbline_drivers::BagTopics;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, USUAL_DURATION_S};
 use plumbline_flight::flight::{
     Cut, Flight, FlightError, Truth, open_recording, open_simulation, with_overrides,
 };
 use plumbline_lab::evaluate::load_trajectory;
+use plumbline_simulator::{FlightPath, Scenario, Scene, USUAL_DURATION_S};
 use pyo3::prelude::*;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -110,11 +110,11 @@ impl OpeningOptions {
             resolution_scale: self.scale,
             ..Scenario::default()
         };
-        for error in parsed::<plumbline_drivers::simulator::ImuError>(py, "imu_errors", &self.imu_errors)? {
+        for error in parsed::<plumbline_simulator::ImuError>(py, "imu_errors", &self.imu_errors)? {
             error.apply(&mut scenario);
         }
         for condition in
-            parsed::<plumbline_drivers::simulator::SimulatedCondition>(py, "conditions", &self.conditions)?
+            parsed::<plumbline_simulator::SimulatedCondition>(py, "conditions", &self.conditions)?
         {
             condition.apply(&mut scenario);
         }

@@ -3,7 +3,7 @@
 use criterion::{Criterion, SamplingMode};
 use plumbline_config::Config;
 use plumbline_drivers::StereoFrame;
-use plumbline_drivers::simulator::{Scenario, Scene, Simulator};
+use plumbline_simulator::{Scenario, Scene, Simulator};
 use std::error::Error;
 use std::time::Duration;
 

@@ -1,8 +1,7 @@
 //! Triggers and frames that are lost, late, and begin anew.
 
 use super::*;
-use crate::random::{Draws, Purpose};
-use plumbline_config::Timestamp;
+use plumbline_config::{Random, Timestamp};
 
 const MS: i64 = 1_000_000;
 const PERIOD_NS: i64 = 50 * MS;
@@ -13,7 +12,7 @@ const HALF_NS: i64 = 2 * MS;
 /// A camera and its microcontroller; what was said of each frame.
 struct Rig {
     matching: Matching,
-    draws: Draws,
+    draws: Random,
     /// Stamps are late by this and by up to so much more, ns.
     late_ns: i64,
     jitter_ns: i64,
@@ -25,7 +24,7 @@ struct Rig {
 fn rig(late_ms: i64, jitter_ms: i64) -> Rig {
     Rig {
         matching: Matching::new(PERIOD_NS as f64),
-        draws: Draws::new(11, Purpose::Flicker, 0),
+        draws: Random::new(11),
         late_ns: late_ms * MS,
         jitter_ns: jitter_ms * MS,
         first_counter: 900,

@@ -1,8 +1,9 @@
 //! Faults with noise in simulated motions: each is named with its sensor, axes and time, and sound recordings have none.
 
 use super::*;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
-use plumbline_drivers::{ImuSource as _, InjectedImu};
+use plumbline_drivers::ImuSource as _;
+use plumbline_simulator::InjectedImu;
+use plumbline_simulator::{FlightPath, Scenario, Simulator};
 
 /// A recording whose images show the motion exactly.
 #[derive(Clone)]

@@ -3,10 +3,10 @@
 use super::*;
 use crate::tests::{Seen, rendered};
 use plumbline_config::options::image_sizes;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{
     DriverError, EurocDataset, EurocOptions, Faults, ImuSource, StereoFrame, StereoSource,
 };
+use plumbline_simulator::{FlightPath, Scenario, Scene, Simulator};
 
 /// Frames that were rendered before.
 struct Rendered(std::vec::IntoIter<Seen>);

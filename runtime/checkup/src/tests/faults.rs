@@ -5,7 +5,7 @@ use crate::{Checkup, Fitness};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_config::options::{CameraConfig, VehicleConfig, image_sizes, rows_from_isometry};
-use plumbline_drivers::simulator::FlightPath;
+use plumbline_simulator::FlightPath;
 use std::f64::consts::TAU;
 
 #[test]

@@ -8,8 +8,8 @@ mod recorded;
 
 use crate::{Checkup, CheckupReport, Fitness, Frame};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
+use plumbline_simulator::{FlightPath, Scenario, Simulator};
 use plumbline_test_support::kept;
 
 /// A frame: its number, stamp and images.

@@ -1,14 +1,13 @@
 //! Rendered frames on disk, raw: rendering takes far longer than estimating.
 //!
 //! A file holds, for each frame in order, the pixels of all cameras. Its name is a hash of everything the images depend
-//! on; what goes wrong with finished frames is done anew each time. Where images do not depend on how long the flight lasts
-//! ([`Scenario::frames_depend_on_duration`]) flights of any length share a file, which grows with the longest of them.
+//! on. Flights of any length once along a path of a file share one, which grows with the longest of them.
 
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
-use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
+use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, ErrorKind, Read, Seek, Write};
@@ -16,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Changes when the renderer draws differently.
-const RENDERER_VERSION: u32 = 2;
+const RENDERER_VERSION: u32 = 3;
 
 /// The frames of `simulator` from the cache; those that are not there are rendered first.
 ///
@@ -46,16 +45,16 @@ pub(super) fn frames(
         .map_err(failed(&path))?;
         file
     };
-    let source = CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 };
-    Ok(Box::new(FaultySource::new(source, scenario.effects.frames.clone(), scenario.seed)))
+    Ok(Box::new(CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 }))
 }
 
 /// A hash of everything that the images depend on.
 fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError> {
     let cameras = &simulator.config().camera;
     let mut sound = scenario.clone();
-    sound.effects.frames = FrameFaults::default();
-    if !scenario.frames_depend_on_duration() {
+    // Scene and light surround the path of a whole file. Built-in paths, and laps, are drawn through samples up to where the flight
+    // ends, and walls and furniture keep clear of what is flown.
+    if matches!(scenario.path, FlightPath::Tum(_)) && scenario.laps == 1 {
         sound.duration_s = 0.0;
     }
     let mut hash = Sha256::new();
@@ -77,7 +76,7 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError
             add(file)?;
             Inertial::Recorded("".into())
         }
-        Inertial::Simulated | Inertial::Residual(_) => Inertial::Simulated,
+        Inertial::Simulated => Inertial::Simulated,
     };
     sound.imu = ImuEffects::default();
     sound.calibration_error = 0.0;
@@ -195,8 +194,8 @@ mod tests {
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     use plumbline_config::Timestamp;
     use plumbline_drivers::StampedPose;
-    use plumbline_drivers::simulator::Effects;
     use plumbline_drivers::tum::write_tum;
+    use plumbline_simulator::Effects;
 
     /// A turn in a circle, written to a file.
     fn path(folder: &Path, name: &str) -> FlightPath {

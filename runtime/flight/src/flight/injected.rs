@@ -1,7 +1,7 @@
 //! Flights with faults that are injected on purpose.
 
 use super::{Flight, FlightError};
-use plumbline_drivers::{InjectedFault, InjectedFrames, InjectedImu};
+use plumbline_simulator::{InjectedFault, InjectedFrames, InjectedImu};
 
 impl Flight {
     /// Injects `faults` into the streams of the flight and into the calibration that its estimator is given, drawn with `seed`.

@@ -43,7 +43,8 @@ use crate::log::source::LogEnd;
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, InjectedFault, StereoSource};
+use plumbline_drivers::{ImuSource, StereoSource};
+use plumbline_simulator::InjectedFault;
 
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
@@ -103,14 +104,5 @@ impl Flight {
     pub fn expected_readings(&self) -> usize {
         let frames = self.stereo.expected_frames().unwrap_or(0) as f64;
         (frames * self.config.imu.rate_hz / self.config.camera[0].rate_hz).ceil() as usize
-    }
-
-    /// Returns the flight with `faults` in its frames, drawn with `seed`.
-    #[must_use]
-    pub fn with_faults(self, faults: FrameFaults, seed: u64) -> Self {
-        if faults.is_none() {
-            return self;
-        }
-        Self { stereo: Box::new(FaultySource::new(self.stereo, faults, seed)), ..self }
     }
 }

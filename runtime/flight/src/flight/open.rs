@@ -13,8 +13,8 @@ use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig};
 use plumbline_drivers::bag::read_bag_imu;
 use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions, read_imu_samples};
 use plumbline_drivers::is_bag;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
+use plumbline_simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use std::ops::Range;
 use std::path::Path;
 

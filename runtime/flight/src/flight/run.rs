@@ -6,8 +6,9 @@ use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
 use plumbline_config::ValidConfig;
-use plumbline_drivers::{InjectedFault, StampedPose};
+use plumbline_drivers::StampedPose;
 use plumbline_estimator::places::mapper::Passing;
+use plumbline_simulator::InjectedFault;
 
 /// Result of a flight.
 pub struct Flown {

@@ -4,8 +4,8 @@ use super::*;
 use crate::log::{Recorder, WhenFull};
 use crate::pipeline::{Control, RunOptions};
 use plumbline_config::options::ImageRecording;
-use plumbline_drivers::InjectedFault;
-use plumbline_drivers::simulator::{Scenario, Scene};
+use plumbline_simulator::InjectedFault;
+use plumbline_simulator::{Scenario, Scene};
 
 const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
 

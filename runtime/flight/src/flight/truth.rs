@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Vector3};
 use plumbline_config::import::euroc_pose;
 use plumbline_config::{ConfigError, Timestamp};
 use plumbline_drivers::euroc::read_ground_truth;
-use plumbline_drivers::simulator::Simulator;
 use plumbline_drivers::{DriverError, StampedPose, TruthState};
+use plumbline_simulator::Simulator;
 use std::path::Path;
 
 /// Ground truth further from a stamp than this is none, ns.

@@ -5,7 +5,6 @@ use mavlink::dialects::common::ODOMETRY_DATA;
 use nalgebra::UnitQuaternion;
 use plumbline_config::{ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
-use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_estimator::Odometry;
 use plumbline_flight::autopilot::feed::MessageFeed;
 use plumbline_flight::autopilot::frames::VehicleFrames;
@@ -15,6 +14,7 @@ use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::schedule::ticker::Monotonic;
 use plumbline_record::Said;
+use plumbline_simulator::{Scenario, Simulator};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 

@@ -8,8 +8,8 @@ mod udp;
 use self::ekf2::FilterRun;
 use capture::{Captured, capture};
 use nalgebra::Vector3;
-use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use plumbline_estimator::TrackingState;
+use plumbline_simulator::{Effects, FlightPath, Scenario, Scene};
 use plumbline_tests::shared;
 
 /// Duration of the flight after that, s.

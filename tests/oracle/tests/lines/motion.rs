@@ -7,7 +7,6 @@
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
-use plumbline_drivers::simulator::{Scene, Simulator};
 use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};

@@ -4,7 +4,7 @@ use super::*;
 use plumbline_config::Config;
 use plumbline_drivers::ImuSource as _;
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{Scenario, Simulator};
+use plumbline_simulator::{Scenario, Simulator};
 
 /// Samples of ten real flights; none where these are not there.
 fn recorded() -> Vec<(String, Vec<ImuSample>)> {

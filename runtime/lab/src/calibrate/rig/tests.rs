@@ -3,8 +3,8 @@
 use super::*;
 use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Config;
-use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene, Simulator, scaled_config};
 use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_simulator::{Effects, FlightPath, Scenario, Scene, Simulator, scaled_config};
 use std::sync::Arc;
 
 /// A recording in memory: rendered once, flown in every pass.
