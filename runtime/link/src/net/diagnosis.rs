@@ -9,13 +9,13 @@ use super::security;
 use crossbeam_queue::ArrayQueue;
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read as _, Write as _};
-use std::net::{TcpListener, TcpStream, ToSocketAddrs as _, UdpSocket};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// Protocols that this build can speak.
-const PROTOCOLS: [&str; 3] = ["tcp", "tls", "udp"];
+const PROTOCOLS: [&str; 2] = ["tcp", "tls"];
 /// Settings that an endpoint may have behind `#`. Zenoh knows more: keys, and the switch that waives
 /// certificates.
 const SETTINGS: [&str; 5] = ["iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp"];
@@ -38,7 +38,7 @@ pub fn check(endpoint: &str, has_certificates: bool) -> Result<(), NetError> {
         return refuse(format!("names no protocol; write it as tcp/{endpoint}"));
     };
     if !PROTOCOLS.contains(&protocol) {
-        return refuse(format!("'{protocol}' is not a supported protocol; write tcp, tls or udp"));
+        return refuse(format!("'{protocol}' is not a supported protocol; write tcp or tls"));
     }
     let address = address.split(['?', '#']).next().unwrap_or_default();
     let Some((host, port)) = address.rsplit_once(':').filter(|(host, _)| !host.ends_with(':')) else {
@@ -80,11 +80,7 @@ fn address_of(endpoint: &str) -> &str {
 /// [`NetError::Taken`] or [`NetError::Endpoint`].
 pub fn check_listener(endpoint: &str) -> Result<(), NetError> {
     let address = address_of(endpoint);
-    let outcome = match endpoint.starts_with("udp/") {
-        true => UdpSocket::bind(address).map(drop),
-        false => TcpListener::bind(address).map(drop),
-    };
-    let Err(error) = outcome else { return Ok(()) };
+    let Err(error) = TcpListener::bind(address) else { return Ok(()) };
     let endpoint = endpoint.to_owned();
     Err(match error.kind() {
         ErrorKind::AddrInUse => NetError::Taken { endpoint },
@@ -296,6 +292,7 @@ mod tests {
         for (endpoint, words) in [
             ("127.0.0.1:7447", "tcp/127.0.0.1:7447"),
             ("http/127.0.0.1:7447", "'http' is not a supported protocol"),
+            ("udp/127.0.0.1:7447", "'udp' is not a supported protocol; write tcp or tls"),
             ("tcp/127.0.0.1", "names no port"),
             ("tcp/:7447", "names no host"),
             ("tcp/host:70000", "'70000' is not a port"),
@@ -308,7 +305,7 @@ mod tests {
             let error = check(endpoint, false).unwrap_err().to_string();
             assert!(error.contains(words), "{endpoint}: {error}");
         }
-        for endpoint in ["tcp/127.0.0.1:7447", "udp/[::1]:7447", "tcp/0.0.0.0:0", "tcp/host:1#iface=lo"] {
+        for endpoint in ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tcp/0.0.0.0:0", "tcp/host:1#iface=lo"] {
             assert!(check(endpoint, false).is_ok(), "{endpoint}");
         }
         assert!(check("tls/host:7447", true).is_ok());

@@ -11,7 +11,6 @@ pub mod audit;
 pub mod camera;
 pub mod certificate;
 pub mod commands;
-pub mod datagrams;
 pub mod decision;
 pub mod diagnosis;
 pub mod endpoints;

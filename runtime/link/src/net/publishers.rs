@@ -1,12 +1,10 @@
 //! The keys that a vehicle publishes, by the table of topics: each with the quality of service that it needs.
 //!
 //! Messages without room on the link are dropped, since waiting would hold up the others. The next odometry
-//! is 5 ms away (in datagrams where available, [`super::datagrams`]), health comes again soon, and missing
-//! parts of the map are queried ([`super::answers`]).
+//! is 5 ms away, health comes again soon, and missing parts of the map are queried ([`super::answers`]).
 
 use super::answers::{self, Answers, Archive, lock};
 use super::commands::CommandRelay;
-use super::datagrams::Datagrams;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::HealthFeed;
@@ -76,15 +74,13 @@ impl Publishers {
         rates: Rates,
     ) -> Result<Self, NetError> {
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
-        let (streams, datagrams) = endpoints.split()?;
-        let session = streams.open().await?;
-        let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
+        let session = endpoints.open().await?;
         let (resets, newest_reset) = watch::channel(0);
         let answers =
             Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
         answers::declare(&session, answers).await?;
         let (name, link) = (&vehicle.name, rates.link);
-        let odometry = OdometryPublisher::declare(&session, name, datagrams, link).await?;
+        let odometry = OdometryPublisher::declare(&session, name, link).await?;
         let keyframe = Outlet::declare(&session, name, Topic::Keyframe, link).await?.publisher;
         let map = MapPublisher::declare(&session, name, rates, Arc::clone(&archive)).await?;
         let mut outlets = Vec::new();
