@@ -78,9 +78,9 @@ fn tls_settings(endpoints: &Endpoints) -> Value {
 const PLACES: &str = "places";
 const EXCLUDED_NAMES: &str = "excluded_names";
 /// Sessions of one certificate at a time.
-pub const MAX_SESSIONS_PER_CERTIFICATE: usize = 8;
+const MAX_SESSIONS_PER_CERTIFICATE: usize = 8;
 /// Places that only operators may take.
-pub const PLACES_FOR_OPERATORS: usize = 4;
+const PLACES_FOR_OPERATORS: usize = 4;
 
 /// An endpoint whose TLS handshakes refuse the certificates of these names; a listener also bounds the sessions that come in:
 /// `places` for all certificates together.
