@@ -16,7 +16,9 @@ fn names_must_fit_into_keys() {
 
 #[test]
 fn endpoints_name_protocol_host_and_port() {
-    for bad in ["127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/h:99999", "ftp/h:1", "tcp/h h:1", "udp/h:1", ""] {
+    for bad in
+        ["127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/h:99999", "ftp/h:1", "tcp/h h:1", "udp/h:1", ""]
+    {
         check("network.listen[0]", "tcp/127.0.0.1:7447", |c| c.network.listen = vec![bad.into()]);
     }
     for good in ["tcp/127.0.0.1:7447", "tls/[::1]:7447", "tcp/ground.local:7447#iface=eth0"] {

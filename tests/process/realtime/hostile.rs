@@ -273,9 +273,7 @@ fn soak_network_handshakes_without_end_keep_nobody_out() {
         (survived, tried, refused)
     });
     let slowest_s = slowest.into_inner() as f64 * 1e-3;
-    println!(
-        "{tried} honest sessions, {refused} refused, the slowest after {slowest_s:.2} s: {survived:?}"
-    );
+    println!("{tried} honest sessions, {refused} refused, the slowest after {slowest_s:.2} s: {survived:?}");
     assert!(tried > 20 && refused == 0 && survived.deaths == 0, "{survived:?}");
     assert!(survived.longest_silence_s < MAX_SILENCE_S, "{survived:?}");
 }

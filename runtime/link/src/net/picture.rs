@@ -3,7 +3,7 @@
 use super::now_ns;
 use jpeg_encoder::{ColorType, Encoder};
 use plumbline_config::GrayImage;
-use plumbline_flight::local::Shot;
+use plumbline_record::local::picture::Shot;
 use plumbline_record::messages::{Envelope, Picture};
 use plumbline_record::protobuf::encode;
 

@@ -2,7 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
-use plumbline_flight::pipeline::Stamps;
+use plumbline_rings::Stamps;
 
 /// Vehicle as ROS 2 sees it.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 //! A keyframe that has left the window keeps its landmarks in its own frame. The corrected path has the poses of most
 //! keyframes; a keyframe that it lacks is corrected as its neighbour in time. So the landmarks follow every loop.
 
-use crate::net::keyframes::{evenly, finished};
+use crate::net::history::{evenly, finished};
 use nalgebra::{Isometry3, Point3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::MapSnapshot;

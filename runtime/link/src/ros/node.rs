@@ -16,7 +16,7 @@ use crate::net::{NetError, now_ns};
 use plumbline_config::Timestamp;
 use plumbline_config::options::RosStamp;
 use plumbline_estimator::{Odometry, TrackingState};
-use plumbline_flight::local::Shot;
+use plumbline_record::local::picture::Shot;
 
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::sync::Arc;

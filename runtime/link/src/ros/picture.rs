@@ -4,7 +4,7 @@ use super::interface::Bytes;
 use super::messages::{CompressedImage, Header, Image};
 use crate::net::picture::{place, reduced};
 use jpeg_encoder::{ColorType, Encoder, EncodingError};
-use plumbline_flight::local::Shot;
+use plumbline_record::local::picture::Shot;
 
 /// Red, green and blue.
 type Rgb = [u8; 3];

@@ -11,8 +11,8 @@ use super::scene::RosScene;
 use crate::net::commands::Watcher;
 use crate::net::{CommandRelay, NetError};
 use plumbline_estimator::Odometry;
-use plumbline_flight::local::Shot;
 use plumbline_record::InstantAnswer;
+use plumbline_record::local::picture::Shot;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use nalgebra::UnitQuaternion;
     use plumbline_config::options::RosConfig;
-    use plumbline_flight::pipeline::Stamps;
+    use plumbline_rings::Stamps;
 
     #[test]
     fn a_node_that_could_not_be_declared_is_tried_again() {

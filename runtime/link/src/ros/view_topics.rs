@@ -14,7 +14,7 @@ use crate::net::NetError;
 use crate::net::pace::{Pace, Rates};
 use plumbline_config::Timestamp;
 use plumbline_config::options::{RosConfig, RosPictures};
-use plumbline_flight::local::Shot;
+use plumbline_record::local::picture::Shot;
 use plumbline_record::topics::Topic;
 use serde::Serialize;
 use zenoh::qos::Priority;
