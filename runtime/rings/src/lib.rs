@@ -1,8 +1,10 @@
-//! What threads hand to each other, and by which clock: rings that nobody waits for, bells, paces and absolute deadlines.
+//! What threads hand to each other, and by which clock: rings that nobody waits for, bells, paces, absolute deadlines
+//! and places.
 
 pub mod event_bell;
 pub mod lane;
 pub mod pace;
+pub mod places;
 pub mod ring;
 pub mod ticker;
 
