@@ -23,7 +23,6 @@ const KEPT: [&str; 17] = [
     "pair_by",
     "protocol",
     "stamp",
-    "tracks",
     "trigger_exposure",
 ];
 

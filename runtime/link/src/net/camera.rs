@@ -1,6 +1,6 @@
 //! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
-use super::commands::{CommandRelay, Watcher};
+use super::commands::CommandRelay;
 use super::pace::Rates;
 use super::picture;
 use super::relay::RelayState;
@@ -33,7 +33,7 @@ pub async fn serve(
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
             if is_watched != was_watched {
-                commands.watch(Watcher::Network, if is_watched { rates.hz(Topic::Picture) } else { 0.0 });
+                commands.watch(if is_watched { rates.hz(Topic::Picture) } else { 0.0 });
                 was_watched = is_watched;
             }
         }
@@ -41,7 +41,7 @@ pub async fn serve(
         while let Some(shot) = pictures.pop() {
             newest = Some(shot);
         }
-        // Otherwise made for others.
+        // Otherwise made for those before.
         let wanted = newest.filter(|_| was_watched);
         let encode =
             |shot: Shot| picture::message(&shot, rates.camera_width_px, rates.camera_quality, sequence);

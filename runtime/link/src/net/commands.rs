@@ -15,15 +15,6 @@ const RESET_PATIENCE: Duration = Duration::from_secs(2);
 /// Answers that are waited for at a time.
 const MAX_WAITING: usize = 64;
 
-/// Consumer of camera pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Watcher {
-    /// Key `camera` of the network.
-    Network,
-    /// Topic of ROS 2.
-    Ros,
-}
-
 /// Way of commands to the flight. By default there is no flight at its end: a reset is accepted and never done.
 #[derive(Debug, Default)]
 pub struct CommandRelay(Mutex<State>);
@@ -33,8 +24,6 @@ struct State {
     requests: Option<Requests>,
     /// The flight refuses commands of this process.
     is_refused: bool,
-    /// Rate of pictures that each [`Watcher`] wants, Hz.
-    watched_hz: [f64; 2],
     waiting: BTreeMap<u64, oneshot::Sender<Answer>>,
 }
 
@@ -102,14 +91,9 @@ impl CommandRelay {
         }
     }
 
-    /// Asks for camera pictures at this rate, Hz; zero for none any more. The flight makes as many as the faster watcher
-    /// wants.
-    pub fn watch(&self, watcher: Watcher, rate_hz: f64) {
-        let mut state = self.state();
-        state.watched_hz[watcher as usize] = rate_hz;
-        let [network, ros] = state.watched_hz;
-        let fastest = if network > ros { network } else { ros };
-        state.send(&Request::Watch((fastest * 1e3) as u32));
+    /// Asks for camera pictures at this rate, Hz; zero for none any more.
+    pub fn watch(&self, rate_hz: f64) {
+        self.state().send(&Request::Watch((rate_hz * 1e3) as u32));
     }
 
     /// Asks for the state at an instant; the number that its answer carries.

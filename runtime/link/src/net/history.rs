@@ -121,21 +121,12 @@ impl History {
 }
 
 /// Keyframes of `last` that are final, since the window of `next` has them no more. After a reset those are all.
-pub fn finished<'a>(
-    last: &'a MapSnapshot,
-    next: &'a MapSnapshot,
-) -> impl Iterator<Item = &'a SnapshotKeyframe> {
+fn finished<'a>(last: &'a MapSnapshot, next: &'a MapSnapshot) -> impl Iterator<Item = &'a SnapshotKeyframe> {
     let is_gone = |stamp| {
         last.reset_counter != next.reset_counter
             || next.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
     };
     last.keyframes.iter().filter(move |keyframe| is_gone(keyframe.stamp))
-}
-
-/// Places of `count` of `entries` entries, evenly chosen; all of them where there are fewer.
-pub fn evenly(entries: usize, count: usize) -> impl Iterator<Item = usize> {
-    let count = count.min(entries);
-    (0..count).map(move |k| k * entries / count)
 }
 
 /// A keyframe of `snapshot` with the landmarks that it hosts, at most `limit` points and as many lines, evenly chosen.
@@ -153,7 +144,8 @@ fn alone(snapshot: &MapSnapshot, keyframe: &SnapshotKeyframe, limit: usize) -> M
 /// `limit` of some landmarks, evenly chosen.
 fn thinned<'a, T: Copy + 'a>(landmarks: impl Iterator<Item = &'a T>, limit: usize) -> Vec<T> {
     let all: Vec<T> = landmarks.copied().collect();
-    evenly(all.len(), limit).map(|k| all[k]).collect()
+    let count = limit.min(all.len());
+    (0..count).map(|k| all[k * all.len() / count]).collect()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! every hash with the one that `rosbags` computes from the definitions of ROS.
 
 use plumbline_record::digest::hash_of;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Offsets of a type's number for a fixed array, a bounded and an unbounded sequence of it
@@ -68,7 +68,7 @@ macro_rules! built_in {
     };
 }
 
-built_in!(u8 = 3, i32 = 6, u32 = 7, i64 = 8, f32 = 10, f64 = 11, bool = 15, &str = 17, String = 17);
+built_in!(u8 = 3, i32 = 6, u32 = 7, i64 = 8, f64 = 11, bool = 15, &str = 17, String = 17);
 
 impl<T: Member> Member for Vec<T> {
     fn field_type() -> FieldType {
@@ -98,22 +98,6 @@ impl<T: Member> Member for Option<T> {
     }
 }
 
-/// Sequence of `uint8`, written in one piece.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Bytes(pub Vec<u8>);
-
-impl Serialize for Bytes {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_bytes(&self.0)
-    }
-}
-
-impl Member for Bytes {
-    fn field_type() -> FieldType {
-        Vec::<u8>::field_type()
-    }
-}
-
 /// Square matrix by rows: `float64[36]`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rows6(pub [[f64; 6]; 6]);
@@ -133,7 +117,7 @@ macro_rules! describe {
             }
             fn describe(descriptions: &mut $crate::ros::interface::Descriptions) {
                 let fields = vec![$((
-                    stringify!($field).trim_start_matches("r#"),
+                    stringify!($field),
                     <$type as $crate::ros::interface::Member>::field_type(),
                 )),*];
                 if descriptions.insert($ros, fields).is_none() {

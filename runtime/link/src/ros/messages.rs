@@ -1,23 +1,15 @@
 //! The messages of ROS 2 that a vehicle sends, field by field as their `.msg` and `.srv` files have them: the order is the
 //! order on the wire, and names and types are what the hash of a definition is made of ([`super::interface`]).
 
-use super::interface::{Bytes, Rows6, describe, message};
+use super::interface::{Rows6, describe, message};
 
 message! {
     /// `builtin_interfaces/msg/Time`.
     #[derive(Copy, Eq)]
     struct Time = "builtin_interfaces/msg/Time" { sec: i32, nanosec: u32 }
 
-    /// `builtin_interfaces/msg/Duration`.
-    #[derive(Copy, Eq, Default)]
-    struct Duration = "builtin_interfaces/msg/Duration" { sec: i32, nanosec: u32 }
-
     /// `std_msgs/msg/Header`.
     struct Header<'a> = "std_msgs/msg/Header" { stamp: Time, frame_id: &'a str }
-
-    /// `std_msgs/msg/ColorRGBA`.
-    #[derive(Copy)]
-    struct ColorRgba = "std_msgs/msg/ColorRGBA" { r: f32, g: f32, b: f32, a: f32 }
 
     /// `geometry_msgs/msg/Point`.
     #[derive(Copy)]
@@ -71,68 +63,6 @@ message! {
 
     /// `nav_msgs/msg/Path`.
     struct Path<'a> = "nav_msgs/msg/Path" { header: Header<'a>, poses: Vec<PoseStamped<'a>> }
-
-    /// `sensor_msgs/msg/PointField`.
-    struct PointField<'a> = "sensor_msgs/msg/PointField" { name: &'a str, offset: u32, datatype: u8, count: u32 }
-
-    /// `sensor_msgs/msg/PointCloud2`.
-    struct PointCloud2<'a> = "sensor_msgs/msg/PointCloud2" {
-        header: Header<'a>,
-        height: u32,
-        width: u32,
-        fields: Vec<PointField<'a>>,
-        is_bigendian: bool,
-        point_step: u32,
-        row_step: u32,
-        data: Bytes,
-        is_dense: bool,
-    }
-
-    /// `sensor_msgs/msg/Image`.
-    struct Image<'a> = "sensor_msgs/msg/Image" {
-        header: Header<'a>,
-        height: u32,
-        width: u32,
-        encoding: &'a str,
-        is_bigendian: u8,
-        step: u32,
-        data: Bytes,
-    }
-
-    /// `sensor_msgs/msg/CompressedImage`.
-    struct CompressedImage<'a> = "sensor_msgs/msg/CompressedImage" { header: Header<'a>, format: &'a str, data: Bytes }
-
-    /// `visualization_msgs/msg/UVCoordinate`.
-    struct UvCoordinate = "visualization_msgs/msg/UVCoordinate" { u: f32, v: f32 }
-
-    /// `visualization_msgs/msg/MeshFile`.
-    struct MeshFile<'a> = "visualization_msgs/msg/MeshFile" { filename: &'a str, data: Bytes }
-
-    /// `visualization_msgs/msg/Marker`.
-    struct Marker<'a> = "visualization_msgs/msg/Marker" {
-        header: Header<'a>,
-        ns: &'a str,
-        id: i32,
-        r#type: i32,
-        action: i32,
-        pose: Pose,
-        scale: Vector3,
-        color: ColorRgba,
-        lifetime: Duration,
-        frame_locked: bool,
-        points: Vec<Point>,
-        colors: Vec<ColorRgba>,
-        texture_resource: &'a str,
-        texture: CompressedImage<'a>,
-        uv_coordinates: Vec<UvCoordinate>,
-        text: &'a str,
-        mesh_resource: &'a str,
-        mesh_file: MeshFile<'a>,
-        mesh_use_embedded_materials: bool,
-    }
-
-    /// `visualization_msgs/msg/MarkerArray`.
-    struct MarkerArray<'a> = "visualization_msgs/msg/MarkerArray" { markers: Vec<Marker<'a>> }
 
     /// Response of `std_srvs/srv/Trigger`.
     struct TriggerServiceResponse = "std_srvs/srv/Trigger_Response" { success: bool, message: String }
@@ -235,16 +165,6 @@ mod tests {
                 InterfaceType::of::<TfMessage<'_>>(),
                 "tf2_msgs::msg::dds_::TFMessage_",
                 "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-            ),
-            (
-                InterfaceType::of::<MarkerArray<'_>>(),
-                "visualization_msgs::msg::dds_::MarkerArray_",
-                "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
-            ),
-            (
-                InterfaceType::of::<PointCloud2<'_>>(),
-                "sensor_msgs::msg::dds_::PointCloud2_",
-                "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
             ),
             (
                 InterfaceType::of::<TriggerService>(),
