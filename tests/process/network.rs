@@ -128,7 +128,7 @@ fn a_client_with_default_settings_receives_every_answer() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let endpoints = Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() };
     let (publisher, mut feed) =
-        Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
+        Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default(), false).unwrap();
     for k in 0..POSES {
         // Slowly enough for the ring between the flight and the network.
         feed.estimate(estimate(k), 1.0);
@@ -226,7 +226,7 @@ fn watched(vehicles: u32, seconds: u32) -> Value {
                 connect: vec![station.endpoint.clone()],
                 ..Endpoints::default()
             };
-            Publisher::start(&config, &endpoints, Arc::default()).unwrap()
+            Publisher::start(&config, &endpoints, Arc::default(), false).unwrap()
         })
         .collect();
     station.wait_for_answers(vehicles as usize);

@@ -211,8 +211,7 @@ impl Outputs {
             return Ok(None);
         }
         let endpoints = Endpoints::of(&config.network).and(&options.listen, &options.connect);
-        let start = if options.is_patient { Publisher::start_patiently } else { Publisher::start };
-        start(config, &endpoints, Arc::clone(commands)).map(Some)
+        Publisher::start(config, &endpoints, Arc::clone(commands), options.is_patient).map(Some)
     }
 
     fn take(&mut self, record: LocalRecord, message: &[u8], commands: &CommandRelay) {

@@ -3,7 +3,7 @@
 //! Machines that run ROS 2 with `RMW_IMPLEMENTATION=rmw_zenoh_cpp` speak Zenoh, as we do. What is missing
 //! between the two is a way of writing, and that is all there is here; no part of ROS is needed:
 //!
-//! - [`interface`]: types of ROS, listed once: bytes, names and hashes follow; [`messages`]: those that are sent;
+//! - [`interface`]: names and hashes of types of ROS; [`messages`]: those that are sent;
 //! - [`cdr`]: their bytes;
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
 //!   their endpoints, and what it attaches to samples and requests;
