@@ -1,4 +1,7 @@
-//! 8-bit grey images: owned ([`GrayImage`]), or lent from a buffer of the caller's own ([`ImageView`]).
+//! 8-bit grey images: owned ([`GrayImage`]), lent from a buffer of the caller's own ([`ImageView`]), or the pair of a rig
+//! ([`StereoFrame`]).
+
+use crate::Timestamp;
 
 /// An owned 8-bit grey image, rows without padding: the first pixel is the upper left one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -159,6 +162,34 @@ impl<'a> ImageView<'a> {
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &'a [u8]> + use<'a> {
         let view = *self;
         (0..self.height).map(move |y| view.row(y))
+    }
+}
+
+/// A stereo pair in buffers that are allocated once and written again and again.
+#[derive(Clone, Debug)]
+pub struct StereoFrame {
+    /// Counts frames of the sensor from 0; a jump says how many were lost.
+    pub sequence: u64,
+    /// Measurement time by the camera's clock (of the left image where both are there).
+    pub stamp: Timestamp,
+    /// Left and right image; what they hold counts only where `valid` says so.
+    pub images: [GrayImage; 2],
+    /// Images that arrived.
+    pub valid: [bool; 2],
+}
+
+impl StereoFrame {
+    /// Buffers for a rig of up to two cameras, sizes in pixels (0x0 for a camera that is not there).
+    #[must_use]
+    pub fn new(sizes_px: [(usize, usize); 2]) -> Self {
+        let images = sizes_px.map(|(width, height)| GrayImage::new(width, height));
+        Self { sequence: 0, stamp: Timestamp::default(), images, valid: [false; 2] }
+    }
+
+    /// The image of camera `index`, if it arrived.
+    #[must_use]
+    pub fn image(&self, index: usize) -> Option<ImageView<'_>> {
+        self.valid[index].then(|| self.images[index].view())
     }
 }
 

@@ -90,7 +90,7 @@ mod validate;
 
 pub use camera::CameraModel;
 pub use error::{ConfigError, Violation};
-pub use image::{GrayImage, ImageError, ImageView};
+pub use image::{GrayImage, ImageError, ImageView, StereoFrame};
 pub use options::{Config, EstimatorSetup};
 pub use portable::Portable;
 #[cfg(feature = "toml")]

@@ -1,7 +1,7 @@
 //! The live sensors that a configuration names, whichever they are.
 
-use crate::clock::StampFigures;
-use crate::frame_socket::{SocketMonitor, SocketStereo};
+use crate::clock::{StampFigures, StampProblem};
+use crate::frame_socket::{SocketFigures, SocketMonitor, SocketStereo};
 use crate::iio::IioImu;
 use crate::inertial::ImuMonitor;
 use crate::serial::{SerialImu, TriggerEvent};
@@ -78,25 +78,21 @@ impl CameraMonitor {
 impl CameraMonitor {
     /// Stamps of the frames, and what is wrong with them.
     #[must_use]
-    pub fn stamps(&self) -> StampFigures {
+    pub fn stamps(&self) -> (StampFigures, Option<StampProblem>) {
         match self {
             Self::V4l2(monitor) => {
                 let [left, right] = monitor.figures().cameras;
-                StampFigures {
+                let stamps = StampFigures {
                     used: left.images + right.images,
                     restamped: left.restamped + right.restamped,
                     refused: left.disordered + right.disordered,
-                    problem: left.problem.or(right.problem),
-                }
+                };
+                (stamps, left.problem.or(right.problem))
             }
             Self::Socket(monitor) => {
-                let figures = monitor.figures();
-                StampFigures {
-                    used: figures.frames,
-                    restamped: figures.restamped,
-                    refused: figures.disordered,
-                    problem: figures.problem,
-                }
+                let SocketFigures { frames: used, restamped, disordered: refused, problem, .. } =
+                    monitor.figures();
+                (StampFigures { used, restamped, refused }, problem)
             }
         }
     }

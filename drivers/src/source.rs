@@ -6,50 +6,10 @@
 //! it cannot recover from is a [`DriverError`].
 
 use crate::DriverError;
-use plumbline_config::{GrayImage, ImageView, ImuSample, Timestamp};
-use plumbline_fields::Record;
+use plumbline_config::Timestamp;
 
-/// An inertial sample with its place in the sensor's stream.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
-#[record("Imu")]
-pub struct ImuReading {
-    /// Counts samples of the sensor from 0; a jump says how many were lost.
-    #[field(1)]
-    pub sequence: u64,
-    /// The sample.
-    #[field(2, path = stamp, wire = "stamp_ns")]
-    #[field(3, path = gyro, about = "Angular rate x y z in B, rad/s.")]
-    #[field(4, path = accel, about = "Specific force x y z in B, m/s^2.")]
-    pub sample: ImuSample,
-}
-
-/// A stereo pair in buffers that are allocated once and written again and again.
-#[derive(Clone, Debug)]
-pub struct StereoFrame {
-    /// Counts frames of the sensor from 0; a jump says how many were lost.
-    pub sequence: u64,
-    /// Measurement time by the camera's clock (of the left image where both are there).
-    pub stamp: Timestamp,
-    /// Left and right image; what they hold counts only where `valid` says so.
-    pub images: [GrayImage; 2],
-    /// Images that arrived.
-    pub valid: [bool; 2],
-}
-
-impl StereoFrame {
-    /// Buffers for a rig of up to two cameras, sizes in pixels (0x0 for a camera that is not there).
-    #[must_use]
-    pub fn new(sizes_px: [(usize, usize); 2]) -> Self {
-        let images = sizes_px.map(|(width, height)| GrayImage::new(width, height));
-        Self { sequence: 0, stamp: Timestamp::default(), images, valid: [false; 2] }
-    }
-
-    /// The image of camera `index`, if it arrived.
-    #[must_use]
-    pub fn image(&self, index: usize) -> Option<ImageView<'_>> {
-        self.valid[index].then(|| self.images[index].view())
-    }
-}
+pub use plumbline_config::StereoFrame;
+pub use plumbline_fields::ImuReading;
 
 /// Counts of faults that a source survived.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]

@@ -55,10 +55,11 @@ const CRATES: &[&str] = &[
     "runtime/link",
     "runtime/python",
     "runtime/record",
+    "runtime/rings",
 ];
 
 /// Libraries of networks, of which none has a part in a flight.
-const NETWORKS: &[&str] = &["axum", "hyper", "plumbline-link", "quinn", "rcgen", "rustls", "tokio", "zenoh"];
+const NETWORKS: &[&str] = &["axum", "hyper", "plumbline-link", "rcgen", "rustls", "tokio", "zenoh"];
 
 /// Lines of the longest function of the runtime: one screen.
 const SCREEN: usize = 60;

@@ -407,7 +407,7 @@ fn network_a_router_whose_certificate_is_excluded_is_not_connected_to() {
 /// A vehicle in this process, with nothing that it could reset.
 fn vehicle(endpoints: Endpoints) -> Publisher {
     let config = Config::preset("sim").unwrap();
-    Publisher::start(&config, &endpoints, Arc::default()).unwrap().0
+    Publisher::start(&config, &endpoints, Arc::default(), false).unwrap().0
 }
 
 #[test]

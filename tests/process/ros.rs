@@ -25,17 +25,12 @@ enum Machine {
 
 /// Topics of every due odometry.
 const TOPICS: [&str; 3] = ["/drone_1/odom", "/drone_1/pose", "/tf"];
-/// Every topic but pictures, with its type and depth.
-const ALL_TOPICS: [(&str, &str, u64); 9] = [
+/// Every topic, with its type and depth.
+const ALL_TOPICS: [(&str, &str, u64); 4] = [
     (TOPICS[0], "nav_msgs/msg/Odometry", 10),
     (TOPICS[1], "geometry_msgs/msg/PoseStamped", 10),
     (TOPICS[2], "tf2_msgs/msg/TFMessage", 100),
     ("/drone_1/path", "nav_msgs/msg/Path", 1),
-    ("/drone_1/landmarks", "sensor_msgs/msg/PointCloud2", 1),
-    ("/drone_1/lines", "visualization_msgs/msg/MarkerArray", 1),
-    ("/drone_1/map/path", "nav_msgs/msg/Path", 1),
-    ("/drone_1/map/landmarks", "sensor_msgs/msg/PointCloud2", 1),
-    ("/drone_1/map/markers", "visualization_msgs/msg/MarkerArray", 1),
 ];
 
 /// Topics that the machine saw of a flight, and the odometry that the flight wrote to its file.
@@ -363,8 +358,6 @@ mod realtime {
             ("ros.rate_hz", "10.0"),
             ("ros.tf", "false"),
             ("ros.path", "false"),
-            ("ros.landmarks", "false"),
-            ("ros.map", "false"),
         ];
         let seen = fly(&python, &changes, Machine::Before);
         let publishers = seen.entities("MP");

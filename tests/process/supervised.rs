@@ -289,16 +289,6 @@ fn network_who_finds_no_place_is_told_on_both_sides() {
     assert!(router.words().contains("no place for another session of viewer.1"), "{}", router.words());
 }
 
-/// Begins a handshake by a datagram from a port of its own, and says no more.
-pub fn begin_by_datagram(port: u16, k: u16) -> std::net::UdpSocket {
-    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    let [low, high] = k.to_le_bytes();
-    let mut init = vec![0x01, 9, 0xf0 | Kind::Client as u8, low, high];
-    init.extend([8; 14]);
-    socket.send_to(&init, ("127.0.0.1", port)).unwrap();
-    socket
-}
-
 /// A vehicle's session in this process that anybody reaches at this endpoint.
 fn plain_vehicle(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Session {
     let vehicle = Endpoints { listen: vec![endpoint.to_owned()], ..Endpoints::default() };
@@ -335,55 +325,6 @@ pub fn try_session_within(
         }
     }
     None
-}
-
-pub fn free_udp_port() -> u16 {
-    std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
-#[test]
-fn network_handshakes_that_are_begun_by_datagrams_keep_nobody_out() {
-    let port = free_udp_port();
-    let endpoint = format!("udp/127.0.0.1:{port}");
-    let runtime = runtime();
-    let _vehicle = plain_vehicle(&runtime, &endpoint);
-    assert!(try_session(&runtime, &endpoint).is_some());
-    let held: Vec<_> = (0..400).map(|k| begin_by_datagram(port, k)).collect();
-    assert!(try_session(&runtime, &endpoint).is_some(), "four hundred that lead nowhere");
-    (400..3_000).for_each(|k| drop(begin_by_datagram(port, k)));
-    assert!(try_session(&runtime, &endpoint).is_some(), "three thousand");
-    drop(held);
-}
-
-#[test]
-fn network_datagrams_of_junk_leave_an_endpoint_open() {
-    let port = free_udp_port();
-    let endpoint = format!("udp/127.0.0.1:{port}");
-    let runtime = runtime();
-    let _vehicle = plain_vehicle(&runtime, &endpoint);
-    // Several from each port: some arrive while the link of those before them ends.
-    for k in 0..1_000_u32 {
-        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-        for n in 0..4 + k % 5 {
-            let junk = vec![(k * 7 + n) as u8; (k * 13 % 90) as usize];
-            let _ = socket.send_to(&junk, ("127.0.0.1", port));
-        }
-    }
-    assert!(try_session(&runtime, &endpoint).is_some());
-}
-
-#[test]
-fn network_empty_datagrams_leave_an_endpoint_open() {
-    let port = free_udp_port();
-    let endpoint = format!("udp/127.0.0.1:{port}");
-    let runtime = runtime();
-    let _vehicle = plain_vehicle(&runtime, &endpoint);
-    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    // More than the socket holds.
-    for _ in 0..1_000 {
-        let _ = socket.send_to(&[], ("127.0.0.1", port));
-    }
-    assert!(try_session(&runtime, &endpoint).is_some());
 }
 
 #[test]

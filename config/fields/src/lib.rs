@@ -5,10 +5,15 @@
 //! may say). The bytes of logs, local socket and network, their schema, digests, comparisons and the columns of tables are made of these
 //! by the crate `plumbline-record`.
 
+// Derived records of this crate name it as others do.
+extern crate self as plumbline_fields;
+
 mod kept;
+mod sensors;
 
 pub use kept::set_pair;
 pub use plumbline_keys::Record;
+pub use sensors::{ImuReading, StampFigures};
 
 use plumbline_config::Timestamp;
 use std::fmt;

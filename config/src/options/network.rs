@@ -15,8 +15,7 @@ pub struct NetworkConfig {
     /// Endpoints to listen on, such as "tcp/127.0.0.1:7447".
     #[key(default)]
     pub listen: Vec<String>,
-    /// Endpoints to connect to. If there are other endpoints, a udp/ endpoint carries odometry only, in datagrams. Over a bad
-    /// link datagrams arrive sooner, and recover faster after an interruption.
+    /// Endpoints to connect to, such as "tls/10.0.0.1:7447".
     #[key(default)]
     pub connect: Vec<String>,
     /// Multicast scouting.

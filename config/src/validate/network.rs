@@ -10,7 +10,7 @@ const MAX_VEHICLE_BYTES: usize = 64;
 const MAX_ENDPOINTS: usize = 16;
 const MAX_ENDPOINT_BYTES: usize = 256;
 /// Protocols that the runtime is built with.
-const PROTOCOLS: [&str; 3] = ["tcp", "udp", "tls"];
+const PROTOCOLS: [&str; 2] = ["tcp", "tls"];
 
 pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
     if let Some(reason) = vehicle_problem(&network.vehicle) {
@@ -65,7 +65,7 @@ fn is_empty(path: &Path) -> bool {
 }
 
 pub(super) fn no_endpoint(key: String, text: &str) -> Violation {
-    let cure = "write protocol/host:port with tcp, udp or tls, such as \"tcp/127.0.0.1:7447\"";
+    let cure = "write protocol/host:port with tcp or tls, such as \"tcp/127.0.0.1:7447\"";
     Violation::new(key, format!("{} is no endpoint", shortened(text)), cure)
 }
 

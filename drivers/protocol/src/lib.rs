@@ -16,6 +16,8 @@
 //! - [`Receiver`]: bytes as an interrupt delivers them to messages;
 //! - [`Timer`]: a timer that begins anew every few seconds to nanoseconds that never do.
 //!
+//! [`frame_header`] is of another way into a flight: frames of a program on the same computer.
+//!
 //! # Example: the loop of a firmware
 //!
 //! ```
@@ -49,6 +51,7 @@
 #![no_std]
 
 mod frame;
+pub mod frame_header;
 mod message;
 mod receiver;
 #[cfg(test)]

@@ -24,5 +24,6 @@ mod tests;
 pub use counter::Unwrap;
 pub use device::{ClockFigures, DeviceClock, Stamped};
 pub use host::monotonic_ns;
+pub use plumbline_fields::StampFigures;
 pub use round_trip::RoundTrip;
-pub use stamps::{StampDefect, StampFigures, StampPace, StampProblem, TimeUnitName};
+pub use stamps::{StampDefect, StampPace, StampProblem, TimeUnitName};

@@ -1,7 +1,5 @@
 //! Defects of the stamps of a device or a program, in words that name the clock found and the clock expected.
 
-use plumbline_fields::Record;
-use serde::Serialize;
 use std::fmt;
 
 /// A stamp that in another unit is this near to a clock of the host is in that unit, ns: frames are seldom older.
@@ -92,6 +90,16 @@ impl StampProblem {
         Self { defect: StampDefect::Repeated, stamp, now_ns }
     }
 
+    /// Remembers what is wrong. The first stamp of a kind stays, so that messages do not change with every frame.
+    pub fn note(problem: &mut Option<Self>, found: Self) {
+        let is_same = problem.is_some_and(|known| {
+            std::mem::discriminant(&known.defect) == std::mem::discriminant(&found.defect)
+        });
+        if !is_same {
+            *problem = Some(found);
+        }
+    }
+
     /// Clock seen and clock expected, in words. `expected` names the expected clock.
     #[must_use]
     pub fn words(&self, expected: &str) -> String {
@@ -107,43 +115,6 @@ impl StampProblem {
             StampDefect::Repeated => format!("stamps such as {stamp} are not after the ones before"),
         };
         format!("{seen}, where {expected} is expected (now {now_ns})")
-    }
-}
-
-/// Stamps of a source: how many were used, and what was wrong with the others.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Record)]
-#[record("Stamps")]
-pub struct StampFigures {
-    /// Frames or samples that were handed out.
-    #[field(1)]
-    pub used: u64,
-    /// Frames stamped by their arrival instead, since their stamp was of no clock of this computer.
-    #[field(2)]
-    pub restamped: u64,
-    /// Frames or samples that were dropped, since their stamp was repeated, went back, or was of no use.
-    #[field(3)]
-    pub refused: u64,
-    /// Defect of the stamps, if any.
-    #[serde(skip)]
-    #[field(none)]
-    pub problem: Option<StampProblem>,
-}
-
-impl StampFigures {
-    /// Frames or samples whose stamps were of no use.
-    #[must_use]
-    pub fn bad(&self) -> u64 {
-        self.restamped + self.refused
-    }
-
-    /// Remembers what is wrong. The first stamp of a kind stays, so that messages do not change with every frame.
-    pub fn note(problem: &mut Option<StampProblem>, found: StampProblem) {
-        let is_same = problem.is_some_and(|known| {
-            std::mem::discriminant(&known.defect) == std::mem::discriminant(&found.defect)
-        });
-        if !is_same {
-            *problem = Some(found);
-        }
     }
 }
 
@@ -181,7 +152,7 @@ impl StampPace {
             None => self.problem = None,
             Some(defect) if count >= WINDOWS => {
                 let found = StampProblem { defect, stamp: device_ns, now_ns: arrival_ns };
-                StampFigures::note(&mut self.problem, found);
+                StampProblem::note(&mut self.problem, found);
             }
             Some(_) => {}
         }

@@ -1,8 +1,8 @@
 //! Figures of the sending program, for other threads.
 
-use super::header::FrameRefusal;
 use crate::board::Board;
 use crate::clock::StampProblem;
+use plumbline_protocol::frame_header::FrameRefusal;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

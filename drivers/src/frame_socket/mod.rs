@@ -4,9 +4,8 @@
 //! The socket is ours: programs come and go as cameras do. Bytes are read straight into the images of a frame.
 
 mod figures;
-mod header;
 mod source;
 
 pub use figures::{SocketFigures, SocketMonitor};
-pub use header::{FrameHeader, FrameRefusal, MAGIC};
+pub use plumbline_protocol::frame_header::{FrameHeader, FrameRefusal, MAGIC};
 pub use source::SocketStereo;

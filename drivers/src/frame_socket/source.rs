@@ -1,14 +1,14 @@
 //! The source of frames: waits for a program, reads what it sends.
 
 use super::figures::{SocketFigures, SocketMonitor, Trouble};
-use super::header::FrameHeader;
-use crate::clock::{StampFigures, StampProblem, monotonic_ns};
+use crate::clock::{StampProblem, monotonic_ns};
 use crate::stop::StopFlag;
 use crate::unix_socket::{SocketFile, is_served};
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::{Portable, Timestamp};
+use plumbline_protocol::frame_header::FrameHeader;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::AsFd;
 use std::io::{ErrorKind, Read as _};
@@ -222,12 +222,12 @@ impl SocketStereo {
             self.newest_sent_ns = self.newest_sent_ns.max(header.stamp_ns);
         } else if !is_old {
             self.figures.restamped += 1;
-            StampFigures::note(&mut self.figures.problem, found);
+            StampProblem::note(&mut self.figures.problem, found);
         }
         if is_old || stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
             let found = StampProblem::repeated(header.stamp_ns, now.monotonic_ns);
-            StampFigures::note(&mut self.figures.problem, found);
+            StampProblem::note(&mut self.figures.problem, found);
             self.monitor.show(&self.figures);
             return None;
         }

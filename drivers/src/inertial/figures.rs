@@ -77,15 +77,10 @@ pub struct ImuFigures {
 }
 
 impl ImuFigures {
-    /// Stamps of the samples, and what is wrong with them.
+    /// Stamps of the samples.
     #[must_use]
     pub fn stamps(&self) -> StampFigures {
-        StampFigures {
-            used: self.samples,
-            restamped: 0,
-            refused: self.disordered + self.clock.refused,
-            problem: self.stamp_problem,
-        }
+        StampFigures { used: self.samples, restamped: 0, refused: self.disordered + self.clock.refused }
     }
 
     /// Returns the figures as the fault counters that all sources share.

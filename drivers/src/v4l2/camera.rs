@@ -6,7 +6,7 @@ use super::pairing::{Pairing, Side, Waiting};
 use super::sequence::Sequence;
 use super::stamp::{self, Arrival, Exposure, Source};
 use super::sys::queue::Filled;
-use crate::clock::{StampFigures, StampProblem};
+use crate::clock::StampProblem;
 use plumbline_config::{GrayImage, Portable};
 use rustix::fd::AsFd as _;
 use rustix::fd::BorrowedFd;
@@ -156,13 +156,13 @@ impl Camera {
         let (stamp_ns, source) = stamp::on_monotonic_clock(given_ns, at);
         if source == Source::Arrival {
             let found = StampProblem::of_stamp(given_ns, at.monotonic_ns, at.system_ns);
-            StampFigures::note(&mut self.figures.problem, found);
+            StampProblem::note(&mut self.figures.problem, found);
         }
         let stamp_ns = stamp::mid_exposure(stamp_ns, source, filled.flags, exposure);
         if stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
             let found = StampProblem::repeated(given_ns, at.monotonic_ns);
-            StampFigures::note(&mut self.figures.problem, found);
+            StampProblem::note(&mut self.figures.problem, found);
             self.give_back(filled);
             return;
         }

@@ -185,7 +185,8 @@ impl Keeper {
             let begun = Instant::now();
             let words = match self.live() {
                 Ok(Life::Over) => return,
-                Ok(Life::Refused(failure)) => return self.refuse(failure),
+                Ok(Life::Refused(failure)) if self.is_final(&failure) => return self.refuse(failure),
+                Ok(Life::Refused(failure)) => failure.words,
                 Ok(Life::Died(words)) => words,
                 Err(error) => error.to_string(),
             };
@@ -201,6 +202,11 @@ impl Keeper {
                 return;
             }
         }
+    }
+
+    /// True if no other start is to follow: it could not succeed, or somebody waits for this one.
+    fn is_final(&self, failure: &Failure) -> bool {
+        failure.is_usage || (self.tell.is_some() && !self.options.is_patient)
     }
 
     fn refuse(&mut self, failure: Failure) {
@@ -316,11 +322,25 @@ impl Drop for Ended {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_flight::pipeline::Stamps;
 
     #[test]
     fn verbosity_is_handed_on_and_nothing_else() {
         let is_handed_on = |text: &str| is_verbosity(text.as_ref());
         assert!(is_handed_on("-v") && is_handed_on("-vvv") && is_handed_on("--verbose"));
         assert!(!is_handed_on("-") && !is_handed_on("--publish") && !is_handed_on("-V"));
+    }
+
+    #[test]
+    fn a_failure_of_the_moment_ends_only_a_start_that_somebody_waits_for() {
+        let config = plumbline_config::Config::preset("sim").unwrap();
+        let socket = LocalSocket::start(&config, Stamps::Replayed, Arc::default()).unwrap();
+        let (door, options) = (socket.link_door(), LinkOptions::default());
+        let ((_stop, stopped), (tell, _told)) = (channel(), channel());
+        let mut keeper = Keeper { door, options, max_bytes: 0, stopped, tell: Some(tell) };
+        let failure = |is_usage| Failure { is_usage, words: "no more descriptors".into() };
+        assert!(keeper.is_final(&failure(false)));
+        keeper.tell = None;
+        assert!(!keeper.is_final(&failure(false)) && keeper.is_final(&failure(true)));
     }
 }

@@ -18,8 +18,7 @@ const MAX_DATA_BYTES: u64 = 576_000_000;
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]
 pub struct RouterArgs {
-    /// Listen on this endpoint, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated. udp/0.0.0.0:7447 in
-    /// addition to tcp/0.0.0.0:7447 accepts odometry in datagrams.
+    /// Listen on this endpoint, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// Connect to another router; may be repeated.

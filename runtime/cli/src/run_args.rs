@@ -49,8 +49,7 @@ pub struct RunArgs {
     /// Publish over Zenoh, here too: tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Publish over Zenoh: connect to this router or station too; may be repeated. Beside others, a udp/ endpoint carries odometry
-    /// only.
+    /// Publish over Zenoh: connect to this router or station too; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
 }

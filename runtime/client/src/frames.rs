@@ -3,7 +3,7 @@
 use crate::error::ClientError;
 use crate::socket::{connect, send_all};
 use plumbline_config::{ImageView, Timestamp};
-use plumbline_drivers::frame_socket::FrameHeader;
+use plumbline_protocol::frame_header::FrameHeader;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;

@@ -2,8 +2,8 @@
 //! pseudo-terminal that speaks our serial protocol (`docs/serial-protocol.md`).
 
 use crate::error::ClientError;
+use crate::monotonic_ns;
 use plumbline_config::ImuSample;
-use plumbline_drivers::clock::monotonic_ns;
 use plumbline_protocol::{Flags, Hello, Imu, MAX_FRAME, Message, Receiver, Settings, Time, VERSION, encode};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;

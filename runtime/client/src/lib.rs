@@ -4,7 +4,7 @@
 //! - [`FrameSender`] sends stereo frames to `plumbline fly` (`docs/frame-socket.md`);
 //! - [`ImuLine`] is an inertial sensor for it, at a pseudo-terminal (`docs/inertial-sensors.md`).
 //!
-//! The formats are those of `plumbline-record`, `plumbline-drivers` and `plumbline-protocol`. Calls block, for as long as
+//! The formats are those of `plumbline-record` and `plumbline-protocol`. Calls block, for as long as
 //! they are told to; there is no runtime of tasks.
 
 mod error;
@@ -19,4 +19,10 @@ pub use error::ClientError;
 pub use frames::FrameSender;
 pub use imu::{ImuLine, SensorAbout};
 pub use local::{Local, Requests};
-pub use plumbline_drivers::clock::monotonic_ns;
+
+/// Now on the host's monotonic clock (CLOCK_MONOTONIC), ns, of which stamps of frames and samples are.
+#[must_use]
+pub fn monotonic_ns() -> i64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
+}

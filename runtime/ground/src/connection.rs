@@ -7,6 +7,8 @@ use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Duration;
 use zenoh::Session;
 
+/// Pause before another attempt to open a session.
+const RETRY: Duration = Duration::from_millis(500);
 /// Period at which the fleet is told how far the connection is.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -41,10 +43,7 @@ impl StationSession {
     }
 
     async fn wait(self, endpoints: Endpoints, fleet: Arc<Mutex<Fleet>>, print_states: bool) {
-        match listen(&endpoints, &fleet, print_states).await {
-            Ok(session) => drop(self.0.set(session)),
-            Err(error) => tracing::error!("{error}"),
-        }
+        let _ = self.0.set(until_it_succeeds(|| listen(&endpoints, &fleet, print_states)).await);
     }
 
     /// Keeps the words in the fleet up to date, as long as it is there.
@@ -72,6 +71,20 @@ impl StationSession {
         if let Some(session) = self.session() {
             let _ = session.close().await;
         }
+    }
+}
+
+/// Repeats `open` until it succeeds, and logs its errors.
+async fn until_it_succeeds<T, F>(open: impl Fn() -> F) -> T
+where
+    F: Future<Output = Result<T, NetError>>,
+{
+    loop {
+        match open().await {
+            Ok(opened) => return opened,
+            Err(error) => tracing::error!("{error}; trying again"),
+        }
+        tokio::time::sleep(RETRY).await;
     }
 }
 
@@ -111,6 +124,20 @@ fn attempt(endpoints: &Endpoints, is_linked: bool, failure: Option<&str>) -> Str
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    #[tokio::test]
+    async fn a_session_that_cannot_be_opened_is_tried_again() {
+        let attempts = AtomicU32::new(0);
+        let opened = until_it_succeeds(|| async {
+            let message = "the router went away".to_owned();
+            match attempts.fetch_add(1, Ordering::Relaxed) {
+                0 => Err(NetError::Declare { key: "plumbline/**".into(), message }),
+                attempt => Ok(attempt),
+            }
+        });
+        assert_eq!(opened.await, 1);
+    }
 
     #[test]
     fn what_is_tried_names_the_endpoints_and_the_newest_failure() {

@@ -5,12 +5,12 @@ use crate::ros::{RosFeed, RosOutput};
 use plumbline_client::{ClientError, Local};
 use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
-use plumbline_flight::local::Failure;
-use plumbline_flight::local::record::{Kind, Kinds};
-use plumbline_flight::local::request::Request;
-use plumbline_flight::pipeline::Stamps;
 use plumbline_record::local::content::LocalRecord;
+use plumbline_record::local::record::{Kind, Kinds};
+use plumbline_record::local::request::Failure;
+use plumbline_record::local::request::Request;
 use plumbline_record::messages::Configuration;
+use plumbline_rings::Stamps;
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
@@ -211,13 +211,12 @@ impl Outputs {
             return Ok(None);
         }
         let endpoints = Endpoints::of(&config.network).and(&options.listen, &options.connect);
-        let start = if options.is_patient { Publisher::start_patiently } else { Publisher::start };
-        start(config, &endpoints, Arc::clone(commands)).map(Some)
+        Publisher::start(config, &endpoints, Arc::clone(commands), options.is_patient).map(Some)
     }
 
     fn take(&mut self, record: LocalRecord, message: &[u8], commands: &CommandRelay) {
         if let Some((_, ros)) = &mut self.ros {
-            ros.take(&record, message);
+            ros.take(&record);
         }
         if let LocalRecord::Answer(answer) = record {
             return commands.take(answer);

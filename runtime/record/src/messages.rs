@@ -11,11 +11,9 @@ use crate::row::Subscription::{Always, Asked, Other};
 use crate::said::FullEstimate;
 use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Timestamp;
-use plumbline_drivers::ImuReading;
-use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, HealthBits, MapSnapshot, Odometry, TrackingState, Trail};
-use plumbline_fields::{Parts, Record, Value};
+use plumbline_fields::{ImuReading, Parts, Record, StampFigures, Value};
 
 // Those of the log come first, in the order that seals of logs have: new ones come last among them.
 topics! {

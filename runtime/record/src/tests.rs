@@ -13,13 +13,13 @@ use crate::schema;
 use crate::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{
     Estimate, FrameFigures, MapSnapshot, NavCovariance, Odometry, OriginUncertainty, TrackingState,
 };
+use plumbline_fields::ImuReading;
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
 use std::collections::BTreeSet;

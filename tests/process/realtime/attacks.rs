@@ -6,7 +6,7 @@ use crate::plumbline;
 use crate::raw;
 use crate::raw::raw_peer::{Kind, RawPeer, declare_key};
 use crate::roles::{make_keys, try_to_connect};
-use crate::supervised::{free_udp_port, try_client};
+use crate::supervised::try_client;
 use crate::vehicle::{PLUMBLINE, Running, cache, eventually, flight, free_port, render};
 use plumbline_link::net::now_ns;
 use plumbline_test_support::soak_minutes;
@@ -33,12 +33,12 @@ pub const MAX_SILENCE_S: f64 = 2.0;
 const MALFORMED: [[&str; 2]; 5] =
     [["$*$*", "a"], ["plumbline/$*$*x", "plumbline/drone"], ["a//b", "a"], ["/a", "a"], ["#", "a"]];
 
-/// Certificates, and where the vehicle listens: with them, or without and by datagrams too.
+/// Certificates, and where the vehicle listens: with them or without.
 pub struct Stage {
     pub folder: tempfile::TempDir,
     pub endpoint: String,
     pub port: u16,
-    pub datagrams: Option<String>,
+    pub is_plain: bool,
     /// Role of the honest station that listens.
     pub watcher: &'static str,
 }
@@ -49,21 +49,20 @@ impl Stage {
         let folder = tempfile::tempdir().unwrap();
         make_keys(folder.path(), false);
         let port = free_port();
-        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, datagrams: None, watcher: "viewer" }
+        Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, is_plain: false, watcher: "viewer" }
     }
 
     /// A vehicle that anybody reaches.
     pub fn plain() -> Self {
         let stage = Self::new();
-        let datagrams = Some(format!("udp/127.0.0.1:{}", free_udp_port()));
-        Self { endpoint: stage.endpoint.replace("tls/", "tcp/"), datagrams, ..stage }
+        Self { endpoint: stage.endpoint.replace("tls/", "tcp/"), is_plain: true, ..stage }
     }
 
     /// Opens the session of the honest station.
     async fn try_watcher(&self) -> zenoh::Result<zenoh::Session> {
-        match self.datagrams {
-            None => try_to_connect(self.folder.path(), self.watcher, &self.endpoint).await,
-            Some(_) => try_client(self.port).await,
+        match self.is_plain {
+            false => try_to_connect(self.folder.path(), self.watcher, &self.endpoint).await,
+            true => try_client(self.port).await,
         }
     }
 
@@ -74,9 +73,7 @@ impl Stage {
     /// A flight that excludes the router's certificate, records and reports.
     fn vehicle(&self) -> Running {
         let mut vehicle = flight("drone", FLIGHT_S);
-        if let Some(datagrams) = &self.datagrams {
-            vehicle.args(["--listen", datagrams]);
-        } else {
+        if !self.is_plain {
             for (key, name) in
                 [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
             {

@@ -121,7 +121,7 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
     let folder = tempfile::tempdir().unwrap();
     let mut link = BadLink::start(&spaces);
     let mut inner = Command::new(PLUMBLINE);
-    inner.args(["router", "--listen", "tcp/0.0.0.0:7447", "--listen", "udp/0.0.0.0:7447"]);
+    inner.args(["router", "--listen", "tcp/0.0.0.0:7447"]);
     let router = Running::start(spaces.command(1, &inner));
     let reports = [1, 2].map(|k| folder.path().join(format!("ground{k}.json")));
     let mut stations: Vec<Running> = (0..2)
@@ -137,7 +137,7 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
     let report = folder.path().join("vehicle.json");
     let mut inner = flight("drone", seconds);
     inner
-        .args(["--connect", "tcp/10.77.0.2:7447", "--connect", "udp/10.77.0.2:7447"])
+        .args(["--connect", "tcp/10.77.0.2:7447"])
         .args(["--set", "network.link=\"radio\"", "--report"])
         .arg(&report);
     let mut vehicle = Running::start(spaces.command(0, &inner));
@@ -162,7 +162,8 @@ fn check(stations: &[Value; 2], down_s: u32) {
         let vehicle = &station["vehicles"]["drone"];
         let resumed_s = vehicle["odom"]["longest_gap_s"].as_f64().unwrap() - f64::from(down_s);
         println!("odometry resumed {resumed_s:.2} s after the link");
-        assert!(resumed_s < 2.0, "odometry resumed {resumed_s:.2} s after the link: {vehicle}");
+        // TCP repeats what was lost ever more seldom, and a connection takes six passages of the bad link.
+        assert!(resumed_s < 5.0, "odometry resumed {resumed_s:.2} s after the link: {vehicle}");
         assert_eq!(vehicle["keyframes"]["have"], vehicle["keyframes"]["announced"], "{vehicle}");
         assert!(vehicle["keyframes"]["have"].as_u64().unwrap() > 3, "{vehicle}");
         assert_eq!(station["malformed"], 0);

@@ -7,7 +7,7 @@ use std::path::Path;
 pub const LEFT_OUT: &str = "(left out)";
 
 /// Keys whose values are words of the configuration itself.
-const KEPT: [&str; 17] = [
+const KEPT: [&str; 16] = [
     "clock",
     "commands",
     "distribution",
@@ -23,7 +23,6 @@ const KEPT: [&str; 17] = [
     "pair_by",
     "protocol",
     "stamp",
-    "tracks",
     "trigger_exposure",
 ];
 

@@ -134,14 +134,15 @@ impl Told {
         tell(&mut self.imu, words, || format!("{name}: the IMU is available"));
         let trouble = sensors.triggers.as_ref().and_then(TriggerMonitor::trouble);
         tell(&mut self.triggers, trouble, || "frames are stamped by their triggers".to_owned());
-        let frames = sensors.cameras.monitor.stamps();
+        let (frames, problem) = sensors.cameras.monitor.stamps();
+        let is_bad = self.frame_looks.are_bad(frames);
         // Triggers replace the stamps of frames.
-        let problem = self.frame_looks.look(frames).filter(|_| sensors.triggers.is_none());
+        let problem = problem.filter(|_| is_bad && sensors.triggers.is_none());
         let camera = &sensors.cameras.name;
         let words = problem.map(|problem| frame_stamps(camera, &problem));
         tell(&mut self.stamps[0], words, || format!("{camera}: stamps of the frames are good again"));
         let samples = figures.stamps();
-        let words = samples.problem.map(|problem| sample_stamps(name, &problem, &sensors.sample_clock));
+        let words = figures.stamp_problem.map(|problem| sample_stamps(name, &problem, &sensors.sample_clock));
         tell(&mut self.stamps[1], words, || format!("{name}: stamps of the samples are good again"));
         SensorNews { notices: self.notices(), frames, samples }
     }
@@ -194,8 +195,8 @@ struct StampLooks {
 }
 
 impl StampLooks {
-    /// Defect of the stamps of the last second, if it concerns at least half of them.
-    fn look(&mut self, figures: StampFigures) -> Option<StampProblem> {
+    /// True if at least half of the stamps of the last second are of no use.
+    fn are_bad(&mut self, figures: StampFigures) -> bool {
         let now = (figures.used, figures.bad());
         let before = std::mem::replace(&mut self.counts[self.next], now);
         self.next = (self.next + 1) % STAMP_LOOKS;
@@ -206,7 +207,7 @@ impl StampLooks {
         if bad > 0 || good > 0 {
             self.is_bad = bad > 0 && bad >= good;
         }
-        figures.problem.filter(|_| self.is_bad)
+        self.is_bad
     }
 }
 
@@ -426,12 +427,12 @@ mod tests {
     fn bad_stamps_of_frames_are_told_while_they_come_and_not_for_one_frame() {
         let mut looks = StampLooks::default();
         let found = StampProblem { defect: StampDefect::Zero, stamp: 0, now_ns: 7 };
-        let figures = |used, restamped| StampFigures { used, restamped, problem: Some(found), refused: 0 };
+        let figures = |used, restamped| StampFigures { used, restamped, refused: 0 };
         // Two frames a look.
-        let good: Vec<_> = (1..30).map(|k| looks.look(figures(2 * k, 1))).collect();
-        assert!(good[10..].iter().all(Option::is_none), "{good:?}");
-        assert!((1..=10).any(|k| looks.look(figures(60 + 2 * k, 1 + 2 * k)).is_some()));
-        assert!((1..=10).map(|k| looks.look(figures(80 + 2 * k, 21))).last().unwrap().is_none());
+        let good: Vec<_> = (1..30).map(|k| looks.are_bad(figures(2 * k, 1))).collect();
+        assert!(!good[10..].contains(&true), "{good:?}");
+        assert!((1..=10).any(|k| looks.are_bad(figures(60 + 2 * k, 1 + 2 * k))));
+        assert!(!(1..=10).map(|k| looks.are_bad(figures(80 + 2 * k, 21))).last().unwrap());
         let words = frame_stamps("/run/frames", &found);
         assert!(words.contains("stamps are 0") && words.contains("CLOCK_MONOTONIC"), "{words}");
     }

@@ -15,6 +15,7 @@ use crate::schedule::ladder::Rung;
 use plumbline_estimator::places::MapPath;
 use plumbline_record::messages::{Configuration, LadderRung, Picture};
 use plumbline_record::{InstantSource, layout, protobuf};
+use plumbline_rings::places::gives_way;
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
 use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
@@ -196,22 +197,18 @@ impl Server {
     /// True if there is a place for a reader of this user; the one of the most numerous user's that does not read, or has been
     /// silent for longest, gives way to it.
     fn has_place(&mut self, user: Option<u32>) -> bool {
-        let of =
-            |user: Option<u32>| self.readers.iter().flatten().filter(|reader| reader.user == user).count();
-        let crowd = if of(user) >= MAX_READERS_OF_A_USER {
-            user
-        } else if self.readers.iter().flatten().count() < MAX_READERS {
+        let readers = || self.readers.iter().flatten();
+        let is_crowd = readers().filter(|reader| reader.user == user).count() >= MAX_READERS_OF_A_USER;
+        if !is_crowd && readers().count() < MAX_READERS {
             return true;
-        } else {
-            let users = self.readers.iter().flatten().map(|reader| reader.user);
-            users.max_by_key(|user| of(*user)).flatten()
-        };
+        }
         let now = Instant::now();
-        let silence =
-            |slot: &Option<LocalReader>| slot.as_ref().filter(|reader| reader.user == crowd)?.silence(now);
-        let silences =
-            self.readers.iter().enumerate().filter_map(|(place, slot)| Some((silence(slot)?, place)));
-        let Some((silence, place)) = silences.max() else { return false };
+        let candidates = self.readers.iter().enumerate().filter_map(|(place, slot)| {
+            let reader = slot.as_ref().filter(|reader| !is_crowd || reader.user == user)?;
+            Some((place, reader.user, reader.silence(now)))
+        });
+        let Some((place, silence)) = gives_way(candidates) else { return false };
+        let crowd = self.readers[place].take().and_then(|reader| reader.user);
         if self.logged.is_none_or(|logged| now.saturating_duration_since(logged) >= LOG_PERIOD) {
             self.logged = Some(now);
             let whose = crowd.map_or_else(|| "an unknown user".into(), |user| format!("user {user}"));
@@ -222,7 +219,6 @@ impl Server {
                  the one of {whose} {how} is disconnected"
             );
         }
-        self.readers[place] = None;
         self.forget(place);
         true
     }

@@ -30,6 +30,8 @@ pub use live::LiveFigures;
 pub use map_saves::{MapRequest, MapSaveResult, MapSaves};
 pub use tick::CORRECTION_DELAY_NS;
 
+pub use plumbline_rings::Stamps;
+
 use crate::schedule::host::Host;
 use figures::Figures;
 use listener::Subscriber;
@@ -50,16 +52,6 @@ pub struct RunOptions {
     pub speed: Option<f64>,
     /// 1 does everything in turn, 2 decodes or renders ahead, more share the work on a frame.
     pub threads: usize,
-}
-
-/// Clock domain of the sample timestamps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Stamps {
-    /// This host's monotonic clock: live sensors. A sample is due when it arrives.
-    OfHost,
-    /// Clock of a recording or simulation, which is played against the host's clock in a live run.
-    #[default]
-    Replayed,
 }
 
 /// The sensors of a run, and what is known beforehand.

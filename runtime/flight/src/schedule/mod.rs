@@ -4,18 +4,15 @@
 //! Nothing here knows what the tasks compute; [`crate::pipeline`] puts both together.
 
 pub mod bare_timer;
-pub mod event_bell;
 pub mod host;
 pub mod ladder;
-pub mod lane;
-pub mod pace;
 pub mod pool;
 pub mod queue;
-pub mod ring;
 #[cfg(feature = "sabotage")]
 pub mod sabotage;
 pub mod supervisor;
 pub mod tasks;
-pub mod ticker;
 pub mod times;
 pub mod watchdog;
+
+pub use plumbline_rings::{event_bell, lane, pace, ring, ticker};

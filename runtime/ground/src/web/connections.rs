@@ -6,7 +6,9 @@ use hyper::service::{Service as _, service_fn};
 use hyper::{Request, server::conn::http1};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use std::collections::{BTreeMap, VecDeque};
+use plumbline_rings::places::gives_way;
+use std::cmp::Reverse;
+use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -77,14 +79,9 @@ impl Connections {
     fn evict(&mut self) {
         let is_idle = |connection: &Connection| !connection.has_asked.load(Ordering::Relaxed);
         let is_any_idle = self.0.iter().any(is_idle);
-        let may_go = |connection: &Connection| !is_any_idle || is_idle(connection);
-        let mut counts = BTreeMap::new();
-        for connection in self.0.iter().filter(|connection| may_go(connection)) {
-            *counts.entry(connection.peer).or_insert(0_usize) += 1;
-        }
-        let most = counts.values().copied().max();
-        let oldest = self.0.iter().position(|c| may_go(c) && counts.get(&c.peer).copied() == most);
-        if let Some(connection) = oldest.and_then(|at| self.0.remove(at)) {
+        let may_go = self.0.iter().enumerate().filter(|(_, connection)| !is_any_idle || is_idle(connection));
+        let oldest = gives_way(may_go.map(|(at, connection)| (at, connection.peer, Some(Reverse(at)))));
+        if let Some(connection) = oldest.and_then(|(at, _)| self.0.remove(at)) {
             connection.task.abort();
         }
     }

@@ -183,7 +183,7 @@ fn key_name(topic: Topic) -> &'static str {
 mod tests {
     use super::super::super::test_messages::{health, heard};
     use super::*;
-    use plumbline_drivers::clock::StampFigures;
+    use plumbline_record::fields::StampFigures;
     use plumbline_record::messages::{Health, SensorNews};
 
     #[test]

@@ -1,107 +1,138 @@
 //! Refused requests by peer, and the choice of those worth reporting.
 //!
-//! Zenoh's access control decides on much that nobody has attempted ([`super::decision`]): somebody who only watches may
-//! not publish under the keys that it listens to, and hears so in advance. An attempt is a message that came in and was
-//! refused: a query, a reply, a put or a delete. It is told once in [`AGAIN_AFTER`] for each peer, action and key.
+//! Zenoh's access control writes a line for each decision and each subject of the rules that fits the peer:
+//!
+//! - `SESSION on PEER is (un)authorized to ACTION (FLOW) on KEY`, a decision made now: of several about one message, one
+//!   that allows is enough.
+//! - `Using cached result: SESSION is (un)authorized to ACTION (FLOW) on KEY`, about a message under a key that was named
+//!   before. It was made then: `ACL (FLOW): caching permissions for KEY ...` is followed on its thread by decisions of the first
+//!   kind on every action there is, those of [`DEEDS`] first, though nobody has asked for any of them.
+//!
+//! An attempt is a message that came in and was refused: a query, a reply, a put or a delete. It is reported once in
+//! [`AGAIN_AFTER`] for each peer, action and key.
 
-use super::decision::{self, DEEDS, Decision};
 use super::{ROOT, certificate};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
-/// An attempt that is repeated is told again after this time.
+/// A message that is repeated is logged again after this time.
 pub const AGAIN_AFTER: Duration = Duration::from_mins(5);
-/// Refusals that are remembered as told; as long as there are so many, no new one is told.
+/// Messages that are remembered as logged; as long as there are so many, no new one is logged.
 const MAX_TOLD: usize = 200;
-/// Refusals that wait to be told; what comes beyond that between two looks is not told.
+/// Refusals that wait to be reported; what comes beyond that between two looks is not reported.
 const MAX_WAITING: usize = 64;
 /// Sessions whose peers are remembered: as many as Zenoh admits.
 const MAX_PEERS: usize = 1_000;
-/// Longest key that is told, characters.
+/// Longest key that is reported, characters.
 const MAX_KEY: usize = 200;
+/// Verdicts of a decision.
+const ALLOWED: &str = "is authorized to ";
+const REFUSED: &str = "is unauthorized to ";
+/// Prefix of a decision that is older than its message.
+const KNOWN: &str = "Using cached result: ";
+/// Prefix of the line before decisions that nobody has asked for.
+const AHEAD: &str = "ACL (";
+/// Actions that do something, with their names in plain words. The others prepare to listen or to be listened to.
+const DEEDS: [(&str, &str); 4] =
+    [("Query", "query"), ("Reply", "answer queries on"), ("Put", "publish on"), ("Delete", "delete")];
 
-/// Something that was refused.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct AccessRefusal {
-    /// Peer, action and key, as text.
-    pub words: String,
-    /// True if a peer attempted something; otherwise it is Zenoh's bookkeeping about subscriptions.
-    pub is_attempt: bool,
+/// True if a line reports a message that passes under a known key. Most lines do.
+#[must_use]
+pub fn is_passed(line: &str) -> bool {
+    let verdict = line.strip_prefix(KNOWN).and_then(|rest| rest.split_once(' '));
+    verdict.is_some_and(|(_, verdict)| verdict.starts_with(ALLOWED))
 }
 
-/// A place in the decisions that are made when a key is named. They are made on one thread without a break.
+/// One decision.
+struct Decision<'a> {
+    /// Number of the session, which is another one with every connection.
+    session: &'a str,
+    /// Interface, names and protocol, as Zenoh writes them; missing in a decision made before.
+    peer: Option<&'a str>,
+    is_allowed: bool,
+    action: &'a str,
+    /// True if the message comes from the peer.
+    is_incoming: bool,
+    /// Key expression, as the peer wrote it.
+    key: &'a str,
+}
+
+impl<'a> Decision<'a> {
+    fn parse(line: &'a str) -> Option<Self> {
+        let known = line.strip_prefix(KNOWN);
+        let (session, rest) = known.unwrap_or(line).split_once(' ')?;
+        // A key, which its peer chose, comes behind the verdict.
+        let at = [ALLOWED, REFUSED].iter().filter_map(|verdict| rest.find(verdict)).min()?;
+        let (peer, verdict) = rest.split_at(at);
+        let allowed = verdict.strip_prefix(ALLOWED);
+        let (action, place) = allowed.or_else(|| verdict.strip_prefix(REFUSED))?.split_once(" (")?;
+        let (flow, key) = place.split_once(") on ")?;
+        let peer = if known.is_some() { None } else { Some(peer.strip_prefix("on ")?.trim_end()) };
+        let (is_allowed, is_incoming) = (allowed.is_some(), flow == "ingress");
+        Some(Self { session, peer, is_allowed, action, is_incoming, key })
+    }
+}
+
+/// Messages that were logged, each of which is logged again only after [`AGAIN_AFTER`].
 #[derive(Debug, Default)]
-pub struct Ahead(Option<(String, usize)>);
+pub struct Told(BTreeMap<String, Instant>);
 
-impl Ahead {
-    /// Decisions about everything under this key follow.
-    fn begin(&mut self, flow_and_key: String) {
-        self.0 = Some((flow_and_key, 0));
-    }
-
-    /// True if a decision is the next of them.
-    fn goes_on_with(&mut self, decision: &Decision<'_>) -> bool {
-        let Some((flow_and_key, newest)) = &mut self.0 else { return false };
-        let goes_on =
-            decision.peer.is_some() && decision.action >= *newest && *flow_and_key == decision.place();
-        *newest = decision.action;
-        if !goes_on {
-            self.0 = None;
+impl Told {
+    /// True if a message is to be logged now; it is then remembered.
+    pub fn is_due(&mut self, message: &str, now: Instant) -> bool {
+        self.0.retain(|_, at| now.saturating_duration_since(*at) < AGAIN_AFTER);
+        let is_due = self.0.len() < MAX_TOLD && !self.0.contains_key(message);
+        if is_due {
+            self.0.insert(message.to_owned(), now);
         }
-        goes_on
+        is_due
     }
 }
 
-/// Refusals that have not been reported yet.
+/// Refusals that have not been reported yet, in words.
 #[derive(Debug, Default)]
 pub struct Refusals {
     /// Peers by their sessions, the oldest first.
     peers: VecDeque<(String, String)>,
     /// Refusals since the last look. One of them may be lifted yet, by the next subject that fits.
-    fresh: BTreeSet<AccessRefusal>,
-    /// Refusals that were there at the last check.
-    ripe: BTreeSet<AccessRefusal>,
-    told: BTreeMap<AccessRefusal, Instant>,
+    fresh: BTreeSet<String>,
+    /// Refusals that were there at the last look.
+    ripe: BTreeSet<String>,
+    told: Told,
 }
 
 impl Refusals {
-    /// Notes a line of the access control; `ahead` belongs to the thread that wrote it.
-    pub fn hear(&mut self, line: &str, ahead: &mut Ahead) {
-        if let Some(place) = decision::in_advance(line) {
-            ahead.begin(place);
+    /// Notes a line of the access control. `is_ahead` belongs to the thread that wrote it: decisions that nobody has asked for
+    /// follow.
+    pub fn hear(&mut self, line: &str, is_ahead: &mut bool) {
+        let Some(decision) = Decision::parse(line) else {
+            *is_ahead |= line.starts_with(AHEAD);
+            return;
+        };
+        match decision.peer {
+            Some(peer) => self.remember(decision.session, peer),
+            None => *is_ahead = false,
+        }
+        let Some((_, deed)) = DEEDS.iter().find(|(action, _)| *action == decision.action) else {
+            *is_ahead = false;
+            return;
+        };
+        if *is_ahead || !decision.is_incoming {
             return;
         }
-        let Some(decision) = Decision::parse(line) else { return };
-        if let Some(peer) = decision.peer {
-            self.remember(decision.session, peer);
-        }
-        if ahead.goes_on_with(&decision) {
-            return;
-        }
-        let refusal = self.refusal(&decision);
+        let words = self.words(&decision, deed);
         if decision.is_allowed {
-            self.fresh.remove(&refusal);
-            self.ripe.remove(&refusal);
+            self.fresh.remove(&words);
+            self.ripe.remove(&words);
         } else {
-            self.note(refusal);
+            self.note(words);
         }
     }
 
-    /// Notes somebody who was not let in.
-    pub fn hear_handshake(&mut self, reason: &str) {
-        let words = format!("a TLS handshake failed: {reason}");
-        self.note(AccessRefusal { words, is_attempt: true });
-    }
-
-    /// Notes that all of so many sessions are taken.
-    pub fn hear_full(&mut self, places: &str) {
-        let words = format!("no place for another session: all {places} are taken; close other sessions");
-        self.note(AccessRefusal { words, is_attempt: true });
-    }
-
-    fn note(&mut self, refusal: AccessRefusal) {
+    /// Notes a refusal, in words.
+    pub fn note(&mut self, words: String) {
         if self.fresh.len() < MAX_WAITING {
-            self.fresh.insert(refusal);
+            self.fresh.insert(words);
         }
     }
 
@@ -112,36 +143,41 @@ impl Refusals {
         if self.peers.len() == MAX_PEERS {
             self.peers.pop_front();
         }
-        self.peers.push_back((session.to_owned(), decision::plain_peer(peer)));
+        self.peers.push_back((session.to_owned(), plain_peer(peer)));
     }
 
-    fn refusal(&self, decision: &Decision<'_>) -> AccessRefusal {
+    fn words(&self, decision: &Decision<'_>, deed: &str) -> String {
         let session = decision.session;
         // A key may hold anything, and this goes into a log.
         let key: String = super::plain(decision.key).chars().take(MAX_KEY).collect();
         let known = self.peers.iter().find(|(known, _)| known == session);
         let peer = known.map_or_else(|| format!("session {session}"), |(_, peer)| peer.clone());
-        let deed = decision.deed();
-        let words = match decision.is_incoming {
-            true => format!("{peer} may not {deed} {key}{}", advice(&peer, &key)),
-            false => format!("{peer} is not sent: {deed} {key}"),
-        };
-        AccessRefusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
+        format!("{peer} may not {deed} {key}{}", advice(&peer, &key))
     }
 
-    /// Refusals to be reported now: those that nothing has lifted since the last check, each once in
-    /// [`AGAIN_AFTER`].
-    pub fn take(&mut self, now: Instant) -> Vec<AccessRefusal> {
-        self.told.retain(|_, at| now.saturating_duration_since(*at) < AGAIN_AFTER);
-        let mut refusals = Vec::new();
-        for refusal in std::mem::replace(&mut self.ripe, std::mem::take(&mut self.fresh)) {
-            if self.told.len() < MAX_TOLD && !self.told.contains_key(&refusal) {
-                self.told.insert(refusal.clone(), now);
-                refusals.push(refusal);
-            }
-        }
-        refusals
+    /// Refusals to be reported now: those that nothing has lifted since the last look.
+    pub fn take(&mut self, now: Instant) -> Vec<String> {
+        let ripe = std::mem::replace(&mut self.ripe, std::mem::take(&mut self.fresh));
+        ripe.into_iter().filter(|words| self.told.is_due(words, now)).collect()
     }
+}
+
+/// `Interface(eth0)+CertCommonName(viewer)+Transport(Tls)+SESSION` in plain words: the name that was shown, in a certificate
+/// or with a password, and where its bearer came in.
+fn plain_peer(peer: &str) -> String {
+    let mut rest = peer;
+    let mut field = |name: &str| {
+        let (value, after) = rest.strip_prefix(name)?.strip_prefix('(')?.split_once(")+")?;
+        rest = after;
+        Some(value)
+    };
+    let [interface, certificate, user, transport] =
+        ["Interface", "CertCommonName", "Username", "Transport"].map(&mut field);
+    let name = super::plain(certificate.or(user).unwrap_or("a peer without a name"));
+    let transport = transport.map(str::to_lowercase);
+    let on = interface.map(|interface| format!("on {interface}"));
+    let way: Vec<String> = transport.into_iter().chain(on).collect();
+    if way.is_empty() { name } else { format!("{name} ({})", way.join(" ")) }
 }
 
 /// Cure for a vehicle that is refused its own key.
@@ -163,17 +199,17 @@ mod tests {
 
     struct Log {
         refusals: Refusals,
-        ahead: Ahead,
+        is_ahead: bool,
         now: Instant,
     }
 
     impl Log {
         fn new() -> Self {
-            Self { refusals: Refusals::default(), ahead: Ahead::default(), now: Instant::now() }
+            Self { refusals: Refusals::default(), is_ahead: false, now: Instant::now() }
         }
 
         fn line(&mut self, line: &str) {
-            self.refusals.hear(line, &mut self.ahead);
+            self.refusals.hear(line, &mut self.is_ahead);
         }
 
         /// A decision made now.
@@ -200,18 +236,9 @@ mod tests {
             }
         }
 
-        fn told(&mut self) -> Vec<AccessRefusal> {
+        fn told(&mut self) -> Vec<String> {
             self.refusals.take(self.now);
             self.refusals.take(self.now)
-        }
-
-        /// Attempts, in words.
-        fn attempts(&mut self) -> Vec<String> {
-            self.told()
-                .into_iter()
-                .filter(|refusal| refusal.is_attempt)
-                .map(|refusal| refusal.words)
-                .collect()
         }
     }
 
@@ -231,7 +258,7 @@ mod tests {
         let key = "plumbline/drone/command/reset";
         log.named("ingress", key);
         log.line(&format!("Using cached result: {SESSION} is unauthorized to Query (ingress) on {key}"));
-        assert_eq!(log.attempts(), [format!("viewer (tls on lo) may not query {key}")]);
+        assert_eq!(log.told(), [format!("viewer (tls on lo) may not query {key}")]);
     }
 
     #[test]
@@ -241,7 +268,7 @@ mod tests {
             let peer = "Interface(lo)+CertCommonName(vehicle:hawk.2)+Transport(Tls)+7";
             log.line(&format!("7 on {peer} is unauthorized to Put (ingress) on {key}"));
         }
-        let told = log.attempts();
+        let told = log.told();
         assert_eq!(told.iter().filter(|words| words.contains("; --fleet hawk")).count(), 1, "{told:?}");
     }
 
@@ -250,7 +277,7 @@ mod tests {
         let mut log = Log::new();
         log.named("ingress", "plumbline/drone/odom");
         log.decision("unauthorized", "Put (ingress)", "plumbline/drone/odom");
-        assert_eq!(log.attempts(), ["viewer (tls on lo) may not publish on plumbline/drone/odom"]);
+        assert_eq!(log.told(), ["viewer (tls on lo) may not publish on plumbline/drone/odom"]);
     }
 
     #[test]
@@ -272,8 +299,7 @@ mod tests {
         log.decision("unauthorized", "Declare Queryable (ingress)", "plumbline/**");
         log.decision("unauthorized", "Undeclare Liveliness Token (ingress)", "plumbline/x/alive");
         log.decision("unauthorized", "Put (egress)", "plumbline/drone/odom");
-        let told = log.told();
-        assert!(told.len() == 3 && told.iter().all(|refusal| !refusal.is_attempt), "{told:?}");
+        assert!(log.told().is_empty());
     }
 
     #[test]
@@ -282,7 +308,7 @@ mod tests {
         let attempt = |log: &mut Log, session: &str| {
             let peer = format!("Interface(lo)+CertCommonName(viewer)+Transport(Tls)+{session}");
             log.line(&format!("{session} on {peer} is unauthorized to Delete (ingress) on plumbline/a"));
-            log.attempts().len()
+            log.told().len()
         };
         assert_eq!((attempt(&mut log, "1"), attempt(&mut log, "1"), attempt(&mut log, "2")), (1, 0, 0));
         log.now += AGAIN_AFTER;
@@ -293,7 +319,7 @@ mod tests {
     fn a_flood_of_keys_is_bounded() {
         let mut log = Log::new();
         let mut told = 0;
-        for i in 0..10 * MAX_TOLD {
+        for i in 0..2 * MAX_TOLD {
             log.decision("unauthorized", "Put (ingress)", &format!("plumbline/{i}"));
             told += log.told().len();
         }
@@ -311,11 +337,57 @@ mod tests {
         log.decision("authorized", "Query (ingress)", &forged);
         assert!(log.told().is_empty());
         log.decision("unauthorized", "Query (ingress)", &forged);
-        let told = log.attempts();
+        let told = log.told();
         assert!(
             told[0].starts_with("viewer (tls on lo) may not query x? is unauthorized to Put"),
             "{told:?}"
         );
         assert!(told[0].len() < 2 * MAX_KEY, "{told:?}");
+    }
+
+    #[test]
+    fn a_message_is_due_again_after_a_while_also_behind_many_others() {
+        let (mut told, now) = (Told::default(), Instant::now());
+        assert!(told.is_due("router", now) && !told.is_due("router", now));
+        for k in 0..2 * MAX_TOLD {
+            told.is_due(&k.to_string(), now);
+        }
+        assert!(!told.is_due("new", now));
+        let later = now + AGAIN_AFTER;
+        assert!(told.is_due("router", later) && told.is_due("new", later));
+    }
+
+    #[test]
+    fn peers_are_named_by_what_they_showed() {
+        for (peer, words) in [
+            ("Interface(lo)+CertCommonName(viewer)+Transport(Tls)+1", "viewer (tls on lo)"),
+            ("CertCommonName(vehicle:a+b)+Transport(Tls)+1", "vehicle:a+b (tls)"),
+            ("Interface(eth0)+Username(anna)+Transport(Tcp)+1", "anna (tcp on eth0)"),
+            ("1", "a peer without a name"),
+            ("", "a peer without a name"),
+        ] {
+            assert_eq!(plain_peer(peer), words);
+        }
+    }
+
+    #[test]
+    fn a_verdict_is_told_from_a_key_that_looks_like_one() {
+        let refused = format!("{KNOWN}8f3a is unauthorized to Query (ingress) on is authorized to ");
+        assert!(!is_passed(&refused) && is_passed(&refused.replace("is un", "is ")));
+        let mut log = Log::new();
+        log.line(&refused);
+        assert_eq!(log.told(), ["session 8f3a may not query is authorized to "]);
+        for line in [
+            "",
+            "Access control is enabled",
+            "x is unauthorized to",
+            "x is unauthorized to Query (ingress) on key",
+            "x on y is unauthorized to Fly (ingress) on key",
+            "x on y is unauthorized to Query ingress on key",
+            "Using cached result: is unauthorized to Query (ingress",
+        ] {
+            log.line(line);
+        }
+        assert!(log.told().is_empty());
     }
 }

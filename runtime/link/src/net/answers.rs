@@ -12,17 +12,16 @@
 
 use super::commands::reset_words;
 use super::error::NetError;
-use super::keyframes::KeyframeHistory;
+use super::history::{History, MAX_POSES, lock};
+use super::now_ns;
 use super::outlet::{encoding, key_of};
 use super::vehicle::VehicleFacts;
-use super::{now_ns, read};
-use plumbline_estimator::{Estimate, MapSnapshot, ResetKind};
-use plumbline_record::messages::{Clock, MapSaved, PastPose, PastTrajectory, ResetDone};
+use plumbline_estimator::ResetKind;
+use plumbline_record::messages::{Clock, MapSaved, PastTrajectory, ResetDone};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::{Question, Topic};
-use std::collections::VecDeque;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use tokio::sync::{mpsc, watch};
 use zenoh::bytes::Encoding;
 use zenoh::key_expr::keyexpr;
@@ -35,8 +34,6 @@ const MAX_QUESTIONS: usize = 32;
 const MAX_COMMANDS: usize = 8;
 /// Questions about time that wait, and refusals.
 const MAX_SHORT: usize = 256;
-/// Poses that are kept: half an hour at 20 Hz.
-const MAX_POSES: usize = 36_000;
 /// Poses in one answer.
 const POSES_PER_ANSWER: usize = 500;
 /// Largest distance between poses that can be asked for, ms.
@@ -44,71 +41,14 @@ const MAX_STEP_MS: i64 = 3_600_000;
 /// Keyframes in one answer to a question.
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
 
-/// Data from which queries are answered, filled by the publisher.
-#[derive(Debug)]
-pub struct Archive {
-    poses: VecDeque<PastPose>,
-    /// Keyframes that are final.
-    pub keyframes: KeyframeHistory,
-    /// The corrected path as it was last sent.
-    pub path: Vec<u8>,
-}
-
-impl Archive {
-    /// An empty one, for keyframes of at most so many landmarks of a kind.
-    #[must_use]
-    pub fn new(max_landmarks: usize) -> Self {
-        Self { poses: VecDeque::new(), keyframes: KeyframeHistory::new(max_landmarks), path: Vec::new() }
-    }
-
-    /// Remembers a pose.
-    pub fn remember(&mut self, estimate: &Estimate) {
-        if !estimate.has_pose() {
-            return;
-        }
-        if self.poses.len() == MAX_POSES {
-            self.poses.pop_front();
-        }
-        self.poses.push_back(PastPose {
-            stamp: estimate.stamp,
-            pose_o_b: estimate.pose_o_b,
-            reset_counter: estimate.reset_counter,
-        });
-    }
-
-    /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
-    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<PastTrajectory> {
-        let mut next_ns = i64::MIN;
-        let mut is_due = |pose: &&PastPose| {
-            let stamp_ns = pose.stamp.as_nanos();
-            let is_due = wanted.contains(&stamp_ns) && stamp_ns >= next_ns;
-            if is_due {
-                next_ns = stamp_ns.saturating_add(step_ns);
-            }
-            is_due
-        };
-        let selected: Vec<PastPose> = self.poses.iter().filter(&mut is_due).copied().collect();
-        let answer = |poses: &[PastPose]| PastTrajectory { poses: poses.to_vec() };
-        if selected.is_empty() {
-            return vec![answer(&[])];
-        }
-        selected.chunks(size).map(answer).collect()
-    }
-}
-
 /// Sources of the answers.
 pub struct Answers {
     /// Vehicle that answers.
     pub vehicle: Arc<VehicleFacts>,
-    /// Poses and keyframes.
-    pub archive: Arc<Mutex<Archive>>,
+    /// Poses, keyframes and path.
+    pub history: Arc<Mutex<History>>,
     /// The newest count of resets.
     pub resets: watch::Receiver<u32>,
-}
-
-/// Locks the archive, also after a thread has panicked while holding it.
-pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
-    archive.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Declares the queryables of a vehicle and answers until the session ends.
@@ -242,7 +182,7 @@ impl Answers {
                 send_each(query, key, topic, answers).await;
             }
             Topic::Path => {
-                let path = lock(&self.archive).path.clone();
+                let path = lock(&self.history).path.clone();
                 let answer = if path.is_empty() { Vec::new() } else { vec![path] };
                 send(query, key, topic, Ok(answer)).await;
             }
@@ -272,7 +212,7 @@ impl Answers {
         let wanted = range(query, i64::MIN, i64::MAX)?;
         let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
         let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
-        let answers = lock(&self.archive).trajectory(&wanted, step_ns, size);
+        let answers = lock(&self.history).trajectory(&wanted, step_ns, size);
         let numbered = |answer: &PastTrajectory| {
             (answer.poses.first().map_or(0, |first| first.stamp.as_nanos()), encode(answer))
         };
@@ -282,17 +222,14 @@ impl Answers {
     /// The keyframes that a question asks for, each with its sequence number.
     fn keyframes(&self, query: &Query, room: Room, key: &str) -> Result<Vec<(i64, Vec<u8>)>, String> {
         let wanted = range(query, 0, u64::MAX)?;
-        let keyframes = lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION);
+        let keyframes = lock(&self.history).keyframes(&wanted, MAX_KEYFRAMES_PER_QUESTION);
         if room == Room::One && keyframes.len() > 1 {
             return Err(format!(
                 "{} keyframes are wanted; ask for {key}/**, where each has its own key",
                 keyframes.len()
             ));
         }
-        let number = |bytes: &Vec<u8>| {
-            read::heard::<MapSnapshot>(bytes).map_or(0, |keyframe| keyframe.envelope.sequence as i64)
-        };
-        Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
+        Ok(keyframes.into_iter().map(|(number, bytes)| (number as i64, bytes)).collect())
     }
 
     /// Checks that a command may be carried out; the error is the reason as text.

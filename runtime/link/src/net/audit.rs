@@ -2,10 +2,11 @@
 //! them there ([`super::access`] knows which of them matter), and the owner of a session logs them ([`log_refusals`],
 //! [`diagnosis::report_failures`]).
 
-use super::access::{AccessRefusal, Ahead, Refusals};
-use super::{decision, diagnosis};
-use std::cell::RefCell;
+use super::access::{self, Refusals};
+use super::diagnosis;
+use std::cell::Cell;
 use std::fmt::{Debug, Write as _};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 use tracing::field::{Field, Visit};
@@ -31,8 +32,12 @@ const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to c
 const FULL: &str = "Max transports reached (";
 /// Longest line that is looked at, bytes.
 const MAX_LINE: usize = 1_024;
+/// Places in Zenoh's sources that report messages which pass: by far the most lines, and none of them is formatted once its place
+/// is known.
+static PASSING: [AtomicUsize; 8] = [const { AtomicUsize::new(0) }; 8];
+
 thread_local! {
-    static AHEAD: RefCell<Ahead> = RefCell::default();
+    static IS_AHEAD: Cell<bool> = const { Cell::new(false) };
 }
 
 fn refusals() -> MutexGuard<'static, Refusals> {
@@ -40,14 +45,11 @@ fn refusals() -> MutexGuard<'static, Refusals> {
     REFUSALS.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Logs what was refused up to the last call: attempts as warnings, what Zenoh decides without one for those who debug.
+/// Logs what was refused up to the last call.
 pub fn log_refusals() {
     let told = refusals().take(Instant::now());
-    for AccessRefusal { words, is_attempt } in told {
-        match is_attempt {
-            true => tracing::warn!("access refused: {words}"),
-            false => tracing::debug!("access: {words}"),
-        }
+    for words in told {
+        tracing::warn!("access refused: {words}");
     }
 }
 
@@ -57,6 +59,10 @@ pub struct Audit;
 
 impl<S: Subscriber> Layer<S> for Audit {
     fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
+        let place = std::ptr::from_ref(event.metadata()).addr();
+        if PASSING.iter().any(|passing| passing.load(Ordering::Relaxed) == place) {
+            return;
+        }
         let mut message = Message { bytes: [0; MAX_LINE], length: 0 };
         event.record(&mut message);
         let message = message.text();
@@ -69,18 +75,25 @@ impl<S: Subscriber> Layer<S> for Audit {
         } else if let Some((reason, _)) = message.split_once(HINT) {
             // Who has no place is named by the places themselves.
             if !reason.contains(NO_PLACE) {
-                refusals().hear_handshake(reason);
+                refusals().note(format!("a TLS handshake failed: {reason}"));
             }
         } else if let Some((places, _)) = message.strip_prefix(FULL).and_then(|rest| rest.split_once(')')) {
-            refusals().hear_full(places);
-        } else if !decision::is_passed(message) {
-            AHEAD.with_borrow_mut(|ahead| refusals().hear(message, ahead));
+            refusals()
+                .note(format!("no place for another session: all {places} are taken; close other sessions"));
+        } else if access::is_passed(message) {
+            let free = |passing: &AtomicUsize| {
+                passing.compare_exchange(0, place, Ordering::Relaxed, Ordering::Relaxed).is_ok()
+            };
+            let _ = PASSING.iter().any(free);
+        } else {
+            let mut is_ahead = IS_AHEAD.get();
+            refusals().hear(message, &mut is_ahead);
+            IS_AHEAD.set(is_ahead);
         }
     }
 }
 
-/// Text of an event, cut off at [`MAX_LINE`]. Zenoh writes a line for each decision on its own threads: none of them allocates here, and
-/// none but those of refusals takes a lock.
+/// Text of an event, cut off at [`MAX_LINE`]: Zenoh's own threads write it, and do not allocate here.
 struct Message {
     bytes: [u8; MAX_LINE],
     length: usize,
@@ -141,14 +154,35 @@ mod tests {
         });
         // What is new waits for the second look.
         assert!(refusals().take(Instant::now()).is_empty());
-        let told: Vec<String> = refusals().take(Instant::now()).into_iter().map(|told| told.words).collect();
         assert_eq!(
-            told,
+            refusals().take(Instant::now()),
             [
                 "a TLS handshake failed: received fatal alert: X",
                 "no place for another session: all 32 are taken; close other sessions",
                 "viewer (tls on lo) may not query plumbline/drone/command/reset",
             ]
         );
+    }
+
+    /// Text that counts how often it is formatted.
+    struct Counted(AtomicUsize);
+
+    impl std::fmt::Display for Counted {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            f.write_str("Put (ingress)")
+        }
+    }
+
+    #[test]
+    fn lines_of_messages_that_pass_are_not_formatted() {
+        let action = Counted(AtomicUsize::new(0));
+        let subscriber = tracing_subscriber::registry().with(Audit);
+        tracing::subscriber::with_default(subscriber, || {
+            for _ in 0..9 {
+                tracing::trace!("Using cached result: {} is authorized to {} on {}", 1, action, "key");
+            }
+        });
+        assert_eq!(action.0.into_inner(), 1);
     }
 }

@@ -1,12 +1,12 @@
 //! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
-use super::commands::{CommandRelay, Watcher};
+use super::commands::CommandRelay;
 use super::pace::Rates;
 use super::picture;
 use super::relay::RelayState;
-use plumbline_flight::local::Shot;
-use plumbline_flight::schedule::lane::LaneReader;
+use plumbline_record::local::picture::Shot;
 use plumbline_record::topics::Topic;
+use plumbline_rings::lane::LaneReader;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
@@ -33,7 +33,7 @@ pub async fn serve(
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
             if is_watched != was_watched {
-                commands.watch(Watcher::Network, if is_watched { rates.hz(Topic::Picture) } else { 0.0 });
+                commands.watch(if is_watched { rates.hz(Topic::Picture) } else { 0.0 });
                 was_watched = is_watched;
             }
         }
@@ -41,7 +41,7 @@ pub async fn serve(
         while let Some(shot) = pictures.pop() {
             newest = Some(shot);
         }
-        // Otherwise made for others.
+        // Otherwise made for those before.
         let wanted = newest.filter(|_| was_watched);
         let encode =
             |shot: Shot| picture::message(&shot, rates.camera_width_px, rates.camera_quality, sequence);

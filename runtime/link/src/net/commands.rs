@@ -2,7 +2,7 @@
 
 use plumbline_client::Requests;
 use plumbline_estimator::ResetKind;
-use plumbline_flight::local::request::{Answer, At, Request, RequestStatus};
+use plumbline_record::local::request::{Answer, At, Request, RequestStatus};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -15,15 +15,6 @@ const RESET_PATIENCE: Duration = Duration::from_secs(2);
 /// Answers that are waited for at a time.
 const MAX_WAITING: usize = 64;
 
-/// Consumer of camera pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Watcher {
-    /// Key `camera` of the network.
-    Network,
-    /// Topic of ROS 2.
-    Ros,
-}
-
 /// Way of commands to the flight. By default there is no flight at its end: a reset is accepted and never done.
 #[derive(Debug, Default)]
 pub struct CommandRelay(Mutex<State>);
@@ -33,8 +24,6 @@ struct State {
     requests: Option<Requests>,
     /// The flight refuses commands of this process.
     is_refused: bool,
-    /// Rate of pictures that each [`Watcher`] wants, Hz.
-    watched_hz: [f64; 2],
     waiting: BTreeMap<u64, oneshot::Sender<Answer>>,
 }
 
@@ -53,18 +42,19 @@ impl CommandRelay {
     /// Asks for a reset before the next frame.
     ///
     /// # Errors
-    /// When the flight takes no commands of this process: the reason as text.
+    /// When the flight takes no commands of this process, or cannot be reached: the reason as text.
     pub fn ask_reset(&self, kind: ResetKind) -> Result<(), String> {
         let mut state = self.state();
         state.check()?;
-        state.send(&Request::Reset(kind));
-        Ok(())
+        let Some(requests) = &mut state.requests else { return Ok(()) };
+        let sent = requests.send(&Request::Reset(kind));
+        sent.map(drop).map_err(|error| format!("the reset could not be sent to the flight: {error}"))
     }
 
     /// Resets the estimator and waits until a frame shows it; `resets` has the newest count of resets, which is returned.
     ///
     /// # Errors
-    /// When the flight takes no commands of this process, or no frame has come since: the reason as text.
+    /// When the flight takes no commands of this process, cannot be reached, or no frame has come since: the reason as text.
     pub async fn reset(&self, kind: ResetKind, mut resets: watch::Receiver<u32>) -> Result<u32, String> {
         let before = *resets.borrow_and_update();
         tracing::warn!("reset ({}) on command", reset_words(kind));
@@ -101,14 +91,9 @@ impl CommandRelay {
         }
     }
 
-    /// Asks for camera pictures at this rate, Hz; zero for none any more. The flight makes as many as the faster watcher
-    /// wants.
-    pub fn watch(&self, watcher: Watcher, rate_hz: f64) {
-        let mut state = self.state();
-        state.watched_hz[watcher as usize] = rate_hz;
-        let [network, ros] = state.watched_hz;
-        let fastest = if network > ros { network } else { ros };
-        state.send(&Request::Watch((fastest * 1e3) as u32));
+    /// Asks for camera pictures at this rate, Hz; zero for none any more.
+    pub fn watch(&self, rate_hz: f64) {
+        self.state().send(&Request::Watch((rate_hz * 1e3) as u32));
     }
 
     /// Asks for the state at an instant; the number that its answer carries.
@@ -158,5 +143,22 @@ impl State {
     /// Sends a request to the flight, if it is there; the number of the request.
     fn send(&mut self, request: &Request) -> Option<u64> {
         self.requests.as_mut()?.send(request).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_client::Local;
+    use std::os::unix::net::UnixStream;
+
+    #[test]
+    fn a_reset_that_cannot_be_sent_is_refused() {
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        let relay = CommandRelay::new(Local::over(ours).requests().unwrap(), true);
+        assert_eq!(relay.ask_reset(ResetKind::Soft), Ok(()));
+        drop(theirs);
+        let refusal = relay.ask_reset(ResetKind::Soft).unwrap_err();
+        assert!(refusal.starts_with("the reset could not be sent"), "{refusal}");
     }
 }

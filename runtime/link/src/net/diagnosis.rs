@@ -2,27 +2,25 @@
 //!
 //! [`check`] refuses an endpoint that cannot work before a session is opened. What Zenoh says of an attempt that failed
 //! reaches [`record`] by way of its log messages ([`super::audit`]); [`explain`] puts it into words, and
-//! [`report_failures`] logs each cause once.
+//! [`report_failures`] logs each cause once in a while.
 
+use super::access::Told;
 use super::error::NetError;
 use super::security;
 use crossbeam_queue::ArrayQueue;
-use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read as _, Write as _};
-use std::net::{TcpListener, TcpStream, ToSocketAddrs as _, UdpSocket};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Protocols that this build can speak.
-const PROTOCOLS: [&str; 3] = ["tcp", "tls", "udp"];
+const PROTOCOLS: [&str; 2] = ["tcp", "tls"];
 /// Settings that an endpoint may have behind `#`. Zenoh knows more: keys, and the switch that waives
 /// certificates.
 const SETTINGS: [&str; 5] = ["iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp"];
 /// Failed attempts that wait to be logged.
 const MAX_WAITING: usize = 64;
-/// Causes that are remembered as logged; then none is logged any more.
-const MAX_LOGGED: usize = 128;
 /// The other side has this long to show that it speaks TLS.
 const PROBE_TIMEOUT: Duration = Duration::from_millis(700);
 /// First byte of a TLS alert record (RFC 8446, section 5.1).
@@ -38,7 +36,7 @@ pub fn check(endpoint: &str, has_certificates: bool) -> Result<(), NetError> {
         return refuse(format!("names no protocol; write it as tcp/{endpoint}"));
     };
     if !PROTOCOLS.contains(&protocol) {
-        return refuse(format!("'{protocol}' is not a supported protocol; write tcp, tls or udp"));
+        return refuse(format!("'{protocol}' is not a supported protocol; write tcp or tls"));
     }
     let address = address.split(['?', '#']).next().unwrap_or_default();
     let Some((host, port)) = address.rsplit_once(':').filter(|(host, _)| !host.ends_with(':')) else {
@@ -80,11 +78,7 @@ fn address_of(endpoint: &str) -> &str {
 /// [`NetError::Taken`] or [`NetError::Endpoint`].
 pub fn check_listener(endpoint: &str) -> Result<(), NetError> {
     let address = address_of(endpoint);
-    let outcome = match endpoint.starts_with("udp/") {
-        true => UdpSocket::bind(address).map(drop),
-        false => TcpListener::bind(address).map(drop),
-    };
-    let Err(error) = outcome else { return Ok(()) };
+    let Err(error) = TcpListener::bind(address) else { return Ok(()) };
     let endpoint = endpoint.to_owned();
     Err(match error.kind() {
         ErrorKind::AddrInUse => NetError::Taken { endpoint },
@@ -122,60 +116,75 @@ pub fn plain_words(message: &str) -> String {
     words.replace(" - Caused by ", ": ").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// Causes of failed attempts by words of what Zenoh says of them, in small letters, with their cures. `{address}` stands for the
+/// endpoint's, `{words}` for what Zenoh says.
+const CAUSES: [(&[&str], &str); 11] = [
+    (
+        &["connection refused"],
+        "no listener at that port yet; check that the other side is running, and the port",
+    ),
+    (
+        &["lookup", "name or service not known", "no address associated", "name resolution"],
+        "the host name is unknown; check its spelling, or give its address",
+    ),
+    (
+        &["no route to host", "network is unreachable", "host is unreachable"],
+        "there is no route to that host; check the network",
+    ),
+    (
+        &["unknownissuer", "unknown issuer", "badsignature"],
+        "its certificate was signed by another authority than ours; use certificates that `plumbline keys` made in one \
+         folder",
+    ),
+    (
+        &["notvalidforname", "not valid for name"],
+        "its certificate is for another host name; make it with `plumbline keys --host NAME`",
+    ),
+    (
+        &["expired"],
+        "a certificate has expired, or a clock is wrong; `plumbline keys --renew` makes a new one",
+    ),
+    (
+        &["invalidcontenttype", "corrupt message", "invalidmessage"],
+        "it does not speak TLS; connect to tcp/{address}, or give the other side certificates",
+    ),
+    (
+        &["certificaterevoked"],
+        "our certificate is excluded there (network.tls.excluded); use one that is not, such as a renewed one",
+    ),
+    (
+        &["accessdenied", "access denied"],
+        "it has no place left for our certificate: those of one certificate are few, and the last ones are for operators; \
+         close other sessions, or use another certificate",
+    ),
+    (&["is excluded"], "its certificate is excluded here (network.tls.excluded)"),
+    (
+        &["fatal alert", "badcertificate", "certificaterequired", "unknownca"],
+        "it does not accept our certificate ({words}); use certificates of its authority",
+    ),
+];
+
 /// The cause of a failed attempt and what to do about it, by what Zenoh said of it.
 #[must_use]
 pub fn explain(endpoint: &str, reason: &str) -> String {
     let words = plain_words(reason);
     let lower = words.to_lowercase();
     let says = |parts: &[&str]| parts.iter().any(|part| lower.contains(part));
-    if says(&["connection refused"]) {
-        "no listener at that port yet; check that the other side is running, and the port".into()
-    } else if says(&["lookup", "name or service not known", "no address associated", "name resolution"]) {
-        "the host name is unknown; check its spelling, or give its address".into()
-    } else if says(&["no route to host", "network is unreachable", "host is unreachable"]) {
-        "there is no route to that host; check the network".into()
-    } else if says(&["unknownissuer", "unknown issuer", "badsignature"]) {
-        "its certificate was signed by another authority than ours; use certificates that `plumbline keys` made \
-         in one folder"
-            .into()
-    } else if says(&["notvalidforname", "not valid for name"]) {
-        "its certificate is for another host name; make it with `plumbline keys --host NAME`".into()
-    } else if says(&["expired"]) {
-        "a certificate has expired, or a clock is wrong; `plumbline keys --renew` makes a new one".into()
-    } else if says(&["invalidcontenttype", "corrupt message", "invalidmessage"]) {
-        format!(
-            "it does not speak TLS; connect to tcp/{}, or give the other side certificates",
-            address_of(endpoint)
-        )
-    } else if says(&["certificaterevoked"]) {
-        "our certificate is excluded there (network.tls.excluded); use one that is not, such as a renewed one"
-            .into()
-    } else if says(&["accessdenied", "access denied"]) {
-        format!(
-            "it has no place left for our certificate: {} sessions of one certificate at most, and the last {} places are for \
-             operators; close other sessions, or use another certificate",
-            security::MAX_SESSIONS_PER_CERTIFICATE,
-            security::PLACES_FOR_OPERATORS
-        )
-    } else if says(&["is excluded"]) {
-        "its certificate is excluded here (network.tls.excluded)".into()
-    } else if says(&["fatal alert", "badcertificate", "certificaterequired", "unknownca"]) {
-        format!("it does not accept our certificate ({words}); use certificates of its authority")
-    } else if endpoint.starts_with("tcp/") && speaks_tls(endpoint) {
-        format!(
-            "it speaks TLS and lets in who has a certificate; connect to tls/{} with --authority, --certificate \
-             and --key",
-            address_of(endpoint)
-        )
-    } else if says(&["timeout", "timed out", "elapsed"]) {
-        let other = if endpoint.starts_with("tls/") { "; or it does not speak TLS: try tcp/" } else { "" };
-        format!("it does not answer in time; check the network, firewalls and the port{other}")
-    } else {
-        format!(
-            "it ends the connection ({words}); does it ask for a name and password, or for certificates, or are all of its \
-             places for sessions taken?"
-        )
-    }
+    let known = CAUSES.iter().find(|(parts, _)| says(parts)).map(|(_, cure)| *cure);
+    let cure = known.unwrap_or_else(|| {
+        if endpoint.starts_with("tcp/") && speaks_tls(endpoint) {
+            "it speaks TLS and lets in who has a certificate; connect to tls/{address} with --authority, --certificate and \
+             --key"
+        } else if !says(&["timeout", "timed out", "elapsed"]) {
+            "it ends the connection ({words}); does it ask for a name and password, or for certificates, or are all of \
+             its places for sessions taken?"
+        } else if endpoint.starts_with("tls/") {
+            "it does not answer in time; check the network, firewalls and the port; or it does not speak TLS: try tcp/"
+        } else {
+            "it does not answer in time; check the network, firewalls and the port"
+        }
+    });
+    cure.replace("{address}", address_of(endpoint)).replace("{words}", &words)
 }
 
 /// True if the endpoint answers a byte that is no TLS with a TLS alert.
@@ -216,10 +225,10 @@ pub fn newest_attempt(endpoint: &str) -> Option<String> {
     newest
 }
 
-/// Reasons logged so far, and the newest of them.
+/// Attempts and causes that were logged, and the newest cause.
 #[derive(Default)]
 struct Logged {
-    reasons: BTreeSet<(String, String)>,
+    told: Told,
     newest: Option<String>,
 }
 
@@ -228,7 +237,7 @@ fn logged() -> std::sync::MutexGuard<'static, Logged> {
     LOGGED.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Logs why attempts to connect failed since the last call, each cause once. Returns at once: to find a cause may
+/// Logs why attempts to connect failed since the last call, each cause once in a while. Returns at once: to find a cause may
 /// take a moment, and is done on a thread of its own.
 pub fn report_failures() {
     static IS_BUSY: AtomicBool = AtomicBool::new(false);
@@ -247,17 +256,14 @@ pub fn report_failures() {
 }
 
 fn report_failure(endpoint: &str, reason: &str) {
-    {
-        let mut logged = logged();
-        let new = (endpoint.to_owned(), plain_words(reason));
-        if logged.reasons.len() >= MAX_LOGGED || !logged.reasons.insert(new) {
-            return;
-        }
+    let now = Instant::now();
+    if !logged().told.is_due(&format!("{endpoint} {}", plain_words(reason)), now) {
+        return;
     }
     let words = format!("{endpoint}: {}", explain(endpoint, reason));
     let mut logged = logged();
     // Another reason may have the same cause.
-    if logged.reasons.insert((String::new(), words.clone())) {
+    if logged.told.is_due(&words, now) {
         tracing::warn!("{words}; trying again");
     }
     logged.newest = Some(words);
@@ -296,6 +302,7 @@ mod tests {
         for (endpoint, words) in [
             ("127.0.0.1:7447", "tcp/127.0.0.1:7447"),
             ("http/127.0.0.1:7447", "'http' is not a supported protocol"),
+            ("udp/127.0.0.1:7447", "'udp' is not a supported protocol; write tcp or tls"),
             ("tcp/127.0.0.1", "names no port"),
             ("tcp/:7447", "names no host"),
             ("tcp/host:70000", "'70000' is not a port"),
@@ -308,7 +315,7 @@ mod tests {
             let error = check(endpoint, false).unwrap_err().to_string();
             assert!(error.contains(words), "{endpoint}: {error}");
         }
-        for endpoint in ["tcp/127.0.0.1:7447", "udp/[::1]:7447", "tcp/0.0.0.0:0", "tcp/host:1#iface=lo"] {
+        for endpoint in ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tcp/0.0.0.0:0", "tcp/host:1#iface=lo"] {
             assert!(check(endpoint, false).is_ok(), "{endpoint}");
         }
         assert!(check("tls/host:7447", true).is_ok());

@@ -49,14 +49,6 @@ pub enum NetError {
         /// Reason and cure.
         message: String,
     },
-    /// Datagrams where they cannot be.
-    #[error("{endpoint}: {cure}")]
-    Datagrams {
-        /// The endpoint.
-        endpoint: String,
-        /// Reason and cure.
-        cure: &'static str,
-    },
     /// The network's own thread cannot be started.
     #[error("cannot start the network thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -66,6 +58,6 @@ impl NetError {
     /// True if another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Endpoint { .. } | Self::File { .. } | Self::Datagrams { .. })
+        matches!(self, Self::Endpoint { .. } | Self::File { .. })
     }
 }

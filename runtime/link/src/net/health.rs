@@ -1,75 +1,66 @@
 //! Health messages: five times a second, and on change.
 
 use plumbline_config::options::VehicleConfig;
-use plumbline_estimator::Estimate;
-use plumbline_record::messages::{Envelope, Health, SensorNews};
+use plumbline_estimator::{Estimate, HealthBits, TrackingState};
+use plumbline_record::messages::{Envelope, Health};
 use std::time::{Duration, Instant};
 
 /// Weight of a new frame rate in the smoothed one.
 const SMOOTHING: f64 = 0.1;
 
-/// State of live sensors, with what is wrong beyond the health bits before their notices.
-fn noticed(is_mounted: bool, sensors: &SensorNews) -> SensorNews {
-    let mounting = (!is_mounted).then(|| format!("mounting unknown: {}", VehicleConfig::CURE));
-    let notices = mounting.into_iter().chain(sensors.notices.iter().cloned()).collect();
-    SensorNews { notices, ..sensors.clone() }
-}
-
 /// State from which health messages are made.
 #[derive(Debug)]
 pub struct HealthFeed {
     period: Duration,
-    last: Option<(Envelope, Health)>,
+    /// State of the flight: of its newest estimate, and what is known beside it.
+    pub health: Health,
+    /// Envelope of the newest estimate, without its message. Its time of measurement stays while no estimate comes, so a station
+    /// tells a silent estimator from a bad link.
+    envelope: Envelope,
     sent: Instant,
-    frame_rate_hz: f64,
+    told: (HealthBits, TrackingState, u32),
     last_stamp_ns: i64,
 }
 
 impl HealthFeed {
-    /// A message every `period` at least.
+    /// A message every `period` at least, also before the first estimate.
     #[must_use]
-    pub fn new(period: Duration) -> Self {
-        Self { period, last: None, sent: Instant::now(), frame_rate_hz: 0.0, last_stamp_ns: 0 }
+    pub fn new(period: Duration, health: Health) -> Self {
+        let (envelope, told) = (Envelope::default(), Self::told(&health));
+        Self { period, health, envelope, sent: Instant::now(), told, last_stamp_ns: 0 }
     }
 
-    /// The message to send after this estimate, if one is due: on change, or after the period. `around` has what is known beside the
-    /// estimate; the envelope, still empty, what is known of it.
-    pub fn update(&mut self, e: &Estimate, around: Health) -> Option<(Envelope, Health)> {
+    /// Changes of this are sent at once.
+    fn told(health: &Health) -> (HealthBits, TrackingState, u32) {
+        (health.bits, health.state, health.ladder.level)
+    }
+
+    /// Takes an estimate; the message to send after it, if one is due: on change, or after the period.
+    pub fn update(&mut self, e: &Estimate) -> Option<(Envelope, Health)> {
         let stamp_ns = e.stamp.as_nanos();
         let period_s = (stamp_ns - self.last_stamp_ns) as f64 * 1e-9;
         if self.last_stamp_ns != 0 && period_s > 0.0 {
-            self.frame_rate_hz += SMOOTHING * (1.0 / period_s - self.frame_rate_hz);
+            self.health.frame_rate_hz += SMOOTHING * (1.0 / period_s - self.health.frame_rate_hz);
         }
         self.last_stamp_ns = stamp_ns;
-        let is_same = |(_, last): &(Envelope, Health)| {
-            (last.bits, last.state, last.ladder.level) == (e.health, e.state, around.ladder.level)
-        };
-        if self.last.as_ref().is_some_and(is_same) && self.sent.elapsed() < self.period {
-            return None;
+        (self.health.state, self.health.bits) = (e.state, e.health);
+        self.envelope = Envelope::around(e, Vec::new(), 0, 0);
+        if Self::told(&self.health) == self.told { self.renew() } else { Some(self.message()) }
+    }
+
+    /// The message to send while no estimate comes, once a period.
+    pub fn renew(&mut self) -> Option<(Envelope, Health)> {
+        (self.sent.elapsed() >= self.period).then(|| self.message())
+    }
+
+    fn message(&mut self) -> (Envelope, Health) {
+        (self.sent, self.told) = (Instant::now(), Self::told(&self.health));
+        let mut health = self.health.clone();
+        if health.rot_v_b.is_none() {
+            // Before what is wrong with the sensors.
+            health.sensors.notices.insert(0, format!("mounting unknown: {}", VehicleConfig::CURE));
         }
-        let health = Health {
-            state: e.state,
-            bits: e.health,
-            frame_rate_hz: self.frame_rate_hz,
-            sensors: noticed(around.rot_v_b.is_some(), &around.sensors),
-            ..around
-        };
-        Some(self.sending(Envelope::around(e, Vec::new(), 0, 0), health))
-    }
-
-    /// The message to send while no estimate comes, once a period: the last one with the present state of the sensors and size of
-    /// the map. Its time of measurement stays, so a station tells a silent estimator from a bad link.
-    pub fn renew(&mut self, sensors: &SensorNews, keyframes: u64, paths: u64) -> Option<(Envelope, Health)> {
-        let (envelope, last) = self.last.as_ref().filter(|_| self.sent.elapsed() >= self.period)?;
-        let sensors = noticed(last.rot_v_b.is_some(), sensors);
-        let (envelope, health) = (envelope.clone(), Health { sensors, keyframes, paths, ..last.clone() });
-        Some(self.sending(envelope, health))
-    }
-
-    fn sending(&mut self, envelope: Envelope, health: Health) -> (Envelope, Health) {
-        self.sent = Instant::now();
-        self.last = Some((envelope.clone(), health.clone()));
-        (envelope, health)
+        (self.envelope.clone(), health)
     }
 }
 
@@ -77,8 +68,7 @@ impl HealthFeed {
 mod tests {
     use super::*;
     use plumbline_config::Timestamp;
-    use plumbline_drivers::clock::StampFigures;
-    use plumbline_estimator::TrackingState;
+    use plumbline_record::fields::StampFigures;
 
     fn estimate() -> Estimate {
         let stamp = Timestamp::from_nanos(50_000_000);
@@ -86,20 +76,27 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_mounting_and_bad_stamps_are_told_also_while_no_estimate_comes() {
-        let mut feed = HealthFeed::new(Duration::ZERO);
-        let sensors = SensorNews::default();
-        assert_eq!(feed.renew(&sensors, 0, 0), None, "nothing was sent yet");
-        let (before, first) = feed.update(&estimate(), Health::default()).unwrap();
-        assert!(first.rot_v_b.is_none() && first.sensors.notices[0].starts_with("mounting unknown: set it"));
-        let (now, again) = feed.renew(&sensors, 2, 3).unwrap();
-        assert_eq!((now, again.keyframes, again.paths), (before, 2, 3), "it goes on");
-        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&sensors, 2, 3), None);
-        let mut feed = HealthFeed::new(Duration::ZERO);
-        feed.update(&estimate(), Health::default()).unwrap();
-        let frames = StampFigures { refused: 7, ..StampFigures::default() };
-        let news = SensorNews { notices: vec!["stamps repeat".into()], frames, ..SensorNews::default() };
-        let (_, renewed) = feed.renew(&news, 0, 0).unwrap();
-        assert_eq!((renewed.sensors.frames.refused, renewed.sensors.notices.len()), (7, 2));
+    fn health_is_sent_before_the_first_estimate_and_while_none_comes() {
+        let mut feed = HealthFeed::new(Duration::ZERO, Health::default());
+        feed.health.sensors.notices = vec!["no frames".into()];
+        let (envelope, first) = feed.renew().unwrap();
+        assert_eq!((envelope, first.state), (Envelope::default(), TrackingState::default()));
+        assert!(first.sensors.notices[0].starts_with("mounting unknown: set it"));
+        assert_eq!(first.sensors.notices[1..], ["no frames"]);
+        let (before, tracking) = feed.update(&estimate()).unwrap();
+        assert_eq!(tracking.state, TrackingState::Tracking);
+        feed.health.sensors.frames = StampFigures { refused: 7, ..StampFigures::default() };
+        feed.health.paths = 3;
+        let (now, again) = feed.renew().unwrap();
+        assert_eq!((now, again.paths, again.sensors.frames.refused), (before, 3, 7), "it goes on");
+    }
+
+    #[test]
+    fn a_change_is_sent_at_once_and_the_rest_after_the_period() {
+        let mut feed = HealthFeed::new(Duration::from_secs(9), Health::default());
+        assert!(feed.renew().is_none());
+        assert!(feed.update(&estimate()).is_some() && feed.update(&estimate()).is_none());
+        feed.health.ladder.level = 1;
+        assert!(feed.update(&estimate()).is_some() && feed.renew().is_none());
     }
 }

@@ -54,6 +54,14 @@ pub enum KeysError {
         /// The file, or the folder without any.
         path: PathBuf,
     },
+    /// The certificates of the folder are signed by an authority whose key is elsewhere.
+    #[error(
+        "{path}: does not exist, so nothing can be signed; bring the authority's key back, or name another folder"
+    )]
+    NoAuthorityKey {
+        /// File of the key.
+        path: PathBuf,
+    },
     /// A name that cannot be part of a file's name and of a key.
     #[error("--vehicle {name}: give letters, digits, - and _, at most {MAX_NAME}")]
     Name {
@@ -134,10 +142,11 @@ impl Holder {
 }
 
 /// Makes certificates, and the authority that signs them when there is none in the folder. Without `renew` nothing that
-/// is there is overwritten. Returns the files written.
+/// is there is overwritten, and an authority never is. Returns the files written.
 ///
 /// # Errors
-/// When a file cannot be read or written, a name is none, a certificate is there already, or not there to be renewed.
+/// When a file cannot be read or written, a name is invalid, a certificate exists already, there is none to renew, or the
+/// authority's key is missing.
 pub fn make(request: &KeysRequest<'_>) -> Result<Vec<PathBuf>, KeysError> {
     let mut written = Vec::new();
     let path = |name: &str| request.folder.join(name);
@@ -152,6 +161,9 @@ pub fn make(request: &KeysRequest<'_>) -> Result<Vec<PathBuf>, KeysError> {
     }
     std::fs::create_dir_all(request.folder).map_err(|error| file_error(request.folder, error))?;
     if !path(AUTHORITY_KEY).exists() {
+        if request.renew || path(AUTHORITY).exists() {
+            return Err(KeysError::NoAuthorityKey { path: path(AUTHORITY_KEY) });
+        }
         let (certificate, key) = authority().map_err(about("the authority"))?;
         written.push(write(&path(AUTHORITY_KEY), &key, 0o600)?);
         written.push(write(&path(AUTHORITY), &certificate, 0o644)?);
@@ -342,6 +354,29 @@ mod tests {
         assert_eq!([name("vehicle.pem"), name("operator.pem")], ["vehicle:drone.1", "operator.1"]);
         let mode = std::fs::metadata(folder.path().join("vehicle.key")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
+    }
+
+    #[test]
+    fn an_authority_whose_key_is_away_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        make(&request(folder.path(), &[], &[])).unwrap();
+        std::fs::remove_file(folder.path().join(AUTHORITY_KEY)).unwrap();
+        let files = || {
+            let entries = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+            entries
+                .map(|path| (std::fs::read(&path).unwrap(), path))
+                .collect::<std::collections::BTreeSet<_>>()
+        };
+        let before = files();
+        let hawk = strings(&["hawk"]);
+        let added = request(folder.path(), &[], &hawk);
+        for refused in [KeysRequest { renew: true, ..request(folder.path(), &[], &[]) }, added] {
+            assert!(matches!(make(&refused), Err(KeysError::NoAuthorityKey { .. })));
+            assert_eq!(files(), before);
+        }
+        std::fs::remove_file(folder.path().join(AUTHORITY)).unwrap();
+        let renewed = KeysRequest { renew: true, ..request(folder.path(), &[], &[]) };
+        assert!(matches!(make(&renewed), Err(KeysError::NoAuthorityKey { .. })));
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! The path is sent as a whole, since a loop moves all of it; so it is bounded, and seldom. Each health message says how many
 //! paths there were: who has missed the newest one asks for it ([`super::answers`]).
 
-use super::answers::{Archive, lock};
 use super::error::NetError;
+use super::history::{History, lock};
 use super::now_ns;
 use super::outlet::Outlet;
 use super::pace::Rates;
@@ -20,7 +20,7 @@ use zenoh::Session;
 pub struct MapPublisher {
     correction: Outlet,
     path: Outlet,
-    archive: Arc<Mutex<Archive>>,
+    history: Arc<Mutex<History>>,
     path_poses: usize,
     path_period: Duration,
     /// The last place in the map that came, with its message.
@@ -32,7 +32,7 @@ pub struct MapPublisher {
 }
 
 impl MapPublisher {
-    /// Declares the keys; `archive` keeps the newest path for those who ask.
+    /// Declares the keys; `history` keeps the newest path for those who ask.
     ///
     /// # Errors
     /// When Zenoh refuses a key.
@@ -40,13 +40,13 @@ impl MapPublisher {
         session: &Session,
         vehicle: &str,
         rates: Rates,
-        archive: Arc<Mutex<Archive>>,
+        history: Arc<Mutex<History>>,
     ) -> Result<Self, NetError> {
         let declare = |topic| Outlet::declare(session, vehicle, topic, rates.link);
         Ok(Self {
             correction: declare(Topic::MapEstimate).await?,
             path: declare(Topic::Path).await?,
-            archive,
+            history,
             path_poses: rates.path_poses,
             path_period: rates.period(Topic::Path),
             last: None,
@@ -104,7 +104,7 @@ impl MapPublisher {
         if let Some(newest) = path.poses.last() {
             (envelope.stamp_ns, envelope.reset_counter) = (newest.stamp.as_nanos(), newest.reset_counter);
         }
-        lock(&self.archive).path = encode(&envelope);
+        lock(&self.history).path = encode(&envelope);
         self.path.put(&envelope).await;
     }
 }

@@ -5,7 +5,7 @@ use plumbline_config::options::Link;
 use plumbline_record::topics::Topic;
 use std::time::Duration;
 
-pub use plumbline_flight::schedule::pace::Pace;
+pub use plumbline_rings::pace::Pace;
 
 /// Rates of publishing over a link.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use super::now_ns;
 use jpeg_encoder::{ColorType, Encoder};
 use plumbline_config::GrayImage;
-use plumbline_flight::local::Shot;
+use plumbline_record::local::picture::Shot;
 use plumbline_record::messages::{Envelope, Picture};
 use plumbline_record::protobuf::encode;
 
@@ -35,12 +35,12 @@ pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> 
 
 /// Coordinate in an image reduced by `factor`. The centre of pixel 0 is at 0: the reduced one's lies in the middle of its
 /// block.
-pub fn place(x: f32, factor: usize) -> f32 {
+fn place(x: f32, factor: usize) -> f32 {
     (x + 0.5) / factor as f32 - 0.5
 }
 
 /// Means of blocks of `factor` x `factor` pixels; what is left over at the right and at the bottom is cut.
-pub fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
+fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
     let (width, height) = (image.width() / factor, image.height() / factor);
     let area = (factor * factor) as u32;
     let mut pixels = Vec::with_capacity(width * height);

@@ -9,8 +9,8 @@ use super::relay::{Feed, FeedReaders, RelayState};
 use super::security;
 use super::vehicle::VehicleFacts;
 use plumbline_config::ValidConfig;
-use plumbline_flight::local::Failure;
-use plumbline_flight::local::request::Request;
+use plumbline_record::local::request::Failure;
+use plumbline_record::local::request::Request;
 use plumbline_record::messages::Configuration;
 use plumbline_record::topics::Topic;
 use std::sync::Arc;
@@ -32,32 +32,12 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Opens the session and declares everything; returns when others can see the vehicle.
+    /// Opens the session and declares everything; returns when others can see the vehicle. A start that is patient returns soon
+    /// in any case, and retries while the session cannot be opened.
     ///
     /// # Errors
-    /// When the session cannot be opened.
+    /// When the session cannot be opened; of a patient start, when the endpoints cannot be what was meant.
     pub fn start(
-        config: &ValidConfig,
-        endpoints: &Endpoints,
-        commands: Arc<CommandRelay>,
-    ) -> Result<(Self, Feed), NetError> {
-        Self::begin(config, endpoints, commands, false)
-    }
-
-    /// Starts publishing, and retries if the session cannot be opened yet. Returns at once when it is open, and soon in
-    /// any case.
-    ///
-    /// # Errors
-    /// When the endpoints cannot be what was meant.
-    pub fn start_patiently(
-        config: &ValidConfig,
-        endpoints: &Endpoints,
-        commands: Arc<CommandRelay>,
-    ) -> Result<(Self, Feed), NetError> {
-        Self::begin(config, endpoints, commands, true)
-    }
-
-    fn begin(
         config: &ValidConfig,
         endpoints: &Endpoints,
         commands: Arc<CommandRelay>,

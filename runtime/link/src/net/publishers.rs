@@ -1,15 +1,14 @@
 //! The keys that a vehicle publishes, by the table of topics: each with the quality of service that it needs.
 //!
 //! Messages without room on the link are dropped, since waiting would hold up the others. The next odometry
-//! is 5 ms away (in datagrams where available, [`super::datagrams`]), health comes again soon, and missing
-//! parts of the map are queried ([`super::answers`]).
+//! is 5 ms away, health comes again soon, and missing parts of the map are queried ([`super::answers`]).
 
-use super::answers::{self, Answers, Archive, lock};
+use super::answers::{self, Answers};
 use super::commands::CommandRelay;
-use super::datagrams::Datagrams;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::HealthFeed;
+use super::history::{History, lock};
 use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
 use super::outlet::Outlet;
@@ -17,15 +16,14 @@ use super::pace::Rates;
 use super::relay::{FeedReaders, RelayState, Relayed};
 use super::vehicle::VehicleFacts;
 use super::{ROOT, audit, camera, diagnosis, now_ns};
-use nalgebra::UnitQuaternion;
 use plumbline_estimator::{Estimate, MapSnapshot};
-use plumbline_flight::local::request::Request;
-use plumbline_flight::schedule::ladder::Rung;
-use plumbline_flight::schedule::lane::LaneReader;
+use plumbline_record::fields::Parts;
 use plumbline_record::local::content::LocalRecord;
-use plumbline_record::messages::{Envelope, Health, LadderRung, SensorNews};
+use plumbline_record::local::request::Request;
+use plumbline_record::messages::{Envelope, Health, LadderRung};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Topic;
+use plumbline_rings::lane::LaneReader;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -53,14 +51,10 @@ pub struct Publishers {
     outlets: Vec<(Topic, Outlet)>,
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
-    offers_camera: bool,
-    rot_v_b: Option<UnitQuaternion<f64>>,
-    archive: Arc<Mutex<Archive>>,
+    history: Arc<Mutex<History>>,
     resets: watch::Sender<u32>,
     commands: Arc<CommandRelay>,
     health: HealthFeed,
-    ladder: LadderRung,
-    sensors: SensorNews,
     chores: Instant,
     alive: Instant,
 }
@@ -75,18 +69,16 @@ impl Publishers {
         vehicle: Arc<VehicleFacts>,
         rates: Rates,
     ) -> Result<Self, NetError> {
-        let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
-        let (streams, datagrams) = endpoints.split()?;
-        let session = streams.open().await?;
-        let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
+        let history = Arc::new(Mutex::new(History::new(rates.keyframe_landmarks)));
+        let session = endpoints.open().await?;
         let (resets, newest_reset) = watch::channel(0);
         let answers =
-            Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
+            Answers { vehicle: Arc::clone(&vehicle), history: Arc::clone(&history), resets: newest_reset };
         answers::declare(&session, answers).await?;
         let (name, link) = (&vehicle.name, rates.link);
-        let odometry = OdometryPublisher::declare(&session, name, datagrams, link).await?;
+        let odometry = OdometryPublisher::declare(&session, name, link).await?;
         let keyframe = Outlet::declare(&session, name, Topic::Keyframe, link).await?.publisher;
-        let map = MapPublisher::declare(&session, name, rates, Arc::clone(&archive)).await?;
+        let map = MapPublisher::declare(&session, name, rates, Arc::clone(&history)).await?;
         let mut outlets = Vec::new();
         for (topic, _) in Topic::published().filter(|(topic, _)| !OWN.contains(topic)) {
             outlets.push((topic, Outlet::declare(&session, name, topic, link).await?));
@@ -96,6 +88,8 @@ impl Publishers {
             true => Some(Outlet::declare(&session, name, Topic::Picture, link).await?.publisher),
             false => None,
         };
+        let ladder = LadderRung { level: 0, name: "full".into() };
+        let health = Health { ladder, offers_camera, rot_v_b: vehicle.rot_v_b, ..Health::default() };
         let key = format!("{ROOT}/{}/alive", vehicle.name);
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         let alive = session.liveliness().declare_token(&key).await.map_err(failed)?;
@@ -107,15 +101,11 @@ impl Publishers {
             camera,
             outlets,
             _alive: alive,
-            offers_camera,
-            rot_v_b: vehicle.rot_v_b,
             rates,
-            archive,
+            history,
             resets,
             commands: Arc::clone(&vehicle.commands),
-            health: HealthFeed::new(rates.period(Topic::Health)),
-            ladder: LadderRung { level: 0, name: Rung::Full.name().into() },
-            sensors: SensorNews::default(),
+            health: HealthFeed::new(rates.period(Topic::Health), health),
             chores: Instant::now(),
             alive: Instant::now(),
         })
@@ -170,8 +160,8 @@ impl Publishers {
             self.relay(shared, relayed).await;
         }
         // A change of the sensors is told also while there are no frames.
-        let keyframes = lock(&self.archive).keyframes.count();
-        if let Some(health) = self.health.renew(&self.sensors, keyframes, self.map.paths()) {
+        self.count(shared);
+        if let Some(health) = self.health.renew() {
             self.send_health(health).await;
         }
         self.map.send_path().await;
@@ -181,20 +171,22 @@ impl Publishers {
     async fn relay(&mut self, shared: &RelayState, Relayed { record, message }: Relayed) {
         match record {
             LocalRecord::Estimate(estimate, frame_ms) => {
-                self.send(Topic::FullEstimate, message).await;
+                self.send(Topic::FullEstimate, &*estimate, message).await;
                 self.note(shared, &estimate, frame_ms).await;
             }
             LocalRecord::MapEstimate(estimate) => self.map.follow(estimate, message).await,
             LocalRecord::Window(snapshot) => {
-                self.send(Topic::Window, message).await;
+                self.send(Topic::Window, &snapshot, message).await;
                 self.send_finished(&snapshot).await;
             }
             LocalRecord::Path(path) => self.map.take(path, message),
-            LocalRecord::Ladder(ladder) => self.ladder = ladder,
-            LocalRecord::Sensors(news) => self.sensors = news,
+            LocalRecord::Ladder(ladder) => self.health.health.ladder = ladder,
+            LocalRecord::Sensors(news) => self.health.health.sensors = news,
             LocalRecord::Other(kind) => {
-                if let Some(topic) = Topic::of_kind(kind) {
-                    self.send(topic, message).await;
+                let Some(topic) = Topic::of_kind(kind) else { return };
+                let record = topic.row().decode.map(|decode| decode(&message));
+                if let Some(Ok(record)) = record {
+                    self.send(topic, &*record, message).await;
                 }
             }
             _ => {}
@@ -202,35 +194,28 @@ impl Publishers {
     }
 
     /// Sends a message on the key of its topic, if it has one and the message is due.
-    async fn send(&mut self, topic: Topic, message: Vec<u8>) {
+    async fn send(&mut self, topic: Topic, record: &dyn Parts, message: Vec<u8>) {
         let Some((_, outlet)) = self.outlets.iter_mut().find(|(known, _)| *known == topic) else { return };
-        let Some(Ok(record)) = topic.row().decode.map(|decode| decode(&message)) else { return };
-        let envelope = Envelope::around(&*record, message, outlet.sequence, now_ns());
+        let envelope = Envelope::around(record, message, outlet.sequence, now_ns());
         if outlet.admits(envelope.stamp()) {
             outlet.put(&envelope).await;
         }
     }
 
+    /// Brings what health messages count up to date.
+    fn count(&mut self, shared: &RelayState) {
+        let health = &mut self.health.health;
+        (health.keyframes, health.paths) = (lock(&self.history).keyframe_count(), self.map.paths());
+        health.dropped = shared.dropped();
+    }
+
     /// Takes what answers and health need of an estimate.
     async fn note(&mut self, shared: &RelayState, estimate: &Estimate, frame_ms: f64) {
-        let keyframes = {
-            let mut archive = lock(&self.archive);
-            archive.remember(estimate);
-            archive.keyframes.count()
-        };
+        lock(&self.history).remember(estimate);
         self.resets.send_replace(estimate.reset_counter);
-        let around = Health {
-            frame_ms,
-            dropped: shared.dropped(),
-            ladder: self.ladder.clone(),
-            keyframes,
-            paths: self.map.paths(),
-            offers_camera: self.offers_camera,
-            rot_v_b: self.rot_v_b,
-            sensors: self.sensors.clone(),
-            ..Health::default()
-        };
-        if let Some(health) = self.health.update(estimate, around) {
+        self.health.health.frame_ms = frame_ms;
+        self.count(shared);
+        if let Some(health) = self.health.update(estimate) {
             self.send_health(health).await;
         }
     }
@@ -246,7 +231,7 @@ impl Publishers {
 
     /// Sends the keyframes that have left the window.
     async fn send_finished(&self, snapshot: &MapSnapshot) {
-        let keyframes = lock(&self.archive).keyframes.update(snapshot);
+        let keyframes = lock(&self.history).update(snapshot);
         for envelope in keyframes {
             let _ = self.keyframe.put(envelope).await;
         }

@@ -3,11 +3,11 @@
 use super::pace::Pace;
 use super::task_bell::TaskBell;
 use plumbline_estimator::{Estimate, Odometry};
-use plumbline_flight::local::Shot;
-use plumbline_flight::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use plumbline_record::local::content::LocalRecord;
+use plumbline_record::local::picture::Shot;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
+use plumbline_rings::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 

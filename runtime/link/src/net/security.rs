@@ -78,9 +78,9 @@ fn tls_settings(endpoints: &Endpoints) -> Value {
 const PLACES: &str = "places";
 const EXCLUDED_NAMES: &str = "excluded_names";
 /// Sessions of one certificate at a time.
-pub const MAX_SESSIONS_PER_CERTIFICATE: usize = 8;
+const MAX_SESSIONS_PER_CERTIFICATE: usize = 8;
 /// Places that only operators may take.
-pub const PLACES_FOR_OPERATORS: usize = 4;
+const PLACES_FOR_OPERATORS: usize = 4;
 
 /// An endpoint whose TLS handshakes refuse the certificates of these names; a listener also bounds the sessions that come in:
 /// `places` for all certificates together.
@@ -145,7 +145,7 @@ pub fn refusal(commands: CommandAccess, endpoints: &Endpoints) -> Option<String>
     })
 }
 
-/// Warning of what others can read and do over plain TCP and UDP; `None` if there is nothing of that kind.
+/// Warning of what others can read and do over plain TCP; `None` if there is nothing of that kind.
 #[must_use]
 pub fn exposure(endpoints: &Endpoints) -> Option<String> {
     let mut all = endpoints.listen.iter().chain(&endpoints.connect);
@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn what_others_can_read_is_said() {
         assert!(exposure(&listening_on("tcp/0.0.0.0:7447")).unwrap().contains("tcp/0.0.0.0:7447"));
-        assert!(exposure(&connecting_to("udp/10.0.0.1:7447")).is_some());
+        assert!(exposure(&connecting_to("tcp/10.0.0.1:7447")).is_some());
         for endpoint in ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7447"] {
             assert_eq!(exposure(&listening_on(endpoint)), None);
         }

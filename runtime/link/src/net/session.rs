@@ -6,6 +6,9 @@ use super::{diagnosis, read, security};
 use plumbline_config::options::Link;
 use zenoh::Session;
 
+/// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
+/// than the retransmissions of the last.
+const OPEN_TIMEOUT_MS: u64 = 2_000;
 /// A link without traffic for this long is closed, ms, so that a lost vehicle is noticed and a new link opened soon.
 const LEASE_MS: u64 = 4_000;
 /// Attempts to connect come this soon after each other, ms: the system itself repeats the first packet of one after a
@@ -24,9 +27,8 @@ const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
 /// Links at a time, of a vehicle and of others, and handshakes.
 const MAX_LINKS: usize = 32;
 const MAX_LINKS_ON_GROUND: usize = 160;
-///
 /// Zenoh refuses every handshake beyond these. The listeners have bounds of their own, where a handshake of the most crowded address gives way (64 each for
-/// TCP and TLS, 512 for datagrams; after TLS, the places for sessions), whose sum is below this one.
+/// TCP and TLS; after TLS, the places for sessions), whose sum is below this one.
 const MAX_PENDING: usize = 1_000;
 /// A handshake ends after this, ms: whoever connects gives up after 2 s.
 const ACCEPT_TIMEOUT_MS: u64 = 2_500;
@@ -39,7 +41,6 @@ impl Endpoints {
     /// # Errors
     /// When one is malformed, taken, not this host's, or lacks certificates.
     pub fn check(&self) -> Result<(), NetError> {
-        self.check_signed()?;
         for endpoint in self.listen.iter().chain(&self.connect) {
             diagnosis::check(endpoint, self.tls.is_given())?;
         }
@@ -69,7 +70,7 @@ impl Endpoints {
             ("connect/endpoints", self.guarded(&self.connect, None)),
             ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
-            ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
+            ("transport/unicast/open_timeout", OPEN_TIMEOUT_MS.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
             (

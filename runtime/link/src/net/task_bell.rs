@@ -2,7 +2,7 @@
 //!
 //! Tokio's own means take its locks; ringing an [`EventBell`] takes none, and the task waits for it as for any file.
 
-use plumbline_flight::schedule::event_bell::EventBell;
+use plumbline_rings::event_bell::EventBell;
 use std::io;
 use tokio::io::unix::AsyncFd;
 

@@ -8,10 +8,9 @@
 //! - covariances are about other axes ([`super::covariance`]).
 
 use super::covariance::{pose_covariance_o, rotated, twist_covariance_b};
-use super::interface::Rows6;
 use super::messages::{
-    Header, OdometryMessage, PoseStamped, PoseWithCovariance, TfMessage, Time, TransformStamped, Twist,
-    TwistWithCovariance,
+    Header, OdometryMessage, PoseStamped, PoseWithCovariance, Rows6, TfMessage, Time, TransformStamped,
+    Twist, TwistWithCovariance,
 };
 use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
 use plumbline_config::options::RosConfig;

@@ -2,7 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
-use plumbline_flight::pipeline::Stamps;
+use plumbline_rings::Stamps;
 
 /// Vehicle as ROS 2 sees it.
 #[derive(Clone, Debug)]
@@ -15,6 +15,4 @@ pub struct Identity {
     pub rot_v_b: UnitQuaternion<f64>,
     /// Clock domain of the stamps.
     pub stamps: Stamps,
-    /// True if the flight keeps a map.
-    pub has_map: bool,
 }

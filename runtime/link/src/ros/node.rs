@@ -3,21 +3,19 @@
 use super::frames::RosFrames;
 use super::identity::Identity;
 use super::interface::{Interface, InterfaceType};
-use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
+use super::messages::{OdometryMessage, Path, PoseStamped, TfMessage, Time};
 use super::names::{NodeName, RosTopic};
+use super::path::{self, PathHistory};
 use super::reset::{ResetServices, Resets};
-use super::scene::RosScene;
 use super::system_clock::on_system_clock;
 use super::topic::{Declaring, TopicPublisher, declare_token};
 use super::trigger::{TriggerSubscription, Triggers};
-use super::view_topics::{PublicationTimes, ViewTopics};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
+use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_config::options::RosStamp;
 use plumbline_estimator::{Odometry, TrackingState};
-use plumbline_flight::local::Shot;
-
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::sync::Arc;
 use zenoh::Session;
@@ -29,6 +27,9 @@ const NODE: &str = "plumbline";
 /// Messages that a subscriber is advised to hold; of transforms as many as tf2's own broadcaster says.
 const DEPTH: u32 = 10;
 const TF_DEPTH: u32 = 100;
+/// A path replaces the one before.
+const PATH_DEPTH: u32 = 1;
+const PATH_HZ: f64 = 1.0;
 
 /// A node of ROS 2 with its publishers, for as long as it lives.
 pub struct RosNode {
@@ -36,11 +37,19 @@ pub struct RosNode {
     odom: TopicPublisher,
     pose: TopicPublisher,
     tf: Option<TopicPublisher>,
-    views: ViewTopics,
+    path: Option<(Pace, TopicPublisher)>,
     pace: Pace,
     at: Option<AtTriggers>,
     _reset: Option<ResetServices>,
     _node: LivelinessToken,
+}
+
+/// Stamps of one publication: as headers have them, and the present time, ns since 1970.
+struct PublicationTimes<F> {
+    /// Converts a time of measurement.
+    time: F,
+    /// Time of publication.
+    now_ns: i64,
 }
 
 /// States at instants: where they go, and what was asked for.
@@ -73,7 +82,13 @@ impl RosNode {
             true => Some(declare::<TfMessage<'_>>(&mut declaring, "/tf".into(), TF_DEPTH).await?),
             false => None,
         };
-        let views = ViewTopics::declare(&mut declaring, options, identity.has_map).await?;
+        let path = match options.path {
+            true => {
+                let topic = declare::<Path<'_>>(&mut declaring, node.qualified("path"), PATH_DEPTH).await?;
+                Some((Pace::new(PATH_HZ), topic))
+            }
+            false => None,
+        };
         let reset = match options.reset {
             true => Some(ResetServices::declare(&mut declaring, resets.clone()).await?),
             false => None,
@@ -93,12 +108,17 @@ impl RosNode {
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
         let pace = Pace::new(rate_hz);
-        Ok(Self { identity: identity.clone(), odom, pose, tf, views, pace, at, _reset: reset, _node: token })
+        Ok(Self { identity: identity.clone(), odom, pose, tf, path, pace, at, _reset: reset, _node: token })
     }
 
-    /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then
-    /// the views that are due. What cannot be sent is lost; the sequence numbers of the samples show it.
-    pub async fn odometry(&mut self, odometry: &Odometry, scene: &RosScene) {
+    /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then the
+    /// path. What cannot be sent is lost; the sequence numbers of the samples show it.
+    pub async fn odometry(
+        &mut self,
+        odometry: &Odometry,
+        pose_m_o: Option<&Isometry3<f64>>,
+        path: &PathHistory,
+    ) {
         if !is_worth_sending(odometry) {
             return;
         }
@@ -109,11 +129,13 @@ impl RosNode {
             self.odom.put(&frames.odometry(odometry, stamp), clock.now_ns).await;
             self.pose.put(&frames.pose(odometry, stamp), clock.now_ns).await;
             if let Some(tf) = &mut self.tf {
-                let pose_m_o = scene.pose_m_o(odometry);
-                tf.put(&frames.transforms(odometry, pose_m_o.as_ref(), stamp), clock.now_ns).await;
+                tf.put(&frames.transforms(odometry, pose_m_o, stamp), clock.now_ns).await;
             }
         }
-        self.views.send(scene, &frames, odometry.stamp, &clock).await;
+        let Some((pace, topic)) = &mut self.path else { return };
+        if pace.admits(odometry.stamp) && topic.has_subscribers().await {
+            topic.put(&path::message(&frames, path.poses(), &clock.time), clock.now_ns).await;
+        }
     }
 
     /// Publishes the state at an instant, if there is one. A trigger without one is told in the log.
@@ -143,17 +165,6 @@ impl RosNode {
             let message = self.identity.frames().odometry(&odometry, Time::from_nanos(stamp_ns));
             at.odom.put(&message, now_ns).await;
         }
-    }
-
-    /// Publishes a picture, if it is due.
-    pub async fn picture(&mut self, shot: &Shot) {
-        let clock = self.identity.clock(now_ns());
-        self.views.send_picture(shot, &self.identity.frames(), &clock).await;
-    }
-
-    /// Rate of pictures that is wanted now, Hz.
-    pub async fn pictures_hz(&self) -> f64 {
-        self.views.pictures_hz().await
     }
 }
 

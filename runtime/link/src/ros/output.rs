@@ -2,29 +2,24 @@
 
 use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
-use super::scene::RosScene;
-use crate::net::pace::Rates;
-use crate::net::relay::Relayed;
 use crate::net::task_bell::TaskBell;
 use crate::net::{CommandRelay, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_flight::local::Shot;
-use plumbline_flight::pipeline::Stamps;
-use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
+use plumbline_estimator::places::MapEstimate;
 use plumbline_record::InstantAnswer;
 use plumbline_record::local::content::LocalRecord;
+use plumbline_rings::Stamps;
+use plumbline_rings::lane::{LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
-/// Records of the scene that wait: one with each frame, and a few with each keyframe.
-const SCENE_RING: usize = 32;
-/// Pictures that wait: only the newest counts.
-const PICTURE_RING: usize = 2;
+/// Poses in the map that wait: the newest counts.
+const MAP_RING: usize = 2;
 /// States at instants that wait.
 const INSTANT_RING: usize = 64;
 
@@ -60,13 +55,11 @@ impl RosOutput {
             vehicle: config.network.vehicle.clone(),
             rot_v_b,
             stamps,
-            has_map: config.estimator.places.enabled,
         };
-        let scene = RosScene::new(&Rates::of(config.ros.link));
         // Commands come over the router, which shows no certificate of theirs.
         let router = Endpoints { connect: vec![config.ros.router.clone()], ..Endpoints::default() };
         let refusal = security::refusal(config.network.commands, &router);
-        let publisher = RosPublisher::start(identity, scene, commands, refusal)?;
+        let publisher = RosPublisher::start(identity, commands, refusal)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);
@@ -99,24 +92,17 @@ impl Drop for RosOutput {
 /// Reading ends of the rings of a [`RosFeed`].
 struct Waiting {
     odometry: LaneReader<Odometry>,
-    scene: LaneReader<Relayed>,
-    shots: LaneReader<Shot>,
+    map: LaneReader<MapEstimate>,
     instants: LaneReader<InstantAnswer>,
 }
 
 fn rings(shared: &Arc<RosOutputState>) -> (RosFeed, Waiting) {
     let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
-    let (scene_in, scene, _) = lane(SCENE_RING);
-    let (shots_in, shots, _) = lane(PICTURE_RING);
+    let (map_in, map, _) = lane(MAP_RING);
     let (instants_in, instants, _) = lane(INSTANT_RING);
-    let feed = RosFeed {
-        shared: Arc::clone(shared),
-        odometry: odometry_in,
-        scene: scene_in,
-        shots: shots_in,
-        instants: instants_in,
-    };
-    (feed, Waiting { odometry, scene, shots, instants })
+    let feed =
+        RosFeed { shared: Arc::clone(shared), odometry: odometry_in, map: map_in, instants: instants_in };
+    (feed, Waiting { odometry, map, instants })
 }
 
 async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &RosOutputState) {
@@ -127,17 +113,14 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
         publisher.look().await;
-        while let Some(record) = waiting.scene.pop() {
-            publisher.scene.take(record);
+        while let Some(newest) = waiting.map.pop() {
+            publisher.map = Some(newest);
         }
         while let Some(odometry) = waiting.odometry.pop() {
             publisher.odometry(&odometry).await;
         }
         while let Some(answer) = waiting.instants.pop() {
             publisher.instant(&answer).await;
-        }
-        while let Some(shot) = waiting.shots.pop() {
-            publisher.picture(&shot).await;
         }
         if is_last {
             return publisher.stop().await;
@@ -151,34 +134,19 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
 pub struct RosFeed {
     shared: Arc<RosOutputState>,
     odometry: LaneWriter<Odometry>,
-    scene: LaneWriter<Relayed>,
-    shots: LaneWriter<Shot>,
+    map: LaneWriter<MapEstimate>,
     instants: LaneWriter<InstantAnswer>,
 }
 
 impl RosFeed {
-    /// Takes a record with its message, if it is one that ROS 2 is shown.
-    pub fn take(&mut self, record: &LocalRecord, message: &[u8]) {
+    /// Takes a record, if it is one that ROS 2 receives.
+    pub fn take(&mut self, record: &LocalRecord) {
         match record {
-            LocalRecord::Odometry(odometry, _) => {
-                self.odometry.push((**odometry).clone());
-                self.shared.bell.ring();
-            }
-            LocalRecord::Instant(answer, _) => {
-                self.instants.push((**answer).clone());
-                self.shared.bell.ring();
-            }
-            LocalRecord::Picture(shot) => {
-                self.shots.push(shot.clone());
-                self.shared.bell.ring();
-            }
-            record if RosScene::draws(record) => {
-                // Only what is kept as it came needs its message.
-                let message =
-                    if matches!(record, LocalRecord::Other(_)) { message.to_vec() } else { Vec::new() };
-                self.scene.push(Relayed { record: record.clone(), message });
-            }
-            _ => {}
+            LocalRecord::Odometry(odometry, _) => self.odometry.push((**odometry).clone()),
+            LocalRecord::Instant(answer, _) => self.instants.push((**answer).clone()),
+            LocalRecord::MapEstimate(newest) => return self.map.push(newest.clone()),
+            _ => return,
         }
+        self.shared.bell.ring();
     }
 }

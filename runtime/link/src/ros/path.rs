@@ -1,6 +1,8 @@
 //! The path of the vehicle since its last reset, in bounded memory: when it is full every second pose goes, and poses are
 //! taken half as often.
 
+use super::frames::RosFrames;
+use super::messages::{Header, Path, PoseStamped, Time};
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_estimator::Odometry;
@@ -54,9 +56,27 @@ impl PathHistory {
     }
 }
 
+/// Path of the vehicle from poses of the body, each with its stamp. `time` gives stamps as headers have them.
+#[must_use]
+pub fn message<'a>(
+    frames: &RosFrames<'a>,
+    poses: &[(Timestamp, Isometry3<f64>)],
+    time: impl Fn(Timestamp) -> Time,
+) -> Path<'a> {
+    let frame_id = frames.odom;
+    let stamped = |(stamp, pose_b): &(Timestamp, Isometry3<f64>)| PoseStamped {
+        header: Header { stamp: time(*stamp), frame_id },
+        pose: frames.vehicle(pose_b).into(),
+    };
+    let poses: Vec<_> = poses.iter().map(stamped).collect();
+    let stamp = poses.last().map_or_else(|| Time::from_nanos(0), |newest| newest.header.stamp);
+    Path { header: Header { stamp, frame_id }, poses }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::frames::tests::odometry;
+    use super::super::frames::tests::{odometry, upright};
+    use super::super::messages::Point;
     use super::*;
 
     fn flown(path: &mut PathHistory, seconds: std::ops::Range<i64>, reset_counter: u32) {
@@ -85,5 +105,16 @@ mod tests {
         flown(&mut path, 0..50, 0);
         flown(&mut path, 50..51, 1);
         assert_eq!(path.poses().len(), 10);
+    }
+
+    #[test]
+    fn a_path_has_the_vehicle_s_poses_and_the_newest_stamp() {
+        let frames = upright();
+        let poses = [1, 2].map(|k| (Timestamp::from_nanos(k), Isometry3::translation(k as f64, 0.0, 0.0)));
+        let path = message(&frames, &poses, |stamp| Time::from_nanos(stamp.as_nanos()));
+        assert_eq!(path.header, Header { stamp: Time::from_nanos(2), frame_id: "odom" });
+        assert_eq!(path.poses.len(), 2);
+        assert_eq!(path.poses[0].pose.position, Point { x: 1.0, y: 0.0, z: 0.0 });
+        assert_eq!(path.poses[0].pose.orientation, frames.rot_v_b.inverse().into());
     }
 }

@@ -1,8 +1,8 @@
 //! Stamps of a flight on the system's clock, which ROS expects, and back.
 
 use plumbline_config::Timestamp;
-use plumbline_flight::pipeline::Stamps;
-use plumbline_flight::schedule::ticker::Monotonic;
+use plumbline_rings::Stamps;
+use plumbline_rings::ticker::Monotonic;
 
 /// Time of a measurement as ROS expects it; recordings keep theirs.
 pub(super) fn on_system_clock(stamps: Stamps, measured: Timestamp, now_ns: i64) -> i64 {

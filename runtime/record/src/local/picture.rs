@@ -1,8 +1,7 @@
 //! Camera pictures for people: the left image with what is tracked in it.
 
 use crate::messages::Picture;
-use plumbline_config::{GrayImage, Timestamp, ValidConfig};
-use plumbline_drivers::StereoFrame;
+use plumbline_config::{GrayImage, StereoFrame, Timestamp, ValidConfig};
 use plumbline_estimator::Tracked;
 
 /// A point in a picture: place, px, and the number of frames it has been tracked.

@@ -1,4 +1,4 @@
-//! Header before the images of a frame.
+//! Header before the images of a frame that a program sends over a socket (`docs/frame-socket.md` of the project).
 
 /// The first bytes of every frame: the format and its version.
 pub const MAGIC: [u8; 8] = *b"PLMBFRM1";
@@ -61,8 +61,8 @@ impl FrameHeader {
         if magic != MAGIC {
             return Err(FrameRefusal::Foreign);
         }
-        let eight = |at: usize| -> [u8; 8] { std::array::from_fn(|i| rest[at + i]) };
-        let four = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| rest[at + i]));
+        let eight = |at: usize| -> [u8; 8] { core::array::from_fn(|i| rest[at + i]) };
+        let four = |at: usize| u32::from_le_bytes(core::array::from_fn(|i| rest[at + i]));
         let header = Self {
             sequence: u64::from_le_bytes(eight(0)),
             stamp_ns: i64::from_le_bytes(eight(8)),

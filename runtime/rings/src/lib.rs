@@ -1,0 +1,19 @@
+//! What threads hand to each other, and by which clock: rings that nobody waits for, bells, paces, absolute deadlines
+//! and places.
+
+pub mod event_bell;
+pub mod lane;
+pub mod pace;
+pub mod places;
+pub mod ring;
+pub mod ticker;
+
+/// Clock domain of the sample timestamps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stamps {
+    /// This host's monotonic clock: live sensors. A sample is due when it arrives.
+    OfHost,
+    /// Clock of a recording or simulation, which is played against the host's clock in a live run.
+    #[default]
+    Replayed,
+}
