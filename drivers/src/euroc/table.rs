@@ -164,6 +164,7 @@ pub(crate) fn read_rows<T: Stamped>(
         .has_headers(false)
         .flexible(true)
         .quoting(false)
+        .terminator(csv::Terminator::Any(b'\n'))
         .from_reader(BoundedLines::new(reader));
     let mut table = Table { rows: Vec::new(), corrupt: 0, order: Order::default(), first_bad: None };
     let (mut at_top, mut bytes) = (true, csv::ByteRecord::new());
@@ -331,6 +332,15 @@ mod tests {
         let table = read_rows(Path::new("data.csv"), "", rows.as_bytes(), parse_imu_row).unwrap();
         assert_eq!((table.rows.len(), table.corrupt), (2, 0));
         assert!(parse_imu_row(&row("\"5,1,2,3,4,5,6")).is_err());
+    }
+
+    #[test]
+    fn lines_are_counted_with_comments_empty_ones_and_the_ends_of_windows() {
+        let rows = "\u{feff}#t,w\r\n\r\n5,1,2,3,4,5,6\r\n6,x,2,3,4,5,6\r\n7,1,2,3,4,5,6";
+        let table = read_rows(Path::new("data.csv"), "", rows.as_bytes(), parse_imu_row).unwrap();
+        assert_eq!((table.rows.len(), table.corrupt), (2, 1));
+        let bad = table.first_bad.unwrap().to_string();
+        assert!(bad.starts_with("line 4: column 2 is 'x'"), "{bad}");
     }
 
     #[test]
