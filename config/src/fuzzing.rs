@@ -25,7 +25,7 @@ pub fn config_toml(data: &[u8]) {
 /// As [`config_toml`].
 pub fn import_euroc(data: &[u8]) {
     if let Some((camera, imu)) = two_texts(data) {
-        check(euroc_texts(camera, imu));
+        check(euroc_texts(preset("euroc"), camera, imu).map(|import| import.config));
     }
 }
 
@@ -35,7 +35,7 @@ pub fn import_euroc(data: &[u8]) {
 /// As [`config_toml`].
 pub fn import_kalibr(data: &[u8]) {
     if let Some((camchain, imu)) = two_texts(data) {
-        check(kalibr_texts(camchain, imu));
+        check(kalibr_texts(preset("euroc"), camchain, imu).map(|import| import.config));
     }
 }
 
@@ -74,8 +74,10 @@ fn serial_line(text: &str, line: &SerialLine) {
 /// When what is accepted cannot be written, or an error says nothing.
 pub fn import_zed(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
-    let base = Config::preset("zed-mini").expect("is a preset").into_inner();
-    check(crate::import::zed_text_into(base, text, "fuzz").and_then(|config| config.validated("fuzz")));
+    check(
+        crate::import::zed_text_into(preset("zed-mini"), text, "fuzz")
+            .and_then(|config| config.validated("fuzz")),
+    );
 }
 
 /// Calibration of another program, and the camera file that it names.
@@ -84,8 +86,11 @@ pub fn import_zed(data: &[u8]) {
 /// As [`config_toml`].
 pub fn import_rig(data: &[u8]) {
     let Some((rig, camera)) = two_texts(data) else { return };
-    let base = Config::preset("euroc").expect("is a preset").into_inner();
-    check(rig_text(base, rig, camera).map(|rig| rig.config));
+    check(rig_text(preset("euroc"), rig, camera).map(|rig| rig.config));
+}
+
+fn preset(name: &str) -> Config {
+    Config::preset(name).expect("is a preset").into_inner()
 }
 
 fn two_texts(data: &[u8]) -> Option<(&str, &str)> {

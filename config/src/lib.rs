@@ -56,8 +56,6 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod camera;
-#[cfg(any(feature = "toml", feature = "yaml"))]
-mod cures;
 mod doubts;
 mod error;
 #[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]

@@ -14,9 +14,8 @@ use crate::presets::{DEFAULTS, PRESETS, preset_file};
 use crate::shape::{BASE_KEY, Document};
 use crate::text;
 use crate::valid::{Source, ValidConfig};
-use serde::Deserialize as _;
 use std::path::Path;
-use toml::{Table, Value};
+use toml::Table;
 
 impl Config {
     /// Reads and validates a TOML file.
@@ -66,23 +65,7 @@ impl Config {
         complete: impl FnOnce(&mut Self) -> Result<(), ConfigError>,
     ) -> Result<ValidConfig, ConfigError> {
         let document = Document::parse(text, origin)?;
-        let base = base_of(&document, origin)?;
-        ConfigError::if_any(origin, document.violations(&base))?;
-        // The shape check knows every key; what it lets through and serde refuses is told in serde's words.
-        let told = |message: &str, line| {
-            let violation = Violation::new("(file)", message.trim(), "compare with a preset");
-            ConfigError::one(origin, violation.at_line(line))
-        };
-        let written = document.base().map_or(Ok(None), |_| text.parse().map(Some));
-        let read = match written {
-            // Read from the text, so that serde can say where.
-            Ok(None) => toml::from_str(text),
-            Ok(Some(written)) => Self::deserialize(merged(base, written)),
-            Err(error) => Err(error),
-        };
-        let mut config = read.map_err(|error| {
-            told(error.message(), error.span().map(|span| text::line_and_column(text, span.start).0))
-        })?;
+        let mut config = document.read(base_of(&document, origin)?, origin)?;
         let valid = complete(&mut config).and_then(|()| config.validated(origin));
         let valid = valid.map_err(|error| error.with_lines(|key| document.line_of(key)))?;
         let unset = Self::unset_keys(&valid).into_iter().map(|unset| {
@@ -150,16 +133,4 @@ fn base_of(document: &Document<'_>, origin: &str) -> Result<Table, ConfigError> 
     let base =
         if PRESETS.contains(&name) { Config::preset(name)?.into_inner() } else { return Err(unknown()) };
     Table::try_from(base).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
-}
-
-/// The base with what is written in its place: tables key by key, all else as a whole.
-fn merged(mut base: Table, written: Table) -> Table {
-    for (key, value) in written.into_iter().filter(|(key, _)| key != BASE_KEY) {
-        let value = match (base.remove(&key), value) {
-            (Some(Value::Table(inner)), Value::Table(value)) => Value::Table(merged(inner, value)),
-            (_, value) => value,
-        };
-        base.insert(key, value);
-    }
-    base
 }

@@ -1,72 +1,43 @@
-//! Lines of a text file that may hold anything: bounded in length, any bytes, any line ends.
+//! Text files that may hold anything: packed or not, with lines of bounded length.
 
-use std::io::{self, BufRead};
+use flate2::read::MultiGzDecoder;
+use std::io::{self, BufRead, Read};
 
-/// Longest line that is still looked at; a row of any known format is below 500 bytes.
-const MAX_LINE_BYTES: usize = 4096;
+/// First bytes of a gzip file.
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// A line that is longer than this has no end: a gzip of some megabytes may hold one of gigabytes.
-const MAX_SKIPPED_BYTES: usize = 16 << 20;
+const MAX_LINE_BYTES: usize = 16 << 20;
 
-/// One line of the file, without its end.
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Line<'a> {
-    /// Text, trimmed of white space on both sides (and of a byte order mark).
-    Text(&'a str),
-    /// Longer than any row can be, or not UTF-8.
-    Unreadable,
+/// The content of a text file, plain or gzip.
+pub(crate) fn unpacked<'a>(mut reader: impl BufRead + 'a) -> io::Result<Box<dyn Read + 'a>> {
+    let is_packed = reader.fill_buf()?.starts_with(&GZIP_MAGIC);
+    Ok(if is_packed { Box::new(MultiGzDecoder::new(reader)) } else { Box::new(reader) })
 }
 
-/// Reads line by line into one buffer of bounded size.
-pub(crate) struct Lines<R> {
+/// Passes text on until a line has no end.
+pub(crate) struct BoundedLines<R> {
     reader: R,
-    buffer: Vec<u8>,
+    since_end: usize,
 }
 
-impl<R: BufRead> Lines<R> {
+impl<R: Read> BoundedLines<R> {
     /// Lines of `reader`.
     pub(crate) fn new(reader: R) -> Self {
-        Self { reader, buffer: Vec::with_capacity(MAX_LINE_BYTES) }
+        Self { reader, since_end: 0 }
     }
+}
 
-    /// The next line, or `None` at the end of the file.
-    pub(crate) fn next_line(&mut self) -> io::Result<Option<Line<'_>>> {
-        self.buffer.clear();
-        let (mut read_any, mut overflow, mut skipped) = (false, false, 0_usize);
-        loop {
-            let chunk = match self.reader.fill_buf() {
-                Ok(chunk) => chunk,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) => return Err(error),
-            };
-            if chunk.is_empty() {
-                break;
-            }
-            read_any = true;
-            let end = chunk.iter().position(|&byte| byte == b'\n');
-            let body = &chunk[..end.unwrap_or(chunk.len())];
-            let room = MAX_LINE_BYTES - self.buffer.len();
-            overflow |= body.len() > room;
-            self.buffer.extend_from_slice(&body[..body.len().min(room)]);
-            let used = end.map_or(chunk.len(), |at| at + 1);
-            self.reader.consume(used);
-            skipped += used;
-            if end.is_some() {
-                break;
-            }
-            if skipped > MAX_SKIPPED_BYTES {
-                return Err(io::Error::new(
-                    io::ErrorKind::InvalidData,
-                    "a line has no end; is it a text file?",
-                ));
-            }
+impl<R: Read> Read for BoundedLines<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.reader.read(into)?;
+        self.since_end = match into[..count].iter().rposition(|byte| *byte == b'\n') {
+            Some(at) => count - at - 1,
+            None => self.since_end + count,
+        };
+        if self.since_end > MAX_LINE_BYTES {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "a line has no end; is it a text file?"));
         }
-        if !read_any {
-            return Ok(None);
-        }
-        Ok(Some(match std::str::from_utf8(&self.buffer) {
-            Ok(text) if !overflow => Line::Text(text.trim_start_matches('\u{feff}').trim()),
-            _ => Line::Unreadable,
-        }))
+        Ok(count)
     }
 }
 
@@ -75,30 +46,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_line_end_will_do() {
-        let mut lines = Lines::new(&b"\xef\xbb\xbfa,b \r\n\n  c"[..]);
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Text("a,b")));
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Text("")));
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Text("c")));
-        assert_eq!(lines.next_line().unwrap(), None);
-    }
-
-    #[test]
-    fn huge_and_binary_lines_are_skipped_in_bounded_memory() {
-        let mut bytes = vec![b'x'; 10 * MAX_LINE_BYTES];
-        bytes.extend_from_slice(b"\nok\n\xff\xfe\n");
-        let mut lines = Lines::new(&bytes[..]);
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Unreadable));
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Text("ok")));
-        assert_eq!(lines.next_line().unwrap(), Some(Line::Unreadable));
-        assert_eq!(lines.next_line().unwrap(), None);
-        assert_eq!(lines.buffer.capacity(), MAX_LINE_BYTES);
-    }
-
-    #[test]
-    fn a_line_without_end_is_given_up() {
-        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
-        let error = lines.next_line().unwrap_err();
+    fn a_line_without_end_is_given_up_and_long_lines_are_not() {
+        let error = io::copy(&mut BoundedLines::new(io::repeat(0)), &mut io::sink()).unwrap_err();
         assert!(error.to_string().contains("no end"), "{error}");
+        let lines = [vec![b'x'; 1 << 20], vec![b'\n']].concat().repeat(20);
+        let copied = io::copy(&mut BoundedLines::new(&lines[..]), &mut io::sink()).unwrap();
+        assert_eq!(copied, lines.len() as u64);
     }
 }

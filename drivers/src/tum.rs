@@ -5,16 +5,13 @@
 //! Quaternions are Hamilton, scalar last.
 
 use crate::DriverError;
-use crate::text_lines::{Line, Lines};
-use flate2::read::MultiGzDecoder;
+use crate::text_lines::{BoundedLines, unpacked};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// First bytes of a gzip file.
-pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Digits of a time that are looked at; nine before and nine after the point are in use today.
 const MAX_TIME_DIGITS: usize = 30;
 /// Poses that are read: five hours at 200 Hz. A gzip of two megabytes may hold ten times as many.
@@ -45,32 +42,24 @@ pub fn read_tum(path: &Path) -> Result<Vec<StampedPose>, DriverError> {
 }
 
 /// Reads a trajectory from `reader`; `path` names it in messages.
-pub(crate) fn read_tum_from(path: &Path, mut reader: impl BufRead) -> Result<Vec<StampedPose>, DriverError> {
-    let start = reader.fill_buf().map_err(|e| DriverError::io(path, e))?;
-    if start.starts_with(&GZIP_MAGIC) {
-        read_poses(path, BufReader::new(MultiGzDecoder::new(reader)))
-    } else {
-        read_poses(path, reader)
-    }
-}
-
-fn read_poses(path: &Path, reader: impl BufRead) -> Result<Vec<StampedPose>, DriverError> {
-    let mut lines = Lines::new(reader);
+pub(crate) fn read_tum_from(path: &Path, reader: impl BufRead) -> Result<Vec<StampedPose>, DriverError> {
+    let text = unpacked(reader).map_err(|e| DriverError::io(path, e))?;
     let mut poses = Vec::new();
-    let mut number = 0_usize;
-    while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
-        number += 1;
-        if poses.len() == MAX_POSES || number > MAX_LINES {
+    for (index, line) in BufReader::new(BoundedLines::new(text)).split(b'\n').enumerate() {
+        let line = line.map_err(|e| DriverError::io(path, e))?;
+        if poses.len() == MAX_POSES || index >= MAX_LINES {
             let message = format!("holds more than {MAX_POSES} poses; cut it into shorter pieces");
             return Err(DriverError::malformed(path, message));
         }
-        let pose = match line {
-            Line::Text(text) if text.is_empty() || text.starts_with('#') => continue,
-            Line::Text(text) => parse_pose(text),
-            Line::Unreadable => Err("not text"),
+        let text = str::from_utf8(&line).map(|text| text.trim_start_matches('\u{feff}').trim());
+        let pose = match text {
+            Ok(text) if text.is_empty() || text.starts_with('#') => continue,
+            Ok(text) => parse_pose(text),
+            Err(_) => Err("not text"),
         };
         poses.push(pose.map_err(|why| {
-            DriverError::malformed(path, format!("line {number}: {why}; expected `t x y z qx qy qz qw`"))
+            let message = format!("line {}: {why}; expected `t x y z qx qy qz qw`", index + 1);
+            DriverError::malformed(path, message)
         })?);
     }
     if poses.is_empty() {

@@ -179,7 +179,7 @@ const CASES: &[Case] = &[
         command: &["config", "TOML"],
         damage: |folder| set(folder, "rate_hz", "\"20 Hz\""),
         status: 2,
-        words: &["camera[0].rate_hz", "(line ", "the name of the key has the unit: 20"],
+        words: &["camera[0].rate_hz", "(line ", "invalid type: string"],
     },
     Case {
         name: "defaults as a configuration",

@@ -37,17 +37,75 @@ whole! {
     Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
 }
 
-impl FieldContent for f64 {
-    const SHAPE: Shape = Shape::Floats;
+/// Implements [`FieldContent`] for real numbers: their form, the numbers, and the value of `N` of them.
+macro_rules! floats {
+    ($($(#[$doc:meta])* $type:ty, $shape:ident, $get:expr, $numbers:pat, $otherwise:literal, $value:expr;)*) => {$(
+        $(#[$doc])*
+        impl FieldContent for $type {
+            const SHAPE: Shape = Shape::$shape;
 
-    fn get(&self) -> Value<'_> {
-        Value::floats(from_ref(self))
-    }
+            fn get(&self) -> Value<'_> {
+                let get: fn(&Self) -> Value<'_> = $get;
+                get(self)
+            }
 
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        [*self] = value.numbers("not one number")?;
-        Ok(())
-    }
+            fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+                let $numbers = value.numbers($otherwise)?;
+                *self = $value;
+                Ok(())
+            }
+        }
+    )*};
+}
+
+floats! {
+    f64, Floats, |v| Value::floats(from_ref(v)), [v], "not one number", v;
+    Vector3<f64>, Floats, |v| Value::floats(v.as_slice()), [x, y, z], "a vector has not three numbers",
+        Self::new(x, y, z);
+    // Rotations as they were: normalising would change bits.
+    Isometry3<f64>, Floats,
+        |v| Value::Floats([v.translation.vector.as_slice(), v.rotation.coords.as_slice()]),
+        [x, y, z, qx, qy, qz, qw], "a pose has not seven numbers",
+        Self::from_parts(
+            Vector3::new(x, y, z).into(),
+            UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz)),
+        );
+    UnitQuaternion<f64>, Floats, |v| Value::Floats([&[], v.coords.as_slice()]), [x, y, z, w],
+        "a rotation has not four numbers", Self::new_unchecked(Quaternion::new(w, x, y, z));
+    /// Both ends of a line.
+    [Vector3<f64>; 2], Floats, |v| Value::Floats([v[0].as_slice(), v[1].as_slice()]), [a, b, c, d, e, f],
+        "a line has not six numbers", [Vector3::new(a, b, c), Vector3::new(d, e, f)];
+}
+
+/// Implements [`FieldContent`] for real numbers that may be unknown.
+macro_rules! if_known {
+    ($($type:ty, $initial:expr;)*) => {$(
+        impl FieldContent for Option<$type> {
+            const SHAPE: Shape = Shape::FloatsIfKnown;
+
+            fn get(&self) -> Value<'_> {
+                self.as_ref().map_or(Value::Missing, FieldContent::get)
+            }
+
+            fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+                *self = match value {
+                    Value::Missing | Value::Floats([[], []]) => None,
+                    value => {
+                        let mut known = $initial;
+                        FieldContent::set(&mut known, value)?;
+                        Some(known)
+                    }
+                };
+                Ok(())
+            }
+        }
+    )*};
+}
+
+if_known! {
+    Isometry3<f64>, Isometry3::identity();
+    UnitQuaternion<f64>, UnitQuaternion::identity();
+    f64, 0.0;
 }
 
 /// Writes two numbers that are one field.
@@ -57,105 +115,6 @@ impl FieldContent for f64 {
 pub fn set_pair(first: &mut f64, second: &mut f64, value: Value<'_>) -> Result<(), &'static str> {
     [*first, *second] = value.numbers("a time offset has not two numbers")?;
     Ok(())
-}
-
-impl FieldContent for Vector3<f64> {
-    const SHAPE: Shape = Shape::Floats;
-
-    fn get(&self) -> Value<'_> {
-        Value::floats(self.as_slice())
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = Self::from(value.numbers("a vector has not three numbers")?);
-        Ok(())
-    }
-}
-
-impl FieldContent for Isometry3<f64> {
-    const SHAPE: Shape = Shape::Floats;
-
-    fn get(&self) -> Value<'_> {
-        Value::Floats([self.translation.vector.as_slice(), self.rotation.coords.as_slice()])
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        let [x, y, z, qx, qy, qz, qw] = value.numbers("a pose has not seven numbers")?;
-        // As it was: normalising would change bits.
-        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
-        *self = Self::from_parts(Vector3::new(x, y, z).into(), rotation);
-        Ok(())
-    }
-}
-
-impl FieldContent for Option<Isometry3<f64>> {
-    const SHAPE: Shape = Shape::FloatsIfKnown;
-
-    fn get(&self) -> Value<'_> {
-        self.as_ref().map_or(Value::Missing, FieldContent::get)
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = match value {
-            Value::Missing | Value::Floats([[], []]) => None,
-            value => {
-                let mut pose = Isometry3::identity();
-                pose.set(value)?;
-                Some(pose)
-            }
-        };
-        Ok(())
-    }
-}
-
-impl FieldContent for Option<UnitQuaternion<f64>> {
-    const SHAPE: Shape = Shape::FloatsIfKnown;
-
-    fn get(&self) -> Value<'_> {
-        self.as_ref().map_or(Value::Missing, |rotation| Value::Floats([&[], rotation.coords.as_slice()]))
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = match value {
-            Value::Missing | Value::Floats([[], []]) => None,
-            value => {
-                let [x, y, z, w] = value.numbers("a rotation has not four numbers")?;
-                Some(UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
-            }
-        };
-        Ok(())
-    }
-}
-
-impl FieldContent for Option<f64> {
-    const SHAPE: Shape = Shape::FloatsIfKnown;
-
-    fn get(&self) -> Value<'_> {
-        self.as_ref().map_or(Value::Missing, |number| Value::floats(from_ref(number)))
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = match value {
-            Value::Missing | Value::Floats([[], []]) => None,
-            value => Some(value.numbers::<1>("not one number")?[0]),
-        };
-        Ok(())
-    }
-}
-
-/// Both ends of a line.
-impl FieldContent for [Vector3<f64>; 2] {
-    const SHAPE: Shape = Shape::Floats;
-
-    fn get(&self) -> Value<'_> {
-        Value::Floats([self[0].as_slice(), self[1].as_slice()])
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        let [a, b, c, d, e, f] = value.numbers("a line has not six numbers")?;
-        *self = [Vector3::new(a, b, c), Vector3::new(d, e, f)];
-        Ok(())
-    }
 }
 
 /// A covariance of position, attitude and velocity.

@@ -69,13 +69,13 @@ impl KeyDeclaration {
             self.range.as_ref().map_or(quote!(None), |[low, high]| quote!(Some((#low as f64, #high as f64))));
         let unit = self.unit.as_ref().map_or(quote!(None), |unit| quote!(Some(crate::keys::#unit)));
         let cure = self.cure.as_ref().map_or(quote!(None), |cure| quote!(Some(#cure)));
-        let is_required = self.default.is_none();
         quote! {
             crate::keys::Key {
                 name: #name,
                 text: #text,
                 kind: <#kind as crate::keys::Value>::kind,
-                is_required: #is_required,
+                #[cfg(all(test, feature = "toml", feature = "yaml"))]
+                words: <#kind as crate::keys::Value>::words,
                 #[cfg(feature = "toml")]
                 default: #default,
                 range: #range,

@@ -164,8 +164,9 @@ fn constructor(name: &Ident, entries: &[Entry]) -> TokenStream {
 fn of_words(name: &Ident) -> TokenStream {
     quote! {
         impl crate::keys::Value for #name {
-            fn kind() -> crate::keys::Kind {
-                crate::keys::Kind::Word(crate::keys::words::<Self>)
+            #[cfg(all(test, feature = "toml", feature = "yaml"))]
+            fn words() -> Vec<&'static str> {
+                crate::keys::words::<Self>()
             }
 
             #[cfg(feature = "toml")]

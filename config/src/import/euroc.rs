@@ -3,46 +3,54 @@
 //! `T_BS` takes coordinates from the sensor to the data set's body. Plumbline's body is the IMU: where the
 //! IMU's own `T_BS` is not the identity, the cameras are moved by its inverse.
 
-use super::yaml::{Document, Node};
-use super::{Calibration, camera_of, is_identity, lens, rigid, size_px};
+use super::file::{At, File};
+use super::lens::Camera;
+use super::{Calibration, Import, Matrix, Source, is_identity, read_into};
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config, Mounting, rows_from_isometry};
 use crate::valid::ValidConfig;
 use nalgebra::Isometry3;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// Where the file of a sensor may lie, seen from the directory; `{}` is the sensor.
 const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
-/// Key of the IMU's file that states its mounting: no part of the format, but written into simulated data sets.
-const MOUNTING_KEY: &str = "imu_to_vehicle_deg";
 const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it; for files of Kalibr (TUM-VI has them in dso/) \
                         use `plumbline config import --camchain --imu`, and give the result with --config";
+const SENSOR: &str = "a sensor.yaml of a data set";
 
-/// Calibration of a data set: a directory with `mav0` in it, the `mav0` itself, or one with `cam0.yaml`,
-/// `imu0.yaml`. Noise densities are those of the file: see the [module](super) on their inflation.
-///
-/// # Errors
-/// When a file is missing, malformed, or its values are refused.
-pub fn euroc(directory: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
-    let directory = directory.as_ref();
-    read(directory)?.into_config().validated(&directory.display().to_string())
+/// Pose of a sensor in the body of its data set.
+#[derive(Deserialize)]
+struct Sensor {
+    #[serde(rename = "T_BS")]
+    pose: Option<Matrix<4>>,
 }
 
-/// `base` with the calibration of a data set: cameras and rates are replaced, the noise model and all
+#[derive(Deserialize)]
+struct Imu {
+    rate_hz: f64,
+    gyroscope_noise_density: f64,
+    gyroscope_random_walk: f64,
+    accelerometer_noise_density: f64,
+    accelerometer_random_walk: f64,
+    /// No part of the format, but written into simulated data sets.
+    imu_to_vehicle_deg: Option<Mounting>,
+}
+
+/// `base` with the calibration of a data set, see [`Source::Euroc`]: cameras and rates are replaced, the noise model and all
 /// else are kept.
 ///
 /// # Errors
-/// As [`euroc`].
+/// When a file is missing, malformed, or its values are refused.
 pub fn euroc_into(base: impl Into<Config>, directory: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
-    let directory = directory.as_ref();
-    read(directory)?.put_into(base.into()).validated(&directory.display().to_string())
+    read_into(base, Source::Euroc(directory.as_ref())).map(|import| import.config)
 }
 
 /// `base` with the cameras of a data set of images alone: its IMU's file may be missing, and its IMU is then taken to
 /// be its body.
 ///
 /// # Errors
-/// As [`euroc`].
+/// As [`euroc_into`].
 pub fn euroc_cameras_into(
     base: impl Into<Config>,
     directory: impl AsRef<Path>,
@@ -50,19 +58,9 @@ pub fn euroc_cameras_into(
     let (directory, mut config) = (directory.as_ref(), base.into());
     let layout = layout_of(directory)?;
     let imu = file(directory, layout, "imu0");
-    let pose_b_imu = if imu.is_file() { pose(&Document::read(&imu)?.root())? } else { Isometry3::identity() };
+    let pose_b_imu = if imu.is_file() { pose(&File::read(&imu, SENSOR)?)? } else { Isometry3::identity() };
     config.camera = cameras(directory, layout, &pose_b_imu)?;
     config.validated(&directory.display().to_string())
-}
-
-/// Mounting of the IMU in the vehicle that a data set states; real ones state none.
-///
-/// # Errors
-/// When the file of the IMU is missing or malformed.
-pub fn euroc_mounting(directory: impl AsRef<Path>) -> Result<Option<Mounting>, ConfigError> {
-    let directory = directory.as_ref();
-    let layout = layout_of(directory)?;
-    mounting(&Document::read(&file(directory, layout, "imu0"))?.root())
 }
 
 /// Pose of a sensor in the body of its data set (`T_BS`), by the sensor's file; `None` where that states none.
@@ -70,25 +68,26 @@ pub fn euroc_mounting(directory: impl AsRef<Path>) -> Result<Option<Mounting>, C
 /// # Errors
 /// When the file is missing or malformed, or the pose is none.
 pub fn euroc_pose(sensor: impl AsRef<Path>) -> Result<Option<Isometry3<f64>>, ConfigError> {
-    let document = Document::read(sensor.as_ref())?;
-    let root = document.root();
-    root.optional("T_BS").map(|_| pose(&root)).transpose()
+    let file = File::read(sensor.as_ref(), SENSOR)?;
+    if file.has("T_BS") { pose(&file).map(Some) } else { Ok(None) }
 }
 
-fn mounting(imu: &Node<'_>) -> Result<Option<Mounting>, ConfigError> {
-    let Some(node) = imu.optional(MOUNTING_KEY) else { return Ok(None) };
-    match node.text() {
-        Ok(Mounting::UNKNOWN) => Ok(Some(Mounting::Unknown)),
-        _ => Ok(Some(Mounting::Known(node.numbers()?))),
-    }
-}
-
-fn read(directory: &Path) -> Result<Calibration, ConfigError> {
+pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError> {
     let layout = layout_of(directory)?;
-    let imu = Document::read(&file(directory, layout, "imu0"))?;
-    let cameras = cameras(directory, layout, &pose(&imu.root())?)?;
-    let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    let mounting = mounting(&imu.root())?;
+    let imu = File::read(&file(directory, layout, "imu0"), SENSOR)?;
+    calibration(cameras(directory, layout, &pose(&imu)?)?, &imu)?
+        .put_into(base, &directory.display().to_string())
+}
+
+fn calibration(cameras: Vec<CameraConfig>, imu: &File) -> Result<Calibration, ConfigError> {
+    let imu: Imu = imu.get()?;
+    let noise = [
+        imu.gyroscope_noise_density,
+        imu.gyroscope_random_walk,
+        imu.accelerometer_noise_density,
+        imu.accelerometer_random_walk,
+    ];
+    let (imu_rate_hz, mounting) = (imu.rate_hz, imu.imu_to_vehicle_deg);
     Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None, mounting })
 }
 
@@ -102,59 +101,38 @@ fn cameras(
     layout: &str,
     pose_b_imu: &Isometry3<f64>,
 ) -> Result<Vec<CameraConfig>, ConfigError> {
-    let mut cameras = Vec::new();
-    for sensor in ["cam0", "cam1"] {
-        let path = file(directory, layout, sensor);
-        // The second camera may be missing; one that is there but cannot be read is an error.
-        if sensor == "cam1" && !path.exists() {
-            continue;
-        }
-        cameras.push(camera(&Document::read(&path)?.root(), pose_b_imu)?);
-    }
-    Ok(cameras)
+    let paths = ["cam0", "cam1"].map(|sensor| file(directory, layout, sensor));
+    // The second camera may be missing; one that is there but cannot be read is an error.
+    let used = paths.iter().enumerate().filter(|(index, path)| *index == 0 || path.exists());
+    used.map(|(_, path)| camera(&File::read(path, SENSOR)?, pose_b_imu)).collect()
 }
 
 fn file(directory: &Path, layout: &str, sensor: &str) -> PathBuf {
     directory.join(layout.replace("{}", sensor))
 }
 
-fn pose(sensor: &Node<'_>) -> Result<Isometry3<f64>, ConfigError> {
-    let node = sensor.get("T_BS")?;
-    rigid(&node, node.matrix()?)
+fn pose(file: &File) -> Result<Isometry3<f64>, ConfigError> {
+    let at = At { file, path: "" };
+    at.rigid("T_BS", &file.get::<Sensor>()?.pose.ok_or_else(|| at.missing("T_BS"))?)
 }
 
-fn camera(sensor: &Node<'_>, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
-    let pose_b_c = pose(sensor)?;
+fn camera(file: &File, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
+    let pose_b_s = pose(file)?;
+    let camera: Camera = file.get()?;
+    let at = At { file, path: "" };
+    let rate_hz = camera.rate_hz.ok_or_else(|| at.missing("rate_hz"))?;
+    let mut config = camera.config(&at, rate_hz, &pose_b_s)?;
     // The file's own digits are kept where nothing has to be computed.
-    let rows = if is_identity(pose_b_imu) {
-        sensor.get("T_BS")?.matrix()?
-    } else {
-        rows_from_isometry(&(pose_b_imu.inverse() * pose_b_c))
+    config.pose_b_c = match camera.pose_b_s {
+        Some(Matrix(rows)) if is_identity(pose_b_imu) => rows,
+        _ => rows_from_isometry(&(pose_b_imu.inverse() * pose_b_s)),
     };
-    let (size, rate_hz) = (size_px(sensor)?, sensor.get("rate_hz")?.number()?);
-    let lens = lens::kalibr(sensor, "distortion_coefficients")?;
-    Ok(CameraConfig { pose_b_c: rows, ..camera_of(lens, size, rate_hz, &pose_b_c) })
-}
-
-fn inertial(sensor: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
-    let number = |key| sensor.get(key)?.number();
-    let noise = [
-        number("gyroscope_noise_density")?,
-        number("gyroscope_random_walk")?,
-        number("accelerometer_noise_density")?,
-        number("accelerometer_random_walk")?,
-    ];
-    Ok((number("rate_hz")?, noise))
+    Ok(config)
 }
 
 /// Reads the texts as the files of a data set; for tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
-pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<ValidConfig, ConfigError> {
-    let imu = Document::parse(imu0, "imu0")?;
-    let cameras = vec![camera(&Document::parse(cam0, "cam0")?.root(), &pose(&imu.root())?)?];
-    let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    let mounting = mounting(&imu.root())?;
-    Calibration { cameras, imu_rate_hz, noise, time_offset_s: None, mounting }
-        .into_config()
-        .validated("texts")
+pub(crate) fn from_texts(base: Config, cam0: &str, imu0: &str) -> Result<Import, ConfigError> {
+    let (cam0, imu0) = (File::parse(cam0, "cam0", SENSOR)?, File::parse(imu0, "imu0", SENSOR)?);
+    calibration(vec![camera(&cam0, &pose(&imu0)?)?], &imu0)?.put_into(base, "texts")
 }

@@ -1,8 +1,12 @@
 //! Lenses as calibration files state them.
 
-use super::yaml::Node;
+use super::file::At;
+use super::{Matrix, camera_of};
 use crate::camera::Distortion;
 use crate::error::ConfigError;
+use crate::options::CameraConfig;
+use nalgebra::Isometry3;
+use serde::Deserialize;
 
 /// A lens without distortion.
 pub(super) const STRAIGHT: Distortion = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };
@@ -21,155 +25,165 @@ impl Lens {
     }
 }
 
-/// Names of the projections in files of Kalibr, with the parameters before `fu, fv, pu, pv`.
-const PROJECTIONS: [(&str, &str); 4] =
-    [("pinhole", ""), ("omni", "xi, "), ("eucm", "alpha, beta, "), ("ds", "xi, alpha, ")];
-
-/// Counts of coefficients that are taken for radtan, with the model and the order that they are of.
-const LONGER: [(usize, &str, &str); 2] =
-    [(5, "plumb_bob", "k1 k2 p1 p2 k3"), (8, "rational_polynomial", "k1 k2 p1 p2 k3 k4 k5 k6")];
-
-/// Lens of a camera as Kalibr and the ASL format state it: `camera_model`, `intrinsics`, `distortion_model`, and the
-/// coefficients by a key of the format's own.
-pub(super) fn kalibr(camera: &Node<'_>, coefficients_key: &str) -> Result<Lens, ConfigError> {
-    let model = match camera.optional("camera_model") {
-        Some(model) => model.text()?,
-        None => "pinhole",
-    };
-    let intrinsics = camera.get("intrinsics")?;
-    if intrinsics.elements().is_ok_and(|elements| elements.len() == 9) {
-        let cure = "give fu, fv, pu, pv: its numbers 1, 5, 3 and 6, row by row";
-        return Err(intrinsics.refuse("is a camera matrix of 9 numbers", cure));
-    }
-    match model {
-        "pinhole" => Ok(Lens::new(intrinsics.numbers()?, pinhole_distortion(camera, coefficients_key)?)),
-        "omni" => {
-            let [xi, fx, fy, cx, cy] = with_parameters(&intrinsics, model)?;
-            let [k1, k2, p1, p2] = radtan_or_none(camera, coefficients_key)?;
-            Ok(Lens::new([fx, fy, cx, cy], Distortion::Omni { xi, k1, k2, p1, p2 }))
-        }
-        "eucm" => {
-            let [alpha, beta, fx, fy, cx, cy] = with_parameters(&intrinsics, model)?;
-            none(camera, model)?;
-            Ok(Lens::new([fx, fy, cx, cy], Distortion::Eucm { alpha, beta }))
-        }
-        "ds" => {
-            let [xi, alpha, fx, fy, cx, cy] = with_parameters(&intrinsics, model)?;
-            none(camera, model)?;
-            Ok(Lens::new([fx, fy, cx, cy], Distortion::DoubleSphere { xi, alpha }))
-        }
-        _ => {
-            let known = PROJECTIONS.map(|(name, _)| name).join(", ");
-            let cure = format!("calibrate with one of {known}");
-            Err(camera.get("camera_model")?.refuse("is no known projection", cure))
-        }
-    }
+/// A camera in files of Kalibr and OpenVINS, and in the ASL format.
+#[derive(Deserialize)]
+pub(super) struct Camera {
+    #[serde(default = "pinhole")]
+    camera_model: String,
+    intrinsics: Vec<f64>,
+    distortion_model: Option<String>,
+    #[serde(default, rename = "distortion_coeffs", alias = "distortion_coefficients")]
+    coefficients: Vec<f64>,
+    resolution: [f64; 2],
+    pub rate_hz: Option<f64>,
+    #[serde(rename = "T_cam_imu")]
+    pub pose_c_b: Option<Matrix<4>>,
+    #[serde(rename = "T_imu_cam")]
+    pub pose_b_c: Option<Matrix<4>>,
+    #[serde(rename = "T_cn_cnm1")]
+    pub pose_c_before: Option<Matrix<4>>,
+    #[serde(rename = "T_BS")]
+    pub pose_b_s: Option<Matrix<4>>,
+    pub timeshift_cam_imu: Option<f64>,
+    #[serde(default)]
+    pub cam_overlaps: Vec<u32>,
 }
 
-/// Exactly as many numbers as a projection has.
-fn with_parameters<const N: usize>(intrinsics: &Node<'_>, model: &str) -> Result<[f64; N], ConfigError> {
-    let count = intrinsics.elements()?.len();
-    if count == N {
-        return intrinsics.numbers();
-    }
-    let own = PROJECTIONS.iter().find(|(name, _)| *name == model).map_or("", |(_, own)| own);
-    Err(intrinsics.refuse(
-        format!("has {count} numbers"),
-        format!("camera_model {model} has {N}: [{own}fu, fv, pu, pv]"),
-    ))
+fn pinhole() -> String {
+    "pinhole".into()
 }
 
-/// Distortion of a pinhole, whichever way the format names the models.
-fn pinhole_distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Distortion, ConfigError> {
-    let model = camera.get("distortion_model")?;
-    let coefficients = || camera.get(coefficients_key);
-    match model.text()? {
-        "radial-tangential" | "radtan" => {
-            let [k1, k2, p1, p2] = radtan(&coefficients()?, Some(&model))?;
-            Ok(Distortion::RadialTangential { k1, k2, p1, p2 })
-        }
-        // With four numbers k3 is left out.
-        "plumb_bob" if coefficients()?.elements()?.len() == 4 => {
-            coefficients()?.numbers().map(|[k1, k2, p1, p2]| Distortion::RadialTangential { k1, k2, p1, p2 })
-        }
-        "plumb_bob" => coefficients()?.numbers().map(|[k1, k2, p1, p2, k3]| brown(k1, k2, p1, p2, k3)),
-        "equidistant" | "equi" => {
-            coefficients()?.numbers().map(|[k1, k2, k3, k4]| Distortion::Equidistant { k1, k2, k3, k4 })
-        }
-        "rational" | "rational_polynomial" | "radtan8" => {
-            coefficients()?.numbers().map(|[k1, k2, p1, p2, k3, k4, k5, k6]| Distortion::Rational {
-                k1,
-                k2,
-                p1,
-                p2,
-                k3,
-                k4,
-                k5,
-                k6,
-            })
-        }
-        "none" => Ok(STRAIGHT),
-        name => Err(other_name(&model, name).unwrap_or_else(|| model.refuse(
-            "is no known model",
-            "calibrate with radtan (radial-tangential), equidistant, plumb_bob (k1 k2 p1 p2 k3) or rational_polynomial (k1 k2 p1 \
-             p2 k3 k4 k5 k6)",
-        ))),
-    }
-}
-
-/// Names of distortion models in other programs, and those in files of Kalibr with the same numbers.
-const OTHER_NAMES: [(&str, &str); 8] = [
-    ("fisheye", "equidistant"),
-    ("kannala_brandt", "equidistant"),
-    ("kannala_brandt4", "equidistant"),
-    ("kb4", "equidistant"),
-    ("opencv_fisheye", "equidistant"),
-    ("brown_conrady", "plumb_bob"),
-    ("opencv", "plumb_bob"),
-    ("opencv8", "rational_polynomial"),
+/// Distortion models: names here, names in other programs, and coefficients in their order.
+const MODELS: [(&[&str], &[&str], &str); 4] = [
+    (&["radtan", "radial-tangential"], &[], "k1 k2 p1 p2"),
+    (&["plumb_bob"], &["brown_conrady", "opencv"], "k1 k2 p1 p2 k3"),
+    (&["rational_polynomial", "rational", "radtan8"], &["opencv8"], "k1 k2 p1 p2 k3 k4 k5 k6"),
+    (
+        &["equidistant", "equi"],
+        &["fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "opencv_fisheye"],
+        "k1 k2 k3 k4",
+    ),
 ];
 
-/// Error of a model by the name that another program gives it.
-fn other_name(model: &Node<'_>, name: &str) -> Option<ConfigError> {
-    let (_, known) = OTHER_NAMES.iter().find(|(other, _)| name.eq_ignore_ascii_case(other))?;
-    let cure = format!("write `{}: {known}` if its numbers are of that model, in that order", model.name());
-    Some(model.refuse(format!("{name} is another program's name, probably of {known}"), cure))
-}
-
-/// The four coefficients of radtan. More of them are of another model: named by `model`, the key of a pinhole's.
-fn radtan(coefficients: &Node<'_>, model: Option<&Node<'_>>) -> Result<[f64; 4], ConfigError> {
-    let count = coefficients.elements()?.len();
-    let (Some(model), Some((name, order))) =
-        (model, LONGER.iter().find_map(|(n, name, order)| (*n == count).then_some((name, order))))
-    else {
-        return coefficients.numbers();
-    };
-    let key = model.name();
-    Err(coefficients.refuse(
-        format!("has {count} numbers, radtan has 4 (k1 k2 p1 p2)"),
-        format!("if these are {order}, write `{key}: {name}`; do not delete any"),
-    ))
-}
-
-fn radtan_or_none(camera: &Node<'_>, coefficients_key: &str) -> Result<[f64; 4], ConfigError> {
-    let model = camera.get("distortion_model")?;
-    match model.text()? {
-        "radial-tangential" | "radtan" => radtan(&camera.get(coefficients_key)?, None),
-        "none" => Ok([0.0; 4]),
-        _ => {
-            Err(model.refuse("does not go with camera_model omni", "calibrate with omni-radtan or omni-none"))
-        }
+impl Camera {
+    /// The camera of a table, at a pose.
+    pub fn config(
+        &self,
+        at: &At<'_>,
+        rate_hz: f64,
+        pose_b_c: &Isometry3<f64>,
+    ) -> Result<CameraConfig, ConfigError> {
+        let size = at.whole_size("resolution", self.resolution)?;
+        Ok(camera_of(self.lens(at)?, size, rate_hz, pose_b_c))
     }
-}
 
-/// Refuses a distortion beside a projection that has none.
-fn none(camera: &Node<'_>, projection: &str) -> Result<(), ConfigError> {
-    match camera.optional("distortion_model") {
-        Some(model) if model.text()? != "none" => Err(model.refuse(
-            format!("does not go with camera_model {projection}"),
-            format!("calibrate with {projection}-none"),
-        )),
-        _ => Ok(()),
+    fn lens(&self, at: &At<'_>) -> Result<Lens, ConfigError> {
+        let model = self.camera_model.as_str();
+        let (own, names) = match model {
+            "pinhole" => (0, ""),
+            "omni" => (1, "xi, "),
+            "eucm" => (2, "alpha, beta, "),
+            "ds" => (2, "xi, alpha, "),
+            _ => {
+                let cure = "calibrate with one of pinhole, omni, eucm, ds";
+                return Err(at.refuse("camera_model", "is no known projection", cure));
+            }
+        };
+        let intrinsics = match self.intrinsics.split_last_chunk() {
+            Some((parameters, intrinsics)) if parameters.len() == own => *intrinsics,
+            _ if self.intrinsics.len() == 9 => {
+                let cure = "give fu, fv, pu, pv: its numbers 1, 5, 3 and 6, row by row";
+                return Err(at.refuse("intrinsics", "is a camera matrix of 9 numbers", cure));
+            }
+            _ => {
+                let cure = format!("camera_model {model} has {}: [{names}fu, fv, pu, pv]", own + 4);
+                return Err(at.refuse("intrinsics", format!("has {} numbers", self.intrinsics.len()), cure));
+            }
+        };
+        let distortion = self.distortion().ok_or_else(|| self.refuse_distortion(at))?;
+        Ok(Lens::new(intrinsics, distortion))
+    }
+
+    fn distortion(&self) -> Option<Distortion> {
+        let model = self.distortion_model.as_deref();
+        Some(match (self.camera_model.as_str(), model, &self.intrinsics[..], &self.coefficients[..]) {
+            ("eucm", None | Some("none"), &[alpha, beta, ..], _) => Distortion::Eucm { alpha, beta },
+            ("ds", None | Some("none"), &[xi, alpha, ..], _) => Distortion::DoubleSphere { xi, alpha },
+            ("omni", Some("none"), &[xi, ..], _) => {
+                Distortion::Omni { xi, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 }
+            }
+            ("omni", Some("radial-tangential" | "radtan"), &[xi, ..], &[k1, k2, p1, p2]) => {
+                Distortion::Omni { xi, k1, k2, p1, p2 }
+            }
+            ("pinhole", Some("none"), ..) => STRAIGHT,
+            // With four numbers k3 of plumb_bob is left out.
+            ("pinhole", Some("radial-tangential" | "radtan" | "plumb_bob"), _, &[k1, k2, p1, p2]) => {
+                Distortion::RadialTangential { k1, k2, p1, p2 }
+            }
+            ("pinhole", Some("plumb_bob"), _, &[k1, k2, p1, p2, k3]) => brown(k1, k2, p1, p2, k3),
+            ("pinhole", Some("equidistant" | "equi"), _, &[k1, k2, k3, k4]) => {
+                Distortion::Equidistant { k1, k2, k3, k4 }
+            }
+            (
+                "pinhole",
+                Some("rational" | "rational_polynomial" | "radtan8"),
+                _,
+                &[k1, k2, p1, p2, k3, k4, k5, k6],
+            ) => Distortion::Rational { k1, k2, p1, p2, k3, k4, k5, k6 },
+            _ => return None,
+        })
+    }
+
+    fn refuse_distortion(&self, at: &At<'_>) -> ConfigError {
+        const KEY: &str = "distortion_model";
+        let Some(name) = self.distortion_model.as_deref() else {
+            return at.missing(KEY);
+        };
+        let projection = self.camera_model.as_str();
+        let known = MODELS.iter().find(|(names, ..)| names.contains(&name));
+        match known {
+            Some((names, _, order))
+                if projection == "pinhole" || names.contains(&"radtan") && projection == "omni" =>
+            {
+                // Tables of one camera are those of the ASL format.
+                let key = if at.path.is_empty() { "distortion_coefficients" } else { "distortion_coeffs" };
+                let length = |order: &str| order.split(' ').count();
+                let count = self.coefficients.len();
+                let longer = MODELS[1..3]
+                    .iter()
+                    .find(|(.., longer)| length(longer) == count && projection == "pinhole");
+                let cure = longer.map_or("give exactly these".to_owned(), |(names, _, longer)| {
+                    format!("if these are {longer}, write `{KEY}: {}`; do not delete any", names[0])
+                });
+                at.refuse(key, format!("has {count} numbers, {name} has {} ({order})", length(order)), cure)
+            }
+            _ if projection != "pinhole" => at.refuse(
+                KEY,
+                format!("does not go with camera_model {projection}"),
+                format!(
+                    "calibrate with {projection}-none{}",
+                    if projection == "omni" { " or omni-radtan" } else { "" }
+                ),
+            ),
+            _ => {
+                let is_name = |other: &&str| name.eq_ignore_ascii_case(other);
+                match MODELS.iter().find(|(_, others, _)| others.iter().any(is_name)) {
+                    Some((names, ..)) => at.refuse(
+                        KEY,
+                        format!("{name} is another program's name, probably of {}", names[0]),
+                        format!(
+                            "write `{KEY}: {}` if its numbers are of that model, in that order",
+                            names[0]
+                        ),
+                    ),
+                    None => {
+                        let models =
+                            MODELS.map(|(names, _, order)| format!("{} ({order})", names[0])).join(", ");
+                        at.refuse(KEY, "is no known model", format!("calibrate with one of {models}"))
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -5,62 +5,70 @@
 //!
 //! Source: ORB-SLAM3, `Settings.cc`.
 
+use super::file::{At, File, Values};
 use super::lens::{Lens, STRAIGHT, brown};
-use super::yaml::Node;
-use super::{Calibration, camera_of, rigid, whole_size};
+use super::{Calibration, Matrix, camera_of};
 use crate::camera::Distortion;
 use crate::error::ConfigError;
 use nalgebra::Isometry3;
+use serde::Deserialize;
 
-const MODELS: &str = "PinHole, KannalaBrandt8, Rectified";
+#[derive(Deserialize)]
+struct Settings {
+    #[serde(rename = "Camera.type")]
+    model: String,
+    #[serde(rename = "IMU.T_b_c1")]
+    pose_b_c1: Option<Matrix<4>>,
+    #[serde(rename = "Stereo.T_c1_c2")]
+    pose_c1_c2: Option<Matrix<4>>,
+}
 
-pub(super) fn convert(root: &Node<'_>) -> Result<Calibration, ConfigError> {
-    if root.optional("Camera1.fx").is_none() {
+pub(super) fn convert(file: &File) -> Result<Calibration, ConfigError> {
+    let at = At { file, path: "" };
+    if !file.has("Camera1.fx") {
         let cure = "write the file in the form of ORB-SLAM3 1.0 (File.version: \"1.0\", Camera1.fx, IMU.T_b_c1), as in its Examples";
-        return Err(root.child("Camera1.fx").refuse("missing", cure));
+        return Err(at.refuse("Camera1.fx", "missing", cure));
     }
-    let width = root.get("Camera.width")?;
-    let size = whole_size(&width, [width.number()?, root.get("Camera.height")?.number()?])?;
-    let rate_hz = root.get("Camera.fps")?.number()?;
-    let pose_b_c1 = match root.optional("IMU.T_b_c1") {
-        Some(node) => rigid(&node, node.matrix()?)?,
-        None => {
-            let cure = "give settings of an inertial example: the pose of the left camera in the axes of the IMU is needed";
-            return Err(root.child("IMU.T_b_c1").refuse("missing", cure));
-        }
+    let (settings, values): (Settings, Values) = (file.get()?, file.get()?);
+    let of = |key| at.number(&values, key);
+    let size = at.whole_size("Camera.width", [of("Camera.width")?, of("Camera.height")?])?;
+    let rate_hz = of("Camera.fps")?;
+    let Some(rows) = &settings.pose_b_c1 else {
+        let cure = "give settings of an inertial example: the pose of the left camera in the axes of the IMU is needed";
+        return Err(at.refuse("IMU.T_b_c1", "missing", cure));
     };
-    let model = root.get("Camera.type")?;
-    let mut cameras = vec![camera_of(lens(root, &model, "Camera1")?, size, rate_hz, &pose_b_c1)];
-    if let Some(pose_c1_c2) = pose_of_second(root)? {
-        let second = if model.text()? == "Rectified" { "Camera1" } else { "Camera2" };
-        cameras.push(camera_of(lens(root, &model, second)?, size, rate_hz, &(pose_b_c1 * pose_c1_c2)));
+    let pose_b_c1 = at.rigid("IMU.T_b_c1", rows)?;
+    // Pose of the right camera in the axes of the left one; none for a single camera.
+    let pose_c1_c2 = match &settings.pose_c1_c2 {
+        Some(rows) => Some(at.rigid("Stereo.T_c1_c2", rows)?),
+        None if file.has("Stereo.b") => Some(Isometry3::translation(of("Stereo.b")?, 0.0, 0.0)),
+        None => None,
+    };
+    let lens = |camera| lens(&at, &values, &settings.model, camera);
+    let mut cameras = vec![camera_of(lens("Camera1")?, size, rate_hz, &pose_b_c1)];
+    if let Some(pose_c1_c2) = pose_c1_c2 {
+        let second = if settings.model == "Rectified" { "Camera1" } else { "Camera2" };
+        cameras.push(camera_of(lens(second)?, size, rate_hz, &(pose_b_c1 * pose_c1_c2)));
     }
-    let imu = |key| root.get(key)?.number();
-    let noise = [imu("IMU.NoiseGyro")?, imu("IMU.GyroWalk")?, imu("IMU.NoiseAcc")?, imu("IMU.AccWalk")?];
-    let imu_rate_hz = imu("IMU.Frequency")?;
+    let noise = [of("IMU.NoiseGyro")?, of("IMU.GyroWalk")?, of("IMU.NoiseAcc")?, of("IMU.AccWalk")?];
+    let imu_rate_hz = of("IMU.Frequency")?;
     Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None, mounting: None })
 }
 
-/// Pose of the right camera in the axes of the left one; `None` for a single camera.
-fn pose_of_second(root: &Node<'_>) -> Result<Option<Isometry3<f64>>, ConfigError> {
-    if let Some(node) = root.optional("Stereo.T_c1_c2") {
-        return Ok(Some(rigid(&node, node.matrix()?)?));
-    }
-    let baseline = root.optional("Stereo.b").map(|node| node.number()).transpose()?;
-    Ok(baseline.map(|baseline_m| Isometry3::translation(baseline_m, 0.0, 0.0)))
-}
-
-fn lens(root: &Node<'_>, model: &Node<'_>, camera: &str) -> Result<Lens, ConfigError> {
-    let of = |key: &str| root.get(&format!("{camera}.{key}"))?.number();
-    let or_zero = |key: &str| root.optional(&format!("{camera}.{key}")).map_or(Ok(0.0), |node| node.number());
-    let distortion = match model.text()? {
+fn lens(at: &At<'_>, values: &Values, model: &str, camera: &str) -> Result<Lens, ConfigError> {
+    let of = |key: &str| at.number(values, &format!("{camera}.{key}"));
+    let or_zero = |key: &str| {
+        if values.contains_key(&format!("{camera}.{key}")) { of(key) } else { Ok(0.0) }
+    };
+    let distortion = match model {
         "PinHole" => brown(or_zero("k1")?, or_zero("k2")?, or_zero("p1")?, or_zero("p2")?, or_zero("k3")?),
         "KannalaBrandt8" => {
             Distortion::Equidistant { k1: of("k1")?, k2: of("k2")?, k3: of("k3")?, k4: of("k4")? }
         }
         "Rectified" => STRAIGHT,
         _ => {
-            return Err(model.refuse("is no known model", format!("calibrate with one of {MODELS}")));
+            let cure = "calibrate with one of PinHole, KannalaBrandt8, Rectified";
+            return Err(at.refuse("Camera.type", "is no known model", cure));
         }
     };
     Ok(Lens::new([of("fx")?, of("fy")?, of("cx")?, of("cy")?], distortion))

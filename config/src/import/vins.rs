@@ -9,138 +9,138 @@
 //!
 //! [`RigConfig::time_offset_s`]: crate::options::RigConfig::time_offset_s
 
+use super::file::{At, File, Values};
 use super::lens::Lens;
-use super::yaml::{Document, Node};
-use super::{Calibration, camera_of, rigid, whole_size};
+use super::{Calibration, Matrix, Numbers, camera_of, rate_of};
 use crate::camera::Distortion;
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config};
 use nalgebra::Isometry3;
+use serde::Deserialize;
 use std::path::Path;
 
-const MODELS: &str = "PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI";
+#[derive(Deserialize)]
+struct Vins {
+    num_of_cam: Option<f64>,
+    cam0_calib: Option<String>,
+    cam1_calib: Option<String>,
+    #[serde(rename = "body_T_cam0")]
+    pose_b_c0: Option<Matrix<4>>,
+    #[serde(rename = "body_T_cam1")]
+    pose_b_c1: Option<Matrix<4>>,
+    #[serde(rename = "extrinsicRotation")]
+    rotation: Option<Matrix<3>>,
+    #[serde(rename = "extrinsicTranslation")]
+    translation: Option<Numbers>,
+    gyr_n: Option<f64>,
+    gyr_w: Option<f64>,
+    acc_n: Option<f64>,
+    acc_w: Option<f64>,
+    td: Option<f64>,
+}
+
+/// A camera file of camodocal.
+#[derive(Deserialize)]
+struct Camodocal {
+    model_type: String,
+    image_width: f64,
+    image_height: f64,
+    projection_parameters: Values,
+    #[serde(default)]
+    distortion_parameters: Values,
+    #[serde(default)]
+    mirror_parameters: Values,
+}
 
 /// `read` gives the file that a configuration names.
 pub(super) fn convert(
-    root: &Node<'_>,
+    file: &File,
     base: &Config,
-    read: impl Fn(&Path) -> Result<Document, ConfigError>,
+    read: impl Fn(&Path) -> Result<File, ConfigError>,
 ) -> Result<Calibration, ConfigError> {
-    let rate_hz = base.camera.first().map_or(super::DEFAULT_CAMERA_RATE_HZ, |camera| camera.rate_hz);
-    let mut cameras: Vec<CameraConfig> = Vec::new();
-    for index in 0..count(root)? {
-        let pose_b_c = pose(root, index)?;
-        let name = format!("cam{index}_calib");
-        let camera = match root.optional(&name) {
-            Some(file) => {
-                let document = read(Path::new(file.text()?))?;
-                camera(&document.root(), rate_hz, &pose_b_c)?
-            }
+    let (vins, rate_hz): (Vins, f64) = (file.get()?, rate_of(base));
+    let count = vins.num_of_cam.unwrap_or(1.0);
+    if count != 1.0 && count != 2.0 {
+        return Err(file.refuse("num_of_cam", format!("is {count}"), "one camera or a stereo pair is used"));
+    }
+    let mut cameras = Vec::new();
+    for (index, name) in [&vins.cam0_calib, &vins.cam1_calib].into_iter().enumerate().take(count as usize) {
+        let pose_b_c = pose(&At { file, path: "" }, &vins, index)?;
+        cameras.push(match name {
+            Some(name) => camera(&read(Path::new(name))?, rate_hz, &pose_b_c)?,
             // VINS-Mono states the camera in the same file.
-            None if index == 0 && root.optional("model_type").is_some() => camera(root, rate_hz, &pose_b_c)?,
-            None => return Err(root.child(&name).refuse("missing", "name the camera file of camodocal")),
-        };
-        cameras.push(camera);
+            None if index == 0 && file.has("model_type") => camera(file, rate_hz, &pose_b_c)?,
+            None => {
+                let cure = "name the camera file of camodocal";
+                return Err(file.refuse(&format!("cam{index}_calib"), "missing", cure));
+            }
+        });
     }
     let imu = &base.imu;
     let noise = [
-        density(root, "gyr_n", imu.gyro_noise_density)?,
-        density(root, "gyr_w", imu.gyro_bias_walk)?,
-        density(root, "acc_n", imu.accel_noise_density)?,
-        density(root, "acc_w", imu.accel_bias_walk)?,
+        vins.gyr_n.unwrap_or(imu.gyro_noise_density),
+        vins.gyr_w.unwrap_or(imu.gyro_bias_walk),
+        vins.acc_n.unwrap_or(imu.accel_noise_density),
+        vins.acc_w.unwrap_or(imu.accel_bias_walk),
     ];
-    let time_offset_s = root.optional("td").map(|node| node.number()).transpose()?;
-    Ok(Calibration { cameras, imu_rate_hz: imu.rate_hz, noise, time_offset_s, mounting: None })
-}
-
-fn count(root: &Node<'_>) -> Result<usize, ConfigError> {
-    let Some(node) = root.optional("num_of_cam") else { return Ok(1) };
-    match node.number()? {
-        1.0 => Ok(1),
-        2.0 => Ok(2),
-        other => Err(node.refuse(format!("is {other}"), "one camera or a stereo pair is used")),
-    }
-}
-
-fn density(root: &Node<'_>, key: &str, otherwise: f64) -> Result<f64, ConfigError> {
-    root.optional(key).map_or(Ok(otherwise), |node| node.number())
+    let (imu_rate_hz, time_offset_s) = (imu.rate_hz, vins.td);
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s, mounting: None })
 }
 
 /// `T_BC`: of VINS-Fusion as a matrix, of VINS-Mono as rotation and translation.
-fn pose(root: &Node<'_>, index: usize) -> Result<Isometry3<f64>, ConfigError> {
+fn pose(at: &At<'_>, vins: &Vins, index: usize) -> Result<Isometry3<f64>, ConfigError> {
     let name = format!("body_T_cam{index}");
-    if let Some(node) = root.optional(&name) {
-        return rigid(&node, node.matrix()?);
+    if let Some(rows) = [&vins.pose_b_c0, &vins.pose_b_c1][index] {
+        return at.rigid(&name, rows);
     }
-    let Some(rotation) = root.optional("extrinsicRotation").filter(|_| index == 0) else {
-        let cure = "add it: the pose of the camera in the axes of the IMU; where VINS estimated it, it is in \
-                    extrinsic_parameter.csv of its output";
-        return Err(root.child(&name).refuse("missing", cure));
-    };
-    let rows = rotation.matrix3()?;
-    let translation = root.get("extrinsicTranslation")?;
-    let [x, y, z]: [f64; 3] = translation.optional("data").unwrap_or(translation).numbers()?;
-    let [[a, b, c], [d, e, f], [g, h, i]] = rows;
-    rigid(&rotation, [[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
-}
-
-fn camera(root: &Node<'_>, rate_hz: f64, pose_b_c: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
-    let width = root.get("image_width")?;
-    let size = whole_size(&width, [width.number()?, root.get("image_height")?.number()?])?;
-    Ok(camera_of(lens(root)?, size, rate_hz, pose_b_c))
-}
-
-fn lens(root: &Node<'_>) -> Result<Lens, ConfigError> {
-    let model = root.get("model_type")?;
-    let number = |table: &str, key: &str| root.get(table)?.get(key)?.number();
-    let projection = |key| number("projection_parameters", key);
-    let distorted = |key| number("distortion_parameters", key);
-    let of_pinhole = || Ok([projection("fx")?, projection("fy")?, projection("cx")?, projection("cy")?]);
-    let lens = match model.text()? {
-        "PINHOLE" => Lens::new(
-            of_pinhole()?,
-            Distortion::RadialTangential {
-                k1: distorted("k1")?,
-                k2: distorted("k2")?,
-                p1: distorted("p1")?,
-                p2: distorted("p2")?,
-            },
-        ),
-        "PINHOLE_FULL" => Lens::new(
-            of_pinhole()?,
-            Distortion::Rational {
-                k1: distorted("k1")?,
-                k2: distorted("k2")?,
-                p1: distorted("p1")?,
-                p2: distorted("p2")?,
-                k3: distorted("k3")?,
-                k4: distorted("k4")?,
-                k5: distorted("k5")?,
-                k6: distorted("k6")?,
-            },
-        ),
-        "KANNALA_BRANDT" => Lens::new(
-            [projection("mu")?, projection("mv")?, projection("u0")?, projection("v0")?],
-            Distortion::Equidistant {
-                k1: projection("k2")?,
-                k2: projection("k3")?,
-                k3: projection("k4")?,
-                k4: projection("k5")?,
-            },
-        ),
-        "MEI" => Lens::new(
-            [projection("gamma1")?, projection("gamma2")?, projection("u0")?, projection("v0")?],
-            Distortion::Omni {
-                xi: number("mirror_parameters", "xi")?,
-                k1: distorted("k1")?,
-                k2: distorted("k2")?,
-                p1: distorted("p1")?,
-                p2: distorted("p2")?,
-            },
-        ),
+    match (&vins.rotation, &vins.translation) {
+        (Some(Matrix(r)), Some(Numbers::List(t) | Numbers::OpenCv { data: t }))
+            if index == 0 && t.len() == 3 =>
+        {
+            let row = |i: usize| [r[i][0], r[i][1], r[i][2], t[i]];
+            at.rigid("extrinsicRotation", &Matrix([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]))
+        }
         _ => {
-            return Err(model.refuse("is no known model", format!("calibrate with one of {MODELS}")));
+            let cure = "add it: the pose of the camera in the axes of the IMU; where VINS estimated it, it is in \
+                        extrinsic_parameter.csv of its output";
+            Err(at.refuse(&name, "missing", cure))
+        }
+    }
+}
+
+fn camera(file: &File, rate_hz: f64, pose_b_c: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
+    let (at, camera): (_, Camodocal) = (At { file, path: "" }, file.get()?);
+    let size = at.whole_size("image_width", [camera.image_width, camera.image_height])?;
+    let table = |path| At { file, path };
+    let p = |key| table("projection_parameters.").number(&camera.projection_parameters, key);
+    let d = |key| table("distortion_parameters.").number(&camera.distortion_parameters, key);
+    let lens = match camera.model_type.as_str() {
+        "PINHOLE" | "PINHOLE_FULL" => {
+            let (k1, k2, p1, p2) = (d("k1")?, d("k2")?, d("p1")?, d("p2")?);
+            let distortion = match camera.model_type.as_str() {
+                "PINHOLE" => Distortion::RadialTangential { k1, k2, p1, p2 },
+                _ => {
+                    let (k3, k4, k5, k6) = (d("k3")?, d("k4")?, d("k5")?, d("k6")?);
+                    Distortion::Rational { k1, k2, p1, p2, k3, k4, k5, k6 }
+                }
+            };
+            Lens::new([p("fx")?, p("fy")?, p("cx")?, p("cy")?], distortion)
+        }
+        "KANNALA_BRANDT" => Lens::new(
+            [p("mu")?, p("mv")?, p("u0")?, p("v0")?],
+            Distortion::Equidistant { k1: p("k2")?, k2: p("k3")?, k3: p("k4")?, k4: p("k5")? },
+        ),
+        "MEI" => {
+            let xi = table("mirror_parameters.").number(&camera.mirror_parameters, "xi")?;
+            Lens::new(
+                [p("gamma1")?, p("gamma2")?, p("u0")?, p("v0")?],
+                Distortion::Omni { xi, k1: d("k1")?, k2: d("k2")?, p1: d("p1")?, p2: d("p2")? },
+            )
+        }
+        _ => {
+            let cure = "calibrate with one of PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI";
+            return Err(at.refuse("model_type", "is no known model", cure));
         }
     };
-    Ok(lens)
+    Ok(camera_of(lens, size, rate_hz, pose_b_c))
 }

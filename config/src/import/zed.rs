@@ -10,11 +10,12 @@ use crate::error::{ConfigError, Violation};
 use crate::options::{CameraConfig, Config, rows_from_isometry};
 use crate::text::read_bounded;
 use nalgebra::{Isometry3, Translation3};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Suffixes of the sections, by the width and height of one image.
 const SIZES: [((usize, usize), &str); 4] =
-    [((672, 376), "VGA"), ((1280, 720), "HD"), ((1920, 1080), "FHD"), ((2208, 1242), "2K")];
+    [((672, 376), "vga"), ((1280, 720), "hd"), ((1920, 1080), "fhd"), ((2208, 1242), "2k")];
 /// Baselines of the manufacturer's cameras, mm.
 const BASELINE_MM: std::ops::RangeInclusive<f64> = 20.0..=300.0;
 
@@ -29,36 +30,40 @@ pub fn zed_into(base: Config, file: impl AsRef<Path>) -> Result<Config, ConfigEr
 
 /// [`zed_into`] of a text; `origin` names it in messages.
 pub(crate) fn zed_text_into(mut base: Config, text: &str, origin: &str) -> Result<Config, ConfigError> {
-    let file = Sections { text };
-    let mut wrong = Vec::new();
-    let baseline_m = file.baseline_m().unwrap_or_else(|violation| {
-        wrong.push(violation);
-        f64::NAN
-    });
-    for (camera, side) in base.camera.iter_mut().zip(["LEFT", "RIGHT"]) {
-        wrong.extend(file.put_camera(side, camera).err());
+    let file = Sections::of(text);
+    let refused = |violation| ConfigError::one(origin, violation);
+    let baseline_mm = file.required("stereo", "baseline").map_err(refused)?;
+    if !BASELINE_MM.contains(&baseline_mm) {
+        let reason = format!("{baseline_mm} mm is no baseline of such a camera");
+        let cure = "it is in millimetres, such as 63.0";
+        return Err(refused(Violation::new("stereo.baseline", reason, cure)));
     }
-    ConfigError::if_any(origin, wrong)?;
+    for (camera, side) in base.camera.iter_mut().zip(["left", "right"]) {
+        file.put_camera(side, camera).map_err(refused)?;
+    }
     if let [left, right] = &mut base.camera[..] {
-        let to_right = Translation3::new(baseline_m, 0.0, 0.0);
+        let to_right = Translation3::new(baseline_mm * 1e-3, 0.0, 0.0);
         right.pose_b_c = rows_from_isometry(&(left.pose_b_c() * Isometry3::from(to_right)));
     }
     Ok(base)
 }
 
-/// Sections with `key = value` lines.
-struct Sections<'a> {
-    text: &'a str,
-}
+/// Values of `key = value` lines with their lines, by `section.key` in small letters.
+struct Sections<'a>(BTreeMap<String, (usize, &'a str)>);
 
-impl Sections<'_> {
-    fn baseline_m(&self) -> Result<f64, Violation> {
-        let baseline_mm = self.required("STEREO", "Baseline")?;
-        if !BASELINE_MM.contains(&baseline_mm) {
-            let reason = format!("{baseline_mm} mm is no baseline of such a camera");
-            return Err(Violation::new("STEREO.Baseline", reason, "it is in millimetres, such as 63.0"));
+impl<'a> Sections<'a> {
+    fn of(text: &'a str) -> Self {
+        let (mut section, mut values) = ("", BTreeMap::new());
+        for (index, line) in text.lines().enumerate() {
+            let line = line.split(['#', ';']).next().unwrap_or_default().trim();
+            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+                section = name.trim();
+            } else if let Some((key, value)) = line.split_once('=') {
+                let key = format!("{section}.{}", key.trim()).to_ascii_lowercase();
+                values.entry(key).or_insert((index + 1, value.trim()));
+            }
         }
-        Ok(baseline_mm * 1e-3)
+        Self(values)
     }
 
     /// Puts the intrinsics of a side into its camera.
@@ -69,7 +74,7 @@ impl Sections<'_> {
             let reason = format!("{width} x {height} is in no such file");
             return Err(Violation::new("camera[0].width_px", reason, cure));
         };
-        let section = format!("{side}_CAM_{suffix}");
+        let section = format!("{side}_cam_{suffix}");
         let required = |key| self.required(&section, key);
         let optional = |key| self.number(&section, key).map(|number| number.unwrap_or(0.0));
         camera.focal_px = [required("fx")?, required("fy")?];
@@ -84,34 +89,18 @@ impl Sections<'_> {
     }
 
     fn required(&self, section: &str, key: &str) -> Result<f64, Violation> {
-        self.number(section, key)?.ok_or_else(|| {
-            let cure = "take the file of your serial number from calib.stereolabs.com";
-            Violation::new(format!("{section}.{key}"), "is missing", cure)
-        })
+        let cure = "take the file of your serial number from calib.stereolabs.com";
+        let missing = || Violation::new(format!("{section}.{key}"), "is missing", cure);
+        self.number(section, key)?.ok_or_else(missing)
     }
 
     /// Number of a key in a section; `None` where it is not there.
     fn number(&self, section: &str, key: &str) -> Result<Option<f64>, Violation> {
-        let mut is_inside = false;
-        for (place, line) in self.text.lines().enumerate() {
-            let line = line.split(['#', ';']).next().unwrap_or_default().trim();
-            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
-                is_inside = name.trim().eq_ignore_ascii_case(section);
-                continue;
-            }
-            let Some((name, value)) = line.split_once('=') else { continue };
-            if !is_inside || !name.trim().eq_ignore_ascii_case(key) {
-                continue;
-            }
-            let number = value.trim().parse().ok().filter(|number: &f64| number.is_finite());
-            let refused = || {
-                let violation =
-                    Violation::new(format!("{section}.{key}"), "is no number", "correct it in the file");
-                violation.at_line(Some(place + 1))
-            };
-            return number.map(Some).ok_or_else(refused);
-        }
-        Ok(None)
+        let key = format!("{section}.{key}");
+        let Some((line, value)) = self.0.get(&key) else { return Ok(None) };
+        let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+        let refused = || Violation::new(key, "is no number", "correct it in the file").at_line(Some(*line));
+        number.map(Some).ok_or_else(refused)
     }
 }
 
@@ -154,12 +143,12 @@ mod tests {
     fn missing_and_wrong_keys_are_named() {
         let refused = |text: &str| zed_text_into(base(), text, "SN1.conf").unwrap_err().to_string();
         let missing = refused(&FILE.replace("cx=331.039\n", ""));
-        assert!(missing.contains("SN1.conf") && missing.contains("LEFT_CAM_VGA.cx"), "{missing}");
+        assert!(missing.contains("SN1.conf") && missing.contains("left_cam_vga.cx"), "{missing}");
         let wrong = refused(&FILE.replace("62.981", "sixty"));
-        assert!(wrong.contains("STEREO.Baseline") && wrong.contains("line 21"), "{wrong}");
+        assert!(wrong.contains("stereo.baseline") && wrong.contains("line 21"), "{wrong}");
         assert!(refused(&FILE.replace("62.981", "0.0629")).contains("millimetres"));
-        assert!(refused(&FILE.replace("k3=0", "k3=no")).contains("RIGHT_CAM_VGA.k3"));
-        assert!(refused("").contains("STEREO.Baseline"));
+        assert!(refused(&FILE.replace("k3=0", "k3=no")).contains("right_cam_vga.k3"));
+        assert!(refused("").contains("stereo.baseline"));
         let mut other = base();
         other.camera[0].width_px = 640;
         assert!(zed_text_into(other, FILE, "SN1.conf").unwrap_err().to_string().contains("640"));

@@ -132,11 +132,7 @@ impl File<'_> {
             self.comment(key.text);
             match (key.kind)() {
                 Kind::Table(inner) => self.table(&inner_path, inner(), value),
-                Kind::List(element) => {
-                    if let Kind::Table(inner) = element() {
-                        self.list(&inner_path, inner(), value);
-                    }
-                }
+                Kind::Tables(inner) => self.list(&inner_path, inner(), value),
                 _ => self.variants(&inner_path, value),
             }
         }
@@ -204,11 +200,7 @@ impl File<'_> {
 
 /// True for a table, and for a list of them.
 pub(super) fn is_table(key: &Key) -> bool {
-    match (key.kind)() {
-        Kind::Table(_) | Kind::Variants(_) => true,
-        Kind::List(element) => matches!(element(), Kind::Table(_)),
-        _ => false,
-    }
+    matches!((key.kind)(), Kind::Table(_) | Kind::Tables(_) | Kind::Variants)
 }
 
 /// Range and unit, as a sentence.

@@ -1,8 +1,7 @@
 //! Keys of a configuration as data: what one declaration says ([`plumbline_keys::keys`]), for all that reads it.
 //!
 //! A struct of options declares its keys beside its fields, with default, range, unit and text. From there come the checks of
-//! ranges ([`check`]), known, required and mistyped keys (`crate::shape`), the commented file of all keys ([`file`]) and the
-//! table of the documents ([`table`]).
+//! ranges ([`check`]), the commented file of all keys ([`file`]) and the table of the documents.
 
 #![cfg_attr(not(feature = "toml"), allow(dead_code, reason = "read by what reads and writes files"))]
 
@@ -14,10 +13,10 @@ mod test_table;
 pub(crate) mod tests;
 mod types;
 mod units;
-mod words;
 
+#[cfg(all(test, feature = "toml", feature = "yaml"))]
+pub(crate) use test_table::words;
 pub(crate) use units::*;
-pub(crate) use words::{Words, words};
 
 use crate::error::Violation;
 
@@ -27,7 +26,9 @@ pub(crate) struct Key {
     /// Comment of the key in a file.
     pub text: &'static str,
     pub kind: fn() -> Kind,
-    pub is_required: bool,
+    /// The words that an enum has.
+    #[cfg(all(test, feature = "toml", feature = "yaml"))]
+    pub words: fn() -> Vec<&'static str>,
     /// The default, as it is written.
     #[cfg(feature = "toml")]
     pub default: Option<fn() -> String>,
@@ -41,39 +42,35 @@ pub(crate) struct Key {
     pub is_experiment: bool,
 }
 
-/// Type of a key's value.
+/// Form in which a key is written.
 pub(crate) enum Kind {
-    Number,
-    /// Whole number from 0.
-    Count,
-    /// Whole number of either sign.
-    Integer,
-    Switch,
-    Text,
-    /// One of some words, of which some are old spellings.
-    Word(fn() -> Words),
-    /// This word, or a value of another kind.
-    WordOr(&'static str, fn() -> Kind),
-    /// Any number of values.
-    List(fn() -> Kind),
-    /// Exactly that many values.
-    Array(usize, fn() -> Kind),
+    Value,
+    /// Row of values.
+    Row,
     Table(fn() -> &'static [Key]),
+    /// List of tables.
+    Tables(fn() -> &'static [Key]),
     /// Table whose keys depend on the word of one of them.
-    Variants(&'static [Variant]),
-}
-
-/// Table with a word, and the numbers that it has besides.
-pub(crate) struct Variant {
-    pub word: &'static str,
-    pub numbers: &'static [&'static str],
+    Variants,
 }
 
 /// A value that a key can have.
 pub(crate) trait Value {
     fn kind() -> Kind
     where
-        Self: Sized;
+        Self: Sized,
+    {
+        Kind::Value
+    }
+
+    /// The words of an enum.
+    #[cfg(all(test, feature = "toml", feature = "yaml"))]
+    fn words() -> Vec<&'static str>
+    where
+        Self: Sized,
+    {
+        Vec::new()
+    }
 
     /// The value as it is written in a file.
     #[cfg(feature = "toml")]

@@ -1,6 +1,6 @@
 //! Types that keys have.
 
-use super::{Key, Kind, Table, Value, Variant};
+use super::{Key, Kind, Table, Value};
 use crate::camera::Distortion;
 use crate::error::Violation;
 use crate::options::{Mask, Mounting};
@@ -9,14 +9,10 @@ use std::path::PathBuf;
 const COUNT: &str = "choose a count in the range";
 const CHOOSE: &str = "choose a value in the range";
 
-/// A number: its type, kind, cure where there is no unit, and text.
+/// A number: its type, cure where there is no unit, and text.
 macro_rules! numbers {
-    ($($number:ty: $kind:ident, $cure:expr, $format:literal;)*) => {$(
+    ($($number:ty: $cure:expr, $format:literal;)*) => {$(
         impl Value for $number {
-            fn kind() -> Kind {
-                Kind::$kind
-            }
-
             #[cfg(feature = "toml")]
             fn text(&self) -> String {
                 format!($format, self)
@@ -30,21 +26,17 @@ macro_rules! numbers {
 }
 
 numbers! {
-    f64: Number, CHOOSE, "{:?}";
-    f32: Number, CHOOSE, "{:?}";
-    usize: Count, COUNT, "{}";
-    u32: Count, COUNT, "{}";
-    i64: Integer, CHOOSE, "{}";
+    f64: CHOOSE, "{:?}";
+    f32: CHOOSE, "{:?}";
+    usize: COUNT, "{}";
+    u32: COUNT, "{}";
+    i64: CHOOSE, "{}";
 }
 
-/// Values without a range: type, kind, and what of them is written.
+/// Values without a range: type, and what of them is written.
 macro_rules! plain {
-    ($($plain:ty: $kind:ident, |$value:ident| $text:expr;)*) => {$(
+    ($($plain:ty: |$value:ident| $text:expr;)*) => {$(
         impl Value for $plain {
-            fn kind() -> Kind {
-                Kind::$kind
-            }
-
             #[cfg(feature = "toml")]
             fn text(&self) -> String {
                 let $value = self;
@@ -55,15 +47,18 @@ macro_rules! plain {
 }
 
 plain! {
-    bool: Switch, |value| value.to_string();
-    String: Text, |text| super::text_of(text);
-    PathBuf: Text, |path| super::text_of(path);
-    Option<Mask>: Text, |mask| mask.as_ref().map_or_else(|| "\"\"".into(), super::text_of);
+    bool: |value| value.to_string();
+    String: |text| super::text_of(text);
+    PathBuf: |path| super::text_of(path);
+    Option<Mask>: |mask| mask.as_ref().map_or_else(|| "\"\"".into(), super::text_of);
 }
 
 impl<T: Value> Value for Vec<T> {
     fn kind() -> Kind {
-        Kind::List(T::kind)
+        match T::kind() {
+            Kind::Table(keys) => Kind::Tables(keys),
+            _ => Kind::Value,
+        }
     }
 
     #[cfg(feature = "toml")]
@@ -83,13 +78,13 @@ impl<T: Value> Value for Vec<T> {
 
 impl<T: Value, const N: usize> Value for [T; N] {
     fn kind() -> Kind {
-        Kind::Array(N, T::kind)
+        Kind::Row
     }
 
     #[cfg(feature = "toml")]
     fn text(&self) -> String {
         match T::kind() {
-            Kind::Array(..) => {
+            Kind::Row => {
                 self.iter().fold("[\n".into(), |text, row| format!("{text}    {},\n", row.text())) + "]"
             }
             _ => listed(self),
@@ -134,10 +129,6 @@ impl<T: Table> Value for T {
 }
 
 impl Value for Mounting {
-    fn kind() -> Kind {
-        Kind::WordOr(Self::UNKNOWN, <[f64; 3]>::kind)
-    }
-
     #[cfg(feature = "toml")]
     fn text(&self) -> String {
         super::text_of(self)
@@ -152,18 +143,7 @@ impl Value for Mounting {
 
 impl Value for Distortion {
     fn kind() -> Kind {
-        const fn variant(word: &'static str, numbers: &'static [&'static str]) -> Variant {
-            Variant { word, numbers }
-        }
-        const VARIANTS: &[Variant] = &[
-            variant(Distortion::MODELS[0], &["k1", "k2", "p1", "p2"]),
-            variant(Distortion::MODELS[1], &["k1", "k2", "k3", "k4"]),
-            variant(Distortion::MODELS[2], &["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]),
-            variant(Distortion::MODELS[3], &["xi", "k1", "k2", "p1", "p2"]),
-            variant(Distortion::MODELS[4], &["alpha", "beta"]),
-            variant(Distortion::MODELS[5], &["xi", "alpha"]),
-        ];
-        Kind::Variants(VARIANTS)
+        Kind::Variants
     }
 
     /// The lines of the table.

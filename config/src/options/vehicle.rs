@@ -30,7 +30,7 @@ pub enum Mounting {
 
 /// A mounting as it is written in a file.
 #[derive(Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a list of 3 numbers or \"unknown\" is expected")]
 enum WrittenMounting {
     Degrees([f64; 3]),
     Word(String),
@@ -43,7 +43,9 @@ impl TryFrom<WrittenMounting> for Mounting {
         match written {
             WrittenMounting::Degrees(degrees) => Ok(Self::Known(degrees)),
             WrittenMounting::Word(word) if word == Self::UNKNOWN => Ok(Self::Unknown),
-            WrittenMounting::Word(word) => Err(format!("{word:?} is neither three angles nor \"unknown\"")),
+            WrittenMounting::Word(word) => {
+                Err(format!("is {word:?} where a list of 3 numbers or \"unknown\" is expected"))
+            }
         }
     }
 }

@@ -11,11 +11,21 @@ mod robustness;
 mod validation;
 mod validation_network;
 
-use crate::{Config, ValidConfig};
+use crate::{Config, ConfigError, ValidConfig, import};
 
 /// The preset `euroc`.
 fn euroc() -> ValidConfig {
     Config::preset("euroc").expect("the preset is good")
+}
+
+/// The preset `euroc` with the calibration of Kalibr's files.
+fn kalibr_texts(camchain: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
+    import::kalibr_texts(euroc().into_inner(), camchain, imu).map(|import| import.config)
+}
+
+/// The preset `euroc` with the calibration of the files of a data set.
+fn euroc_texts(camera: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
+    import::euroc_texts(euroc().into_inner(), camera, imu).map(|import| import.config)
 }
 
 /// `text` with one occurrence of `from` replaced, which must be there.

@@ -2,7 +2,7 @@
 
 use super::import_euroc::{CAM0, IMU0};
 use super::import_kalibr::{EQUIDISTANT, IMU, RADTAN};
-use crate::import::{euroc_texts, kalibr_texts};
+use super::{euroc_texts, kalibr_texts};
 use crate::{Config, preset_text};
 use proptest::prelude::*;
 

@@ -3,21 +3,26 @@
 use crate::error::Violation;
 use crate::options::LocalConfig;
 
+/// Checks the path of a socket; none where it is empty.
+pub(super) fn check_path(key: &str, path: &str, most: usize, example: &str, found: &mut Vec<Violation>) {
+    let reason = if path.is_empty() {
+        return;
+    } else if !path.starts_with('/') || path.contains('\0') || path.ends_with('/') {
+        format!("{path:?} is not an absolute path of a file")
+    } else if path.len() > most {
+        format!("is longer than {most} bytes")
+    } else {
+        return;
+    };
+    found.push(Violation::new(
+        key,
+        reason,
+        format!("give an absolute path, such as {example:?}, or \"\" for none"),
+    ));
+}
+
 pub(super) fn check(local: &LocalConfig, found: &mut Vec<Violation>) {
-    let path = &local.path;
-    if !path.is_empty() {
-        const CURE: &str = "give an absolute path, such as \"/run/plumbline/local\", or \"\" for none";
-        if !path.starts_with('/') || path.contains('\0') || path.ends_with('/') {
-            found.push(Violation::new(
-                "local.path",
-                format!("{path:?} is not an absolute path of a file"),
-                CURE,
-            ));
-        } else if path.len() > LocalConfig::MAX_PATH_BYTES {
-            let reason = format!("is longer than {} bytes", LocalConfig::MAX_PATH_BYTES);
-            found.push(Violation::new("local.path", reason, CURE));
-        }
-    }
+    check_path("local.path", &local.path, LocalConfig::MAX_PATH_BYTES, "/run/plumbline/local", found);
     if local.mode_bits().is_none() {
         let reason = format!("{:?} is no octal number of permissions", local.mode);
         let cure =

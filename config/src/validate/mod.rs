@@ -20,7 +20,7 @@ pub(crate) use network::is_endpoint;
 
 use crate::camera::Distortion;
 use crate::error::Violation;
-use crate::keys;
+use crate::keys::{self, Table as _};
 use crate::options::{CameraConfig, Config, EstimatorSetup, Mask};
 use nalgebra::Vector2;
 
@@ -55,7 +55,7 @@ impl EstimatorSetup {
         }
         extrinsics::check_pair(&self.camera, &mut found);
         check_rates(self, &mut found);
-        check_orders(&orders_of_setup(self), &mut found);
+        check_orders(self, &mut found);
         check_frames(self, &mut found);
         check_image_fits(self, &mut found);
         found
@@ -67,16 +67,13 @@ impl Config {
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = self.setup().violations();
-        keys::check(&self.driver, "driver", &mut found);
-        keys::check(&self.local, "local", &mut found);
-        keys::check(&self.network, "network", &mut found);
-        keys::check(&self.ros, "ros", &mut found);
-        keys::check(&self.runtime, "runtime", &mut found);
-        keys::check(&self.recorder, "recorder", &mut found);
-        keys::check(&self.vehicle, "vehicle", &mut found);
-        keys::check(&self.autopilot, "autopilot", &mut found);
+        // The first four are those of the setup.
+        for (key, value) in Self::keys().iter().zip(self.values()).skip(4) {
+            value.check(key, key.name, &mut found);
+        }
         check_pairing(self, &mut found);
-        check_orders(&[order_of_recorder(self)], &mut found);
+        let recorder = [self.recorder.max_file_mb as f64, self.recorder.max_total_mb as f64];
+        check_order(&mut found, ["recorder.max_file_mb", "recorder.max_total_mb"], recorder, true);
         local::check(&self.local, &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
@@ -203,72 +200,31 @@ fn check_pairing(config: &Config, found: &mut Vec<Violation>) {
     }
 }
 
-/// A value that must be less than another, or equal to it.
-struct Order {
-    key: &'static str,
-    low: f64,
-    than: &'static str,
-    high: f64,
-    is_broken: bool,
-}
-
-impl Order {
-    fn strict(key: &'static str, low: f64, than: &'static str, high: f64) -> Self {
-        Self { key, low, than, high, is_broken: low >= high }
-    }
-
-    fn loose(key: &'static str, low: f64, than: &'static str, high: f64) -> Self {
-        Self { key, low, than, high, is_broken: low > high }
-    }
-}
-
-fn orders_of_setup(setup: &EstimatorSetup) -> [Order; 5] {
-    let (imu, estimator) = (&setup.imu, &setup.estimator);
-    let (window, health) = (&estimator.window, &estimator.health);
-    [
-        Order::strict(
-            "estimator.window.min_depth_m",
-            window.min_depth_m,
-            "estimator.window.max_depth_m",
-            window.max_depth_m,
-        ),
-        Order::strict("imu.gravity_m_s2", imu.gravity_m_s2, "imu.accel_range_m_s2", imu.accel_range_m_s2),
-        Order::loose(
-            "imu.gyro_bias_sigma_rad_s",
-            imu.gyro_bias_sigma_rad_s,
-            "estimator.health.max_gyro_bias_rad_s",
-            health.max_gyro_bias_rad_s,
-        ),
-        Order::loose(
-            "imu.accel_bias_sigma_m_s2",
-            imu.accel_bias_sigma_m_s2,
-            "estimator.health.max_accel_bias_m_s2",
-            health.max_accel_bias_m_s2,
-        ),
-        Order::loose(
-            "estimator.points.max_points",
-            estimator.points.max_points as f64,
-            "estimator.window.max_landmarks",
-            window.max_landmarks as f64,
-        ),
-    ]
-}
-
-fn order_of_recorder(config: &Config) -> Order {
-    let recorder = &config.recorder;
-    Order::loose(
-        "recorder.max_file_mb",
-        recorder.max_file_mb as f64,
-        "recorder.max_total_mb",
-        recorder.max_total_mb as f64,
-    )
-}
-
-fn check_orders(orders: &[Order], found: &mut Vec<Violation>) {
-    for Order { key, low, than, high, .. } in orders.iter().filter(|order| order.is_broken) {
+/// Checks that `low` is less than `high`, or equal where the bound is inclusive.
+fn check_order(
+    found: &mut Vec<Violation>,
+    [key, than]: [&str; 2],
+    [low, high]: [f64; 2],
+    is_inclusive: bool,
+) {
+    if low > high || low == high && !is_inclusive {
         let reason = format!("{low} is too large for `{than}` = {high}");
-        found.push(Violation::new(*key, reason, format!("lower it or raise `{than}`")));
+        found.push(Violation::new(key, reason, format!("lower it or raise `{than}`")));
     }
+}
+
+fn check_orders(EstimatorSetup { imu, estimator, .. }: &EstimatorSetup, found: &mut Vec<Violation>) {
+    let (window, health) = (&estimator.window, &estimator.health);
+    let keys = ["estimator.window.min_depth_m", "estimator.window.max_depth_m"];
+    check_order(found, keys, [window.min_depth_m, window.max_depth_m], false);
+    let keys = ["imu.gravity_m_s2", "imu.accel_range_m_s2"];
+    check_order(found, keys, [imu.gravity_m_s2, imu.accel_range_m_s2], false);
+    let keys = ["imu.gyro_bias_sigma_rad_s", "estimator.health.max_gyro_bias_rad_s"];
+    check_order(found, keys, [imu.gyro_bias_sigma_rad_s, health.max_gyro_bias_rad_s], true);
+    let keys = ["imu.accel_bias_sigma_m_s2", "estimator.health.max_accel_bias_m_s2"];
+    check_order(found, keys, [imu.accel_bias_sigma_m_s2, health.max_accel_bias_m_s2], true);
+    let keys = ["estimator.points.max_points", "estimator.window.max_landmarks"];
+    check_order(found, keys, [estimator.points.max_points as f64, window.max_landmarks as f64], true);
 }
 
 /// Checks that the window's matrices have room for its frames.

@@ -30,7 +30,7 @@ use crate::euroc::defects::{of_stamps, shallow, uncovered};
 use crate::euroc::depth::Depth;
 use crate::euroc::imu::{EurocImu, ImuRecord};
 use crate::euroc::order::{Order, not_stamped};
-use crate::euroc::pairing::{self, FrameEntry, ImageRow};
+use crate::euroc::pairing::{FrameEntry, ImageRow, Pairing, paired};
 use crate::euroc::picture::foreign;
 use crate::euroc::span::{chosen_frames, frames_span, imu_range};
 use crate::euroc::table::Table;
@@ -184,7 +184,8 @@ impl BagDataset {
         let Images { rows, sizes_px, mut faults, mut orders, largest } =
             images(path, &all, &mut contents, &cameras, options)?;
         let depth = largest.map_or(Depth::FULL, |(value, _)| Depth::of_largest(value));
-        let (frames, outside) = paired(path, rows, options)?;
+        let cure = "are the cameras triggered together?";
+        let Pairing { frames, outside } = paired(path, rows, options.pair_tolerance_s, cure)?;
         faults.unpaired += outside;
         let handed_out = chosen_frames(path, options, &frames)?;
         let mut imu_names = Vec::new();
@@ -381,27 +382,4 @@ fn check_images(
         }
         _ => Ok(found),
     }
-}
-
-type Frames = Vec<FrameEntry<u64>>;
-
-fn paired(
-    path: &Path,
-    mut rows: Vec<Vec<ImageRow<u64>>>,
-    options: &EurocOptions,
-) -> Result<(Frames, u64), DriverError> {
-    let Some(right) = (rows.len() > 1).then(|| rows.remove(1)) else {
-        let pairing = pairing::monocular(rows.pop().unwrap_or_default());
-        return Ok((pairing.frames, pairing.outside));
-    };
-    let tolerance_ns = (options.pair_tolerance_s * 1e9).round() as i64;
-    let pairing = pairing::stereo(rows.pop().unwrap_or_default(), right, tolerance_ns.max(0));
-    if pairing.frames.iter().any(|frame| frame.files.iter().all(Option::is_some)) {
-        return Ok((pairing.frames, pairing.outside));
-    }
-    let message = format!(
-        "no left image has a partner within {} s; are the cameras triggered together? (driver.pair_tolerance_s)",
-        options.pair_tolerance_s
-    );
-    Err(DriverError::malformed(path, message))
 }

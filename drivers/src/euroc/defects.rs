@@ -7,7 +7,7 @@ use super::pairing::FrameEntry;
 use super::picture::{CONVERT, NoImage};
 use plumbline_config::Timestamp;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The inertial samples may end this long before the last image, or begin after the first, s.
 const MAX_UNCOVERED_S: f64 = 0.5;
@@ -29,27 +29,34 @@ pub struct Defect {
     pub is_grave: bool,
 }
 
-/// Images of one kind of defect: how many, and the first.
-#[derive(Debug, Default)]
-struct Count {
+/// Images of one kind of defect.
+#[derive(Debug)]
+struct BadImages {
+    why: NoImage,
+    expected_px: (usize, usize),
     count: u64,
     first: String,
 }
 
-impl Count {
-    fn add(&mut self, path: &Path) {
-        if self.count == 0 {
-            self.first = path.display().to_string();
-        }
-        self.count += 1;
-    }
-
+impl BadImages {
     /// A sentence on these images.
-    fn words(&self, one: &str, many: &str) -> Option<String> {
+    fn words(&self) -> String {
+        let (width, height) = self.expected_px;
+        let (one, many) = match self.why {
+            NoImage::Missing => ("is missing".to_owned(), "are missing".to_owned()),
+            NoImage::Corrupt => {
+                ("is cut off or not a PNG or JPEG".into(), "are cut off or not PNG or JPEG".into())
+            }
+            NoImage::Foreign(format) => {
+                (format!("is {format}; {CONVERT}"), format!("are not read, each {format}; {CONVERT}"))
+            }
+            NoImage::OtherSize((w, h)) => {
+                (format!("is {w}x{h}, not {width}x{height}"), format!("are {w}x{h}, not {width}x{height}"))
+            }
+        };
         match self.count {
-            0 => None,
-            1 => Some(format!("{} {one}", self.first)),
-            n => Some(format!("{n} images {many}; the first is {}", self.first)),
+            1 => format!("{} {one}", self.first),
+            n => format!("{n} images {many}; the first is {}", self.first),
         }
     }
 }
@@ -58,12 +65,7 @@ impl Count {
 struct Found {
     /// The first row that cannot be read, and how many there are.
     rows: Option<(u64, String)>,
-    missing: Count,
-    damaged: Count,
-    /// Images of a format that is not read, and its name.
-    foreign: (Count, &'static str),
-    /// Images of another size, that size and the expected one.
-    resized: (Count, [(usize, usize); 2]),
+    images: Vec<BadImages>,
 }
 
 /// Rows and images that could not be read, while a data set is read. Clones share what is found.
@@ -80,22 +82,18 @@ impl FileDefects {
         Self(Arc::new(Mutex::new(Found { rows, ..Found::default() })))
     }
 
-    pub(super) fn add(&self, path: &Path, why: NoImage, expected: (usize, usize)) {
-        let mut found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match why {
-            NoImage::Missing => found.missing.add(path),
-            NoImage::Corrupt => found.damaged.add(path),
-            NoImage::Foreign(format) => {
-                if found.foreign.0.count == 0 {
-                    found.foreign.1 = format;
-                }
-                found.foreign.0.add(path);
-            }
-            NoImage::OtherSize(size) => {
-                if found.resized.0.count == 0 {
-                    found.resized.1 = [size, expected];
-                }
-                found.resized.0.add(path);
+    fn found(&self) -> MutexGuard<'_, Found> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn add(&self, path: &Path, why: NoImage, expected_px: (usize, usize)) {
+        let mut found = self.found();
+        let is_same = |bad: &&mut BadImages| std::mem::discriminant(&bad.why) == std::mem::discriminant(&why);
+        match found.images.iter_mut().find(is_same) {
+            Some(bad) => bad.count += 1,
+            None => {
+                let first = path.display().to_string();
+                found.images.push(BadImages { why, expected_px, count: 1, first });
             }
         }
     }
@@ -103,37 +101,25 @@ impl FileDefects {
     /// Images that could not be read so far.
     #[must_use]
     pub fn images(&self) -> u64 {
-        let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        found.missing.count + found.damaged.count + found.foreign.0.count + found.resized.0.count
+        self.found().images.iter().map(|bad| bad.count).sum()
     }
 
     /// True if all images that could not be read have another size, and all else could be read.
     #[must_use]
     pub fn are_other_sizes(&self) -> bool {
-        let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let others = found.missing.count + found.damaged.count + found.foreign.0.count;
-        found.resized.0.count > 0 && others == 0 && found.rows.is_none()
+        let found = self.found();
+        found.rows.is_none() && matches!(&found.images[..], [BadImages { why: NoImage::OtherSize(_), .. }])
     }
 
     /// Findings so far: a sentence for each kind, with the first file.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
-        let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = self.found();
         let rows = found.rows.as_ref().map(|(count, first)| match count {
             1 => first.clone(),
             n => format!("{n} rows of inertial samples cannot be read; the first is {first}"),
         });
-        let [size, expected] = found.resized.1.map(|(width, height)| format!("{width}x{height}"));
-        let resized = format!("{size}, not {expected}");
-        let format = format!("{}; {CONVERT}", found.foreign.1);
-        let words = [
-            rows,
-            found.missing.words("is missing", "are missing"),
-            found.damaged.words("is cut off or not a PNG or JPEG", "are cut off or not PNG or JPEG"),
-            found.foreign.0.words(&format!("is {format}"), &format!("are not read, each {format}")),
-            found.resized.0.words(&format!("is {resized}"), &format!("are {resized}")),
-        ];
-        words.into_iter().flatten().collect()
+        rows.into_iter().chain(found.images.iter().map(BadImages::words)).collect()
     }
 }
 

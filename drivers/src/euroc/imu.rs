@@ -1,6 +1,6 @@
 //! The inertial stream of a data set.
 
-use super::table::{Row, RowFault, Stamped, Table};
+use super::table::{Row, RowFault, Stamped, Table, numbers, stamp};
 use crate::grid::{median_period_ns, steps};
 use crate::{DriverError, Faults, ImuReading, ImuSource};
 use nalgebra::Vector3;
@@ -22,11 +22,9 @@ impl Stamped for ImuSample {
 pub(crate) const IMU_COLUMNS: &str = "timestamp [ns], gyro x y z [rad/s], accel x y z [m/s^2]";
 
 /// A row of [`IMU_COLUMNS`].
-pub(crate) fn parse_imu_row(text: &str) -> Result<ImuSample, RowFault> {
-    let mut row = Row::new(text);
-    let stamp = row.stamp()?;
-    let gyro = Vector3::from(row.numbers::<3>()?);
-    let accel = Vector3::from(row.numbers::<3>()?);
+pub(crate) fn parse_imu_row(row: &Row) -> Result<ImuSample, RowFault> {
+    let stamp = stamp(row)?;
+    let (gyro, accel) = (Vector3::from(numbers(row, 1)?), Vector3::from(numbers(row, 4)?));
     if gyro.amax() > MAX_GYRO_RAD_S {
         return Err(RowFault::Impossible("a rotation rate is beyond 350 rad/s; write it in rad/s"));
     }

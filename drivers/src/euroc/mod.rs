@@ -41,7 +41,7 @@ pub use writer::{WriteInputs, WriteOptions, WriteProgress, Written, write};
 use crate::{DriverError, Faults, StereoFrame, TruthState};
 use depth::Depth;
 use imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
-use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, parse_image_row};
+use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, paired, parse_image_row};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use span::{chosen_frames, frames_span, imu_range};
 use std::ops::Range;
@@ -116,23 +116,24 @@ impl EurocDataset {
         let cameras = count_cameras(&root, options);
         let mut image_faults = Faults::default();
         let mut sizes_px = Vec::new();
-        let mut rows = [Vec::new(), Vec::new()];
-        let mut orders = Vec::new();
-        for (camera, rows) in rows.iter_mut().enumerate().take(cameras) {
+        let (mut rows, mut orders) = (Vec::new(), Vec::new());
+        for camera in 0..cameras {
             let mut table = read_images(&camera_folder(&root, camera))?;
             files::find_files(&camera_folder(&root, camera).join("data"), &mut table.rows);
             image_faults.corrupt += table.corrupt;
             table.order.add_to(&mut image_faults);
             orders.push((format!("cam{camera}/data.csv"), table.order));
             sizes_px.push(check_size(&root, camera, &table.rows, options)?);
-            *rows = table.rows;
+            rows.push(table.rows);
         }
-        let images = [0, 1].map(|camera: usize| rows[camera].len());
-        let mut defects: Vec<Defect> =
-            (cameras == 2).then(|| defects::surplus(&root, images)).flatten().into_iter().collect();
-        let (depth, shallow) = depth_of(&root, &rows[..cameras]);
+        let mut defects = Vec::new();
+        if let [left, right] = &rows[..] {
+            defects.extend(defects::surplus(&root, [left.len(), right.len()]));
+        }
+        let (depth, shallow) = depth_of(&root, &rows);
         defects.extend(shallow);
-        let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
+        let cure = "are the clocks synchronous? Take cam1 away to fly on one camera";
+        let Pairing { frames, outside } = paired(&root, rows, options.pair_tolerance_s, cure)?;
         image_faults.unpaired += outside;
         let handed_out = chosen_frames(&root, options, &frames)?;
         let (imu, imu_range, file_defects) = if options.with_imu {
@@ -327,26 +328,4 @@ fn depth_of(root: &Path, rows: &[Vec<ImageRow>]) -> (Depth, Option<Defect>) {
     let seen = largest.iter().map(|(_, seen)| *seen as u64).sum();
     let depth = Depth::of_largest(value);
     (depth, defects::shallow(root, depth, value, seen))
-}
-
-fn pair(
-    root: &Path,
-    [left, right]: [Vec<ImageRow>; 2],
-    cameras: usize,
-    options: &EurocOptions,
-) -> Result<Pairing, DriverError> {
-    if cameras == 1 {
-        return Ok(pairing::monocular(left));
-    }
-    let tolerance_ns = (options.pair_tolerance_s * 1e9).round() as i64;
-    let pairing = pairing::stereo(left, right, tolerance_ns.max(0));
-    if pairing.frames.iter().any(|frame| frame.files.iter().all(Option::is_some)) {
-        return Ok(pairing);
-    }
-    let message = format!(
-        "no image of cam0 has a partner in cam1 within {} s; are the clocks synchronous? \
-         (driver.pair_tolerance_s, or take cam1 away to fly on one camera)",
-        options.pair_tolerance_s
-    );
-    Err(DriverError::malformed(root, message))
 }

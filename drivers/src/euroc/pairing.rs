@@ -1,6 +1,7 @@
 //! Pairing of images: left and right by time, not by row.
 
-use super::table::{Row, RowFault, Stamped};
+use super::table::{Row, RowFault, Stamped, stamp};
+use crate::DriverError;
 use crate::grid::{median_period_ns, steps};
 use plumbline_config::Timestamp;
 use std::path::{Component, Path};
@@ -23,10 +24,9 @@ impl<F> Stamped for ImageRow<F> {
 pub(crate) const IMAGE_COLUMNS: &str = "timestamp [ns], filename";
 
 /// A row of [`IMAGE_COLUMNS`].
-pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
-    let mut row = Row::new(text);
-    let stamp = row.stamp()?;
-    let file = match row.text() {
+pub(crate) fn parse_image_row(row: &Row) -> Result<ImageRow, RowFault> {
+    let stamp = stamp(row)?;
+    let file = match row.get(1) {
         None | Some("") => format!("{}.png", stamp.as_nanos()),
         Some(name) if is_plain_name(in_data(name)) => in_data(name).to_owned(),
         Some(_) => {
@@ -67,6 +67,25 @@ pub(crate) struct Pairing<F = String> {
     pub(crate) frames: Vec<FrameEntry<F>>,
     /// Right images before the first or after the last left one: not handed out.
     pub(crate) outside: u64,
+}
+
+/// Frames of one camera or two. At least one pair must be found; `cure` says what to do where there is none.
+pub(crate) fn paired<F>(
+    path: &Path,
+    rows: Vec<Vec<ImageRow<F>>>,
+    tolerance_s: f64,
+    cure: &str,
+) -> Result<Pairing<F>, DriverError> {
+    let mut rows = rows.into_iter();
+    let left = rows.next().unwrap_or_default();
+    let Some(right) = rows.next() else { return Ok(monocular(left)) };
+    let pairing = stereo(left, right, ((tolerance_s * 1e9).round() as i64).max(0));
+    if pairing.frames.iter().any(|frame| frame.files.iter().all(Option::is_some)) {
+        return Ok(pairing);
+    }
+    let message =
+        format!("no left image has a partner within {tolerance_s} s; {cure} (driver.pair_tolerance_s)");
+    Err(DriverError::malformed(path, message))
 }
 
 /// Frames of a single camera.
@@ -153,20 +172,21 @@ fn numbered<F>(mut frames: Vec<FrameEntry<F>>, outside: u64) -> Pairing<F> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::table::row;
     use super::*;
 
     #[test]
     fn names_may_have_their_folder_and_lead_nowhere_else() {
         for name in ["5.png", "data/5.png", "./5.png", "./data/5.png"] {
-            assert_eq!(parse_image_row(&format!("5,{name}")).unwrap().file, "5.png", "{name}");
+            assert_eq!(parse_image_row(&row(&format!("5,{name}"))).unwrap().file, "5.png", "{name}");
         }
         for name in ["../5.png", "data/../5.png", "/5.png", "data/data/5.png", "data/", "other/5.png"] {
-            assert!(parse_image_row(&format!("5,{name}")).is_err(), "{name}");
+            assert!(parse_image_row(&row(&format!("5,{name}"))).is_err(), "{name}");
         }
     }
 
     fn rows(stamps: &[i64]) -> Vec<ImageRow> {
-        stamps.iter().map(|&t| parse_image_row(&t.to_string()).unwrap()).collect()
+        stamps.iter().map(|&t| parse_image_row(&row(&t.to_string())).unwrap()).collect()
     }
 
     fn summary(pairing: &Pairing) -> Vec<(u64, i64, bool, bool)> {
@@ -199,10 +219,10 @@ mod tests {
 
     #[test]
     fn names_must_stay_in_their_folder() {
-        assert_eq!(parse_image_row("5, a.png ").unwrap().file, "a.png");
-        assert_eq!(parse_image_row("5,").unwrap().file, "5.png");
-        for row in ["5,../a.png", "5,/etc/passwd", "5,a/b.png", "5,..", "x,a.png", "", "5.5,a.png"] {
-            assert!(parse_image_row(row).is_err(), "{row}");
+        assert_eq!(parse_image_row(&row("5, a.png ")).unwrap().file, "a.png");
+        assert_eq!(parse_image_row(&row("5,")).unwrap().file, "5.png");
+        for text in ["5,../a.png", "5,/etc/passwd", "5,a/b.png", "5,..", "x,a.png", "", "5.5,a.png"] {
+            assert!(parse_image_row(&row(text)).is_err(), "{text}");
         }
     }
 }

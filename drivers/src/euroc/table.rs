@@ -6,13 +6,11 @@
 
 use super::order::{Order, not_stamped};
 use crate::DriverError;
-use crate::text_lines::{Line, Lines};
-use crate::tum::GZIP_MAGIC;
-use flate2::read::MultiGzDecoder;
+use crate::text_lines::{BoundedLines, unpacked};
 use plumbline_config::{Timestamp, median_by};
 use std::fmt;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// One row in this many may be corrupt (10 %); beyond that the file is not worth flying by.
@@ -20,8 +18,13 @@ const CORRUPT_ROWS_ONE_IN: u64 = 10;
 /// Stamps further than a day from the median are corrupt digits, not a flight.
 const MAX_SPAN_NS: i64 = 24 * 3600 * 1_000_000_000;
 
+/// Longest line that is still looked at; a row of any known format is below 500 bytes.
+const MAX_LINE_BYTES: usize = 4096;
 /// Longest part of a bad line that a message quotes, characters.
 const MAX_QUOTED_CHARS: usize = 60;
+
+/// Columns of a row, without blanks and the quotation marks that some programs set.
+pub(crate) type Row = csv::StringRecord;
 
 /// Defects of a row. Columns count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,8 +35,8 @@ pub(crate) enum RowFault {
     Stamp,
     /// The first column is a number with a point: seconds.
     Seconds,
-    /// The row ends before this column.
-    Missing(usize),
+    /// The row ends before its last column.
+    Short,
     /// This column is no finite number.
     NotANumber(usize),
     /// The numbers cannot be what the columns stand for; why, and what to do.
@@ -41,25 +44,24 @@ pub(crate) enum RowFault {
 }
 
 impl RowFault {
-    /// The fault of the row `text`, in words that show where it is.
-    fn describe(self, text: &str) -> String {
-        let column = |number: usize| {
-            text.split(',').nth(number.saturating_sub(1)).map_or_else(String::new, |c| quoted(c.trim()))
-        };
+    /// The fault of a row, in words that show where it is.
+    fn describe(self, row: &Row) -> String {
+        let text = row.iter().collect::<Vec<_>>().join(",");
+        let column = |number: usize| quoted(row.get(number.saturating_sub(1)).unwrap_or_default());
         // A row without commas has one column, whatever else separates its numbers; so has its beginning where commas are the
         // points of its numbers.
-        let separator = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
-        let first = text.split(',').next().unwrap_or_default().trim();
-        let other = separator.into_iter().find(|(sign, _)| first.contains(*sign));
+        let first = row.get(0).unwrap_or_default();
+        let separators = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
+        let other = separators.into_iter().find(|(sign, _)| first.contains(*sign));
         match (self, other) {
             (Self::Unreadable, _) => "is longer than any row, or not text".into(),
             (_, Some((_, name))) => {
-                let points = if text.contains(',') { ", and write points in its numbers" } else { "" };
-                format!("{} is separated by {name}; separate its columns by commas{points}", quoted(text))
+                let points = if row.len() > 1 { ", and write points in its numbers" } else { "" };
+                format!("{} is separated by {name}; separate its columns by commas{points}", quoted(&text))
             }
-            _ if is_after_an_index(text) => format!(
+            _ if is_after_an_index(row) => format!(
                 "{} has a column before the time, as of row numbers; write the table without it",
-                quoted(text)
+                quoted(&text)
             ),
             (Self::Seconds, _) if first.contains(['e', 'E']) => format!(
                 "the time {} is written with an exponent, which rounds it; write all digits of the nanoseconds",
@@ -70,7 +72,7 @@ impl RowFault {
                 column(1)
             ),
             (Self::Stamp, _) => format!("the time {} is not a whole number of nanoseconds", column(1)),
-            (Self::Missing(number), _) => format!("{} ends before column {number}", quoted(text)),
+            (Self::Short, _) => format!("{} ends before column {}", quoted(&text), row.len() + 1),
             (Self::NotANumber(number), _) => {
                 format!("column {number} is {}, no finite number", column(number))
             }
@@ -83,8 +85,8 @@ impl RowFault {
 const MAX_ROW_NUMBER: i64 = 100_000_000;
 
 /// True if the second column looks like the time, and the first like the number of the row.
-fn is_after_an_index(text: &str) -> bool {
-    let mut columns = text.split(',').map(|column| column.trim().parse::<i64>());
+fn is_after_an_index(row: &Row) -> bool {
+    let mut columns = row.iter().map(str::parse::<i64>);
     let (Some(Ok(number)), Some(Ok(time))) = (columns.next(), columns.next()) else { return false };
     (0..MAX_ROW_NUMBER).contains(&number) && time > 10 * MAX_ROW_NUMBER
 }
@@ -101,7 +103,7 @@ fn quoted(text: &str) -> String {
 /// The first row that could not be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct BadRow {
-    line: usize,
+    line: u64,
     why: String,
     is_in_seconds: bool,
 }
@@ -141,46 +143,48 @@ impl<T: Stamped> Table<T> {
     }
 }
 
-/// Reads the table at `path`, plain or gzip, whose columns are `columns`; `parse` takes one row without line end.
+/// Reads the table at `path`, plain or gzip, whose columns are `columns`; `parse` takes one row.
 pub(crate) fn read_table<T: Stamped>(
     path: &Path,
     columns: &str,
-    parse: impl Fn(&str) -> Result<T, RowFault>,
+    parse: impl Fn(&Row) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
-    let mut reader = BufReader::new(File::open(path).map_err(|e| DriverError::io(path, e))?);
-    let start = reader.fill_buf().map_err(|e| DriverError::io(path, e))?;
-    if start.starts_with(&GZIP_MAGIC) {
-        return read_rows(path, columns, BufReader::new(MultiGzDecoder::new(reader)), parse);
-    }
-    read_rows(path, columns, reader, parse)
+    let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
+    read_rows(path, columns, unpacked(BufReader::new(file)).map_err(|e| DriverError::io(path, e))?, parse)
 }
 
 /// Reads the table from `reader`; `path` names it in messages.
 pub(crate) fn read_rows<T: Stamped>(
     path: &Path,
     columns: &str,
-    reader: impl BufRead,
-    parse: impl Fn(&str) -> Result<T, RowFault>,
+    reader: impl Read,
+    parse: impl Fn(&Row) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
-    let mut lines = Lines::new(reader);
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .quoting(false)
+        .terminator(csv::Terminator::Any(b'\n'))
+        .from_reader(BoundedLines::new(reader));
     let mut table = Table { rows: Vec::new(), corrupt: 0, order: Order::default(), first_bad: None };
-    let (mut at_top, mut number) = (true, 0);
-    while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
-        number += 1;
-        let (text, row) = match line {
-            Line::Text(text) if text.is_empty() || text.starts_with('#') => continue,
-            Line::Text(text) => (text, parse(text)),
-            Line::Unreadable => ("", Err(RowFault::Unreadable)),
-        };
+    let (mut at_top, mut bytes) = (true, csv::ByteRecord::new());
+    while reader.read_byte_record(&mut bytes).map_err(|e| DriverError::io(path, e.into()))? {
+        let text = row_of(&bytes);
+        let row = text.as_ref().ok_or(RowFault::Unreadable).and_then(&parse);
+        let text = text.unwrap_or_default();
+        let first = text.get(0).unwrap_or_default();
+        if first.starts_with('#') || first.is_empty() && text.len() == 1 {
+            continue;
+        }
         match row {
             Ok(row) => table.rows.push(row),
-            Err(_) if at_top && is_header(text) => {}
+            Err(_) if at_top && is_header(first) => {}
             Err(fault) => {
                 table.corrupt += 1;
                 let is_in_seconds = fault == RowFault::Seconds;
                 table.first_bad.get_or_insert_with(|| BadRow {
-                    line: number,
-                    why: fault.describe(text),
+                    line: bytes.position().map_or(0, |position| position.line()),
+                    why: fault.describe(&text),
                     is_in_seconds,
                 });
             }
@@ -195,6 +199,17 @@ pub(crate) fn read_rows<T: Stamped>(
         return Err(DriverError::malformed(path, message));
     }
     Ok(table)
+}
+
+/// The columns of a line; `None` where it is longer than any row can be, or not text.
+fn row_of(bytes: &csv::ByteRecord) -> Option<Row> {
+    let unquoted = |column: &[u8]| {
+        let column = str::from_utf8(column).ok()?.trim();
+        let inner = column.strip_prefix('"').and_then(|column| column.strip_suffix('"'));
+        Some(inner.unwrap_or(column).trim().to_owned())
+    };
+    let length = bytes.as_slice().len() + bytes.len();
+    (length <= MAX_LINE_BYTES).then(|| bytes.iter().map(unquoted).collect())?
 }
 
 /// A first line of column names without `#`, or in quotation marks.
@@ -246,55 +261,35 @@ fn put_in_order<T: Stamped>(table: &mut Table<T>, unstamped: u64) {
     table.rows.dedup_by_key(|row| row.stamp());
 }
 
-/// The columns of a row, read from left to right.
-pub(crate) struct Row<'a> {
-    columns: std::iter::Peekable<std::str::Split<'a, char>>,
-    read: usize,
+/// The stamp in the first column, integer nanoseconds.
+pub(crate) fn stamp(row: &Row) -> Result<Timestamp, RowFault> {
+    let column = row.get(0).unwrap_or_default();
+    column.parse().map(Timestamp::from_nanos).map_err(|_| match column.parse::<f64>() {
+        Ok(_) => RowFault::Seconds,
+        Err(_) => RowFault::Stamp,
+    })
 }
 
-impl<'a> Row<'a> {
-    /// Columns of one line.
-    pub(crate) fn new(text: &'a str) -> Self {
-        Self { columns: text.split(',').peekable(), read: 0 }
+/// `N` columns as finite numbers, of which the first has this index from 0.
+pub(crate) fn numbers<const N: usize>(row: &Row, from: usize) -> Result<[f64; N], RowFault> {
+    let mut numbers = [0.0; N];
+    for (index, number) in (from..).zip(&mut numbers) {
+        let column = row.get(index).ok_or(RowFault::Short)?;
+        let finite = column.parse().ok().filter(|x: &f64| x.is_finite());
+        *number = finite.ok_or(RowFault::NotANumber(index + 1))?;
     }
+    Ok(numbers)
+}
 
-    /// The next column, without blanks and the quotation marks that some programs set.
-    pub(crate) fn text(&mut self) -> Option<&'a str> {
-        self.read += 1;
-        let unquoted = |column: &'a str| {
-            let inner = column.strip_prefix('"').and_then(|column| column.strip_suffix('"'));
-            inner.unwrap_or(column).trim()
-        };
-        self.columns.next().map(|column| unquoted(column.trim()))
-    }
+/// True if the columns from this index on are empty.
+pub(crate) fn ends_before(row: &Row, index: usize) -> bool {
+    row.iter().skip(index).all(str::is_empty)
+}
 
-    /// True if all further columns are empty.
-    pub(crate) fn is_at_end(&mut self) -> bool {
-        while self.columns.next_if(|column| column.trim().is_empty()).is_some() {
-            self.read += 1;
-        }
-        self.columns.peek().is_none()
-    }
-
-    /// The stamp in the next column, integer nanoseconds.
-    pub(crate) fn stamp(&mut self) -> Result<Timestamp, RowFault> {
-        let column = self.text().unwrap_or_default();
-        column.parse().map(Timestamp::from_nanos).map_err(|_| match column.parse::<f64>() {
-            Ok(_) => RowFault::Seconds,
-            Err(_) => RowFault::Stamp,
-        })
-    }
-
-    /// The next `N` columns as finite numbers.
-    pub(crate) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], RowFault> {
-        let mut numbers = [0.0; N];
-        for number in &mut numbers {
-            let column = self.text().ok_or(RowFault::Missing(self.read))?;
-            let finite = column.parse().ok().filter(|x: &f64| x.is_finite());
-            *number = finite.ok_or(RowFault::NotANumber(self.read))?;
-        }
-        Ok(numbers)
-    }
+/// The columns of a line.
+#[cfg(test)]
+pub(crate) fn row(text: &str) -> Row {
+    row_of(&csv::ByteRecord::from(text.split(',').collect::<Vec<_>>())).unwrap()
 }
 
 #[cfg(test)]
@@ -302,13 +297,13 @@ mod tests {
     use super::*;
     use crate::euroc::imu::parse_imu_row;
 
-    fn why(row: &str) -> String {
-        parse_imu_row(row).unwrap_err().describe(row)
+    fn why(text: &str) -> String {
+        parse_imu_row(&row(text)).unwrap_err().describe(&row(text))
     }
 
     #[test]
     fn a_bad_row_is_told_with_the_column_and_the_cure() {
-        for (row, words) in [
+        for (text, words) in [
             (
                 "1403636579.758,1,2,3,4,5,6",
                 "'1403636579.758' is not a whole number of nanoseconds; if it is in seconds",
@@ -327,7 +322,7 @@ mod tests {
             ("5,1,2,3,4,inf,6", "column 6 is 'inf'"),
             ("5,1e9,2,3,4,5,6", "beyond"),
         ] {
-            assert!(why(row).contains(words), "{row}: {}", why(row));
+            assert!(why(text).contains(words), "{text}: {}", why(text));
         }
     }
 
@@ -336,7 +331,16 @@ mod tests {
         let rows = "\"#timestamp\",\"w_x\"\n\"5\", \"1\",2,3,4,5,\"6\"\n\"6\",1,2,3,4,5,6\n";
         let table = read_rows(Path::new("data.csv"), "", rows.as_bytes(), parse_imu_row).unwrap();
         assert_eq!((table.rows.len(), table.corrupt), (2, 0));
-        assert!(parse_imu_row("\"5,1,2,3,4,5,6").is_err());
+        assert!(parse_imu_row(&row("\"5,1,2,3,4,5,6")).is_err());
+    }
+
+    #[test]
+    fn lines_are_counted_with_comments_empty_ones_and_the_ends_of_windows() {
+        let rows = "\u{feff}#t,w\r\n\r\n5,1,2,3,4,5,6\r\n6,x,2,3,4,5,6\r\n7,1,2,3,4,5,6";
+        let table = read_rows(Path::new("data.csv"), "", rows.as_bytes(), parse_imu_row).unwrap();
+        assert_eq!((table.rows.len(), table.corrupt), (2, 1));
+        let bad = table.first_bad.unwrap().to_string();
+        assert!(bad.starts_with("line 4: column 2 is 'x'"), "{bad}");
     }
 
     #[test]

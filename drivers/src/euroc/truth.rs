@@ -1,11 +1,11 @@
 //! Ground truth of a data set: `state_groundtruth_estimate0/data.csv`, or the table of a motion capture.
 
-use super::table::{Row, RowFault, Stamped, read_table};
+use super::table::{Row, RowFault, Stamped, ends_before, numbers, read_table, stamp};
+use crate::text_lines::BoundedLines;
 use crate::tum::unit_quaternion;
 use crate::{DriverError, TruthState, open_regular};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use plumbline_config::Timestamp;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Folders of the tables of the truth, best first: the batch estimate of EuRoC, the motion captures of TUM-VI and EuRoC, and
@@ -27,21 +27,19 @@ pub fn is_of_positions(table: &Path) -> bool {
     table.parent().is_some_and(|folder| folder.ends_with(POSITIONS)) || begins_with_a_position(table)
 }
 
-/// Bytes at the beginning of a table in which its first row ends.
-const BEGINNING: u64 = 4096;
+/// Lines of a table of which one is its first row.
+const BEGINNING: usize = 16;
 
 /// True if the first row of a table has a time and a position, and no more.
 fn begins_with_a_position(table: &Path) -> bool {
-    let mut beginning = Vec::new();
     let Ok(file) = open_regular(table) else { return false };
-    if file.take(BEGINNING).read_to_end(&mut beginning).is_err() {
-        return false;
-    }
-    let text = String::from_utf8_lossy(&beginning);
-    let is_row = |line: &&str| line.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '"');
-    text.lines().find(is_row).is_some_and(|row| {
-        let mut row = Row::new(row);
-        row.stamp().is_ok() && row.numbers::<3>().is_ok() && row.is_at_end()
+    let mut reader =
+        csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(BoundedLines::new(file));
+    let is_row = |row: &Row| row.get(0).is_some_and(|time| time.trim().parse::<i64>().is_ok());
+    let first = reader.records().take(BEGINNING).flatten().find(is_row);
+    first.is_some_and(|mut row| {
+        row.trim();
+        numbers::<3>(&row, 1).is_ok() && ends_before(&row, 4)
     })
 }
 
@@ -63,33 +61,32 @@ pub fn read_ground_truth(path: &Path) -> Result<Vec<TruthState>, DriverError> {
 pub(crate) const TRUTH_COLUMNS: &str = "timestamp [ns], p x y z [m], q w x y z, v x y z [m/s], gyro bias x y z [rad/s], accel bias x y z [m/s^2]";
 
 /// A row of [`TRUTH_COLUMNS`].
-pub(crate) fn parse_truth_row(text: &str) -> Result<TruthState, RowFault> {
-    let mut row = Row::new(text);
-    let stamp = row.stamp()?;
-    let [x, y, z] = row.numbers()?;
-    let [qw, qx, qy, qz] = row.numbers()?;
+pub(crate) fn parse_truth_row(row: &Row) -> Result<TruthState, RowFault> {
+    let stamp = stamp(row)?;
+    let ([x, y, z], [qw, qx, qy, qz]) = (numbers(row, 1)?, numbers(row, 4)?);
     let rotation = unit_quaternion(qw, qx, qy, qz)
         .ok_or(RowFault::Impossible("the quaternion is not of length 1; write it as w x y z"))?;
-    let mut vector_or_zero = || match row.is_at_end() {
+    let vector_or_zero = |from| match ends_before(row, from) {
         true => Ok(Vector3::zeros()),
-        false => row.numbers::<3>().map(Vector3::from),
+        false => numbers::<3>(row, from).map(Vector3::from),
     };
     Ok(TruthState {
         stamp,
         pose_w_b: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
-        v_w_b: vector_or_zero()?,
-        bias_gyro: vector_or_zero()?,
-        bias_accel: vector_or_zero()?,
+        v_w_b: vector_or_zero(8)?,
+        bias_gyro: vector_or_zero(11)?,
+        bias_accel: vector_or_zero(14)?,
     })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::table::row;
     use super::*;
 
     #[test]
     fn columns_are_scalar_first() {
-        let state = parse_truth_row("7, 1,2,3, 0,0,0,1, 4,5,6, 7,8,9, 10,11,12").unwrap();
+        let state = parse_truth_row(&row("7, 1,2,3, 0,0,0,1, 4,5,6, 7,8,9, 10,11,12")).unwrap();
         assert_eq!(state.stamp.as_nanos(), 7);
         assert_eq!(state.pose_w_b.rotation.coords.z, 1.0);
         assert_eq!(state.v_w_b, Vector3::new(4.0, 5.0, 6.0));
@@ -115,9 +112,9 @@ mod tests {
 
     #[test]
     fn a_pose_alone_will_do_and_half_a_vector_will_not() {
-        assert_eq!(parse_truth_row("7,1,2,3,1,0,0,0").unwrap().v_w_b, Vector3::zeros());
-        for row in ["7,1,2,3,1,0,0", "7,1,2,3,1,0,0,0,1,2", "7,1,nan,3,1,0,0,0", "7,1,2,3,0,0,0,0"] {
-            assert!(parse_truth_row(row).is_err(), "{row}");
+        assert_eq!(parse_truth_row(&row("7,1,2,3,1,0,0,0")).unwrap().v_w_b, Vector3::zeros());
+        for text in ["7,1,2,3,1,0,0", "7,1,2,3,1,0,0,0,1,2", "7,1,nan,3,1,0,0,0", "7,1,2,3,0,0,0,0"] {
+            assert!(parse_truth_row(&row(text)).is_err(), "{text}");
         }
     }
 }

@@ -318,6 +318,20 @@ fn what_cannot_be_used_is_refused_with_its_cure() {
     assert!(refused("serial:///dev/ttyS0:9600", as_it_is).contains("iio://NAME"));
 }
 
+/// Another program streams from it, as iio-sensor-proxy does.
+#[test]
+fn a_device_that_cannot_be_opened_keeps_its_buffer_running() {
+    let kernel = Kernel::new();
+    let chip = both(&kernel);
+    chip.write("buffer/enable", "1");
+    std::fs::remove_file(&chip.buffer).unwrap();
+    assert!(kernel.open("iio://bmi270").is_err());
+    assert_eq!(
+        (chip.read("buffer/enable"), chip.read("scan_elements/in_accel_x_en")),
+        ("1".into(), "0".into())
+    );
+}
+
 #[test]
 fn names_that_several_have_are_refused_and_places_are_names_too() {
     let kernel = Kernel::new();

@@ -200,7 +200,7 @@ impl Unit {
         self.tried_ns = monotonic_ns();
         let Wanted { name, quantities, rate_hz, is_rate_exact } = &self.wanted;
         let Some(device) = find(&self.roots, name, quantities)? else { return Ok(()) };
-        let layout = setup::start(&device, &self.roots, quantities, *rate_hz, *is_rate_exact)?;
+        // Opened before it is set up: a device that another program has open is left as it is.
         let path = self.roots.dev.join(&device.device);
         let file = rustix::fs::open(
             &path,
@@ -218,6 +218,7 @@ impl Unit {
             ),
             _ => DriverError::io(&path, error.into()),
         })?;
+        let layout = setup::start(&device, &self.roots, quantities, *rate_hz, *is_rate_exact)?;
         self.open = Some(Open { file, device, layout });
         (self.from, self.to) = (0, 0);
         self.figures.link.is_open = true;

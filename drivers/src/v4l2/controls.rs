@@ -17,25 +17,8 @@ use std::path::Path;
 
 /// Controls of a device that are looked at, at most.
 const MAX_CONTROLS: usize = 512;
-/// Entries of a menu that are listed, at most.
-const MAX_ENTRIES: i64 = 64;
 /// The unit of exposures that are not counted in rows, us.
 const ABSOLUTE_UNIT_US: f64 = 100.0;
-
-/// Kind of a control's value.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ControlKind {
-    /// A number.
-    Integer,
-    /// 0 or 1.
-    Switch,
-    /// One of these, by their numbers.
-    Menu(Vec<(i64, String)>),
-    /// Bits.
-    Bits,
-    /// Whatever it is set to, it does something.
-    Button,
-}
 
 /// A control of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,8 +27,8 @@ pub struct ControlInfo {
     pub id: u32,
     /// Name as `driver.v4l2.controls` takes it.
     pub name: String,
-    /// Kind of its value.
-    pub kind: ControlKind,
+    /// True if it does something whatever it is set to.
+    pub is_button: bool,
     /// Smallest value, largest, and the step between.
     pub range: (i64, i64, u64),
     /// The value of a device that was just plugged in.
@@ -74,45 +57,29 @@ pub(crate) fn list(fd: BorrowedFd<'_>) -> Vec<ControlInfo> {
 
 fn info(fd: BorrowedFd<'_>, description: &ControlDescription) -> Option<ControlInfo> {
     let ControlDescription { id, kind, minimum, maximum, step, default, flags, .. } = *description;
-    let kind = match kind {
-        CONTROL_INTEGER => ControlKind::Integer,
-        CONTROL_BOOLEAN => ControlKind::Switch,
-        CONTROL_MENU => ControlKind::Menu(menu(fd, description, |entry| text(&entry))),
-        CONTROL_INTEGER_MENU => ControlKind::Menu(menu(fd, description, |entry| {
-            i64::from_ne_bytes(std::array::from_fn(|i| entry[i])).to_string()
-        })),
-        CONTROL_BITMASK => ControlKind::Bits,
-        CONTROL_BUTTON => ControlKind::Button,
-        _ => return None,
-    };
-    if flags & CONTROL_DISABLED != 0 || description.dimensions > 0 {
+    let is_number = matches!(
+        kind,
+        CONTROL_INTEGER
+            | CONTROL_BOOLEAN
+            | CONTROL_MENU
+            | CONTROL_INTEGER_MENU
+            | CONTROL_BITMASK
+            | CONTROL_BUTTON
+    );
+    if !is_number || flags & CONTROL_DISABLED != 0 || description.dimensions > 0 {
         return None;
     }
-    let is_readable = flags & CONTROL_WRITE_ONLY == 0 && kind != ControlKind::Button;
+    let is_readable = flags & CONTROL_WRITE_ONLY == 0 && kind != CONTROL_BUTTON;
     Some(ControlInfo {
         id,
         name: V4l2Control::plain_name(&text(&description.name)),
-        kind,
+        is_button: kind == CONTROL_BUTTON,
         range: (minimum, maximum, step),
         default,
         value: is_readable.then(|| calls::control(fd, id).ok()).flatten(),
         is_writable: flags & CONTROL_READ_ONLY == 0,
         is_inactive: flags & CONTROL_INACTIVE != 0,
     })
-}
-
-/// The entries of a menu; numbers that it leaves out are passed over.
-fn menu(
-    fd: BorrowedFd<'_>,
-    description: &ControlDescription,
-    name: impl Fn([u8; 32]) -> String,
-) -> Vec<(i64, String)> {
-    let last = description.maximum.min(description.minimum.saturating_add(MAX_ENTRIES));
-    let entry = |index: i64| {
-        let entry = calls::menu_entry(fd, description.id, u32::try_from(index).ok()?).ok()?;
-        Some((index, name(entry.name)))
-    };
-    (description.minimum..=last).filter_map(entry).collect()
 }
 
 /// Text of the kernel up to its zero.
@@ -206,7 +173,7 @@ pub fn set_controls(path: &Path, controls: &[String]) -> Result<(), DriverError>
 /// Sets one within its range.
 fn set(fd: BorrowedFd<'_>, info: &ControlInfo, value: i32, key: &str) -> Result<(), ControlError> {
     let (least, most, _) = info.range;
-    if info.kind != ControlKind::Button && !(least..=most).contains(&value.into()) {
+    if !info.is_button && !(least..=most).contains(&value.into()) {
         let refused = format!("{key}: `{}` takes {least} to {most}, and not {value}", info.name);
         return Err(ControlError::Refused(refused));
     }

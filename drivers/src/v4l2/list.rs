@@ -1,6 +1,6 @@
 //! The cameras of this computer: what they offer, and the names by which they are found again.
 
-use super::controls::{self, ControlInfo, ControlKind};
+use super::controls::{self, ControlInfo};
 use super::format::{PixelFormat, fourcc_text};
 use super::node;
 use super::offers::{SizeInfo, fourccs, size_list};
@@ -110,26 +110,14 @@ impl Display for CameraInfo {
 impl Display for ControlInfo {
     /// As `driver.v4l2.controls` takes it, with its range.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (least, most, step) = self.range;
+        let (least, most, _) = self.range;
         f.write_str(&self.name)?;
         if let Some(value) = self.value {
             write!(f, "={value}")?;
         }
-        match &self.kind {
-            ControlKind::Integer if step > 1 => write!(f, " ({least} to {most} by {step}")?,
-            ControlKind::Integer => write!(f, " ({least} to {most}")?,
-            ControlKind::Switch => f.write_str(" (0 or 1")?,
-            ControlKind::Bits => write!(f, " (bits of {most:#x}")?,
-            ControlKind::Button => f.write_str(" (button")?,
-            ControlKind::Menu(entries) => {
-                f.write_str(" (")?;
-                for (i, (number, name)) in entries.iter().enumerate() {
-                    write!(f, "{}{number} {name}", if i == 0 { "" } else { ", " })?;
-                }
-            }
-        }
-        if !matches!(self.kind, ControlKind::Button) {
-            write!(f, "; default {}", self.default)?;
+        match self.is_button {
+            true => f.write_str(" (button")?,
+            false => write!(f, " ({least} to {most}; default {}", self.default)?,
         }
         let notes = [(!self.is_writable, "read only"), (self.is_inactive, "not in force")];
         notes.iter().filter(|(is, _)| *is).try_for_each(|(_, note)| write!(f, "; {note}"))?;
@@ -146,14 +134,14 @@ mod tests {
         let control = ControlInfo {
             id: 1,
             name: "power_line_frequency".into(),
-            kind: ControlKind::Menu(vec![(0, "Disabled".into()), (1, "50 Hz".into())]),
+            is_button: false,
             range: (0, 1, 1),
             default: 1,
             value: Some(0),
             is_writable: true,
             is_inactive: true,
         };
-        let shown = "power_line_frequency=0 (0 Disabled, 1 50 Hz; default 1; not in force)";
+        let shown = "power_line_frequency=0 (0 to 1; default 1; not in force)";
         assert_eq!(control.to_string(), shown);
     }
 }

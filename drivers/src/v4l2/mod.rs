@@ -28,7 +28,7 @@ pub(crate) mod stamp;
 mod stereo;
 mod sys;
 
-pub use controls::{ControlInfo, ControlKind, set_controls};
+pub use controls::{ControlInfo, set_controls};
 pub use convert::{Converter, Damage, RawLayout};
 pub use extension::ExtensionUnit;
 pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};

@@ -5,7 +5,7 @@ use anyhow::Result;
 use clap::Args;
 use plumbline_drivers::iio::{IioDeviceInfo, iio_devices};
 use plumbline_drivers::serial::{SerialPortInfo, serial_ports};
-use plumbline_drivers::v4l2::{CameraInfo, ControlInfo, ControlKind, FormatInfo, cameras};
+use plumbline_drivers::v4l2::{CameraInfo, ControlInfo, FormatInfo, cameras};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::ErrorKind;
@@ -167,18 +167,10 @@ fn format_json(format: &FormatInfo) -> Value {
 }
 
 fn control_json(control: &ControlInfo) -> Value {
-    let (kind, entries) = match &control.kind {
-        ControlKind::Integer => ("integer", None),
-        ControlKind::Switch => ("switch", None),
-        ControlKind::Menu(entries) => ("menu", Some(entries)),
-        ControlKind::Bits => ("bits", None),
-        ControlKind::Button => ("button", None),
-    };
     let (least, most, step) = control.range;
     json!({
         "name": control.name,
-        "kind": kind,
-        "entries": entries,
+        "is_button": control.is_button,
         "value": control.value,
         "least": least,
         "most": most,

@@ -198,7 +198,7 @@ proptest! {
         let rows = |mut stamps: Vec<i64>| {
             stamps.sort_unstable();
             stamps.dedup();
-            stamps.iter().filter_map(|t| parse_image_row(&t.to_string()).ok()).collect::<Vec<_>>()
+            stamps.iter().filter_map(|t| parse_image_row(&table::row(&t.to_string())).ok()).collect::<Vec<_>>()
         };
         let (left, right) = (rows(left), rows(right));
         let (lefts, rights) = (left.len(), right.len());

@@ -96,7 +96,7 @@ fn cameras_that_never_meet() {
             *line = format!("{},{}.png", frame_ns(i as i64) + 20_000_000, frame_ns(i as i64));
         }
     });
-    assert!(sample.refusal().contains("no image of cam0 has a partner in cam1 within 0.002 s"));
+    assert!(sample.refusal().contains("no left image has a partner within 0.002 s"));
 }
 
 #[test]

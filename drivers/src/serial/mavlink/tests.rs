@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::serial::fixture::{contents, hex};
-use crate::serial::protocol::DeviceSample;
+use mavlink::dialects::common::HighresImuUpdatedFlags;
 use nalgebra::Vector3;
 
 const HIGHRES_2: &str = "FD 3E 00 00 07 01 01 69 00 00 15 CD 5B 07 00 00 00 00 00 00 80 3E 00 00 00 BF 00 00 1C C1 00 00 \
@@ -22,6 +22,16 @@ const TIMESYNC: &str = "FD 0E 00 00 09 01 01 6F 00 00 00 F2 05 2A 01 00 00 00 CB
 fn samples(message: MavlinkImu, text: &str) -> Vec<DeviceSample> {
     let found = contents(&mut Mavlink::new(message, 200.0), &hex(text));
     found.into_iter().filter_map(|c| if let Content::Sample(s) = c { Some(s) } else { None }).collect()
+}
+
+/// The recorded HIGHRES_IMU with a change, from another component.
+fn highres_of(component_id: u8, change: impl Fn(&mut HIGHRES_IMU_DATA)) -> Vec<u8> {
+    let frame = taken_apart(&hex(HIGHRES_2)).unwrap();
+    let message = MavMessage::parse(frame.version(), frame.message_id(), frame.payload()).unwrap();
+    let MavMessage::HIGHRES_IMU(mut imu) = message else { panic!("{message:?}") };
+    change(&mut imu);
+    let header = MavHeader { system_id: 1, component_id, sequence: 0 };
+    written(header, &MavMessage::HIGHRES_IMU(imu)).raw_bytes().to_vec()
 }
 
 fn near(a: Vector3<f64>, b: [f64; 3]) -> bool {
@@ -55,10 +65,7 @@ fn scaled_and_raw_imu_are_thousandths_and_what_was_left_out_is_zero() {
 #[test]
 fn only_the_message_that_was_chosen_counts_and_only_of_the_first_sender() {
     assert_eq!(samples(MavlinkImu::ScaledImu, SCALED_2), []);
-    let mut other = wire::parse(&hex(HIGHRES_2)).unwrap();
-    other.component_id = 2;
-    let other = wire::write(&other, 0, &mut [0; MAX_WRITTEN]).to_vec();
-    let stream = [hex(HIGHRES_2), other, hex(HIGHRES_2)].concat();
+    let stream = [hex(HIGHRES_2), highres_of(2, |_| ()), hex(HIGHRES_2)].concat();
     let found = contents(&mut Mavlink::new(MavlinkImu::HighresImu, 200.0), &stream);
     assert_eq!(
         found.iter().map(|c| matches!(c, Content::Sample(_))).collect::<Vec<_>>(),
@@ -68,15 +75,18 @@ fn only_the_message_that_was_chosen_counts_and_only_of_the_first_sender() {
 
 #[test]
 fn a_message_without_new_readings_is_passed_over_and_one_without_numbers_is_malformed() {
-    let changed = |place: usize, bytes: &[u8]| {
-        let mut frame = wire::parse(&hex(HIGHRES_2)).unwrap();
-        frame.payload[place..place + bytes.len()].copy_from_slice(bytes);
-        let bytes = wire::write(&frame, 0, &mut [0; MAX_WRITTEN]).to_vec();
-        contents(&mut Mavlink::new(MavlinkImu::HighresImu, 200.0), &bytes)[0]
+    let changed = |change: fn(&mut HIGHRES_IMU_DATA)| {
+        contents(&mut Mavlink::new(MavlinkImu::HighresImu, 200.0), &highres_of(1, change))[0]
     };
-    assert_eq!(changed(60, &[0x07, 0x02]), Content::Other);
-    assert_eq!(changed(20, &f32::NAN.to_le_bytes()), Content::Malformed);
-    assert!(matches!(changed(60, &[0, 0]), Content::Sample(_)));
+    assert_eq!(
+        changed(|imu| imu.fields_updated = HighresImuUpdatedFlags::from_bits_retain(0x0207)),
+        Content::Other
+    );
+    assert_eq!(changed(|imu| imu.xgyro = f32::NAN), Content::Malformed);
+    assert!(matches!(
+        changed(|imu| imu.fields_updated = HighresImuUpdatedFlags::empty()),
+        Content::Sample(_)
+    ));
 }
 
 #[test]

@@ -206,14 +206,6 @@ abi! {
         sizes: [u32; 4],
         reserved: [u32; 32],
     }
-
-    /// `v4l2_querymenu`; `name` is a union, of which the value of an integer menu is the first eight bytes.
-    MenuEntry {
-        id: u32,
-        index: u32,
-        name: [u8; 32],
-        reserved: u32,
-    }
 }
 
 /// `VIDEO_MAX_PLANES`.

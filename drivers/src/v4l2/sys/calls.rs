@@ -2,7 +2,7 @@
 
 use super::abi::{
     Buffer, Capability, Control, ControlDescription, ExtensionQuery, Format, FormatDescription,
-    FrameInterval, FrameSize, KIND_CAPTURE_MPLANE, MAX_PLANES, MEMORY_MMAP, MenuEntry, PlanarFormat, Plane,
+    FrameInterval, FrameSize, KIND_CAPTURE_MPLANE, MAX_PLANES, MEMORY_MMAP, PlanarFormat, Plane,
     RequestBuffers, StreamParameters, UVC_GET, UVC_SET, Zero,
 };
 use rustix::fd::BorrowedFd;
@@ -22,7 +22,6 @@ pub(crate) const GET_PARAMETERS: Opcode = opcode::read_write::<StreamParameters>
 pub(crate) const SET_PARAMETERS: Opcode = opcode::read_write::<StreamParameters>(b'V', 22);
 pub(crate) const GET_CONTROL: Opcode = opcode::read_write::<Control>(b'V', 27);
 pub(crate) const SET_CONTROL: Opcode = opcode::read_write::<Control>(b'V', 28);
-pub(crate) const QUERY_MENU: Opcode = opcode::read_write::<MenuEntry>(b'V', 37);
 pub(crate) const ENUM_SIZE: Opcode = opcode::read_write::<FrameSize>(b'V', 74);
 pub(crate) const ENUM_INTERVAL: Opcode = opcode::read_write::<FrameInterval>(b'V', 75);
 pub(crate) const QUERY_EXTENSION: Opcode = opcode::read_write::<ExtensionQuery>(b'u', 0x21);
@@ -113,12 +112,6 @@ pub(crate) fn set_control(fd: BorrowedFd<'_>, id: u32, value: i32) -> Result<(),
 pub(crate) fn control_description(fd: BorrowedFd<'_>, id: u32) -> Result<ControlDescription, Errno> {
     let mut value = ControlDescription { id, ..Zero::ZERO };
     call::<QUERY_CONTROL, _>(fd, &mut value).map(|()| value)
-}
-
-/// An entry of a menu; `EINVAL` for numbers that the menu leaves out.
-pub(crate) fn menu_entry(fd: BorrowedFd<'_>, id: u32, index: u32) -> Result<MenuEntry, Errno> {
-    let mut value = MenuEntry { id, index, ..Zero::ZERO };
-    call::<QUERY_MENU, _>(fd, &mut value).map(|()| value)
 }
 
 /// Asks for so many buffers, which the kernel allocates; how many there are.

@@ -4,8 +4,9 @@ use super::super::{Usage, load_config, say};
 use super::{check_new, parse_mounting, summary, warn_of_doubts};
 use anyhow::{Context, Result};
 use clap::Args;
+use plumbline_config::import::{self, Import, Source};
 use plumbline_config::options::{Mounting, VehicleConfig};
-use plumbline_config::{Config, ValidConfig, import};
+use plumbline_config::{Config, ValidConfig};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -82,72 +83,49 @@ const NOTHING_TO_IMPORT: &str = "config import: give --camchain and --imu, --eur
 /// # Errors
 /// When a file cannot be used, or the configuration cannot be written.
 pub fn run(args: &ImportArgs) -> Result<()> {
-    if args.camchain.is_none() && args.euroc.is_none() && args.rig.is_none() {
-        return Err(Usage(NOTHING_TO_IMPORT.into()).into());
-    }
     check_new(&args.out, args.overwrite)?;
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
     }
-    let mounting = mounting(args)?;
-    let config = imported(args, mounting)?;
+    let (config, is_stated) = imported(args)?;
     let text = format!("{}{}", header(args), config.to_toml()?);
     // What is written is what will be read.
     let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
     std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
     say(summary(&back, &args.out));
     // A simulated data set states its mounting, and its noise is the true one.
-    let stated = args.euroc.as_ref().map(import::euroc_mounting).transpose()?.flatten();
-    if args.noise == Noise::Files && stated.is_none() {
+    if args.noise == Noise::Files && !is_stated {
         say(noise_in_words(args.inflate));
     }
     warn_of_doubts(&back);
     Ok(())
 }
 
-/// The mounting that was named, or that the data set states.
-fn mounting(args: &ImportArgs) -> Result<Mounting> {
-    if let Some(named) = args.imu_to_vehicle {
-        return Ok(named);
-    }
-    let stated = args.euroc.as_ref().map(import::euroc_mounting).transpose()?.flatten();
-    stated.ok_or_else(|| {
-        let message = "--imu-to-vehicle: the files do not tell how the IMU is mounted in the vehicle; give roll,pitch,yaw in \
-                       degrees (0,0,0 is x forward, y left, z up; the vehicle of the EuRoC data sets has 180,-70.3,0), or \
-                       unknown";
-        Usage(message.into()).into()
-    })
-}
-
-/// The base with the calibration of the files.
-fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
+/// The base with the calibration of the files, and whether they state the mounting.
+fn imported(args: &ImportArgs) -> Result<(ValidConfig, bool)> {
     let mut base = load_config(Some(&args.base))?.context("a base was named")?.into_inner();
     if let Some(rate_hz) = args.camera_rate {
         base.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
     }
-    let noise_of = |config: &ValidConfig| {
-        let imu = &config.imu;
-        [imu.gyro_noise_density, imu.gyro_bias_walk, imu.accel_noise_density, imu.accel_bias_walk]
+    let source = match (&args.camchain, &args.imu, &args.euroc, &args.rig) {
+        (Some(camchain), Some(imu), ..) => Source::Kalibr { camchain, imu },
+        (_, _, Some(folder), _) => Source::Euroc(folder),
+        (.., Some(rig)) => Source::Rig(rig),
+        _ => return Err(Usage(NOTHING_TO_IMPORT.into()).into()),
     };
-    let (config, noise) = match (&args.camchain, &args.imu, &args.euroc, &args.rig) {
-        (Some(camchain), Some(imu), ..) => {
-            (import::kalibr_into(base, camchain, imu)?, noise_of(&import::kalibr(camchain, imu)?))
-        }
-        (_, _, Some(folder), _) => (import::euroc_into(base, folder)?, noise_of(&import::euroc(folder)?)),
-        (.., Some(rig)) => {
-            let rig = import::rig_into(base, rig)?;
-            (rig.config, rig.noise)
-        }
-        _ => {
-            return Err(Usage(NOTHING_TO_IMPORT.into()).into());
-        }
-    };
+    let Import { config, noise, mounting } = import::read_into(base, source)?;
     let mut config = config.into_inner();
     // Files that tell a rate are overruled too.
     if let Some(rate_hz) = args.camera_rate {
         config.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
     }
-    config.vehicle = VehicleConfig { imu_to_vehicle_deg: mounting };
+    let imu_to_vehicle_deg = args.imu_to_vehicle.or(mounting).ok_or_else(|| {
+        let message = "--imu-to-vehicle: the files do not tell how the IMU is mounted in the vehicle; give roll,pitch,yaw in \
+                       degrees (0,0,0 is x forward, y left, z up; the vehicle of the EuRoC data sets has 180,-70.3,0), or \
+                       unknown";
+        Usage(message.into())
+    })?;
+    config.vehicle = VehicleConfig { imu_to_vehicle_deg };
     if args.noise == Noise::Files {
         let imu = &mut config.imu;
         let [gyro_noise, gyro_walk, accel_noise, accel_walk] = noise;
@@ -156,7 +134,7 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
         imu.gyro_bias_walk = gyro_walk;
         imu.accel_bias_walk = accel_walk;
     }
-    Ok(config.validated(&args.out.display().to_string())?)
+    Ok((config.validated(&args.out.display().to_string())?, mounting.is_some()))
 }
 
 /// Validity of the noise densities.
@@ -229,8 +207,8 @@ IMU.Frequency: 200
         std::fs::write(&rig, ORB_SLAM).unwrap();
         let rig = rig.to_str().unwrap();
         let rate_hz = |more: &[&str]| {
-            let line = [&["import", "--rig", rig, "--out", "out.toml"], more].concat();
-            let config = imported(&Line::parse_from(line).args, Mounting::Unknown).unwrap();
+            let line = ["import", "--rig", rig, "--out", "out.toml", "--imu-to-vehicle", "unknown"];
+            let (config, _) = imported(&Line::parse_from([&line, more].concat()).args).unwrap();
             config.camera[0].rate_hz
         };
         assert_eq!((rate_hz(&[]), rate_hz(&["--camera-rate", "30"])), (20.0, 30.0));

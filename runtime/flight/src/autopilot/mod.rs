@@ -22,8 +22,6 @@ pub(crate) mod fixture;
 pub mod flow;
 pub mod frames;
 pub mod handover;
-#[cfg(test)]
-mod imu_tests;
 pub mod inbox;
 pub mod link;
 pub mod message;

@@ -65,7 +65,6 @@ fn layouts() -> Vec<Layout> {
             "id" id, "type" kind, "name" name, "minimum" minimum, "maximum" maximum, "step" step,
             "default_value" default, "flags" flags, "dims" sizes, "reserved" reserved,
         }),
-        layout!("struct v4l2_querymenu", MenuEntry { "id" id, "index" index, "name" name, "value" name }),
     ]
 }
 
@@ -121,7 +120,6 @@ fn constants() -> Vec<(&'static str, u32)> {
         ("VIDIOC_S_PARM", super::super::calls::SET_PARAMETERS),
         ("VIDIOC_G_CTRL", super::super::calls::GET_CONTROL),
         ("VIDIOC_S_CTRL", super::super::calls::SET_CONTROL),
-        ("VIDIOC_QUERYMENU", super::super::calls::QUERY_MENU),
         ("VIDIOC_QUERY_EXT_CTRL", super::super::calls::QUERY_CONTROL),
         ("VIDIOC_ENUM_FRAMESIZES", super::super::calls::ENUM_SIZE),
         ("VIDIOC_ENUM_FRAMEINTERVALS", super::super::calls::ENUM_INTERVAL),

@@ -1,0 +1,253 @@
+//! Calibration files: read into the structs of a format, named by their keys where they are of another program, and refused
+//! with file, key and cure.
+
+use super::{Matrix, pose_problem};
+use crate::error::{ConfigError, Violation};
+use crate::options::isometry_from_rows;
+use crate::text;
+use nalgebra::Isometry3;
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, IgnoredAny};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Deepest nesting and most nodes of a calibration file; real ones have 4 levels and some 200 nodes.
+const MAX_DEPTH: usize = 32;
+const MAX_NODES: usize = 50_000;
+
+const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
+const CAMODOCAL: &str = "a camera file of camodocal (VINS-Fusion, VINS-Mono)";
+const BASALT: &str = "a calibration of Basalt";
+const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
+const ORB_SLAM: &str = "a settings file of ORB-SLAM";
+const OPENCV: &str = "a calibration of OpenCV";
+const ASL: &str = "a sensor.yaml of a data set (EuRoC, Kimera); give its folder with --euroc";
+const CAMERA_INFO: &str = "a camera_info of ROS";
+const DEPTHAI: &str = "a calibration of an OAK camera (DepthAI)";
+const KITTI: &str = "a calibration of KITTI";
+const ZED: &str = "a factory file of a ZED (`plumbline setup zed-mini` takes it)";
+const DSO: &str = "a camera file of DSO (as TUM-VI has in dso/)";
+const KALIBR_TEXT: &str = "the results of Kalibr as text";
+
+/// Programs, with keys at the top of their files. Prefixes end with `*`.
+const KEYS: [(&str, &[&str]); 16] = [
+    (VINS, &["body_T_cam0", "num_of_cam", "cam0_calib", "extrinsicRotation"]),
+    (CAMODOCAL, &["projection_parameters", "mirror_parameters"]),
+    (BASALT, &["value0"]),
+    (ORB_SLAM, &["Camera.*", "Camera1.*", "Camera_*", "ORBextractor.*", "IMU.*"]),
+    (CAMERA_INFO, &["rectification_matrix", "projection_matrix"]),
+    (OPENCV, &["camera_matrix", "cameraMatrix*", "Camera_Matrix", "M1", "K1"]),
+    (ASL, &["T_BS", "T_SC"]),
+    (OPENVINS, &["relative_config_imu"]),
+    ("a camera rig of maplab, OKVIS or Kimera", &["cameras"]),
+    ("Kalibr's description of its target", &["target_type"]),
+    ("a result of imu_utils", &["Gyr"]),
+    ("a configuration of stella_vslam or OpenVSLAM", &["Camera"]),
+    (DEPTHAI, &["cameraData", "boardName"]),
+    (CAMERA_INFO, &["camera_name", "distortion_model"]),
+    (KITTI, &["P0"]),
+    (KITTI, &["P_rect_00"]),
+];
+
+/// Programs, with parts of their files that are no YAML.
+const TEXTS: [(&str, &[&str]); 8] = [
+    ("a configuration of OKVIS", &["T_SC"]),
+    (OPENCV, &["<?xml", "<opencv_storage"]),
+    (ZED, &["[LEFT_CAM_", "[STEREO]"]),
+    ("a configuration of ROVIO", &["CalibrationFile"]),
+    ("a calibration of ROS (ost.txt)", &["# oST version"]),
+    (KALIBR_TEXT, &["Calibration results", "Camera-system parameters"]),
+    ("a cameras.txt of COLMAP", &["# Camera list with one line"]),
+    (DEPTHAI, &["\"cameraData\""]),
+];
+
+/// First words of the text files of DSO, which TUM-VI has beside those of Kalibr.
+const DSO_MODELS: [&str; 5] = ["EquiDistant", "Pinhole", "RadTan", "FOV", "KannalaBrandt"];
+
+/// A calibration file whose syntax is sound.
+pub(super) struct File {
+    pub origin: String,
+    text: String,
+    keys: Vec<String>,
+}
+
+/// The keys of a file, if it has any.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Top {
+    Keys(BTreeMap<String, IgnoredAny>),
+    Other(IgnoredAny),
+}
+
+impl File {
+    /// Reads a file; `expected` is what it should be.
+    pub fn read(path: &Path, expected: &str) -> Result<Self, ConfigError> {
+        Self::parse(&text::read_bounded(path)?, &path.display().to_string(), expected)
+    }
+
+    /// Parses the text of a file, as [`Self::read`].
+    pub fn parse(content: &str, origin: &str, expected: &str) -> Result<Self, ConfigError> {
+        let text = without_directive(content);
+        let keys = match deserialized(&text, origin) {
+            Ok(Top::Keys(keys)) => keys.into_keys().collect(),
+            Ok(Top::Other(_)) => Vec::new(),
+            Err(error) => {
+                return Err(whose_text(content).map_or(error, |whose| other(origin, whose, expected)));
+            }
+        };
+        Ok(Self { origin: origin.to_owned(), text, keys })
+    }
+
+    pub fn has(&self, key: &str) -> bool {
+        match key.strip_suffix('*') {
+            Some(prefix) => self.keys.iter().any(|name| name.starts_with(prefix)),
+            None => self.keys.iter().any(|name| name == key),
+        }
+    }
+
+    /// The content, as a format has it.
+    pub fn get<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        deserialized(&self.text, &self.origin)
+    }
+
+    /// Error of a key.
+    pub fn refuse(&self, key: &str, reason: impl Into<String>, cure: impl Into<String>) -> ConfigError {
+        ConfigError::one(&self.origin, Violation::new(key, reason, cure))
+    }
+
+    /// The first keys, for a file that is not known by them.
+    pub fn first_keys(&self) -> String {
+        match &self.keys[..] {
+            [] => "it has no keys".to_owned(),
+            keys => format!("its first keys: {}", keys[..keys.len().min(3)].join(", ")),
+        }
+    }
+
+    /// Error of a file of another program, or of none that is known.
+    pub fn other(&self, expected: &str) -> ConfigError {
+        let of_keys = KEYS.iter().find(|(_, keys)| keys.iter().any(|key| self.has(key)));
+        let of_text = || whose_text(&self.text).filter(|_| self.keys.is_empty());
+        match of_keys.map(|(whose, _)| *whose).or_else(of_text) {
+            Some(whose) => other(&self.origin, whose, expected),
+            None => other(&self.origin, &format!("no file of Kalibr ({})", self.first_keys()), expected),
+        }
+    }
+}
+
+fn other(origin: &str, whose: &str, expected: &str) -> ConfigError {
+    let cure = match whose {
+        VINS | ORB_SLAM | BASALT | OPENVINS => {
+            format!("`plumbline config import --rig` takes it as it is; otherwise give {expected}")
+        }
+        DSO => "TUM-VI has camchain.yaml and imu_config.yaml beside it".to_owned(),
+        _ => format!(
+            "give {expected}; calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: \
+             T_cam_imu takes coordinates from the IMU to the camera)"
+        ),
+    };
+    ConfigError::one(origin, Violation::new("(file)", format!("is {whose}; {expected} is expected"), cure))
+}
+
+fn whose_text(content: &str) -> Option<&'static str> {
+    if DSO_MODELS.iter().any(|word| content.trim_start().starts_with(word)) {
+        return Some(DSO);
+    }
+    let found = TEXTS.iter().find(|(_, parts)| parts.iter().any(|part| content.contains(part)));
+    found.map(|(whose, _)| *whose)
+}
+
+/// OpenCV writes `%YAML:1.0`, which is no YAML directive: blanked, so that lines keep their numbers.
+fn without_directive(text: &str) -> String {
+    let text = text.trim_start_matches('\u{feff}');
+    match text.strip_prefix("%YAML") {
+        Some(rest) => rest.find('\n').map_or_else(String::new, |end| rest[end..].to_owned()),
+        None => text.to_owned(),
+    }
+}
+
+/// What a text holds; else an error by key, or by line and column where the text has no keys.
+fn deserialized<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
+    let options = serde_saphyr::options! {
+        budget: serde_saphyr::budget! { max_depth: MAX_DEPTH, max_nodes: MAX_NODES, max_documents: 1 },
+        with_snippet: false,
+    };
+    let mut track = serde_path_to_error::Track::new();
+    let read = serde_saphyr::with_deserializer_from_str_with_options(text, options, |yaml| {
+        T::deserialize(serde_path_to_error::Deserializer::new(yaml, &mut track))
+    });
+    read.map_err(|error| {
+        let at = error.location().map_or((1, 1), |at| (at.line() as usize, at.column() as usize));
+        let message = error.to_string().replace('\n', " ");
+        let missing = message.split('`').nth(1).filter(|_| message.contains("missing field"));
+        let path = track.path().to_string();
+        let violation = match (missing, path.as_str()) {
+            (Some(name), ".") => Violation::new(name, "missing", MISSING),
+            (Some(name), path) => Violation::new(format!("{path}.{name}"), "missing", MISSING),
+            (None, ".") => {
+                let (origin, cure) = (origin.to_owned(), "correct the syntax there".to_owned());
+                return ConfigError::Syntax { origin, line: at.0, column: at.1, message, cure };
+            }
+            (None, path) => Violation::new(path, message, VALUE).at_line(Some(at.0)),
+        };
+        ConfigError::one(origin, violation)
+    })
+}
+
+const MISSING: &str = "add it, or check that this is the right kind of file";
+const VALUE: &str =
+    "write a value of that kind: numbers have no quotation marks, no unit and no decimal comma";
+
+/// A table of a file; keys in errors begin with its path.
+#[derive(Clone, Copy)]
+pub(super) struct At<'a> {
+    pub file: &'a File,
+    pub path: &'a str,
+}
+
+/// Values of a table by their keys.
+pub(super) type Values = BTreeMap<String, Scalar>;
+
+/// Number, or something else.
+#[derive(Deserialize)]
+#[serde(untagged)]
+pub(super) enum Scalar {
+    Number(f64),
+    Other(IgnoredAny),
+}
+
+impl At<'_> {
+    /// Number of a key among the values of the table.
+    pub fn number(&self, values: &Values, key: &str) -> Result<f64, ConfigError> {
+        match values.get(key) {
+            Some(Scalar::Number(number)) => Ok(*number),
+            Some(Scalar::Other(_)) => Err(self.refuse(key, "is no number", VALUE)),
+            None => Err(self.missing(key)),
+        }
+    }
+
+    pub fn missing(&self, key: &str) -> ConfigError {
+        self.refuse(key, "missing", MISSING)
+    }
+
+    /// Error of a key of the table.
+    pub fn refuse(&self, key: &str, reason: impl Into<String>, cure: impl Into<String>) -> ConfigError {
+        self.file.refuse(&format!("{}{key}", self.path), reason, cure)
+    }
+
+    /// A rigid transform from a matrix that was checked to be one.
+    pub fn rigid(&self, key: &str, Matrix(rows): &Matrix<4>) -> Result<Isometry3<f64>, ConfigError> {
+        match pose_problem(rows) {
+            // The cure names the matrix as the file does.
+            Some((reason, cure)) => Err(self.refuse(key, reason, cure.replace("T_BC", key))),
+            None => Ok(isometry_from_rows(rows)),
+        }
+    }
+
+    /// Image size of two numbers.
+    pub fn whole_size(&self, key: &str, size: [f64; 2]) -> Result<[usize; 2], ConfigError> {
+        if size.iter().any(|s| !(1.0..=65_535.0).contains(s) || s.fract() != 0.0) {
+            return Err(self.refuse(key, "is no image size", "give width and height in whole pixels"));
+        }
+        Ok(size.map(|s| s as usize))
+    }
+}
