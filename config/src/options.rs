@@ -35,7 +35,7 @@ pub use mask::{MAX_MASK_RUNS, Mask, PixelMask};
 pub use network::{CommandAccess, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
-pub use ros::{RosConfig, RosDistribution, RosPictures, RosStamp};
+pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;

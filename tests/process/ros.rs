@@ -1,7 +1,7 @@
 //! View of a vehicle from a machine with ROS 2 and `rmw_zenoh`. `tests/python/ros_peer.py` plays that machine: router, session
 //! and key expressions as `rmw_zenoh` has them, decoding by `rosbags`.
 
-mod views;
+mod services;
 
 use super::python::{FLIGHT, Program, configuration, free_endpoint, interpreter};
 use super::vehicle::{cache, render_as};
@@ -25,17 +25,12 @@ enum Machine {
 
 /// Topics of every due odometry.
 const TOPICS: [&str; 3] = ["/drone_1/odom", "/drone_1/pose", "/tf"];
-/// Every topic but pictures, with its type and depth.
-const ALL_TOPICS: [(&str, &str, u64); 9] = [
+/// Every topic, with its type and depth.
+const ALL_TOPICS: [(&str, &str, u64); 4] = [
     (TOPICS[0], "nav_msgs/msg/Odometry", 10),
     (TOPICS[1], "geometry_msgs/msg/PoseStamped", 10),
     (TOPICS[2], "tf2_msgs/msg/TFMessage", 100),
     ("/drone_1/path", "nav_msgs/msg/Path", 1),
-    ("/drone_1/landmarks", "sensor_msgs/msg/PointCloud2", 1),
-    ("/drone_1/lines", "visualization_msgs/msg/MarkerArray", 1),
-    ("/drone_1/map/path", "nav_msgs/msg/Path", 1),
-    ("/drone_1/map/landmarks", "sensor_msgs/msg/PointCloud2", 1),
-    ("/drone_1/map/markers", "visualization_msgs/msg/MarkerArray", 1),
 ];
 
 /// Topics that the machine saw of a flight, and the odometry that the flight wrote to its file.
@@ -362,14 +357,11 @@ mod realtime {
             ("ros.stamp", "\"publication\""),
             ("ros.rate_hz", "10.0"),
             ("ros.tf", "false"),
-            ("ros.path", "false"),
-            ("ros.landmarks", "false"),
-            ("ros.map", "false"),
         ];
         let seen = fly(&python, &changes, Machine::Before);
         let publishers = seen.entities("MP");
         let topics: Vec<&str> = publishers.iter().map(|p| p["topic"].as_str().unwrap()).collect();
-        assert_eq!(publishers.len(), 2, "{topics:?}");
+        assert_eq!(publishers.len(), 3, "{topics:?}");
         assert!(publishers.iter().all(|p| p["hash"] == "TypeHashNotSupported"));
         let samples = seen.samples("/robots/one/odom");
         let source_ns = |k: usize| samples[k]["source_ns"].as_i64().unwrap();

@@ -1,10 +1,9 @@
 //! Options of the publication as ROS 2 messages.
 
-use super::network::Link;
 use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
-/// Publication of odometry, path, map and pictures as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
+/// Publication of odometry, path and transforms as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
 /// Plumbline's own keys and by a session of its own.
 #[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,25 +51,6 @@ pub struct RosConfig {
     /// Standard deviation of the angular rate in the twist.
     #[key(default = 0.01, range = 0.0..=10.0, unit = RADIANS_PER_SECOND)]
     pub angular_rate_sigma_rad_s: f64,
-    /// Capacity of the connection to the router: "lan", "wifi" or "radio". Sets rates and sizes of the topics below, which are
-    /// computed only while there are subscribers.
-    #[key(default = Link::Lan)]
-    pub link: Link,
-    /// Publish the path in odom_frame (nav_msgs/Path) on `path`.
-    #[key(default = true)]
-    pub path: bool,
-    /// Publish points and lines of the window. They are sensor_msgs/PointCloud2 on `landmarks` and
-    /// visualization_msgs/MarkerArray on `lines`, in odom_frame.
-    #[key(default = true)]
-    pub landmarks: bool,
-    /// Publish the map. That is the corrected path (`map/path`), all landmarks (`map/landmarks`), and keyframes,
-    /// loops and lines (`map/markers`) in map_frame.
-    #[key(default = true)]
-    pub map: bool,
-    /// Publish the left image with what is tracked in it: "off", "compressed" (JPEG on `tracks/compressed`) or "raw" (rgb8 on
-    /// `tracks`).
-    #[key(default = RosPictures::Off)]
-    pub tracks: RosPictures,
     /// Offer the services `reset` and `reset_hard`. `reset` keeps the pose, `reset_hard` starts at the origin; both
     /// are std_srvs/Trigger. They need network.commands = "anybody": callers show no certificate.
     #[key(default = false)]
@@ -79,19 +59,6 @@ pub struct RosConfig {
     /// states at camera triggers of the autopilot are published too.
     #[key(default = false)]
     pub trigger: bool,
-}
-
-/// Format of pictures for ROS 2.
-#[keys]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RosPictures {
-    /// No pictures.
-    Off,
-    /// `sensor_msgs/msg/CompressedImage` (JPEG) on `tracks/compressed`.
-    Compressed,
-    /// `sensor_msgs/msg/Image` (`rgb8`) on `tracks`.
-    Raw,
 }
 
 /// Releases of ROS 2 that have `rmw_zenoh`.

@@ -2,7 +2,7 @@
 
 use super::validation::{check, refused};
 use crate::Config;
-use crate::options::{CommandAccess, Link, RosPictures, TlsConfig};
+use crate::options::{CommandAccess, Link, TlsConfig};
 use std::path::PathBuf;
 
 #[test]
@@ -82,7 +82,7 @@ fn names_and_passwords_come_together() {
 }
 
 #[test]
-fn what_ros_is_offered_must_be_allowed_and_fit_its_link() {
+fn what_ros_is_offered_must_be_allowed() {
     check("ros.reset", "network.commands", |c| c.ros.reset = true);
     assert_eq!(
         refused(|c| {
@@ -91,9 +91,6 @@ fn what_ros_is_offered_must_be_allowed_and_fit_its_link() {
         }),
         []
     );
-    let pictures = |c: &mut Config, link| (c.ros.tracks, c.ros.link) = (RosPictures::Raw, link);
-    check("ros.tracks", "radio", |c| pictures(c, Link::Radio));
-    assert_eq!(refused(|c| pictures(c, Link::Wifi)), []);
 }
 
 #[test]

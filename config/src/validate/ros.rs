@@ -3,7 +3,7 @@
 use super::network::{is_endpoint, no_endpoint, shortened};
 use crate::Config;
 use crate::error::Violation;
-use crate::options::{CommandAccess, Link, RosPictures};
+use crate::options::CommandAccess;
 
 /// Longest namespace and frame: both are part of keys or of every message.
 const MAX_NAMESPACE_BYTES: usize = 128;
@@ -20,10 +20,6 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
         let cure = "set `network.commands` to \"anybody\", which takes commands from every client that can reach the \
                     vehicle or its router, or `ros.reset` to false";
         found.push(Violation::new("ros.reset", reason, cure));
-    }
-    if ros.tracks != RosPictures::Off && ros.link == Link::Radio {
-        let reason = "a radio link carries no pictures (`ros.link` is \"radio\")";
-        found.push(Violation::new("ros.tracks", reason, "write \"off\", or another `ros.link`"));
     }
     let namespace = ros.namespace(&config.network.vehicle);
     // The vehicle's name stands in only when it is needed: without ROS it may be what it wants.

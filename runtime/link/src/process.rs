@@ -217,7 +217,7 @@ impl Outputs {
 
     fn take(&mut self, record: LocalRecord, message: &[u8], commands: &CommandRelay) {
         if let Some((_, ros)) = &mut self.ros {
-            ros.take(&record, message);
+            ros.take(&record);
         }
         if let LocalRecord::Answer(answer) = record {
             return commands.take(answer);

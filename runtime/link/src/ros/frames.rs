@@ -8,12 +8,12 @@
 //! - covariances are about other axes ([`super::covariance`]).
 
 use super::covariance::{pose_covariance_o, rotated, twist_covariance_b};
-use super::interface::Rows6;
 use super::messages::{
-    Header, OdometryMessage, PoseStamped, PoseWithCovariance, TfMessage, Time, TransformStamped, Twist,
+    Header, OdometryMessage, Path, PoseStamped, PoseWithCovariance, TfMessage, Time, TransformStamped, Twist,
     TwistWithCovariance,
 };
 use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
+use plumbline_config::Timestamp;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
 
@@ -83,6 +83,18 @@ impl<'a> RosFrames<'a> {
         PoseStamped { header: self.header(stamp), pose: self.vehicle(&o.pose_o_b).into() }
     }
 
+    /// Path of the vehicle from poses of the body, each with its stamp. `time` gives stamps as headers have them.
+    #[must_use]
+    pub fn path(&self, poses: &[(Timestamp, Isometry3<f64>)], time: impl Fn(Timestamp) -> Time) -> Path<'a> {
+        let stamped = |(stamp, pose_b): &(Timestamp, Isometry3<f64>)| PoseStamped {
+            header: self.header(time(*stamp)),
+            pose: self.vehicle(pose_b).into(),
+        };
+        let poses: Vec<_> = poses.iter().map(stamped).collect();
+        let stamp = poses.last().map_or_else(|| Time::from_nanos(0), |newest| newest.header.stamp);
+        Path { header: self.header(stamp), poses }
+    }
+
     /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`. Where it is known how `O` lies in `M`, that
     /// is the parent of `O`. All have one stamp, so that every frame can be brought to every other at it: tf2 looks into no
     /// future.
@@ -116,16 +128,15 @@ impl<'a> RosFrames<'a> {
     }
 }
 
-fn rows(matrix: &Matrix6<f64>) -> Rows6 {
-    Rows6(std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])))
+fn rows(matrix: &Matrix6<f64>) -> [[f64; 6]; 6] {
+    std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]))
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::cdr::encode;
-    use super::super::messages::{self, Transform};
+    use super::super::messages::{self, Pose};
     use super::*;
-    use plumbline_config::Timestamp;
     use plumbline_estimator::{NavCovariance, TrackingState};
     use std::f64::consts::PI;
 
@@ -204,14 +215,25 @@ pub(super) mod tests {
         let tree = upright().transforms(&o, None, Time::from_nanos(0));
         let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
         assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
-        let isometry = |p: &Transform| {
-            let q = &p.rotation;
+        let isometry = |pose: &Pose| {
+            let (p, q) = (&pose.position, &pose.orientation);
             let q = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
-            Isometry3::from_parts(Vector3::new(p.translation.x, p.translation.y, p.translation.z).into(), q)
+            Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), q)
         };
         let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
         assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
         assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
+    }
+
+    #[test]
+    fn a_path_has_the_poses_of_the_vehicle_and_the_newest_stamp() {
+        let frames = upright();
+        let poses = [1, 2].map(|k| (Timestamp::from_nanos(k), Isometry3::translation(k as f64, 0.0, 0.0)));
+        let path = frames.path(&poses, |stamp| Time::from_nanos(stamp.as_nanos()));
+        assert_eq!(path.header, Header { stamp: Time::from_nanos(2), frame_id: "odom" });
+        assert_eq!(path.poses.len(), 2);
+        assert_eq!(path.poses[0].pose.position, messages::Vector3 { x: 1.0, y: 0.0, z: 0.0 });
+        assert_eq!(path.poses[0].pose.orientation, frames.rot_v_b.inverse().into());
     }
 
     #[test]
@@ -241,8 +263,8 @@ pub(super) mod tests {
         assert!(near(&message.twist.twist.linear, [2.0, 0.0, 0.5]), "{:?}", message.twist.twist.linear);
         assert!(near(&message.twist.twist.angular, [0.0, 0.0, 0.7]), "{:?}", message.twist.twist.angular);
         // The velocity in V has the covariance of R_VB v_b, which is R_VB C R_VBᵀ.
-        let b = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance.0;
-        let v = message.twist.covariance.0;
+        let b = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance;
+        let v = message.twist.covariance;
         // x of V is z of B, and z of V is x of B.
         assert!((v[0][0] - b[2][2]).abs() < 1e-12 && (v[2][2] - b[0][0]).abs() < 1e-12);
         assert!((v[0][2] - b[2][0]).abs() < 1e-12);

@@ -15,6 +15,4 @@ pub struct Identity {
     pub rot_v_b: UnitQuaternion<f64>,
     /// Clock domain of the stamps.
     pub stamps: Stamps,
-    /// True if the flight keeps a map.
-    pub has_map: bool,
 }

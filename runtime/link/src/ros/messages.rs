@@ -1,55 +1,52 @@
 //! The messages of ROS 2 that a vehicle sends, field by field as their `.msg` and `.srv` files have them: the order is the
-//! order on the wire, and names and types are what the hash of a definition is made of ([`super::interface`]).
+//! order on the wire.
 
-use super::interface::{Bytes, Rows6, describe, message};
+use super::interface::Interface;
+use serde::Serialize;
 
-message! {
+/// Declares messages: a structure of each, with the fields of its definition.
+macro_rules! messages {
+    ($(
+        $(#[$about:meta])*
+        struct $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty),* $(,)? }
+    )*) => {$(
+        $(#[$about])*
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        pub struct $name $(<$life>)? { $(pub(super) $field: $type),* }
+    )*};
+}
+
+messages! {
     /// `builtin_interfaces/msg/Time`.
     #[derive(Copy, Eq)]
-    struct Time = "builtin_interfaces/msg/Time" { sec: i32, nanosec: u32 }
-
-    /// `builtin_interfaces/msg/Duration`.
-    #[derive(Copy, Eq, Default)]
-    struct Duration = "builtin_interfaces/msg/Duration" { sec: i32, nanosec: u32 }
+    struct Time { sec: i32, nanosec: u32 }
 
     /// `std_msgs/msg/Header`.
-    struct Header<'a> = "std_msgs/msg/Header" { stamp: Time, frame_id: &'a str }
+    struct Header<'a> { stamp: Time, frame_id: &'a str }
 
-    /// `std_msgs/msg/ColorRGBA`.
+    /// `geometry_msgs/msg/Point`, and `geometry_msgs/msg/Vector3`.
     #[derive(Copy)]
-    struct ColorRgba = "std_msgs/msg/ColorRGBA" { r: f32, g: f32, b: f32, a: f32 }
-
-    /// `geometry_msgs/msg/Point`.
-    #[derive(Copy)]
-    struct Point = "geometry_msgs/msg/Point" { x: f64, y: f64, z: f64 }
-
-    /// `geometry_msgs/msg/Vector3`.
-    #[derive(Copy)]
-    struct Vector3 = "geometry_msgs/msg/Vector3" { x: f64, y: f64, z: f64 }
+    struct Vector3 { x: f64, y: f64, z: f64 }
 
     /// `geometry_msgs/msg/Quaternion`.
     #[derive(Copy)]
-    struct Quaternion = "geometry_msgs/msg/Quaternion" { x: f64, y: f64, z: f64, w: f64 }
+    struct Quaternion { x: f64, y: f64, z: f64, w: f64 }
 
-    /// `geometry_msgs/msg/Pose`.
+    /// `geometry_msgs/msg/Pose`, and `geometry_msgs/msg/Transform`.
     #[derive(Copy)]
-    struct Pose = "geometry_msgs/msg/Pose" { position: Point, orientation: Quaternion }
-
-    /// `geometry_msgs/msg/Transform`.
-    #[derive(Copy)]
-    struct Transform = "geometry_msgs/msg/Transform" { translation: Vector3, rotation: Quaternion }
+    struct Pose { position: Vector3, orientation: Quaternion }
 
     /// `geometry_msgs/msg/PoseWithCovariance`.
-    struct PoseWithCovariance = "geometry_msgs/msg/PoseWithCovariance" { pose: Pose, covariance: Rows6 }
+    struct PoseWithCovariance { pose: Pose, covariance: [[f64; 6]; 6] }
 
     /// `geometry_msgs/msg/Twist`.
-    struct Twist = "geometry_msgs/msg/Twist" { linear: Vector3, angular: Vector3 }
+    struct Twist { linear: Vector3, angular: Vector3 }
 
     /// `geometry_msgs/msg/TwistWithCovariance`.
-    struct TwistWithCovariance = "geometry_msgs/msg/TwistWithCovariance" { twist: Twist, covariance: Rows6 }
+    struct TwistWithCovariance { twist: Twist, covariance: [[f64; 6]; 6] }
 
     /// `nav_msgs/msg/Odometry`.
-    struct OdometryMessage<'a> = "nav_msgs/msg/Odometry" {
+    struct OdometryMessage<'a> {
         header: Header<'a>,
         child_frame_id: &'a str,
         pose: PoseWithCovariance,
@@ -57,120 +54,43 @@ message! {
     }
 
     /// `geometry_msgs/msg/PoseStamped`.
-    struct PoseStamped<'a> = "geometry_msgs/msg/PoseStamped" { header: Header<'a>, pose: Pose }
+    struct PoseStamped<'a> { header: Header<'a>, pose: Pose }
 
     /// `geometry_msgs/msg/TransformStamped`.
-    struct TransformStamped<'a> = "geometry_msgs/msg/TransformStamped" {
-        header: Header<'a>,
-        child_frame_id: &'a str,
-        transform: Transform,
-    }
+    struct TransformStamped<'a> { header: Header<'a>, child_frame_id: &'a str, transform: Pose }
 
     /// `tf2_msgs/msg/TFMessage`.
-    struct TfMessage<'a> = "tf2_msgs/msg/TFMessage" { transforms: Vec<TransformStamped<'a>> }
+    struct TfMessage<'a> { transforms: Vec<TransformStamped<'a>> }
 
     /// `nav_msgs/msg/Path`.
-    struct Path<'a> = "nav_msgs/msg/Path" { header: Header<'a>, poses: Vec<PoseStamped<'a>> }
-
-    /// `sensor_msgs/msg/PointField`.
-    struct PointField<'a> = "sensor_msgs/msg/PointField" { name: &'a str, offset: u32, datatype: u8, count: u32 }
-
-    /// `sensor_msgs/msg/PointCloud2`.
-    struct PointCloud2<'a> = "sensor_msgs/msg/PointCloud2" {
-        header: Header<'a>,
-        height: u32,
-        width: u32,
-        fields: Vec<PointField<'a>>,
-        is_bigendian: bool,
-        point_step: u32,
-        row_step: u32,
-        data: Bytes,
-        is_dense: bool,
-    }
-
-    /// `sensor_msgs/msg/Image`.
-    struct Image<'a> = "sensor_msgs/msg/Image" {
-        header: Header<'a>,
-        height: u32,
-        width: u32,
-        encoding: &'a str,
-        is_bigendian: u8,
-        step: u32,
-        data: Bytes,
-    }
-
-    /// `sensor_msgs/msg/CompressedImage`.
-    struct CompressedImage<'a> = "sensor_msgs/msg/CompressedImage" { header: Header<'a>, format: &'a str, data: Bytes }
-
-    /// `visualization_msgs/msg/UVCoordinate`.
-    struct UvCoordinate = "visualization_msgs/msg/UVCoordinate" { u: f32, v: f32 }
-
-    /// `visualization_msgs/msg/MeshFile`.
-    struct MeshFile<'a> = "visualization_msgs/msg/MeshFile" { filename: &'a str, data: Bytes }
-
-    /// `visualization_msgs/msg/Marker`.
-    struct Marker<'a> = "visualization_msgs/msg/Marker" {
-        header: Header<'a>,
-        ns: &'a str,
-        id: i32,
-        r#type: i32,
-        action: i32,
-        pose: Pose,
-        scale: Vector3,
-        color: ColorRgba,
-        lifetime: Duration,
-        frame_locked: bool,
-        points: Vec<Point>,
-        colors: Vec<ColorRgba>,
-        texture_resource: &'a str,
-        texture: CompressedImage<'a>,
-        uv_coordinates: Vec<UvCoordinate>,
-        text: &'a str,
-        mesh_resource: &'a str,
-        mesh_file: MeshFile<'a>,
-        mesh_use_embedded_materials: bool,
-    }
-
-    /// `visualization_msgs/msg/MarkerArray`.
-    struct MarkerArray<'a> = "visualization_msgs/msg/MarkerArray" { markers: Vec<Marker<'a>> }
+    struct Path<'a> { header: Header<'a>, poses: Vec<PoseStamped<'a>> }
 
     /// Response of `std_srvs/srv/Trigger`.
-    struct TriggerServiceResponse = "std_srvs/srv/Trigger_Response" { success: bool, message: String }
+    struct TriggerServiceResponse { success: bool, message: String }
 }
 
 /// Service `std_srvs/srv/Trigger`.
 #[derive(Debug)]
 pub enum TriggerService {}
 
-/// Request of [`TriggerService`]. It has no fields, and one byte on the wire, as every structure of the kind.
-#[derive(Debug)]
-pub enum TriggerServiceRequest {}
+/// Gives types the names and hashes of their definitions.
+macro_rules! interfaces {
+    ($($type:ty = $name:literal, $hash:literal;)*) => {
+        $(impl Interface for $type {
+            const NAME: &'static str = $name;
+            const HASH: &'static str = concat!("RIHS01_", $hash);
+        })*
+    };
+}
 
-/// Event of [`TriggerService`], as introspection publishes it.
-#[derive(Debug)]
-pub enum TriggerServiceEvent {}
-
-/// `service_msgs/msg/ServiceEventInfo`.
-#[derive(Debug)]
-pub enum ServiceEventInfo {}
-
-describe!(TriggerServiceRequest = "std_srvs/srv/Trigger_Request" { structure_needs_at_least_one_member: u8 });
-describe!(ServiceEventInfo = "service_msgs/msg/ServiceEventInfo" {
-    event_type: u8,
-    stamp: Time,
-    client_gid: [u8; 16],
-    sequence_number: i64,
-});
-describe!(TriggerServiceEvent = "std_srvs/srv/Trigger_Event" {
-    info: ServiceEventInfo,
-    request: Option<TriggerServiceRequest>,
-    response: Option<TriggerServiceResponse>,
-});
-describe!(TriggerService = "std_srvs/srv/Trigger" {
-    request_message: TriggerServiceRequest,
-    response_message: TriggerServiceResponse,
-    event_message: TriggerServiceEvent,
-});
+interfaces! {
+    Header<'_> = "std_msgs/msg/Header", "f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01";
+    OdometryMessage<'_> = "nav_msgs/msg/Odometry", "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
+    PoseStamped<'_> = "geometry_msgs/msg/PoseStamped", "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8";
+    TfMessage<'_> = "tf2_msgs/msg/TFMessage", "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+    Path<'_> = "nav_msgs/msg/Path", "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b";
+    TriggerService = "std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
+}
 
 impl Time {
     /// Time `nanos` after the origin; seconds end in 2038.
@@ -178,12 +98,6 @@ impl Time {
     pub fn from_nanos(nanos: i64) -> Self {
         let sec = nanos.div_euclid(1_000_000_000).clamp(i32::MIN.into(), i32::MAX.into());
         Self { sec: sec as i32, nanosec: nanos.rem_euclid(1_000_000_000) as u32 }
-    }
-}
-
-impl From<nalgebra::Vector3<f64>> for Point {
-    fn from(v: nalgebra::Vector3<f64>) -> Self {
-        Self { x: v.x, y: v.y, z: v.z }
     }
 }
 
@@ -206,59 +120,9 @@ impl From<nalgebra::Isometry3<f64>> for Pose {
     }
 }
 
-impl From<nalgebra::Isometry3<f64>> for Transform {
-    fn from(pose: nalgebra::Isometry3<f64>) -> Self {
-        Self { translation: pose.translation.vector.into(), rotation: pose.rotation.into() }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::interface::InterfaceType;
     use super::*;
-
-    #[test]
-    fn hashes_are_those_that_ros_publishes() {
-        // As `ros2 topic info --verbose` and `ros2 service info --verbose` print them.
-        let known = [
-            (
-                InterfaceType::of::<OdometryMessage<'_>>(),
-                "nav_msgs::msg::dds_::Odometry_",
-                "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
-            ),
-            (
-                InterfaceType::of::<PoseStamped<'_>>(),
-                "geometry_msgs::msg::dds_::PoseStamped_",
-                "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
-            ),
-            (
-                InterfaceType::of::<TfMessage<'_>>(),
-                "tf2_msgs::msg::dds_::TFMessage_",
-                "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-            ),
-            (
-                InterfaceType::of::<MarkerArray<'_>>(),
-                "visualization_msgs::msg::dds_::MarkerArray_",
-                "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
-            ),
-            (
-                InterfaceType::of::<PointCloud2<'_>>(),
-                "sensor_msgs::msg::dds_::PointCloud2_",
-                "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
-            ),
-            (
-                InterfaceType::of::<TriggerService>(),
-                "std_srvs::srv::dds_::Trigger_",
-                "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
-            ),
-        ];
-        for (found, dds_name, hash) in known {
-            assert_eq!(
-                (found.dds_name.as_str(), found.hash.as_str()),
-                (dds_name, &*format!("RIHS01_{hash}"))
-            );
-        }
-    }
 
     #[test]
     fn stamps_before_the_origin_and_after_2038_are_times() {

@@ -1,16 +1,15 @@
-//! ROS 2 without ROS: odometry, path, map, pictures and the reset service as RViz 2 and `ros2` expect them.
+//! ROS 2 without ROS: odometry, path, transforms and the reset service as RViz 2 and `ros2` expect them.
 //!
 //! Machines that run ROS 2 with `RMW_IMPLEMENTATION=rmw_zenoh_cpp` speak Zenoh, as we do. What is missing
 //! between the two is a way of writing, and that is all there is here; no part of ROS is needed:
 //!
-//! - [`interface`]: types of ROS, listed once: bytes, names and hashes follow; [`messages`]: those that are sent;
+//! - [`messages`]: the types of ROS that are sent; [`interface`]: their names and hashes;
 //! - [`cdr`]: their bytes;
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
 //!   their endpoints, and what it attaches to samples and requests;
-//! - [`frames`]: odometry, pose and transforms from an estimate, with what ROS means by a covariance and by a twist
-//!   ([`covariance`]);
-//! - [`scene`]: what path, clouds and markers are made of ([`path`], [`landmarks`]); [`views`] and [`picture`] make them;
-//! - [`node`]: a node `plumbline` with its publishers ([`topic`], [`view_topics`]) and services ([`reset`]);
+//! - [`frames`]: odometry, pose, path and transforms from an estimate, with what ROS means by a covariance and by a twist
+//!   ([`covariance`]); [`path`] keeps the poses of the path;
+//! - [`node`]: a node `plumbline` with its publishers ([`topic`]) and services ([`reset`]);
 //! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on;
 //! - [`output`]: the thread that feeds it with the records of a flight.
 //!
@@ -24,20 +23,15 @@ pub mod covariance;
 pub mod frames;
 mod identity;
 pub mod interface;
-pub mod landmarks;
 pub mod messages;
 pub mod names;
 pub mod node;
 pub mod output;
 pub mod path;
-pub mod picture;
 pub mod publisher;
 pub mod reset;
-pub mod scene;
 pub mod system_clock;
 mod topic;
 pub mod trigger;
-pub mod view_topics;
-pub mod views;
 
 pub use output::{RosFeed, RosOutput};

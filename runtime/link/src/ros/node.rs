@@ -3,21 +3,19 @@
 use super::frames::RosFrames;
 use super::identity::Identity;
 use super::interface::{Interface, InterfaceType};
-use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
+use super::messages::{OdometryMessage, Path, PoseStamped, TfMessage, Time};
 use super::names::{NodeName, RosTopic};
+use super::path::PathHistory;
 use super::reset::{ResetServices, Resets};
-use super::scene::RosScene;
 use super::system_clock::on_system_clock;
 use super::topic::{Declaring, TopicPublisher, declare_token};
 use super::trigger::{TriggerSubscription, Triggers};
-use super::view_topics::{PublicationTimes, ViewTopics};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
+use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_config::options::RosStamp;
 use plumbline_estimator::{Odometry, TrackingState};
-use plumbline_flight::local::Shot;
-
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use std::sync::Arc;
 use zenoh::Session;
@@ -29,6 +27,10 @@ const NODE: &str = "plumbline";
 /// Messages that a subscriber is advised to hold; of transforms as many as tf2's own broadcaster says.
 const DEPTH: u32 = 10;
 const TF_DEPTH: u32 = 100;
+/// A path replaces the one before.
+const PATH_DEPTH: u32 = 1;
+/// Paths a second of data, while there are subscribers.
+const PATH_HZ: f64 = 1.0;
 
 /// A node of ROS 2 with its publishers, for as long as it lives.
 pub struct RosNode {
@@ -36,8 +38,9 @@ pub struct RosNode {
     odom: TopicPublisher,
     pose: TopicPublisher,
     tf: Option<TopicPublisher>,
-    views: ViewTopics,
+    path: TopicPublisher,
     pace: Pace,
+    path_pace: Pace,
     at: Option<AtTriggers>,
     _reset: Option<ResetServices>,
     _node: LivelinessToken,
@@ -73,7 +76,7 @@ impl RosNode {
             true => Some(declare::<TfMessage<'_>>(&mut declaring, "/tf".into(), TF_DEPTH).await?),
             false => None,
         };
-        let views = ViewTopics::declare(&mut declaring, options, identity.has_map).await?;
+        let path = declare::<Path<'_>>(&mut declaring, node.qualified("path"), PATH_DEPTH).await?;
         let reset = match options.reset {
             true => Some(ResetServices::declare(&mut declaring, resets.clone()).await?),
             false => None,
@@ -92,28 +95,36 @@ impl RosNode {
         };
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
-        let pace = Pace::new(rate_hz);
-        Ok(Self { identity: identity.clone(), odom, pose, tf, views, pace, at, _reset: reset, _node: token })
+        let (pace, path_pace) = (Pace::new(rate_hz), Pace::new(PATH_HZ));
+        let identity = identity.clone();
+        Ok(Self { identity, odom, pose, tf, path, pace, path_pace, at, _reset: reset, _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then
-    /// the views that are due. What cannot be sent is lost; the sequence numbers of the samples show it.
-    pub async fn odometry(&mut self, odometry: &Odometry, scene: &RosScene) {
+    /// the path, if that is due. What cannot be sent is lost; the sequence numbers of the samples show it.
+    pub async fn odometry(
+        &mut self,
+        odometry: &Odometry,
+        pose_m_o: Option<&Isometry3<f64>>,
+        path: &PathHistory,
+    ) {
         if !is_worth_sending(odometry) {
             return;
         }
-        let clock = self.identity.clock(now_ns());
+        let now_ns = now_ns();
+        let time = self.identity.clock(now_ns);
         let frames = self.identity.frames();
         if self.pace.admits(odometry.stamp) {
-            let stamp = (clock.time)(odometry.stamp);
-            self.odom.put(&frames.odometry(odometry, stamp), clock.now_ns).await;
-            self.pose.put(&frames.pose(odometry, stamp), clock.now_ns).await;
+            let stamp = time(odometry.stamp);
+            self.odom.put(&frames.odometry(odometry, stamp), now_ns).await;
+            self.pose.put(&frames.pose(odometry, stamp), now_ns).await;
             if let Some(tf) = &mut self.tf {
-                let pose_m_o = scene.pose_m_o(odometry);
-                tf.put(&frames.transforms(odometry, pose_m_o.as_ref(), stamp), clock.now_ns).await;
+                tf.put(&frames.transforms(odometry, pose_m_o, stamp), now_ns).await;
             }
         }
-        self.views.send(scene, &frames, odometry.stamp, &clock).await;
+        if self.path_pace.admits(odometry.stamp) && self.path.has_subscribers().await {
+            self.path.put(&frames.path(path.poses(), time), now_ns).await;
+        }
     }
 
     /// Publishes the state at an instant, if there is one. A trigger without one is told in the log.
@@ -144,17 +155,6 @@ impl RosNode {
             at.odom.put(&message, now_ns).await;
         }
     }
-
-    /// Publishes a picture, if it is due.
-    pub async fn picture(&mut self, shot: &Shot) {
-        let clock = self.identity.clock(now_ns());
-        self.views.send_picture(shot, &self.identity.frames(), &clock).await;
-    }
-
-    /// Rate of pictures that is wanted now, Hz.
-    pub async fn pictures_hz(&self) -> f64 {
-        self.views.pictures_hz().await
-    }
 }
 
 impl Identity {
@@ -162,14 +162,13 @@ impl Identity {
         RosFrames::new(&self.options, self.rot_v_b)
     }
 
-    /// Stamps of what is published at `now_ns`.
-    fn clock(&self, now_ns: i64) -> PublicationTimes<impl Fn(Timestamp) -> Time + use<>> {
+    /// Times of measurement as headers of what is published at `now_ns` have them.
+    fn clock(&self, now_ns: i64) -> impl Fn(Timestamp) -> Time + use<> {
         let (stamp, stamps) = (self.options.stamp, self.stamps);
-        let time = move |measured: Timestamp| match stamp {
+        move |measured: Timestamp| match stamp {
             RosStamp::Measurement => Time::from_nanos(on_system_clock(stamps, measured, now_ns)),
             RosStamp::Publication => Time::from_nanos(now_ns),
-        };
-        PublicationTimes { time, now_ns }
+        }
     }
 }
 

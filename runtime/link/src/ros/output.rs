@@ -2,15 +2,12 @@
 
 use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
-use super::scene::RosScene;
-use crate::net::pace::Rates;
-use crate::net::relay::Relayed;
 use crate::net::task_bell::TaskBell;
 use crate::net::{CommandRelay, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_flight::local::Shot;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
 use plumbline_record::InstantAnswer;
@@ -21,10 +18,8 @@ use std::thread::JoinHandle;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
-/// Records of the scene that wait: one with each frame, and a few with each keyframe.
-const SCENE_RING: usize = 32;
-/// Pictures that wait: only the newest counts.
-const PICTURE_RING: usize = 2;
+/// Poses in the map that wait: one with each frame.
+const CORRECTION_RING: usize = 32;
 /// States at instants that wait.
 const INSTANT_RING: usize = 64;
 
@@ -60,13 +55,11 @@ impl RosOutput {
             vehicle: config.network.vehicle.clone(),
             rot_v_b,
             stamps,
-            has_map: config.estimator.places.enabled,
         };
-        let scene = RosScene::new(&Rates::of(config.ros.link));
         // Commands come over the router, which shows no certificate of theirs.
         let router = Endpoints { connect: vec![config.ros.router.clone()], ..Endpoints::default() };
         let refusal = security::refusal(config.network.commands, &router);
-        let publisher = RosPublisher::start(identity, scene, commands, refusal)?;
+        let publisher = RosPublisher::start(identity, commands, refusal)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);
@@ -99,24 +92,21 @@ impl Drop for RosOutput {
 /// Reading ends of the rings of a [`RosFeed`].
 struct Waiting {
     odometry: LaneReader<Odometry>,
-    scene: LaneReader<Relayed>,
-    shots: LaneReader<Shot>,
+    corrections: LaneReader<MapEstimate>,
     instants: LaneReader<InstantAnswer>,
 }
 
 fn rings(shared: &Arc<RosOutputState>) -> (RosFeed, Waiting) {
     let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
-    let (scene_in, scene, _) = lane(SCENE_RING);
-    let (shots_in, shots, _) = lane(PICTURE_RING);
+    let (corrections_in, corrections, _) = lane(CORRECTION_RING);
     let (instants_in, instants, _) = lane(INSTANT_RING);
     let feed = RosFeed {
         shared: Arc::clone(shared),
         odometry: odometry_in,
-        scene: scene_in,
-        shots: shots_in,
+        corrections: corrections_in,
         instants: instants_in,
     };
-    (feed, Waiting { odometry, scene, shots, instants })
+    (feed, Waiting { odometry, corrections, instants })
 }
 
 async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &RosOutputState) {
@@ -127,17 +117,14 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
         publisher.look().await;
-        while let Some(record) = waiting.scene.pop() {
-            publisher.scene.take(record);
+        while let Some(correction) = waiting.corrections.pop() {
+            publisher.correct(correction);
         }
         while let Some(odometry) = waiting.odometry.pop() {
             publisher.odometry(&odometry).await;
         }
         while let Some(answer) = waiting.instants.pop() {
             publisher.instant(&answer).await;
-        }
-        while let Some(shot) = waiting.shots.pop() {
-            publisher.picture(&shot).await;
         }
         if is_last {
             return publisher.stop().await;
@@ -151,14 +138,13 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
 pub struct RosFeed {
     shared: Arc<RosOutputState>,
     odometry: LaneWriter<Odometry>,
-    scene: LaneWriter<Relayed>,
-    shots: LaneWriter<Shot>,
+    corrections: LaneWriter<MapEstimate>,
     instants: LaneWriter<InstantAnswer>,
 }
 
 impl RosFeed {
-    /// Takes a record with its message, if it is one that ROS 2 is shown.
-    pub fn take(&mut self, record: &LocalRecord, message: &[u8]) {
+    /// Takes a record, if it is one that ROS 2 is shown.
+    pub fn take(&mut self, record: &LocalRecord) {
         match record {
             LocalRecord::Odometry(odometry, _) => {
                 self.odometry.push((**odometry).clone());
@@ -168,16 +154,7 @@ impl RosFeed {
                 self.instants.push((**answer).clone());
                 self.shared.bell.ring();
             }
-            LocalRecord::Picture(shot) => {
-                self.shots.push(shot.clone());
-                self.shared.bell.ring();
-            }
-            record if RosScene::draws(record) => {
-                // Only what is kept as it came needs its message.
-                let message =
-                    if matches!(record, LocalRecord::Other(_)) { message.to_vec() } else { Vec::new() };
-                self.scene.push(Relayed { record: record.clone(), message });
-            }
+            LocalRecord::MapEstimate(correction) => self.corrections.push(correction.clone()),
             _ => {}
         }
     }

@@ -6,12 +6,11 @@
 
 use super::identity::Identity;
 use super::node::{RosNode, is_worth_sending};
+use super::path::PathHistory;
 use super::reset::Resets;
-use super::scene::RosScene;
-use crate::net::commands::Watcher;
 use crate::net::{CommandRelay, NetError};
 use plumbline_estimator::Odometry;
-use plumbline_flight::local::Shot;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_record::InstantAnswer;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,8 +24,10 @@ const RETRY_MS: (u32, u32) = (500, 1000);
 const RENEWAL: Duration = Duration::from_secs(2);
 /// A router that is not there after this time is worth a word.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Poses of a path at most.
+const PATH_POSES: usize = 2_000;
 
-/// Period at which subscribers of pictures are counted.
+/// Period at which the publisher looks for the router.
 pub const LOOK_PERIOD: Duration = Duration::from_millis(200);
 
 /// Publishes to ROS 2 as soon as the router is there, and again when it comes back.
@@ -34,13 +35,12 @@ pub struct RosPublisher {
     identity: Identity,
     resets: Resets,
     count: watch::Sender<u32>,
-    looked: Option<Instant>,
-    watched_hz: f64,
     state: State,
     /// Failure that was logged last.
     failure: String,
-    /// Scene received so far.
-    pub scene: RosScene,
+    path: PathHistory,
+    /// Newest pose of the odometry frame in the map.
+    correction: Option<MapEstimate>,
 }
 
 enum State {
@@ -58,7 +58,6 @@ impl RosPublisher {
     /// When no thread can be had.
     pub fn start(
         identity: Identity,
-        scene: RosScene,
         commands: Arc<CommandRelay>,
         refusal: Option<String>,
     ) -> Result<Self, NetError> {
@@ -66,19 +65,11 @@ impl RosPublisher {
         let (count, newest) = watch::channel(0);
         let resets = Resets { commands, count: newest, refusal };
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self {
-            identity,
-            resets,
-            count,
-            looked: None,
-            watched_hz: 0.0,
-            state,
-            failure: String::new(),
-            scene,
-        })
+        let path = PathHistory::new(PATH_POSES);
+        Ok(Self { identity, resets, count, state, failure: String::new(), path, correction: None })
     }
 
-    /// Declares the node when the router has appeared, and asks the flight for pictures while there are subscribers.
+    /// Declares the node when the router has appeared.
     pub async fn look(&mut self) {
         if let State::Failed(since) = &self.state
             && since.elapsed() >= RENEWAL
@@ -103,17 +94,6 @@ impl RosPublisher {
                 }
             }
         }
-        if self.looked.is_some_and(|looked| looked.elapsed() < LOOK_PERIOD) {
-            return;
-        }
-        self.looked = Some(Instant::now());
-        if let State::Connected(_, node) = &self.state {
-            let pictures_hz = node.pictures_hz().await;
-            if pictures_hz != self.watched_hz {
-                self.resets.commands.watch(Watcher::Ros, pictures_hz);
-                self.watched_hz = pictures_hz;
-            }
-        }
     }
 
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
@@ -121,24 +101,25 @@ impl RosPublisher {
     pub async fn odometry(&mut self, odometry: &Odometry) {
         self.count.send_replace(odometry.reset_counter);
         if is_worth_sending(odometry) {
-            self.scene.path.follow(odometry);
+            self.path.follow(odometry);
         }
         if let State::Connected(_, node) = &mut self.state {
-            node.odometry(odometry, &self.scene).await;
+            // After a reset the odometry frame is another one.
+            let newest = self.correction.as_ref().filter(|c| c.reset_counter == odometry.reset_counter);
+            let pose_m_o = newest.and_then(|correction| correction.pose_m_o.as_ref());
+            node.odometry(odometry, pose_m_o, &self.path).await;
         }
+    }
+
+    /// Takes the pose of the odometry frame in the map.
+    pub fn correct(&mut self, correction: MapEstimate) {
+        self.correction = Some(correction);
     }
 
     /// Publishes the state at an instant.
     pub async fn instant(&mut self, answer: &InstantAnswer) {
         if let State::Connected(_, node) = &mut self.state {
             node.instant(answer).await;
-        }
-    }
-
-    /// Publishes a picture, if it is due.
-    pub async fn picture(&mut self, shot: &Shot) {
-        if let State::Connected(_, node) = &mut self.state {
-            node.picture(shot).await;
         }
     }
 
@@ -221,9 +202,8 @@ mod tests {
     fn a_node_that_could_not_be_declared_is_tried_again() {
         let options = RosConfig { router: "tcp/127.0.0.1:1".into(), ..RosConfig::default() };
         let (vehicle, rot_v_b, stamps) = ("drone".into(), UnitQuaternion::identity(), Stamps::Replayed);
-        let identity = Identity { options, vehicle, rot_v_b, stamps, has_map: false };
-        let scene = RosScene::new(&crate::net::pace::Rates::of(identity.options.link));
-        let mut publisher = RosPublisher::start(identity, scene, Arc::default(), None).unwrap();
+        let identity = Identity { options, vehicle, rot_v_b, stamps };
+        let mut publisher = RosPublisher::start(identity, Arc::default(), None).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let fails = |publisher: &mut RosPublisher| {
             let (sender, receiver) = oneshot::channel();

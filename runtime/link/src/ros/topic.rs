@@ -64,7 +64,7 @@ pub async fn declare_token(session: &Session, key: String) -> Result<LivelinessT
 /// Publisher of a topic.
 pub struct TopicPublisher {
     publisher: zenoh::pubsub::Publisher<'static>,
-    interface: String,
+    interface: &'static str,
     gid: [u8; 16],
     sequence: i64,
     _token: LivelinessToken,
@@ -84,7 +84,7 @@ impl TopicPublisher {
         let publisher = declaring
             .session()
             .declare_publisher(key.clone())
-            .encoding(Encoding::APPLICATION_CDR.with_schema(topic.interface.name.clone()))
+            .encoding(Encoding::APPLICATION_CDR.with_schema(topic.interface.name))
             .priority(priority)
             .congestion_control(CongestionControl::Drop)
             .await
@@ -102,13 +102,7 @@ impl TopicPublisher {
     /// Publishes a message of the topic's type. What cannot be sent is lost; the sequence numbers of the samples show it.
     pub async fn put<T: Interface + Serialize>(&mut self, message: &T, now_ns: i64) {
         debug_assert_eq!(T::NAME, self.interface);
-        if let Ok(bytes) = cdr::encode(message) {
-            self.put_encoded(bytes, now_ns).await;
-        }
-    }
-
-    /// Publishes a message of the topic's type in its bytes.
-    pub async fn put_encoded(&mut self, bytes: Vec<u8>, now_ns: i64) {
+        let Ok(bytes) = cdr::encode(message) else { return };
         self.sequence += 1;
         let attachment = Attachment { sequence: self.sequence, source_ns: now_ns, gid: self.gid };
         let _ = self.publisher.put(bytes).attachment(attachment.encode().as_slice()).await;
