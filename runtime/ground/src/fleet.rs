@@ -134,9 +134,11 @@ impl Fleet {
         change(vehicle);
         let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.news.ladder.name.clone());
-        let notices = vehicle.news.sensors.notices.iter();
-        let fresh: Vec<String> =
-            notices.filter(|notice| !before.1.sensors.notices.contains(notice)).cloned().collect();
+        let is_fresh = |notice: &&String| {
+            let mut known = before.1.sensors.notices.iter();
+            !known.any(|known| without_digits(known).eq(without_digits(notice)))
+        };
+        let fresh: Vec<String> = vehicle.news.sensors.notices.iter().filter(is_fresh).cloned().collect();
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
@@ -163,6 +165,13 @@ impl Fleet {
         }
     }
 
+    /// Measurement time of the newest message of the first vehicle by name that is heard now, ns: vehicles may have other clocks.
+    #[must_use]
+    pub fn data_time_ns(&self, now: Instant) -> Option<i64> {
+        let is_heard = |vehicle: &&VehicleState| !vehicle.odom.is_stale(now) || !vehicle.state.is_stale(now);
+        self.vehicles.values().find(is_heard).map(|vehicle| vehicle.stamp_ns)
+    }
+
     /// Adds an event.
     pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
         if self.events.len() == MAX_EVENTS {
@@ -185,6 +194,11 @@ impl Fleet {
     pub fn lines(&self, now: Instant) -> Vec<String> {
         self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
     }
+}
+
+/// A notice whose counts go on is the same.
+fn without_digits(notice: &str) -> impl Iterator<Item = char> {
+    notice.chars().filter(|c| !c.is_ascii_digit())
 }
 
 /// True if a vehicle can have this name: it is one part of a key, and is shown in terminals.
@@ -250,6 +264,27 @@ mod tests {
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 1);
         assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
+    }
+
+    #[test]
+    fn a_notice_with_other_counts_is_no_new_event() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..50 {
+            let mut health = Health::default();
+            health.sensors.notices = vec![format!("IMU: {k} of 201 samples are not finite")];
+            fleet.health("a", &heard(k, health), 100, now);
+        }
+        assert_eq!(texts(&fleet).iter().filter(|text| text.starts_with("IMU")).count(), 1);
+    }
+
+    #[test]
+    fn time_is_of_a_vehicle_that_is_heard() {
+        let (mut fleet, start) = (Fleet::default(), Instant::now());
+        let later = start + 2 * STALE_AFTER;
+        fleet.odom("alpha", &odom(0, 0.0, 0), 100, start, 0);
+        fleet.odom("bravo", &odom(1_000, 0.0, 0), 100, later, 0);
+        assert_eq!(fleet.data_time_ns(start), Some(fleet.vehicles["alpha"].stamp_ns));
+        assert_eq!(fleet.data_time_ns(later), Some(fleet.vehicles["bravo"].stamp_ns));
     }
 
     /// A keyframe and a window of before, as the vehicle sends them.

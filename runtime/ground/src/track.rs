@@ -161,10 +161,11 @@ impl Samples {
         self.samples.iter()
     }
 
-    /// All of them.
+    /// At most `limit` samples from number `from` on; those that were forgotten are left out.
     #[must_use]
-    pub fn to_vec(&self) -> Vec<PoseSample> {
-        self.samples.iter().copied().collect()
+    pub fn since(&self, from: u64, limit: usize) -> Vec<PoseSample> {
+        let skip = usize::try_from(from.saturating_sub(self.forgotten)).unwrap_or(usize::MAX);
+        self.samples.range(skip.min(self.samples.len())..).take(limit).copied().collect()
     }
 
     /// Number of samples.
