@@ -54,6 +54,7 @@ const CRATES: &[&str] = &[
     "runtime/link",
     "runtime/python",
     "runtime/record",
+    "runtime/scene",
 ];
 
 /// Libraries of networks, of which none has a part in a flight.

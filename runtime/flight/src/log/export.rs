@@ -5,12 +5,10 @@
 //! execution of the log has the same window, bit for bit, and is where it is taken from.
 
 use super::LogError;
-use super::channel::{Channel, FOXGLOVE};
-use super::drawn::log_time;
+use super::channel::Channel;
 use super::known::KnownMap;
 use super::part_header::PartHeader;
 use super::reader::LogReader;
-use super::scene::{self, Landmarks, SceneContent};
 use super::verify::{Verification, verify_before};
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Solved, Subscriber};
 use mcap::records::MessageHeader;
@@ -20,6 +18,8 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::StereoSource;
 use plumbline_estimator::MapSnapshot;
 use plumbline_record::Said;
+use plumbline_scene::messages::{SceneEntity, SceneUpdate};
+use plumbline_scene::{self as scene, Landmarks, SceneContent, log_time};
 use prost::Message;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -140,7 +140,8 @@ impl Drawing {
         for (topic, schema) in
             drawn.map(|channel| (channel.channel(), channel.schema(about.images))).chain(own)
         {
-            let schema = writer.add_schema(schema, "protobuf", FOXGLOVE)?;
+            let descriptors = scene::descriptors(schema).unwrap_or_default();
+            let schema = writer.add_schema(schema, "protobuf", &descriptors)?;
             channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);
         }
         Ok(Self {
@@ -173,7 +174,7 @@ impl Drawing {
         }
     }
 
-    fn put_scene(&mut self, stamp: Timestamp, update: &super::foxglove::SceneUpdate) {
+    fn put_scene(&mut self, stamp: Timestamp, update: &SceneUpdate) {
         self.put(SCENE, log_time(stamp), &update.encode_to_vec());
     }
 
@@ -193,16 +194,16 @@ impl Drawing {
         }
         if now.stamp >= self.window_due {
             self.window_due = now.stamp.plus_nanos(WINDOW_NS);
-            let content = SceneContent::of_window(&now);
+            let content = window(&now);
             let entity = scene::entity(now.stamp, &self.frame, "window", &content, Landmarks::InWindow);
             self.put_scene(now.stamp, &scene::update(vec![entity]));
         }
         self.last = Some(now);
     }
 
-    fn kept(&self, last: &MapSnapshot, stamp: Timestamp) -> super::foxglove::SceneEntity {
+    fn kept(&self, last: &MapSnapshot, stamp: Timestamp) -> SceneEntity {
         let id = format!("keyframe {}", stamp.as_nanos());
-        scene::entity(stamp, &self.frame, &id, &SceneContent::of_keyframe(last, stamp), Landmarks::Kept)
+        scene::entity(stamp, &self.frame, &id, &keyframe(last, stamp), Landmarks::Kept)
     }
 
     /// Draws the path up to an estimate. After a reset it begins anew, in an empty scene.
@@ -244,6 +245,24 @@ impl Drawing {
         }
         self.writer.finish().map(|_| ())
     }
+}
+
+/// All of a window.
+fn window(of: &MapSnapshot) -> SceneContent {
+    SceneContent {
+        points: of.points.iter().map(|point| point.p_o).collect(),
+        lines: of.lines.iter().map(|line| line.ends_o).collect(),
+        keyframes: of.keyframes.iter().map(|keyframe| keyframe.pose_o_b).collect(),
+    }
+}
+
+/// The keyframe of a window that was taken at `stamp`, with the landmarks that it hosts.
+fn keyframe(of: &MapSnapshot, stamp: Timestamp) -> SceneContent {
+    let mut of = of.clone();
+    of.points.retain(|point| point.host == stamp);
+    of.lines.retain(|line| line.host == stamp);
+    of.keyframes.retain(|keyframe| keyframe.stamp == stamp);
+    window(&of)
 }
 
 /// Listens to the execution.

@@ -8,9 +8,7 @@ use super::places::Seat;
 use super::protocol::{self, Advertised, ClientRequest, Level};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
-use plumbline_flight::log::drawn::{log_time, timestamp};
-use plumbline_flight::log::foxglove;
-use plumbline_record::Severity;
+use plumbline_scene::{event, log_time};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -152,9 +150,9 @@ impl<'a> Client<'a> {
         Ok(())
     }
 
-    /// Sends the time of the data: that of the first vehicle, since others may have other clocks.
+    /// Sends the time of the data.
     async fn send_time(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let stamp_ns = lock(&self.server.fleet).vehicles.values().next().map(|vehicle| vehicle.stamp_ns);
+        let stamp_ns = lock(&self.server.fleet).data_time_ns(Instant::now());
         let time_ns = stamp_ns.map_or(0, |stamp_ns| log_time(Timestamp::from_nanos(stamp_ns)));
         if time_ns == 0 || std::mem::replace(&mut self.time_ns, time_ns) == time_ns {
             return Ok(());
@@ -254,22 +252,9 @@ fn refusal(reason: &str) -> Message {
 }
 
 /// An event as Foxglove's log shows it.
-fn log(event: &FleetEvent, time_ns: u64) -> Vec<u8> {
-    let level = match event.severity {
-        Severity::Info => foxglove::log::Level::Info,
-        Severity::Warning => foxglove::log::Level::Warning,
-        Severity::Error => foxglove::log::Level::Error,
-    };
+fn log(of: &FleetEvent, time_ns: u64) -> Vec<u8> {
     let stamp = Timestamp::from_nanos(i64::try_from(time_ns).unwrap_or(i64::MAX));
-    let message = foxglove::Log {
-        timestamp: timestamp(stamp),
-        level: level.into(),
-        message: event.text.clone(),
-        name: event.vehicle.clone().unwrap_or_else(|| "ground".into()),
-        file: String::new(),
-        line: 0,
-    };
-    message.encode_to_vec()
+    event(stamp, of.severity, of.vehicle.as_deref().unwrap_or("ground"), &of.text).encode_to_vec()
 }
 
 /// Sends a message, if the client takes it in time.
