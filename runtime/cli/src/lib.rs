@@ -107,6 +107,7 @@ pub mod replay;
 pub mod report;
 #[cfg(feature = "ground")]
 mod reset;
+mod restart;
 mod router;
 pub mod run_args;
 mod say;
