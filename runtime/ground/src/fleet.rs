@@ -1,5 +1,6 @@
 //! Data received from all vehicles, in bounded memory.
 
+use super::history::History;
 use super::vehicle::VehicleState;
 use plumbline_estimator::Odometry;
 use plumbline_link::net::read::Heard;
@@ -7,7 +8,7 @@ use plumbline_record::Severity;
 use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use serde::Serialize;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -46,9 +47,8 @@ pub struct Fleet {
     /// Start of the station.
     pub start: Instant,
     arrivals: u64,
-    events: VecDeque<FleetEvent>,
-    /// Events so far, those no longer kept included.
-    pub event_count: u64,
+    /// Events.
+    pub events: History<FleetEvent>,
 }
 
 impl Default for Fleet {
@@ -60,8 +60,7 @@ impl Default for Fleet {
             network: String::new(),
             start: Instant::now(),
             arrivals: 0,
-            events: VecDeque::new(),
-            event_count: 0,
+            events: History::new(MAX_EVENTS),
         }
     }
 }
@@ -174,19 +173,8 @@ impl Fleet {
 
     /// Adds an event.
     pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
-        if self.events.len() == MAX_EVENTS {
-            self.events.pop_front();
-        }
         let time_s = self.start.elapsed().as_secs_f64();
-        self.events.push_back(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
-        self.event_count += 1;
-    }
-
-    /// Events from number `from` on.
-    pub fn events_since(&self, from: u64) -> impl Iterator<Item = &FleetEvent> {
-        let first = self.event_count - self.events.len() as u64;
-        let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
-        self.events.iter().skip(skip)
+        self.events.push(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
     }
 
     /// A line for each vehicle.
@@ -225,7 +213,7 @@ mod tests {
     use std::time::Duration;
 
     fn texts(fleet: &Fleet) -> Vec<&str> {
-        fleet.events_since(0).map(|event| event.text.as_str()).collect()
+        fleet.events.iter().map(|event| event.text.as_str()).collect()
     }
 
     #[test]
@@ -260,9 +248,9 @@ mod tests {
         for k in 0..100 {
             fleet.odom("a", &odom(k, k as f64 * 0.1, 0), 100, now, 0);
         }
-        assert!(fleet.vehicles["a"].track.len() > 50);
+        assert!(fleet.vehicles["a"].track.points.len() > 50);
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 1);
         assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
     }
 
@@ -305,7 +293,7 @@ mod tests {
         message.message.pose_o_b = *after;
         fleet.odom("a", &message, 100, now, 0);
         let vehicle = &fleet.vehicles["a"];
-        [vehicle.track.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
+        [vehicle.track.points.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
     }
 
     #[test]
@@ -345,7 +333,7 @@ mod tests {
         fleet.alive("a", false);
         fleet.alive("a", true);
         fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 2);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 2);
         assert_eq!(fleet.vehicles["a"].odom.lost, 0);
         let past = |k: i64, reset_counter| PastPose {
             stamp: Timestamp::from_nanos(k * 1_000_000_000),
@@ -354,7 +342,7 @@ mod tests {
         };
         let answer: Vec<_> = (0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect();
         fleet.vehicle("a").unwrap().fill(&answer);
-        assert_eq!(fleet.vehicles["a"].track.len(), 12);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 12);
     }
 
     #[test]
@@ -364,7 +352,7 @@ mod tests {
         let mut message = odom(0, 0.0, 0);
         message.envelope.stamp_ns = 60_000_000_000;
         fleet.odom("a", &message, 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 1);
     }
 
     #[test]
@@ -386,7 +374,7 @@ mod tests {
         }
         assert_eq!(fleet.vehicles.len(), MAX_VEHICLES);
         assert_eq!(fleet.vehicles["drone"].odom.received, 103, "it was never thrown out");
-        assert!(fleet.events_since(0).count() <= MAX_EVENTS);
+        assert!(fleet.events.len() <= MAX_EVENTS);
     }
 
     #[test]

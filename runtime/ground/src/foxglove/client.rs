@@ -1,8 +1,8 @@
 //! One client of the live server.
 
+use super::super::cameras::Cameras;
 use super::super::drawn::{DrawnTopic, Sent};
 use super::super::fleet::{FleetEvent, lock};
-use super::super::listen::watch_camera;
 use super::Server;
 use super::places::Seat;
 use super::protocol::{self, Advertised, ClientRequest, Level};
@@ -13,7 +13,6 @@ use prost::Message as _;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
-use zenoh::pubsub::Subscriber;
 
 /// Period of updates.
 const PERIOD: Duration = Duration::from_millis(50);
@@ -23,9 +22,8 @@ const LATE: Duration = Duration::from_millis(500);
 const SEND_PATIENCE: Duration = Duration::from_secs(30);
 /// A client is asked this often whether it is there.
 const PING_PERIOD: Duration = Duration::from_secs(1);
-/// Subscriptions of a client, and cameras that it may watch, at a time.
+/// Subscriptions of a client at a time.
 const MAX_SUBSCRIPTIONS: usize = 1_024;
-const MAX_CAMERAS: usize = 4;
 /// Number of the channel of events; those of vehicles follow.
 const EVENTS: u32 = 1;
 
@@ -42,7 +40,7 @@ pub(super) struct Client<'a> {
     /// Channels by the numbers of their subscriptions, and what was sent of them.
     subscriptions: BTreeMap<u32, (u32, Sent)>,
     events: u64,
-    cameras: BTreeMap<String, Subscriber<()>>,
+    cameras: Cameras,
     time_ns: u64,
     missed: u64,
 }
@@ -60,7 +58,7 @@ impl<'a> Client<'a> {
             next_channel: EVENTS + 1,
             subscriptions: BTreeMap::new(),
             events: 0,
-            cameras: BTreeMap::new(),
+            cameras: Cameras::default(),
             time_ns: 0,
             missed: 0,
         }
@@ -167,8 +165,8 @@ impl<'a> Client<'a> {
         let drawn = if *channel == EVENTS {
             let time_ns = self.time_ns;
             let events =
-                fleet.events_since(self.events).map(|event| (time_ns, log(event, time_ns))).collect();
-            self.events = fleet.event_count;
+                fleet.events.since(self.events).map(|event| (time_ns, log(event, time_ns))).collect();
+            self.events = fleet.events.total();
             events
         } else {
             let shown = self.channels.get(channel);
@@ -214,25 +212,9 @@ impl<'a> Client<'a> {
             return Err(format!("there are {MAX_SUBSCRIPTIONS} subscriptions already"));
         }
         if let Some((name, DrawnTopic::Image)) = shown {
-            self.watch(name).await?;
+            self.cameras.watch(&self.server.connection, &self.server.fleet, name).await?;
         }
         self.subscriptions.insert(number, (channel, Sent::default()));
-        Ok(())
-    }
-
-    /// Has a vehicle send its pictures.
-    async fn watch(&mut self, name: String) -> Result<(), String> {
-        if self.cameras.contains_key(&name) {
-            return Ok(());
-        }
-        if self.cameras.len() >= MAX_CAMERAS {
-            return Err(format!("{MAX_CAMERAS} cameras are watched already"));
-        }
-        let Some(session) = self.server.connection.session() else {
-            return Err("there is no connection to the vehicles".into());
-        };
-        let subscriber = watch_camera(session, &name, &self.server.fleet).await.map_err(|e| e.to_string())?;
-        self.cameras.insert(name, subscriber);
         Ok(())
     }
 
@@ -243,7 +225,7 @@ impl<'a> Client<'a> {
                 channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == DrawnTopic::Image)
             })
         };
-        self.cameras.retain(|name, _| is_watched(name));
+        self.cameras.retain(is_watched);
     }
 }
 

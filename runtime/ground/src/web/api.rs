@@ -154,13 +154,13 @@ fn copied(fleet: &Mutex<Fleet>, vehicle: &str, what: &str) -> Option<Vec<PoseSam
             "recording" => found.recording.as_ref()?,
             _ => return None,
         };
-        let (next, all) = copied.get_or_insert((samples.forgotten, Vec::new()));
-        let part = samples.since(*next, SAMPLES_AT_A_TIME);
-        if part.is_empty() {
+        let (next, all) = copied.get_or_insert((samples.first(), Vec::new()));
+        let part = samples.since(*next).take(SAMPLES_AT_A_TIME);
+        if part.len() == 0 {
             return copied.map(|(_, all)| all);
         }
-        *next = samples.forgotten.max(*next) + part.len() as u64;
-        all.extend(part);
+        *next = samples.first().max(*next) + part.len() as u64;
+        all.extend(part.copied());
     }
 }
 
@@ -182,7 +182,7 @@ mod tests {
             connection: StationSession::default(),
             commands: false,
             malformed: AtomicU64::new(0),
-            pages: Arc::default(),
+            pages: Semaphore::new(1),
             address: "127.0.0.1:80".parse().unwrap(),
             names: Vec::new(),
             downloads: Arc::new(Semaphore::new(1)),
