@@ -1,8 +1,8 @@
 //! States at the instants of a list: read before the flight, kept during it, written as CSV.
 
-use super::trajectory::{EntryStorage, Lent};
+use super::trajectory::Kept;
 use crate::pipeline::Control;
-use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::pipeline::listener::Producer;
 use plumbline_config::Timestamp;
 use plumbline_record::columns;
 use plumbline_record::{InstantAnswer, InstantSource, Said};
@@ -100,48 +100,19 @@ fn stamp_of(cell: &str) -> Option<Timestamp> {
     Some(Timestamp::from_nanos(nanos))
 }
 
-/// Answers to a list, kept during a flight.
-#[derive(Debug)]
-pub struct KeptInstants {
-    answers: EntryStorage<InstantAnswer>,
-}
+/// Answers to a list, in the order in which they came.
+pub type KeptInstants = Kept<InstantAnswer>;
 
 impl KeptInstants {
     /// Has the run of `control` asked for the states at `stamps`.
     #[must_use]
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
-        let answers = EntryStorage::with_room_for(stamps.len(), InstantAnswer::default());
+        let room = stamps.len();
         control.keep_instants().expect(stamps);
-        Self { answers }
-    }
-
-    /// The answers after the run, in the order of the list.
-    #[must_use]
-    pub fn into_rows(self) -> Vec<InstantAnswer> {
-        let mut rows = self.answers.into_entries();
-        rows.sort_by_key(|answer| answer.number);
-        rows
-    }
-}
-
-impl Subscriber for KeptInstants {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Tick => Box::new(OfInstants(self.answers.lend())),
-            _ => Box::new(()),
-        }
-    }
-}
-
-struct OfInstants(Lent<InstantAnswer>);
-
-impl Listener for OfInstants {
-    fn said(&mut self, said: &Said) {
-        if let Said::Instant(answer) = said
-            && answer.source == InstantSource::List
-        {
-            self.0.entries.push(answer.clone());
-        }
+        Self::new(room, InstantAnswer::default(), Producer::Tick, |said| match said {
+            Said::Instant(answer) if answer.source == InstantSource::List => Some(answer.clone()),
+            _ => None,
+        })
     }
 }
 

@@ -35,9 +35,6 @@ pub const PATH: &str = "/path";
 const WINDOW_NS: i64 = 500_000_000;
 /// Poses of the path are this far apart, ns.
 const POSE_NS: i64 = 200_000_000;
-/// The path is written again when it has grown by this many poses, and by this part: so all of them are a few times the last.
-const LEAST_GROWTH: usize = 10;
-const GROWTH_PART: usize = 8;
 
 /// Result of an export.
 #[derive(Clone, Debug)]
@@ -119,10 +116,10 @@ struct Drawing {
     last: Option<MapSnapshot>,
     snapshot: MapSnapshot,
     window_due: Timestamp,
+    /// Poses since the last reset, and the time of the first.
     poses: Vec<Isometry3<f64>>,
+    since: Timestamp,
     pose_due: Timestamp,
-    written_poses: usize,
-    stamp: Timestamp,
     resets: u32,
     keyframes: u64,
     messages: u64,
@@ -153,9 +150,8 @@ impl Drawing {
             snapshot: MapSnapshot::new(about.config.setup()),
             window_due: Timestamp::MIN,
             poses: Vec::new(),
+            since: Timestamp::MIN,
             pose_due: Timestamp::MIN,
-            written_poses: 0,
-            stamp: Timestamp::MIN,
             resets: about.first_reset_counter,
             keyframes: 0,
             messages: 0,
@@ -206,35 +202,32 @@ impl Drawing {
         scene::entity(stamp, &self.frame, &id, &keyframe(last, stamp), Landmarks::Kept)
     }
 
-    /// Draws the path up to an estimate. After a reset it begins anew, in an empty scene.
+    /// Takes a pose of the path. After a reset there is another one, in an empty scene.
     fn said(&mut self, said: &Said) {
         let Said::Estimate(full) = said else { return };
         let estimate = &full.estimate;
         if estimate.reset_counter != self.resets {
             self.write_path();
             self.resets = estimate.reset_counter;
-            self.poses.clear();
-            self.written_poses = 0;
             self.last = None;
             self.put_scene(estimate.stamp, &scene::cleared(estimate.stamp));
         }
         if !estimate.has_pose() || estimate.stamp < self.pose_due {
             return;
         }
-        self.stamp = estimate.stamp;
+        if self.poses.is_empty() {
+            self.since = estimate.stamp;
+        }
         self.pose_due = estimate.stamp.plus_nanos(POSE_NS);
         self.poses.push(estimate.pose_o_b);
-        let grown = self.poses.len() - self.written_poses;
-        if grown >= LEAST_GROWTH.max(self.written_poses / GROWTH_PART) {
-            self.write_path();
-        }
     }
 
+    /// Writes a path to where it begins: a file is looked at as a whole.
     fn write_path(&mut self) {
-        if self.poses.len() > self.written_poses {
-            self.written_poses = self.poses.len();
-            let path = scene::poses(self.stamp, &self.frame, &self.poses);
-            self.put(PATH, log_time(self.stamp), &path.encode_to_vec());
+        let poses = std::mem::take(&mut self.poses);
+        if !poses.is_empty() {
+            let path = scene::poses(self.since, &self.frame, &poses);
+            self.put(PATH, log_time(self.since), &path.encode_to_vec());
         }
     }
 
