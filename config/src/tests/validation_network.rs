@@ -2,7 +2,7 @@
 
 use super::validation::{check, refused};
 use crate::Config;
-use crate::options::{CommandAccess, Link, TlsConfig};
+use crate::options::{CommandAccess, TlsConfig};
 use std::path::PathBuf;
 
 #[test]
