@@ -60,7 +60,7 @@ impl Default for Fleet {
             network: String::new(),
             start: Instant::now(),
             arrivals: 0,
-            events: History::new(MAX_EVENTS),
+            events: History::default(),
         }
     }
 }
@@ -138,7 +138,7 @@ impl Fleet {
             !known.any(|known| without_digits(known).eq(without_digits(notice)))
         };
         let fresh: Vec<String> = vehicle.news.sensors.notices.iter().filter(is_fresh).cloned().collect();
-        let state = vehicle.state_words;
+        let state = vehicle.state_words();
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
                 "tracking" | "initialising" => Severity::Info,
@@ -174,7 +174,8 @@ impl Fleet {
     /// Adds an event.
     pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
         let time_s = self.start.elapsed().as_secs_f64();
-        self.events.push(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
+        let event = FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text };
+        self.events.push(event, MAX_EVENTS);
     }
 
     /// A line for each vehicle.

@@ -6,31 +6,35 @@ use std::collections::VecDeque;
 #[derive(Clone, Debug)]
 pub struct History<T> {
     entries: VecDeque<T>,
-    capacity: usize,
     total: u64,
 }
 
+impl<T> Default for History<T> {
+    fn default() -> Self {
+        Self { entries: VecDeque::new(), total: 0 }
+    }
+}
+
 impl<T> History<T> {
-    /// An empty history that keeps up to `capacity` entries.
+    /// A history of these entries, of which the newest `most` are kept.
     #[must_use]
-    pub fn new(capacity: usize) -> Self {
-        Self { entries: VecDeque::new(), capacity, total: 0 }
+    pub fn of(mut entries: Vec<T>, most: usize) -> Self {
+        entries.drain(..entries.len().saturating_sub(most));
+        Self { total: entries.len() as u64, entries: entries.into() }
     }
 
-    /// A history of these entries, the newest of which are kept.
-    #[must_use]
-    pub fn of(mut entries: Vec<T>, capacity: usize) -> Self {
-        entries.drain(..entries.len().saturating_sub(capacity));
-        Self { total: entries.len() as u64, entries: entries.into(), capacity }
-    }
-
-    /// Adds an entry.
-    pub fn push(&mut self, entry: T) {
-        if self.entries.len() == self.capacity {
-            self.entries.pop_front();
-        }
+    /// Adds an entry; the newest `most` are kept.
+    pub fn push(&mut self, entry: T, most: usize) {
         self.entries.push_back(entry);
         self.total += 1;
+        while self.entries.len() > most {
+            self.pop_oldest();
+        }
+    }
+
+    /// Forgets the oldest entry.
+    pub fn pop_oldest(&mut self) -> Option<T> {
+        self.entries.pop_front()
     }
 
     /// Entries so far, those no longer kept included: the number of the next one.
@@ -87,8 +91,8 @@ mod tests {
 
     #[test]
     fn entries_keep_their_numbers_when_the_oldest_go() {
-        let mut history = History::new(2);
-        (0..3).for_each(|k| history.push(k));
+        let mut history = History::default();
+        (0..3).for_each(|k| history.push(k, 2));
         assert_eq!((history.len(), history.first(), history.total()), (2, 1, 3));
         let since = |from: u64| history.since(from).copied().collect::<Vec<_>>();
         assert_eq!([since(0), since(2), since(9)], [vec![1, 2], vec![2], vec![]]);

@@ -31,19 +31,13 @@ pub struct PoseSample {
 }
 
 /// The path since the vehicle appeared, thinned for display.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Track {
     /// Points of this epoch: time since the first, s, and x y z.
     pub points: History<[f64; 4]>,
     /// Counts how often the path was cleared.
     pub epoch: u64,
     start_ns: Option<i64>,
-}
-
-impl Default for Track {
-    fn default() -> Self {
-        Self { points: History::new(MAX_POINTS), epoch: 0, start_ns: None }
-    }
 }
 
 impl Track {
@@ -65,7 +59,7 @@ impl Track {
                 return self.push(stamp_ns, p);
             }
         }
-        self.points.push([t_s, p.x, p.y, p.z]);
+        self.points.push([t_s, p.x, p.y, p.z], MAX_POINTS);
     }
 
     /// Inserts points of the past, in order of time, where the path has none: before it, and in interruptions of the link.
