@@ -56,6 +56,7 @@ const CRATES: &[&str] = &[
     "runtime/python",
     "runtime/record",
     "runtime/rings",
+    "runtime/scene",
 ];
 
 /// Libraries of networks, of which none has a part in a flight.

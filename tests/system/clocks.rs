@@ -75,7 +75,7 @@ fn flown(imu: Clock, cameras: Clock, speed: Option<f64>) -> (Flown, Vec<StampedP
     let mut odometry = OdometryTrajectory::with_room_for(1000);
     let options = RunOptions { speed, threads: 2 };
     let flown = fly(flight, &options, &Control::default(), vec![&mut odometry]).unwrap();
-    (flown, odometry.into_poses())
+    (flown, odometry.into_rows())
 }
 
 /// One stamp an hour ahead, two seconds into the flight.

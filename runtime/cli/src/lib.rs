@@ -34,6 +34,7 @@ mod remote;
 pub mod replay;
 pub mod report;
 mod reset;
+mod restart;
 mod router;
 pub mod run_args;
 mod say;

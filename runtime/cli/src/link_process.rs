@@ -1,6 +1,7 @@
 //! The network process of a flight: started with it, bounded by the system, started again when it dies. The flight never
 //! waits for it.
 
+use super::restart::Restarts;
 use plumbline_config::ValidConfig;
 use plumbline_flight::flight::{Flight, Output, Outputs};
 use plumbline_flight::local::{Failure, LinkDoor, LinkWord, LocalSocket, SensorBoard};
@@ -32,11 +33,6 @@ const FIRST_WORD: Duration = Duration::from_secs(1);
 const BRIEFLY: Duration = Duration::from_millis(300);
 /// A process without a sign of life for so long hangs.
 const HUNG: Duration = Duration::from_secs(10);
-/// A process that lived for so long is started again at once.
-const SETTLED: Duration = Duration::from_secs(2);
-/// Pause before another start: doubles with every death that comes soon.
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 /// At the end of the flight the process has so long to send what waits.
 const LAST_WORDS: Duration = Duration::from_secs(3);
 /// Period of the check for its end.
@@ -180,9 +176,8 @@ struct Keeper {
 
 impl Keeper {
     fn run(mut self) {
-        let mut pause = Duration::ZERO;
+        let mut restarts = Restarts::new();
         loop {
-            let begun = Instant::now();
             let words = match self.live() {
                 Ok(Life::Over) => return,
                 Ok(Life::Refused(failure)) if self.is_final(&failure) => return self.refuse(failure),
@@ -196,9 +191,8 @@ impl Keeper {
             }
             tracing::warn!("the network process ended ({words}); the flight continues, starting it again");
             self.options.is_patient = true;
-            pause = if begun.elapsed() >= SETTLED { Duration::ZERO } else { (2 * pause).max(FIRST_PAUSE) };
-            pause = pause.min(LONGEST_PAUSE);
-            if self.stopped.recv_timeout(pause) != Err(RecvTimeoutError::Timeout) {
+            let stopped = &self.stopped;
+            if restarts.is_over(|pause| stopped.recv_timeout(pause) != Err(RecvTimeoutError::Timeout)) {
                 return;
             }
         }

@@ -155,12 +155,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let flown = flown?;
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref(), &file_defects);
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
-    let odometry = odometry.map(OdometryTrajectory::into_poses);
+    let odometry = odometry.map(OdometryTrajectory::into_rows);
     let words = args.run.write(&flown, &report)?;
     write_outputs(args, &flown, odometry.as_deref(), states.map(KeptStates::into_rows).as_deref())?;
     say(words);
     if let (Some(instants), Some(path)) = (instants, &at_out) {
-        instants::write(path, &instants.into_rows(), &flown.poses)?;
+        let mut rows = instants.into_rows();
+        rows.sort_by_key(|answer| answer.number);
+        instants::write(path, &rows, &flown.poses)?;
     }
     let learnt = args.run.write_learnt(&flown);
     judge(args, &report, &flown)?;

@@ -7,6 +7,7 @@
 
 use super::exit_status::FAULT;
 use super::log_lines;
+use super::restart::Restarts;
 use anyhow::{Context as _, Result};
 use plumbline_link::net::threads;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
@@ -27,11 +28,6 @@ pub const STOP: i32 = SIGUSR1;
 const PATIENCE_SIGNALS: u32 = 3;
 /// Status of a command that a signal has ended before it could react.
 const INTERRUPTED: u8 = 130;
-/// A worker that lived for so long is started again at once.
-const SETTLED: Duration = Duration::from_secs(2);
-/// Pause before another start: doubles with every death that comes soon.
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_PAUSE: Duration = Duration::from_secs(1);
 /// Starts after a fault that may fail one after the other, as when the port is not free yet.
 const MAX_FAILED_STARTS: u32 = 10;
 /// The worker is looked at this often, also without a signal.
@@ -79,11 +75,10 @@ pub fn run(name: &str) -> Result<ExitCode> {
     let signals = signals()?;
     let since_ns = monotonic_ns();
     let terminal = Terminal::remember();
-    let (mut pause, mut failed_starts, mut had_fault) = (Duration::ZERO, 0, false);
+    let (mut restarts, mut failed_starts, mut had_fault) = (Restarts::new(), 0, false);
     loop {
-        let begun = Instant::now();
         let (status, stops) = live(start(since_ns)?, &signals)?;
-        let is_settled = begun.elapsed() >= SETTLED;
+        let is_settled = restarts.is_settled();
         let is_fault = status.code() == Some(FAULT.into()) || status.code().is_none();
         // A start after a fault may find its port still taken.
         failed_starts = if is_settled { 0 } else { failed_starts + 1 };
@@ -98,9 +93,7 @@ pub fn run(name: &str) -> Result<ExitCode> {
         had_fault |= is_fault;
         terminal.restore();
         tracing::warn!("{name} ended by a fault ({status}); starting it again");
-        pause = if is_settled { Duration::ZERO } else { (2 * pause).max(FIRST_PAUSE) };
-        pause = pause.min(LONGEST_PAUSE);
-        if wait(&signals, pause) {
+        if restarts.is_over(|pause| wait(&signals, pause)) {
             return Ok(ExitCode::SUCCESS);
         }
     }

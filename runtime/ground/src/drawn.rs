@@ -5,9 +5,10 @@ use super::track::PoseSample;
 use super::vehicle::VehicleState;
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
-use plumbline_flight::log::drawn::{frame_transform, log_time, pose_in, timestamp};
-use plumbline_flight::log::foxglove;
-use plumbline_flight::log::scene::{self, Landmarks, SceneContent};
+use plumbline_scene::messages::{CompressedImage, SceneEntity};
+use plumbline_scene::{
+    self as scene, Landmarks, SceneContent, frame_transform, log_time, pose_in, timestamp,
+};
 use prost::Message;
 
 /// Poses of a path, at most.
@@ -140,7 +141,7 @@ fn path_news(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Draw
 
 /// The scene of a keyframe.
 #[must_use]
-pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> foxglove::SceneEntity {
+pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> SceneEntity {
     let content = SceneContent::of_coordinates(&keyframe.points_o, &keyframe.lines_o, &[keyframe.pose_o_b]);
     let (stamp, id) = (Timestamp::from_nanos(keyframe.stamp_ns), format!("keyframe {sequence}"));
     scene::entity(stamp, &odometry_frame(name), &id, &content, Landmarks::Kept)
@@ -148,7 +149,7 @@ pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> foxglove::
 
 /// The window of a vehicle as it is now.
 #[must_use]
-pub fn window(name: &str, stamp: Timestamp, window: &WindowScene) -> foxglove::SceneEntity {
+pub fn window(name: &str, stamp: Timestamp, window: &WindowScene) -> SceneEntity {
     let content = SceneContent::of_coordinates(&window.points_o, &window.lines_o, &window.keyframes);
     scene::entity(stamp, &odometry_frame(name), "window", &content, Landmarks::InWindow)
 }
@@ -178,10 +179,10 @@ fn image(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Drawn> {
     sent.version = picture.version;
     let stamp_ns = picture.message.envelope.stamp_ns;
     let stamp = Timestamp::from_nanos(stamp_ns);
-    let message = foxglove::CompressedImage {
+    let message = CompressedImage {
         timestamp: timestamp(stamp),
         frame_id: format!("{name}/camera"),
-        data: picture.message.message.jpeg.clone(),
+        data: picture.message.message.jpeg.clone().into(),
         format: "jpeg".into(),
     };
     Some((log_time(stamp), message.encode_to_vec()))
@@ -192,9 +193,10 @@ mod tests {
     use super::super::fleet::Fleet;
     use super::super::test_messages::{heard, window};
     use super::*;
+    use plumbline_scene::messages::SceneUpdate;
 
-    fn decoded(news: &[Drawn]) -> Vec<foxglove::SceneUpdate> {
-        news.iter().map(|(_, bytes)| foxglove::SceneUpdate::decode(&bytes[..]).unwrap()).collect()
+    fn decoded(news: &[Drawn]) -> Vec<SceneUpdate> {
+        news.iter().map(|(_, bytes)| SceneUpdate::decode(&bytes[..]).unwrap()).collect()
     }
 
     #[test]
@@ -210,7 +212,7 @@ mod tests {
         let ids: Vec<_> = first[1].entities.iter().map(|entity| entity.id.as_str()).collect();
         assert_eq!(ids, ["keyframe 0", "window"]);
         assert_eq!(first[1].entities[0].frame_id, "drone/odom");
-        assert_eq!(first[1].entities[0].timestamp.unwrap().nanos, 7);
+        assert_eq!(first[1].entities[0].timestamp.unwrap().nsec(), 7);
         assert!(DrawnTopic::Scene.news("drone", vehicle, &mut sent).is_empty());
         vehicle.map.clear();
         let cleared = decoded(&DrawnTopic::Scene.news("drone", vehicle, &mut sent));

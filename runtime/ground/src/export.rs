@@ -6,11 +6,10 @@ use super::track::PoseSample;
 use mcap::McapError;
 use plumbline_config::Timestamp;
 use plumbline_estimator::{Odometry, TrackingState};
-use plumbline_flight::log::channel::FOXGLOVE;
-use plumbline_flight::log::scene;
 use plumbline_link::net::outlet::key_of;
 use plumbline_record::protobuf::encode;
 use plumbline_record::{schema, topics};
+use plumbline_scene::{descriptors, update};
 use prost::Message;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -121,23 +120,22 @@ fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, Mca
         topics::Topic::Odometry.row().message,
         &schema::descriptors(),
     )?;
-    let named = |topic: DrawnTopic| (topic.of(vehicle), topic.schema());
-    let [pose, transform, path, scene] =
-        [DrawnTopic::Pose, DrawnTopic::Transform, DrawnTopic::Path, DrawnTopic::Scene].map(named);
-    let pose = log.channel(&pose.0, pose.1, FOXGLOVE)?;
-    let transform = log.channel(&transform.0, transform.1, FOXGLOVE)?;
-    let path = log.channel(&path.0, path.1, FOXGLOVE)?;
-    let scene = log.channel(&scene.0, scene.1, FOXGLOVE)?;
+    let mut drawn = |topic: DrawnTopic| {
+        let schema = descriptors(topic.schema()).unwrap_or_default();
+        log.channel(&topic.of(vehicle), topic.schema(), &schema)
+    };
+    let (pose, transform) = (drawn(DrawnTopic::Pose)?, drawn(DrawnTopic::Transform)?);
+    let (path, scene) = (drawn(DrawnTopic::Path)?, drawn(DrawnTopic::Scene)?);
     if let Some(first) = samples.first() {
         // The path and the window are there from the beginning: a file is looked at as a whole.
         let stamp = Timestamp::from_nanos(first.stamp_ns);
         log.put(path, first.stamp_ns, &drawn::path(vehicle, stamp, samples.iter()))?;
         let window = drawn::window(vehicle, stamp, &map.scene);
-        log.put(scene, first.stamp_ns, &scene::update(vec![window]).encode_to_vec())?;
+        log.put(scene, first.stamp_ns, &update(vec![window]).encode_to_vec())?;
     }
     for (sequence, keyframe) in map.since(0, MAX_KEYFRAMES).1 {
         let entity = drawn::keyframe(vehicle, sequence, keyframe);
-        log.put(scene, keyframe.stamp_ns, &scene::update(vec![entity]).encode_to_vec())?;
+        log.put(scene, keyframe.stamp_ns, &update(vec![entity]).encode_to_vec())?;
     }
     for (sequence, sample) in (0..).zip(samples) {
         let stamp = Timestamp::from_nanos(sample.stamp_ns);
@@ -197,8 +195,8 @@ mod tests {
     use super::super::test_messages::{heard, window};
     use super::*;
     use nalgebra::{Isometry3, Vector3};
-    use plumbline_flight::log::foxglove;
     use plumbline_record::protobuf;
+    use plumbline_scene::messages::SceneUpdate;
 
     fn samples() -> Vec<PoseSample> {
         let sample = |k: i64| PoseSample {
@@ -238,7 +236,7 @@ mod tests {
         let odom: Odometry = protobuf::decode(&odometry[1].data).unwrap();
         assert_eq!((odometry.len(), odom.stamp.as_nanos()), (3, samples()[1].stamp_ns));
         let scenes = of("/drone/scene");
-        let keyframe = foxglove::SceneUpdate::decode(&scenes[1].data[..]).unwrap().entities.remove(0);
+        let keyframe = SceneUpdate::decode(&scenes[1].data[..]).unwrap().entities.remove(0);
         assert_eq!((scenes.len(), keyframe.id.as_str(), keyframe.spheres.len()), (2, "keyframe 0", 1));
         assert_eq!((scenes[1].log_time, keyframe.lines.len()), (samples()[1].stamp_ns as u64, 2));
     }

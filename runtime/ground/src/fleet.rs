@@ -1,5 +1,6 @@
 //! Data received from all vehicles, in bounded memory.
 
+use super::history::History;
 use super::vehicle::VehicleState;
 use plumbline_estimator::Odometry;
 use plumbline_link::net::read::Heard;
@@ -7,7 +8,7 @@ use plumbline_record::Severity;
 use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use serde::Serialize;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -46,9 +47,8 @@ pub struct Fleet {
     /// Start of the station.
     pub start: Instant,
     arrivals: u64,
-    events: VecDeque<FleetEvent>,
-    /// Events so far, those no longer kept included.
-    pub event_count: u64,
+    /// Events.
+    pub events: History<FleetEvent>,
 }
 
 impl Default for Fleet {
@@ -60,8 +60,7 @@ impl Default for Fleet {
             network: String::new(),
             start: Instant::now(),
             arrivals: 0,
-            events: VecDeque::new(),
-            event_count: 0,
+            events: History::default(),
         }
     }
 }
@@ -134,10 +133,12 @@ impl Fleet {
         change(vehicle);
         let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.news.ladder.name.clone());
-        let notices = vehicle.news.sensors.notices.iter();
-        let fresh: Vec<String> =
-            notices.filter(|notice| !before.1.sensors.notices.contains(notice)).cloned().collect();
-        let state = vehicle.state_words;
+        let is_fresh = |notice: &&String| {
+            let mut known = before.1.sensors.notices.iter();
+            !known.any(|known| without_digits(known).eq(without_digits(notice)))
+        };
+        let fresh: Vec<String> = vehicle.news.sensors.notices.iter().filter(is_fresh).cloned().collect();
+        let state = vehicle.state_words();
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
                 "tracking" | "initialising" => Severity::Info,
@@ -163,21 +164,18 @@ impl Fleet {
         }
     }
 
-    /// Adds an event.
-    pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
-        if self.events.len() == MAX_EVENTS {
-            self.events.pop_front();
-        }
-        let time_s = self.start.elapsed().as_secs_f64();
-        self.events.push_back(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
-        self.event_count += 1;
+    /// Measurement time of the newest message of the first vehicle by name that is heard now, ns: vehicles may have other clocks.
+    #[must_use]
+    pub fn data_time_ns(&self, now: Instant) -> Option<i64> {
+        let is_heard = |vehicle: &&VehicleState| !vehicle.odom.is_stale(now) || !vehicle.state.is_stale(now);
+        self.vehicles.values().find(is_heard).map(|vehicle| vehicle.stamp_ns)
     }
 
-    /// Events from number `from` on.
-    pub fn events_since(&self, from: u64) -> impl Iterator<Item = &FleetEvent> {
-        let first = self.event_count - self.events.len() as u64;
-        let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
-        self.events.iter().skip(skip)
+    /// Adds an event.
+    pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
+        let time_s = self.start.elapsed().as_secs_f64();
+        let event = FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text };
+        self.events.push(event, MAX_EVENTS);
     }
 
     /// A line for each vehicle.
@@ -185,6 +183,11 @@ impl Fleet {
     pub fn lines(&self, now: Instant) -> Vec<String> {
         self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
     }
+}
+
+/// A notice whose counts go on is the same.
+fn without_digits(notice: &str) -> impl Iterator<Item = char> {
+    notice.chars().filter(|c| !c.is_ascii_digit())
 }
 
 /// True if a vehicle can have this name: it is one part of a key, and is shown in terminals.
@@ -211,7 +214,7 @@ mod tests {
     use std::time::Duration;
 
     fn texts(fleet: &Fleet) -> Vec<&str> {
-        fleet.events_since(0).map(|event| event.text.as_str()).collect()
+        fleet.events.iter().map(|event| event.text.as_str()).collect()
     }
 
     #[test]
@@ -246,10 +249,31 @@ mod tests {
         for k in 0..100 {
             fleet.odom("a", &odom(k, k as f64 * 0.1, 0), 100, now, 0);
         }
-        assert!(fleet.vehicles["a"].track.len() > 50);
+        assert!(fleet.vehicles["a"].track.points.len() > 50);
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 1);
         assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
+    }
+
+    #[test]
+    fn a_notice_with_other_counts_is_no_new_event() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..50 {
+            let mut health = Health::default();
+            health.sensors.notices = vec![format!("IMU: {k} of 201 samples are not finite")];
+            fleet.health("a", &heard(k, health), 100, now);
+        }
+        assert_eq!(texts(&fleet).iter().filter(|text| text.starts_with("IMU")).count(), 1);
+    }
+
+    #[test]
+    fn time_is_of_a_vehicle_that_is_heard() {
+        let (mut fleet, start) = (Fleet::default(), Instant::now());
+        let later = start + 2 * STALE_AFTER;
+        fleet.odom("alpha", &odom(0, 0.0, 0), 100, start, 0);
+        fleet.odom("bravo", &odom(1_000, 0.0, 0), 100, later, 0);
+        assert_eq!(fleet.data_time_ns(start), Some(fleet.vehicles["alpha"].stamp_ns));
+        assert_eq!(fleet.data_time_ns(later), Some(fleet.vehicles["bravo"].stamp_ns));
     }
 
     /// A keyframe and a window of before, as the vehicle sends them.
@@ -270,7 +294,7 @@ mod tests {
         message.message.pose_o_b = *after;
         fleet.odom("a", &message, 100, now, 0);
         let vehicle = &fleet.vehicles["a"];
-        [vehicle.track.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
+        [vehicle.track.points.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
     }
 
     #[test]
@@ -310,7 +334,7 @@ mod tests {
         fleet.alive("a", false);
         fleet.alive("a", true);
         fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 2);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 2);
         assert_eq!(fleet.vehicles["a"].odom.lost, 0);
         let past = |k: i64, reset_counter| PastPose {
             stamp: Timestamp::from_nanos(k * 1_000_000_000),
@@ -319,7 +343,7 @@ mod tests {
         };
         let answer: Vec<_> = (0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect();
         fleet.vehicle("a").unwrap().fill(&answer);
-        assert_eq!(fleet.vehicles["a"].track.len(), 12);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 12);
     }
 
     #[test]
@@ -329,7 +353,7 @@ mod tests {
         let mut message = odom(0, 0.0, 0);
         message.envelope.stamp_ns = 60_000_000_000;
         fleet.odom("a", &message, 100, now, 0);
-        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert_eq!(fleet.vehicles["a"].track.points.len(), 1);
     }
 
     #[test]
@@ -351,7 +375,7 @@ mod tests {
         }
         assert_eq!(fleet.vehicles.len(), MAX_VEHICLES);
         assert_eq!(fleet.vehicles["drone"].odom.received, 103, "it was never thrown out");
-        assert!(fleet.events_since(0).count() <= MAX_EVENTS);
+        assert!(fleet.events.len() <= MAX_EVENTS);
     }
 
     #[test]

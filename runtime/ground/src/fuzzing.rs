@@ -73,7 +73,10 @@ fn show(fleet: &Fleet) {
     for (name, vehicle) in &fleet.vehicles {
         let _ = vehicle.map.missing(100);
         for format in [ExportFormat::Tum, ExportFormat::Csv, ExportFormat::Mcap] {
-            assert!(export(name, &vehicle.poses.to_vec(), &vehicle.map, format).is_ok());
+            assert!(
+                export(name, &vehicle.poses.iter().copied().collect::<Vec<_>>(), &vehicle.map, format)
+                    .is_ok()
+            );
         }
     }
 }
@@ -135,7 +138,9 @@ mod tests {
         let vehicle = &fleet.vehicles["drone"];
         assert_eq!((fleet.malformed, vehicle.map.len()), (0, 1));
         assert!(
-            vehicle.picture.is_some() && vehicle.clock.round_trip_ns().is_some() && !vehicle.track.is_empty()
+            vehicle.picture.is_some()
+                && vehicle.clock.round_trip_ns().is_some()
+                && !vehicle.track.points.is_empty()
         );
     }
 

@@ -4,6 +4,7 @@
 //! it. Memory is bounded: vehicles, paths, maps, events.
 
 pub mod attitude;
+mod cameras;
 pub mod channel;
 pub mod clock;
 pub mod command;
@@ -17,6 +18,7 @@ pub mod foxglove;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
+pub mod history;
 mod listen;
 pub mod map;
 pub mod news;

@@ -1,9 +1,10 @@
 //! The map received from a vehicle: keyframes with their landmarks, in bounded memory.
 
+use super::history::History;
 use nalgebra::Isometry3;
 use plumbline_estimator::MapSnapshot;
 use plumbline_link::net::read::Heard;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Keyframes that are kept.
@@ -50,10 +51,9 @@ fn landmarks(message: &MapSnapshot) -> (Vec<f32>, Vec<f32>) {
 #[derive(Clone, Debug, Default)]
 pub struct Map {
     keyframes: BTreeMap<u64, MapKeyframe>,
-    arrivals: VecDeque<u64>,
+    /// Their numbers in the order of arrival, in this epoch.
+    arrivals: History<u64>,
     numbers: usize,
-    /// Keyframes received in this epoch.
-    pub arrived: u64,
     /// Keyframes that the vehicle has, as it reports.
     pub announced: u64,
     /// Time at which `announced` was published, ns by the vehicle's clock.
@@ -85,10 +85,9 @@ impl Map {
         let (points_o, lines_o) = landmarks(message);
         self.numbers += points_o.len() + lines_o.len();
         self.keyframes.insert(sequence, MapKeyframe { stamp_ns, reset_counter, pose_o_b, points_o, lines_o });
-        self.arrivals.push_back(sequence);
-        self.arrived += 1;
+        self.arrivals.push(sequence, usize::MAX);
         while self.keyframes.len() > MAX_KEYFRAMES || self.numbers > MAX_NUMBERS {
-            let Some(oldest) = self.arrivals.pop_front() else { break };
+            let Some(oldest) = self.arrivals.pop_oldest() else { break };
             if let Some(gone) = self.keyframes.remove(&oldest) {
                 self.numbers -= gone.points_o.len() + gone.lines_o.len();
             }
@@ -139,8 +138,8 @@ impl Map {
         let old: BTreeMap<u64, MapKeyframe> = old;
         self.keyframes = kept;
         self.first = self.first.max(old.keys().next_back().map_or(0, |last| last + 1));
-        self.arrivals.retain(|sequence| !old.contains_key(sequence));
-        self.arrived = self.arrivals.len() as u64;
+        let left = self.arrivals.iter().copied().filter(|sequence| !old.contains_key(sequence)).collect();
+        self.arrivals = History::of(left, usize::MAX);
         self.numbers = self.keyframes.values().map(|k| k.points_o.len() + k.lines_o.len()).sum();
         self.epoch += 1;
     }
@@ -162,7 +161,7 @@ impl Map {
     pub fn missing(&self, limit: u64) -> Option<Range<u64>> {
         let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64).max(self.first);
         // Keyframes discarded for lack of memory are not queried again.
-        let oldest = if self.arrived > self.keyframes.len() as u64 {
+        let oldest = if self.arrivals.total() > self.keyframes.len() as u64 {
             self.keyframes.keys().next().copied().unwrap_or(oldest).max(oldest)
         } else {
             oldest
@@ -179,17 +178,10 @@ impl Map {
     /// Keyframes from arrival number `from` on, at most `limit`, and the number after the last of them.
     #[must_use]
     pub fn since(&self, from: u64, limit: usize) -> (u64, Vec<(u64, &MapKeyframe)>) {
-        let first = self.arrived - self.arrivals.len() as u64;
-        let from = from.clamp(first, self.arrived);
-        let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
-        let some: Vec<_> = self
-            .arrivals
-            .iter()
-            .skip(skip)
-            .take(limit)
-            .filter_map(|sequence| Some((*sequence, self.keyframes.get(sequence)?)))
-            .collect();
-        let count = self.arrivals.len().saturating_sub(skip).min(limit) as u64;
+        let from = from.clamp(self.arrivals.first(), self.arrivals.total());
+        let some = self.arrivals.since(from).take(limit);
+        let count = some.len() as u64;
+        let some = some.filter_map(|sequence| Some((*sequence, self.keyframes.get(sequence)?))).collect();
         (from + count, some)
     }
 }

@@ -1,7 +1,7 @@
 //! The path of a vehicle, and its poses, in bounded memory.
 
+use super::history::History;
 use nalgebra::{Isometry3, Vector3};
-use std::collections::VecDeque;
 
 /// Points of the path that are kept.
 pub const MAX_POINTS: usize = 20_000;
@@ -33,9 +33,8 @@ pub struct PoseSample {
 /// The path since the vehicle appeared, thinned for display.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
-    points: VecDeque<[f64; 4]>,
-    /// Points added in this epoch; the newest has this number minus one.
-    pub total: u64,
+    /// Points of this epoch: time since the first, s, and x y z.
+    pub points: History<[f64; 4]>,
     /// Counts how often the path was cleared.
     pub epoch: u64,
     start_ns: Option<i64>,
@@ -46,7 +45,7 @@ impl Track {
     pub fn push(&mut self, stamp_ns: i64, p: &Vector3<f64>) {
         let start_ns = *self.start_ns.get_or_insert(stamp_ns);
         let t_s = stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
-        if let Some([last_s, x, y, z]) = self.points.back() {
+        if let Some([last_s, x, y, z]) = self.points.newest() {
             let step_m = (p - Vector3::new(*x, *y, *z)).norm();
             if (0.0..MIN_STEP_S).contains(&(t_s - last_s)) && step_m < MIN_STEP_M {
                 return;
@@ -60,11 +59,7 @@ impl Track {
                 return self.push(stamp_ns, p);
             }
         }
-        if self.points.len() == MAX_POINTS {
-            self.points.pop_front();
-        }
-        self.points.push_back([t_s, p.x, p.y, p.z]);
-        self.total += 1;
+        self.points.push([t_s, p.x, p.y, p.z], MAX_POINTS);
     }
 
     /// Inserts points of the past, in order of time, where the path has none: before it, and in interruptions of the link.
@@ -86,106 +81,26 @@ impl Track {
             return;
         }
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        points.drain(..points.len().saturating_sub(MAX_POINTS));
         self.epoch += 1;
         self.start_ns = Some(new_start_ns);
-        self.total = points.len() as u64;
-        self.points = points.into();
+        self.points = History::of(points, MAX_POINTS);
     }
 
     /// Discards all points.
     pub fn clear(&mut self) {
         *self = Self { epoch: self.epoch + 1, ..Self::default() };
     }
-
-    /// Points from number `from` on, at most `limit`, and the number of the first of them.
-    #[must_use]
-    pub fn since(&self, from: u64, limit: usize) -> (u64, Vec<[f64; 4]>) {
-        let first = self.total - self.points.len() as u64;
-        let from = from.clamp(first, self.total);
-        let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
-        (from, self.points.iter().skip(skip).take(limit).copied().collect())
-    }
-
-    /// All points: time since the first, s, and x y z.
-    pub fn points(&self) -> impl Iterator<Item = &[f64; 4]> {
-        self.points.iter()
-    }
-
-    /// Points that are kept.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.points.len()
-    }
-
-    /// True if there are no points yet.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
-    }
 }
 
-/// Samples in order, of which the oldest go first.
-#[derive(Clone, Debug)]
-pub struct Samples {
-    samples: VecDeque<PoseSample>,
-    capacity: usize,
-    /// Samples discarded because the list was full.
-    pub forgotten: u64,
-}
+/// Samples in order.
+pub type Samples = History<PoseSample>;
 
 impl Samples {
-    /// An empty list that keeps up to `capacity` samples.
-    #[must_use]
-    pub fn new(capacity: usize) -> Self {
-        Self { samples: VecDeque::new(), capacity, forgotten: 0 }
-    }
-
-    /// Adds a sample.
-    pub fn push(&mut self, sample: PoseSample) {
-        if self.samples.len() == self.capacity {
-            self.samples.pop_front();
-            self.forgotten += 1;
-        }
-        self.samples.push_back(sample);
-    }
-
-    /// The newest.
-    #[must_use]
-    pub fn newest(&self) -> Option<&PoseSample> {
-        self.samples.back()
-    }
-
-    /// All of them, the oldest first.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = &PoseSample> {
-        self.samples.iter()
-    }
-
-    /// All of them.
-    #[must_use]
-    pub fn to_vec(&self) -> Vec<PoseSample> {
-        self.samples.iter().copied().collect()
-    }
-
-    /// Number of samples.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.samples.len()
-    }
-
-    /// True if there are no samples.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.samples.is_empty()
-    }
-
     /// Time from the first to the last, s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
-        match (self.samples.front(), self.samples.back()) {
-            (Some(first), Some(last)) => (last.stamp_ns - first.stamp_ns) as f64 * 1e-9,
-            _ => 0.0,
-        }
+        let ends = self.oldest().zip(self.newest());
+        ends.map_or(0.0, |(first, last)| (last.stamp_ns - first.stamp_ns) as f64 * 1e-9)
     }
 }
 
@@ -203,18 +118,15 @@ mod tests {
     fn a_path_is_thinned_out_by_distance() {
         let mut track = Track::default();
         fly(&mut track, 0..10);
-        assert!((400..=510).contains(&track.len()), "{}", track.len());
+        assert!((400..=510).contains(&track.points.len()), "{}", track.points.len());
     }
 
     #[test]
     fn hours_do_not_grow() {
         let mut track = Track::default();
         fly(&mut track, 0..3_600);
-        assert_eq!(track.len(), MAX_POINTS);
-        let (from, points) = track.since(0, 10);
-        assert_eq!(points.len(), 10);
-        assert_eq!(from, track.total - MAX_POINTS as u64);
-        assert!(track.since(track.total, 10).1.is_empty());
+        assert_eq!(track.points.len(), MAX_POINTS);
+        assert_eq!(track.points.first(), track.points.total() - MAX_POINTS as u64);
     }
 
     #[test]
@@ -223,14 +135,14 @@ mod tests {
         fly(&mut track, 10..12);
         fly(&mut track, 20..22);
         let past: Vec<_> = (0..30).map(|k| (k * 1_000_000_000, Vector3::zeros())).collect();
-        let count = track.len();
+        let count = track.points.len();
         track.fill(&past);
         // 10 seconds before, 7 between, 7 since.
-        assert_eq!((track.len(), track.epoch), (count + 24, 1));
-        let times: Vec<f64> = track.since(0, 10_000).1.iter().map(|p| p[0]).collect();
+        assert_eq!((track.points.len(), track.epoch), (count + 24, 1));
+        let times: Vec<f64> = track.points.iter().map(|p| p[0]).collect();
         assert!(times.is_sorted());
         track.fill(&past);
-        assert_eq!((track.len(), track.epoch), (count + 24, 1), "a second time nothing is missing");
+        assert_eq!((track.points.len(), track.epoch), (count + 24, 1), "a second time nothing is missing");
     }
 
     #[test]
@@ -245,23 +157,8 @@ mod tests {
     fn a_pose_that_comes_late_leaves_the_path_whole() {
         let mut track = Track::default();
         fly(&mut track, 0..12);
-        let points = track.len();
+        let points = track.points.len();
         fly(&mut track, 8..9);
-        assert_eq!((track.len(), track.epoch), (points, 0));
-    }
-
-    #[test]
-    fn samples_are_bounded_and_count_what_they_forget() {
-        let mut samples = Samples::new(2);
-        for k in 0..3 {
-            samples.push(PoseSample {
-                stamp_ns: k * 1_000_000_000,
-                pose_o_b: Isometry3::identity(),
-                v_o_b: Vector3::zeros(),
-                quality: 0,
-                reset_counter: 0,
-            });
-        }
-        assert_eq!((samples.len(), samples.forgotten, samples.duration_s()), (2, 1, 1.0));
+        assert_eq!((track.points.len(), track.epoch), (points, 0));
     }
 }

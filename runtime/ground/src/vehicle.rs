@@ -48,7 +48,7 @@ pub const fn state_words(state: TrackingState) -> &'static str {
 }
 
 /// One vehicle.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct VehicleState {
     /// True while its liveliness token is there.
     pub is_alive: bool,
@@ -82,8 +82,8 @@ pub struct VehicleState {
     pub news: Health,
     /// 0 to 100; -1 while there is no valid estimate.
     pub quality: i32,
-    /// Name of the tracking state.
-    pub state_words: &'static str,
+    /// Tracking state, once it was received.
+    pub tracking: Option<TrackingState>,
     /// Changes of the state that were reported.
     pub state_news: StateNews,
     /// Resets.
@@ -116,50 +116,17 @@ pub struct VehicleState {
     pub is_recording: bool,
 }
 
-impl Default for VehicleState {
-    fn default() -> Self {
-        Self {
-            is_alive: false,
-            arrival: 0,
-            appeared: 0,
-            odom: Channel::default(),
-            state: Channel::default(),
-            health: Channel::default(),
-            delays: Delays::default(),
-            stamp_ns: 0,
-            pose_o_b: None,
-            corrected: Corrected::default(),
-            v_o_b: Vector3::zeros(),
-            rate_b: Vector3::zeros(),
-            sigmas: [0.0; 9],
-            estimate: None,
-            news: Health::default(),
-            quality: 0,
-            state_words: "unknown",
-            state_news: StateNews::default(),
-            resets: 0,
-            bits: HealthBits::default(),
-            latency_ms: None,
-            clock: ClockEstimate::default(),
-            track: Track::default(),
-            is_after_reset: false,
-            last_motion: None,
-            has_frame: false,
-            poses: Samples::new(MAX_POSES),
-            map: Map::default(),
-            others: BTreeMap::new(),
-            picture: None,
-            recording: None,
-            is_recording: false,
-        }
-    }
-}
-
 impl VehicleState {
     /// One that nothing was heard of yet.
     #[must_use]
     pub fn arrived(arrival: u64) -> Self {
         Self { arrival, ..Self::default() }
+    }
+
+    /// Name of the tracking state.
+    #[must_use]
+    pub fn state_words(&self) -> &'static str {
+        self.tracking.map_or("unknown", state_words)
     }
 
     /// Handles that it has appeared on the network: statistics start again, and its past can be queried.
@@ -204,13 +171,14 @@ impl VehicleState {
         self.bits = estimate.health;
         self.estimate = Some(estimate.clone());
         if envelope.quality >= 0 {
-            self.poses.push(PoseSample {
+            let sample = PoseSample {
                 stamp_ns: envelope.stamp_ns,
                 pose_o_b: estimate.pose_o_b,
                 v_o_b: estimate.v_o_b,
                 quality: envelope.quality.into(),
                 reset_counter: envelope.reset_counter,
-            });
+            };
+            self.poses.push(sample, MAX_POSES);
         }
     }
 
@@ -223,7 +191,7 @@ impl VehicleState {
         }
         // Odometry is newer than the frame of this message: taking both, the state would alternate.
         if self.odom.is_stale(now) {
-            self.state_words = state_words(message.state);
+            self.tracking = Some(message.state);
         }
         self.bits = message.bits;
         self.news = message.clone();
@@ -241,7 +209,7 @@ impl VehicleState {
         if !std::mem::replace(&mut self.has_frame, true) {
             self.map.start_frame(self.resets);
         }
-        self.state_words = state_words(state);
+        self.tracking = Some(state);
     }
 
     fn apply_motion(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>) {
@@ -278,19 +246,20 @@ impl VehicleState {
     /// Starts a new recording, or ends the current one.
     pub fn set_recording(&mut self, is_on: bool) {
         if is_on && !self.is_recording {
-            self.recording = Some(Samples::new(MAX_RECORDED));
+            self.recording = Some(Samples::default());
         }
         self.is_recording = is_on;
     }
 
     fn record(&mut self) {
         let (Some(recording), Some(pose_o_b)) = (&mut self.recording, self.pose_o_b) else { return };
-        recording.push(PoseSample {
+        let sample = PoseSample {
             stamp_ns: self.stamp_ns,
             pose_o_b,
             v_o_b: self.v_o_b,
             quality: self.quality,
             reset_counter: self.resets,
-        });
+        };
+        recording.push(sample, MAX_RECORDED);
     }
 }

@@ -288,7 +288,7 @@ mod tests {
             shown.contains("attitude  unknown") && shown.contains("few features, mounting unknown"),
             "{shown}"
         );
-        let announced = fleet.events_since(0).filter(|event| event.text == "mounting unknown: set it");
+        let announced = fleet.events.iter().filter(|event| event.text == "mounting unknown: set it");
         assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
         // Of a vehicle that is gone nothing is said that sounds well.

@@ -8,11 +8,11 @@ use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_flight::log::channel::Channel;
-use plumbline_flight::log::foxglove;
 use plumbline_flight::log::reader::Ending;
 use plumbline_flight::log::{LogError, LogReader};
 use plumbline_record::parts::FrameAbout;
 use plumbline_record::protobuf::decode;
+use plumbline_scene::messages::{Log, log};
 use prost::Message as _;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -52,15 +52,14 @@ impl Content {
 }
 
 fn event(payload: &[u8]) -> Result<Event, &'static str> {
-    let log = foxglove::Log::decode(payload).map_err(|_| "not a message of its schema")?;
-    let time = log.timestamp.unwrap_or_default();
-    let stamp_ns = time.seconds.saturating_mul(1_000_000_000).saturating_add(time.nanos.into());
-    let level = match log.level() {
-        foxglove::log::Level::Warning => "warning",
-        foxglove::log::Level::Error | foxglove::log::Level::Fatal => "error",
+    let event = Log::decode(payload).map_err(|_| "not a message of its schema")?;
+    let stamp_ns = i64::try_from(event.timestamp.unwrap_or_default().total_nanos()).unwrap_or(i64::MAX);
+    let level = match event.level() {
+        log::Level::Warning => "warning",
+        log::Level::Error | log::Level::Fatal => "error",
         _ => "info",
     };
-    Ok((stamp_ns, level, log.message))
+    Ok((stamp_ns, level, event.message))
 }
 
 /// Reads a log up to its end or its first damage, which is described.

@@ -13,9 +13,12 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Changes when the renderer draws differently.
 const RENDERER_VERSION: u32 = 3;
+/// A rendering that has written nothing for so long may have been killed.
+const ABANDONED_AFTER: Duration = Duration::from_secs(60);
 
 /// The frames of `simulator` from the cache; those that are not there are rendered first.
 ///
@@ -36,6 +39,7 @@ pub(super) fn frames(
         File::open(&path).map_err(failed(&path))?
     } else {
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
+        remove_abandoned(folder);
         let (partial, file) = render(&path, simulator, kept).map_err(failed(&path))?;
         // Somebody else may have rendered more in the meantime.
         match kept_frames(&path, simulator)? < simulator.frame_count() {
@@ -102,6 +106,19 @@ fn kept_frames(path: &Path, simulator: &Simulator) -> Result<u64, FlightError> {
     }
 }
 
+/// Removes what renderings have left that were killed: nobody holds it locked any more.
+fn remove_abandoned(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let is_partial =
+            entry.path().extension().is_some_and(|e| e.to_string_lossy().starts_with("partial-"));
+        let modified = entry.metadata().and_then(|about| about.modified()).ok();
+        let is_old = modified.and_then(|at| at.elapsed().ok()).is_some_and(|age| age > ABANDONED_AFTER);
+        if is_partial && is_old && File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// Renders what the file at `path`, of `kept` frames, lacks: another file, complete, and open at its beginning.
 fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(PathBuf, File)> {
     // Others may be rendering the same flight: each into a file of its own.
@@ -109,6 +126,7 @@ fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(Pat
     let number = RENDERINGS.fetch_add(1, Ordering::Relaxed);
     let partial = path.with_extension(format!("partial-{}-{number}", std::process::id()));
     let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&partial)?;
+    file.lock()?;
     let mut out = BufWriter::new(file);
     if kept > 0 {
         std::io::copy(&mut File::open(path)?.take(kept * frame_bytes(simulator)), &mut out)?;
@@ -282,6 +300,18 @@ mod tests {
         }
         let kept = files(folder.path()).into_iter().filter(|(path, _)| path.extension().unwrap() == "raw");
         assert_eq!(kept.count(), 1 + others.len());
+    }
+
+    #[test]
+    fn what_a_killed_rendering_has_left_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [killed, alive] = ["a.partial-1-0", "b.partial-1-0"].map(|name| folder.path().join(name));
+        let files = [&killed, &alive].map(|path| File::create(path).unwrap());
+        let long_ago = std::time::SystemTime::now() - 2 * ABANDONED_AFTER;
+        files.iter().for_each(|file| file.set_modified(long_ago).unwrap());
+        files[1].lock().unwrap();
+        assert_sound(folder.path(), &scenario(FlightPath::Demo, 0.2));
+        assert_eq!((killed.exists(), alive.exists()), (false, true));
     }
 
     #[test]

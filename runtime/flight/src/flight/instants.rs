@@ -1,8 +1,8 @@
 //! States at the instants of a list: read before the flight, kept during it, written as CSV.
 
-use super::trajectory::{EntryStorage, Lent};
+use super::trajectory::Kept;
 use crate::pipeline::Control;
-use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::pipeline::listener::Producer;
 use plumbline_config::Timestamp;
 use plumbline_record::columns;
 use plumbline_record::{InstantAnswer, InstantSource, Said};
@@ -19,40 +19,10 @@ const NANO_DIGITS: usize = 9;
 
 /// Why a list of stamps cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum StampsError {
-    /// File that cannot be read.
-    #[error("{}: cannot be read: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Reason given by the system.
-        source: std::io::Error,
-    },
-    /// A line is no stamp.
-    #[error(
-        "{}: line {line}: `{text}` is no stamp; begin each line with nanoseconds as a whole number, or seconds with a decimal \
-         point, by the clock of the IMU", path.display()
-    )]
-    Stamp {
-        /// The file.
-        path: PathBuf,
-        /// Number of the line, from 1.
-        line: usize,
-        /// Beginning of the line.
-        text: String,
-    },
-    /// List with more than [`MAX_STAMPS`] stamps.
-    #[error("{}: has more than {MAX_STAMPS} stamps; divide it", path.display())]
-    TooMany {
-        /// The file.
-        path: PathBuf,
-    },
-    /// List without a stamp.
-    #[error("{}: has no stamp; write one a line, in nanoseconds", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+#[error("{}: {reason}", path.display())]
+pub struct StampsError {
+    path: PathBuf,
+    reason: String,
 }
 
 /// Reads the first column of a CSV file: nanoseconds as a whole number, or seconds with a decimal point. A header and lines
@@ -61,7 +31,8 @@ pub enum StampsError {
 /// # Errors
 /// When the file cannot be read, or a line is no stamp.
 pub fn read_stamps(path: &Path) -> Result<Vec<Timestamp>, StampsError> {
-    let failed = |source| StampsError::Read { path: path.to_owned(), source };
+    let refused = |reason: String| StampsError { path: path.to_owned(), reason };
+    let failed = |source: std::io::Error| refused(format!("cannot be read: {source}"));
     let file = File::open(path).map_err(failed)?;
     let mut stamps = Vec::new();
     for (line, text) in (1..).zip(BufReader::new(file.take(MAX_BYTES)).lines()) {
@@ -76,15 +47,21 @@ pub fn read_stamps(path: &Path) -> Result<Vec<Timestamp>, StampsError> {
             None if stamps.is_empty() && line == 1 && cell.starts_with(|c: char| c.is_ascii_alphabetic()) => {
             }
             None => {
-                let text = cell.chars().take(40).collect();
-                return Err(StampsError::Stamp { path: path.to_owned(), line, text });
+                let text: String = cell.chars().take(40).collect();
+                return Err(refused(format!(
+                    "line {line}: `{text}` is no stamp; begin each line with nanoseconds as a whole number, or seconds with a \
+                     decimal point, by the clock of the IMU"
+                )));
             }
         }
         if stamps.len() > MAX_STAMPS {
-            return Err(StampsError::TooMany { path: path.to_owned() });
+            return Err(refused(format!("has more than {MAX_STAMPS} stamps; divide it")));
         }
     }
-    if stamps.is_empty() { Err(StampsError::Empty { path: path.to_owned() }) } else { Ok(stamps) }
+    if stamps.is_empty() {
+        return Err(refused("has no stamp; write one a line, in nanoseconds".into()));
+    }
+    Ok(stamps)
 }
 
 fn stamp_of(cell: &str) -> Option<Timestamp> {
@@ -100,48 +77,19 @@ fn stamp_of(cell: &str) -> Option<Timestamp> {
     Some(Timestamp::from_nanos(nanos))
 }
 
-/// Answers to a list, kept during a flight.
-#[derive(Debug)]
-pub struct KeptInstants {
-    answers: EntryStorage<InstantAnswer>,
-}
+/// Answers to a list, in the order in which they came.
+pub type KeptInstants = Kept<InstantAnswer>;
 
 impl KeptInstants {
     /// Has the run of `control` asked for the states at `stamps`.
     #[must_use]
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
-        let answers = EntryStorage::with_room_for(stamps.len(), InstantAnswer::default());
+        let room = stamps.len();
         control.keep_instants().expect(stamps);
-        Self { answers }
-    }
-
-    /// The answers after the run, in the order of the list.
-    #[must_use]
-    pub fn into_rows(self) -> Vec<InstantAnswer> {
-        let mut rows = self.answers.into_entries();
-        rows.sort_by_key(|answer| answer.number);
-        rows
-    }
-}
-
-impl Subscriber for KeptInstants {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Tick => Box::new(OfInstants(self.answers.lend())),
-            _ => Box::new(()),
-        }
-    }
-}
-
-struct OfInstants(Lent<InstantAnswer>);
-
-impl Listener for OfInstants {
-    fn said(&mut self, said: &Said) {
-        if let Said::Instant(answer) = said
-            && answer.source == InstantSource::List
-        {
-            self.0.entries.push(answer.clone());
-        }
+        Self::new(room, InstantAnswer::default(), Producer::Tick, |said| match said {
+            Said::Instant(answer) if answer.source == InstantSource::List => Some(answer.clone()),
+            _ => None,
+        })
     }
 }
 

@@ -35,7 +35,7 @@ pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
-pub use trajectory::{CausalPose, CausalTrajectory, KeptOdometry, KeptStates, OdometryTrajectory};
+pub use trajectory::{CausalPose, CausalTrajectory, Kept, KeptOdometry, KeptStates, OdometryTrajectory};
 pub use truth::{TrueState, Truth};
 
 use crate::log::KnownMap;

@@ -23,8 +23,9 @@ const FILE: &str = "reset_counter";
 const MAX_BYTES: u64 = 64;
 /// Numbers are reserved so many at a time, and more when half of them are used.
 const RESERVED: u32 = 8;
-/// The thread looks this often.
+/// The thread looks this often, and after a failure so often.
 const LOOK: Duration = Duration::from_millis(50);
+const RETRY: Duration = Duration::from_millis(500);
 
 /// The count of one flight.
 #[derive(Debug)]
@@ -114,21 +115,25 @@ fn keep(shared: &Shared) {
         };
         let is_due = reserved
             .is_none_or(|reserved: u32| (reserved.wrapping_sub(newest) as i32) <= RESERVED as i32 / 2);
+        let mut pause = LOOK;
         if is_over || is_due {
-            reserved = Some(next);
-            if let Err(error) = write_atomically(&shared.path, line(next).as_bytes())
-                && !std::mem::replace(&mut has_warned, true)
-            {
-                let path = shared.path.display();
-                tracing::warn!(
-                    "{path}: {error}; after another start an autopilot may not learn of the new origin"
-                );
+            match write_atomically(&shared.path, line(next).as_bytes()) {
+                Ok(()) => reserved = Some(next),
+                Err(error) => {
+                    pause = RETRY;
+                    if !std::mem::replace(&mut has_warned, true) {
+                        let path = shared.path.display();
+                        tracing::warn!(
+                            "{path}: {error}; after another start an autopilot may not learn of the new origin"
+                        );
+                    }
+                }
             }
         }
         if is_over {
             return;
         }
-        std::thread::park_timeout(LOOK);
+        std::thread::park_timeout(pause);
     }
 }
 
@@ -208,6 +213,16 @@ mod tests {
         let copy = tempfile::tempdir().unwrap();
         std::fs::copy(&path, copy.path().join(FILE)).unwrap();
         assert!(ResetCount::resume(copy.path()).first() > 40);
+    }
+
+    #[test]
+    fn numbers_are_reserved_as_soon_as_there_is_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let full = folder.path().join("full");
+        let _count = ResetCount::resume(&full);
+        std::thread::sleep(2 * LOOK);
+        std::fs::create_dir(&full).unwrap();
+        eventually(|| full.join(FILE).exists());
     }
 
     #[test]

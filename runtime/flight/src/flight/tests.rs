@@ -53,7 +53,7 @@ fn odometry_is_kept_at_the_rate_of_the_imu() {
     let mut odometry = OdometryTrajectory::with_room_for(300);
     let control = Control::default();
     let flown = fly(flight(ImageRecording::None), &OPTIONS, &control, vec![&mut odometry]).unwrap();
-    let odometry = odometry.into_poses();
+    let odometry = odometry.into_rows();
     assert!(odometry.len() > 8 * flown.poses.len(), "{} of {}", odometry.len(), flown.poses.len());
     assert!(odometry.windows(2).all(|pair| pair[1].stamp.nanos_since(pair[0].stamp) == 5_000_000));
 }

@@ -112,116 +112,87 @@ impl CausalListener {
     }
 }
 
-/// Keeps everything that the estimates hold, a row a frame.
+/// Keeps what `take` finds in what one thread says, a row each.
 #[derive(Debug)]
-pub struct KeptStates(EntryStorage<Estimate>);
+pub struct Kept<T> {
+    rows: EntryStorage<T>,
+    producer: Producer,
+    take: fn(&Said) -> Option<T>,
+}
 
-impl KeptStates {
-    /// With room for so many frames.
-    #[must_use]
-    pub fn with_room_for(frames: usize) -> Self {
-        Self(EntryStorage::with_room_for(frames, Estimate::default()))
-    }
-
-    /// With room for the frames of `flight`.
-    #[must_use]
-    pub fn for_flight(flight: &Flight) -> Self {
-        let expected = flight.stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
-        Self::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES))
+impl<T: Clone> Kept<T> {
+    pub(super) fn new(room: usize, blank: T, producer: Producer, take: fn(&Said) -> Option<T>) -> Self {
+        Self { rows: EntryStorage::with_room_for(room, blank), producer, take }
     }
 
     /// The rows in order, after the run.
     #[must_use]
-    pub fn into_rows(self) -> Vec<Estimate> {
-        self.0.into_entries()
+    pub fn into_rows(self) -> Vec<T> {
+        self.rows.into_entries()
     }
 }
 
-impl Subscriber for KeptStates {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Window => Box::new(self.0.lend()),
-            _ => Box::new(()),
-        }
+/// Everything that the estimates hold, a row a frame.
+pub type KeptStates = Kept<Estimate>;
+/// Everything that the odometry holds, a row an inertial sample.
+pub type KeptOdometry = Kept<Odometry>;
+/// The pose of every odometry, at the rate of the IMU.
+pub type OdometryTrajectory = Kept<StampedPose>;
+
+impl KeptStates {
+    /// With room for the frames of `flight`.
+    #[must_use]
+    pub fn for_flight(flight: &Flight) -> Self {
+        let expected = flight.stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
+        let room = expected.unwrap_or(0).min(MAX_RESERVED_FRAMES);
+        Self::new(room, Estimate::default(), Producer::Window, |said| match said {
+            Said::Estimate(full) => Some(full.estimate.clone()),
+            _ => None,
+        })
     }
 }
 
-impl Listener for Lent<Estimate> {
-    fn said(&mut self, said: &Said) {
-        if let Said::Estimate(full) = said {
-            self.entries.push(full.estimate.clone());
-        }
+impl KeptOdometry {
+    /// With room for the odometry of `flight`.
+    #[must_use]
+    pub fn for_flight(flight: &Flight) -> Self {
+        let room = flight.expected_readings().min(LIVE_READINGS);
+        Self::new(room, Odometry::default(), Producer::Tick, |said| match said {
+            Said::Odometry(odometry) => Some(odometry.clone()),
+            _ => None,
+        })
     }
 }
-
-/// Keeps the pose of every odometry, at the rate of the IMU.
-#[derive(Debug)]
-pub struct OdometryTrajectory(EntryStorage<StampedPose>);
 
 impl OdometryTrajectory {
     /// With room for so many poses.
     #[must_use]
     pub fn with_room_for(readings: usize) -> Self {
         let blank = StampedPose { stamp: Timestamp::default(), pose: Isometry3::identity() };
-        Self(EntryStorage::with_room_for(readings, blank))
-    }
-
-    /// The poses in order, after the run.
-    #[must_use]
-    pub fn into_poses(self) -> Vec<StampedPose> {
-        self.0.into_entries()
+        Self::new(readings, blank, Producer::Tick, |said| match said {
+            Said::Odometry(odometry) => Some(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b }),
+            _ => None,
+        })
     }
 }
 
-impl Subscriber for OdometryTrajectory {
+impl<T: Clone + Send + 'static> Subscriber for Kept<T> {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Tick => Box::new(self.0.lend()),
-            _ => Box::new(()),
+        match producer == self.producer {
+            true => Box::new(Keeper { rows: self.rows.lend(), take: self.take }),
+            false => Box::new(()),
         }
     }
 }
 
-impl Listener for Lent<StampedPose> {
+struct Keeper<T> {
+    rows: Lent<T>,
+    take: fn(&Said) -> Option<T>,
+}
+
+impl<T: Send> Listener for Keeper<T> {
     fn said(&mut self, said: &Said) {
-        if let Said::Odometry(odometry) = said {
-            self.entries.push(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b });
-        }
-    }
-}
-
-/// Keeps everything that the odometry holds, a row an inertial sample.
-#[derive(Debug)]
-pub struct KeptOdometry(EntryStorage<Odometry>);
-
-impl KeptOdometry {
-    /// With room for the odometry of `flight`.
-    #[must_use]
-    pub fn for_flight(flight: &Flight) -> Self {
-        Self(EntryStorage::with_room_for(flight.expected_readings().min(LIVE_READINGS), Odometry::default()))
-    }
-
-    /// The rows in order, after the run.
-    #[must_use]
-    pub fn into_rows(self) -> Vec<Odometry> {
-        self.0.into_entries()
-    }
-}
-
-impl Subscriber for KeptOdometry {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Tick => Box::new(self.0.lend()),
-            _ => Box::new(()),
-        }
-    }
-}
-
-impl Listener for Lent<Odometry> {
-    fn said(&mut self, said: &Said) {
-        if let Said::Odometry(odometry) = said {
-            self.entries.push(odometry.clone());
-        }
+        self.rows.entries.extend((self.take)(said));
     }
 }
 

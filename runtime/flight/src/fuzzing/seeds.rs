@@ -5,7 +5,7 @@ use crate::local::record::{Kind, Kinds, MAGIC, encoded};
 use crate::local::request::{Answer, At, Request, RequestStatus};
 use crate::local::{Failure, SensorNews, Shot};
 use crate::log::channel::Channel;
-use crate::log::{drawn, image, part_header::METADATA_NAME, part_header::PartHeader};
+use crate::log::{image, part_header::METADATA_NAME, part_header::PartHeader};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Isometry3, Vector3};
@@ -22,8 +22,8 @@ use plumbline_record::parts::RecordingState;
 use plumbline_record::protobuf::encode;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{
-    CorrectionOrder, Dropped, Event, FrameOrder, InstantAnswer, InstantOrder, InstantSource, MapOrder,
-    MapVerdict, ResetOrder, Severity, Verdict,
+    CorrectionOrder, Dropped, FrameOrder, InstantAnswer, InstantOrder, InstantSource, MapOrder, MapVerdict,
+    ResetOrder, Severity, Verdict,
 };
 use prost::Message as _;
 use std::collections::BTreeMap;
@@ -59,7 +59,7 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         sightings: 3,
         loops_used: 2,
     };
-    let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
+    let drawn = plumbline_scene::event(STAMP, Severity::Info, "plumbline", "tracking");
     let dropped = Dropped([2, 0, 0, 0, 0, 0, 0, 0]);
     let recording = RecordingState { dropped, seal: vec![7; 32], ..RecordingState::default() };
     vec![
@@ -87,7 +87,7 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         (Channel::MapEstimate, encode(&map_estimate)),
         (Channel::Estimate, encode(&estimate())),
         (Channel::Odometry, encode(&odometry())),
-        (Channel::Event, drawn::event(&event).encode_to_vec()),
+        (Channel::Event, drawn.encode_to_vec()),
         (Channel::Recording, encode(&recording)),
     ]
 }

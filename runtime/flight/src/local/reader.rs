@@ -57,6 +57,8 @@ impl Silence {
 #[derive(Debug)]
 pub struct LocalReader {
     pub stream: UnixStream,
+    /// Subject of its events.
+    pub subject: u64,
     pub outbox: Outbox,
     pub kinds: Kinds,
     /// Rate of the pictures that it wants, mHz.
@@ -86,6 +88,7 @@ impl LocalReader {
     /// Reader that has the greeting before it; its outbox holds `max_bytes`.
     pub fn new(
         stream: UnixStream,
+        subject: u64,
         (rights, user): (Rights, Option<u32>),
         max_bytes: usize,
         upstream: u64,
@@ -98,6 +101,7 @@ impl LocalReader {
         }));
         Self {
             stream,
+            subject,
             outbox,
             kinds: Kinds::DEFAULT,
             pictures_mhz: 0,

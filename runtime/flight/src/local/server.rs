@@ -45,10 +45,11 @@ const GLANCE: Duration = Duration::from_millis(20);
 const IDLE: Duration = Duration::from_millis(500);
 /// Events that are taken at a time.
 const EVENTS: usize = 64;
-/// Subject of an event: the bell, the listening socket, or the reader at a place.
+/// Subject of an event: the bell, the listening socket, or a reader by its place and, above it, its number.
 const BELL: u64 = 0;
 const DOOR: u64 = 1;
 const FIRST_READER: u64 = 2;
+const NUMBER_SHIFT: u32 = 16;
 
 /// The socket's thread.
 pub struct Server {
@@ -62,6 +63,8 @@ pub struct Server {
     logged: Option<Instant>,
     admissions: Receiver<Admission>,
     readers: Vec<Option<LocalReader>>,
+    /// Readers so far.
+    admitted: u64,
     /// Bytes of the pictures that wait for one reader.
     picture_bytes: usize,
     commands: CommandExecutor,
@@ -105,6 +108,7 @@ impl Server {
             logged: None,
             admissions,
             readers: Vec::new(),
+            admitted: 0,
             picture_bytes: OUTBOX_PICTURES * picture_bytes,
             asked: Asked::new(control.keep_instants()),
             commands: CommandExecutor::new(control),
@@ -159,7 +163,7 @@ impl Server {
             match data.u64() {
                 BELL => {}
                 DOOR => self.accept(),
-                place => self.read(usize::try_from(place - FIRST_READER).unwrap_or(usize::MAX), flags),
+                subject => self.read(subject, flags),
             }
         }
         if self.pause_end.take_if(|end| Instant::now() >= *end).is_some() {
@@ -232,12 +236,13 @@ impl Server {
 
     fn admit(&mut self, stream: UnixStream, rights: (Rights, Option<u32>)) {
         let place = self.readers.iter().position(Option::is_none).unwrap_or(self.readers.len());
-        let data = EventData::new_u64(FIRST_READER + place as u64);
+        let subject = (self.admitted << NUMBER_SHIFT) + place as u64 + FIRST_READER;
         let is_set = stream.set_nonblocking(true).is_ok();
-        if !is_set || epoll::add(&self.epoll, &stream, data, EventFlags::IN).is_err() {
+        if !is_set || epoll::add(&self.epoll, &stream, EventData::new_u64(subject), EventFlags::IN).is_err() {
             return;
         }
-        let reader = LocalReader::new(stream, rights, OUTBOX_BYTES, self.shared.lost());
+        self.admitted += 1;
+        let reader = LocalReader::new(stream, subject, rights, OUTBOX_BYTES, self.shared.lost());
         if place == self.readers.len() {
             self.readers.push(None);
         }
@@ -245,10 +250,12 @@ impl Server {
         self.note_wants();
     }
 
-    /// Reads the requests of a reader, and carries them out; one that has gone is let go.
-    fn read(&mut self, place: usize, flags: EventFlags) {
+    /// Reads the requests of a reader, and carries them out; one that has gone is let go. The event may be of a reader that gave way
+    /// to another, which has its place.
+    fn read(&mut self, subject: u64, flags: EventFlags) {
+        let place = (subject & ((1 << NUMBER_SHIFT) - 1)).saturating_sub(FIRST_READER) as usize;
         let Some(slot) = self.readers.get_mut(place) else { return };
-        let Some(mut reader) = slot.take() else { return };
+        let Some(mut reader) = slot.take_if(|reader| reader.subject == subject) else { return };
         if flags.contains(EventFlags::OUT) {
             reader.has_room();
         }
@@ -322,7 +329,7 @@ impl Server {
             let interest = reader.wanted_interest();
             if is_there && interest != reader.interest {
                 reader.interest = interest;
-                let data = EventData::new_u64(FIRST_READER + place as u64);
+                let data = EventData::new_u64(reader.subject);
                 is_there = epoll::modify(&self.epoll, &reader.stream, data, interest).is_ok();
             }
             if !is_there {
@@ -446,4 +453,31 @@ fn ladder(level: u8) -> LadderRung {
 
 fn encode_path(path: &MapPath, sequence: u64) -> Arc<[u8]> {
     encoded(Kind::Path.kind(), sequence, |to| protobuf::append(path, to)).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::Config;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn a_hang_up_of_an_evicted_reader_leaves_its_successor_connected() {
+        let config = Config::preset("sim").unwrap();
+        let (shared, _writers, waiting) = SocketState::new(&config).unwrap();
+        let (_admissions, admitted) = channel();
+        let (control, about) = (Arc::default(), Configuration::default());
+        let readers = (Arc::new(shared), waiting);
+        let mut server = Server::new(readers, None, admitted, control, &about, &Shot::new(&config)).unwrap();
+        let (first, second) = (UnixStream::pair().unwrap(), UnixStream::pair().unwrap());
+        server.admit(first.0, (Rights::Read, None));
+        let hang_up = Event {
+            flags: EventFlags::HUP,
+            data: EventData::new_u64(server.readers[0].as_ref().unwrap().subject),
+        };
+        server.readers[0] = None;
+        server.admit(second.0, (Rights::Read, None));
+        server.serve(&[hang_up]);
+        assert!(server.readers[0].is_some());
+    }
 }

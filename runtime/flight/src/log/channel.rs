@@ -1,25 +1,24 @@
 //! The channels of a log, which are topics, and the schemas that stand beside them.
 
+use plumbline_config::options::ImageRecording;
 use plumbline_record::schema;
+use std::borrow::Cow;
 use std::sync::OnceLock;
 
 /// A channel of the log.
 pub use plumbline_record::topics::Topic as Channel;
 
-/// Descriptors of the messages that Foxglove draws.
-pub const FOXGLOVE: &[u8] = include_bytes!("../../generated/foxglove.descriptors");
-
-/// The `FileDescriptorSet` that the schema of a channel is in.
+/// The `FileDescriptorSet` that the schema of a channel is in, in a log with such images.
 #[must_use]
-pub fn descriptors(channel: Channel) -> &'static [u8] {
+pub fn descriptors(channel: Channel, images: ImageRecording) -> Cow<'static, [u8]> {
     static OWN: OnceLock<Vec<u8>> = OnceLock::new();
-    if channel.is_drawn() { FOXGLOVE } else { OWN.get_or_init(schema::descriptors) }
+    let drawn = plumbline_scene::descriptors(channel.schema(images));
+    drawn.unwrap_or_else(|| OWN.get_or_init(schema::descriptors).into())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plumbline_config::options::ImageRecording;
     use prost::Message as _;
     use prost_types::FileDescriptorSet;
 
@@ -27,7 +26,7 @@ mod tests {
     fn every_schema_is_in_its_descriptors() {
         for images in [ImageRecording::Png, ImageRecording::Raw] {
             for channel in Channel::LOGGED {
-                let set = FileDescriptorSet::decode(descriptors(channel)).unwrap();
+                let set = FileDescriptorSet::decode(&*descriptors(channel, images)).unwrap();
                 let names = set.file.iter().flat_map(|file| {
                     file.message_type.iter().map(move |m| format!("{}.{}", file.package(), m.name()))
                 });

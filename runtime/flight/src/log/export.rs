@@ -5,12 +5,10 @@
 //! execution of the log has the same window, bit for bit, and is where it is taken from.
 
 use super::LogError;
-use super::channel::{Channel, FOXGLOVE};
-use super::drawn::log_time;
+use super::channel::Channel;
 use super::known::KnownMap;
 use super::part_header::PartHeader;
 use super::reader::LogReader;
-use super::scene::{self, Landmarks, SceneContent};
 use super::verify::{Verification, verify_before};
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Solved, Subscriber};
 use mcap::records::MessageHeader;
@@ -20,6 +18,8 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::StereoSource;
 use plumbline_estimator::MapSnapshot;
 use plumbline_record::Said;
+use plumbline_scene::messages::{SceneEntity, SceneUpdate};
+use plumbline_scene::{self as scene, Landmarks, SceneContent, log_time};
 use prost::Message;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -35,9 +35,6 @@ pub const PATH: &str = "/path";
 const WINDOW_NS: i64 = 500_000_000;
 /// Poses of the path are this far apart, ns.
 const POSE_NS: i64 = 200_000_000;
-/// The path is written again when it has grown by this many poses, and by this part: so all of them are a few times the last.
-const LEAST_GROWTH: usize = 10;
-const GROWTH_PART: usize = 8;
 
 /// Result of an export.
 #[derive(Clone, Debug)]
@@ -119,10 +116,10 @@ struct Drawing {
     last: Option<MapSnapshot>,
     snapshot: MapSnapshot,
     window_due: Timestamp,
+    /// Poses since the last reset, and the time of the first.
     poses: Vec<Isometry3<f64>>,
+    since: Timestamp,
     pose_due: Timestamp,
-    written_poses: usize,
-    stamp: Timestamp,
     resets: u32,
     keyframes: u64,
     messages: u64,
@@ -140,7 +137,8 @@ impl Drawing {
         for (topic, schema) in
             drawn.map(|channel| (channel.channel(), channel.schema(about.images))).chain(own)
         {
-            let schema = writer.add_schema(schema, "protobuf", FOXGLOVE)?;
+            let descriptors = scene::descriptors(schema).unwrap_or_default();
+            let schema = writer.add_schema(schema, "protobuf", &descriptors)?;
             channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);
         }
         Ok(Self {
@@ -152,9 +150,8 @@ impl Drawing {
             snapshot: MapSnapshot::new(about.config.setup()),
             window_due: Timestamp::MIN,
             poses: Vec::new(),
+            since: Timestamp::MIN,
             pose_due: Timestamp::MIN,
-            written_poses: 0,
-            stamp: Timestamp::MIN,
             resets: about.first_reset_counter,
             keyframes: 0,
             messages: 0,
@@ -173,7 +170,7 @@ impl Drawing {
         }
     }
 
-    fn put_scene(&mut self, stamp: Timestamp, update: &super::foxglove::SceneUpdate) {
+    fn put_scene(&mut self, stamp: Timestamp, update: &SceneUpdate) {
         self.put(SCENE, log_time(stamp), &update.encode_to_vec());
     }
 
@@ -193,47 +190,44 @@ impl Drawing {
         }
         if now.stamp >= self.window_due {
             self.window_due = now.stamp.plus_nanos(WINDOW_NS);
-            let content = SceneContent::of_window(&now);
+            let content = window(&now);
             let entity = scene::entity(now.stamp, &self.frame, "window", &content, Landmarks::InWindow);
             self.put_scene(now.stamp, &scene::update(vec![entity]));
         }
         self.last = Some(now);
     }
 
-    fn kept(&self, last: &MapSnapshot, stamp: Timestamp) -> super::foxglove::SceneEntity {
+    fn kept(&self, last: &MapSnapshot, stamp: Timestamp) -> SceneEntity {
         let id = format!("keyframe {}", stamp.as_nanos());
-        scene::entity(stamp, &self.frame, &id, &SceneContent::of_keyframe(last, stamp), Landmarks::Kept)
+        scene::entity(stamp, &self.frame, &id, &keyframe(last, stamp), Landmarks::Kept)
     }
 
-    /// Draws the path up to an estimate. After a reset it begins anew, in an empty scene.
+    /// Takes a pose of the path. After a reset there is another one, in an empty scene.
     fn said(&mut self, said: &Said) {
         let Said::Estimate(full) = said else { return };
         let estimate = &full.estimate;
         if estimate.reset_counter != self.resets {
             self.write_path();
             self.resets = estimate.reset_counter;
-            self.poses.clear();
-            self.written_poses = 0;
             self.last = None;
             self.put_scene(estimate.stamp, &scene::cleared(estimate.stamp));
         }
         if !estimate.has_pose() || estimate.stamp < self.pose_due {
             return;
         }
-        self.stamp = estimate.stamp;
+        if self.poses.is_empty() {
+            self.since = estimate.stamp;
+        }
         self.pose_due = estimate.stamp.plus_nanos(POSE_NS);
         self.poses.push(estimate.pose_o_b);
-        let grown = self.poses.len() - self.written_poses;
-        if grown >= LEAST_GROWTH.max(self.written_poses / GROWTH_PART) {
-            self.write_path();
-        }
     }
 
+    /// Writes a path to where it begins: a file is looked at as a whole.
     fn write_path(&mut self) {
-        if self.poses.len() > self.written_poses {
-            self.written_poses = self.poses.len();
-            let path = scene::poses(self.stamp, &self.frame, &self.poses);
-            self.put(PATH, log_time(self.stamp), &path.encode_to_vec());
+        let poses = std::mem::take(&mut self.poses);
+        if !poses.is_empty() {
+            let path = scene::poses(self.since, &self.frame, &poses);
+            self.put(PATH, log_time(self.since), &path.encode_to_vec());
         }
     }
 
@@ -244,6 +238,24 @@ impl Drawing {
         }
         self.writer.finish().map(|_| ())
     }
+}
+
+/// All of a window.
+fn window(of: &MapSnapshot) -> SceneContent {
+    SceneContent {
+        points: of.points.iter().map(|point| point.p_o).collect(),
+        lines: of.lines.iter().map(|line| line.ends_o).collect(),
+        keyframes: of.keyframes.iter().map(|keyframe| keyframe.pose_o_b).collect(),
+    }
+}
+
+/// The keyframe of a window that was taken at `stamp`, with the landmarks that it hosts.
+fn keyframe(of: &MapSnapshot, stamp: Timestamp) -> SceneContent {
+    let mut of = of.clone();
+    of.points.retain(|point| point.host == stamp);
+    of.lines.retain(|line| line.host == stamp);
+    of.keyframes.retain(|keyframe| keyframe.stamp == stamp);
+    window(&of)
 }
 
 /// Listens to the execution.

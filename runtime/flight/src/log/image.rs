@@ -1,11 +1,11 @@
 //! Images in a log: plain or compressed without loss, and the hash of their pixels.
 
-use super::drawn::timestamp;
-use super::foxglove;
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{GrayImage, Timestamp};
 use plumbline_drivers::StereoFrame;
 use plumbline_record::parts::{FrameAbout, ImageAbout};
+use plumbline_scene::messages::{CompressedImage, RawImage};
+use plumbline_scene::timestamp;
 use prost::Message as _;
 use sha2::{Digest as _, Sha256};
 use std::io::Cursor;
@@ -51,18 +51,18 @@ pub fn encode(
         ImageRecording::None => {}
         ImageRecording::Png => {
             let data = compress(image)?;
-            let message = foxglove::CompressedImage { timestamp, frame_id, data, format: "png".into() };
+            let message = CompressedImage { timestamp, frame_id, data: data.into(), format: "png".into() };
             out.extend(message.encode_to_vec());
         }
         ImageRecording::Raw => {
-            let message = foxglove::RawImage {
+            let message = RawImage {
                 timestamp,
                 frame_id,
                 width: image.width() as u32,
                 height: image.height() as u32,
                 encoding: "mono8".into(),
                 step: image.width() as u32,
-                data: image.pixels().to_vec(),
+                data: image.pixels().to_vec().into(),
             };
             out.extend(message.encode_to_vec());
         }
@@ -103,12 +103,11 @@ pub fn decode(
     match images {
         ImageRecording::None => return Err("an image in a log that says it has none"),
         ImageRecording::Png => {
-            let message =
-                foxglove::CompressedImage::decode(message).map_err(|_| "not a message of its schema")?;
+            let message = CompressedImage::decode(message).map_err(|_| "not a message of its schema")?;
             decompress(&message.data, image).ok_or("an image that does not decompress")?;
         }
         ImageRecording::Raw => {
-            let message = foxglove::RawImage::decode(message).map_err(|_| "not a message of its schema")?;
+            let message = RawImage::decode(message).map_err(|_| "not a message of its schema")?;
             if message.data.len() != image.pixels().len() {
                 return Err("an image with too few or too many pixels");
             }

@@ -12,7 +12,6 @@ pub mod channel;
 mod comparison;
 pub mod complete_parts;
 pub mod cursor;
-pub mod drawn;
 pub mod entry;
 pub mod execute;
 pub mod export;
@@ -28,7 +27,6 @@ pub mod parts;
 pub mod reader;
 pub mod recorder;
 pub mod rig;
-pub mod scene;
 pub mod seal;
 pub mod source;
 pub mod sync;
@@ -47,12 +45,6 @@ use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// The generated messages that Foxglove draws by itself.
-#[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
-pub mod foxglove {
-    include!("../../generated/foxglove.rs");
-}
 
 /// Errors of a log that cannot be written or read. Every message names the file and the cure.
 #[derive(Debug, Error)]

@@ -57,7 +57,8 @@ impl Part {
         mcap.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata })?;
         let mut ids = [0; Channel::LOGGED.len()];
         for channel in Channel::LOGGED {
-            let schema = mcap.add_schema(channel.schema(about.images), "protobuf", descriptors(channel))?;
+            let descriptors = descriptors(channel, about.images);
+            let schema = mcap.add_schema(channel.schema(about.images), "protobuf", &descriptors)?;
             ids[channel as usize] =
                 mcap.add_channel(schema, channel.channel(), "protobuf", &BTreeMap::new())?;
         }

@@ -14,6 +14,9 @@ pub const METADATA_NAME: &str = "plumbline";
 /// Version of the log's format.
 const FORMAT: &str = "1";
 
+/// Keys of configurations that earlier builds recorded, and this one has no use for.
+const RETIRED: [(&str, &str); 5] =
+    [("ros", "link"), ("ros", "path"), ("ros", "landmarks"), ("ros", "map"), ("ros", "tracks")];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].
@@ -112,7 +115,8 @@ impl PartHeader {
         if hash_of(text) != *value("config_sha256")? {
             return Err("its configuration does not have the hash that was recorded with it".into());
         }
-        let mut config = Config::from_toml_str(text, "its configuration").map_err(|e| e.to_string())?;
+        let current = without_retired(text)?;
+        let mut config = Config::from_toml_str(&current, "its configuration").map_err(|e| e.to_string())?;
         if !text.contains(PLACES_TABLE) {
             // Of a build that made no map.
             let off = |config: &mut Config| config.estimator.places.enabled = false;
@@ -132,6 +136,17 @@ impl PartHeader {
             config,
         })
     }
+}
+
+/// The text of a configuration without [`RETIRED`] keys.
+fn without_retired(text: &str) -> Result<String, String> {
+    let mut tables: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
+    for (table, key) in RETIRED {
+        if let Some(toml::Value::Table(keys)) = tables.get_mut(table) {
+            keys.remove(key);
+        }
+    }
+    toml::to_string(&tables).map_err(|error| error.to_string())
 }
 
 #[cfg(test)]
@@ -157,5 +172,15 @@ mod tests {
         assert!(PartHeader::from_metadata(&metadata).unwrap_err().contains("no 'config'"));
         metadata.insert("format".into(), "2".into());
         assert!(PartHeader::from_metadata(&metadata).unwrap_err().contains("format 2"));
+    }
+
+    #[test]
+    fn a_configuration_of_an_earlier_build_is_read_without_its_retired_keys() {
+        let about = PartHeader::new(&Config::preset("sim").unwrap()).unwrap();
+        let mut metadata = about.to_metadata().unwrap();
+        let earlier = metadata["config"].replace("[ros]\n", "[ros]\nlandmarks = true\ntracks = \"raw\"\n");
+        metadata.insert("config_sha256".into(), hash_of(&earlier));
+        metadata.insert("config".into(), earlier);
+        assert_eq!(PartHeader::from_metadata(&metadata).unwrap().config, about.config);
     }
 }

@@ -4,12 +4,12 @@
 //! frames are those of ROS ([`RosConfig`](plumbline_config::options::RosConfig)); cameras are named as their images are.
 
 use super::channel::Channel;
-use super::drawn::{frame_transform, timestamp};
-use super::foxglove;
 use nalgebra::{Isometry3, Translation3, Vector2};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::CameraConfig;
 use plumbline_config::{Config, Timestamp};
+use plumbline_scene::messages::{CameraCalibration, FrameTransforms};
+use plumbline_scene::{frame_transform, timestamp};
 use prost::Message as _;
 
 /// Names of the cameras' frames: x right, y down, z forward.
@@ -29,7 +29,7 @@ pub fn messages(config: &Config, stamp: Timestamp) -> Vec<(Channel, Vec<u8>)> {
 }
 
 /// Intrinsics and distortion. Images are as the camera delivers them: rectification changes nothing.
-fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove::CameraCalibration {
+fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> CameraCalibration {
     let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.centre_px);
     let mut coefficients: Vec<f64> = camera.distortion.coefficients().iter().map(|(_, k)| *k).collect();
     let (mut fx, mut fy) = (fx, fy);
@@ -48,7 +48,7 @@ fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove
             ""
         }
     };
-    foxglove::CameraCalibration {
+    CameraCalibration {
         timestamp: timestamp(stamp),
         frame_id: frame.into(),
         width: camera.width_px as u32,
@@ -63,7 +63,7 @@ fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove
 
 /// Cameras and vehicle, as children of the body; no vehicle where the mounting is unknown. They are in one message, so that who begins to look in the middle, and
 /// is given the newest one of each topic, has them all.
-fn mounting(config: &Config, stamp: Timestamp) -> foxglove::FrameTransforms {
+fn mounting(config: &Config, stamp: Timestamp) -> FrameTransforms {
     let body = &config.ros.body_frame;
     let vehicle = config.vehicle.rot_v_b().map(|rot_v_b| {
         let pose_b_v = Isometry3::from_parts(Translation3::identity(), rot_v_b.inverse());
@@ -71,19 +71,20 @@ fn mounting(config: &Config, stamp: Timestamp) -> foxglove::FrameTransforms {
     });
     let cameras = config.camera.iter().zip(CAMERA_FRAMES);
     let cameras = cameras.map(|(camera, frame)| frame_transform(stamp, body, frame, &camera.pose_b_c()));
-    foxglove::FrameTransforms { transforms: vehicle.into_iter().chain(cameras).collect() }
+    FrameTransforms { transforms: vehicle.into_iter().chain(cameras).collect() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+    use plumbline_scene::messages::FrameTransform;
 
     fn config() -> Config {
         Config::clone(&Config::preset("euroc").unwrap())
     }
 
-    fn pose(transform: &foxglove::FrameTransform) -> Isometry3<f64> {
+    fn pose(transform: &FrameTransform) -> Isometry3<f64> {
         let (p, q) = (transform.translation.unwrap(), transform.rotation.unwrap());
         let rotation = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
         Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), rotation)

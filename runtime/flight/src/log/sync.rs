@@ -41,7 +41,7 @@ impl SyncThread {
     /// Ends it after a last sync, which is not waited for longer than [`LAST_SYNC`].
     ///
     /// # Errors
-    /// When the medium failed in the last sync.
+    /// When the medium failed in a sync.
     pub fn finish(self) -> io::Result<()> {
         drop(self.parts);
         match self.ended.recv_timeout(LAST_SYNC) {
@@ -60,22 +60,45 @@ impl SyncThread {
     }
 }
 
-/// Syncs the newest part until there will be no more; the outcome of the last sync.
+/// Syncs the newest part until there will be no more; the first failure, which the system reports only once.
 fn sync_parts(newer: &Receiver<Box<dyn Syncer>>) -> io::Result<()> {
     let mut part: Option<Box<dyn Syncer>> = None;
-    let mut has_warned = false;
+    let mut synced = Ok(());
     loop {
         let next = newer.recv_timeout(PERIOD);
-        let synced = part.as_mut().map_or(Ok(()), |part| part.sync());
-        if let Err(error) = &synced
-            && !std::mem::replace(&mut has_warned, true)
+        let outcome = part.as_mut().map_or(Ok(()), |part| part.sync());
+        if let Err(error) = &outcome
+            && synced.is_ok()
         {
             tracing::warn!("cannot flush the log to disk: {error}");
         }
+        synced = synced.and(outcome);
         match next {
             Ok(newest) => part = Some(newest),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return synced,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fails in its first sync.
+    struct FailsOnce(bool);
+
+    impl Syncer for FailsOnce {
+        fn sync(&mut self) -> io::Result<()> {
+            if std::mem::replace(&mut self.0, true) { Ok(()) } else { Err(io::Error::other("EIO")) }
+        }
+    }
+
+    #[test]
+    fn reports_a_failure_that_the_system_reports_once() {
+        let thread = SyncThread::start().unwrap();
+        thread.follow(Box::new(FailsOnce(false)));
+        thread.follow(Box::new(FailsOnce(true)));
+        assert!(thread.finish().is_err());
     }
 }

@@ -10,7 +10,7 @@ use super::part::{MORE_TOPICS_BYTES, Part};
 use super::part_file::{OpenPart, Patience, Syncer};
 use super::part_header::PartHeader;
 use super::parts::{existing_parts, part_path};
-use super::{LogError, drawn, image, rig};
+use super::{LogError, image, rig};
 use mcap::McapError;
 use plumbline_config::Timestamp;
 use plumbline_config::options::{KeepPolicy, RecorderConfig};
@@ -19,6 +19,7 @@ use plumbline_estimator::Estimate;
 use plumbline_record::fields::Parts;
 use plumbline_record::parts::{End, RecordingState};
 use plumbline_record::{Dropped, Event, Said, protobuf};
+use plumbline_scene::{event, frame_transform, log_time, pose_in};
 use prost::Message;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
@@ -183,7 +184,7 @@ impl LogWriter {
                 image::encode(&frame.images[camera], frame.stamp, name, self.about.images, &mut self.buffer)
                     .map_err(|e| LogError::io(&self.path, std::io::Error::other(e)))?;
                 if !self.buffer.is_empty() {
-                    self.put_buffer(channel, drawn::log_time(frame.stamp))?;
+                    self.put_buffer(channel, log_time(frame.stamp))?;
                 }
             }
         }
@@ -193,9 +194,9 @@ impl LogWriter {
     fn put_estimate(&mut self, estimate: &Estimate) -> Result<(), LogError> {
         self.put(Channel::Estimate, estimate.stamp, estimate)?;
         if estimate.has_pose() {
-            let names = &self.about.config.ros;
-            let (transform, pose) =
-                (drawn::transform(estimate, names), drawn::pose_in_frame(estimate, names));
+            let (names, pose) = (&self.about.config.ros, &estimate.pose_o_b);
+            let transform = frame_transform(estimate.stamp, &names.odom_frame, &names.body_frame, pose);
+            let pose = pose_in(estimate.stamp, &names.odom_frame, pose);
             self.draw(Channel::Transform, estimate.stamp, &transform)?;
             self.draw(Channel::Pose, estimate.stamp, &pose)?;
         }
@@ -205,8 +206,8 @@ impl LogWriter {
         }
     }
 
-    fn put_event(&mut self, event: &Event) -> Result<(), LogError> {
-        self.draw(Channel::Event, event.stamp, &drawn::event(event))
+    fn put_event(&mut self, of: &Event) -> Result<(), LogError> {
+        self.draw(Channel::Event, of.stamp, &event(of.stamp, of.severity, "plumbline", &of.text))
     }
 
     fn put_recording(&mut self, end: End) -> Result<(), LogError> {
@@ -218,12 +219,12 @@ impl LogWriter {
     fn put(&mut self, channel: Channel, stamp: Timestamp, record: &dyn Parts) -> Result<(), LogError> {
         self.buffer.clear();
         protobuf::append(record, &mut self.buffer);
-        self.put_buffer(channel, drawn::log_time(stamp))
+        self.put_buffer(channel, log_time(stamp))
     }
 
     fn draw(&mut self, channel: Channel, stamp: Timestamp, message: &impl Message) -> Result<(), LogError> {
         self.buffer = message.encode_to_vec();
-        self.put_buffer(channel, drawn::log_time(stamp))
+        self.put_buffer(channel, log_time(stamp))
     }
 
     /// Writes what is in the buffer where there is room for it.

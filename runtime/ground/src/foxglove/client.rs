@@ -1,21 +1,18 @@
 //! One client of the live server.
 
+use super::super::cameras::Cameras;
 use super::super::drawn::{DrawnTopic, Sent};
 use super::super::fleet::{FleetEvent, lock};
-use super::super::listen::watch_camera;
 use super::Server;
 use super::places::Seat;
 use super::protocol::{self, Advertised, ClientRequest, Level};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
-use plumbline_flight::log::drawn::{log_time, timestamp};
-use plumbline_flight::log::foxglove;
-use plumbline_record::Severity;
+use plumbline_scene::{event, log_time};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
-use zenoh::pubsub::Subscriber;
 
 /// Period of updates.
 const PERIOD: Duration = Duration::from_millis(50);
@@ -25,9 +22,8 @@ const LATE: Duration = Duration::from_millis(500);
 const SEND_PATIENCE: Duration = Duration::from_secs(30);
 /// A client is asked this often whether it is there.
 const PING_PERIOD: Duration = Duration::from_secs(1);
-/// Subscriptions of a client, and cameras that it may watch, at a time.
+/// Subscriptions of a client at a time.
 const MAX_SUBSCRIPTIONS: usize = 1_024;
-const MAX_CAMERAS: usize = 4;
 /// Number of the channel of events; those of vehicles follow.
 const EVENTS: u32 = 1;
 
@@ -44,7 +40,7 @@ pub(super) struct Client<'a> {
     /// Channels by the numbers of their subscriptions, and what was sent of them.
     subscriptions: BTreeMap<u32, (u32, Sent)>,
     events: u64,
-    cameras: BTreeMap<String, Subscriber<()>>,
+    cameras: Cameras,
     time_ns: u64,
     missed: u64,
 }
@@ -62,7 +58,7 @@ impl<'a> Client<'a> {
             next_channel: EVENTS + 1,
             subscriptions: BTreeMap::new(),
             events: 0,
-            cameras: BTreeMap::new(),
+            cameras: Cameras::default(),
             time_ns: 0,
             missed: 0,
         }
@@ -152,9 +148,9 @@ impl<'a> Client<'a> {
         Ok(())
     }
 
-    /// Sends the time of the data: that of the first vehicle, since others may have other clocks.
+    /// Sends the time of the data.
     async fn send_time(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let stamp_ns = lock(&self.server.fleet).vehicles.values().next().map(|vehicle| vehicle.stamp_ns);
+        let stamp_ns = lock(&self.server.fleet).data_time_ns(Instant::now());
         let time_ns = stamp_ns.map_or(0, |stamp_ns| log_time(Timestamp::from_nanos(stamp_ns)));
         if time_ns == 0 || std::mem::replace(&mut self.time_ns, time_ns) == time_ns {
             return Ok(());
@@ -169,8 +165,8 @@ impl<'a> Client<'a> {
         let drawn = if *channel == EVENTS {
             let time_ns = self.time_ns;
             let events =
-                fleet.events_since(self.events).map(|event| (time_ns, log(event, time_ns))).collect();
-            self.events = fleet.event_count;
+                fleet.events.since(self.events).map(|event| (time_ns, log(event, time_ns))).collect();
+            self.events = fleet.events.total();
             events
         } else {
             let shown = self.channels.get(channel);
@@ -216,25 +212,9 @@ impl<'a> Client<'a> {
             return Err(format!("there are {MAX_SUBSCRIPTIONS} subscriptions already"));
         }
         if let Some((name, DrawnTopic::Image)) = shown {
-            self.watch(name).await?;
+            self.cameras.watch(&self.server.connection, &self.server.fleet, name).await?;
         }
         self.subscriptions.insert(number, (channel, Sent::default()));
-        Ok(())
-    }
-
-    /// Has a vehicle send its pictures.
-    async fn watch(&mut self, name: String) -> Result<(), String> {
-        if self.cameras.contains_key(&name) {
-            return Ok(());
-        }
-        if self.cameras.len() >= MAX_CAMERAS {
-            return Err(format!("{MAX_CAMERAS} cameras are watched already"));
-        }
-        let Some(session) = self.server.connection.session() else {
-            return Err("there is no connection to the vehicles".into());
-        };
-        let subscriber = watch_camera(session, &name, &self.server.fleet).await.map_err(|e| e.to_string())?;
-        self.cameras.insert(name, subscriber);
         Ok(())
     }
 
@@ -245,7 +225,7 @@ impl<'a> Client<'a> {
                 channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == DrawnTopic::Image)
             })
         };
-        self.cameras.retain(|name, _| is_watched(name));
+        self.cameras.retain(is_watched);
     }
 }
 
@@ -254,22 +234,9 @@ fn refusal(reason: &str) -> Message {
 }
 
 /// An event as Foxglove's log shows it.
-fn log(event: &FleetEvent, time_ns: u64) -> Vec<u8> {
-    let level = match event.severity {
-        Severity::Info => foxglove::log::Level::Info,
-        Severity::Warning => foxglove::log::Level::Warning,
-        Severity::Error => foxglove::log::Level::Error,
-    };
+fn log(of: &FleetEvent, time_ns: u64) -> Vec<u8> {
     let stamp = Timestamp::from_nanos(i64::try_from(time_ns).unwrap_or(i64::MAX));
-    let message = foxglove::Log {
-        timestamp: timestamp(stamp),
-        level: level.into(),
-        message: event.text.clone(),
-        name: event.vehicle.clone().unwrap_or_else(|| "ground".into()),
-        file: String::new(),
-        line: 0,
-    };
-    message.encode_to_vec()
+    event(stamp, of.severity, of.vehicle.as_deref().unwrap_or("ground"), &of.text).encode_to_vec()
 }
 
 /// Sends a message, if the client takes it in time.

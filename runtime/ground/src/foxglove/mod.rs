@@ -100,12 +100,8 @@ async fn check(State(server): State<Arc<Server>>, request: Request, next: Next) 
 }
 
 fn refusal(headers: &HeaderMap, is_local: bool, names: &[String]) -> Option<&'static str> {
-    if headers.get_all(header::HOST).iter().count() > 1 {
-        return Some("send one Host header\n");
-    }
-    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
-    if !guard::is_loopback(host) && (is_local || !guard::is_ours(host, names)) {
-        return Some("open this server by its address or host name\n");
+    if let Err(reason) = guard::own_host(headers, is_local, names) {
+        return Some(reason);
     }
     let is_known = |origin: &[u8]| {
         let text = std::str::from_utf8(origin).unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use plumbline_flight::log::channel::FOXGLOVE;
+use plumbline_scene::descriptors;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -49,14 +49,13 @@ pub fn server_info(session: &str) -> String {
 /// Offers channels.
 #[must_use]
 pub fn advertise(channels: &[Advertised]) -> String {
-    let schema = BASE64_STANDARD.encode(FOXGLOVE);
     let channel = |channel: &Advertised| {
         json!({
             "id": channel.id,
             "topic": channel.topic,
             "encoding": "protobuf",
             "schemaName": channel.schema,
-            "schema": schema,
+            "schema": BASE64_STANDARD.encode(descriptors(channel.schema).unwrap_or_default()),
             "schemaEncoding": "protobuf",
         })
     };

@@ -28,11 +28,11 @@ impl VehicleState {
         if is_silent {
             return "unknown";
         }
-        let has_pose = self.state_words != "initialising" || self.odom.age(now).is_some();
+        let has_pose = self.state_words() != "initialising" || self.odom.age(now).is_some();
         if has_pose && self.odom.is_stale(now) && self.state.is_stale(now) {
             "stale"
         } else {
-            self.state_words
+            self.state_words()
         }
     }
 

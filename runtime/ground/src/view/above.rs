@@ -28,8 +28,11 @@ const LOOP_COLOUR: Color = Color::White;
 /// its window, and its name where it is: all in the odometry frame.
 pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, area: Rect) {
     let inner = Block::bordered().inner(area);
-    let paths: Vec<Vec<(f64, f64)>> =
-        fleet.vehicles.values().map(|v| v.track.points().map(|[_, x, y, _]| (*x, *y)).collect()).collect();
+    let paths: Vec<Vec<(f64, f64)>> = fleet
+        .vehicles
+        .values()
+        .map(|v| v.track.points.iter().map(|[_, x, y, _]| (*x, *y)).collect())
+        .collect();
     let Some(view) = View::of(paths.iter().flatten(), inner) else {
         return;
     };

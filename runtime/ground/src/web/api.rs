@@ -2,8 +2,8 @@
 
 use super::super::command::{self, ResetWords};
 use super::super::export::{ExportFormat, export};
-use super::super::fleet::lock;
-use super::super::map::Map;
+use super::super::fleet::{Fleet, lock};
+use super::super::track::PoseSample;
 use super::Station;
 use axum::Json;
 use axum::body::{Body, Bytes};
@@ -13,8 +13,11 @@ use axum::response::{IntoResponse, Response};
 use plumbline_record::Severity;
 use serde::Deserialize;
 use serde_json::json;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use tokio::sync::OwnedSemaphorePermit;
+
+/// Samples that are copied in one go.
+const SAMPLES_AT_A_TIME: usize = 20_000;
 
 /// Body of a reset request.
 #[derive(Deserialize)]
@@ -112,22 +115,21 @@ pub async fn download(
     let Ok(place) = Arc::clone(&station.downloads).try_acquire_owned() else {
         return answer(StatusCode::SERVICE_UNAVAILABLE, false, "other downloads are going on; try again");
     };
-    let found = {
-        let fleet = lock(&station.fleet);
-        let Some(found) = fleet.vehicles.get(&vehicle) else { return unknown(&vehicle) };
-        let samples = match what {
-            "trajectory" => Some(found.poses.to_vec()),
-            "recording" => found.recording.as_ref().map(super::super::track::Samples::to_vec),
-            _ => None,
-        };
+    let (fleet, of, name) = (Arc::clone(&station.fleet), vehicle.clone(), what.to_owned());
+    // Megabytes are copied and written as text: not on a thread that serves others.
+    let made = tokio::task::spawn_blocking(move || {
+        let samples = copied(&fleet, &of, &name)?;
         // Text has no room for a map.
-        let map = if format == ExportFormat::Mcap { found.map.clone() } else { Map::default() };
-        samples.map(|samples| (samples, map))
-    };
-    let Some((samples, map)) = found else {
+        let map = (format == ExportFormat::Mcap).then(|| Some(lock(&fleet).vehicles.get(&of)?.map.clone()));
+        Some(export(&of, &samples, &map.flatten().unwrap_or_default(), format))
+    });
+    let Ok(Some(made)) = made.await else {
+        if !lock(&station.fleet).vehicles.contains_key(&vehicle) {
+            return unknown(&vehicle);
+        }
         return answer(StatusCode::NOT_FOUND, false, "there is no recording yet");
     };
-    match export(&vehicle, &samples, &map, format) {
+    match made {
         Ok(bytes) => {
             // Names of vehicles come from the network: only plain characters go into the header.
             let plain: String =
@@ -138,5 +140,59 @@ pub async fn download(
             ([(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, disposition)], body).into_response()
         }
         Err(error) => answer(StatusCode::INTERNAL_SERVER_ERROR, false, &error.to_string()),
+    }
+}
+
+/// Samples of a trajectory or a recording, copied a part at a time: vehicles go on being received meanwhile.
+fn copied(fleet: &Mutex<Fleet>, vehicle: &str, what: &str) -> Option<Vec<PoseSample>> {
+    let mut copied: Option<(u64, Vec<PoseSample>)> = None;
+    loop {
+        let fleet = lock(fleet);
+        let found = fleet.vehicles.get(vehicle)?;
+        let samples = match what {
+            "trajectory" => &found.poses,
+            "recording" => found.recording.as_ref()?,
+            _ => return None,
+        };
+        let (next, all) = copied.get_or_insert((samples.first(), Vec::new()));
+        let part = samples.since(*next).take(SAMPLES_AT_A_TIME);
+        if part.len() == 0 {
+            return copied.map(|(_, all)| all);
+        }
+        *next = samples.first().max(*next) + part.len() as u64;
+        all.extend(part.copied());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::connection::StationSession;
+    use super::*;
+    use std::pin::pin;
+    use std::sync::atomic::AtomicU64;
+    use std::task::{Context, Waker};
+    use tokio::sync::Semaphore;
+
+    #[tokio::test]
+    async fn a_download_leaves_the_threads_of_the_page_free() {
+        let fleet: Arc<Mutex<Fleet>> = Arc::default();
+        lock(&fleet).alive("drone", true);
+        let station = Arc::new(Station {
+            fleet: Arc::clone(&fleet),
+            connection: StationSession::default(),
+            commands: false,
+            malformed: AtomicU64::new(0),
+            pages: Semaphore::new(1),
+            address: "127.0.0.1:80".parse().unwrap(),
+            names: Vec::new(),
+            downloads: Arc::new(Semaphore::new(1)),
+        });
+        let path = Path(("drone".to_owned(), "trajectory.csv".to_owned()));
+        let mut downloading = pin!(download(State(station), path));
+        {
+            let _taken = lock(&fleet);
+            assert!(downloading.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
+        }
+        assert_eq!(downloading.await.status(), StatusCode::OK);
     }
 }

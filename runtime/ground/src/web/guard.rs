@@ -30,20 +30,10 @@ pub async fn check(State(station): State<Arc<Station>>, request: Request, next: 
 }
 
 fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) -> Option<&'static str> {
-    if headers.get_all(header::HOST).iter().count() > 1 {
-        return Some("send one Host header\n");
-    }
-    let host = text(headers, &header::HOST).unwrap_or_default();
-    // A name that somebody made to point here would let his page be of the same origin.
-    if station.address.ip().is_loopback() {
-        if !is_loopback(host) {
-            return Some("this station is served to its own host alone; open it by 127.0.0.1 or localhost\n");
-        }
-    } else if !is_loopback(host) && !is_ours(host, &station.names) {
-        return Some(
-            "open this station by its address or host name, or start it with --http-name and this name\n",
-        );
-    }
+    let host = match own_host(headers, station.address.ip().is_loopback(), &station.names) {
+        Ok(host) => host,
+        Err(reason) => return Some(reason),
+    };
     if *method == Method::GET && path != "/ws" {
         return None;
     }
@@ -53,6 +43,27 @@ fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) 
     let is_json =
         text(headers, &header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
     (*method == Method::POST && !is_json).then_some("send application/json\n")
+}
+
+/// The host that a request names, where it is this one; else the reason of a refusal. A name that somebody made to point here
+/// would let his page be of the same origin.
+pub fn own_host<'a>(
+    headers: &'a HeaderMap,
+    is_local: bool,
+    names: &[String],
+) -> Result<&'a str, &'static str> {
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Err("send one Host header\n");
+    }
+    match text(headers, &header::HOST).unwrap_or_default() {
+        host if is_loopback(host) || (!is_local && is_ours(host, names)) => Ok(host),
+        _ if is_local => {
+            Err("this station is served to its own host alone; open it by 127.0.0.1 or localhost\n")
+        }
+        _ => {
+            Err("open this station by its address or host name, or start it with --http-name and this name\n")
+        }
+    }
 }
 
 /// True if no other origin is named; one that cannot be read is another.
@@ -81,7 +92,7 @@ pub fn is_loopback(host: &str) -> bool {
 }
 
 /// True if a Host header such as `192.168.1.7:8080` is an address, or one of these names.
-pub fn is_ours(host: &str, names: &[String]) -> bool {
+fn is_ours(host: &str, names: &[String]) -> bool {
     let is_port = |port: &str| port.bytes().all(|c| c.is_ascii_digit());
     let name = host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name);
     let address = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);

@@ -30,8 +30,8 @@ pub struct Station {
     pub commands: bool,
     /// Messages of pages that could not be understood.
     pub malformed: AtomicU64,
-    /// Pages that are open.
-    pub pages: Arc<AtomicU64>,
+    /// Pages that may still be opened.
+    pub pages: Semaphore,
     /// Address on which it is served.
     pub address: SocketAddr,
     /// Names by which the page may be opened, beside the station's addresses.
@@ -81,7 +81,7 @@ pub async fn serve(
 ) -> Result<SocketAddr, ServeError> {
     let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
-    let (malformed, pages) = (AtomicU64::new(0), Arc::default());
+    let (malformed, pages) = (AtomicU64::new(0), Semaphore::new(socket::MAX_PAGES));
     let names = names.iter().cloned().chain(guard::own_names()).collect();
     let downloads = Arc::new(Semaphore::new(MAX_DOWNLOADS));
     let station =

@@ -3,9 +3,9 @@
 //! Each page has a cursor of its own in every path, map and list of events: a slow page delays no other and receives
 //! everything in the end. Its queue is bounded: nothing is prepared while the last message is still being sent.
 
+use super::super::cameras::Cameras;
 use super::super::fleet::Fleet;
 use super::super::fleet::lock;
-use super::super::listen::watch_camera;
 use super::super::vehicle::VehicleState;
 use super::{Station, messages};
 use axum::extract::State;
@@ -14,19 +14,16 @@ use axum::response::Response;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
-use zenoh::pubsub::Subscriber;
 
 /// Period of updates.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Longest message of a page, bytes.
 const MAX_MESSAGE_BYTES: usize = 4_096;
 /// Pages that are served at a time.
-const MAX_PAGES: u64 = 64;
-/// Vehicles whose camera a page may watch at a time.
-const MAX_CAMERAS: usize = 4;
+pub const MAX_PAGES: usize = 64;
 /// Points of a path and keyframes in one message.
 const MAX_TRACK: usize = 5_000;
 const MAX_KEYFRAMES: usize = 100;
@@ -37,28 +34,11 @@ const SEND_PATIENCE: Duration = Duration::from_secs(10);
 pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgrade) -> Response {
     upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES).on_upgrade(
         move |socket| async move {
-            let (pages, _place) = OpenPage::count(&station.pages);
-            if pages < MAX_PAGES {
+            if let Ok(_place) = station.pages.try_acquire() {
                 Page::new(Arc::clone(&station)).run(socket).await;
             }
         },
     )
-}
-
-/// A page that is counted as long as this is there, however its task ends.
-struct OpenPage(Arc<AtomicU64>);
-
-impl OpenPage {
-    /// Counts a page; with it, how many there were before.
-    fn count(pages: &Arc<AtomicU64>) -> (u64, Self) {
-        (pages.fetch_add(1, Ordering::Relaxed), Self(Arc::clone(pages)))
-    }
-}
-
-impl Drop for OpenPage {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
 }
 
 /// Messages of a page.
@@ -86,12 +66,12 @@ struct Page {
     station: Arc<Station>,
     places: BTreeMap<String, SentUpTo>,
     events: u64,
-    cameras: BTreeMap<String, Subscriber<()>>,
+    cameras: Cameras,
 }
 
 impl Page {
     fn new(station: Arc<Station>) -> Self {
-        Self { station, places: BTreeMap::new(), events: 0, cameras: BTreeMap::new() }
+        Self { station, places: BTreeMap::new(), events: 0, cameras: Cameras::default() }
     }
 
     async fn run(mut self, mut socket: WebSocket) {
@@ -128,17 +108,14 @@ impl Page {
 
     async fn receive(&mut self, text: &str) {
         let Some(camera) = watched(text) else { return self.count_malformed() };
-        self.cameras.retain(|name, _| camera.contains(name));
-        for name in camera.into_iter().take(MAX_CAMERAS) {
+        self.cameras.retain(|name| camera.contains(name));
+        for name in camera {
             let is_known = lock(&self.station.fleet).vehicles.contains_key(&name);
             if is_known
-                && !self.cameras.contains_key(&name)
-                && let Some(session) = self.station.connection.session()
+                && let Err(reason) =
+                    self.cameras.watch(&self.station.connection, &self.station.fleet, name).await
             {
-                match watch_camera(session, &name, &self.station.fleet).await {
-                    Ok(subscriber) => drop(self.cameras.insert(name, subscriber)),
-                    Err(error) => tracing::warn!("{error}"),
-                }
+                tracing::debug!("{reason}");
             }
         }
     }
@@ -168,7 +145,7 @@ impl Page {
     fn first_news(&mut self, now: Instant) -> (Vec<Message>, Vec<String>) {
         let fleet = lock(&self.station.fleet);
         let news = figures(&fleet, self.station.malformed.load(Ordering::Relaxed), self.events, now);
-        self.events = fleet.event_count;
+        self.events = fleet.events.total();
         self.places.retain(|name, _| fleet.vehicles.contains_key(name));
         (news, fleet.vehicles.keys().cloned().collect())
     }
@@ -177,7 +154,7 @@ impl Page {
     fn part(&mut self, name: &str, part: Part) -> Option<Message> {
         let place = self.places.entry(name.to_owned()).or_default();
         let fleet = lock(&self.station.fleet);
-        let is_shown = part != Part::Picture || self.cameras.contains_key(name);
+        let is_shown = part != Part::Picture || self.cameras.contains(name);
         fleet.vehicles.get(name).filter(|_| is_shown).and_then(|vehicle| part.news(name, vehicle, place))
     }
 }
@@ -190,7 +167,7 @@ pub fn watched(text: &str) -> Option<Vec<String>> {
 /// Figures of all vehicles, and events from this count on.
 fn figures(fleet: &Fleet, malformed: u64, events: u64, now: Instant) -> Vec<Message> {
     let mut news = vec![Message::text(messages::fleet(fleet, malformed, now))];
-    news.extend(fleet.events_since(events).map(|event| Message::text(messages::event(event))));
+    news.extend(fleet.events.since(events).map(|event| Message::text(messages::event(event))));
     news
 }
 
@@ -244,7 +221,9 @@ fn is_newer(last: &mut u64, version: u64) -> bool {
 
 fn track(name: &str, vehicle: &VehicleState, place: &mut SentUpTo) -> Option<Message> {
     let is_new = place.track != Some(vehicle.track.epoch);
-    let (first, points) = vehicle.track.since(if is_new { 0 } else { place.track_next }, MAX_TRACK);
+    let all = &vehicle.track.points;
+    let first = if is_new { 0 } else { place.track_next }.clamp(all.first(), all.total());
+    let points: Vec<_> = all.since(first).take(MAX_TRACK).copied().collect();
     if !is_new && points.is_empty() {
         return None;
     }
@@ -273,21 +252,6 @@ async fn send(socket: &mut WebSocket, message: Message) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_page_whose_task_panics_gives_its_place_back() {
-        let pages = Arc::<AtomicU64>::default();
-        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
-        for before in [0, 0] {
-            let theirs = Arc::clone(&pages);
-            let task = runtime.spawn(async move {
-                let (count, _place) = OpenPage::count(&theirs);
-                assert_ne!(count, before, "this task panics");
-            });
-            assert!(runtime.block_on(task).unwrap_err().is_panic());
-            assert_eq!(pages.load(Ordering::Relaxed), 0);
-        }
-    }
 
     #[test]
     fn each_part_of_a_vehicle_is_told_once() {

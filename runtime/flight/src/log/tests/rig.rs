@@ -1,6 +1,6 @@
-use super::super::foxglove;
 use super::super::parts::existing_parts;
 use super::*;
+use plumbline_scene::messages::{CameraCalibration, FrameTransform, FrameTransforms, PoseInFrame, RawImage};
 
 /// Topic and content of the messages of a file.
 fn messages(path: &Path) -> Vec<(String, u64, Vec<u8>)> {
@@ -28,7 +28,7 @@ fn every_file_begins_with_the_rig_before_anything_else() {
         assert_eq!(topics[..3], ["/calibration/left", "/calibration/right", "/tf_static"], "{topics:?}");
         let first_ns = messages[3].1;
         assert!(messages[..3].iter().all(|(_, time_ns, _)| *time_ns == first_ns && first_ns > 0));
-        let calibrations: Vec<foxglove::CameraCalibration> =
+        let calibrations: Vec<CameraCalibration> =
             ["/calibration/left", "/calibration/right"].iter().flat_map(|t| decoded(&messages, t)).collect();
         assert_eq!(calibrations.len(), 2, "once in each file");
         for (calibration, camera) in calibrations.iter().zip(&config.camera) {
@@ -56,8 +56,8 @@ fn images_poses_and_cameras_are_in_one_tree_of_frames_named_by_the_configuration
     fly(flight, &Control::default(), &mut recorder);
     assert_eq!(recorder.finish().not_recorded, 0);
     let messages = messages(&path);
-    let moving: Vec<foxglove::FrameTransform> = decoded(&messages, "/tf");
-    let fixed: Vec<foxglove::FrameTransforms> = decoded(&messages, "/tf_static");
+    let moving: Vec<FrameTransform> = decoded(&messages, "/tf");
+    let fixed: Vec<FrameTransforms> = decoded(&messages, "/tf_static");
     let mut edges: Vec<(String, String)> = moving
         .into_iter()
         .chain(fixed.into_iter().flat_map(|message| message.transforms))
@@ -70,9 +70,9 @@ fn images_poses_and_cameras_are_in_one_tree_of_frames_named_by_the_configuration
         [named("imu", "base_link"), named("imu", "left"), named("imu", "right"), named("world", "imu")];
     assert_eq!(edges, expected);
     for (topic, frame) in [("/input/left", "left"), ("/input/right", "right")] {
-        let images: Vec<foxglove::RawImage> = decoded(&messages, topic);
+        let images: Vec<RawImage> = decoded(&messages, topic);
         assert!(images.len() > 10 && images.iter().all(|image| image.frame_id == frame));
     }
-    let poses: Vec<foxglove::PoseInFrame> = decoded(&messages, "/pose");
+    let poses: Vec<PoseInFrame> = decoded(&messages, "/pose");
     assert!(!poses.is_empty() && poses.iter().all(|pose| pose.frame_id == "world"));
 }
