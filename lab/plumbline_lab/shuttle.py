@@ -1,0 +1,157 @@
+"""Drift of a recording without ground truth: flown as it is, and backward in time, each way with an estimator of its own.
+
+Played backward, a flight x(t) becomes x(2 T - s): images in reverse order, angular rates negated, specific forces kept, and the other sign
+of the time offset between cameras and IMU. Both ways pass the same places, so half of the squared difference is the error of one way.
+Errors that both ways share do not show: focal length, baseline, scale.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from evo.core.trajectory import PoseTrajectory3D
+
+from . import LabError, recordings
+from .trajectories import at, load, rotations, to_estimate
+
+# Parts of the path on which drift is measured (Zhang and Scaramuzza 2018, section IV), and about how many poses they begin at.
+PART_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
+PART_STARTS = 500
+# On a shorter path drift per distance is not defined, m.
+MIN_PATH_M = 1
+
+
+def drift(estimate: PoseTrajectory3D, reference: PoseTrajectory3D) -> tuple[float, float]:
+    """Mean errors of the parts over their lengths: percent, and degrees per metre. Both have the same stamps."""
+    travelled = reference.distances
+    if travelled[-1] < MIN_PATH_M:
+        raise LabError(f"the path of {travelled[-1]:.2f} m is too short: record at least {MIN_PATH_M} m")
+    translations, turns = [], []
+    ways = [(t.positions_xyz, rotations(t)) for t in (estimate, reference)]
+    for length in np.array(PART_SHARES) * travelled[-1]:
+        i = np.arange(0, len(travelled), max(len(travelled) // PART_STARTS, 1))
+        j = np.searchsorted(travelled, travelled[i] + length)
+        i, j = i[j < len(travelled)], j[j < len(travelled)]
+        if not len(i):
+            continue
+        # From pose i to pose j, by each way.
+        (p, r), (q, s) = (((w[i].inv()).apply(x[j] - x[i]), w[i].inv() * w[j]) for x, w in ways)
+        translations.append(np.linalg.norm(p - q, axis=1) / length)
+        turns.append((s.inv() * r).magnitude() / length)
+    return 100 * np.concatenate(translations).mean(), np.degrees(np.concatenate(turns).mean())
+
+
+def write_backward(source: Path, out: Path, start_s: float, end_s: float) -> tuple[int, float]:
+    """Writes the data set backward in time from `end_s` to `start_s`; returns the stamp that stays, ns, and the seconds."""
+    root = recordings.mav0(source)
+    if root is None or not (root / "cam0" / "data.csv").is_file():
+        raise LabError(f"{source}: is no data set (mav0/cam0); give a data set or a simulated flight")
+    first_ns = turn_ns = None
+    for camera in range(2):
+        images = recordings.image_files(source, camera)
+        if images is None:
+            continue
+        first_ns = int(images.stamp_ns.iloc[0]) if first_ns is None else first_ns
+        seconds = (images.stamp_ns - first_ns) * 1e-9
+        images = images[(seconds >= start_s) & (seconds <= end_s)]
+        if len(images) < 2:
+            raise LabError(f"{source}: camera {camera} has {len(images)} images from {start_s} s on; give another --start or --duration")
+        turn_ns = int(images.stamp_ns.iloc[-1]) if turn_ns is None else turn_ns
+        folder = out / "mav0" / f"cam{camera}"
+        (folder / "data").mkdir(parents=True)
+        lines = ["#timestamp [ns],filename"]
+        for stamp, file in zip(2 * turn_ns - images.stamp_ns[::-1], images.file[::-1]):
+            os.symlink(file.resolve(), folder / "data" / f"{stamp}{file.suffix}")
+            lines.append(f"{stamp},{stamp}{file.suffix}")
+        (folder / "data.csv").write_text("\n".join(lines) + "\n")
+    samples = recordings.imu(source)[::-1]
+    samples = samples.assign(stamp_ns=2 * turn_ns - samples.stamp_ns, **{f"gyro_{a}": -samples[f"gyro_{a}"] for a in "xyz"})
+    (out / "mav0" / "imu0").mkdir()
+    samples.to_csv(out / "mav0" / "imu0" / "data.csv", index=False, header=["#timestamp [ns]", *samples.columns[1:]])
+    for sensor in ("cam0", "cam1", "imu0"):
+        if (root / sensor / "sensor.yaml").is_file():
+            shutil.copy(root / sensor / "sensor.yaml", out / "mav0" / sensor)
+    return turn_ns, (turn_ns - first_ns) * 1e-9 - start_s
+
+
+def backward_settings(config: Path | None) -> list[str]:
+    """Changes of the configuration for the way back."""
+    if config is None or not config.is_file():
+        return []
+    document = tomlkit.parse(config.read_text()).unwrap()
+    if any(camera.get("readout_s", 0) > 0 for camera in document.get("camera", [])):
+        raise LabError(f"{config}: camera.readout_s: a rolling shutter cannot be played backward; use a global shutter")
+    offset_s = document.get("rig", {}).get("time_offset_s", 0)
+    return ["--set", f"rig.time_offset_s={-offset_s}"] if offset_s else []
+
+
+def fly(program: str, source: str, options: list[str], out: Path) -> tuple[PoseTrajectory3D, dict]:
+    """Trajectory and report of one way."""
+    # Places are of no use: a loop would close the gap that is measured.
+    command = [program, "replay", source, "--no-loop", *options, "--trajectory", out, "--report", out.with_suffix(".json")]
+    ended = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if ended.returncode != 0:
+        raise LabError(f"{source}: {(ended.stderr.strip().splitlines() or ['failed'])[-1]}")
+    return load(out).poses, json.loads(out.with_suffix(".json").read_text())
+
+
+def run(args) -> None:
+    """Flies both ways and prints the drift."""
+    with tempfile.TemporaryDirectory(prefix="plumbline-shuttle-", dir=args.scratch) as scratch:
+        folder, source = Path(scratch), args.recording
+        if source.startswith("sim:"):
+            scene, _, options = source.removeprefix("sim:").partition("?")
+            flags = [f"--{option}" for option in options.split("&") if option]
+            source = str(folder / "there")
+            subprocess.run([args.program, "simulate", source, "--scene", scene, *flags], check=True, stdout=subprocess.DEVNULL)
+        end_s = args.start + args.duration if args.duration else np.inf
+        turn_ns, seconds = write_backward(Path(source), folder / "back", args.start, end_s)
+        cut = ["--start", f"{args.start}", "--duration", f"{seconds:.6f}"] if args.start or args.duration else []
+        options = (["--config", str(args.config)] if args.config else []) + args.options
+        settings = backward_settings(args.config)
+        there, there_report = fly(args.program, source, [*options, *cut], folder / "there.tum")
+        back, back_report = fly(args.program, str(folder / "back"), [*options, *settings], folder / "back.tum")
+        mirrored = 2 * (turn_ns * 1e-9) - back.timestamps[::-1]
+        back = PoseTrajectory3D(back.positions_xyz[::-1], back.orientations_quat_wxyz[::-1], mirrored)
+        is_known, other = at(back, there.timestamps)
+        own = PoseTrajectory3D(
+            there.positions_xyz[is_known], there.orientations_quat_wxyz[is_known], there.timestamps[is_known]
+        )
+        translation, rotation = (value / np.sqrt(2) for value in drift(own, other))
+        path_m = 0.5 * (own.path_length + other.path_length)
+        # The ways joined at the turn, by position and yaw.
+        ends = [PoseTrajectory3D(t.positions_xyz[::-1], t.orientations_quat_wxyz[::-1], t.timestamps) for t in (own, other)]
+        transform, _ = to_estimate(ends[0], ends[1], "first")
+        ends[1].transform(transform)
+        closure_m = np.linalg.norm(ends[1].positions_xyz[-1] - ends[0].positions_xyz[-1])
+        told = {
+            "poses": own.num_poses,
+            "path_m": path_m,
+            "drift_percent": translation,
+            "drift_deg_per_m": rotation,
+            "error_at_the_end_m": closure_m,
+            "error_at_the_end_percent": 100 * closure_m / (2 * path_m),
+            "resets": [there_report["resets"], back_report["resets"]],
+            "digests": [there_report["estimate_digest"], back_report["estimate_digest"]],
+        }
+        truth = load(args.truth).poses if args.truth else None
+        if truth is None and any((recordings.mav0(Path(source)) / name).is_dir() for name in ("state_groundtruth_estimate0", "mocap0", "vicon0")):
+            truth = load(Path(source)).poses
+        if truth is not None:
+            true = []
+            for way in (own, other):
+                is_known, reference = at(truth, way.timestamps)
+                known = [v[is_known] for v in (way.positions_xyz, way.orientations_quat_wxyz, way.timestamps)]
+                true.append(drift(PoseTrajectory3D(*known), reference)[0])
+            told |= {"true_drift_percent": true, "told_over_true": translation / np.sqrt(np.mean(np.square(true)))}
+    if args.json:
+        print(json.dumps(told, indent=2))
+        return
+    for name, value in told.items():
+        values = value if isinstance(value, list) else [value]
+        print(f"{name.replace('_', ' '):<26}" + ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v)[:16] for v in values))
