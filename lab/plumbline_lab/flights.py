@@ -35,13 +35,14 @@ class Flight:
 
     def arguments(self) -> list[str]:
         """Arguments of `plumbline replay`."""
-        source, more = self.source, [f"--{option}" for option in self.variation.split("&") if option]
+        source, more = self.source, []
         if self.is_simulated:
-            source, more = with_option(source, self.variation), []
             if self.start_s is not None:
                 source = with_option(without_option(source, "start"), f"start={self.start_s:g}")
-        elif self.start_s is not None:
-            more += ["--start", f"{self.start_s:g}"]
+            source = with_option(source, self.variation)
+        else:
+            more = ["--start", f"{self.start_s:g}"] if self.start_s is not None else []
+            more += [f"--{option}" for option in self.variation.split("&") if option]
         sets = [argument for setting in self.settings for argument in ("--set", setting)]
         return [source, *more, *sets, *self.options]
 

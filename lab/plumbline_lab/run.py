@@ -70,8 +70,8 @@ def cluster(args):
         else:
             jobs = args.jobs or len(os.sched_getaffinity(0))
             # A thread of a worker waits for its process: flights share nothing.
-            local = {"n_workers": 1, "threads_per_worker": jobs, "processes": False, "dashboard_address": None}
-            address = stack.enter_context(LocalCluster(**local))
+            here = {"dashboard_address": "127.0.0.1:0", "worker_dashboard_address": "127.0.0.1:0"}
+            address = stack.enter_context(LocalCluster(n_workers=1, threads_per_worker=jobs, processes=False, **here))
         yield stack.enter_context(Client(address))
 
 
@@ -138,7 +138,7 @@ def load(path: Path) -> pd.DataFrame:
     """Reads a table that :func:`save` wrote."""
     if not path.is_file():
         raise LabError(f"{path}: no such table; give a file that `campaign`, `sweep` or `ablation` wrote with --out")
-    table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, float_precision="round_trip")
+    table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
     if "flight" not in table:
         raise LabError(f"{path}: has no column `flight`; give a table that `campaign`, `sweep` or `ablation` wrote with --out")
     for name in ("variation", "setting", "scene", "error"):

@@ -107,11 +107,11 @@ def failed(table: pd.DataFrame) -> pd.Series:
 
 def variations(table: pd.DataFrame) -> str:
     """Row per variation: its errors beside those of the same flights without it."""
-    base = table[table.variation == ""].set_index(["flight", "setting"])
+    base = table[table.variation == ""].set_index(["flight", "setting"])["accuracy.ate_percent"].rename("without")
     rows = []
     for variation, group in table[table.variation != ""].groupby("variation", sort=False):
-        both = group.set_index(["flight", "setting"]).join(base[["accuracy.ate_percent"]], rsuffix=".base", how="inner")
-        ate, without = both["accuracy.ate_percent"], both["accuracy.ate_percent.base"]
+        both = group.set_index(["flight", "setting"]).join(base, how="inner")
+        ate, without = both["accuracy.ate_percent"], both.without
         difference, ratios = paired(without, ate), ate / without
         if len(both) == 0:
             continue

@@ -9,7 +9,7 @@ from evo.core import lie_algebra as lie
 from evo.core import metrics
 from evo.core.trajectory import PoseTrajectory3D
 from scipy import signal
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from . import LabError
 
@@ -51,16 +51,23 @@ def load(path: Path) -> Estimate:
         with pd.io.common.get_handle(path, "r", compression="infer") as handle:
             is_states = handle.handle.readline().startswith("stamp_ns,")
         if is_states:
-            states = pd.read_csv(path, float_precision="round_trip").dropna(subset=["p_o_b_x_m"]).reset_index(drop=True)
+            states = pd.read_csv(path).dropna(subset=["p_o_b_x_m"]).reset_index(drop=True)
             quaternions = states[[f"q_o_b_{axis}" for axis in "xyzw"]]
             return Estimate(path.stem, poses(states.stamp_ns * 1e-9, states[axes("p_o_b", "m")], quaternions), states)
         if ".csv" in path.suffixes:
-            rows = pd.read_csv(path, header=None, comment="#").to_numpy(float)
+            rows = numbers(pd.read_csv(path, header=None, comment="#"))
             return Estimate(path.parent.parent.parent.name, poses(rows[:, 0] * 1e-9, rows[:, 1:4], rows[:, [5, 6, 7, 4]]))
-        rows = pd.read_csv(path, header=None, comment="#", sep=r"\s+").to_numpy(float)
+        rows = numbers(pd.read_csv(path, header=None, comment="#", sep=r"\s+"))
         return Estimate(path.name.split(".")[0], poses(rows[:, 0], rows[:, 1:4], rows[:, 4:8]))
     except (KeyError, IndexError, ValueError, pd.errors.EmptyDataError) as error:
         raise LabError(f"{path}: is no table of states, TUM trajectory or EuRoC table: {error}") from error
+
+
+def numbers(table: pd.DataFrame) -> np.ndarray:
+    """Rows with a stamp and a pose."""
+    if table.shape[1] < 8:
+        raise ValueError(f"{table.shape[1]} columns, expected a stamp and seven of a pose")
+    return table.iloc[:, :8].to_numpy(float)
 
 
 def axes(name: str, unit: str) -> list[str]:
@@ -72,6 +79,14 @@ def rotations(trajectory: PoseTrajectory3D) -> Rotation:
     return Rotation.from_quat(np.roll(trajectory.orientations_quat_wxyz, -1, axis=1))
 
 
+def interpolated(trajectory: PoseTrajectory3D, stamps_s: np.ndarray) -> PoseTrajectory3D:
+    """Poses at other stamps; the first or last one beyond the ends."""
+    times = stamps_s.clip(trajectory.timestamps[0], trajectory.timestamps[-1])
+    positions = np.stack([np.interp(times, trajectory.timestamps, axis) for axis in trajectory.positions_xyz.T], axis=1)
+    quaternions = Slerp(trajectory.timestamps, rotations(trajectory))(times).as_quat()
+    return PoseTrajectory3D(positions, np.roll(quaternions, 1, axis=1), stamps_s)
+
+
 def at(truth: PoseTrajectory3D, stamps_s: np.ndarray) -> tuple[np.ndarray, PoseTrajectory3D]:
     """Which stamps the truth covers, and the true poses there."""
     after = np.searchsorted(truth.timestamps, stamps_s, side="left").clip(1, truth.num_poses - 1)
@@ -80,7 +95,7 @@ def at(truth: PoseTrajectory3D, stamps_s: np.ndarray) -> tuple[np.ndarray, PoseT
     if is_known.sum() < 2:
         ends = (f"{t.min():.3f} to {t.max():.3f} s" for t in (stamps_s, truth.timestamps))
         raise LabError("no stamps in common: the estimate has {}, the truth {}; try --time-offset auto".format(*ends))
-    return is_known, truth.interpolate(stamps_s[is_known])
+    return is_known, interpolated(truth, stamps_s[is_known])
 
 
 def to_estimate(estimate: PoseTrajectory3D, truth: PoseTrajectory3D, alignment: str) -> tuple[np.ndarray, float]:
@@ -124,7 +139,7 @@ def ate_m(estimate: PoseTrajectory3D, truth: PoseTrajectory3D) -> float:
 
 def motion(trajectory: PoseTrajectory3D, stamps_s: np.ndarray, span_s: float = 0.1) -> np.ndarray:
     """Speed and rate of turn about the stamps: the same in every frame. NaN beyond the trajectory."""
-    before, after = (trajectory.interpolate(stamps_s + sign * span_s / 2) for sign in (-1, 1))
+    before, after = (interpolated(trajectory, stamps_s + sign * span_s / 2) for sign in (-1, 1))
     speed = np.linalg.norm(after.positions_xyz - before.positions_xyz, axis=1)
     rate = (rotations(before).inv() * rotations(after)).magnitude()
     values = np.stack([speed, rate], axis=1) / span_s
@@ -151,11 +166,12 @@ def time_offset(estimate: PoseTrajectory3D, truth: PoseTrajectory3D) -> float:
     # Correlation of both motions at every lag, normalized so that neither speed nor rate rules.
     scores = sum(signal.correlate(normal(b[:, k]), normal(a[:, k])) for k in range(2))
     lags = signal.correlation_lags(len(b), len(a))
-    peaks = np.argsort(scores)[::-1][:200]
+    peaks = signal.find_peaks(scores)[0]
+    peaks = peaks[np.argsort(scores[peaks])[::-1][:20]]
     base = grids[1][0] - grids[0][0]
     score = lambda offset: correlation(motion(estimate, grids[1] - offset), b)  # noqa: E731
     offset = max((base + lag * step_s for lag in lags[peaks]), key=score)
-    for finer_s in (0.01, 0.002, 0.0005):
+    for finer_s in (0.01, 0.002, 0.0004):
         offset = max(offset + finer_s * np.arange(-6, 7), key=score)
     if score(offset) < 0.7:
         raise LabError(f"--time-offset auto: the motions agree at no offset (best correlation {score(offset):.2f}); is it the same flight?")
