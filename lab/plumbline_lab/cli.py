@@ -115,7 +115,7 @@ def parser() -> argparse.ArgumentParser:
     one = command("campaign", "the built-in simulated flights, with and without faults and conditions", CAMPAIGN)
     add_choice(one)
     one.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change of the configuration; may be repeated")
-    one.add_argument("--fault", type=names, default=[], metavar="KIND,KIND", help="also fly every flight with each fault (`plumbline help faults`)")
+    one.add_argument("--fault", type=names, default=[], metavar="KIND,KIND", help="also fly every flight with each fault (`plumbline help faults`); accel- stands for all kinds that begin so, all for all")
     one.add_argument("--condition", type=names, default=[], metavar="NAME,NAME", help="also fly every flight in each condition (`plumbline help conditions`)")
     one.add_argument("--imu-error", type=names, default=[], metavar="NAME,NAME", help="also fly every flight with each error of the IMU (`plumbline help imu-errors`)")
     one.add_argument("--with", dest="variations", action="append", default=[], metavar="OPTION&OPTION", help="also fly every flight with these options of `plumbline replay`, without their dashes; may be repeated")
@@ -160,7 +160,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--names", type=names, default=[], metavar="NAME,NAME", help="names of the flights in the picture")
 
     one = command("allan", "noise of an IMU from a recording at rest, by the Allan variance")
-    one.add_argument("recording", type=Path, help="data set, table as mav0/imu0/data.csv, or ROS bag; two hours at rest")
+    one.add_argument("recording", type=Path, help="flight log, data set, table as mav0/imu0/data.csv, or ROS bag; two hours at rest")
     one.add_argument("--topic", help="topic of a bag (default: the only one of sensor_msgs/Imu)")
     one.add_argument("--config", type=Path, metavar="FILE", help="configuration whose other keys are copied")
     one.add_argument("--out", type=Path, metavar="OUT.toml", help="write the configuration with the measured keys of [imu]")
@@ -168,7 +168,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--plot", type=Path, metavar="OUT.svg|png", help="draw the Allan deviations")
 
     one = command("mask", "masks of what the cameras see of their own vehicle")
-    one.add_argument("recording", type=Path, help="data set in motion, half a minute through a textured scene")
+    one.add_argument("recording", type=Path, help="flight log or data set in motion, half a minute through a textured scene")
     one.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder for left-mask.png and right-mask.png")
     one.add_argument("--margin-px", type=int, default=8, help="margin around what is found (default: 8)")
     one.add_argument("--overwrite", action="store_true", help="replace existing files")
@@ -183,7 +183,7 @@ def parser() -> argparse.ArgumentParser:
     add_program(one)
 
     one = command("shuttle", "drift of a recording without ground truth: flown there and back", "Options after `--` go to both flights.")
-    one.add_argument("recording", help="data set, or simulated flight such as 'sim:room?start=5&duration=30'")
+    one.add_argument("recording", help="data set, flight log with images, or simulated flight such as 'sim:room?start=5&duration=30'")
     one.add_argument("--config", type=Path, help="configuration file or preset")
     one.add_argument("--start", type=float, default=0, metavar="S", help="start, s from the first frame")
     one.add_argument("--duration", type=float, metavar="S", help="seconds that are flown (default: to the end)")
@@ -198,7 +198,8 @@ def campaign(args) -> bool:
     from . import compare, draws, flights, run, summaries
 
     chosen = [flights.replace(flight, settings=tuple(args.set)) for flight in flights.campaign(args)]
-    variations = [f"{name}={text}" for name in ("fault", "condition", "imu-error") for text in getattr(args, name.replace("-", "_"))]
+    kinds = [("fault", "faults", args.fault), ("condition", "conditions", args.condition), ("imu-error", "imu-errors", args.imu_error)]
+    variations = [f"{name}={text}" for name, topic, texts in kinds for text in flights.expanded(args.program, topic, texts)]
     varied = flights.varied(chosen, variations + args.variations)
     if args.drawn:
         chosen = draws.drawn(chosen, args.drawn, args.draw_seed)

@@ -2,6 +2,8 @@
 
 import itertools
 import os
+import re
+import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -158,6 +160,22 @@ def split(values: str) -> list[str]:
         else:
             parts[-1] += letter
     return parts
+
+
+def expanded(program: str, topic: str, wanted: list[str]) -> list[str]:
+    """Names with doses as they are; `all`, and a beginning such as `accel-`, as the names that `plumbline help TOPIC` lists."""
+    names = []
+    for text in wanted:
+        if text != "all" and not text.endswith("-"):
+            names.append(text)
+            continue
+        listed = subprocess.run([program, "help", topic], capture_output=True, text=True, check=True).stdout
+        known = re.findall(r"^  ([a-z][a-z-]+)\b", listed, re.MULTILINE)
+        found = [name for name in known if text == "all" or name.startswith(text)]
+        if not found:
+            raise LabError(f"'{text}' begins no name of `plumbline help {topic}`: {', '.join(known)}")
+        names += found
+    return names
 
 
 def varied(flights: list[Flight], variations: list[str]) -> list[Flight]:

@@ -42,17 +42,21 @@ def strengths(levels: np.ndarray) -> np.ndarray:
     return result
 
 
-def find(files: list, margin_px: int) -> tuple[np.ndarray, int]:
-    """Mask from the images of a camera, `True` where the scene is seen, and the number of views."""
-    levels = gradients = last = None
+def find(images, margin_px: int) -> tuple[np.ndarray, int] | None:
+    """Mask from the images of a camera, `True` where the scene is seen, and the number of views; `None` without an image."""
+    levels = gradients = last = last_ns = None
     count = 0
-    for file in tqdm(files, unit="image", disable=None):
-        image = recordings.image(file)
+    for stamp_ns, picture in tqdm(images, unit="image", disable=None):
+        if last is not None and stamp_ns - last_ns < APART_S * 1e9:
+            continue
+        image = recordings.levels(picture)
         if last is not None and (blocks(np.abs(image - last)) >= CHANGE_LEVELS).mean() < CHANGED_SHARE:
             continue
         levels = image if levels is None else levels + image
         gradients = strengths(image) if gradients is None else gradients + strengths(image)
-        last, count = image, count + 1
+        last, last_ns, count = image, stamp_ns, count + 1
+    if last is None:
+        return None
     if count < LEAST_VIEWS:
         raise LabError(
             f"{count} views differ from each other, and {LEAST_VIEWS} are needed: record a flight, or carry the vehicle through a "
@@ -78,13 +82,12 @@ def run(args) -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     found = 0
     for camera, (side, out) in enumerate(zip(("left", "right"), outs)):
-        images = recordings.image_files(args.recording, camera)
-        if images is None and camera == 0:
-            raise LabError(f"{args.recording}: is no data set with images (mav0/cam0/data.csv)")
-        if images is None:
+        masked = find(recordings.images(args.recording, camera), args.margin_px)
+        if masked is None and camera == 0:
+            raise LabError(f"{args.recording}: holds no image of the left camera; record with recorder.images")
+        if masked is None:
             continue
-        slots = (images.stamp_ns - images.stamp_ns.iloc[0]) // int(APART_S * 1e9)
-        seen, views = find(list(images.file[~slots.duplicated()]), args.margin_px)
+        seen, views = masked
         if seen.mean() < LEAST_SEEN_SHARE:
             raise LabError(f"most of the {side} image stands still ({100 * (1 - seen.mean()):.0f} %): move through a textured scene")
         if seen.all():

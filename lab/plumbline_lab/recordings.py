@@ -1,9 +1,14 @@
-"""Samples and images of recordings: EuRoC data sets, tables of samples, and ROS bags."""
+"""Samples and images of recordings: EuRoC data sets, tables of samples, flight logs and ROS bags."""
 
+import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from PIL import Image
 
 from . import LabError
@@ -16,49 +21,75 @@ def mav0(path: Path) -> Path | None:
     return next((root for root in (path / "mav0", path) if (root / "cam0").is_dir() or (root / "imu0").is_dir()), None)
 
 
+def is_log(path: Path) -> bool:
+    """True for a flight log, which `plumbline fly` or `replay --record` wrote."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return False
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+            return summary is not None and any(channel.topic == "/input/imu" for channel in summary.channels.values())
+    except McapError as error:
+        raise LabError(f"{path}: {error}; `plumbline log {path}` says what it holds") from error
+
+
+def logged(path: Path, topic: str) -> Iterator:
+    """Messages of a topic of a flight log."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for *_, message in reader.iter_decoded_messages(topics=[topic]):
+            yield message
+
+
 def imu(path: Path, topic: str | None = None) -> pd.DataFrame:
-    """Inertial samples in rad/s and m/s², in order of time: of a data set, of a table as EuRoC's `imu0/data.csv`, or of a bag."""
+    """Inertial samples in rad/s and m/s², in order of time: of a data set, a table as its `imu0/data.csv`, a flight log or a bag."""
     root = mav0(path) if path.is_dir() else None
     file = root / "imu0" / "data.csv" if root else path
     if file.is_file() and ".csv" in file.suffixes:
         samples = pd.read_csv(file, header=None, comment="#", names=COLUMNS, usecols=range(7))
+    elif is_log(path):
+        samples = pd.DataFrame(((m.stamp_ns, *m.gyro, *m.accel) for m in logged(path, "/input/imu")), columns=COLUMNS)
     else:
-        rows = [
-            (stamp, *(getattr(m.angular_velocity, a) for a in "xyz"), *(getattr(m.linear_acceleration, a) for a in "xyz"))
-            for stamp, m in messages(path, "sensor_msgs/msg/Imu", topic)
-        ]
-        samples = pd.DataFrame(rows, columns=COLUMNS)
+        samples = pd.DataFrame(of_bag(path, topic), columns=COLUMNS)
     return samples.drop_duplicates("stamp_ns").sort_values("stamp_ns").reset_index(drop=True)
 
 
-def messages(path: Path, kind: str, topic: str | None = None):
-    """Stamps and messages of a topic of a bag: the named one, or the only one of this kind."""
+def of_bag(path: Path, topic: str | None) -> Iterator[tuple]:
+    """Inertial samples of a ROS bag: of the named topic, or of the only one of sensor_msgs/Imu."""
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            found = [c for c in reader.connections if (c.topic == topic if topic else c.msgtype == kind)]
+            found = [c for c in reader.connections if (c.topic == topic if topic else c.msgtype == "sensor_msgs/msg/Imu")]
             names = sorted({c.topic for c in found})
             if len(names) != 1:
-                raise LabError(f"{path}: topics of {kind}: {', '.join(names) or 'none'}; name one with --topic")
+                raise LabError(f"{path}: topics of inertial samples: {', '.join(names) or 'none'}; name one with --topic")
             for connection, _, data in reader.messages(connections=found):
-                message = reader.deserialize(data, connection.msgtype)
-                yield message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec, message
+                m = reader.deserialize(data, connection.msgtype)
+                stamp_ns = m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
+                yield stamp_ns, *(getattr(v, a) for v in (m.angular_velocity, m.linear_acceleration) for a in "xyz")
     except (AnyReaderError, FileNotFoundError) as error:
-        raise LabError(f"{path}: {error}; give a data set (mav0), a table of samples (.csv) or a ROS bag") from error
+        raise LabError(f"{path}: {error}; give a data set (mav0), a table of samples (.csv), a flight log or a ROS bag") from error
 
 
-def image_files(path: Path, camera: int) -> pd.DataFrame | None:
-    """Stamps and files of the images of a camera of a data set; `None` without this camera."""
-    root = mav0(path)
+def images(path: Path, camera: int) -> Iterator[tuple[int, Image.Image]]:
+    """Stamps and images of a camera (0: left) of a data set or a flight log, in order of time; none without this camera."""
+    root = mav0(path) if path.is_dir() else None
     table = root / f"cam{camera}" / "data.csv" if root else None
-    if table is None or not table.is_file():
-        return None
-    rows = pd.read_csv(table, header=None, comment="#", names=["stamp_ns", "file"], skipinitialspace=True)
-    return rows.assign(file=[table.parent / "data" / str(name).strip() for name in rows.file]).sort_values("stamp_ns")
+    if table is not None and table.is_file():
+        rows = pd.read_csv(table, header=None, comment="#", names=["stamp_ns", "file"], skipinitialspace=True)
+        for row in rows.sort_values("stamp_ns").itertuples():
+            yield row.stamp_ns, Image.open(table.parent / "data" / str(row.file).strip())
+    elif root is None and is_log(path):
+        for m in logged(path, ("/input/left", "/input/right")[camera]):
+            stamp_ns = m.timestamp.seconds * 1_000_000_000 + m.timestamp.nanos
+            is_raw = hasattr(m, "step")
+            yield stamp_ns, Image.frombytes("L", (m.width, m.height), m.data, "raw", "L", m.step) if is_raw else Image.open(io.BytesIO(m.data))
+    elif root is None:
+        raise LabError(f"{path}: is neither a data set (mav0) nor a flight log (.mcap)")
 
 
-def image(file: Path) -> np.ndarray:
-    """Grey levels of an image file."""
-    return np.asarray(Image.open(file).convert("L"), np.float32)
+def levels(image: Image.Image) -> np.ndarray:
+    """Grey levels of an image."""
+    return np.asarray(image.convert("L"), np.float32)

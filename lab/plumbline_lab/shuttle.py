@@ -17,7 +17,7 @@ import tomlkit
 from evo.core.trajectory import PoseTrajectory3D
 
 from . import LabError, recordings
-from .trajectories import at, load, rotations, to_estimate
+from .trajectories import TRUTHS, at, load, rotations, to_estimate
 
 # Parts of the path on which drift is measured (Zhang and Scaramuzza 2018, section IV), and about how many poses they begin at.
 PART_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
@@ -47,33 +47,31 @@ def drift(estimate: PoseTrajectory3D, reference: PoseTrajectory3D) -> tuple[floa
 
 
 def write_backward(source: Path, out: Path, start_s: float, end_s: float) -> tuple[int, float]:
-    """Writes the data set backward in time from `end_s` to `start_s`; returns the stamp that stays, ns, and the seconds."""
-    root = recordings.mav0(source)
-    if root is None or not (root / "cam0" / "data.csv").is_file():
-        raise LabError(f"{source}: is no data set (mav0/cam0); give a data set or a simulated flight")
+    """Writes a data set of the recording backward in time, from `end_s` to `start_s`; returns the stamp that stays, ns, and the seconds."""
     first_ns = turn_ns = None
     for camera in range(2):
-        images = recordings.image_files(source, camera)
-        if images is None:
-            continue
-        first_ns = int(images.stamp_ns.iloc[0]) if first_ns is None else first_ns
-        seconds = (images.stamp_ns - first_ns) * 1e-9
-        images = images[(seconds >= start_s) & (seconds <= end_s)]
-        if len(images) < 2:
-            raise LabError(f"{source}: camera {camera} has {len(images)} images from {start_s} s on; give another --start or --duration")
-        turn_ns = int(images.stamp_ns.iloc[-1]) if turn_ns is None else turn_ns
-        folder = out / "mav0" / f"cam{camera}"
+        kept, folder = [], out / "mav0" / f"cam{camera}"
         (folder / "data").mkdir(parents=True)
-        lines = ["#timestamp [ns],filename"]
-        for stamp, file in zip(2 * turn_ns - images.stamp_ns[::-1], images.file[::-1]):
-            os.symlink(file.resolve(), folder / "data" / f"{stamp}{file.suffix}")
-            lines.append(f"{stamp},{stamp}{file.suffix}")
-        (folder / "data.csv").write_text("\n".join(lines) + "\n")
+        for stamp_ns, image in recordings.images(source, camera):
+            first_ns = stamp_ns if first_ns is None else first_ns
+            if start_s <= (stamp_ns - first_ns) * 1e-9 <= end_s:
+                kept.append(stamp_ns)
+                file = folder / "data" / f"{stamp_ns}.png"
+                os.symlink(Path(image.filename).resolve(), file) if getattr(image, "filename", "") else image.save(file)
+        if camera == 0 and len(kept) < 2:
+            raise LabError(f"{source}: {len(kept)} images from {start_s} s on; give another --start or --duration")
+        if not kept:
+            shutil.rmtree(folder)
+            continue
+        turn_ns = kept[-1] if turn_ns is None else turn_ns
+        lines = [f"{2 * turn_ns - stamp_ns},{stamp_ns}.png\n" for stamp_ns in reversed(kept)]
+        (folder / "data.csv").write_text("#timestamp [ns],filename\n" + "".join(lines))
     samples = recordings.imu(source)[::-1]
     samples = samples.assign(stamp_ns=2 * turn_ns - samples.stamp_ns, **{f"gyro_{a}": -samples[f"gyro_{a}"] for a in "xyz"})
     (out / "mav0" / "imu0").mkdir()
     samples.to_csv(out / "mav0" / "imu0" / "data.csv", index=False, header=["#timestamp [ns]", *samples.columns[1:]])
-    for sensor in ("cam0", "cam1", "imu0"):
+    root = recordings.mav0(source)
+    for sensor in ("cam0", "cam1", "imu0") if root else ():
         if (root / sensor / "sensor.yaml").is_file():
             shutil.copy(root / sensor / "sensor.yaml", out / "mav0" / sensor)
     return turn_ns, (turn_ns - first_ns) * 1e-9 - start_s
@@ -110,6 +108,8 @@ def run(args) -> None:
             source = str(folder / "there")
             subprocess.run([args.program, "simulate", source, "--scene", scene, *flags], check=True, stdout=subprocess.DEVNULL)
         end_s = args.start + args.duration if args.duration else np.inf
+        if recordings.is_log(Path(source)) and not args.config:
+            raise LabError(f"{source}: is a flight log; name its configuration with --config")
         turn_ns, seconds = write_backward(Path(source), folder / "back", args.start, end_s)
         cut = ["--start", f"{args.start}", "--duration", f"{seconds:.6f}"] if args.start or args.duration else []
         options = (["--config", str(args.config)] if args.config else []) + args.options
@@ -140,7 +140,8 @@ def run(args) -> None:
             "digests": [there_report["estimate_digest"], back_report["estimate_digest"]],
         }
         truth = load(args.truth).poses if args.truth else None
-        if truth is None and any((recordings.mav0(Path(source)) / name).is_dir() for name in ("state_groundtruth_estimate0", "mocap0", "vicon0")):
+        root = recordings.mav0(Path(source))
+        if truth is None and root and any((root / name).is_dir() for name in TRUTHS):
             truth = load(Path(source)).poses
         if truth is not None:
             true = []
