@@ -21,6 +21,7 @@ mod hardware;
 mod host;
 mod import;
 mod install;
+mod lab;
 mod lines;
 mod live_stamps;
 mod local;
