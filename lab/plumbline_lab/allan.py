@@ -32,7 +32,7 @@ class Noise:
     """Fit of an axis: `sigma²(tau) = N² / tau + K² tau / 3`, each value with its standard deviation."""
 
     taus_s: np.ndarray
-    variances: np.ndarray
+    deviations: np.ndarray
     density: tuple[float, float]
     walk: tuple[float, float] | None
     walk_at_most: float
@@ -56,63 +56,56 @@ def rest(samples) -> tuple[slice, float, list[str]]:
     edges = np.flatnonzero(np.diff(np.r_[False, is_still, False].astype(int))).reshape(-1, 2)
     begin, end = max(edges, key=lambda edge: edge[1] - edge[0], default=(0, 0))
     stop = len(samples) if end == count and end > begin else end * size
-    length_s, remarks = (stop - begin * size) * dt_s, []
-    if length_s < SHORTEST_REST_S:
+    if (stop - begin * size) * dt_s < SHORTEST_REST_S:
         raise LabError(
             f"the recording of {time_s[-1]:.1f} s is nowhere at rest for {SHORTEST_REST_S} s; lay the vehicle on something solid, rotors "
             "off, and do not touch it"
         )
-    if is_still.mean() < 0.99:
-        remarks.append(f"{100 * is_still.mean():.0f} % of {time_s[-1]:.1f} s are at rest; used are {length_s:.1f} s from {time_s[begin * size]:.1f} s on")
-    shaken = np.median(scatter[begin:end], axis=0)
-    if (shaken > (0.02, 0.2)).any():
-        remarks.append(f"the vehicle vibrates at rest ({shaken[0]:.3f} rad/s, {shaken[1]:.2f} m/s²): the results describe the vibration; stop the rotors")
+    share = f"only {100 * is_still.mean():.0f} % of {time_s[-1]:.1f} s are at rest; the longest rest is used"
+    remarks = [] if is_still.mean() >= 0.99 else [share]
+    if (np.median(scatter[begin:end], axis=0) > (0.02, 0.2)).any():
+        remarks.append("the vehicle vibrates: the results describe the vibration; stop the rotors")
     return slice(begin * size, stop), dt_s, remarks
 
 
-def freedom(alpha: int, m: int, samples: int) -> float:
-    """Equivalent degrees of freedom of the overlapping Allan variance."""
-    return allantools.edf_greenhall(alpha=alpha, d=2, m=m, N=samples + 1, overlapping=True, modified=False)
-
-
-def fit(values: np.ndarray, dt_s: float) -> Noise | None:
-    """Fits an axis by maximum likelihood; `None` where there are too few averages or no noise at all.
+def scored(tau, variance, freedoms, has_walk: bool):
+    """Squares of density and walk of largest likelihood with their standard deviations, and the misfit.
 
     An Allan variance of f degrees of freedom is spread about the true one as a chi-square over f. Fisher scoring is weighted least squares
     with the weights f / (2 sigma⁴) of the model.
     """
+    design = np.stack([1 / tau, tau / 3], axis=1)[:, : 1 + has_walk]
+    squares = np.array([variance[0] * tau[0], 0.0])[: 1 + has_walk]
+    for _ in range(60):
+        model = design @ squares.clip(min=0)
+        share = squares[0] / tau / model
+        f = share * freedoms[:, 0] + (1 - share) * freedoms[:, 1]
+        weights = f / (2 * model**2)
+        covariance = np.linalg.inv(design.T @ (weights[:, None] * design))
+        found = covariance @ (design.T @ (weights * variance))
+        squares = np.r_[max(found[0], 1e-3 * squares[0]), found[1:]]
+    misfit = (0.5 * f * (variance / (design @ squares.clip(min=0)) - 1) ** 2).sum() / (len(tau) - 2)
+    return squares, np.sqrt(np.diag(covariance)), float(misfit)
+
+
+def fit(values: np.ndarray, dt_s: float) -> Noise | None:
+    """Fits an axis; `None` where there are too few averages or no noise at all."""
     octaves = 2 ** np.arange(max(int(np.log2(max(len(values) // 4, 1))) + 1, 1))
     taus, deviations, *_ = allantools.oadev(values - values.mean(), 1 / dt_s, data_type="freq", taus=octaves * dt_s)
-    variances = deviations**2
     used = taus >= SHORTEST_TAU_S
-    tau, variance = taus[used], variances[used]
+    tau, variance = taus[used], deviations[used] ** 2
     if len(tau) < 3 or not (variance > 0).all():
         return None
-    freedoms = np.array([[freedom(alpha, round(t / dt_s), len(values)) for alpha in (0, -2)] for t in tau])
-    white2, walk2 = variance[0] * tau[0], 0.0
-    for columns in (2, 1):
-        # Without the walk where the data have none.
-        if columns == 1 and walk2 > 0:
-            break
-        design = np.stack([1 / tau, tau / 3], axis=1)[:, :columns]
-        white2, walk2 = (variance[0] * tau[0], 0.0) if columns == 2 else (white2, 0.0)
-        for _ in range(60):
-            model = white2 / tau + max(walk2, 0) * tau / 3
-            share = white2 / tau / model
-            f = share * freedoms[:, 0] + (1 - share) * freedoms[:, 1]
-            weights = f / (2 * model**2)
-            information = design.T @ (weights[:, None] * design)
-            solved = np.linalg.solve(information, design.T @ (weights * variance))
-            white2 = max(solved[0], 1e-3 * white2)
-            walk2 = float(solved[1]) if columns == 2 else 0.0
-        if columns == 2:
-            sigmas = np.sqrt(np.diag(np.linalg.inv(information)))
-    model = white2 / tau + max(walk2, 0) * tau / 3
-    misfit = float((0.5 * f * (variance / model - 1) ** 2).sum() / (len(tau) - 2))
+    # Equivalent degrees of freedom, for white noise and for a random walk.
+    shape = {"d": 2, "N": len(values) + 1, "overlapping": True, "modified": False}
+    freedoms = np.array([[allantools.edf_greenhall(alpha=alpha, m=round(t / dt_s), **shape) for alpha in (0, -2)] for t in tau])
+    (white2, walk2), sigmas, misfit = scored(tau, variance, freedoms, has_walk=True)
+    if walk2 <= 0:
+        (white2,), _, misfit = scored(tau, variance, freedoms, has_walk=False)
     sigmas = sigmas * SHARED_SAMPLES * np.sqrt(max(misfit, 1))
     density, walk = np.sqrt(white2), np.sqrt(max(walk2, 0))
     seen = (walk, sigmas[1] / (2 * walk)) if walk2 > SEEN_SIGMAS * sigmas[1] else None
-    return Noise(taus, variances, (density, sigmas[0] / (2 * density)), seen, float(np.sqrt(max(walk2, 0) + 2 * sigmas[1])), misfit)
+    return Noise(taus, deviations, (density, sigmas[0] / (2 * density)), seen, np.sqrt(max(walk2, 0) + 2 * sigmas[1]), misfit)
 
 
 def together(axes: list[tuple[float, float] | None]) -> tuple[float, float] | None:
@@ -134,26 +127,25 @@ def draw(noises: dict[str, list[Noise | None]], out: Path) -> None:
     """Allan deviations with their fits."""
     figure, panels = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
     for panel, (sensor, axes) in zip(panels, noises.items()):
-        for noise, letter in zip(axes, "xyz"):
-            if noise:
-                (line,) = panel.loglog(noise.taus_s, np.sqrt(noise.variances), "o", markersize=4, label=letter)
-                walk = noise.walk[0] if noise.walk else 0
-                model = noise.density[0] ** 2 / noise.taus_s + walk**2 * noise.taus_s / 3
-                panel.loglog(noise.taus_s, np.sqrt(model), color=line.get_color(), linewidth=1)
-        panel.set(xlabel="averaging time [s]", ylabel=f"Allan deviation [{'rad/s' if sensor == 'gyro' else 'm/s²'}]", title=SENSORS[sensor][0])
+        name, density_unit, _ = SENSORS[sensor]
+        for noise, letter in ((noise, letter) for noise, letter in zip(axes, "xyz") if noise):
+            (line,) = panel.loglog(noise.taus_s, noise.deviations, "o", markersize=4, label=letter)
+            walk = noise.walk[0] if noise.walk else 0
+            model = np.sqrt(noise.density[0] ** 2 / noise.taus_s + walk**2 * noise.taus_s / 3)
+            panel.loglog(noise.taus_s, model, color=line.get_color(), linewidth=1)
+        panel.set(xlabel="averaging time [s]", ylabel=f"Allan deviation [{density_unit.removesuffix('/√Hz')}]", title=name)
         panel.grid(which="both", alpha=0.3)
         panel.legend()
     figure.savefig(out)
     plt.close(figure)
 
 
-def written(config: Path, found: dict[str, float], out: Path) -> None:
+def write(config: Path, found: dict[str, float], out: Path) -> None:
     """Writes the configuration with the measured keys of [imu] replaced; all else stays as it is."""
     document = tomlkit.parse(config.read_text())
     if "imu" not in document:
         raise LabError(f"{config}: has no table [imu]; give a complete configuration, such as `plumbline config sim` prints")
-    for name, value in found.items():
-        document["imu"][name] = value
+    document["imu"].update(found)
     out.write_text(tomlkit.dumps(document))
 
 
@@ -165,7 +157,6 @@ def run(args) -> None:
     if len(samples) < 100:
         raise LabError(f"{args.recording}: holds {len(samples)} inertial samples; record two hours at rest")
     still, dt_s, remarks = rest(samples)
-    length_s = (still.stop - still.start) * dt_s
     noises = {sensor: [fit(samples[f"{sensor}_{axis}"].to_numpy()[still], dt_s) for axis in "xyz"] for sensor in SENSORS}
     rows, found = [], {"rate_hz": round(1 / dt_s, 3)}
     for sensor, axes in noises.items():
@@ -173,22 +164,19 @@ def run(args) -> None:
         for noise, letter in zip(axes, "xyz"):
             rows.append([f"{name} {letter}", words(noise and noise.density), words(noise and noise.walk, noise and noise.walk_at_most)])
             if noise and noise.misfit > NOTABLE_MISFIT:
-                remarks.append(f"{name} {letter}: the noise has other components (misfit {noise.misfit:.0f}); look at --plot for vibration or warming up")
+                remarks.append(f"{name} {letter}: the noise has other components (misfit {noise.misfit:.0f}): vibration, or warming up")
         density, walk = (together([noise and getattr(noise, kind) for noise in axes]) for kind in ("density", "walk"))
         at_most = max((noise.walk_at_most for noise in axes if noise), default=None)
         rows.append([f"{name} ({density_unit}, {walk_unit})", words(density), words(walk, at_most)])
-        if density:
-            found[f"{sensor}_noise_density"] = args.inflate * density[0]
-        if walk:
-            found[f"{sensor}_bias_walk"] = walk[0]
-        else:
-            remarks.append(f"{name}: {length_s:.0f} s are too short for the bias walk of every axis; record two hours at an even temperature")
-    print(f"rest of {length_s:.1f} s at {1 / dt_s:.1f} Hz")
+        found |= {f"{sensor}_noise_density": args.inflate * float(density[0])} if density else {}
+        found |= {f"{sensor}_bias_walk": float(walk[0])} if walk else {}
+        if not walk:
+            remarks.append(f"{name}: too short for the bias walk of every axis; record two hours at an even temperature")
+    print(f"rest of {(still.stop - still.start) * dt_s:.1f} s at {1 / dt_s:.1f} Hz")
     print(tabulate(rows, ["", "white noise density", "bias walk"], disable_numparse=True))
-    for remark in remarks:
-        print(f"warning: {remark}")
+    print("".join(f"warning: {remark}\n" for remark in remarks), end="")
     if args.plot:
         draw(noises, args.plot)
     if args.out:
-        written(args.config, found, args.out)
+        write(args.config, found, args.out)
         print(f"{args.out}: {', '.join(f'imu.{name}' for name in found)} from this recording, all else from {args.config}")

@@ -1,7 +1,6 @@
 """Times of a frame on simulated scenes, of one build or of several in turns: what slows one round slows every build of it."""
 
 import tempfile
-from pathlib import Path
 
 import pandas as pd
 from tqdm import tqdm

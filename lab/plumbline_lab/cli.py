@@ -3,6 +3,8 @@
 import argparse
 import os
 import sys
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from . import LabError
@@ -40,6 +42,11 @@ joined by &: sim:room?path=V1_02&imu=recorded&start=15&duration=20.
 """ + FLIGHTS
 
 
+PLOT = """example:
+  plumbline replay sim:room --states states.csv --true-trajectory truth.tum
+  plumbline-lab plot states.csv --truth truth.tum --out flight.svg"""
+
+
 def numbers(kind):
     """Parser of `1,2,5`, and of `1..3` for whole numbers."""
 
@@ -69,179 +76,183 @@ def table_file(text: str) -> Path:
     return Path(text)
 
 
+def add(parser, *options: str, **more) -> None:
+    """Adds options that are written as `--name METAVAR: help (default: value)`."""
+    for option in options:
+        form, _, words = option.partition(": ")
+        name, _, metavar = form.partition(" ")
+        default = more.get("default")
+        words += f" (default: {default})" if isinstance(default, int | float | str) else ""
+        shown = {} if not metavar else {"metavar": metavar}
+        parser.add_argument(name, help=words.replace("%", "%%"), **shown, **more)
+
+
 def add_cluster(parser: argparse.ArgumentParser, out: str) -> None:
     """Options of every command that flies."""
     group = parser.add_argument_group("table and cluster")
-    default = f"default: {out}"
-    group.add_argument("--out", type=table_file, default=Path(out), metavar="TABLE", help=f"table of the flights, .parquet or .csv; the reports are kept in a folder beside it ({default})")
-    group.add_argument("--jobs", type=int, metavar="N", help="flights at a time on this machine (default: its cores)")
-    group.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler to fly on")
-    group.add_argument("--slurm", type=int, metavar="N", help="fly in N Slurm jobs (pip install 'plumbline-lab[slurm]')")
-    group.add_argument("--kubernetes", type=int, metavar="N", help="fly in N pods (pip install 'plumbline-lab[kubernetes]')")
-    group.add_argument("--image", metavar="IMAGE", help="with --kubernetes: container image with this package and the program")
-    group.add_argument("--memory", default="1GB", help="memory of a Slurm job or pod (default: 1GB)")
-    group.add_argument("--quiet", action="store_true", help="no progress bar")
+    add(group, "--out TABLE: table, .parquet or .csv; reports are kept in a folder beside it", type=table_file, default=out)
+    add(group, "--jobs N: flights at a time on this machine; by default as many as it has cores", type=int)
+    add(group, "--scheduler tcp://HOST:PORT: Dask scheduler to fly on", "--image IMAGE: image of the pods: this package and the program")
+    add(group, "--slurm N: fly in N Slurm jobs", "--kubernetes N: fly in N pods", type=int)
+    add(group, "--memory SIZE: memory of a Slurm job or pod", default="1GB")
+    add(group, "--quiet: no progress bar", action="store_true")
     add_program(group)
 
 
 def add_program(parser) -> None:
-    parser.add_argument("--program", default=os.environ.get("PLUMBLINE", "plumbline"), help="the command to run (default: $PLUMBLINE, or `plumbline` from the path)")
+    add(parser, "--program COMMAND: the program, as $PLUMBLINE names it", default=os.environ.get("PLUMBLINE", "plumbline"))
 
 
 def add_choice(parser: argparse.ArgumentParser) -> None:
     """Choice among the built-in simulated flights."""
-    parser.add_argument("--path", type=names, default=[], metavar="NAME,NAME", help="only trajectories of EuRoC whose names begin so, or paths such as yaws, sweeps and hover, or TUM files (default: V1_02, V2_02, MH_04, V1_03)")
-    parser.add_argument("--scene", type=names, default=[], metavar="NAME,NAME", help="only scenes whose names begin so: room, hall, low-texture, far (default: the first three)")
-    parser.add_argument("--seeds", type=numbers(int), default=[1], metavar="1,2|1..3", help="seeds (default: 1)")
-    parser.add_argument("--starts", type=numbers(float), default=[], metavar="S,S", help="starts on the trajectory, s (default: in full flight)")
-    parser.add_argument("--duration", type=float, default=15, metavar="S", help="length of a flight, s (default: 15)")
-    parser.add_argument("--scale", type=float, default=1, help="size of the images (default: 1); 0.5 renders four times as fast")
-    parser.add_argument("--laps", type=int, default=1, help="laps of the path (default: 1)")
-    parser.add_argument("--shared", metavar="FOLDER", help="folder with euroc/trajectories and euroc/imu (default: $PLUMBLINE_SHARED, or ../shared)")
-    parser.add_argument("--imu", choices=["simulated", "recorded"], default="simulated", help="inertial samples: simulated, or recorded along the path")
-    parser.add_argument("--calibration-error", type=float, default=0, metavar="K", help="the seed draws the estimator's calibration with K times the standard deviations of [rig]")
-    parser.add_argument("--lean-deg", type=float, default=0, metavar="DEG", help="tilt of the whole scene")
+    words = "trajectories of EuRoC whose names begin so, paths such as yaws, or TUM files; by default V1_02, V2_02, MH_04 and V1_03"
+    add(parser, f"--path NAME,NAME: {words}", type=names, default=[])
+    add(parser, "--scene NAME,NAME: scenes whose names begin so; by default room, hall and low-texture", type=names, default=[])
+    add(parser, "--seeds 1,2|1..3: seeds; by default 1", type=numbers(int), default=[1])
+    add(parser, "--starts S,S: starts on the trajectory, s; by default in full flight", type=numbers(float), default=[])
+    add(parser, "--duration S: length of a flight, s", type=float, default=15)
+    add(parser, "--scale K: size of the images; 0.5 renders four times as fast", type=float, default=1)
+    add(parser, "--laps N: laps of the path", type=int, default=1)
+    add(parser, "--shared FOLDER: folder with euroc/trajectories and euroc/imu; by default $PLUMBLINE_SHARED, or ../shared")
+    add(parser, "--imu: inertial samples, simulated or recorded along the path", choices=["simulated", "recorded"], default="simulated")
+    add(parser, "--calibration-error K: draw the estimator's calibration with K times the sigmas of [rig]", type=float, default=0)
+    add(parser, "--lean-deg DEG: tilt of the whole scene", type=float, default=0)
 
 
 def parser() -> argparse.ArgumentParser:
     """All commands with their options."""
-    main = argparse.ArgumentParser("plumbline-lab", description=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter)
+    raw = {"formatter_class": argparse.RawDescriptionHelpFormatter}
+    main = argparse.ArgumentParser("plumbline-lab", description=USAGE, **raw)
     commands = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, words: str, more: str = "") -> argparse.ArgumentParser:
-        raw = argparse.RawDescriptionHelpFormatter
-        return commands.add_parser(name, help=words.replace("%", "%%"), description=words[0].upper() + words[1:] + ".", epilog=more, formatter_class=raw)
+        text = words.replace("%", "%%")
+        return commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=more, **raw)
 
     one = command("campaign", "the built-in simulated flights, with and without faults and conditions", CAMPAIGN)
     add_choice(one)
-    one.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change of the configuration; may be repeated")
-    one.add_argument("--fault", type=names, default=[], metavar="KIND,KIND", help="also fly every flight with each fault (`plumbline help faults`); accel- stands for all kinds that begin so, all for all")
-    one.add_argument("--condition", type=names, default=[], metavar="NAME,NAME", help="also fly every flight in each condition (`plumbline help conditions`)")
-    one.add_argument("--imu-error", type=names, default=[], metavar="NAME,NAME", help="also fly every flight with each error of the IMU (`plumbline help imu-errors`)")
-    one.add_argument("--with", dest="variations", action="append", default=[], metavar="OPTION&OPTION", help="also fly every flight with these options of `plumbline replay`, without their dashes; may be repeated")
-    one.add_argument("--only", action="store_true", help="leave out the flights without a variation")
-    one.add_argument("--drawn", type=int, metavar="COUNT", help="fly so many flights with drawn failures instead")
-    one.add_argument("--draw-seed", type=int, default=1, help="seed of the draws (default: 1)")
-    one.add_argument("--against", type=Path, metavar="TABLE", help="compare with the table of an earlier build or configuration")
+    add(one, "--set KEY=VALUE: change of the configuration; may be repeated", action="append", default=[])
+    for name in ("fault", "condition", "imu-error"):
+        words = f"also fly every flight with each (`plumbline help {name}s`); accel- is all that begin so, all is all"
+        add(one, f"--{name} NAME[:DOSE],...: {words}", type=names, default=[])
+    words = "also fly every flight with these options of `plumbline replay`, without their dashes; may be repeated"
+    add(one, f"--with OPTION&OPTION: {words}", dest="variations", action="append", default=[])
+    add(one, "--only: leave out the flights without a variation", action="store_true")
+    add(one, "--drawn COUNT: fly so many flights with drawn failures instead", type=int)
+    add(one, "--draw-seed N: seed of the draws", type=int, default=1)
+    add(one, "--against TABLE: compare with the table of another build or configuration", type=Path)
     add_cluster(one, "campaign.parquet")
 
     one = command("sweep", "settings of the configuration on data sets, recordings and simulated flights", SWEEP)
-    one.add_argument("sources", nargs="+", metavar="SOURCE", help="data set, flight log, bag or simulated flight")
-    one.add_argument("--set", action="append", default=[], metavar="KEY=A,B", help="key and its values; several keys are combined")
-    one.add_argument("--seeds", type=numbers(int), default=[], metavar="1,2|1..3", help="seeds of simulated flights")
-    one.add_argument("--starts", type=numbers(float), default=[], metavar="S,S", help="starts of every source, s")
-    one.add_argument("--paired", action="store_true", help="compare every setting with the first, flight by flight")
+    add(one, "sources SOURCE: data set, flight log, bag or simulated flight", nargs="+")
+    add(one, "--set KEY=A,B: key and its values; several keys are combined", action="append", default=[])
+    add(one, "--seeds 1,2|1..3: seeds of simulated flights", type=numbers(int), default=[])
+    add(one, "--starts S,S: starts of every source, s", type=numbers(float), default=[])
+    add(one, "--paired: compare every setting with the first, flight by flight", action="store_true")
     add_cluster(one, "sweep.parquet")
 
     one = command("ablation", "accuracy and times with each part of the line path: the tables of the paper", FLIGHTS)
-    one.add_argument("sources", nargs="*", metavar="SOURCE", help="data sets, bags or simulated flights (default: the built-in simulated flights)")
+    add(one, "sources SOURCE: data sets, bags or simulated flights; by default the built-in ones", nargs="*")
     add_choice(one)
     add_cluster(one, "ablation.parquet")
 
     one = command("open-table", "the open table of EuRoC or TUM-VI, beside published figures", FLIGHTS)
-    one.add_argument("folder", type=Path, help="folder that contains the data sets")
-    one.add_argument("--table", type=Path, action="append", default=[], metavar="OUT.md|csv|tex", help="write the table; may be repeated")
-    one.add_argument("--starts", type=numbers(float), default=[], metavar="S,S", help="starts of every data set, s (default: 0,1,2,3,4)")
+    add(one, "folder: folder that contains the data sets", type=Path)
+    add(one, "--table OUT.md|csv|tex: write the table; may be repeated", type=Path, action="append", default=[])
+    add(one, "--starts S,S: starts of every data set, s; by default 0,1,2,3,4", type=numbers(float), default=[])
     add_cluster(one, "open-table.parquet")
 
-    one = command("compare", "paired differences of tables, settings or variations, with bootstrap intervals of 95 %")
-    one.add_argument("tables", nargs="+", metavar="TABLE", help="one table, or several of the same flights; the first is the reference")
-    one.add_argument("--by", choices=["setting", "variation"], default="setting", help="with one table: what is compared (default: setting)")
+    one = command("compare", "paired differences of tables, settings or variations, with intervals of 95 %")
+    add(one, "tables TABLE: one table, or several of the same flights; the first is the reference", nargs="+")
+    add(one, "--by: with one table: what is compared", choices=["setting", "variation"], default="setting")
 
     one = command("honesty", "errors against covariances, and which health bits named each fault, of a table of flights")
-    one.add_argument("table", type=Path, metavar="TABLE")
+    add(one, "table TABLE: table that `campaign` wrote", type=Path)
 
-    one = command("plot", "picture of one flight with its errors and standard deviations, or of several", "example:\n  plumbline replay sim:room --states states.csv --true-trajectory truth.tum\n  plumbline-lab plot states.csv --truth truth.tum --out flight.svg")
-    one.add_argument("files", nargs="+", type=Path, metavar="FILE", help="`replay --states` table, TUM trajectory (also .gz) or EuRoC table")
-    one.add_argument("--truth", type=Path, metavar="FILE", help="ground truth: TUM (`replay --true-trajectory`), EuRoC table, or a data set")
-    one.add_argument("--out", type=Path, required=True, metavar="OUT.svg|png|pdf")
-    one.add_argument("--align", choices=["first", "origin", "yaw", "se3", "sim3", "none"], default="first", help="alignment of the truth (default: first pose, position and yaw)")
-    one.add_argument("--time-offset", metavar="S|auto", help="addition to the stamps of the estimate; auto: where its motion is that of the truth")
-    one.add_argument("--names", type=names, default=[], metavar="NAME,NAME", help="names of the flights in the picture")
+    one = command("plot", "picture of one flight with its errors and standard deviations, or of several", PLOT)
+    add(one, "files FILE: table of `replay --states`, TUM trajectory (also .gz) or EuRoC table", nargs="+", type=Path)
+    add(one, "--truth FILE: truth: TUM (`replay --true-trajectory`), EuRoC table or data set", type=Path)
+    add(one, "--out OUT.svg|png|pdf: picture", type=Path, required=True)
+    alignments = ["first", "se3", "sim3", "none"]
+    add(one, "--align: alignment of the truth; first: position and yaw of the first pose", choices=alignments, default="first")
+    add(one, "--time-offset S|auto: addition to the stamps of the estimate; auto: where its motion is that of the truth")
+    add(one, "--names NAME,NAME: names of the flights in the picture", type=names, default=[])
 
     one = command("allan", "noise of an IMU from a recording at rest, by the Allan variance")
-    one.add_argument("recording", type=Path, help="flight log, data set, table as mav0/imu0/data.csv, or ROS bag; two hours at rest")
-    one.add_argument("--topic", help="topic of a bag (default: the only one of sensor_msgs/Imu)")
-    one.add_argument("--config", type=Path, metavar="FILE", help="configuration whose other keys are copied")
-    one.add_argument("--out", type=Path, metavar="OUT.toml", help="write the configuration with the measured keys of [imu]")
-    one.add_argument("--inflate", type=float, default=1, metavar="K", help="factor of the white noise densities that are written (default: 1; in flight 10)")
-    one.add_argument("--plot", type=Path, metavar="OUT.svg|png", help="draw the Allan deviations")
+    add(one, "recording: flight log, data set, table as mav0/imu0/data.csv, or ROS bag; two hours at rest", type=Path)
+    add(one, "--topic TOPIC: topic of a bag; by default the only one of sensor_msgs/Imu")
+    add(one, "--config FILE: configuration whose other keys are copied", "--out OUT.toml: write it with the measured keys of [imu]",
+        "--plot OUT.svg|png: draw the Allan deviations", type=Path)  # fmt: skip
+    add(one, "--inflate K: factor of the white noise densities that are written; in flight 10", type=float, default=1)
 
     one = command("mask", "masks of what the cameras see of their own vehicle")
-    one.add_argument("recording", type=Path, help="flight log or data set in motion, half a minute through a textured scene")
-    one.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder for left-mask.png and right-mask.png")
-    one.add_argument("--margin-px", type=int, default=8, help="margin around what is found (default: 8)")
-    one.add_argument("--overwrite", action="store_true", help="replace existing files")
+    add(one, "recording: flight log or data set in motion, half a minute through a textured scene", type=Path)
+    add(one, "--out FOLDER: folder for left-mask.png and right-mask.png", type=Path, required=True)
+    add(one, "--margin-px PX: margin around what is found", type=int, default=8)
+    add(one, "--overwrite: replace existing files", action="store_true")
 
     one = command("bench", "times of a frame, of one build or of several in turns")
-    one.add_argument("programs", nargs="*", metavar="PROGRAM", help="builds to compare; the first is the reference")
-    one.add_argument("--rounds", type=int, default=3, help="rounds (default: 3)")
-    one.add_argument("--duration", type=float, default=20, metavar="S", help="length of a flight, s (default: 20)")
-    one.add_argument("--cache", type=Path, metavar="FOLDER", help="keep rendered frames here")
-    one.add_argument("--out", type=table_file, metavar="TABLE", help="write all times")
-    one.add_argument("--baseline", type=Path, metavar="TABLE", help="compare with times that --out wrote before")
+    add(one, "programs PROGRAM: builds to compare; the first is the reference", nargs="*")
+    add(one, "--rounds N: rounds", type=int, default=3)
+    add(one, "--duration S: length of a flight, s", type=float, default=20)
+    add(one, "--cache FOLDER: keep rendered frames here", "--baseline TABLE: times that --out wrote before, as the reference", type=Path)
+    add(one, "--out TABLE: write all times", type=table_file)
     add_program(one)
 
     one = command("shuttle", "drift of a recording without ground truth: flown there and back", "Options after `--` go to both flights.")
-    one.add_argument("recording", help="data set, flight log with images, or simulated flight such as 'sim:room?start=5&duration=30'")
-    one.add_argument("--config", type=Path, help="configuration file or preset")
-    one.add_argument("--start", type=float, default=0, metavar="S", help="start, s from the first frame")
-    one.add_argument("--duration", type=float, metavar="S", help="seconds that are flown (default: to the end)")
-    one.add_argument("--truth", type=Path, metavar="FILE", help="ground truth to compare with (default: that of the data set)")
-    one.add_argument("--scratch", type=Path, metavar="FOLDER", help="folder for temporary files")
-    one.add_argument("--json", action="store_true", help="print JSON")
+    add(one, "recording: data set, flight log with images, or simulated flight such as 'sim:room?start=5&duration=30'")
+    add(one, "--config FILE: configuration", "--truth FILE: truth; by default that of the data set", type=Path)
+    add(one, "--start S: start, s from the first frame", type=float, default=0)
+    add(one, "--duration S: seconds that are flown; by default to the end", type=float)
+    add(one, "--scratch FOLDER: folder for temporary files")
+    add(one, "--json: print JSON", action="store_true")
     add_program(one)
     return main
 
 
-def campaign(args) -> bool:
+def campaign(args):
+    """Flies the campaign; returns the tables to print, and the table of the flights."""
     from . import compare, draws, flights, run, summaries
 
-    chosen = [flights.replace(flight, settings=tuple(args.set)) for flight in flights.campaign(args)]
-    kinds = [("fault", "faults", args.fault), ("condition", "conditions", args.condition), ("imu-error", "imu-errors", args.imu_error)]
-    variations = [f"{name}={text}" for name, topic, texts in kinds for text in flights.expanded(args.program, topic, texts)]
-    varied = flights.varied(chosen, variations + args.variations)
+    chosen = [replace(flight, settings=tuple(args.set)) for flight in flights.campaign(args)]
+    kinds = [("fault", args.fault), ("condition", args.condition), ("imu-error", args.imu_error)]
+    variations = [f"{kind}={text}" for kind, texts in kinds for text in flights.expanded(args.program, f"{kind}s", texts)]
+    varied = [replace(flight, variation=variation) for variation in variations + args.variations for flight in chosen]
     if args.drawn:
         chosen = draws.drawn(chosen, args.drawn, args.draw_seed)
     else:
         chosen = varied if args.only else chosen + varied
-    if not chosen:
-        raise LabError("--only: leaves no flight; give --fault, --condition, --imu-error or --with")
     table = run.fly_all(chosen, args, args.out)
-    blocks = [summaries.flights(table)]
-    clean = table[table.variation == ""]
-    blocks += [summaries.means(clean, ["scene"])] if len(clean) else []
+    blocks = [summaries.flights(table), summaries.means(table[table.variation == ""], ["scene"])]
     blocks += [summaries.naming(table)] if args.drawn else [summaries.variations(table), summaries.honesty(table)]
     blocks.append(summaries.health(table))
     if args.against:
         tables, by = compare.variants({str(args.against): run.load(args.against), "here": table}, "setting")
         blocks.append(compare.markdown("here", str(args.against), *tables.values(), by))
-    return say(blocks, table, args.out)
+    return blocks, table
 
 
-def sweep(args) -> bool:
+def sweep(args):
+    """Flies the sweep; as :func:`campaign`."""
     from . import compare, flights, run, summaries
 
     table = run.fly_all(flights.sweep(args.sources, args.set, args.seeds, args.starts, args.options), args, args.out)
     blocks = [summaries.flights(table), summaries.means(table, ["setting"])]
-    if table.path.nunique() > 1:
-        blocks.append(summaries.means(table, ["setting", "path"]))
-    if args.paired:
-        groups, by = compare.variants({"": table}, "setting")
-        (base_name, base), *others = groups.items()
-        blocks += [compare.markdown(name, base_name, base, other, by) for name, other in others]
-    return say(blocks, table, args.out)
+    blocks += [summaries.means(table, ["setting", "path"])] if table.path.nunique() > 1 else []
+    return blocks + (compare.each({"": table}, "setting") if args.paired else []), table
 
 
-def ablation(args) -> bool:
+def ablation(args):
+    """Flies the ablation; as :func:`campaign`."""
     from . import ablation, flights, run
 
     bases = flights.sweep(args.sources, [], [], [], args.options) if args.sources else flights.campaign(args)
     table = run.fly_all(ablation.flights(bases), args, args.out)
-    return say([ablation.tables(table)], table, args.out)
+    return [ablation.tables(table)], table
 
 
-def open_table(args) -> bool:
+def open_table(args):
+    """Flies the data sets and writes the open table; as :func:`campaign`."""
     from . import open_table, run
 
     wrong = [path for path in args.table if path.suffix not in (".md", ".csv", ".tex")]
@@ -250,47 +261,39 @@ def open_table(args) -> bool:
     table = run.fly_all(open_table.flights(args.folder, args.starts, args.options), args, args.out)
     for path in args.table:
         path.write_text(open_table.text(table, path.suffix))
-    return say([open_table.text(table, ".md")], table, args.out)
+    return [open_table.text(table, ".md")], table
 
 
-def honesty(args) -> bool:
+def honesty(args):
+    """Judges a table; as :func:`campaign`."""
     from . import run, summaries
 
-    table = run.load(args.table)
-    blocks = [summaries.means(table, ["variation"]), summaries.honesty(table)]
-    blocks += [summaries.naming(table)] if table.variation.str.contains("fault=").any() else []
-    return say([*blocks, summaries.health(table)], table, args.table)
-
-
-def say(blocks: list[str], table, out: Path) -> bool:
-    """Prints the tables; false if a flight failed."""
-    print("\n\n".join(block for block in blocks if block))
-    failed = table[table.error.notna() & (table.error != "")]
-    for _, row in failed.iterrows():
-        print(f"failed: {row.flight} {row.variation} {row.setting}: {row.error}", file=sys.stderr)
-    print(f"\n{out}: {len(table)} flights, {len(failed)} failed")
-    return failed.empty
+    table, args.out = run.load(args.table), args.table
+    judged = [summaries.honesty(table), summaries.naming(table)] if table.variation.str.contains("fault=").any() else []
+    return [summaries.means(table, ["variation"]), *judged, summaries.health(table)], table
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs a command; the exit status is 0 if all flights were flown, 1 after an error, 2 for wrong arguments."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    own, more = arguments, []
-    if "--" in arguments:
-        own, more = arguments[: arguments.index("--")], arguments[arguments.index("--") + 1 :]
-    args = parser().parse_args(own)
-    args.options = more
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    args = parser().parse_args(arguments[:end])
+    args.options = arguments[end + 1 :]
     flown = {"campaign": campaign, "sweep": sweep, "ablation": ablation, "open-table": open_table, "honesty": honesty}
     try:
-        if args.command in flown:
-            return 0 if flown[args.command](args) else 1
-        from importlib import import_module
-
-        import_module(f".{args.command}", __package__).run(args)
+        if args.command not in flown:
+            import_module(f".{args.command}", __package__).run(args)
+            return 0
+        blocks, table = flown[args.command](args)
     except LabError as error:
         print(f"plumbline-lab: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("plumbline-lab: stopped; the same command goes on", file=sys.stderr)
         return 130
-    return 0
+    print("\n\n".join(block for block in blocks if block))
+    failed = table[table.error.notna() & (table.error != "")]
+    for row in failed.itertuples():
+        print(f"failed: {row.flight} {row.variation} {row.setting}: {row.error}", file=sys.stderr)
+    print(f"\n{args.out}: {len(table)} flights, {len(failed)} failed")
+    return 0 if failed.empty else 1

@@ -71,27 +71,15 @@ def paired(base, other) -> PairedDifference | None:
     return PairedDifference(n, base.mean(), other.mean(), interval(others - means), interval(ratios))
 
 
-def compared(base: pd.DataFrame, other: pd.DataFrame, by: list[str]) -> tuple[dict[str, PairedDifference], int, int]:
-    """Differences of all figures over the flights of the same `by`, their number, and that of flights flown by one alone."""
+def markdown(name: str, base_name: str, base: pd.DataFrame, other: pd.DataFrame, by: list[str]) -> str:
+    """Table of the comparison of two variants over the flights with the same columns `by`."""
     base, other = (table.drop_duplicates(by).set_index(by) for table in (base, other))
     both = base.index.intersection(other.index)
-    differences = {}
-    for name, column, *_ in FIGURES:
-        if column in base and column in other:
-            difference = paired(base.loc[both, column], other.loc[both, column])
-            if difference:
-                differences[name] = difference
-    return differences, len(both), len(base) + len(other) - 2 * len(both)
-
-
-def markdown(name: str, base_name: str, base: pd.DataFrame, other: pd.DataFrame, by: list[str]) -> str:
-    """Table of the comparison of two variants."""
-    differences, flights, alone = compared(base, other, by)
-    if not flights:
+    if both.empty:
         raise LabError(f"no flight was flown by both {name} and {base_name}: source, options, seeds and starts must agree")
-    rows = []
-    for figure, _, unit, digits in FIGURES:
-        if d := differences.get(figure):
+    flights, alone, rows = len(both), len(base) + len(other) - 2 * len(both), []
+    for figure, column, unit, digits in FIGURES:
+        if d := paired(*(table.loc[both].get(column, []) for table in (base, other))):
             low, high = (unit * v for v in d.difference_95)
             percent = [f"{100 * (v - 1):+.1f}" if np.isfinite(v) else "-" for v in (d.ratio, *d.ratio_95)]
             mark = "*" if d.is_significant else ""
@@ -116,12 +104,15 @@ def variants(tables: dict[str, pd.DataFrame], by: str) -> tuple[dict[str, pd.Dat
     return tables, ["flight", "variation"] if is_one else ["flight", "variation", "setting"]
 
 
-def run(args) -> None:
-    """Prints every variant against the first."""
-    tables = {str(path): load(Path(path)) for path in args.tables}
-    groups, pairs = variants(tables, args.by)
-    if len(groups) < 2:
-        raise LabError(f"{args.tables[0]}: has only one {args.by}; give a second table, or a table with several")
+def each(tables: dict[str, pd.DataFrame], by: str) -> list[str]:
+    """Tables of every variant against the first."""
+    groups, pairs = variants(tables, by)
     (base_name, base), *others = groups.items()
-    for name, other in others:
-        print(markdown(name, base_name, base, other, pairs), end="\n\n")
+    if not others:
+        raise LabError(f"there is only one {by}; give a second table, or one with several")
+    return [markdown(name, base_name, base, other, pairs) for name, other in others]
+
+
+def run(args) -> None:
+    """Prints the comparisons of the tables."""
+    print("\n\n".join(each({str(path): load(Path(path)) for path in args.tables}, args.by)))

@@ -122,6 +122,7 @@ def campaign(args) -> list[Flight]:
     more += [f"calibration-error={args.calibration_error:g}"] if args.calibration_error else []
     more += [f"lean-deg={args.lean_deg:g}"] if args.lean_deg else []
     more += [f"laps={args.laps}"] if args.laps != 1 else []
+    more += [f"laps={args.laps}"] if args.laps != 1 else []
     flights = []
     for scene, (path, full_flight_s) in itertools.product(chosen_scenes(args.scene), paths):
         for start_s, seed in itertools.product(args.starts or [full_flight_s], args.seeds):
@@ -177,7 +178,3 @@ def expanded(program: str, topic: str, wanted: list[str]) -> list[str]:
         names += found
     return names
 
-
-def varied(flights: list[Flight], variations: list[str]) -> list[Flight]:
-    """Every flight with every variation."""
-    return [replace(flight, variation=variation) for variation in variations for flight in flights]

@@ -1,5 +1,6 @@
 """The open table of EuRoC or TUM-VI: a row per sequence with medians over its starts, what others published, and what is missing."""
 
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -44,7 +45,9 @@ def data_sets(folder: Path) -> list[Path]:
     for depth in range(DEPTH + 1):
         for mav0 in sorted(folder.glob("*/" * depth + "mav0")):
             if all((mav0 / name).is_dir() for name in ("cam0", "imu0")):
-                found.setdefault(mav0.parent.resolve().name, mav0.parent)
+                name = mav0.parent.resolve().name
+                if found.setdefault(name, mav0.parent) != mav0.parent:
+                    print(f"{mav0.parent}: left out, because {found[name]} has the same name", file=sys.stderr)
     if not found:
         raise LabError(f"{folder}: contains no data set (mav0/cam0 and mav0/imu0); name the folder that contains the sequences")
     return [found[name] for name in sorted(found)]
@@ -58,7 +61,8 @@ def flights(folder: Path, starts: list[float], options: list[str]) -> list[Fligh
 
 def suites() -> list[dict]:
     """Public data sets, their sequences, and what others have published on them."""
-    return tomlkit.parse(Path(__file__).with_name("published.toml").read_text())["suite"]
+    known = tomlkit.parse(Path(__file__).with_name("published.toml").read_text()).unwrap()["suite"]
+    return [suite | {"sequences": dict(suite["sequences"])} for suite in known]
 
 
 def row(name: str, group: pd.DataFrame, length_s: float | None) -> dict:

@@ -1,13 +1,11 @@
 """Pictures of flights: one with all that is known of it, or several beside each other."""
 
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from evo.core.trajectory import PoseTrajectory3D
 
 from . import LabError
-from .trajectories import Estimate, ate_m, at, axes, is_rotation_known, load, rotations, time_offset, to_estimate
+from .trajectories import Estimate, ate_m, axes, common, is_rotation_known, load, rotations, time_offset, to_estimate
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
@@ -19,8 +17,6 @@ TRUTH, BAND = "#999999", "#d6e6f1"
 GAP_PERIODS = 3.5
 ALIGNMENTS = {
     "first": "truth aligned at the first pose (position, yaw)",
-    "origin": "truth aligned at the first pose (position, attitude)",
-    "yaw": "truth aligned over all (position, yaw)",
     "se3": "truth aligned over all, SE(3)",
     "sim3": "truth aligned over all, Sim(3)",
     "none": "truth not aligned",
@@ -44,10 +40,7 @@ class Flight:
 
     def judge(self, truth: PoseTrajectory3D, alignment: str) -> None:
         """Brings the truth into the frame of the estimate, and takes the errors."""
-        is_known, true = at(truth, self.poses.timestamps)
-        own = PoseTrajectory3D(
-            self.poses.positions_xyz[is_known], self.poses.orientations_quat_wxyz[is_known], self.poses.timestamps[is_known]
-        )
+        own, true = common(self.poses, truth)
         self.ate_m, self.length_m = ate_m(own, true), true.path_length
         transform, scale = to_estimate(own, true, alignment)
         true.scale(scale)
@@ -69,11 +62,11 @@ class Flight:
         return self.name + (f": ATE {self.ate_m:.4f} m{share}" if self.ate_m is not None else "")
 
 
-def map_of(axis, flights: list[Flight], truth: PoseTrajectory3D | None) -> None:
-    """Paths from above."""
+def map_of(axis, flights: list[Flight]) -> None:
+    """Paths from above, and the truth in the frame of the first."""
+    if flights[0].truth is not None:
+        axis.plot(*flights[0].truth.positions_xyz.T[:2], color=TRUTH, linewidth=2.5, label="truth")
     for flight, colour in zip(flights, COLOURS * len(flights)):
-        if flight.truth is not None and flight is flights[0]:
-            axis.plot(*flight.truth.positions_xyz.T[:2], color=TRUTH, linewidth=2.5, label="truth")
         x, y = flight.broken(flight.time_s, flight.poses.positions_xyz[:, :2])[1].T
         axis.plot(x, y, color=colour, label=flight.name)
         axis.plot(*flight.poses.positions_xyz[0, :2], "o", color=colour)
@@ -122,7 +115,7 @@ def one(flight: Flight, alignment: str):
     figure = plt.figure(figsize=(12, 9), layout="constrained")
     rows = max(-(-len(panels) // 2), 2)
     grid = figure.add_gridspec(rows, 4)
-    map_of(figure.add_subplot(grid[:, :2]), [flight], flight.truth)
+    map_of(figure.add_subplot(grid[:, :2]), [flight])
     for k, (title, time_s, curves, band) in enumerate(panels):
         axis = figure.add_subplot(grid[k % rows, 2 + k // rows])
         panel(axis, flight, title, time_s, curves, None if band is None else np.asarray(band))
@@ -132,27 +125,22 @@ def one(flight: Flight, alignment: str):
 
 def several(flights: list[Flight], alignment: str):
     """Several flights: paths, and the sizes of their errors over time."""
-    has_truth = any(flight.errors_m is not None for flight in flights)
-    figure, (above, *others) = plt.subplots(3 if has_truth else 2, 1, figsize=(11, 13 if has_truth else 10), layout="constrained")
-    map_of(above, flights, flights[0].truth)
+    figure, (above, position, attitude) = plt.subplots(3, 1, figsize=(11, 13), layout="constrained")
+    map_of(above, flights)
+    for axis, name in ((position, "Position error [m]"), (attitude, "Attitude error [deg]")):
+        axis.set(ylabel=name, xlabel="time since the first pose [s]")
     for flight, colour in zip(flights, COLOURS * len(flights)):
-        if flight.errors_m is not None:
-            position = flight.broken(flight.known_s, np.linalg.norm(flight.errors_m, axis=1))
-            others[0].plot(*position, color=colour, label=flight.title())
-            if flight.attitude_deg is not None:
-                attitude = flight.broken(flight.known_s, np.linalg.norm(flight.attitude_deg, axis=1))
-                others[1].plot(*attitude, color=colour, label=flight.name)
-        elif not has_truth:
-            others[0].plot(*flight.broken(flight.time_s, flight.poses.positions_xyz[:, 2]), color=colour, label=flight.name)
-    others[0].set(ylabel="Position error [m]" if has_truth else "z of O [m]", xlabel="time since the first pose [s]")
-    if has_truth:
-        others[1].set(ylabel="Attitude error [deg]", xlabel="time since the first pose [s]")
-        figure.suptitle(ALIGNMENTS[alignment], fontsize=11)
-    for axis in others:
+        for axis, errors in ((position, flight.errors_m), (attitude, flight.attitude_deg)):
+            if errors is not None:
+                size = flight.broken(flight.known_s, np.linalg.norm(errors, axis=1))
+                axis.plot(*size, color=colour, label=flight.title() if axis is position else flight.name)
+    for axis in (position, attitude):
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=8)
         else:
-            axis.text(0.5, 0.5, "unknown: positions move too little for the alignment", ha="center", transform=axis.transAxes)
+            axis.text(0.5, 0.5, "unknown: no truth, or positions move too little for the alignment", ha="center", transform=axis.transAxes)
+    if flights[0].truth is not None:
+        figure.suptitle(ALIGNMENTS[alignment], fontsize=11)
     return figure
 
 

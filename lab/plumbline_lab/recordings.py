@@ -84,8 +84,10 @@ def images(path: Path, camera: int) -> Iterator[tuple[int, Image.Image]]:
     elif root is None and is_log(path):
         for m in logged(path, ("/input/left", "/input/right")[camera]):
             stamp_ns = m.timestamp.seconds * 1_000_000_000 + m.timestamp.nanos
-            is_raw = hasattr(m, "step")
-            yield stamp_ns, Image.frombytes("L", (m.width, m.height), m.data, "raw", "L", m.step) if is_raw else Image.open(io.BytesIO(m.data))
+            if hasattr(m, "step"):
+                yield stamp_ns, Image.frombytes("L", (m.width, m.height), m.data, "raw", "L", m.step)
+            else:
+                yield stamp_ns, Image.open(io.BytesIO(m.data))
     elif root is None:
         raise LabError(f"{path}: is neither a data set (mav0) nor a flight log (.mcap)")
 

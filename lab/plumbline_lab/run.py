@@ -79,6 +79,8 @@ def fly_all(flights: list[Flight], args, out: Path) -> pd.DataFrame:
     """Flies what is missing in the folder beside `out`, writes the table, and returns it with a row per flight."""
     from distributed import as_completed
 
+    if not flights:
+        raise LabError("there is no flight to fly; give --fault, --condition, --imu-error or --with beside --only")
     folder = out.with_suffix(".reports")
     folder.mkdir(parents=True, exist_ok=True)
     with cluster(args) as client:

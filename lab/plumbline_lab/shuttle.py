@@ -17,7 +17,7 @@ import tomlkit
 from evo.core.trajectory import PoseTrajectory3D
 
 from . import LabError, recordings
-from .trajectories import TRUTHS, at, load, rotations, to_estimate
+from .trajectories import TRUTHS, common, load, rotations, to_estimate
 
 # Parts of the path on which drift is measured (Zhang and Scaramuzza 2018, section IV), and about how many poses they begin at.
 PART_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
@@ -88,7 +88,7 @@ def backward_settings(config: Path | None) -> list[str]:
     return ["--set", f"rig.time_offset_s={-offset_s}"] if offset_s else []
 
 
-def fly(program: str, source: str, options: list[str], out: Path) -> tuple[PoseTrajectory3D, dict]:
+def fly(program: str, source: Path, options: list[str], out: Path) -> tuple[PoseTrajectory3D, dict]:
     """Trajectory and report of one way."""
     # Places are of no use: a loop would close the gap that is measured.
     command = [program, "replay", source, "--no-loop", *options, "--trajectory", out, "--report", out.with_suffix(".json")]
@@ -98,61 +98,54 @@ def fly(program: str, source: str, options: list[str], out: Path) -> tuple[PoseT
     return load(out).poses, json.loads(out.with_suffix(".json").read_text())
 
 
+def error_at_the_end(there: PoseTrajectory3D, back: PoseTrajectory3D) -> float:
+    """Distance of the last pose of the way back from the first of the way there, joined at the turn by position and yaw, m."""
+    ends = [PoseTrajectory3D(t.positions_xyz[::-1], t.orientations_quat_wxyz[::-1], t.timestamps) for t in (there, back)]
+    ends[1].transform(to_estimate(*ends, "first")[0])
+    return float(np.linalg.norm(ends[1].positions_xyz[-1] - ends[0].positions_xyz[-1]))
+
+
+def measured(args, folder: Path) -> dict:
+    """Flies both ways with temporary files in `folder`; returns the figures by their names."""
+    source = Path(args.recording)
+    if args.recording.startswith("sim:"):
+        scene, _, options = args.recording.removeprefix("sim:").partition("?")
+        source, flags = folder / "there", [f"--{option}" for option in options.split("&") if option]
+        subprocess.run([args.program, "simulate", source, "--scene", scene, *flags], check=True, stdout=subprocess.DEVNULL)
+    if recordings.is_log(source) and not args.config:
+        raise LabError(f"{source}: is a flight log; name its configuration with --config")
+    turn_ns, seconds = write_backward(source, folder / "back", args.start, args.start + (args.duration or np.inf))
+    cut = ["--start", f"{args.start}", "--duration", f"{seconds:.6f}"] if args.start or args.duration else []
+    options = (["--config", str(args.config)] if args.config else []) + args.options
+    there, there_report = fly(args.program, source, [*options, *cut], folder / "there.tum")
+    back, back_report = fly(args.program, folder / "back", [*options, *backward_settings(args.config)], folder / "back.tum")
+    mirrored = 2 * (turn_ns * 1e-9) - back.timestamps[::-1]
+    back = PoseTrajectory3D(back.positions_xyz[::-1], back.orientations_quat_wxyz[::-1], mirrored)
+    there, back = common(there, back)
+    percent, degrees = (value / np.sqrt(2) for value in drift(there, back))
+    path_m, end_m = 0.5 * (there.path_length + back.path_length), error_at_the_end(there, back)
+    figures = {
+        "poses": there.num_poses, "path_m": path_m, "drift_percent": percent, "drift_deg_per_m": degrees,
+        "error_at_the_end_m": end_m, "error_at_the_end_percent": 50 * end_m / path_m,
+        "resets": [there_report["resets"], back_report["resets"]],
+        "digests": [there_report["estimate_digest"], back_report["estimate_digest"]],
+    }  # fmt: skip
+    root = recordings.mav0(source)
+    has_truth = root is not None and any((root / name).is_dir() for name in TRUTHS)
+    if args.truth or has_truth:
+        truth = load(args.truth or source).poses
+        true = [drift(*common(way, truth))[0] for way in (there, back)]
+        figures |= {"true_drift_percent": true, "found_over_true": percent / np.sqrt(np.mean(np.square(true)))}
+    return figures
+
+
 def run(args) -> None:
-    """Flies both ways and prints the drift."""
+    """Prints the drift of a recording."""
     with tempfile.TemporaryDirectory(prefix="plumbline-shuttle-", dir=args.scratch) as scratch:
-        folder, source = Path(scratch), args.recording
-        if source.startswith("sim:"):
-            scene, _, options = source.removeprefix("sim:").partition("?")
-            flags = [f"--{option}" for option in options.split("&") if option]
-            source = str(folder / "there")
-            subprocess.run([args.program, "simulate", source, "--scene", scene, *flags], check=True, stdout=subprocess.DEVNULL)
-        end_s = args.start + args.duration if args.duration else np.inf
-        if recordings.is_log(Path(source)) and not args.config:
-            raise LabError(f"{source}: is a flight log; name its configuration with --config")
-        turn_ns, seconds = write_backward(Path(source), folder / "back", args.start, end_s)
-        cut = ["--start", f"{args.start}", "--duration", f"{seconds:.6f}"] if args.start or args.duration else []
-        options = (["--config", str(args.config)] if args.config else []) + args.options
-        settings = backward_settings(args.config)
-        there, there_report = fly(args.program, source, [*options, *cut], folder / "there.tum")
-        back, back_report = fly(args.program, str(folder / "back"), [*options, *settings], folder / "back.tum")
-        mirrored = 2 * (turn_ns * 1e-9) - back.timestamps[::-1]
-        back = PoseTrajectory3D(back.positions_xyz[::-1], back.orientations_quat_wxyz[::-1], mirrored)
-        is_known, other = at(back, there.timestamps)
-        own = PoseTrajectory3D(
-            there.positions_xyz[is_known], there.orientations_quat_wxyz[is_known], there.timestamps[is_known]
-        )
-        translation, rotation = (value / np.sqrt(2) for value in drift(own, other))
-        path_m = 0.5 * (own.path_length + other.path_length)
-        # The ways joined at the turn, by position and yaw.
-        ends = [PoseTrajectory3D(t.positions_xyz[::-1], t.orientations_quat_wxyz[::-1], t.timestamps) for t in (own, other)]
-        transform, _ = to_estimate(ends[0], ends[1], "first")
-        ends[1].transform(transform)
-        closure_m = np.linalg.norm(ends[1].positions_xyz[-1] - ends[0].positions_xyz[-1])
-        told = {
-            "poses": own.num_poses,
-            "path_m": path_m,
-            "drift_percent": translation,
-            "drift_deg_per_m": rotation,
-            "error_at_the_end_m": closure_m,
-            "error_at_the_end_percent": 100 * closure_m / (2 * path_m),
-            "resets": [there_report["resets"], back_report["resets"]],
-            "digests": [there_report["estimate_digest"], back_report["estimate_digest"]],
-        }
-        truth = load(args.truth).poses if args.truth else None
-        root = recordings.mav0(Path(source))
-        if truth is None and root and any((root / name).is_dir() for name in TRUTHS):
-            truth = load(Path(source)).poses
-        if truth is not None:
-            true = []
-            for way in (own, other):
-                is_known, reference = at(truth, way.timestamps)
-                known = [v[is_known] for v in (way.positions_xyz, way.orientations_quat_wxyz, way.timestamps)]
-                true.append(drift(PoseTrajectory3D(*known), reference)[0])
-            told |= {"true_drift_percent": true, "told_over_true": translation / np.sqrt(np.mean(np.square(true)))}
+        figures = measured(args, Path(scratch))
     if args.json:
-        print(json.dumps(told, indent=2))
+        print(json.dumps(figures, indent=2))
         return
-    for name, value in told.items():
+    for name, value in figures.items():
         values = value if isinstance(value, list) else [value]
         print(f"{name.replace('_', ' '):<26}" + ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v)[:16] for v in values))

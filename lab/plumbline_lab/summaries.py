@@ -80,7 +80,9 @@ def flights(table: pd.DataFrame) -> str:
 
 def means(table: pd.DataFrame, by: list[str]) -> str:
     """Row of means per group, and one of all; settings are ordered by their error, those that fail flights last."""
-    groups = list(table.groupby(by, sort=False)) if len(by) else []
+    if table.empty:
+        return ""
+    groups = list(table.groupby(by, sort=False))
     if "setting" in by:
         groups.sort(key=lambda g: (failed(g[1]).sum(), column(g[1], "accuracy.ate_percent").mean()))
     if len(groups) != 1:

@@ -87,45 +87,39 @@ def interpolated(trajectory: PoseTrajectory3D, stamps_s: np.ndarray) -> PoseTraj
     return PoseTrajectory3D(positions, np.roll(quaternions, 1, axis=1), stamps_s)
 
 
-def at(truth: PoseTrajectory3D, stamps_s: np.ndarray) -> tuple[np.ndarray, PoseTrajectory3D]:
-    """Which stamps the truth covers, and the true poses there."""
-    after = np.searchsorted(truth.timestamps, stamps_s, side="left").clip(1, truth.num_poses - 1)
+def common(estimate: PoseTrajectory3D, truth: PoseTrajectory3D) -> tuple[PoseTrajectory3D, PoseTrajectory3D]:
+    """The poses whose truth is known, and the truth there."""
+    stamps_s = estimate.timestamps
+    after = np.searchsorted(truth.timestamps, stamps_s).clip(1, truth.num_poses - 1)
     is_within = (stamps_s >= truth.timestamps[0]) & (stamps_s <= truth.timestamps[-1])
     is_known = is_within & (truth.timestamps[after] - truth.timestamps[after - 1] <= MAX_GAP_S)
     if is_known.sum() < 2:
         ends = (f"{t.min():.3f} to {t.max():.3f} s" for t in (stamps_s, truth.timestamps))
         raise LabError("no stamps in common: the estimate has {}, the truth {}; try --time-offset auto".format(*ends))
-    return is_known, interpolated(truth, stamps_s[is_known])
+    known = PoseTrajectory3D(estimate.positions_xyz[is_known], estimate.orientations_quat_wxyz[is_known], stamps_s[is_known])
+    return known, interpolated(truth, known.timestamps)
 
 
 def to_estimate(estimate: PoseTrajectory3D, truth: PoseTrajectory3D, alignment: str) -> tuple[np.ndarray, float]:
     """Transform and scale that bring the truth into the frame of the estimate; both have the same stamps."""
     if alignment == "none":
         return np.eye(4), 1.0
-    if alignment in ("first", "origin"):
-        to_truth = truth.poses_se3[0] @ lie.se3_inverse(estimate.poses_se3[0])
-        if alignment == "first":
-            # Position and yaw: what the covariance, which begins there, describes.
-            yaw = 2 * np.arctan2(*Rotation.from_matrix(to_truth[:3, :3]).as_quat()[2:])
-            rotation = Rotation.from_rotvec([0, 0, yaw]).as_matrix()
-            to_truth = lie.se3(rotation, truth.positions_xyz[0] - rotation @ estimate.positions_xyz[0])
-        return lie.se3_inverse(to_truth), 1.0
+    if alignment == "first":
+        # Position and yaw: what the covariance, which begins there, describes.
+        turn = rotations(estimate)[0] * rotations(truth)[0].inv()
+        rotation = Rotation.from_rotvec([0, 0, 2 * np.arctan2(*turn.as_quat()[2:])]).as_matrix()
+        return lie.se3(rotation, estimate.positions_xyz[0] - rotation @ truth.positions_xyz[0]), 1.0
     moved = PoseTrajectory3D(truth.positions_xyz, truth.orientations_quat_wxyz, truth.timestamps)
-    if alignment == "yaw":
-        a, b = (t.positions_xyz - t.positions_xyz.mean(axis=0) for t in (truth, estimate))
-        yaw = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a[:, :2] * b[:, :2]).sum())
-        rotation = Rotation.from_rotvec([0, 0, yaw]).as_matrix()
-        return lie.se3(rotation, estimate.positions_xyz.mean(axis=0) - rotation @ truth.positions_xyz.mean(axis=0)), 1.0
     rotation, translation, scale = moved.align(estimate, correct_scale=alignment == "sim3")
     return lie.se3(rotation, translation), scale
 
 
 def is_rotation_known(truth: PoseTrajectory3D, alignment: str, residual_m: float) -> bool:
     """True if the alignment finds the rotation: its positions are spread by more than their errors about every axis that is fitted."""
-    if alignment in ("none", "first", "origin"):
+    if alignment in ("none", "first"):
         return True
     sigmas = np.sort(np.sqrt(np.linalg.eigvalsh(np.cov(truth.positions_xyz.T)).clip(0)))[::-1]
-    return bool(sigmas[0 if alignment == "yaw" else 1] > TELLING * residual_m)
+    return bool(sigmas[1] > TELLING * residual_m)
 
 
 def ate_m(estimate: PoseTrajectory3D, truth: PoseTrajectory3D) -> float:
