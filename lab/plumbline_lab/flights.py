@@ -55,7 +55,8 @@ class Flight:
         path = option.get("path", "demo") if self.is_simulated else self.source
         start = option.get("start", 0) if self.start_s is None else self.start_s
         return {
-            "flight": " ".join(replace(self, settings=(), variation="").arguments()),
+            # Tables of several machines are paired, whose trajectories lie elsewhere.
+            "flight": re.sub(r"path=[^&]*/", "path=", " ".join(replace(self, settings=(), variation="").arguments())),
             "path": Path(path).name.removesuffix(".tum.gz"),
             "scene": scene,
             "seed": int(option.get("seed", 1)) if self.is_simulated else None,

@@ -139,10 +139,10 @@ def save(table: pd.DataFrame, out: Path) -> None:
 def load(path: Path) -> pd.DataFrame:
     """Reads a table that :func:`save` wrote."""
     if not path.is_file():
-        raise LabError(f"{path}: no such table; give a file that `campaign`, `sweep` or `ablation` wrote with --out")
+        raise LabError(f"{path}: no such table; give a file that a command of plumbline-lab wrote with --out")
     table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
     if "flight" not in table:
-        raise LabError(f"{path}: has no column `flight`; give a table that `campaign`, `sweep` or `ablation` wrote with --out")
-    for name in ("variation", "setting", "scene", "error"):
+        raise LabError(f"{path}: has no column `flight`; give a table that a command of plumbline-lab wrote with --out")
+    for name in table.columns.intersection(["variation", "setting", "scene", "error"]):
         table[name] = table[name].astype(object).where(table[name].notna(), "")
     return table
