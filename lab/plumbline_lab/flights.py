@@ -124,11 +124,14 @@ def campaign(args) -> list[Flight]:
     more += [f"lean-deg={args.lean_deg:g}"] if args.lean_deg else []
     more += [f"laps={args.laps}"] if args.laps != 1 else []
     more += [f"laps={args.laps}"] if args.laps != 1 else []
+    options = list(args.options)
+    # The rig of a campaign does not depend on the path.
+    options += [] if "--config" in options else ["--config", "euroc" if is_recorded else "sim"]
     flights = []
     for scene, (path, full_flight_s) in itertools.product(chosen_scenes(args.scene), paths):
         for start_s, seed in itertools.product(args.starts or [full_flight_s], args.seeds):
             parts = [f"path={path}", f"start={start_s:g}", f"duration={args.duration:g}", f"seed={seed}", *more]
-            flights.append(Flight(f"sim:{scene}?" + "&".join(parts), tuple(args.options)))
+            flights.append(Flight(f"sim:{scene}?" + "&".join(parts), tuple(options)))
     return flights
 
 

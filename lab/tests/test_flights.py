@@ -20,7 +20,7 @@ def test_a_campaign_is_every_path_in_every_scene_with_every_seed(tmp_path):
     chosen = flights.campaign(choice(shared=str(tmp_path), seeds=[1, 2]))
     assert len(chosen) == 24
     first = f"sim:room?path={folder}/V1_02_medium.tum.gz&start=15&duration=15&seed=1"
-    assert chosen[0].arguments() == [first]
+    assert chosen[0].arguments() == [first, "--config", "sim"]
     assert chosen[0].labels()["path"] == "V1_02_medium" and chosen[-1].labels()["start_s"] == 15
     recorded = flights.campaign(choice(shared=str(tmp_path), imu="recorded", path=["MH_01"], scene=["hall"], lean_deg=0.2))
     assert recorded[0].source.endswith("MH_01_easy.tum.gz&start=50&duration=15&seed=1&imu=recorded&lean-deg=0.2")
