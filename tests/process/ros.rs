@@ -1,7 +1,7 @@
 //! View of a vehicle from a machine with ROS 2 and `rmw_zenoh`. `tests/python/ros_peer.py` plays that machine: router, session
 //! and key expressions as `rmw_zenoh` has them, decoding by `rosbags`.
 
-mod views;
+mod services;
 
 use super::python::{FLIGHT, Program, configuration, free_endpoint, interpreter};
 use super::vehicle::{cache, render_as};

@@ -26,8 +26,8 @@ pub mod truth;
 pub use error::FlightError;
 pub use instants::{KeptInstants, StampsError, read_stamps, write_instants};
 pub use open::{
-    Cut, RecordingKind, inertial_samples, is_log, open_bag, open_dataset, open_log, open_recording,
-    open_simulation, preset_for, recording_kind, scenario_config,
+    Cut, RecordingKind, is_log, open_bag, open_dataset, open_log, open_recording, open_simulation,
+    preset_for, recording_kind, scenario_config,
 };
 pub use outputs::{Output, Outputs};
 pub use overrides::with_overrides;

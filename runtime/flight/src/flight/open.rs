@@ -9,11 +9,11 @@ use crate::log::{LogError, LogReader};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::import::euroc_into;
 use plumbline_config::options::VehicleConfig;
-use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig};
+use plumbline_config::{Config, ConfigError, ValidConfig};
 use plumbline_drivers::bag::read_bag_imu;
-use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions, read_imu_samples};
+use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions};
 use plumbline_drivers::is_bag;
-use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions};
 use plumbline_simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use std::ops::Range;
 use std::path::Path;
@@ -201,28 +201,6 @@ pub fn open_bag(
     }
     let name = path.display().to_string();
     Ok(Flight { findings, ..Flight::new(config, Box::new(bag.imu()), Box::new(bag.stereo()), name) })
-}
-
-/// All inertial samples of a recording, in order of time, and the configuration that it holds, if it does: of a EuRoC data
-/// set or its table of inertial samples, of a flight log, or of a ROS bag.
-///
-/// # Errors
-/// When there are none.
-pub fn inertial_samples(
-    path: &Path,
-    topics: &BagTopics,
-) -> Result<(Vec<ImuSample>, Option<ValidConfig>), FlightError> {
-    match recording_kind(path) {
-        RecordingKind::Dataset => return Ok((read_imu_samples(path)?, None)),
-        RecordingKind::Bag => return Ok((read_bag_imu(path, topics)?, None)),
-        RecordingKind::Log => {}
-    }
-    let mut imu = LogImu::open(path)?.ending_at(&LogEnd::default());
-    let mut samples = Vec::new();
-    while let Some(reading) = imu.next_reading()? {
-        samples.push(reading.sample);
-    }
-    Ok((samples, Some(LogReader::open(path)?.about().config.clone())))
 }
 
 /// Checks that there can be a data set at `path`.

@@ -15,8 +15,7 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [(&str, &str); 5] =
-    [("ros", "link"), ("ros", "path"), ("ros", "landmarks"), ("ros", "map"), ("ros", "tracks")];
+const RETIRED: [(&str, &str); 4] = [("ros", "link"), ("ros", "landmarks"), ("ros", "map"), ("ros", "tracks")];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].
