@@ -298,7 +298,7 @@ fn cells_stand_below_their_names_bit_for_bit_and_a_frame_without_a_pose_has_empt
     for seed in [0.1, -700.0, 1e3] {
         let estimate = row(seed);
         let blind = cells(&Estimate { state: TrackingState::Blind, ..estimate.clone() });
-        assert_eq!(blind["state"], "blind");
+        assert_eq!(blind["tracking"], "blind");
         for (name, value) in [
             ("v_o_b_y_m_s", estimate.v_o_b.y),
             ("bias_gyro_z_rad_s", estimate.bias_gyro.z),
