@@ -94,7 +94,7 @@ impl NodeName {
 
     fn type_chunks(&self, topic: &RosTopic) -> String {
         let InterfaceType { dds_name, hash, .. } = &topic.interface;
-        let hash = if self.distribution == RosDistribution::Humble { NO_HASH } else { *hash };
+        let hash = if self.distribution == RosDistribution::Humble { NO_HASH } else { hash };
         format!("{dds_name}/{hash}")
     }
 }

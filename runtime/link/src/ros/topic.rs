@@ -64,7 +64,7 @@ pub async fn declare_token(session: &Session, key: String) -> Result<LivelinessT
 /// Publisher of a topic.
 pub struct TopicPublisher {
     publisher: zenoh::pubsub::Publisher<'static>,
-    interface: &'static str,
+    interface: String,
     gid: [u8; 16],
     sequence: i64,
     _token: LivelinessToken,
@@ -84,7 +84,7 @@ impl TopicPublisher {
         let publisher = declaring
             .session()
             .declare_publisher(key.clone())
-            .encoding(Encoding::APPLICATION_CDR.with_schema(topic.interface.name))
+            .encoding(Encoding::APPLICATION_CDR.with_schema(topic.interface.name.clone()))
             .priority(priority)
             .congestion_control(CongestionControl::Drop)
             .await
