@@ -20,6 +20,7 @@ mod hardware;
 mod host;
 mod import;
 mod install;
+mod lab;
 mod live_stamps;
 mod local;
 mod log;

@@ -300,7 +300,7 @@ fn try_session(runtime: &tokio::runtime::Runtime, endpoint: &str) -> Option<Dura
     try_session_within(runtime, endpoint, BACK)
 }
 
-/// Opens and closes a session at this endpoint, in attempts of a quarter of a second each as a vehicle makes them; the time it took, or
+/// Opens and closes a session at this endpoint, in attempts as a vehicle makes them; the time it took, or
 /// `None` where all are refused within `patience`.
 pub fn try_session_within(
     runtime: &tokio::runtime::Runtime,
@@ -308,13 +308,8 @@ pub fn try_session_within(
     patience: Duration,
 ) -> Option<Duration> {
     let connect = vec![endpoint.to_owned()];
-    let client = Endpoints {
-        mode: Mode::Client,
-        connect,
-        hears: vec!["drone".into()],
-        open_timeout_ms: 250,
-        ..Endpoints::default()
-    };
+    let client =
+        Endpoints { mode: Mode::Client, connect, hears: vec!["drone".into()], ..Endpoints::default() };
     let begun = Instant::now();
     while begun.elapsed() < patience {
         if let Ok(session) = runtime.block_on(client.open()) {

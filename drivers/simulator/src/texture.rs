@@ -49,12 +49,6 @@ impl Texture {
         }
     }
 
-    /// Memory of the pyramid, bytes.
-    #[cfg(test)]
-    pub(super) fn bytes(&self) -> usize {
-        self.pairs.len()
-    }
-
     /// Plans the sampling of footprints.
     #[inline]
     pub(super) fn plan<const N: usize>(&self, footprints: &Footprints<N>) -> Plan<N> {
@@ -89,13 +83,16 @@ impl Texture {
         }
         let (mut sums, mut x, mut y) = ([0; N], plan.x, plan.y);
         for tap in 0..plan.taps.iter().fold(0, |most, taps| most.max(*taps)) {
+            let mut places = [0; N];
             for i in 0..N {
-                let (at_x, at_y) = (there::<NEXT>(x[i]), there::<NEXT>(y[i]));
-                let (column, row) = ((at_x >> FRACTION_BITS) as u32, (at_y >> FRACTION_BITS) as u32);
-                let (column, row) = (column & masks[i], row & masks[i]);
-                let quad = self.quad(first[i] + row * strides[i] + PAIR * column);
-                let (right, down) = ((at_x & 255) as u32, (at_y & 255) as u32);
-                let (upper, lower) = (quad & 0x00ff_00ff, (quad >> 8) & 0x00ff_00ff);
+                let [column, row] =
+                    [x[i], y[i]].map(|p| (there::<NEXT>(p) >> FRACTION_BITS) as u32 & masks[i]);
+                places[i] = first[i] + row * strides[i] + PAIR * column;
+            }
+            let quads = places.map(|place| self.quad(place));
+            for i in 0..N {
+                let [right, down] = [x[i], y[i]].map(|p| (there::<NEXT>(p) & 255) as u32);
+                let (upper, lower) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
                 let mixed = upper * (256 - down) + lower * down;
                 let value = (mixed & 0xffff) * (256 - right) + (mixed >> 16) * right;
                 sums[i] += if tap < plan.taps[i] { value } else { 0 };

@@ -44,6 +44,9 @@ impl Finish {
     }
 }
 
+/// A float of this size holds whole numbers.
+const ONES: f32 = 8_388_608.0;
+
 /// Brightness (grey levels of a white surface) on a grid over a surface.
 #[derive(Clone, Debug)]
 pub(super) struct LightMap {
@@ -64,15 +67,26 @@ impl LightMap {
     /// Brightness at places `(s, t)`, all within 0 to 1.
     #[inline]
     pub(super) fn at<const N: usize>(&self, s: &[f32; N], t: &[f32; N]) -> [f32; N] {
-        let (cells_x, cells_y) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
+        let size = [(self.columns - 1) as f32, (self.rows - 1) as f32];
+        let (mut fx, mut fy, mut cells) = ([0.0; N], [0.0; N], [0; N]);
+        for i in 0..N {
+            let (x, y) = (s[i].clamp(0.0, 1.0) * size[0], t[i].clamp(0.0, 1.0) * size[1]);
+            let (column, row) = (x.floor().at_most(size[0] - 1.0), y.floor().at_most(size[1] - 1.0));
+            (fx[i], fy[i]) = (x - column, y - row);
+            // The last bits of a number that is added to one whose last bit is worth one are those of the whole number.
+            cells[i] = (row * self.columns as f32 + column + ONES).to_bits() ^ ONES.to_bits();
+        }
+        let mut corners = [[0.0; N]; 4];
+        for i in 0..N {
+            let upper = &self.values[cells[i] as usize..];
+            let lower = &upper[self.columns..];
+            [corners[0][i], corners[1][i], corners[2][i], corners[3][i]] =
+                [upper[0], upper[1], lower[0], lower[1]];
+        }
+        let [a, after_a, b, after_b] = corners;
         std::array::from_fn(|i| {
-            let (x, y) = (s[i].clamp(0.0, 1.0) * cells_x, t[i].clamp(0.0, 1.0) * cells_y);
-            let (column, row) = (x.floor().at_most(cells_x - 1.0), y.floor().at_most(cells_y - 1.0));
-            let (fx, fy) = (x - column, y - row);
-            let corner = &self.values[row as usize * self.columns + column as usize..];
-            let across = |of: &[f32]| of[0] + (of[1] - of[0]) * fx;
-            let (a, b) = (across(corner), across(&corner[self.columns..]));
-            a + (b - a) * fy
+            let (a, b) = (a[i] + (after_a[i] - a[i]) * fx[i], b[i] + (after_b[i] - b[i]) * fx[i]);
+            a + (b - a) * fy[i]
         })
     }
 }

@@ -13,6 +13,7 @@ use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_estimator::shutter::RowTurns;
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::{Detector, Line};
+use plumbline_simulator::{Scene, Simulator};
 use plumbline_tests::{along, shared};
 
 /// Flights, each in its scene.
