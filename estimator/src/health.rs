@@ -217,8 +217,8 @@ health_bits! {
         "plain surfaces, or a lens out of focus",
         "fly where there is something to see; look at the focus",
     );
-    /// For several frames the images have shown another motion than the forces, which hardly count; or readings have been noise, of one axis while
-    /// another moves, or of all in motion; the quality is at most 10.
+    /// For several frames the images have shown another motion than the forces, which hardly count; or an axis has not felt the motion that they
+    /// show. The quality is at most 10.
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
         "a shock, forces beyond the range, stamps that are off, columns or signs of the accelerometer, a loose mounting, or a broken \
          sensor",

@@ -124,7 +124,7 @@ fn every_key_is_printed_with_its_default_and_a_file_may_start_from_a_preset() {
     fails(
         &["config", short.to_str().unwrap()],
         2,
-        &["short.toml", "network.link", "line 3", "lan, wifi, radio"],
+        &["short.toml", "network.link", "line 3", "`lan`, `wifi`, `radio`"],
     );
 }
 

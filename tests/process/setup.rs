@@ -338,7 +338,7 @@ fn a_zed_mini_becomes_a_configuration_by_its_factory_file() {
     assert_eq!(config["driver"]["v4l2"]["left"].as_str(), Some(node));
     std::fs::write(factory, FACTORY.replace("62.98", "x")).unwrap();
     let again = [&["setup"], &mounted[..], &["--overwrite"]].concat();
-    fails(&again, 2, &["SN12345.conf", "STEREO.Baseline", "no number"]);
+    fails(&again, 2, &["SN12345.conf", "stereo.baseline", "no number"]);
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn endpoints_name_protocol_host_and_port() {
     {
         check("network.listen[0]", "tcp/127.0.0.1:7447", |c| c.network.listen = vec![bad.into()]);
     }
-    for good in ["tcp/127.0.0.1:7447", "tls/[::1]:7447", "tcp/ground.local:7447#iface=eth0"] {
+    for good in ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tcp/ground.local:7447#iface=eth0"] {
         assert_eq!(refused(|c| c.network.connect = vec![good.into()]), []);
     }
     check("network.connect", "17 endpoints", |c| c.network.connect = vec!["tcp/h:1".into(); 17]);

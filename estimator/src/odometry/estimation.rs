@@ -3,7 +3,6 @@
 //! [`super::start`] begins it, [`super::judge`] judges it, and [`super::Odometer`] carries it from frame to frame.
 
 use super::measurements::Measurer;
-use super::start::Inherited;
 use crate::estimate::{BiasVariances, NavCovariance};
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::buffer::Coverage;
@@ -13,7 +12,7 @@ use crate::points::prediction::WitnessedTurn;
 use crate::window::Window;
 use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
-use crate::window::state::{FrameMatrix, NavState};
+use crate::window::state::NavState;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
@@ -201,14 +200,6 @@ impl Estimation {
             (first..first + 3).map(|k| self.bias_variances[k]).fold(0.0, |most, x: f64| x.at_least(most))
         };
         [largest(0).sqrt(), largest(3).sqrt()]
-    }
-
-    /// Takes the covariance `predicted` of newest state and biases, against the start anew, where the frame tells nothing of how well it is
-    /// known.
-    pub(super) fn carry_covariance(&mut self, predicted: &FrameMatrix, inherited: &Inherited) {
-        let Some(newest) = self.window.frames.last() else { return };
-        self.covariance = inherited.added_to(predicted.fixed_view::<9, 9>(0, 0).into_owned(), &newest.nav);
-        self.bias_variances = predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
     }
 
     /// Landmarks seen in the newest frame.

@@ -267,7 +267,7 @@ impl Odometer {
             self.note_step();
         } else {
             if let Some(predicted) = &verdict.prediction.covariance {
-                self.estimation.carry_covariance(predicted, self.start.inherited());
+                self.carry_covariance(predicted);
             }
             self.judge.keep_prediction(verdict.prediction);
         }

@@ -3,6 +3,7 @@
 use super::{Odometer, Phase, Solved, Velocity};
 use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};
 use crate::exchange::Tracked;
+use crate::window::state::{FrameMatrix, NavState};
 use crate::window::{Fit, RigEstimate};
 use plumbline_config::Portable;
 
@@ -25,6 +26,16 @@ impl Odometer {
                 false
             }
         }
+    }
+
+    /// Takes the covariance `predicted` of newest state and biases, against the start anew, where the frame tells nothing of how well it is
+    /// known.
+    pub(super) fn carry_covariance(&mut self, predicted: &FrameMatrix) {
+        let Some(newest) = self.estimation.window.frames.last() else { return };
+        let of_nav = predicted.fixed_view::<9, 9>(0, 0).into_owned();
+        self.estimation.covariance = self.start.inherited().added_to(of_nav, &newest.nav);
+        self.estimation.bias_variances =
+            predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
     }
 
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.

@@ -79,7 +79,7 @@ pub struct ReplayArgs {
     /// With --at: the file to write. Default: STAMPS_states.csv beside it.
     #[arg(long, value_name = "OUT.csv", requires = "at")]
     pub at_out: Option<PathBuf>,
-    /// Write the true poses at the times of the estimates (TUM format), where the truth is known.
+    /// Write the true poses at the times of the estimates (TUM).
     #[arg(long, value_name = "OUT.tum")]
     pub true_trajectory: Option<PathBuf>,
     /// Ground truth in place of that of the data set: TUM (also .gz) or EuRoC.

@@ -65,13 +65,14 @@ mod tests {
     #[test]
     fn several_refused_keys_have_a_line_each_and_all_else_one() {
         let refused = |text: &str| anyhow::Error::from(Config::from_toml_str(text, "a.toml").unwrap_err());
-        let several = refused("base = \"sim\"\n[imu]\nrate = 1\ngravity = 2\n").context("a.toml");
+        let several =
+            refused("base = \"sim\"\n[imu]\nrate_hz = -1.0\ngravity_m_s2 = 500.0\n").context("a.toml");
         let words = last_words(&several);
         let lines: Vec<&str> = words.lines().collect();
         assert_eq!((lines.len(), lines[0]), (3, "a.toml: 2 keys refused"), "{words}");
         assert!(
-            lines[1].starts_with("  `imu.rate` (line 3): ")
-                && lines[2].starts_with("  `imu.gravity` (line 4): "),
+            lines[1].starts_with("  `imu.rate_hz` (line 3): ")
+                && lines[2].starts_with("  `imu.gravity_m_s2` (line 4): "),
             "{words}"
         );
         assert_eq!(one_line(&several).lines().count(), 1);

@@ -70,7 +70,11 @@ impl Syncer for FileSyncer {
     fn sync(&mut self) -> io::Result<()> {
         self.file.sync_data()?;
         if let Some(folder) = &self.folder {
-            File::open(folder)?.sync_all()?;
+            match File::open(folder) {
+                // Removed or moved: the writer notices, and begins another part.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                opened => opened?.sync_all()?,
+            }
             self.folder = None;
         }
         Ok(())
