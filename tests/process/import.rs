@@ -200,7 +200,7 @@ fn the_calibration_of_another_program_is_imported_as_it_is() {
     fails(&[&import[..], &["--overwrite"]].concat(), 2, &["calibration.json", "camera_type", "eucm"]);
     std::fs::write(&rig, "a: 1\n").unwrap();
     fails(&[&import[..], &["--overwrite"]].concat(), 2, &["calibration.json", "ORB-SLAM3", "TUM-VI"]);
-    fails(&["config", "import", "--out", &out], 2, &["--rig"]);
+    fails(&["config", "import", "--out", &out, "--overwrite"], 2, &["--rig"]);
 }
 
 #[test]

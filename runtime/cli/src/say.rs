@@ -66,7 +66,7 @@ mod tests {
     fn several_refused_keys_have_a_line_each_and_all_else_one() {
         let refused = |text: &str| anyhow::Error::from(Config::from_toml_str(text, "a.toml").unwrap_err());
         let several =
-            refused("base = \"sim\"\n[imu]\nrate_hz = -1.0\ngravity_m_s2 = 500.0\n").context("a.toml");
+            refused("base = \"sim\"\n[imu]\nrate_hz = 5000.0\ngravity_m_s2 = 9.95\n").context("a.toml");
         let words = last_words(&several);
         let lines: Vec<&str> = words.lines().collect();
         assert_eq!((lines.len(), lines[0]), (3, "a.toml: 2 keys refused"), "{words}");

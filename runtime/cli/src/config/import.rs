@@ -83,11 +83,11 @@ const NOTHING_TO_IMPORT: &str = "config import: give --camchain and --imu, --eur
 /// # Errors
 /// When a file cannot be used, or the configuration cannot be written.
 pub fn run(args: &ImportArgs) -> Result<()> {
+    check_new(&args.out, args.overwrite)?;
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
     }
     let (config, is_stated) = imported(args)?;
-    check_new(&args.out, args.overwrite)?;
     let text = format!("{}{}", header(args), config.to_toml()?);
     // What is written is what will be read.
     let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
