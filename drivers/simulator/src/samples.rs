@@ -47,7 +47,7 @@ pub(super) struct Biases {
 #[derive(Debug)]
 pub(super) struct Samples {
     pub(super) samples: Vec<ImuSample>,
-    /// Of every sample, from `begin` on; of recorded samples, the means over the whole recording.
+    /// Biases at every sample from `begin` on; of recorded samples, their means over the whole recording.
     pub(super) biases: Vec<Biases>,
     pub(super) begin: Timestamp,
     pub(super) rate_hz: f64,

@@ -1,4 +1,4 @@
-//! Who makes room where all places are taken.
+//! Choice of the client that makes room where all places are taken.
 
 use std::collections::BTreeMap;
 
