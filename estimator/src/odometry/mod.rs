@@ -266,9 +266,7 @@ impl Odometer {
             self.judge.learn_noise(&mut self.estimation, &verdict.prediction, is_contradicted, &mut case);
             self.note_step();
         } else {
-            if let Some(predicted) = &verdict.prediction.covariance {
-                self.carry_covariance(predicted);
-            }
+            self.carry_covariance(verdict.prediction.covariance.as_ref());
             self.judge.keep_prediction(verdict.prediction);
         }
         if is_keyframe {

@@ -1,8 +1,10 @@
 //! Publication of a frame: the estimate at its stamp, as well known as the judge says.
 
+use super::estimation::Estimation;
 use super::{Odometer, Phase, Solved, Velocity};
 use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};
 use crate::exchange::Tracked;
+use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FrameMatrix, NavState};
 use crate::window::{Fit, RigEstimate};
 use plumbline_config::Portable;
@@ -29,9 +31,16 @@ impl Odometer {
     }
 
     /// Takes the covariance `predicted` of newest state and biases, against the start anew, where the frame tells nothing of how well it is
-    /// known.
-    pub(super) fn carry_covariance(&mut self, predicted: &FrameMatrix) {
-        let Some(newest) = self.estimation.window.frames.last() else { return };
+    /// known. Right after a start nothing is predicted: the covariance grows without the correlation of state and biases.
+    pub(super) fn carry_covariance(&mut self, predicted: Option<&FrameMatrix>) {
+        let [.., before, newest] = &self.estimation.window.frames[..] else { return };
+        let Some(predicted) = predicted else {
+            let Some(inertial) = &newest.inertial else { return };
+            let Estimation { covariance, bias_variances, window, .. } = &self.estimation;
+            let mut grown = GrowingCovariance::new(*covariance, bias_variances);
+            grown.grow(&before.nav, &inertial.motion, &window.imu_noise);
+            return self.estimation.covariance = grown.nav;
+        };
         let of_nav = predicted.fixed_view::<9, 9>(0, 0).into_owned();
         self.estimation.covariance = self.start.inherited().added_to(of_nav, &newest.nav);
         self.estimation.bias_variances =

@@ -205,6 +205,19 @@ fn motions_that_are_integrated_anew_are_as_doubtful_as_before() {
 }
 
 #[test]
+fn a_state_that_no_frame_tells_of_right_after_the_start_is_known_less_and_less_well() {
+    let mut flight = biased(2);
+    let _ = flight.until_pose();
+    let mut last = flight.odometer.estimation.covariance;
+    for k in 0..5 {
+        flight.odometer.carry_covariance(None);
+        let now = flight.odometer.estimation.covariance;
+        assert!([0, 3, 6].into_iter().all(|part| now[(part, part)] > last[(part, part)]), "{k}: {now}");
+        last = now;
+    }
+}
+
+#[test]
 fn a_start_without_a_known_velocity_publishes_no_pose() {
     let mut flight = biased(2);
     flight.frames(20);
