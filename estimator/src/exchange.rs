@@ -7,6 +7,7 @@
 
 use crate::estimate::{FrameFigures, HealthBits};
 use crate::inertial::buffer::IMU_MEMORY_S;
+use crate::initial::timing::SEARCHED_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
@@ -17,9 +18,8 @@ use crate::work_budget::WorkBudget;
 use nalgebra::{Isometry3, Matrix4, Vector3};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
-/// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
-/// their neighbours.
-const MAX_TIME_OFFSET_S: f64 = 0.05;
+/// Time offsets beyond this are not believed, s: the largest that can be configured, and as far from that as a start searches.
+pub(crate) const MAX_TIME_OFFSET_S: f64 = 0.1 + SEARCHED_S;
 
 /// Lines of a window that are handed on for maps, at most.
 const MAX_SOLVED_LINES: usize = 128;

@@ -167,7 +167,7 @@ impl FrontEnd {
             lines.drop_tracks(&feedback.wrong_lines);
             lines.set_extrinsics(&feedback.pose_b_c[..self.cameras]);
         }
-        self.time_offset_s = believable_offset(feedback.time_offset_s);
+        self.restamp(believable_offset(feedback.time_offset_s), feedback.solved.pose_o_b.is_none());
         self.bias_gyro = feedback.bias_gyro;
         self.turn_rate_b = feedback.turn_rate_b;
         self.distrusts_imu = feedback.distrusts_imu;
@@ -175,6 +175,17 @@ impl FrontEnd {
         self.points.set_state_known(feedback.solved.pose_o_b.is_some());
         self.known_state.clone_from(&feedback.known_state);
         self.known_points.clone_from(&feedback.known_points);
+    }
+
+    /// Stamps frames by this offset from now on. Before a start that may be another one altogether: the last frame is where it would have
+    /// been by that.
+    fn restamp(&mut self, time_offset_s: f64, is_start: bool) {
+        if is_start {
+            let step_s = time_offset_s - self.time_offset_s;
+            self.last_stamp = self.last_stamp.map(|last| last.plus_seconds(step_s));
+            self.stamps.shift(step_s);
+        }
+        self.time_offset_s = time_offset_s;
     }
 
     /// Gives away the images of frame `sequence`, for those of `images`. They are there between the tracking of the next

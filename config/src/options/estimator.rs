@@ -123,8 +123,8 @@ pub struct InitialConfig {
     /// Duration of the data collected before the first monocular pose, s.
     #[key(default = 1.5, range = 0.2..=20.0, unit = SECONDS, experiment)]
     pub mono_window_s: f64,
-    /// Mean parallax, without the part due to rotation, that a monocular initialization needs, px.
-    #[key(default = 20.0, range = 1.0..=500.0, unit = PIXELS, experiment)]
+    /// Parallax of twelve points, without the part due to rotation, from which a monocular initialization is tried, px.
+    #[key(default = 8.0, range = 1.0..=500.0, unit = PIXELS, experiment)]
     pub mono_min_parallax_px: f64,
 }
 

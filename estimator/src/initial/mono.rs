@@ -1,22 +1,21 @@
-//! Structure, motion, gravity and scale from one camera in motion, all at once.
+//! Structure, motion, gravity, scale and the accelerometer's bias from one camera in motion, all at once.
 //!
 //! With rotations known from the gyroscope, the position of the body at frame `k` is linear in the first
-//! velocity and in gravity, both in the first body frame:
+//! velocity, in gravity, both in the first body frame, and in the bias `a`, which has a prior:
 //!
 //! ```text
-//! p_k = v t_k + g t_k²/2 + dp_k
+//! p_k = v t_k + g t_k²/2 + dp_k + (d dp_k / d a) a
 //! ```
 //!
 //! and a point `X` seen in direction `(x, y, 1)` by a camera at `p_k + R_k p_bc` gives two linear
 //! equations, `(R_ck' (X - p_ck)).xy - (x, y) (R_ck' (X - p_ck)).z = 0`, divided by the depth of the last
 //! round so that they are errors in the image. Points are eliminated one by one (Schur complement), which
-//! leaves six equations for `v` and `g`; `|g|` is then held at its known value. This is the structure from
+//! leaves nine equations for `v`, `g` and `a`; `|g|` is then held at its known value. This is the structure from
 //! motion and the visual-inertial alignment of VINS-Mono (Qin et al. 2018, section V) in one step: no
 //! scale drifts between them. Source: Martinelli, "Closed-Form Solution of Visual-Inertial Structure from
 //! Motion" (2014).
 
-use super::gyro_bias::joined_motion;
-use super::{GatheredFrame, find_track};
+use super::{GatheredFrame, find_track, joined_motion};
 use crate::inertial::Preintegration;
 use crate::window::reprojection::PointMeasurement;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
@@ -32,9 +31,6 @@ const FIRST_DEPTH_M: f64 = 3.0;
 const MIN_DEPTH_M: f64 = 0.2;
 /// Weight of a view that has its point behind the camera: not zero, so that a wrong depth can come right.
 const WEIGHT_BEHIND: f64 = 0.01;
-/// Bound on the share of one residual in the mean, squared standard deviations: a few outliers are no
-/// failure.
-const MAX_SQUARED_RESIDUAL: f64 = 100.0;
 /// Information of a point below which its place is not determined (product of the three eigenvalues, 1/m⁶).
 const MIN_DETERMINANT: f64 = 1e-9;
 /// Views of a point that make it worth while.
@@ -42,17 +38,15 @@ const MIN_VIEWS: usize = 4;
 /// Residuals beyond this many standard deviations lose weight (Cauchy).
 const ROBUST_SIGMAS: f64 = 3.0;
 
-/// Velocity and gravity at the first frame, in its body frame.
+/// Velocity and gravity at the first frame, in its body frame, and bias of the accelerometer.
 #[derive(Clone, Copy, Debug)]
 pub struct GravityAlignment {
     /// Velocity of the body, m/s.
     pub v_b0: Vector3<f64>,
     /// Gravity, m/s².
     pub gravity_b0: Vector3<f64>,
-    /// Root mean square of the residuals, in standard deviations.
-    pub rms_sigmas: f64,
-    /// Observations used.
-    pub observations: usize,
+    /// Bias of the accelerometer, m/s².
+    pub bias_accel: Vector3<f64>,
 }
 
 /// The memory of an alignment, allocated once.
@@ -88,13 +82,15 @@ impl AlignmentWorkspace {
     }
 }
 
-type Six = SVector<f64, 6>;
+/// Velocity, gravity, and step of the accelerometer's bias.
+type Nine = SVector<f64, 9>;
 
-/// One view of a point: camera position as a constant and as a linear function of (v, g).
+/// One view of a point: camera position as a constant and as a linear function of (v, g, a).
 #[derive(Clone, Debug)]
 struct CameraAt {
     rot_c_b0: Matrix3<f64>,
     p_constant: Vector3<f64>,
+    by_bias: Matrix3<f64>,
     dt: f64,
 }
 
@@ -117,42 +113,40 @@ struct Point {
     block: Option<PointBlock>,
 }
 
-/// The equations of a point summed, `v` and `g` still open.
+/// The equations of a point summed, `v`, `g` and `a` still open.
 #[derive(Clone, Debug)]
 struct PointBlock {
     h_xx: Matrix3<f64>,
-    h_xs: SMatrix<f64, 3, 6>,
+    h_xs: SMatrix<f64, 3, 9>,
     g_x: Vector3<f64>,
 }
 
-/// Solves for velocity and gravity over `frames`, `biases` removed beforehand (gyroscope rad/s, accelerometer
-/// m/s²); `None` when
+/// Solves for velocity, gravity and accelerometer bias over `frames`, by the `biases` of integration (gyroscope rad/s, accelerometer
+/// m/s²), the second of them known by `sigma_m_s2`; `None` when
 /// the views do not determine them. `pose_b_c` are the extrinsics `T_BC` of both cameras.
 #[must_use]
 pub fn align(
     frames: &[GatheredFrame],
     pose_b_c: &[Isometry3<f64>; 2],
     biases: &(Vector3<f64>, Vector3<f64>),
+    sigma_m_s2: f64,
     gravity_m_s2: f64,
     workspace: &mut AlignmentWorkspace,
 ) -> Option<GravityAlignment> {
     workspace.find_motions(frames, biases)?;
     workspace.place_cameras(pose_b_c);
     workspace.find_points(frames);
-    let mut solution = Six::zeros();
-    let mut rms_sigmas = 0.0;
-    let mut observations = 0;
+    let mut solution = Nine::zeros();
     for _ in 0..ROUNDS {
-        let (h, g) = workspace.normal_equations();
+        let (mut h, g) = workspace.normal_equations();
+        for k in 6..9 {
+            h[(k, k)] += 1.0 / (sigma_m_s2 * sigma_m_s2);
+        }
         solution = constrained(&h, &g, gravity_m_s2)?;
-        (rms_sigmas, observations) = workspace.update(&solution);
+        workspace.update(&solution);
     }
-    Some(GravityAlignment {
-        v_b0: solution.fixed_rows::<3>(0).into_owned(),
-        gravity_b0: solution.fixed_rows::<3>(3).into_owned(),
-        rms_sigmas,
-        observations,
-    })
+    let part = |k: usize| solution.fixed_rows::<3>(k).into_owned();
+    Some(GravityAlignment { v_b0: part(0), gravity_b0: part(3), bias_accel: biases.1 + part(6) })
 }
 
 impl AlignmentWorkspace {
@@ -181,6 +175,7 @@ impl AlignmentWorkspace {
             pose_b_c.map(|pose| CameraAt {
                 rot_c_b0: (rot_b0_b * pose.rotation.to_rotation_matrix().into_inner()).transpose(),
                 p_constant: m.delta_p + rot_b0_b * pose.translation.vector,
+                by_bias: m.by_bias.fixed_view::<3, 3>(0, 3).into_owned(),
                 dt: m.dt_s,
             })
         }));
@@ -214,25 +209,26 @@ impl AlignmentWorkspace {
     }
 }
 
-/// The two equations of a view: derivatives by the point and by (v, g), and the constant.
-fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f64, 2, 6>, Vector2<f64>) {
+/// The two equations of a view: derivatives by the point and by (v, g, a), and the constant.
+fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f64, 2, 9>, Vector2<f64>) {
     let across = Matrix2x3::new(1.0, 0.0, -xy.x, 0.0, 1.0, -xy.y) * camera.rot_c_b0;
-    let mut by_s = SMatrix::<f64, 2, 6>::zeros();
+    let mut by_s = SMatrix::<f64, 2, 9>::zeros();
     by_s.fixed_columns_mut::<3>(0).copy_from(&(across * -camera.dt));
     by_s.fixed_columns_mut::<3>(3).copy_from(&(across * (-0.5 * camera.dt * camera.dt)));
+    by_s.fixed_columns_mut::<3>(6).copy_from(&(across * -camera.by_bias));
     (across, by_s, -(across * camera.p_constant))
 }
 
 impl AlignmentWorkspace {
-    /// Normal equations of (v, g) with every point eliminated, `H s = -g`; the blocks of the points are kept.
-    fn normal_equations(&mut self) -> (SMatrix<f64, 6, 6>, Six) {
+    /// Normal equations of (v, g, a) with every point eliminated, `H s = -g`; the blocks of the points are kept.
+    fn normal_equations(&mut self) -> (SMatrix<f64, 9, 9>, Nine) {
         let Self { points, views, cameras, .. } = self;
-        let mut h = SMatrix::<f64, 6, 6>::zeros();
-        let mut g = Six::zeros();
+        let mut h = SMatrix::<f64, 9, 9>::zeros();
+        let mut g = Nine::zeros();
         for point in points {
             let mut b = PointBlock { h_xx: Matrix3::zeros(), h_xs: SMatrix::zeros(), g_x: Vector3::zeros() };
-            let mut h_ss = SMatrix::<f64, 6, 6>::zeros();
-            let mut g_s = Six::zeros();
+            let mut h_ss = SMatrix::<f64, 9, 9>::zeros();
+            let mut g_s = Nine::zeros();
             for view in &views[point.views.clone()] {
                 let (by_x, by_s, constant) = equations(&cameras[view.frame][view.camera], &view.measured.xy);
                 let scale = view.measured.weight * (view.weight.sqrt() / view.depth_m);
@@ -256,20 +252,21 @@ impl AlignmentWorkspace {
     }
 }
 
-/// `H s = -g` with the last three of `s` on the sphere of radius `gravity_m_s2`: first without, then on
+/// `H s = -g` with gravity, in the middle of `s`, on the sphere of radius `gravity_m_s2`: first without, then on
 /// the tangent plane.
-fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six> {
+fn constrained(h: &SMatrix<f64, 9, 9>, g: &Nine, gravity_m_s2: f64) -> Option<Nine> {
     let mut s = -(h.cholesky()?.solve(g));
     for _ in 0..GRAVITY_ROUNDS {
         let direction = s.fixed_rows::<3>(3).try_normalize(1e-6)?;
         let helper = if direction.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
         let a = direction.cross(&helper).normalize();
         let b = direction.cross(&a);
-        let mut basis = SMatrix::<f64, 6, 5>::zeros();
+        let mut basis = SMatrix::<f64, 9, 8>::zeros();
         basis.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
         basis.fixed_view_mut::<3, 1>(3, 3).copy_from(&a);
         basis.fixed_view_mut::<3, 1>(3, 4).copy_from(&b);
-        let mut offset = Six::zeros();
+        basis.fixed_view_mut::<3, 3>(6, 5).fill_with_identity();
+        let mut offset = Nine::zeros();
         offset.fixed_rows_mut::<3>(3).copy_from(&(direction * gravity_m_s2));
         let reduced = basis.tr_mul(&(h * basis));
         let w = -(reduced.cholesky()?.solve(&basis.tr_mul(&(g + h * offset))));
@@ -281,10 +278,9 @@ fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six
 }
 
 impl AlignmentWorkspace {
-    /// New depths and robust weights at the solution; root mean square residual and number of observations.
-    fn update(&mut self, s: &Six) -> (f64, usize) {
+    /// New depths and robust weights at the solution.
+    fn update(&mut self, s: &Nine) {
         let Self { points, views, cameras, .. } = self;
-        let (mut sum, mut count) = (0.0, 0);
         for point in points {
             let views = &mut views[point.views.clone()];
             let place = |b: &PointBlock| Some(-(b.h_xx.try_inverse()? * (b.g_x + b.h_xs * s)));
@@ -294,22 +290,19 @@ impl AlignmentWorkspace {
             };
             for view in views {
                 let at = &cameras[view.frame][view.camera];
-                let (v0, g0) = (s.fixed_rows::<3>(0), s.fixed_rows::<3>(3));
-                let p_camera = at.p_constant + v0 * at.dt + g0 * (0.5 * at.dt * at.dt);
+                let (by_x, by_s, constant) = equations(at, &view.measured.xy);
+                let part = |k: usize| s.fixed_rows::<3>(k);
+                let p_camera =
+                    at.p_constant + part(0) * at.dt + part(3) * (0.5 * at.dt * at.dt) + at.by_bias * part(6);
                 let depth_m = (at.rot_c_b0 * (p_b0 - p_camera)).z;
                 view.depth_m = depth_m.abs().at_least(MIN_DEPTH_M);
-                let (by_x, by_s, constant) = equations(at, &view.measured.xy);
                 let r = view.measured.weight * (by_x * p_b0 + by_s * s + constant) / view.depth_m;
-                let squared = r.norm_squared();
                 view.weight = if depth_m > 0.0 {
-                    1.0 / (1.0 + squared / (ROBUST_SIGMAS * ROBUST_SIGMAS))
+                    1.0 / (1.0 + r.norm_squared() / (ROBUST_SIGMAS * ROBUST_SIGMAS))
                 } else {
                     WEIGHT_BEHIND
                 };
-                sum += squared.at_most(MAX_SQUARED_RESIDUAL);
-                count += 1;
             }
         }
-        ((sum / (2 * count).max(1) as f64).sqrt(), count)
     }
 }

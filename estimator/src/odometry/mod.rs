@@ -41,6 +41,7 @@ mod vibrating;
 pub mod zero_velocity;
 
 pub use plausible::ResetReason;
+pub use start::Missing;
 pub use steps::StepCovariance;
 
 use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Stage, StageProbe};
@@ -53,6 +54,7 @@ use crate::window::state::FrameTime;
 use crate::work_budget::WorkBudget;
 use estimation::Estimation;
 use judge::{Belief, Case, Judge, Velocity, Verdict};
+use measure::USUAL_FRAMES;
 use measurements::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
@@ -98,6 +100,10 @@ pub struct Odometer {
     zero_velocity: ZeroVelocityDetector,
     phase: Phase,
     last_stamp: Option<Timestamp>,
+    /// The time offset that it was put there by, s.
+    last_offset_s: f64,
+    /// Intervals of the newest frames, s.
+    intervals_s: [f64; USUAL_FRAMES],
     /// Frames so far, and the newest as the front-end and places are told of it.
     frames: u64,
     solved: SolvedFrame,
@@ -139,6 +145,8 @@ impl Odometer {
             zero_velocity: ZeroVelocityDetector::new(rate_hz, focal_px),
             phase: Phase::Gathering,
             last_stamp: None,
+            last_offset_s: 0.0,
+            intervals_s: [f64::INFINITY; USUAL_FRAMES],
             frames: 0,
             solved: SolvedFrame::default(),
             keeps_steps: false,
@@ -156,6 +164,12 @@ impl Odometer {
     #[must_use]
     pub fn reset_reason(&self) -> Option<&ResetReason> {
         self.start.reset_reason()
+    }
+
+    /// What a start with one camera still lacks; `None` where none is under way.
+    #[must_use]
+    pub fn missing(&self) -> Option<&Missing> {
+        self.start.missing().filter(|_| self.phase == Phase::Gathering)
     }
 
     /// Biases of gyroscope and accelerometer: present ones, or those of the next start.
@@ -197,6 +211,11 @@ impl Odometer {
     fn step(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
         let stamp = tracked.time.stamp;
         let mut health = tracked.health;
+        if self.phase == Phase::Gathering {
+            let step_s = tracked.time.time_offset_s - self.last_offset_s;
+            self.last_stamp = self.last_stamp.map(|last| last.plus_seconds(step_s));
+        }
+        self.last_offset_s = tracked.time.time_offset_s;
         if self.last_stamp.is_some_and(|last| stamp <= last) {
             health.insert(HealthBits::BAD_STAMP);
         }
@@ -273,6 +292,10 @@ impl Odometer {
             self.note_keyframes();
         }
         self.conclude(time.stamp, health);
+        let cost = outcome.cost / self.estimation.window.observation_count().max(1) as f64;
+        if let Some(ratio) = self.start.refused_by(time.stamp, cost) {
+            self.start_anew(ResetReason::StartRefused(ratio));
+        }
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 

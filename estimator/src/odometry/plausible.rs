@@ -19,6 +19,8 @@ pub enum ResetReason {
     Hole(f64),
     /// The clock of the sensors was set.
     ClockSet,
+    /// The frames after a start with one camera contradict it: by so many times the variance of what was measured.
+    StartRefused(f64),
     /// A state that is no number.
     NotFinite,
     /// A speed beyond what the configuration believes, m/s.
@@ -55,6 +57,9 @@ impl fmt::Display for ResetReason {
             ),
             Self::Hole(s) => write!(f, "no frame for {s:.1} s"),
             Self::ClockSet => f.write_str("the clock of the sensors was set"),
+            Self::StartRefused(ratio) => {
+                write!(f, "the frames after the start contradict it by {:.1} sigmas", ratio.sqrt())
+            }
             Self::NotFinite => f.write_str("the state is no number"),
             Self::Speed(x) => write!(f, "a speed of {x:.1} m/s (health.max_speed_m_s)"),
             Self::GyroBias(x) => write!(f, "a gyroscope bias of {x:.2} rad/s (health.max_gyro_bias_rad_s)"),

@@ -6,19 +6,28 @@
 mod first_state;
 mod inherited;
 mod memory;
+mod one_camera;
+#[cfg(test)]
+mod tests;
 
 use super::estimation::Estimation;
 use super::judge::{Judge, report_stuck};
 use super::plausible::{ResetReason, implausible};
 use crate::estimate::{HealthBits, NavCovariance};
-use crate::initial::{Gathering, MonoWorkspace};
+use crate::inertial::buffer::IMU_MEMORY_S;
+use crate::initial::Gathering;
 use crate::input::ResetKind;
 use crate::window::state::{FrameTime, NavState};
 use inherited::{Carried, Gyro, Inherited};
 use memory::Memory;
 use nalgebra::Vector3;
+pub use one_camera::Missing;
+use one_camera::OneCamera;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{Timestamp, ValidSetup};
+
+/// Frames that are gathered: those of a window, and for longer starts as many again and a half.
+const GATHERED_FRAMES: usize = 40;
 
 /// Options of starts, in the units of their use.
 #[derive(Clone, Debug)]
@@ -30,6 +39,8 @@ struct Options {
     focal_px: f64,
     bias_gyro_sigma: f64,
     bias_accel_sigma: f64,
+    /// Configured time offset, and its standard deviation, s.
+    time_offset_s: (f64, f64),
     health: HealthConfig,
 }
 
@@ -38,8 +49,8 @@ struct Options {
 pub(super) struct Start {
     options: Options,
     gathering: Gathering,
-    mono_workspace: MonoWorkspace,
-    mono_wait: usize,
+    one_camera: OneCamera,
+    missing: Option<Missing>,
     /// Where the next start begins, and the biases it begins with.
     origin: Option<NavState>,
     bias_memory: (Vector3<f64>, Vector3<f64>),
@@ -58,8 +69,6 @@ pub(super) struct Start {
 impl Start {
     pub(super) fn new(setup: &ValidSetup) -> Self {
         let initial = &setup.estimator.initial;
-        let frames = initial.mono_window_s * setup.left().rate_hz * 1.5;
-        let gathered = (frames as usize).max(initial.stereo_frames) + 2;
         let points = setup.estimator.points.max_points;
         Self {
             options: Options {
@@ -70,11 +79,12 @@ impl Start {
                 focal_px: setup.left().focal_px[0],
                 bias_gyro_sigma: setup.imu.gyro_bias_sigma_rad_s,
                 bias_accel_sigma: setup.imu.accel_bias_sigma_m_s2,
+                time_offset_s: (setup.rig.time_offset_s, setup.rig.time_offset_sigma_s),
                 health: setup.estimator.health.clone(),
             },
-            gathering: Gathering::new(gathered, points),
-            mono_workspace: MonoWorkspace::new(gathered, points),
-            mono_wait: 0,
+            gathering: Gathering::new(GATHERED_FRAMES, points),
+            one_camera: OneCamera::new(GATHERED_FRAMES, points, (IMU_MEMORY_S * setup.imu.rate_hz) as usize),
+            missing: None,
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             memory: Memory::default(),
@@ -115,8 +125,9 @@ impl Start {
             self.gathering.leave_out(camera);
         }
         let gyro_b = estimation.rate_b + self.bias_memory.0;
-        self.gathering.push(time, estimation.measurer.points(), motion.map(|m| m.0), gyro_b);
-        let has_begun = self.try_start(estimation, judge, is_still);
+        let placed = time.at_offset(estimation.window.rig.time_offset_s);
+        self.gathering.push(placed, estimation.measurer.points(), motion.map(|m| m.0), gyro_b);
+        let has_begun = self.try_start(estimation, judge, is_still, time.time_offset_s);
         if has_begun {
             self.gathering.clear();
             self.inherit(estimation, stamp);
@@ -173,6 +184,7 @@ impl Start {
         }
         self.choose_origin(estimation, stated, kind);
         self.gathering.clear();
+        self.one_camera.end(kind);
         self.reset_counter += 1;
     }
 
@@ -182,6 +194,10 @@ impl Start {
         let proven = self.memory.take();
         let window = &mut estimation.window;
         if kind == ResetKind::Hard {
+            let (offset_s, sigma_s) = self.options.time_offset_s;
+            window.expect_time_offset(offset_s, sigma_s);
+            estimation.measurer.forget_readout();
+            window.options.is_rolling = estimation.measurer.is_told_to_roll();
             (self.origin, self.carried) = (None, None);
             self.bias_memory = (Vector3::zeros(), Vector3::zeros());
             window.restore_rig();
@@ -219,6 +235,11 @@ impl Start {
 
     pub(super) fn give_reason(&mut self, reason: ResetReason) {
         self.reset_reason = Some(reason);
+    }
+
+    /// What the last attempt with one camera lacked.
+    pub(super) fn missing(&self) -> Option<&Missing> {
+        self.missing.as_ref()
     }
 
     /// Why the estimate was last started anew.

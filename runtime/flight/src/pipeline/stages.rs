@@ -11,6 +11,7 @@ use crate::alloc;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::odometry::Missing;
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{
     Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, RigEstimate, Tracked,
@@ -190,6 +191,8 @@ pub struct WindowStage {
     digest: Digest,
     first: Option<Timestamp>,
     resets: u32,
+    /// What a start was last said to lack, and when.
+    missing: Option<(Timestamp, Missing)>,
     map: Option<MapStage>,
     /// Counts and times of frames so far.
     pub figures: Figures,
@@ -222,6 +225,7 @@ impl WindowStage {
             times: StageTimes::default(),
             allocations: 0,
             resets: 0,
+            missing: None,
             map: config.estimator.places.enabled.then(|| MapStage::new(effect)),
         }
     }
@@ -284,6 +288,7 @@ impl WindowStage {
             self.newest_pose.clone_from(&self.newest);
         }
         self.report_reset(&estimate);
+        self.report_start(&estimate);
         self.hand_out(&estimate, cost.plus(job.cost));
         self.allocations += allocations + counting.map_or(0, alloc::Count::end);
         (estimate, cost)
@@ -299,6 +304,20 @@ impl WindowStage {
         let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
         let text = format_args!("frame {frame}: reset {count}: {reason}");
         self.listener.said(&Said::Event(Event::new(estimate.stamp, severity, text)));
+    }
+
+    /// Reports every second what a start with one camera still lacks, and at once which delay it has found.
+    fn report_start(&mut self, estimate: &Estimate) {
+        let Some(missing) = self.odometer.missing().copied() else { return };
+        let is_due = self.missing.is_none_or(|(last, before)| {
+            let is_new = matches!(missing, Missing::Delay(..)) && missing != before;
+            is_new || estimate.stamp.nanos_since(last).abs() >= 1_000_000_000
+        });
+        if is_due {
+            self.missing = Some((estimate.stamp, missing));
+            let text = format_args!("frame {}: no start yet: {missing}", estimate.frame_sequence);
+            self.listener.said(&Said::Event(Event::new(estimate.stamp, Severity::Info, text)));
+        }
     }
 
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {
