@@ -94,6 +94,8 @@ pub(super) struct OneCamera {
     wait: usize,
     /// What earlier frames have told of bias, delay and readout.
     known: Option<Known>,
+    /// Standard deviations by which the delay that was told or found before contradicted the images: another one has to contradict more.
+    evidence: f64,
     /// When the present estimate began by one camera, and mean costs of its frames since then.
     begun: Option<Timestamp>,
     costs: (f64, f64),
@@ -109,6 +111,7 @@ impl OneCamera {
             ways_px: Vec::with_capacity(points),
             wait: 0,
             known: None,
+            evidence: CONTRADICTS_SIGMAS,
             begun: None,
             costs: (0.0, 0.0),
         }
@@ -118,8 +121,13 @@ impl OneCamera {
     pub(super) fn end(&mut self, kind: ResetKind) {
         self.begun = None;
         if kind == ResetKind::Hard {
-            self.known = None;
+            self.forget();
         }
+    }
+
+    /// Forgets what frames have told of delay and readout.
+    fn forget(&mut self) {
+        (self.known, self.evidence) = (None, CONTRADICTS_SIGMAS);
     }
 }
 
@@ -189,15 +197,16 @@ impl Start {
         (*sum, *count) = (*sum + cost, *count + 1.0);
         let refused = Some(*sum / *count).filter(|mean| *count >= REFUSING_FRAMES && *mean > MAX_MEAN_COST);
         if refused.is_some() {
-            self.one_camera.known = None;
+            self.one_camera.forget();
         }
         refused
     }
 
     /// Takes over delay and readout where the images contradict what is told of them; returns whether they do.
     fn apply_timing(&mut self, estimation: &mut Estimation, timing: &Timing) -> bool {
-        let is_late = timing.contradiction > CONTRADICTS_SIGMAS && self.options.time_offset_s.1 > 0.0;
+        let is_late = timing.contradiction > self.one_camera.evidence && self.options.time_offset_s.1 > 0.0;
         if is_late {
+            self.one_camera.evidence = timing.contradiction;
             let offset_s = estimation.window.rig.time_offset_s + timing.delay_s.0;
             let sigma_s = (GROWTH * timing.delay_s.1).at_least(self.options.time_offset_s.1);
             estimation.window.expect_time_offset(believable_offset(offset_s), sigma_s);
