@@ -180,7 +180,12 @@ impl Start {
                 let newest = self.gathering.frames().last().map(|frame| frame.time.stamp);
                 (self.one_camera.begun, self.one_camera.costs) = (newest, (0.0, 0.0));
             }
-            Err(Missing::Consistency(_)) => self.one_camera.known = None,
+            Err(Missing::Consistency(_)) => {
+                // The delay is searched anew.
+                if let Some(known) = &mut self.one_camera.known {
+                    known.delay_s = f64::INFINITY;
+                }
+            }
             Err(_) => {}
         }
         accepted
