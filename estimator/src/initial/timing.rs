@@ -151,7 +151,7 @@ impl TimingWorkspace {
     /// standard deviation of a bearing, rad.
     #[must_use]
     pub fn estimate(&mut self, turns: &Turns, known: &Known, sigma_bearing: f64) -> Option<Timing> {
-        let told = self.descend(turns, known, Some(0.0), STEPS[0], sigma_bearing)?;
+        let told = self.descend(turns, known, Some(0.0), STEPS[1], sigma_bearing)?;
         let mut best = (told.1.mean_cost(), 0.0);
         let steps = if known.delay_s.is_finite() { 0 } else { (SEARCHED_S / STEP_S).round() as i32 };
         for delay_s in (-steps..=steps).map(|k| f64::from(k) * STEP_S) {

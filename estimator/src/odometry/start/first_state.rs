@@ -15,7 +15,7 @@ use plumbline_config::{Portable, Timestamp};
 
 /// Solver steps of a start: far from the solution, and only once.
 const START_ITERATIONS: usize = 12;
-/// Rounds of a start: image rates and outliers depend on the solution.
+/// Rounds of a start with two cameras: image rates and outliers depend on the solution.
 const START_ROUNDS: usize = 2;
 /// Mean robust cost of an observation (in squared standard deviations) that a good start stays below:
 /// noise alone gives about one.
@@ -117,7 +117,7 @@ impl Start {
                 estimation.window.triangulate(true);
             }
         }
-        self.settle(estimation).is_some_and(|variance| variance < MAX_MEAN_COST)
+        self.settle(estimation, START_ROUNDS).is_some_and(|variance| variance < MAX_MEAN_COST)
     }
 
     /// The attitude at `first` that has been carried on to `newest` since the last pose.
@@ -160,15 +160,15 @@ impl Start {
         (known, sigmas)
     }
 
-    /// Solves the window from scratch, and puts the odometry frame at the newest frame. Returns the mean robust cost of an observation, in
+    /// Solves the window from scratch in so many rounds, and puts the odometry frame at the newest frame. Returns the mean robust cost of an observation, in
     /// squared standard deviations; `None` where that is no state of a vehicle.
-    pub(super) fn settle(&self, estimation: &mut Estimation) -> Option<f64> {
+    pub(super) fn settle(&self, estimation: &mut Estimation, rounds: usize) -> Option<f64> {
         if estimation.window.frames.is_empty() {
             return None;
         }
         let (known, loose) = self.known_at_start();
         let tight = AnchorSigmas { position_m: TIGHT_ORIGIN_M_RAD, yaw_rad: TIGHT_ORIGIN_M_RAD, ..loose };
-        for _ in 0..START_ROUNDS {
+        for _ in 0..rounds {
             self.move_to_origin(&mut estimation.window);
             estimation.window.anchor_newest(&known, &loose);
             estimation.window.triangulate(true);

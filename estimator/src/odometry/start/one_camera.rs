@@ -25,6 +25,8 @@ const GROWTH: f64 = 3.0;
 /// A start is on probation for so long, s, and refused by no less than so many frames.
 const PROBATION_S: f64 = 2.0;
 const REFUSING_FRAMES: f64 = 5.0;
+/// Rounds of settling: the first outliers are those of a guess, and the next ones of a solution without those.
+const SETTLING_ROUNDS: usize = 4;
 /// Frames between attempts.
 const RETRY_FRAMES: usize = 4;
 
@@ -140,21 +142,21 @@ impl Start {
         time_offset_s: f64,
     ) -> Option<Result<(), Missing>> {
         self.one_camera.wait = self.one_camera.wait.saturating_sub(1);
+        let (span_s, needed_s) = (self.gathering.span_s(), self.options.mono_window_s);
+        if span_s < needed_s {
+            return Some(Err(Missing::Time(span_s, needed_s)));
+        }
         if self.one_camera.wait > 0 {
             return None;
         }
         self.one_camera.wait = RETRY_FRAMES;
-        while self.gathering.span_s() > 2.0 * self.options.mono_window_s {
+        while self.gathering.span_s() > 2.0 * needed_s {
             self.gathering.drop_oldest();
         }
         Some(self.start_one_camera(estimation, time_offset_s))
     }
 
     fn start_one_camera(&mut self, estimation: &mut Estimation, time_offset_s: f64) -> Result<(), Missing> {
-        let (span_s, needed_s) = (self.gathering.span_s(), self.options.mono_window_s);
-        if span_s < needed_s {
-            return Err(Missing::Time(span_s, needed_s));
-        }
         let timing = self.find_timing(estimation)?;
         let is_new = self.apply_timing(estimation, &timing);
         let offset_s = estimation.window.rig.time_offset_s;
@@ -238,7 +240,7 @@ impl Start {
     /// Puts the frames into the window, and judges what they settle at.
     fn accept(&mut self, estimation: &mut Estimation, timing: &Timing) -> Result<(), Missing> {
         self.put_aligned(estimation, timing);
-        let Some(variance) = self.settle(estimation) else {
+        let Some(variance) = self.settle(estimation, SETTLING_ROUNDS) else {
             let landmarks = estimation.window.triangulated().0;
             let is_few = landmarks < MIN_TRACKS;
             return Err(if is_few {

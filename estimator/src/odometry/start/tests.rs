@@ -1,7 +1,7 @@
 //! Starts with one camera of which nobody has told the delay, the readout or the rate.
 
 use super::super::Odometer;
-use super::super::synthetic::{World, config, stamp};
+use super::super::synthetic::{self, World, stamp};
 use crate::exchange::{Feedback, Tracked, believable_offset};
 use crate::window::state::FrameTime;
 
@@ -62,6 +62,16 @@ fn fly(world: &mut World, interval_s: impl Fn(u32) -> f64) -> Started {
     }
 }
 
+/// A world seen sharply enough that its gentle turns determine a delay to about 1 ms, and a readout to 2 ms.
+fn sharp_world(seed: u64) -> World {
+    const SIGMA_PX: f64 = 0.1;
+    let config =
+        synthetic::config(1).with("test", |c| c.estimator.points.sigma_px = SIGMA_PX).expect("is valid");
+    let mut world = World::new(&config, seed, 500);
+    world.sigma_px = SIGMA_PX;
+    world
+}
+
 fn steady(_: u32) -> f64 {
     0.05
 }
@@ -75,7 +85,7 @@ fn is_sound(world: &World, started: &Started) {
 #[test]
 fn finds_a_delay_that_is_not_configured() {
     for time_offset_s in [-0.1, -0.05, 0.03, 0.06] {
-        let mut world = World::new(&config(1), 5, 500);
+        let mut world = sharp_world(5);
         world.time_offset_s = time_offset_s;
         let started = fly(&mut world, steady);
         is_sound(&world, &started);
@@ -85,7 +95,7 @@ fn finds_a_delay_that_is_not_configured() {
 
 #[test]
 fn finds_a_readout_that_is_not_configured() {
-    let mut world = World::new(&config(1), 6, 500);
+    let mut world = sharp_world(6);
     (world.readout_s, world.time_offset_s) = (0.025, -0.03);
     let started = fly(&mut world, steady);
     is_sound(&world, &started);
@@ -98,7 +108,7 @@ fn starts_at_any_rate_and_at_rates_that_vary() {
     let intervals: [fn(u32) -> f64; 3] =
         [|_| 1.0 / 60.0, |_| 0.1, |k| [0.04, 0.06, 0.05, 0.033][k as usize / 7 % 4]];
     for interval_s in intervals {
-        let mut world = World::new(&config(1), 7, 500);
+        let mut world = sharp_world(7);
         world.time_offset_s = -0.05;
         let started = fly(&mut world, interval_s);
         is_sound(&world, &started);
