@@ -1,4 +1,4 @@
-//! The real clips: a rig at rest in stereo, a flight with one camera.
+//! The real clips: a rig at rest in stereo, a flight with one camera, a hand-held camera of unknown delay.
 
 use plumbline_estimator::Odometry;
 use plumbline_estimator::propagator::blend::{MAX_SPEED_M_S, MAX_TURN_RAD_S};
@@ -55,6 +55,20 @@ fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
         mean_m
     });
     assert!(with <= without, "lines make it worse: {with:.4} m, without {without:.4} m");
+}
+
+#[test]
+fn a_camera_with_unknown_delay_and_readout_starts_and_stays() {
+    let Some(shared) = shared("real/L515_mono") else { return };
+    let whole = Cut { frames: None, seconds: 0.0..f64::INFINITY };
+    let flight = open_dataset(&shared.join("real/L515_mono"), None, whole, true).unwrap();
+    let flown = fly(flight, &OPTIONS, &Control::default(), vec![]).unwrap();
+    let report = Report::new(&flown);
+    let (first_s, poses) = (report.first_pose_s.unwrap(), flown.poses.len());
+    println!("first pose after {first_s:.2} s, {poses} poses of {} frames", report.frames);
+    assert_eq!(report.resets, 0);
+    // At least 20 frames come in a second: so many and more went before the first pose.
+    assert!(first_s < 6.0 && poses as f64 >= 0.95 * (report.frames as f64 - 20.0 * first_s), "{report:?}");
 }
 
 /// ATE, m, and error of the scale, %, of a sound flight with one camera.

@@ -65,8 +65,9 @@ fn fly(world: &mut World, interval_s: impl Fn(u32) -> f64) -> Started {
 /// A world seen sharply enough that its gentle turns determine a delay to about 1 ms, and a readout to 2 ms.
 fn sharp_world(seed: u64) -> World {
     const SIGMA_PX: f64 = 0.1;
-    let config =
-        synthetic::config(1).with("test", |c| c.estimator.points.sigma_px = SIGMA_PX).expect("is valid");
+    let mut setup = (*synthetic::config(1)).clone();
+    setup.estimator.points.sigma_px = SIGMA_PX;
+    let config = setup.validate().expect("is valid");
     let mut world = World::new(&config, seed, 500);
     world.sigma_px = SIGMA_PX;
     world
