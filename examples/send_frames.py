@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Sends stereo frames to `plumbline fly` over the socket of driver.frames (docs/frame-socket.md).
+"""Sends stereo frames to `plumbline fly` over the socket of driver.frames (docs/own-sensors.md).
 
 Plays the images of a EuRoC data set in real time; replace `frames()` by the loop of your camera. The walk-through in
-docs/own-camera.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
+docs/own-sensors.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
 
     apt install python3-pil
     send_frames.py V1_01_easy /run/plumbline/frames

@@ -74,7 +74,11 @@ pub fn euroc_pose(sensor: impl AsRef<Path>) -> Result<Option<Isometry3<f64>>, Co
 
 pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError> {
     let layout = layout_of(directory)?;
-    let imu = File::read(&file(directory, layout, "imu0"), SENSOR)?;
+    let imu = file(directory, layout, "imu0");
+    if !imu.exists() {
+        return Err(ConfigError::NoImu { file: imu });
+    }
+    let imu = File::read(&imu, SENSOR)?;
     calibration(cameras(directory, layout, &pose(&imu)?)?, &imu)?
         .put_into(base, &directory.display().to_string())
 }
