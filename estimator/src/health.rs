@@ -251,6 +251,13 @@ impl HealthBits {
         self.0 & other.0 == other.0
     }
 
+    /// Findings of the bits that are set and are faults, each with its cure.
+    pub fn advice(self) -> impl Iterator<Item = String> {
+        let faults =
+            Self::ABOUT.into_iter().filter(move |about| self.contains(about.bit) && !about.cure.is_empty());
+        faults.map(|about| format!("{}: {}", about.finding, about.cure))
+    }
+
     /// Names of the bits that are set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.into_iter().filter(move |(bit, _)| self.contains(*bit)).map(|(_, name)| name)

@@ -16,7 +16,8 @@ const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
 const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
-const CAMODOCAL: &str = "a camera file of camodocal; give the configuration of VINS-Fusion or VINS-Mono that names it";
+const CAMODOCAL: &str =
+    "a camera file of camodocal; give the configuration of VINS-Fusion or VINS-Mono that names it";
 const BASALT: &str = "a calibration of Basalt";
 const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
 const ORB_SLAM: &str = "a settings file of ORB-SLAM";
@@ -129,7 +130,11 @@ impl File {
         let of_text = || whose_text(&self.text).filter(|_| self.keys.is_empty());
         match of_keys.map(|(whose, _)| *whose).or_else(of_text) {
             Some(whose) => other(&self.origin, whose, expected),
-            None => other(&self.origin, &format!("no calibration that is known here ({})", self.first_keys()), expected),
+            None => other(
+                &self.origin,
+                &format!("no calibration that is known here ({})", self.first_keys()),
+                expected,
+            ),
         }
     }
 }

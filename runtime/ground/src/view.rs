@@ -139,14 +139,15 @@ fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: 
 
 fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
     let presence = vehicle.presence(now);
-    let colour = match presence {
-        "tracking" => Color::Green,
-        "initialising" | "blind" => Color::Yellow,
-        _ => Color::Red,
+    let (colour, use_words) = match presence {
+        "tracking" if vehicle.is_usable(now) => (Color::Green, ""),
+        "tracking" => (Color::Yellow, ", not for use"),
+        "initialising" | "blind" => (Color::Yellow, ""),
+        _ => (Color::Red, ""),
     };
     Line::from(vec![
         Span::raw(format!(" {name} ")),
-        Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
+        Span::styled(format!("{presence}{use_words}"), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
         Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(now), vehicle.resets)),
     ])
 }
@@ -291,6 +292,10 @@ mod tests {
         let announced = fleet.events.iter().filter(|event| event.text == "mounting unknown: set it");
         assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
+        let mut doubtful = odometry(2, 0.0, 0).message;
+        doubtful.quality = 19;
+        fleet.odom("drone", &heard(2, doubtful), 100, now, 0);
+        assert!(text(&fleet, now).contains("tracking, not for use"));
         // Of a vehicle that is gone nothing is said that sounds well.
         let gone = text(&fleet, now + Duration::from_secs(9));
         assert!(gone.contains("lost") && gone.contains("quality -"), "{gone}");

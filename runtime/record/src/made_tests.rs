@@ -43,7 +43,11 @@ fn with_table(text: &str, head: &str, table: &str) -> String {
 fn health_table() -> String {
     let row = |(at, about): (usize, &HealthBit)| {
         let HealthBit { bit, name, meaning, mut causes, mut cure, .. } = *about;
-        if at > 0 && !cure.is_empty() && HealthBits::ABOUT[at - 1].cure == cure && HealthBits::ABOUT[at - 1].causes == causes {
+        if at > 0
+            && !cure.is_empty()
+            && HealthBits::ABOUT[at - 1].cure == cure
+            && HealthBits::ABOUT[at - 1].causes == causes
+        {
             (causes, cure) = ("as above", "as above");
         }
         let meaning = meaning.trim_end_matches('.');

@@ -3,6 +3,7 @@
 use super::{LOST_AFTER, VehicleState};
 use crate::attitude::Attitude;
 use nalgebra::{Isometry3, Vector3};
+use plumbline_estimator::QUALITY_TO_USE;
 use std::time::{Duration, Instant};
 
 impl VehicleState {
@@ -84,6 +85,12 @@ impl VehicleState {
     #[must_use]
     pub fn is_current(&self, now: Instant) -> bool {
         !["lost", "stale", "unknown"].contains(&self.presence(now))
+    }
+
+    /// True if its pose may be used: it tracks, and its quality is that which autopilots ask for.
+    #[must_use]
+    pub fn is_usable(&self, now: Instant) -> bool {
+        self.presence(now) == "tracking" && self.quality >= QUALITY_TO_USE.into()
     }
 
     /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
