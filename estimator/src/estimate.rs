@@ -7,10 +7,6 @@ use plumbline_fields::{FieldContent, Record, Value};
 
 pub use crate::health::HealthBits;
 
-/// Lowest quality of a pose that may be used: what contradicts itself has at most 10, and from here on errors under faults are within
-/// five standard deviations (`honesty` of the reports). Autopilots get it as their threshold, ground stations show it.
-pub const QUALITY_TO_USE: i8 = 20;
-
 /// State of the estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Record)]
 #[record("State", "an unknown state")]

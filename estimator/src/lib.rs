@@ -75,8 +75,8 @@ pub mod window;
 pub mod work_budget;
 
 pub use estimate::{
-    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, QUALITY_TO_USE, Stage,
-    StageProbe, TrackingState,
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, Stage, StageProbe,
+    TrackingState,
 };
 pub use exchange::{Feedback, Tracked};
 pub use facade::Estimator;

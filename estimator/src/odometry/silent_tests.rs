@@ -4,10 +4,10 @@
 use super::synthetic::{World, config};
 use super::trust_tests::{Judged, NONE, Trouble, fly};
 use super::*;
-use crate::estimate::QUALITY_TO_USE;
 use plumbline_config::ImuSample;
 
 const BEGIN_S: f64 = 5.0;
+const QUALITY_TO_USE: i8 = 20;
 const MAX_SIGMAS: f64 = 5.0;
 const SEEDS: [u64; 3] = [1, 2, 3];
 

@@ -33,7 +33,7 @@ const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
-/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
+/// Shows the fleet until `is_over`, or q or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
 /// the log have to go into `log` meanwhile.
 ///
 /// # Errors
@@ -82,7 +82,7 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
     while event::poll(Duration::ZERO)? {
         let Event::Key(key) = event::read()? else { continue };
         let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-        if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+        if interrupt || key.code == KeyCode::Char('q') {
             quit(stop);
         }
     }

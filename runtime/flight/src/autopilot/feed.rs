@@ -10,7 +10,7 @@ use super::status::{OdometryCondition, Reason, STALE_NS};
 use crate::schedule::ticker::Monotonic;
 use mavlink::dialects::common::ODOMETRY_DATA;
 use plumbline_config::options::LostPose;
-use plumbline_estimator::QUALITY_TO_USE;
+use plumbline_record::QUALITY_TO_USE;
 
 /// Lowest quality that stands for odometry to be used: MAVLink's 0 is an unknown one.
 const MIN_QUALITY: i8 = 1;

@@ -3,7 +3,7 @@
 use super::{LOST_AFTER, VehicleState};
 use crate::attitude::Attitude;
 use nalgebra::{Isometry3, Vector3};
-use plumbline_estimator::QUALITY_TO_USE;
+use plumbline_record::QUALITY_TO_USE;
 use std::time::{Duration, Instant};
 
 impl VehicleState {

@@ -5,8 +5,9 @@
 
 use crate::evaluate::consistency::errors::{frame_of, tilt, velocity};
 use nalgebra::{Isometry3, SMatrix, SVector};
-use plumbline_estimator::{HealthBits, QUALITY_TO_USE};
+use plumbline_estimator::HealthBits;
 use plumbline_flight::flight::{FrameStatus, Published, PublishedState, TrueState, Truth};
+use plumbline_record::QUALITY_TO_USE;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;

@@ -66,7 +66,9 @@ impl PlacesReport {
         );
         for (ate, when) in [(self.ate_map_rmse_m, "as flown"), (self.ate_final_rmse_m, "as known at the end")]
         {
-            line += &ate.map_or_else(String::new, |m| format!("; ATE in the map {when} {m:.4} m"));
+            line += &ate
+                .filter(|_| self.keyframes > 0)
+                .map_or_else(String::new, |m| format!("; ATE in the map {when} {m:.4} m"));
         }
         line
     }
