@@ -128,12 +128,6 @@ pub enum ConfigError {
         /// The layouts that are understood.
         expected: &'static str,
     },
-    /// A data set without an IMU.
-    #[error("{}: missing; an IMU is needed: add imu0 with its sensor.yaml and data.csv", file.display())]
-    NoImu {
-        /// The sensor's file.
-        file: PathBuf,
-    },
     /// The configuration cannot be written as TOML: it has not passed validation.
     #[error("the configuration cannot be written as TOML ({reason}); validate it first")]
     Unwritable {

@@ -53,17 +53,12 @@ fn convert(
         vins::convert(file, &base, read)?
     } else if file.has("Camera.type") {
         orb_slam::convert(file)?
+    } else if file.has("cam0") || file.has("imu0") {
+        return Err(file.refuse("(file)", "is Kalibr's", "give its two files with --camchain and --imu"));
     } else {
-        return Err(unknown(file));
+        return Err(file.other(EXPECTED));
     };
     calibration.put_into(base, &file.origin)
-}
-
-fn unknown(file: &File) -> ConfigError {
-    match file.has("cam0") || file.has("imu0") {
-        true => file.refuse("(file)", "has Kalibr's keys", "give its two files with --camchain and --imu"),
-        false => file.other(EXPECTED),
-    }
 }
 
 /// Reads a text into `base`; every file that it names is `camera`. For tests that never touch the disk.

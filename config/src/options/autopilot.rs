@@ -70,8 +70,7 @@ pub enum LostPose {
     /// The last pose with quality -1 and a large covariance.
     #[default]
     Last,
-    /// No message, for an autopilot that heeds neither quality nor covariance. Configurations of before 2026 call it `nan`.
-    #[serde(alias = "nan")]
+    /// No message, for an autopilot that heeds neither quality nor covariance.
     None,
 }
 

@@ -153,31 +153,11 @@ fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
 }
 
 fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
-    let position = vehicle.pose_o_b.map_or_else(
-        || "no pose".to_owned(),
-        |pose| {
-            let p = pose.translation.vector;
-            format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
-        },
-    );
-    let attitude = vehicle.attitude().map_or_else(
-        || "unknown".to_owned(),
-        |a| {
-            let heading_deg = a.heading_deg.round() % 360.0;
-            format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
-        },
-    );
     let v = vehicle.v_o_b;
     let velocity = match vehicle.pose_o_b {
         Some(_) => format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm()),
         None => "unknown".to_owned(),
     };
-    let link = format!(
-        "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
-        vehicle.odom.rate_hz(now),
-        vehicle.state.rate_hz(now),
-        vehicle.latency_ms.unwrap_or(0.0),
-    );
     let health = format!(
         "{}; frame {:.1} ms; lost {}, dropped {}",
         vehicle.health_summary(now),
@@ -188,10 +168,10 @@ fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     [
-        ("position", position),
-        ("attitude", attitude),
+        ("position", vehicle.position_words()),
+        ("attitude", vehicle.attitude_words()),
         ("velocity", velocity),
-        ("link", link),
+        ("link", vehicle.link_words(now)),
         ("health", health),
         ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
     ]

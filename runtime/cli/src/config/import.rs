@@ -142,13 +142,12 @@ fn imported(args: &ImportArgs) -> Result<(ValidConfig, bool)> {
 
 /// Validity of the noise densities.
 fn noise_in_words(args: &ImportArgs) -> String {
-    match (args.inflate > 1.0, &args.rig) {
-        (true, _) => format!("noise       white noise of the files times {}", args.inflate),
-        (false, Some(_)) => "noise       as in the file, tuned for another program; for flight, give --noise base".into(),
-        (false, None) => "noise       as in the files, which holds for a sensor at rest; for flight, give --inflate 10 (vibration of \
-                          the motors makes it larger)"
-            .into(),
-    }
+    let how = match (args.inflate > 1.0, &args.rig) {
+        (true, _) => return format!("noise       white noise of the files times {}", args.inflate),
+        (false, Some(_)) => "as in the file, tuned for another program; for flight, give --noise base",
+        (false, None) => "as in the files, which holds for a sensor at rest; for flight, give --inflate 10",
+    };
+    format!("noise       {how}")
 }
 
 /// Says in the file where it comes from.
