@@ -161,4 +161,7 @@ fn a_word_that_a_key_does_not_have_is_refused_by_its_key_with_those_it_has() {
     let error = parsed("base = \"sim\"\n[network]\nlink = \"lann\"\n").unwrap_err().to_string();
     let words = "`network.link` (line 3): unknown variant `lann`, expected one of `lan`, `wifi`, `radio`";
     assert!(error.contains(words), "{error}");
+    // The spelling of before 2026.
+    let old = parsed("base = \"sim\"\n[autopilot]\nlost_pose = \"nan\"\n").unwrap();
+    assert_eq!(old.autopilot.lost_pose, crate::options::LostPose::None);
 }

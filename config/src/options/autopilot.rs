@@ -70,7 +70,8 @@ pub enum LostPose {
     /// The last pose with quality -1 and a large covariance.
     #[default]
     Last,
-    /// No message, for an autopilot that heeds neither quality nor covariance.
+    /// No message, for an autopilot that heeds neither quality nor covariance. Configurations of before 2026 call it `nan`.
+    #[serde(alias = "nan")]
     None,
 }
 
