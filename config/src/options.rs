@@ -131,7 +131,7 @@ pub struct DriverConfig {
     /// Cameras of the Linux kernel (Video4Linux). `plumbline devices` lists devices, formats, rates and controls.
     #[key(default)]
     pub v4l2: V4l2Config,
-    /// Frames sent by a program of your own, for example one with a vendor's SDK (docs/frame-socket.md).
+    /// Frames sent by a program of your own, for example one with a vendor's SDK (docs/own-sensors.md).
     #[key(default)]
     pub frames: FramesConfig,
 }

@@ -110,8 +110,7 @@ health_bits! {
         "little light or texture, a lens out of focus, or blur",
         "look at light, exposure and focus; fly more slowly where there is little texture",
     );
-    /// The velocity in the body frame is less certain than `estimator.health` requires: no fault where it is short, after a start or in
-    /// the dark.
+    /// The velocity in the body frame is less certain than `estimator.health` requires. Normal for a few seconds after a start or in the dark.
     4 VELOCITY_UNCERTAIN "velocity uncertain", "the velocity is less certain than `estimator.health` requires", (
         "a scene that is far for the distance between the cameras, one camera that hardly moves, or few points",
         "fly nearer to texture, or use a longer distance between the cameras",
@@ -180,8 +179,8 @@ health_bits! {
     18 LEFT_FROZEN "left image frozen", "the left camera repeats its images", FROZEN;
     /// The right image repeats the one before, bit for bit or, in flight, but for its noise: it counts as missing.
     19 RIGHT_FROZEN "right image frozen", "the right camera repeats its images", FROZEN;
-    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The images
-    /// go on alone, and may follow what moves: the quality is at most 10.
+    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The estimate
+    /// uses images only, and moving things can mislead it. The quality is at most 10.
     20 IMU_LATE "IMU late", "the inertial samples are stamped late", (
         "stamps of the arrival, or a clock of its own",
         "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`, which takes effect in flight, not in `replay`",
@@ -217,8 +216,7 @@ health_bits! {
         "plain surfaces, or a lens out of focus",
         "fly where there is something to see; look at the focus",
     );
-    /// For several frames the images have shown another motion than the forces, which hardly count; or an axis has not felt the motion that they
-    /// show. The quality is at most 10.
+    /// The accelerometer, or one of its axes, does not fit the motion that the images show, and is nearly ignored. The quality is at most 10.
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
         "a shock, forces beyond the range, stamps that are off, columns or signs of the accelerometer, a loose mounting, or a broken \
          sensor",
@@ -251,6 +249,13 @@ impl HealthBits {
     #[must_use]
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+
+    /// Findings of the bits that are set and are faults, each with its cure.
+    pub fn advice(self) -> impl Iterator<Item = String> {
+        let faults =
+            Self::ABOUT.into_iter().filter(move |about| self.contains(about.bit) && !about.cure.is_empty());
+        faults.map(|about| format!("{}: {}", about.finding, about.cure))
     }
 
     /// Names of the bits that are set.

@@ -18,6 +18,7 @@ const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
 const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it; for files of Kalibr (TUM-VI has them in dso/) \
                         use `plumbline config import --camchain --imu`, and give the result with --config";
 const SENSOR: &str = "a sensor.yaml of a data set";
+const NEEDED: &str = "the sensor.yaml of an IMU, without which nothing can be flown";
 
 /// Pose of a sensor in the body of its data set.
 #[derive(Deserialize)]
@@ -74,7 +75,11 @@ pub fn euroc_pose(sensor: impl AsRef<Path>) -> Result<Option<Isometry3<f64>>, Co
 
 pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError> {
     let layout = layout_of(directory)?;
-    let imu = File::read(&file(directory, layout, "imu0"), SENSOR)?;
+    let imu = file(directory, layout, "imu0");
+    if !imu.exists() {
+        return Err(ConfigError::NoCalibration { directory: imu, expected: NEEDED });
+    }
+    let imu = File::read(&imu, SENSOR)?;
     calibration(cameras(directory, layout, &pose(&imu)?)?, &imu)?
         .put_into(base, &directory.display().to_string())
 }

@@ -16,7 +16,8 @@ const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
 const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
-const CAMODOCAL: &str = "a camera file of camodocal (VINS-Fusion, VINS-Mono)";
+const CAMODOCAL: &str =
+    "a camera file of camodocal; give the configuration of VINS-Fusion or VINS-Mono that names it";
 const BASALT: &str = "a calibration of Basalt";
 const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
 const ORB_SLAM: &str = "a settings file of ORB-SLAM";
@@ -30,7 +31,7 @@ const DSO: &str = "a camera file of DSO (as TUM-VI has in dso/)";
 const KALIBR_TEXT: &str = "the results of Kalibr as text";
 
 /// Programs, with keys at the top of their files. Prefixes end with `*`.
-const KEYS: [(&str, &[&str]); 16] = [
+const KEYS: [(&str, &[&str]); 15] = [
     (VINS, &["body_T_cam0", "num_of_cam", "cam0_calib", "extrinsicRotation"]),
     (CAMODOCAL, &["projection_parameters", "mirror_parameters"]),
     (BASALT, &["value0"]),
@@ -45,8 +46,7 @@ const KEYS: [(&str, &[&str]); 16] = [
     ("a configuration of stella_vslam or OpenVSLAM", &["Camera"]),
     (DEPTHAI, &["cameraData", "boardName"]),
     (CAMERA_INFO, &["camera_name", "distortion_model"]),
-    (KITTI, &["P0"]),
-    (KITTI, &["P_rect_00"]),
+    (KITTI, &["P0", "P_rect_00"]),
 ];
 
 /// Programs, with parts of their files that are no YAML.
@@ -115,22 +115,17 @@ impl File {
         ConfigError::one(&self.origin, Violation::new(key, reason, cure))
     }
 
-    /// The first keys, for a file that is not known by them.
-    pub fn first_keys(&self) -> String {
-        match &self.keys[..] {
-            [] => "it has no keys".to_owned(),
-            keys => format!("its first keys: {}", keys[..keys.len().min(3)].join(", ")),
-        }
-    }
-
     /// Error of a file of another program, or of none that is known.
     pub fn other(&self, expected: &str) -> ConfigError {
         let of_keys = KEYS.iter().find(|(_, keys)| keys.iter().any(|key| self.has(key)));
         let of_text = || whose_text(&self.text).filter(|_| self.keys.is_empty());
-        match of_keys.map(|(whose, _)| *whose).or_else(of_text) {
-            Some(whose) => other(&self.origin, whose, expected),
-            None => other(&self.origin, &format!("no file of Kalibr ({})", self.first_keys()), expected),
-        }
+        let keys = self.keys[..self.keys.len().min(3)].join(", ");
+        let unknown = || match keys.as_str() {
+            "" => "no calibration that is known here (it has no keys)".to_owned(),
+            keys => format!("no calibration that is known here (its first keys: {keys})"),
+        };
+        let whose = of_keys.map(|(whose, _)| *whose).or_else(of_text).map_or_else(unknown, ToOwned::to_owned);
+        other(&self.origin, &whose, expected)
     }
 }
 

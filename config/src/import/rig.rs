@@ -21,6 +21,10 @@ struct OpenVins {
 }
 
 pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
+    let open_vins = path.join("estimator_config.yaml");
+    if open_vins.is_file() {
+        return read(base, &open_vins);
+    }
     if path.is_dir() {
         let [chain, imu] = TUM_VI.map(|name| path.join(name));
         if !chain.is_file() {
@@ -49,24 +53,12 @@ fn convert(
         vins::convert(file, &base, read)?
     } else if file.has("Camera.type") {
         orb_slam::convert(file)?
+    } else if file.has("cam0") || file.has("imu0") {
+        return Err(file.refuse("(file)", "is Kalibr's", "give its two files with --camchain and --imu"));
     } else {
-        return Err(unknown(file));
+        return Err(file.other(EXPECTED));
     };
     calibration.put_into(base, &file.origin)
-}
-
-fn unknown(file: &File) -> ConfigError {
-    let known = [
-        (["cam0", "imu0"], "these are Kalibr's keys: give its two files with --camchain and --imu"),
-        (
-            ["model_type", "projection_parameters"],
-            "this is a camera file of camodocal: give the configuration of VINS-Fusion that names it",
-        ),
-        (["T_BS", "T_SC"], "this is a sensor.yaml of a data set: give its folder with --euroc"),
-    ];
-    let cure = known.into_iter().find(|(keys, _)| keys.iter().any(|key| file.has(key)));
-    let cure = cure.map_or_else(|| format!("give {EXPECTED}"), |(_, cure)| cure.to_owned());
-    file.refuse("(file)", format!("is no calibration that is known here ({})", file.first_keys()), cure)
 }
 
 /// Reads a text into `base`; every file that it names is `camera`. For tests that never touch the disk.

@@ -1,8 +1,7 @@
-//! Products of the declarations: the file of all keys, the table of the documents, and files that start from a preset.
+//! Products of the declarations: the file of all keys, and files that start from a preset.
 
 use super::{Key, Kind, Table as _};
 use crate::{Config, ConfigError, PRESETS, every_key, preset_text};
-use plumbline_test_support::workspace;
 use toml::{Table, Value};
 
 /// Paths of the keys for experiments.
@@ -165,19 +164,4 @@ fn a_word_that_a_key_does_not_have_is_refused_by_its_key_with_those_it_has() {
     // The spelling of before 2026.
     let old = parsed("base = \"sim\"\n[autopilot]\nlost_pose = \"nan\"\n").unwrap();
     assert_eq!(old.autopilot.lost_pose, crate::options::LostPose::None);
-}
-
-/// `WRITE=1` writes the table: `WRITE=1 cargo nextest run -p plumbline-config table_of_keys`.
-#[test]
-fn the_table_of_keys_in_the_documents_is_that_of_the_declarations() {
-    const BEGIN: &str = "<!-- table of keys -->\n";
-    let path = workspace().join("docs/tuning.md");
-    let text = std::fs::read_to_string(&path).unwrap();
-    let (before, table) = text.split_once(BEGIN).expect("the document has a place for it");
-    let made = super::test_table::markdown();
-    if std::env::var_os("WRITE").is_some() {
-        std::fs::write(&path, format!("{before}{BEGIN}{made}")).unwrap();
-    } else {
-        assert!(table == made, "docs/tuning.md is not as the keys are declared: run this test with WRITE=1");
-    }
 }

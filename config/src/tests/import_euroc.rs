@@ -75,7 +75,10 @@ fn a_missing_file_is_named() {
     assert!(matches!(error, ConfigError::NoCalibration { .. }), "{error}");
     write(folder.path(), "cam0.yaml", CAM0);
     let message = euroc_into(euroc(), folder.path()).expect_err("no IMU").to_string();
-    assert!(message.contains("imu0.yaml: cannot be read"), "{message}");
+    assert!(
+        message.contains("imu0.yaml: no calibration found; expected the sensor.yaml of an IMU"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -300,7 +300,7 @@ fn files_of_other_programs_are_named() {
         ("{\"batchName\": \"\", \"boardName\": \"OAK-D\", \"cameraData\": []}", "OAK"),
         ("P0: 7.1e+02 0.0 6.0e+02\nP1: 7.1e+02 0.0\n", "KITTI"),
         ("Calibration results\n===================\nNormalized Residuals\n", "results of Kalibr as text"),
-        ("fx: 458.6\nfy: 457.2\n", "no file of Kalibr (its first keys: fx, fy)"),
+        ("fx: 458.6\nfy: 457.2\n", "no calibration that is known here (its first keys: fx, fy)"),
         ("a sentence\n", "it has no keys"),
     ] {
         let message = kalibr_texts(text, IMU).expect_err("another program's").to_string();

@@ -140,14 +140,13 @@ impl FlyStatus {
         };
         if let (Some(_), Some((glance, _))) = (&self.tracking, &self.newest) {
             let p = glance.pose_o_b.translation.vector;
+            let is_usable = glance.quality >= plumbline_record::QUALITY_TO_USE;
+            let (quality, how) = (glance.quality, if is_usable { "" } else { ", not for use" });
+            let speed_m_s = glance.v_o_b.norm();
             let _ = write!(
                 line,
-                "  quality {} %  {:.2} {:.2} {:.2} m  {:.2} m/s",
-                glance.quality,
-                p.x,
-                p.y,
-                p.z,
-                glance.v_o_b.norm()
+                "  quality {quality} %{how}  {:.2} {:.2} {:.2} m  {speed_m_s:.2} m/s",
+                p.x, p.y, p.z
             );
         }
         for notice in self.notices.read().iter().take(2) {
@@ -172,7 +171,7 @@ fn shortened(notice: &str) -> String {
             _ => {}
         }
     }
-    let short = short.split_whitespace().collect::<Vec<_>>().join(" ").replace(": ;", ";");
+    let short = short.split_whitespace().collect::<Vec<_>>().join(" ").replace(": ;", ";").replace(" ;", ";");
     if short.chars().count() <= MAX_NOTICE {
         return short.trim_end_matches([' ', ',', ';']).to_owned();
     }
@@ -217,6 +216,7 @@ mod tests {
             shortened("serial:///dev/x: (No such file (os error 2)); waiting"),
             "serial:///dev/x; waiting"
         );
+        assert_eq!(shortened("the IMU is missing (os error 2); waiting"), "the IMU is missing; waiting");
         let words = shortened(&"word ".repeat(40));
         assert!(words.ends_with("word ...") && words.len() < MAX_NOTICE + 5, "{words}");
     }
@@ -241,6 +241,8 @@ mod tests {
         assert_eq!(status.logged, Some(true));
         assert!(line.contains("  20 frames/s") || line.contains("  19 frames/s"), "{line}");
         assert!(status.line(at(11.5)).contains("  0 frames/s"), "{}", status.line(at(11.5)));
+        status.take(&Glance { quality: 19, ..glance(200, true) }, at(10.0));
+        assert!(status.line(at(10.0)).contains("quality 19 %, not for use"));
         // Silence ends it.
         status.tick(at(12.0));
         status.tick(at(13.5));

@@ -33,7 +33,7 @@ const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
-/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
+/// Shows the fleet until `is_over`, or q or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
 /// the log have to go into `log` meanwhile.
 ///
 /// # Errors
@@ -82,7 +82,7 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
     while event::poll(Duration::ZERO)? {
         let Event::Key(key) = event::read()? else { continue };
         let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-        if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+        if interrupt || key.code == KeyCode::Char('q') {
             quit(stop);
         }
     }
@@ -139,44 +139,25 @@ fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: 
 
 fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
     let presence = vehicle.presence(now);
-    let colour = match presence {
-        "tracking" => Color::Green,
-        "initialising" | "blind" => Color::Yellow,
-        _ => Color::Red,
+    let (colour, use_words) = match presence {
+        "tracking" if vehicle.is_usable(now) => (Color::Green, ""),
+        "tracking" => (Color::Yellow, ", not for use"),
+        "initialising" | "blind" => (Color::Yellow, ""),
+        _ => (Color::Red, ""),
     };
     Line::from(vec![
         Span::raw(format!(" {name} ")),
-        Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
+        Span::styled(format!("{presence}{use_words}"), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
         Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(now), vehicle.resets)),
     ])
 }
 
 fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
-    let position = vehicle.pose_o_b.map_or_else(
-        || "no pose".to_owned(),
-        |pose| {
-            let p = pose.translation.vector;
-            format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
-        },
-    );
-    let attitude = vehicle.attitude().map_or_else(
-        || "unknown".to_owned(),
-        |a| {
-            let heading_deg = a.heading_deg.round() % 360.0;
-            format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
-        },
-    );
     let v = vehicle.v_o_b;
     let velocity = match vehicle.pose_o_b {
         Some(_) => format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm()),
         None => "unknown".to_owned(),
     };
-    let link = format!(
-        "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
-        vehicle.odom.rate_hz(now),
-        vehicle.state.rate_hz(now),
-        vehicle.latency_ms.unwrap_or(0.0),
-    );
     let health = format!(
         "{}; frame {:.1} ms; lost {}, dropped {}",
         vehicle.health_summary(now),
@@ -187,10 +168,10 @@ fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     [
-        ("position", position),
-        ("attitude", attitude),
+        ("position", vehicle.position_words()),
+        ("attitude", vehicle.attitude_words()),
         ("velocity", velocity),
-        ("link", link),
+        ("link", vehicle.link_words(now)),
         ("health", health),
         ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
     ]
@@ -291,6 +272,10 @@ mod tests {
         let announced = fleet.events.iter().filter(|event| event.text == "mounting unknown: set it");
         assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
+        let mut doubtful = odometry(2, 0.0, 0).message;
+        doubtful.quality = 19;
+        fleet.odom("drone", &heard(2, doubtful), 100, now, 0);
+        assert!(text(&fleet, now).contains("tracking, not for use"));
         // Of a vehicle that is gone nothing is said that sounds well.
         let gone = text(&fleet, now + Duration::from_secs(9));
         assert!(gone.contains("lost") && gone.contains("quality -"), "{gone}");

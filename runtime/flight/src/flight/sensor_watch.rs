@@ -172,7 +172,7 @@ fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
     };
     format!(
         "{camera}: {}: such frames are {done}; send time.monotonic_ns() or clock_gettime(CLOCK_MONOTONIC) of the \
-         exposure (docs/frame-socket.md)",
+         exposure (docs/own-sensors.md)",
         problem.words(FRAME_CLOCK)
     )
 }
@@ -181,7 +181,7 @@ fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
 fn sample_stamps(imu: &str, problem: &StampProblem, expected: &str) -> String {
     format!(
         "{imu}: {}: such samples are dropped; send the sensor's own time, which increases with every sample, in that \
-         unit (docs/inertial-sensors.md) (driver.imu)",
+         unit (docs/own-sensors.md) (driver.imu)",
         problem.words(expected)
     )
 }
