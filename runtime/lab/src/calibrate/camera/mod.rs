@@ -12,11 +12,9 @@
 mod adjust;
 mod detect;
 pub mod detector;
-pub mod gather;
 pub mod images;
 mod initial;
 pub mod lens;
-pub mod live;
 pub mod output;
 mod plane;
 pub mod recording;
