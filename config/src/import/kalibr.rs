@@ -102,7 +102,7 @@ const IN_CAMERA: [(&str, &str); 9] = [
 ];
 
 pub(super) fn read(base: Config, camchain: &Path, imu: &Path) -> Result<Import, ConfigError> {
-    convert(base, &File::read(camchain, CAMCHAIN)?, &File::read(imu, IMU)?)
+    convert(base, &File::read(camchain)?, &File::read(imu)?)
 }
 
 fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigError> {
@@ -301,6 +301,6 @@ fn inertial(file: &File) -> Result<(f64, [f64; 4]), ConfigError> {
 /// Reads texts instead of files; for tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(base: Config, camchain: &str, imu: &str) -> Result<Import, ConfigError> {
-    let camchain = File::parse(camchain, "camchain.yaml", CAMCHAIN)?;
-    convert(base, &camchain, &File::parse(imu, "imu.yaml", IMU)?)
+    let camchain = File::parse(camchain, "camchain.yaml")?;
+    convert(base, &camchain, &File::parse(imu, "imu.yaml")?)
 }

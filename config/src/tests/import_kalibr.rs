@@ -276,40 +276,25 @@ fn the_inverse_pose_of_openvins_is_taken() {
 }
 
 #[test]
-fn files_of_other_programs_are_named() {
+fn files_of_other_programs_are_refused_with_the_option_that_takes_them() {
     let vins = "%YAML:1.0\nimu: 1\nnum_of_cam: 2\nbody_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [1, 0]\n";
-    for (text, whose) in [
-        (vins, "VINS-Fusion"),
-        ("model_type: PINHOLE\nprojection_parameters:\n   fx: 1\n", "camodocal"),
-        ("{\"value0\":{\"T_imu_cam\":[{\"px\":0}]}}", "Basalt"),
-        ("%YAML:1.0\nFile.version: \"1.0\"\nCamera.type: \"PinHole\"\nCamera1.fx: 458.6\n", "ORB-SLAM"),
-        ("Camera.fx: 458.6\nCamera.fy: 457.2\n", "ORB-SLAM"),
-        ("%YAML:1.0\nM1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1.]\n", "OpenCV"),
-        (
-            "image_width: 640\ncamera_name: left\ncamera_matrix: {rows: 3, cols: 3, data: [1]}\nrectification_matrix: {rows: 3}\n",
-            "camera_info of ROS",
-        ),
-        ("EquiDistant 0.37 0.37 0.49 0.50 0.003 0.0007 -0.002 0.0002\n512 512\ncrop\n512 512\n", "DSO"),
-        ("sensor_type: camera\nT_BS:\n  data: [1]\n", "sensor.yaml"),
-        ("relative_config_imu: kalibr_imu_chain.yaml\n", "OpenVINS"),
-        ("cameras:\n     - {T_SC:[1, 0, 0, 0], image_dimension: [752, 480]}\n", "OKVIS"),
-        ("Camera:\n  name: \"EuRoC\"\n  setup: \"stereo\"\n", "stella_vslam"),
-        ("<?xml version=\"1.0\"?>\n<opencv_storage>\n<K></K></opencv_storage>\n", "OpenCV"),
-        ("[LEFT_CAM_HD]\nfx=700\n", "ZED"),
-        ("Camera0\n{\n CalibrationFile ;\n qCM_x 0.0;\n}\n", "ROVIO"),
-        ("{\"batchName\": \"\", \"boardName\": \"OAK-D\", \"cameraData\": []}", "OAK"),
-        ("P0: 7.1e+02 0.0 6.0e+02\nP1: 7.1e+02 0.0\n", "KITTI"),
-        ("Calibration results\n===================\nNormalized Residuals\n", "results of Kalibr as text"),
+    for (text, cure) in [
+        (vins, "--rig"),
+        ("{\"value0\":{\"T_imu_cam\":[{\"px\":0}]}}", "--rig"),
+        ("%YAML:1.0\nFile.version: \"1.0\"\nCamera.type: \"PinHole\"\nCamera1.fx: 458.6\n", "--rig"),
+        ("relative_config_imu: kalibr_imu_chain.yaml\n", "--rig"),
+        ("sensor_type: camera\nT_BS:\n  data: [1]\n", "--euroc"),
+        ("Camera:\n  name: \"EuRoC\"\n  setup: \"stereo\"\n", "calibrate with Kalibr"),
         ("fx: 458.6\nfy: 457.2\n", "no file of Kalibr (its first keys: fx, fy)"),
         ("a sentence\n", "it has no keys"),
     ] {
         let message = kalibr_texts(text, IMU).expect_err("another program's").to_string();
         assert!(
-            message.contains(whose) && message.contains("camchain.yaml: `(file)`: is "),
-            "{whose}: {message}"
+            message.contains(cure) && message.contains("camchain.yaml: `(file)`: is "),
+            "{cure}: {message}"
         );
         let message = kalibr_texts(RADTAN, text).expect_err("another program's").to_string();
-        assert!(message.contains(whose) && message.contains("imu.yaml: `(file)`: is "), "{whose}: {message}");
+        assert!(message.contains(cure) && message.contains("imu.yaml: `(file)`: is "), "{cure}: {message}");
     }
 }
 
