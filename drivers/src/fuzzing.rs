@@ -205,7 +205,7 @@ fn readings(protocol: ImuProtocol, bytes: &[u8], piece: usize) -> (Vec<DeviceSam
 
 /// The bytes within a flight: a second and a half of a device, then these, then the device again.
 fn flight(device: &Device, bytes: &[u8], piece: usize) {
-    let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), 0, None);
+    let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), 0);
     let (mut now_ns, mut last) = (0_i64, None);
     let mut take = |stream: &mut Stream, bytes: &[u8], now_ns: i64| {
         stream.space()[..bytes.len()].copy_from_slice(bytes);
@@ -297,7 +297,7 @@ pub fn ros1_bag(data: &[u8]) {
 pub fn sqlite_bag(data: &[u8]) {
     let place = tempfile::NamedTempFile::new().expect("a temporary file");
     std::fs::write(&place, data).expect("room for it");
-    let Ok(mut file) = SqliteFile::open(no_file(), place.path()) else { return };
+    let Ok(mut file) = SqliteFile::open(place.path()) else { return };
     bag(|topics, payload| file.next(topics, payload));
 }
 
