@@ -1,11 +1,11 @@
 //! Status of `fly` during the flight: a line that is redrawn each second on a terminal; elsewhere a line of the log when
 //! tracking begins, stops or resumes, and once a minute.
 
-use super::progress::Glance;
+use super::progress::{Glance, Progress};
 use plumbline_flight::flight::sensor_watch::SensorNotices;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::time::{Duration, Instant};
 use time::OffsetDateTime;
 
@@ -22,8 +22,22 @@ const MAX_CAME: usize = 240;
 /// Longest part of a notice, characters.
 const MAX_NOTICE: usize = 90;
 
+/// Shows the status: each second on a terminal, elsewhere in the log; `notices` say what is wrong with the sensors.
+///
+/// # Errors
+/// When the system refuses a thread.
+pub fn start(notices: SensorNotices) -> std::io::Result<Progress> {
+    let is_terminal = std::io::stdout().is_terminal();
+    let mut status = FlyStatus::new(is_terminal, notices, Instant::now());
+    let show = move |glance: Option<&Glance>| match glance {
+        Some(glance) => status.take(glance, Instant::now()),
+        None => status.tick(Instant::now()),
+    };
+    Progress::start(show, move || print!("{}", if is_terminal { "\n" } else { "" }))
+}
+
 /// Status of a flight.
-pub struct FlyStatus {
+struct FlyStatus {
     is_terminal: bool,
     notices: SensorNotices,
     begin: Instant,
@@ -47,7 +61,7 @@ struct Tracking {
 
 impl FlyStatus {
     /// Status for a terminal or for the log; `notices` say what is wrong with the sensors.
-    pub fn new(is_terminal: bool, notices: SensorNotices, now: Instant) -> Self {
+    fn new(is_terminal: bool, notices: SensorNotices, now: Instant) -> Self {
         Self {
             is_terminal,
             notices,
@@ -64,7 +78,7 @@ impl FlyStatus {
     }
 
     /// Takes an estimate.
-    pub fn take(&mut self, glance: &Glance, now: Instant) {
+    fn take(&mut self, glance: &Glance, now: Instant) {
         // Glances may be passed over: each frame between two came by now.
         let new = glance.frames.saturating_sub(self.last_frames).min(MAX_CAME as u64);
         self.last_frames = glance.frames;
@@ -81,7 +95,7 @@ impl FlyStatus {
     }
 
     /// Draws or logs what is due.
-    pub fn tick(&mut self, now: Instant) {
+    fn tick(&mut self, now: Instant) {
         let is_heard = self.newest.is_some_and(|(glance, at)| glance.has_pose && now - at < SILENCE);
         if !is_heard {
             self.tracking = None;
@@ -194,12 +208,10 @@ fn length(time: Duration) -> String {
 mod tests {
     use super::*;
     use nalgebra::{Isometry3, Vector3};
-    use plumbline_config::Timestamp;
 
     fn glance(frames: u64, has_pose: bool) -> Glance {
         Glance {
             frames,
-            stamp: Timestamp::default(),
             has_pose,
             pose_o_b: Isometry3::translation(1.0, 2.0, 3.0),
             v_o_b: Vector3::x(),

@@ -25,16 +25,14 @@ const TASKS: [(&str, &[&str]); 4] = [
 ];
 
 /// Options of a simulated flight that the help of `simulate` explains, and that of `replay` leaves out.
-const OF_SIMULATE: [&str; 10] = [
+const OF_SIMULATE: [&str; 8] = [
     "imu",
     "imu_error",
     "calibration_error",
     "lean_deg",
     "laps",
-    "motion_blur",
     "time_offset_ms",
     "extrinsics_error_deg",
-    "lost_camera",
     "flicker",
 ];
 
@@ -84,7 +82,7 @@ pub fn full() -> Command {
          lists every one.\n\nOptions:\n{{options}}{{after-help}}",
         by_task(&cli)
     );
-    laid_out(cli).help_template(template)
+    cli.help_template(template)
 }
 
 /// Prints what is asked for.
@@ -189,50 +187,14 @@ fn table(about: &str, kinds: &str) -> String {
     text
 }
 
-/// A command and all below it, with the notes below their helps at [`COLUMNS`].
-fn laid_out(command: Command) -> Command {
-    let names: Vec<String> = command.get_subcommands().map(|below| below.get_name().to_owned()).collect();
-    let notes = command.get_after_help().map(|notes| wrapped(&notes.to_string()));
-    let command = names.into_iter().fold(command, |above, name| above.mut_subcommand(name, laid_out));
-    match notes {
-        Some(notes) => command.after_help(notes),
-        None => command,
-    }
-}
-
-/// Notes at [`COLUMNS`]: examples are continued as a shell reads them, with what they do on a line of its own where both are
-/// too long for one.
-fn wrapped(notes: &str) -> String {
-    let line = |line: &str| match line.strip_prefix("  plumbline ") {
-        Some(_) if line.chars().count() > COLUMNS => {
-            let (example, note) = line.trim().split_once("  ").unwrap_or((line.trim(), ""));
-            let example = broken(&format!("  {example}"), CONTINUED, COLUMNS - 2, " \\");
-            match note.trim() {
-                "" => example,
-                note => format!("{example}\n{}", filled(&format!("{:CONTINUED$}{note}", ""), CONTINUED)),
-            }
-        }
-        _ => filled(line, line.len() - line.trim_start().len()),
-    };
-    notes.lines().map(line).collect::<Vec<_>>().join("\n")
-}
-
-/// Text at [`COLUMNS`]; lines after the first are indented by `indent`.
+/// Text broken at blanks into lines of at most [`COLUMNS`] characters; lines after the first are indented by `indent`.
 fn filled(text: &str, indent: usize) -> String {
-    broken(text, indent, COLUMNS, "")
-}
-
-/// Text broken at blanks into lines of at most `width` characters, each but the last with `end` after it. Blanks within a line
-/// stay.
-fn broken(text: &str, indent: usize, width: usize, end: &str) -> String {
     let (mut lines, mut rest) = (Vec::new(), text.to_owned());
-    while rest.chars().count() > width {
-        let fits = rest.char_indices().nth(width).map_or(rest.len(), |(at, _)| at);
+    while rest.chars().count() > COLUMNS {
+        let fits = rest.char_indices().nth(COLUMNS).map_or(rest.len(), |(at, _)| at);
         let begin = rest.len() - rest.trim_start().len();
-        // A word that is too long has a line of its own.
-        let blank = rest[..=fits].rfind(' ').filter(|at| *at > begin);
-        let Some(at) = blank.or_else(|| rest[begin..].find(' ').map(|at| begin + at)) else { break };
-        lines.push(format!("{}{end}", rest[..at].trim_end()));
+        let Some(at) = rest[..=fits].rfind(' ').filter(|at| *at > begin) else { break };
+        lines.push(rest[..at].trim_end().to_owned());
         rest = format!("{:indent$}{}", "", rest[at..].trim_start());
     }
     lines.push(rest);
@@ -336,24 +298,5 @@ mod tests {
             assert!(run(word).contains(&format!("did you mean `plumbline help {name}`?")), "{}", run(word));
         }
         assert!(run("xyzzy").contains("`plumbline help all` lists the commands"));
-    }
-
-    #[test]
-    fn long_examples_are_continued_as_a_shell_reads_them() {
-        let long = format!(
-            "  plumbline replay sim:room --set {} --report out.json   one report",
-            "key=1,2 ".repeat(9).trim_end()
-        );
-        let laid = wrapped(&long);
-        let lines: Vec<&str> = laid.lines().collect();
-        assert!(lines.len() == 3 && lines[0].ends_with(" \\") && lines[1].starts_with("      "), "{laid}");
-        assert_eq!(lines[2], "      one report");
-        let (example, note) = (format!("  plumbline replay {}", "x".repeat(50)), "all that is in it");
-        assert_eq!(wrapped(&format!("{example}  {note}")), format!("{example}\n      {note}"));
-        let words = |text: &str| {
-            text.split_whitespace().filter(|word| *word != "\\").map(str::to_owned).collect::<Vec<_>>()
-        };
-        assert_eq!(words(&laid), words(&long));
-        assert_eq!(wrapped("Short."), "Short.");
     }
 }
