@@ -425,9 +425,9 @@ fn what_is_wrong_is_named_by_file_and_key_with_what_is_known() {
         (
             "distortion_model: none",
             "distortion_model: radtan",
-            "`cam0.distortion_model`: does not go with camera_model ds",
+            "`cam0.distortion_model`: radtan of 0 coefficients does not go with camera_model ds",
         ),
-        ("0.5920493574492033", "1.5", "camchain.yaml: `cam0.intrinsics`: 1.5 is outside 0 to 1"),
+        ("0.5920493574492033", "1.5", "`camera[0].distortion.alpha`: 1.5 is outside 0 to 1"),
         (
             "-0.21697771106770586, ",
             "",
