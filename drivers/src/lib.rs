@@ -24,7 +24,6 @@ pub mod iio;
 pub mod inertial;
 pub mod live;
 pub mod prefetch;
-pub mod realsense;
 mod regular_file;
 pub mod serial;
 pub mod source;
