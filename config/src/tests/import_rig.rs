@@ -306,7 +306,7 @@ fn rigs_of_openvins_are_read() {
     // Of this head the first camera is the right one, of which the import tells.
     let [exchanged] = &hilti.doubts()[..] else { panic!("{:?}", hilti.doubts()) };
     assert!(
-        exchanged.contains("to the left of camera[0]") && exchanged.contains("exchanged?"),
+        exchanged.contains("does not lie to the right of camera[0]") && exchanged.contains("exchanged?"),
         "{exchanged}"
     );
     assert_eq!(hilti.camera[1].width_px, 720);

@@ -165,7 +165,7 @@ impl FlyStatus {
             );
         }
         for notice in self.notices.read().iter().take(2) {
-            let _ = write!(line, "  missing: {}", shortened(notice));
+            let _ = write!(line, "  missing: {notice:.MAX_NOTICE$}");
         }
         line
     }
@@ -173,26 +173,6 @@ impl FlyStatus {
     fn silent_since(&self) -> Instant {
         self.newest.filter(|(glance, _)| glance.has_pose).map_or(self.begin, |(_, at)| at)
     }
-}
-
-/// A notice without what stands in parentheses; one that is still long ends with a whole word.
-fn shortened(notice: &str) -> String {
-    let (mut depth, mut short) = (0_u32, String::new());
-    for letter in notice.chars() {
-        match letter {
-            '(' => depth += 1,
-            ')' if depth > 0 => depth -= 1,
-            _ if depth == 0 => short.push(letter),
-            _ => {}
-        }
-    }
-    let short = short.split_whitespace().collect::<Vec<_>>().join(" ").replace(": ;", ";");
-    if short.chars().count() <= MAX_NOTICE {
-        return short.trim_end_matches([' ', ',', ';']).to_owned();
-    }
-    let cut: String = short.chars().take(MAX_NOTICE).collect();
-    let whole = cut.rsplit_once(' ').map_or(cut.as_str(), |(whole, _)| whole);
-    format!("{} ...", whole.trim_end_matches([' ', ',', ';', ':']))
 }
 
 /// A length of time: `83 s`, `12 min`, `2 h 5 min`.
@@ -219,18 +199,6 @@ mod tests {
             quality: 87,
             frame_ms: 4.0,
         }
-    }
-
-    #[test]
-    fn a_notice_is_shortened_at_its_parentheses_and_at_words() {
-        let long = "/run/frames: the program that sent frames has disconnected (driver.frames.listen)";
-        assert_eq!(shortened(long), "/run/frames: the program that sent frames has disconnected");
-        assert_eq!(
-            shortened("serial:///dev/x: (No such file (os error 2)); waiting"),
-            "serial:///dev/x; waiting"
-        );
-        let words = shortened(&"word ".repeat(40));
-        assert!(words.ends_with("word ...") && words.len() < MAX_NOTICE + 5, "{words}");
     }
 
     #[test]
