@@ -113,7 +113,7 @@ impl Config {
     }
 }
 
-/// Where samples come from when none is named on the command line.
+/// Source of the samples if none is named on the command line.
 #[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

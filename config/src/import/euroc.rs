@@ -13,7 +13,7 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Where the file of a sensor may lie, seen from the directory; `{}` is the sensor.
+/// Places of a sensor's file, seen from the directory; `{}` is the sensor.
 const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
 const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it; for files of Kalibr (TUM-VI has them in dso/) \
                         use `plumbline config import --camchain --imu`, and give the result with --config";

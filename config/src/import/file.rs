@@ -113,7 +113,7 @@ fn without_directive(text: &str) -> String {
     }
 }
 
-/// What a text holds; else an error by key, or by line and column where the text has no keys.
+/// Content of a text; else an error by key, or by line and column where the text has no keys.
 fn deserialized<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let options = serde_saphyr::options! {
         budget: serde_saphyr::budget! { max_depth: MAX_DEPTH, max_nodes: MAX_NODES, max_documents: 1 },

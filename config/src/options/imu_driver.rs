@@ -78,7 +78,7 @@ impl ImuProtocol {
     }
 }
 
-/// Which message of MAVLink carries the samples.
+/// Message of MAVLink that carries the samples.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -177,7 +177,7 @@ fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), Fli
     }
 }
 
-/// Where is kept what is to outlast the program, if anywhere.
+/// Folder of what is to outlast the program, if there is one.
 fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
     let of_systemd = || std::env::var("STATE_DIRECTORY").ok().filter(|names| !names.is_empty());
     // Of several, the first.

@@ -48,7 +48,7 @@ struct FlyStatus {
     other_since: Option<Instant>,
     drawn: Option<Instant>,
     minute: Instant,
-    /// When the frames of the last second came.
+    /// Arrivals of the frames of the last second.
     came: VecDeque<Instant>,
     last_frames: u64,
 }

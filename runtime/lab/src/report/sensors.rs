@@ -17,7 +17,7 @@ pub struct SensorReport {
 /// The inertial sensor.
 #[derive(Clone, Debug, Serialize)]
 pub struct ImuReport {
-    /// Where it is.
+    /// Its place.
     pub name: String,
     /// Its samples.
     #[serde(flatten)]
@@ -30,12 +30,12 @@ pub struct ImuReport {
 /// The cameras.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraReport {
-    /// Where they are.
+    /// Their places.
     pub name: String,
     /// Their frames.
     #[serde(flatten)]
     pub stream: StreamFigures,
-    /// Which images frames had.
+    /// Images of the frames.
     #[serde(flatten)]
     pub pairs: PairCounts,
     /// Why left and right bring nothing at the end, as far as they do not.

@@ -331,7 +331,7 @@ fn start(
     Ok((Cameras { models, pose_c1_c0 }, poses))
 }
 
-/// Which views are used, and what they see.
+/// Used views, and their sights.
 fn used(sights: &[Sight], poses: &[Option<Isometry3<f64>>]) -> (Vec<usize>, Vec<Sight>) {
     let sees = |k: &usize| poses[*k].is_some() && sights[*k].iter().any(|corners| !corners.is_empty());
     let used: Vec<usize> = (0..sights.len()).filter(sees).collect();
