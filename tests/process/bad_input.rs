@@ -101,7 +101,7 @@ const CASES: &[Case] = &[
             }
         },
         status: 2,
-        words: &["cam1/data", "is a TIFF image", "convert the images to PNG"],
+        words: &["cam1/data", "convert the images to PNG"],
     },
     Case {
         name: "a folder of logs",

@@ -32,14 +32,14 @@ pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
         }
         return kalibr::read(base, &chain, &imu);
     }
-    let file = File::read(path, EXPECTED)?;
+    let file = File::read(path)?;
     let beside = |name: &Path| path.parent().unwrap_or(Path::new("")).join(name);
     if file.has("relative_config_imu") {
         let named: OpenVins = file.get()?;
         let [chain, imu] = [named.relative_config_imucam, named.relative_config_imu];
         return kalibr::read(base, &beside(chain.as_ref()), &beside(imu.as_ref()));
     }
-    convert(base, &file, |name| File::read(&beside(name), EXPECTED))
+    convert(base, &file, |name| File::read(&beside(name)))
 }
 
 fn convert(
@@ -64,6 +64,6 @@ fn convert(
 /// Reads a text into `base`; every file that it names is `camera`. For tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_text(base: Config, text: &str, camera: &str) -> Result<Import, ConfigError> {
-    let file = File::parse(text, "rig.yaml", EXPECTED)?;
-    convert(base, &file, |name| File::parse(camera, &name.display().to_string(), EXPECTED))
+    let file = File::parse(text, "rig.yaml")?;
+    convert(base, &file, |name| File::parse(camera, &name.display().to_string()))
 }

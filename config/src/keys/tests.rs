@@ -147,6 +147,10 @@ fn a_wrong_base_and_what_it_refuses_are_told_with_line_and_cure() {
             "`base` (line 2): there is no preset \"simulator\"; choose one of defaults, euroc",
         ),
         ("base = 7\n", "`base` (line 1): is no name of a preset"),
+        (
+            "base = \"sim\"\n[imu]\nrate = 3\n[estimator]\nmax_point = 3\n[[camera]]\nfocus = 1\n",
+            "3 keys refused\n  `imu.rate` (line 3): unknown key; did you mean `rate_hz`?",
+        ),
         ("base = \"sim\"\n[imu]\nrate = 3\n", "`imu.rate` (line 3): unknown key; did you mean `rate_hz`?"),
         ("base = \"sim\"\n[imu]\nrate_hz = 3.0\n", "`imu.rate_hz` (line 3): 3 is outside 50 to 4000"),
         ("base = \"sim\"\n[rig]\nbase = \"sim\"\n", "`rig.base` (line 3): belongs to the whole file"),

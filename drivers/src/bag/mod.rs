@@ -13,7 +13,6 @@ pub(crate) mod holds;
 mod inertial;
 pub(crate) mod mcap_file;
 pub(crate) mod messages;
-mod packed;
 pub(crate) mod pixels;
 pub(crate) mod ros1_file;
 pub(crate) mod sqlite_file;
@@ -31,7 +30,6 @@ use crate::euroc::depth::Depth;
 use crate::euroc::imu::{EurocImu, ImuRecord};
 use crate::euroc::order::{Order, not_stamped};
 use crate::euroc::pairing::{FrameEntry, ImageRow, Pairing, paired};
-use crate::euroc::picture::foreign;
 use crate::euroc::span::{chosen_frames, frames_span, imu_range};
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions};
@@ -45,7 +43,7 @@ use plumbline_config::{ImuSample, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use stream::{BagFile, Messages};
+use stream::Messages;
 
 /// Messages that are looked at, at most: days of an IMU at 1 kHz.
 const MAX_MESSAGES: u64 = 200_000_000;
@@ -56,7 +54,7 @@ const LOOKED_AT_EVERY: u64 = 64;
 #[derive(Debug)]
 pub struct BagDataset {
     path: PathBuf,
-    files: Vec<BagFile>,
+    files: Vec<PathBuf>,
     sizes_px: Vec<(usize, usize)>,
     /// Numbers of the cameras' topics.
     cameras: Vec<usize>,
@@ -119,10 +117,7 @@ impl Content {
                 ImageMessage::Raw { encoding, .. } => {
                     (!pixels::is_known(encoding)).then(|| format!("encoding '{}'", printable(encoding)))
                 }
-                ImageMessage::File(file) if self.size_px.is_none() => {
-                    foreign(file).map(|name| format!("another format, {name}"))
-                }
-                ImageMessage::File(_) => None,
+                ImageMessage::File(_) => self.size_px.is_none().then(|| "another format".to_owned()),
             };
         }
         // One that fills its bits says all there is to say.
@@ -149,7 +144,7 @@ struct Index {
 }
 
 impl Index {
-    fn read(path: &Path, files: &[BagFile]) -> Result<Self, DriverError> {
+    fn read(path: &Path, files: &[PathBuf]) -> Result<Self, DriverError> {
         let mut messages = Messages::new(files);
         let mut contents: Vec<Content> = Vec::new();
         let mut count = 0;

@@ -13,7 +13,6 @@ use plumbline_flight::flight::FlightError;
 use plumbline_flight::local::LocalError;
 use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
-use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
@@ -55,29 +54,25 @@ pub fn exit_status(error: &anyhow::Error) -> u8 {
     if error.chain().any(is_usage) { USAGE } else { FAILED }
 }
 
+/// True if a cause is a usage, an input, an endpoint or an output that cannot be what was meant.
 fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if cause.is::<Usage>() || cause.is::<ConfigError>() {
         return true;
     }
-    if let Some(error) = cause.downcast_ref::<std::io::Error>() {
-        return matches!(
-            error.kind(),
-            ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory
-        );
+    macro_rules! judged {
+        ($($kind:ty: |$error:pat_param| $is_usage:expr;)*) => {$(
+            if let Some($error) = cause.downcast_ref::<$kind>() {
+                return $is_usage;
+            }
+        )*};
     }
-    if let Some(error) = cause.downcast_ref::<FlightError>() {
-        return error.is_usage();
-    }
-    if let Some(EvaluateError::Read(error)) = cause.downcast_ref::<EvaluateError>() {
-        return is_usage(error);
-    }
-    is_wrong_input(cause) || is_wrong_endpoint(cause)
-}
-
-/// True if a recording, a device, images or a map cannot be what was meant.
-fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
-    if let Some(error) = cause.downcast_ref::<DriverError>() {
-        return matches!(
+    judged! {
+        std::io::Error: |error| {
+            matches!(error.kind(), ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory)
+        };
+        FlightError: |error| error.is_usage();
+        EvaluateError: |error| matches!(error, EvaluateError::Read(error) if is_usage(error));
+        DriverError: |error| matches!(
             error,
             DriverError::Scenario(_)
                 | DriverError::Malformed { .. }
@@ -86,56 +81,31 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
-    }
-    if let Some(error) = cause.downcast_ref::<PlacesError>() {
-        return match error {
-            PlacesError::Driver(error) => is_usage(error),
-            PlacesError::Map(error) => is_usage(error),
-            PlacesError::Config(_) | PlacesError::Nothing(_) => true,
-        };
-    }
-    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
-        return is_usage(error);
-    }
-    if let Some(error) = cause.downcast_ref::<ImagesError>() {
-        return match error {
+        RigError: |error| matches!(error, RigError::Flight(error) if is_usage(error));
+        ImagesError: |error| match error {
             ImagesError::Layout { .. } => true,
-            ImagesError::Write { .. } => false,
             ImagesError::Io { source, .. } => is_usage(source),
             ImagesError::Image(error) => is_usage(error),
         };
+        MapFileError: |error| match error {
+            MapFileError::Read { source, .. } => is_usage(source),
+            MapFileError::Defect { defect, .. } => {
+                matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
+            }
+            MapFileError::Write { .. } => false,
+        };
+        LogError: |error| matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });
+        NetError: |error| error.is_usage();
+        LinkProcessError: |error| matches!(error, LinkProcessError::Refused(failure) if failure.is_usage);
+        LocalError: |error| !matches!(error, LocalError::Thread(_));
+        NetworkProcessError: |error| error.is_usage();
+        KeysError: |error| match error {
+            KeysError::Certificate { .. } => false,
+            KeysError::File { error, .. } => is_usage(error),
+            _ => true,
+        };
     }
-    match cause.downcast_ref::<MapFileError>() {
-        Some(MapFileError::Read { source, .. }) => is_usage(source),
-        Some(MapFileError::Defect { defect, .. }) => {
-            matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
-        }
-        Some(MapFileError::Write { .. }) | None => matches!(
-            cause.downcast_ref::<LogError>(),
-            Some(LogError::Exists { .. } | LogError::NotALog { .. })
-        ),
-    }
-}
-
-/// True if an endpoint or a key file cannot be what was meant.
-fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
-    if let Some(error) = cause.downcast_ref::<NetError>() {
-        return error.is_usage();
-    }
-    if let Some(LinkProcessError::Refused(failure)) = cause.downcast_ref::<LinkProcessError>() {
-        return failure.is_usage;
-    }
-    if let Some(error) = cause.downcast_ref::<LocalError>() {
-        return !matches!(error, LocalError::Thread(_));
-    }
-    if let Some(error) = cause.downcast_ref::<NetworkProcessError>() {
-        return error.is_usage();
-    }
-    match cause.downcast_ref::<KeysError>() {
-        None | Some(KeysError::Certificate { .. }) => false,
-        Some(KeysError::File { error, .. }) => is_usage(error),
-        Some(_) => true,
-    }
+    false
 }
 
 #[cfg(test)]

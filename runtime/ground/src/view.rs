@@ -1,11 +1,6 @@
 //! The fleet drawn in a terminal.
 
-mod above;
-mod horizon;
 mod keyboard;
-mod log_pane;
-
-pub use log_pane::LogPane;
 
 use super::fleet::{Fleet, lock};
 use super::terminal::is_gone;
@@ -26,21 +21,16 @@ use std::time::{Duration, Instant};
 
 /// Lines that one vehicle takes, border included.
 const VEHICLE_LINES: u16 = FIGURES + 2;
-/// Lines of numbers: one more than the horizon has.
-const FIGURES: u16 = horizon::ROWS + 1;
-/// Columns within the border from which on a horizon leaves enough for the numbers.
-const MIN_HORIZON_COLUMNS: u16 = 78;
-/// Lines from which on the view from above is worth its place.
-const MIN_ABOVE_LINES: u16 = 6;
+/// Lines of numbers.
+const FIGURES: u16 = 6;
 
 /// Shows the fleet until `is_over`, or q or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
-/// the log have to go into `log` meanwhile.
+/// the log have to wait meanwhile.
 ///
 /// # Errors
 /// When the terminal cannot be used.
 pub fn show(
     fleet: &Mutex<Fleet>,
-    log: &LogPane,
     about: &str,
     is_over: &impl Fn() -> bool,
     stop: &AtomicBool,
@@ -52,7 +42,7 @@ pub fn show(
         while !is_over() {
             terminal.autoresize()?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
-            draw(&mut terminal.get_frame(), &lock(fleet), log, about, Instant::now());
+            draw(&mut terminal.get_frame(), &lock(fleet), about, Instant::now());
             terminal.flush()?;
             terminal.swap_buffers();
             terminal.backend_mut().flush()?;
@@ -90,11 +80,9 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
 }
 
 /// Draws the fleet as of `now`, the log below it, and `about` in the last line.
-pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, now: Instant) {
+pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, about: &str, now: Instant) {
     let whole = frame.area();
-    let [upper, log_area, foot_area] =
-        Layout::vertical([Constraint::Fill(1), Constraint::Length(log.rows(whole)), Constraint::Length(1)])
-            .areas(whole);
+    let [upper, foot_area] = Layout::vertical([Constraint::Fill(1), Constraint::Length(1)]).areas(whole);
     let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
     rows.push(Constraint::Fill(1));
     let areas = Layout::vertical(rows).split(upper);
@@ -106,13 +94,6 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
     for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
         draw_vehicle(frame, name, vehicle, now, *area);
     }
-    let above = areas[areas.len() - 1];
-    if above.height >= MIN_ABOVE_LINES {
-        above::draw(frame, fleet, above);
-    }
-    if log_area.height > 0 {
-        log.draw(frame, log_area);
-    }
     // What is counted comes last: a narrow terminal cuts it off.
     let about = if about.is_empty() { String::new() } else { format!("   {about}") };
     let counts = format!("malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
@@ -120,21 +101,12 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
     frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), foot_area);
 }
 
-/// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
+/// Draws the numbers of a vehicle.
 fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: Instant, area: Rect) {
     let block = Block::bordered().title(title(name, vehicle, now));
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    let attitude = vehicle.attitude().filter(|_| inner.width >= MIN_HORIZON_COLUMNS);
-    let text = if let Some(attitude) = &attitude {
-        horizon::draw(frame, attitude, inner);
-        let [_, text] =
-            Layout::horizontal([Constraint::Length(horizon::COLUMNS + 1), Constraint::Fill(1)]).areas(inner);
-        text
-    } else {
-        inner
-    };
-    frame.render_widget(Paragraph::new(figures(vehicle, now)), text);
+    frame.render_widget(Paragraph::new(figures(vehicle, now)), inner);
 }
 
 fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
@@ -194,12 +166,8 @@ mod tests {
     const COLUMNS: u16 = 80;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
-        text_with(fleet, &LogPane::default(), now)
-    }
-
-    fn text_with(fleet: &Fleet, log: &LogPane, now: Instant) -> String {
         let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
-        terminal.draw(|frame| draw(frame, fleet, log, "page: http://127.0.0.1:8080", now)).unwrap();
+        terminal.draw(|frame| draw(frame, fleet, "page: http://127.0.0.1:8080", now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
             .content()
@@ -246,14 +214,11 @@ mod tests {
             "+1.250",
             "-2.500",
             attitude,
-            "▄━━━━▄▄◆▄▄━━━━▄",
             "1σ 0.000 m",
             "speed 0.50 m/s",
             "latency 0.0 ms",
             "few features",
             "map       2 keyframes, place in the map not known yet",
-            "from above",
-            "● drone",
         ] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
@@ -288,18 +253,6 @@ mod tests {
         fleet.network = "Connecting to tcp/127.0.0.1:7447".into();
         let shown = text(&fleet, Instant::now());
         for part in [NO_VEHICLE, "Connecting to tcp/127.0.0.1:7447", "page: http://127.0.0.1:8080"] {
-            assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
-        }
-        assert!(!shown.contains(" log "));
-    }
-
-    #[test]
-    fn log_lines_have_a_pane_of_their_own() {
-        let log = LogPane::default();
-        log.push(b"\x1b[33m WARN\x1b[0m tcp/127.0.0.1:7447: no listener at that port yet; check that the other side is running, and the port\n");
-        (0..3).for_each(|k| log.push(format!(" INFO line {k}\n").as_bytes()));
-        let shown = text_with(&Fleet::default(), &log, Instant::now());
-        for part in [" log ", "INFO line 2", "INFO line 0", NO_VEHICLE, "q: quit"] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
     }
