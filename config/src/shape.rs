@@ -199,22 +199,23 @@ fn suggestion(name: &str, keys: &[Key]) -> String {
     let start: String = name.chars().take(64).collect();
     let limit = (start.chars().count() / 3).max(1);
     let nearest = keys.iter().map(|key| (strsim::levenshtein(&start, key.name), key.name)).min();
-    let is_similar =
-        |(edits, key): &(usize, &str)| *edits <= limit || key.contains(name) || name.contains(key);
-    if let Some((_, key)) = nearest.filter(is_similar) {
-        return format!("did you mean `{key}`?");
-    }
-    let mut all = Vec::new();
-    paths(Config::keys(), "", &mut all);
-    all.retain(|path| path.rsplit('.').next() == Some(name));
-    match &all[..] {
-        [key] => format!("did you mean `{key}`?"),
-        _ => {
+    let slip = nearest.filter(|(edits, _)| *edits <= limit).map(|(_, key)| key.to_owned());
+    let elsewhere = || {
+        let mut all = Vec::new();
+        paths(Config::keys(), "", &mut all);
+        all.retain(|path| path.rsplit('.').next() == Some(name));
+        <[String; 1]>::try_from(all).ok().map(|[path]| path)
+    };
+    let part =
+        || nearest.filter(|(_, key)| key.contains(name) || name.contains(key)).map(|(_, key)| key.to_owned());
+    slip.or_else(elsewhere).or_else(part).map_or_else(
+        || {
             let mut known: Vec<&str> = keys.iter().map(|key| key.name).collect();
             known.sort_unstable();
             format!("remove it; known here: {}", known.join(", "))
-        }
-    }
+        },
+        |key| format!("did you mean `{key}`?"),
+    )
 }
 
 /// A configuration with every key that has numbers: a camera of each lens model, no list of numbers empty.
