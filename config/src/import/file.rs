@@ -16,8 +16,7 @@ const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
 const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
-const CAMODOCAL: &str =
-    "a camera file of camodocal; give the configuration of VINS-Fusion or VINS-Mono that names it";
+const CAMODOCAL: &str = "a camera file of camodocal; give the configuration of VINS-Fusion that names it";
 const BASALT: &str = "a calibration of Basalt";
 const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
 const ORB_SLAM: &str = "a settings file of ORB-SLAM";
