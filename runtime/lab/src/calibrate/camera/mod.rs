@@ -1,9 +1,8 @@
 //! Calibration of one or two cameras by images of a board: intrinsics, the pose between the cameras, and how well both are
 //! known.
 //!
-//! The way of the data: [`images`] lists files, a [`recording`] is read, or [`live`] cameras are looked at until [`gather`] says that
-//! there is enough; a `detector` (OpenCV, in the crate `plumbline-boards`) finds what is in
-//! them, `detect` makes corners of the board ([`target`]) of that, `initial` guesses cameras and poses, `adjust` fits them,
+//! The way of the data: [`images`] lists files, or a [`recording`] is read; a `detector` (OpenCV, in the crate `plumbline-boards`)
+//! finds what is in them, `detect` makes corners of the board ([`target`]) of that, `initial` guesses cameras and poses, `adjust` fits them,
 //! `second_look` finds the corners that the first sight missed. Three rounds of the last two, and [`result`] sums up.
 //!
 //! The adjustment is ours and not OpenCV's `calibrateCamera` and `stereoCalibrate`, which tests compare it with: it fits both
