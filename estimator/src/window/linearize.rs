@@ -172,7 +172,7 @@ impl Linearizer {
             self.begin(problem);
         }
         let target = (!is_cost).then_some(&mut self.equations);
-        let prior = prior.evaluate((problem.rig, problem.manhattan), problem.frames, target);
+        let prior = prior.evaluate(problem.rig, problem.frames, target);
         let landmarks = self.evaluate_landmarks(problem, purpose);
         // The digests of recorded flights hold this order of the sums.
         let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };
