@@ -188,8 +188,8 @@ health_bits! {
     );
     /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
     21 IMAGES_LATE "images late", "the images are stamped late", (
-        "stamps of the arrival, or of another clock than that of the IMU",
-        "stamp images in the middle of their exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
+        "stamps of the arrival, or of another clock than that of the IMU; or a cabin, deck or other carrier that moves with the view",
+        "give each image the time of its exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
     );
     /// Gyroscope and images have disagreed for a second, and neither can be named: the covariance covers it.
     22 ROTATION_DISPUTED "rotation disputed", "gyroscope and images disagree on how the vehicle turns", (
