@@ -14,8 +14,8 @@ const PIECE_S: f64 = 0.5;
 const STILL: (f64, f64) = (0.02, 0.35);
 /// Least time at rest in one attitude, s.
 const MIN_STAND_S: f64 = 1.0;
-/// Least time at rest in all, s.
-const MIN_REST_S: f64 = 2.0;
+/// Least time at rest in all, s: where images confirm it, and without.
+const MIN_REST_S: (f64, f64) = (1.0, 2.0);
 /// Deviation of gravity's magnitude, m/s²: what a bias of the accelerometer at switch-on explains, and what nothing does.
 const GRAVITY: (f64, f64) = (0.4, 1.2);
 /// An axis that repeats its value for so long is stuck, s, and so many samples.
@@ -45,6 +45,8 @@ pub struct Rest {
     pub accel: Vector3<f64>,
     /// End of the time in the first attitude at rest.
     pub first_end: Option<Timestamp>,
+    /// Least time at rest that is judged, s.
+    least_s: f64,
 }
 
 /// Consecutive pieces at rest in one attitude: their number, the sums of their means, and their end.
@@ -73,16 +75,25 @@ impl Stand {
     }
 }
 
-/// The times in which the vehicle rests.
+/// The times in which the vehicle rests, by the samples alone.
 #[must_use]
 pub fn rest(samples: &[ImuSample]) -> Rest {
-    let mut found = Rest::default();
+    rest_of(samples, |_, _| false, MIN_REST_S.1)
+}
+
+/// The times in which the vehicle rests, outside of those in which images move.
+pub(crate) fn rest_seen(samples: &[ImuSample], moving: &[(Timestamp, Timestamp)]) -> Rest {
+    rest_of(samples, |begin, end| moving.iter().any(|(from, to)| *to > begin && *from < end), MIN_REST_S.0)
+}
+
+fn rest_of(samples: &[ImuSample], moves: impl Fn(Timestamp, Timestamp) -> bool, least_s: f64) -> Rest {
+    let mut found = Rest { least_s, ..Rest::default() };
     let mut stand: Option<Stand> = None;
     let mut from = 0;
     while let Some(first) = samples.get(from) {
         let end = first.stamp.plus_seconds(PIECE_S);
         let count = samples[from..].partition_point(|sample| sample.stamp < end).max(1);
-        let piece = still(&samples[from..from + count]);
+        let piece = still(&samples[from..from + count]).filter(|_| !moves(first.stamp, end));
         from += count;
         if let (Some(stand), Some(piece)) = (&mut stand, piece)
             && stand.extend(piece, end)
@@ -127,7 +138,7 @@ impl Rest {
     /// True if the vehicle stood long enough for a verdict.
     #[must_use]
     pub(crate) fn is_enough(&self) -> bool {
-        self.seconds >= MIN_REST_S
+        self.seconds > 0.0 && self.seconds >= self.least_s
     }
 
     /// A measure that needs the vehicle at rest: `judged`, unless it did not stand long enough.

@@ -183,7 +183,11 @@ impl Checkup {
         measures.extend(images);
         measures.extend(inertial::axes(&self.samples, &config.imu));
         let mut of_samples = inertial::noise(&self.samples, &config.imu);
-        let rest = inertial::rest(&self.samples);
+        let tracks = self.tracker.as_ref().map(Tracker::tracks);
+        let rest = match tracks.filter(|tracks| !tracks.keys.is_empty()) {
+            Some(tracks) => inertial::rest_seen(&self.samples, &tracks.moving()),
+            None => inertial::rest(&self.samples),
+        };
         of_samples.extend(inertial::at_rest(&rest, config));
         of_samples.extend(mounting::judge(&self.samples, &rest, config));
         of_samples.push(inertial::blur(&self.samples, config, self.exposure_s));
@@ -191,7 +195,6 @@ impl Checkup {
             of_samples.iter_mut().for_each(Measure::spoil);
         }
         measures.extend(of_samples);
-        let tracks = self.tracker.as_ref().map(Tracker::tracks);
         let fitted = tracks.map_or_else(Vec::new, |tracks| match is_spoilt {
             true => fit::judge::spoilt(config),
             false => fit::judge::judge(config, tracks, &self.samples),

@@ -3,7 +3,7 @@
 use super::causes::{Cause, Causes, Course, SIGMAS};
 use super::parts::{Part, parts};
 use super::rig::{ACCEL, GYRO};
-use super::{Fitted, fit, orientation};
+use super::{FirstLook, Fitted, fit, orientation};
 use crate::NAMED_ABOVE;
 use crate::tracks::Tracks;
 use crate::verdict::{Fitness, Measure};
@@ -11,7 +11,7 @@ use nalgebra::DVector;
 use plumbline_config::{Config, ImuSample};
 
 /// A part is off for good from so many standard deviations on, those of a calibration and of the measurement together.
-const FAULT_SIGMAS: f64 = 2.0 * SIGMAS;
+const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
 /// Offsets of the gyroscope between pieces, rad/s, that no gyroscope has in flight, and by how much more than it says.
 const MOVING: (f64, f64) = (0.01, 10.0);
 
@@ -21,11 +21,18 @@ const HOLD: &str = "fly or move it by hand for ten seconds and more, with textur
 /// Measures of the calibration by one fit of everything: what explains most first.
 pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
     let parts = parts(config);
-    if let Some(measure) = orientation::judge(config, tracks, samples) {
+    let first = FirstLook::at(config, tracks, samples);
+    let otherwise = first.as_ref().and_then(|first| orientation::judge(config, tracks, samples, first));
+    if let Some(measure) = otherwise {
         return std::iter::once(measure).chain(spoilt(config)).collect();
     }
-    let Some(fitted) = fit(config, tracks, samples) else {
-        return missing(&parts, "images and samples hold no motion together", HOLD);
+    let first = first.filter(FirstLook::turns_enough);
+    let Some(fitted) = first.and_then(|first| fit(config, tracks, samples, &first)) else {
+        return missing(
+            &parts,
+            "the vehicle hardly turns, or images and samples hold no motion together",
+            HOLD,
+        );
     };
     let causes = Causes::new(&fitted, &parts);
     let found = causes.found();

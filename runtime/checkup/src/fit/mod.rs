@@ -64,6 +64,8 @@ const PRIOR: [(usize, usize, f64, f64); 18] = [
 ];
 /// Delays that are tried at first: so many to either side, so far apart, s; one is better by this much of the correlation.
 const DELAYS: (i32, f64, f64) = (30, 0.02, 0.1);
+/// Turn from keyframe to keyframe, root mean square, below which nothing is fitted, rad: fifty times the noise of a followed point.
+const LEAST_TURN_RAD: f64 = 0.01;
 /// Other columns of the accelerometer explain gravity better where they leave this share of its scatter.
 const BETTER: f64 = 0.6;
 /// Information that holds what cannot be measured.
@@ -75,16 +77,15 @@ const SPARSE_STEP: usize = 6;
 pub(crate) struct Fitted {
     /// Quadratic of each piece at the solution: gradient, information, and time of its middle as a share of the recording.
     pub(crate) pieces: Vec<(Vector, SMatrix<f64, CALIBRATION, CALIBRATION>, f64)>,
-    /// Biases of each piece against those of the recording.
-    pub(crate) biases: Vec<SVector<f64, 6>>,
     /// The solution as a step from the configuration.
     pub(crate) steps: Vector,
     pub(crate) rig: Rig,
     pub(crate) noise: Noise,
-    /// Pieces that did not hold together.
-    pub(crate) lost: usize,
     pub(crate) span_s: f64,
 }
+
+/// Turning from one keyframe to the next, by the images and by the gyroscope.
+type Turn = (Vector3<f64>, Vector3<f64>);
 
 /// Pieces of a recording at their first guess.
 struct Pieces {
@@ -133,7 +134,7 @@ impl Pieces {
     }
 
     /// Turning from keyframe to keyframe, by the images and by the gyroscope.
-    fn turns(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    fn turns(&self) -> Vec<Turn> {
         let sensors = Sensors::of(&self.rig, &SVector::zeros());
         let pairs = self.pieces.iter().flat_map(|piece| piece.keys.windows(2));
         let turn = |pair: &[Key]| {
@@ -187,20 +188,35 @@ impl Pieces {
     }
 }
 
-/// Step of the calibration to begin with: a delay, and columns of the accelerometer, too far off for small steps.
-fn begin(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Vector> {
-    let mut step = Vector::zeros();
-    step[DELAY] = Pieces::of(config, tracks, samples, &step, usize::MAX)?.delay_s();
-    let pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
-    let scatter = |columns: &Matrix3<f64>| pieces.scatter(columns);
-    let as_is = scatter(&Matrix3::identity());
-    let best =
-        assignments().map(|columns| (scatter(&columns), columns)).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    if best.0 < BETTER * as_is {
-        let change = (best.1 - Matrix3::identity()).transpose();
-        step.fixed_rows_mut::<9>(ACCEL).copy_from_slice(change.as_slice());
+/// A first look at a recording: how it turns, and where the fit begins.
+pub(crate) struct FirstLook {
+    /// Turning from keyframe to keyframe, by the images and by the gyroscope.
+    turns: Vec<Turn>,
+    /// Step of the calibration to begin with: a delay, and columns of the accelerometer, too far off for small steps.
+    step: Vector,
+}
+
+impl FirstLook {
+    /// True if the images turn enough for a calibration to show: well above the noise of a followed point.
+    pub(crate) fn turns_enough(&self) -> bool {
+        let square: f64 = self.turns.iter().map(|(seen, _)| seen.norm_squared()).sum();
+        square > LEAST_TURN_RAD * LEAST_TURN_RAD * self.turns.len() as f64
     }
-    Some(step)
+
+    pub(crate) fn at(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Self> {
+        let mut step = Vector::zeros();
+        let mut pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
+        step[DELAY] = pieces.delay_s();
+        pieces.rig = pieces.rig.plus(&step);
+        let as_is = pieces.scatter(&Matrix3::identity());
+        let scatters = assignments().map(|columns| (pieces.scatter(&columns), columns));
+        let best = scatters.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if best.0 < BETTER * as_is {
+            let change = (best.1 - Matrix3::identity()).transpose();
+            step.fixed_rows_mut::<9>(ACCEL).copy_from_slice(change.as_slice());
+        }
+        Some(Self { turns: pieces.turns(), step })
+    }
 }
 
 /// All assignments of three columns with all signs.
@@ -230,11 +246,15 @@ fn correlation(pairs: &[(f64, f64)]) -> f64 {
 }
 
 /// Fits a recording; `None` where no piece holds together.
-pub(crate) fn fit(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Fitted> {
+pub(crate) fn fit(
+    config: &Config,
+    tracks: &Tracks,
+    samples: &[ImuSample],
+    first: &FirstLook,
+) -> Option<Fitted> {
     let is_pair = config.camera.len() > 1;
-    let from = begin(config, tracks, samples)?;
-    let found = Pieces::of(config, tracks, samples, &from, usize::MAX)?;
-    let Pieces { mut rig, readings, mut pieces, lost, span_s } = found;
+    let found = Pieces::of(config, tracks, samples, &first.step, usize::MAX)?;
+    let Pieces { mut rig, readings, mut pieces, span_s, .. } = found;
     let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
     let mut noise = LOOSE;
     let mut damping = DAMPING;
@@ -262,15 +282,7 @@ pub(crate) fn fit(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Op
     let quadratics =
         normals.into_iter().zip(&pieces).map(|(n, piece)| (n.gradient, n.information, share(piece)));
     let quadratics: Vec<_> = quadratics.collect();
-    (!quadratics.is_empty()).then(|| Fitted {
-        lost,
-        pieces: quadratics,
-        biases: pieces.iter().map(|piece| piece.biases).collect(),
-        steps: rig.steps(),
-        rig,
-        noise,
-        span_s,
-    })
+    (!quadratics.is_empty()).then(|| Fitted { pieces: quadratics, steps: rig.steps(), rig, noise, span_s })
 }
 
 /// Rates of the body at the keyframes of a piece.

@@ -1,11 +1,10 @@
 //! Images that are mirrored, upside down, turned, or exchanged: each is tried where images and gyroscope disagree.
 
-use super::Pieces;
-use super::rig::{DELAY, Vector};
+use super::{FirstLook, LEAST_TURN_RAD, Pieces, Turn};
 use crate::finding::UNITS_AND_COLUMNS;
 use crate::tracks::{Sighting, Tracks};
 use crate::verdict::{Fitness, Measure};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use plumbline_config::{Config, ImuSample};
 
 /// Disagreement from which on the images are tried otherwise, and below which that explains it.
@@ -17,10 +16,9 @@ const TRIED: usize = 4;
 /// Factor of a gyroscope in degrees a second, 57.3, as far as images tell it.
 const DEGREES: std::ops::Range<f64> = 40.0..80.0;
 
-/// Correlation of an axis that is dead, and of one that is not; least turn from keyframe to keyframe that tells, rad.
+/// Correlation of an axis that is dead, and of one that is not.
 const DEAD: f64 = 0.3;
 const LIVE: f64 = 0.7;
-const LEAST_TURN_RAD: f64 = 0.01;
 
 /// How the images may lie: along x and along y.
 const WAYS: [(&str, [bool; 2]); 3] = [
@@ -35,18 +33,19 @@ const SIDES: [(&str, [bool; 2]); 3] = [
 ];
 
 /// The images of a pair that lie otherwise than calibrated.
-pub(super) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Measure> {
+pub(super) fn judge(
+    config: &Config,
+    tracks: &Tracks,
+    samples: &[ImuSample],
+    first: &FirstLook,
+) -> Option<Measure> {
     let sizes = [config.camera.first()?, config.camera.get(1)?]
         .map(|camera| Vector2::new(camera.width_px as f32 - 1.0, camera.height_px as f32 - 1.0));
-    let whole = Pieces::of(config, tracks, samples, &Vector::zeros(), usize::MAX)?;
-    let mut delay = Vector::zeros();
-    delay[DELAY] = whole.delay_s();
-    let pieces = |tracks: &Tracks, most: usize| Pieces::of(config, tracks, samples, &delay, most);
-    let disagreement = |tracks: &Tracks| pieces(tracks, TRIED).map_or(1.0, |pieces| pieces.disagreement());
-    let turns = pieces(tracks, usize::MAX)?.turns();
-    if let Some(measure) = in_degrees(&turns).or_else(|| dead_axis(&turns)) {
+    if let Some(measure) = in_degrees(&first.turns).or_else(|| dead_axis(&first.turns)) {
         return Some(measure);
     }
+    let pieces = |tracks: &Tracks| Pieces::of(config, tracks, samples, &first.step, TRIED);
+    let disagreement = |tracks: &Tracks| pieces(tracks).map_or(1.0, |pieces| pieces.disagreement());
     let as_is = disagreement(tracks);
     if as_is < DISAGREES {
         return None;
@@ -76,11 +75,8 @@ pub(super) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     })
 }
 
-/// Turning by the images and by the gyroscope, from keyframe to keyframe.
-type Turns = [(Vector3<f64>, Vector3<f64>)];
-
 /// A gyroscope in degrees a second.
-fn in_degrees(turns: &Turns) -> Option<Measure> {
+fn in_degrees(turns: &[Turn]) -> Option<Measure> {
     let [seen, by_gyro] =
         [0, 1].map(|k| turns.iter().map(|turn| [turn.0, turn.1][k].norm_squared()).sum::<f64>());
     let faster = (by_gyro / seen.max(f64::MIN_POSITIVE)).sqrt();
@@ -96,9 +92,9 @@ fn in_degrees(turns: &Turns) -> Option<Measure> {
 }
 
 /// One axis of the gyroscope that does not show what the images do, while the others do.
-fn dead_axis(turns: &Turns) -> Option<Measure> {
+fn dead_axis(turns: &[Turn]) -> Option<Measure> {
     let alike = [0, 1, 2].map(|axis| {
-        let sum = |of: &dyn Fn(&(Vector3<f64>, Vector3<f64>)) -> f64| turns.iter().map(of).sum::<f64>();
+        let sum = |of: &dyn Fn(&Turn) -> f64| turns.iter().map(of).sum::<f64>();
         let (seen, by_gyro) = (sum(&|t| t.0[axis].powi(2)), sum(&|t| t.1[axis].powi(2)));
         let rms = (seen / turns.len().max(1) as f64).sqrt();
         let both = sum(&|t| t.0[axis] * t.1[axis]).abs() / (seen * by_gyro).sqrt().max(f64::MIN_POSITIVE);

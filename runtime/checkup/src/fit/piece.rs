@@ -21,6 +21,8 @@ const KERNEL: f64 = 3.0;
 const HELD: f64 = 1e10;
 /// Information on what nothing else determines, small against that of a single pixel.
 const FAINT: f64 = 1e-3;
+/// Information on the step of an inverse distance for each unit of damping, m²: before the camera has moved, nothing else holds it.
+const OF_DEPTH: f64 = 100.0;
 /// Steps of the first poses by points that are known, and the widest kernel, px.
 const POSE_STEPS: usize = 10;
 const WIDE_PX: f64 = 64.0;
@@ -62,6 +64,9 @@ pub(super) struct Residuals {
     pub(super) gyro: Vec<f64>,
     pub(super) accel: Vec<f64>,
 }
+
+/// Whitened rows of points with their right sides, and the roots that whiten them.
+type PointRows = (DMatrix<f64>, DVector<f64>, Vec<Matrix3<f64>>);
 
 /// Normal equations of a piece, reduced to the calibration.
 pub(super) struct Normal {
@@ -177,7 +182,8 @@ impl Piece {
         let mut g = DVector::<f64>::zeros(all);
         let mut residuals = Residuals::default();
         self.add_links(rig, readings, gravity_w, noise, (&mut h, &mut g), &mut residuals);
-        let (points, right, roots) = self.add_views(rig, noise, (&mut h, &mut g), &mut residuals)?;
+        let (points, right, roots) =
+            self.add_views(rig, (noise, damping), (&mut h, &mut g), &mut residuals)?;
         h -= points.transpose() * &points;
         g -= points.transpose() * &right;
         self.add_priors(noise, (&mut h, &mut g));
@@ -242,20 +248,22 @@ impl Piece {
     }
 
     /// Adds what is seen; returns the whitened rows of the points, which are still to be subtracted.
-    #[allow(clippy::type_complexity)]
     fn add_views(
         &self,
         rig: &Rig,
-        noise: &Noise,
+        (noise, damping): (&Noise, f64),
         (h, g): (&mut DMatrix<f64>, &mut DVector<f64>),
         residuals: &mut Residuals,
-    ) -> Option<(DMatrix<f64>, DVector<f64>, Vec<Matrix3<f64>>)> {
+    ) -> Option<PointRows> {
         let states = self.states();
         let mut rows = DMatrix::<f64>::zeros(3 * self.points.len(), h.ncols());
         let mut right = DVector::<f64>::zeros(3 * self.points.len());
         let mut roots = Vec::with_capacity(self.points.len());
         for (row, (point, views)) in self.points.iter().enumerate() {
-            let mut own = (Matrix3::identity() * FAINT, Vector3::zeros());
+            let mut own = (
+                Matrix3::from_diagonal(&Vector3::new(FAINT, FAINT, FAINT + OF_DEPTH * damping)),
+                Vector3::zeros(),
+            );
             let mut across = DMatrix::<f64>::zeros(3, h.ncols());
             for view in views {
                 let key = &self.keys[view.key];
