@@ -22,9 +22,10 @@ const COMB: f64 = 1.1;
 const STILL: (f64, usize) = (0.3, 5);
 /// Rate of the gyroscope at which images change, rad/s.
 const TURNING_RAD_S: f64 = 0.2;
-/// Images are compared for marks where they have changed by this share of their contrast, and so many of them at least.
+/// Images are compared for marks where they have changed by this share of their contrast, and so many of them at least: by chance
+/// 1 in 2000 pixels then keeps its gradient.
 const CHANGED: f64 = 0.5;
-const LEAST_COMPARED: f64 = 8.0;
+const LEAST_COMPARED: f64 = 16.0;
 /// Gradient of a mark, grey levels; share of it that stays; share of the pixels.
 const MARK: (f32, f32, f64) = (6.0, 0.75, 0.005);
 /// Rows and columns at the edge that never change are bars from this share of the image on, grey levels.

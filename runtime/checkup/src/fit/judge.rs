@@ -9,6 +9,7 @@ use crate::tracks::Tracks;
 use crate::verdict::{Fitness, Measure};
 use nalgebra::DVector;
 use plumbline_config::{Config, ImuSample};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// A part is off for good from so many standard deviations on, those of a calibration and of the measurement together.
 const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
@@ -132,7 +133,7 @@ fn of_cause(causes: &Causes<'_>, parts: &[Part], cause: &Cause, found: &[Cause],
             of.clone().map(|v| v.0).fold(f64::INFINITY, f64::min),
             of.clone().map(|v| v.0).fold(f64::NEG_INFINITY, f64::max),
         );
-        (high - low) / part.worth.hypot(of.map(|v| v.1).fold(0.0, f64::max))
+        FRAC_1_SQRT_2 * (high - low) / part.worth.hypot(of.map(|v| v.1).fold(0.0, f64::max))
     };
     let most = (0..count).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
     let thirds: Vec<String> = causes
