@@ -76,6 +76,7 @@ impl<'a> Causes<'a> {
         let count = 6 + free.iter().map(width).sum::<usize>();
         let mut h = DMatrix::<f64>::identity(count, count) * FAINT;
         let mut b = DVector::<f64>::zeros(count);
+        let mut own = Vec::with_capacity(self.pieces.len());
         for (k, (slope, information, share)) in self.pieces.iter().enumerate() {
             let mut map = DMatrix::<f64>::zeros(CALIBRATION, count);
             for bias in 0..6 {
@@ -92,14 +93,25 @@ impl<'a> Causes<'a> {
                 map.columns_mut(at + segment * basis.ncols(), basis.ncols()).copy_from(basis);
                 at += width(entry);
             }
-            h += map.transpose() * information * &map;
-            b += map.transpose() * slope;
+            let (square, right) = (map.transpose() * information * &map, map.transpose() * slope);
+            h += &square;
+            b += &right;
+            own.push((square, right));
         }
         let Some(root) = h.cholesky() else {
             return (0.0, DVector::zeros(count), DMatrix::identity(count, count));
         };
         let step = -root.solve(&b);
-        (-step.dot(&b), step, root.inverse() * self.dispersion)
+        // Pieces that pull to different sides know less than they say: the covariance of clustered residuals.
+        let pulls = own.iter().map(|(square, right)| square * &step + right);
+        let scatter = pulls
+            .map(|pull| &pull * pull.transpose())
+            .fold(DMatrix::zeros(count, count), |sum: DMatrix<f64>, one| sum + one);
+        let (inverse, pieces) = (root.inverse(), own.len() as f64);
+        let clustered = &inverse * scatter * &inverse * (pieces / (pieces - 1.0).max(1.0));
+        let stated = inverse * self.dispersion;
+        let covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
+        (-step.dot(&b), step, covariance)
     }
 
     /// The causes, that which explains most first.
