@@ -182,13 +182,13 @@ health_bits! {
     /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The estimate
     /// uses images only, and moving things can mislead it. The quality is at most 10.
     20 IMU_LATE "IMU late", "the inertial samples are stamped late", (
-        "stamps of the arrival, or a clock of its own",
+        "stamps of the arrival, a clock of its own, or a focal length that is off",
         "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`, which takes effect in flight, not in `replay`",
     );
     /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
     21 IMAGES_LATE "images late", "the images are stamped late", (
-        "stamps of the arrival, or of another clock than that of the IMU",
-        "stamp images in the middle of their exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
+        "stamps of the arrival, or of another clock than that of the IMU; a focal length that is off; or a cabin, deck or other carrier that fills the view and moves",
+        "give each image the time of its exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
     );
     /// Gyroscope and images have disagreed for a second, and neither can be named: the covariance covers it.
     22 ROTATION_DISPUTED "rotation disputed", "gyroscope and images disagree on how the vehicle turns", (

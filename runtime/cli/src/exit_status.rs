@@ -3,9 +3,11 @@
 //! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
 //! configuration, endpoints, an input that is not there, is not of the kind that was asked for or holds nothing that can be
 //! used, an output that may not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
-//! started again, as the systemd unit does. 1: everything else that went wrong.
+//! started again, as the systemd unit does. 4: `doctor` found nothing wrong, but data that do not show everything. 1: everything else
+//! that went wrong.
 
 use super::Usage;
+use super::doctor::NotShown;
 use super::link_process::LinkProcessError;
 use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
@@ -31,6 +33,8 @@ const USAGE: u8 = 2;
 
 /// A fault of the program ended a live flight.
 pub const FAULT: u8 = 3;
+/// The data of `doctor` do not show everything that a flight needs.
+const NOT_SHOWN: u8 = 4;
 /// A run that cannot go on has this long to end: to tell the autopilot, and to write its log.
 const LAST_WORDS: Duration = Duration::from_millis(400);
 
@@ -50,6 +54,9 @@ pub fn last_resort() {
 pub fn exit_status(error: &anyhow::Error) -> u8 {
     if error.chain().filter_map(|cause| cause.downcast_ref::<RunError>()).any(RunError::is_fault) {
         return FAULT;
+    }
+    if error.is::<NotShown>() {
+        return NOT_SHOWN;
     }
     if error.chain().any(is_usage) { USAGE } else { FAILED }
 }
