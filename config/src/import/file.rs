@@ -16,7 +16,7 @@ const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
 /// Cure for files that another option takes, with keys at the top of them. Prefixes end with `*`.
-const OTHER_OPTIONS: [(&[&str], &str); 2] = [
+const OTHER_OPTIONS: [(&[&str], &str); 3] = [
     (
         &[
             "value0",
@@ -31,6 +31,10 @@ const OTHER_OPTIONS: [(&[&str], &str); 2] = [
         "`plumbline config import --rig` takes it as it is",
     ),
     (&["T_BS"], "a sensor.yaml: give the folder of its data set with --euroc"),
+    (
+        &["projection_parameters", "mirror_parameters"],
+        "a camera file of camodocal: give the configuration of VINS-Fusion or VINS-Mono that names it",
+    ),
 ];
 
 /// A calibration file whose syntax is sound.
