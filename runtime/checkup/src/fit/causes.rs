@@ -107,8 +107,8 @@ impl<'a> Causes<'a> {
         let scatter = pulls
             .map(|pull| &pull * pull.transpose())
             .fold(DMatrix::zeros(count, count), |sum: DMatrix<f64>, one| sum + one);
-        let (inverse, pieces) = (root.inverse(), own.len() as f64);
-        let clustered = &inverse * scatter * &inverse * (pieces / (pieces - 1.0).max(1.0));
+        let (inverse, others) = (root.inverse(), own.len() as f64 - 1.0);
+        let clustered = &inverse * scatter * &inverse * ((others + 1.0) / others.max(1.0) * of_few(others));
         let stated = inverse * self.dispersion;
         let covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
         (-step.dot(&b), step, covariance)
@@ -177,5 +177,26 @@ impl<'a> Causes<'a> {
             (step.rows(k * count, counted).into_owned(), sigmas.rows(k * count, counted).into_owned())
         };
         (0..self.segments(course)).map(of).collect()
+    }
+}
+
+/// By how much a variance that was measured with `freedom` degrees of freedom counts for more, so that [`SIGMAS`] of it are as rare as of one
+/// that is known: Student's t by the normal distribution (Wallace 1959).
+fn of_few(freedom: f64) -> f64 {
+    let freedom = freedom.max(1.0);
+    let z = SIGMAS * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
+    freedom * ((z * z / freedom).exp() - 1.0) / (SIGMAS * SIGMAS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_few_pieces_say_counts_as_students_t_has_it() {
+        // Quantiles of 0.99865, which three standard deviations have (Abramowitz and Stegun, table 26.10, interpolated).
+        for (freedom, t, within) in [(5.0, 5.51, 0.1), (10.0, 3.96, 0.05), (1000.0, 3.0, 0.01)] {
+            assert!((SIGMAS * of_few(freedom).sqrt() / t - 1.0).abs() < within, "{freedom}");
+        }
     }
 }
