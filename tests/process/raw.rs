@@ -224,6 +224,8 @@ fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
         |session: &zenoh::Session| runtime.block_on(async { session.info().peers_zid().await.next() });
     eventually("the vehicle is linked", Duration::from_secs(20), || known(&router_session).is_some());
     let thief = (0..5).find_map(|_| {
+        // The vehicle looks every 200 ms whether a router knows it.
+        std::thread::sleep(QUIET / 4);
         let owner = known(&router_session)?.to_le_bytes();
         runtime.block_on(async { router_session.close().await }).unwrap();
         let thief = std::thread::spawn(move || steal(port, owner));

@@ -414,7 +414,7 @@ fn what_is_wrong_is_named_by_file_and_key_with_what_is_known() {
     assert!(wild.contains("`camera[0].distortion.alpha`: 1.5 is outside 0 to 1"), "{wild}");
     for (text, says) in [
         (D455_OPENVINS, "--camchain and --imu"),
-        (T265_MEI, "VINS-Fusion that names it"),
+        (T265_MEI, "VINS-Mono that names it"),
         ("a: 1\nb: 2\n", "its first keys: a, b"),
         ("[1, 2]", "has no keys"),
     ] {
