@@ -28,10 +28,12 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
         return std::iter::once(measure).chain(spoilt(config)).collect();
     }
     let first = first.filter(FirstLook::turns_enough);
-    let Some(fitted) = first.and_then(|first| fit(config, tracks, samples, &first)) else {
+    // By how much more than it says a calibration is uncertain, only several pieces show.
+    let fitted = first.and_then(|first| fit(config, tracks, samples, &first));
+    let Some(fitted) = fitted.filter(|fitted| fitted.pieces.len() > 1) else {
         return missing(
             &parts,
-            "the vehicle hardly turns, or images and samples hold no motion together",
+            "it is too short, the vehicle hardly turns, or images and samples hold no motion together",
             HOLD,
         );
     };

@@ -1,13 +1,13 @@
 use super::{measure, told};
-use crate::{Checkup, Fitness, Frame};
+use crate::{Checkup, CheckupReport, Fitness, Frame};
 use plumbline_config::{Config, import};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoSource as _};
+use std::path::Path;
 
-#[test]
-fn the_real_clip_of_a_drone_that_stands_is_fit() {
-    let Some(clip) = plumbline_test_support::shared("euroc/V1_01_easy_clip") else { return };
-    let config = import::euroc_into(Config::preset("euroc").unwrap(), &clip).unwrap();
-    let dataset = EurocDataset::open(&clip, &EurocOptions::for_config(&config)).unwrap();
+/// What a data set shows, with the calibration that lies beside it.
+fn checked(clip: &Path) -> CheckupReport {
+    let config = import::euroc_into(Config::preset("euroc").unwrap(), clip).unwrap();
+    let dataset = EurocDataset::open(clip, &EurocOptions::for_config(&config)).unwrap();
     let mut checkup = Checkup::new(&config);
     let (mut imu, mut stereo) = (dataset.imu(), dataset.stereo());
     while let Some(reading) = imu.next_reading().unwrap() {
@@ -18,7 +18,21 @@ fn the_real_clip_of_a_drone_that_stands_is_fit() {
         let images = [frame.image(0), frame.image(1)];
         checkup.add_frame(&Frame { sequence: frame.sequence, stamp: frame.stamp, images });
     }
-    let report = checkup.report();
+    checkup.report()
+}
+
+#[test]
+fn real_images_of_one_piece_show_no_fault() {
+    let Some(clip) = plumbline_test_support::shared("euroc/MH_01_motion") else { return };
+    let report = checked(&clip);
+    assert!(report.is_fit(), "{}", told(&report));
+    assert!(report.missing().any(|measure| measure.name == "focal length"), "{}", told(&report));
+}
+
+#[test]
+fn the_real_clip_of_a_drone_that_stands_is_fit() {
+    let Some(clip) = plumbline_test_support::shared("euroc/V1_01_easy_clip") else { return };
+    let report = checked(&clip);
     println!("{}", told(&report));
     assert!(report.is_fit(), "{}", told(&report));
     // The same figure as one computes by hand from the files: mean of the accelerometer at rest.
