@@ -222,17 +222,20 @@ fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
     let vehicle = Running::start(command);
     let known =
         |session: &zenoh::Session| runtime.block_on(async { session.info().peers_zid().await.next() });
-    eventually("the vehicle is linked", Duration::from_secs(20), || known(&router_session).is_some());
+    // It declares its keys once it knows of the link itself.
+    let is_alive = |session: &zenoh::Session| {
+        let alive = session.liveliness().get("plumbline/drone/alive");
+        runtime.block_on(async { alive.await.unwrap().recv_async().await.is_ok() })
+    };
+    eventually("the vehicle is linked", Duration::from_secs(20), || is_alive(&router_session));
     let thief = (0..5).find_map(|_| {
-        // The vehicle looks every 200 ms whether a router knows it.
-        std::thread::sleep(QUIET / 4);
         let owner = known(&router_session)?.to_le_bytes();
         runtime.block_on(async { router_session.close().await }).unwrap();
         let thief = std::thread::spawn(move || steal(port, owner));
         router_session = runtime.block_on(router(port));
         let thief = thief.join().unwrap();
         if thief.is_none() {
-            eventually("the vehicle is linked again", BACK, || known(&router_session).is_some());
+            eventually("the vehicle is linked again", BACK, || is_alive(&router_session));
         }
         thief
     });

@@ -209,14 +209,20 @@ fn waiting() -> &'static ArrayQueue<(String, String)> {
 /// Where another session has the identifier of this one, or of the other side: what Zenoh says of it.
 const TAKEN: [&[&str]; 2] = [&["INVALID", "OpenSyn"], &["already exist"]];
 static REFUSED: [AtomicBool; TAKEN.len()] = [const { AtomicBool::new(false) }; TAKEN.len()];
+static WAS_LINKED: AtomicBool = AtomicBool::new(false);
+
+/// Remembers that the identifier of this session was told to another.
+pub fn record_link() {
+    WAS_LINKED.store(true, Ordering::Relaxed);
+}
 
 /// True if another session has an identifier that is needed for a link, since the last call. The other side refuses a session
-/// with the same words where it has no place left: they count where the identifier `was_told` to it before.
+/// with the same words where it has no place left: they count where the identifier was told before.
 #[must_use]
-pub fn is_identifier_taken(was_told: bool) -> bool {
+pub fn is_identifier_taken() -> bool {
     let [theirs, ours] = &REFUSED;
     let is_refused = theirs.swap(false, Ordering::Relaxed);
-    ours.swap(false, Ordering::Relaxed) || (is_refused && was_told)
+    ours.swap(false, Ordering::Relaxed) || (is_refused && WAS_LINKED.load(Ordering::Relaxed))
 }
 
 /// Remembers an attempt to connect to `endpoint` that failed.

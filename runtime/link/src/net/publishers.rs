@@ -57,8 +57,6 @@ pub struct Publishers {
     health: HealthFeed,
     chores: Instant,
     alive: Instant,
-    /// A router has been told the identifier of the session.
-    is_known: bool,
 }
 
 impl Publishers {
@@ -110,7 +108,6 @@ impl Publishers {
             health: HealthFeed::new(rates.period(Topic::Health), health),
             chores: Instant::now(),
             alive: Instant::now(),
-            is_known: false,
         })
     }
 
@@ -156,12 +153,11 @@ impl Publishers {
             self.commands.report(&Request::Alive);
         }
         // Whoever knows the identifier of a session may take its place while its link is down: a new session has a new one.
-        if diagnosis::is_identifier_taken(self.is_known) {
+        if diagnosis::is_identifier_taken() {
             let words = "another session uses the identifier of this one".to_owned();
             self.commands.report(&Request::Failed(Failure { is_usage: false, words }));
             self.commands.close();
         }
-        self.is_known |= self.session.info().routers_zid().await.next().is_some();
     }
 
     /// Sends what waits.
