@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Sends stereo frames to `plumbline fly` over the socket of driver.frames (docs/frame-socket.md).
+"""Sends stereo frames to `plumbline fly` over the socket of driver.frames (docs/own-sensors.md).
 
 Plays the images of a EuRoC data set in real time; replace `frames()` by the loop of your camera. The walk-through in
-docs/own-camera.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
+docs/own-sensors.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
 
     apt install python3-pil
     send_frames.py V1_01_easy /run/plumbline/frames
@@ -36,9 +36,14 @@ def frames(dataset, start_ns):
     for number, (left, right) in enumerate(zip(*tables)):
         stamp_ns = int(left[0]) - first_ns + start_ns
         paths = [mav0 / camera / "data" / row[1].strip() for camera, row in (("cam0", left), ("cam1", right))]
-        images = [Image.open(path).convert("L") for path in paths]
+        images = [grey(Image.open(path)) for path in paths]
         time.sleep(max(0, stamp_ns - time.monotonic_ns()) * 1e-9)
         yield number, stamp_ns, *images
+
+
+def grey(image):
+    """Eight bits of an image: the upper ones of sixteen."""
+    return image.point(lambda level: level * (1 / 256)).convert("L") if image.mode.startswith("I") else image.convert("L")
 
 
 def connect(path, patience_s):

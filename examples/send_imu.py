@@ -2,7 +2,7 @@
 """Plays an IMU to `plumbline fly`: a device at a pseudo-terminal that speaks our serial protocol (docs/serial-protocol.md).
 
 For sensors that only a program of yours can read. Plays the samples of a EuRoC data set in real time; replace `samples()`
-by the loop of your sensor. The walk-through in docs/own-camera.md runs it beside send_frames.py: both stamp by
+by the loop of your sensor. The walk-through in docs/own-sensors.md runs it beside send_frames.py: both stamp by
 CLOCK_MONOTONIC.
 
     send_imu.py V1_01_easy /run/plumbline/imu       connect = "serial:///run/plumbline/imu:921600"

@@ -28,7 +28,7 @@ mod vehicle;
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, FlowMessages, LostPose};
 pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
 pub use frames::FramesConfig;
-pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};
+pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;
 pub use local::LocalConfig;
 pub use mask::{MAX_MASK_RUNS, Mask, PixelMask};
@@ -113,7 +113,7 @@ impl Config {
     }
 }
 
-/// Where samples come from when none is named on the command line.
+/// Source of the samples if none is named on the command line.
 #[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -131,7 +131,7 @@ pub struct DriverConfig {
     /// Cameras of the Linux kernel (Video4Linux). `plumbline devices` lists devices, formats, rates and controls.
     #[key(default)]
     pub v4l2: V4l2Config,
-    /// Frames sent by a program of your own, for example one with a vendor's SDK (docs/frame-socket.md).
+    /// Frames sent by a program of your own, for example one with a vendor's SDK (docs/own-sensors.md).
     #[key(default)]
     pub frames: FramesConfig,
 }

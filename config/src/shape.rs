@@ -2,6 +2,7 @@
 
 use crate::Config;
 use crate::error::{ConfigError, Violation};
+use crate::keys::{Key, Kind, Table as _};
 use crate::text::{Lines, line_and_column};
 use toml::de::DeTable;
 use toml::{Spanned, Table, Value};
@@ -57,6 +58,11 @@ impl<'a> Document<'a> {
         if self.base().is_some() {
             written.remove(BASE_KEY);
         }
+        let mut unknown = Vec::new();
+        find_unknown(&written, Config::keys(), "", &mut unknown);
+        let unknown =
+            unknown.into_iter().map(|(key, cure)| Violation::new(key, "unknown key", cure)).collect();
+        ConfigError::if_any(origin, unknown).map_err(|error| error.with_lines(|key| self.line_of(key)))?;
         serde_path_to_error::deserialize(Value::Table(merged(base, written))).map_err(|error| {
             let violation = refused(&error.path().to_string(), error.inner().message().trim());
             let line = self.line_of(&violation.key).or(Some(1));
@@ -138,8 +144,8 @@ fn refused(path: &str, message: &str) -> Violation {
                 if path == BASE_KEY { "is no name of a preset" } else { "belongs to the whole file" };
             Violation::new(path, reason, "name a preset in the first line of the file: base = \"euroc\"")
         }
-        Some((name, known)) if message.starts_with("unknown field") => {
-            Violation::new(path, "unknown key", suggestion(name, known))
+        Some((_, known)) if message.starts_with("unknown field") => {
+            Violation::new(path, "unknown key", format!("remove it; known here: {}", known.join(", ")))
         }
         Some(_) if message.starts_with("unknown variant") => {
             Violation::new(path, message, "choose one of these")
@@ -152,18 +158,64 @@ fn refused(path: &str, message: &str) -> Violation {
     }
 }
 
-/// The cure for an unknown key: the nearest known one, or all of them.
-fn suggestion(name: &str, known: &[&str]) -> String {
+/// Finds keys that no declaration has, each with its cure.
+fn find_unknown(written: &Table, keys: &[Key], path: &str, found: &mut Vec<(String, String)>) {
+    for (name, value) in written {
+        let at = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+        let Some(key) = keys.iter().find(|key| key.name == name) else {
+            if name != BASE_KEY {
+                found.push((at, suggestion(name, keys)));
+            }
+            continue;
+        };
+        match ((key.kind)(), value) {
+            (Kind::Table(inner), Value::Table(table)) => find_unknown(table, inner(), &at, found),
+            (Kind::Tables(inner), Value::Array(list)) => {
+                for (i, table) in
+                    list.iter().enumerate().filter_map(|(i, value)| Some((i, value.as_table()?)))
+                {
+                    find_unknown(table, inner(), &format!("{at}[{i}]"), found);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Paths of all keys.
+fn paths(keys: &[Key], path: &str, found: &mut Vec<String>) {
+    for key in keys {
+        let at = if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
+        if let Kind::Table(inner) = (key.kind)() {
+            paths(inner(), &at, found);
+        }
+        found.push(at);
+    }
+}
+
+/// Key that is probably meant: one with a similar name among `keys`, or the only one of that name elsewhere.
+fn suggestion(name: &str, keys: &[Key]) -> String {
     // What is longer is no slip of a key.
     let start: String = name.chars().take(64).collect();
     let limit = (start.chars().count() / 3).max(1);
-    let nearest = known.iter().map(|key| (strsim::levenshtein(&start, key), key)).min();
-    let mut known = known.to_vec();
-    known.sort_unstable();
-    match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(**key)) {
-        Some((_, key)) => format!("did you mean `{key}`?"),
-        None => format!("remove it; known here: {}", known.join(", ")),
-    }
+    let nearest = keys.iter().map(|key| (strsim::levenshtein(&start, key.name), key.name)).min();
+    let slip = nearest.filter(|(edits, _)| *edits <= limit).map(|(_, key)| key.to_owned());
+    let elsewhere = || {
+        let mut all = Vec::new();
+        paths(Config::keys(), "", &mut all);
+        all.retain(|path| path.rsplit('.').next() == Some(name));
+        <[String; 1]>::try_from(all).ok().map(|[path]| path)
+    };
+    let part =
+        || nearest.filter(|(_, key)| key.contains(name) || name.contains(key)).map(|(_, key)| key.to_owned());
+    slip.or_else(elsewhere).or_else(part).map_or_else(
+        || {
+            let mut known: Vec<&str> = keys.iter().map(|key| key.name).collect();
+            known.sort_unstable();
+            format!("remove it; known here: {}", known.join(", "))
+        },
+        |key| format!("did you mean `{key}`?"),
+    )
 }
 
 /// A configuration with every key that has numbers: a camera of each lens model, no list of numbers empty.

@@ -4,13 +4,11 @@ use crate::clock::{StampFigures, StampProblem};
 use crate::frame_socket::{SocketFigures, SocketMonitor, SocketStereo};
 use crate::iio::IioImu;
 use crate::inertial::ImuMonitor;
-use crate::serial::{SerialImu, TriggerEvent};
-use crate::trigger::{Exposure, TriggerMonitor, Triggered};
+use crate::serial::SerialImu;
 use crate::v4l2::{V4l2Monitor, V4l2Options, V4l2Stereo};
 use crate::{DriverError, ImuSource, StereoSource, StopFlag};
 use plumbline_config::Config;
-use plumbline_config::options::{ImuEndpoint, TriggerExposure, image_sizes};
-use rtrb::Consumer;
+use plumbline_config::options::{ImuEndpoint, image_sizes};
 use std::path::Path;
 
 /// A live inertial sensor and what belongs to it.
@@ -20,8 +18,6 @@ pub struct LiveImu {
     pub source: Box<dyn ImuSource>,
     /// Figures of the samples, for the report.
     pub monitor: ImuMonitor,
-    /// The triggers of the cameras, where the sensor's microcontroller gives them.
-    pub triggers: Option<Consumer<TriggerEvent>>,
 }
 
 /// Opens the sensor of `driver.imu.connect`; none where that is empty.
@@ -36,12 +32,12 @@ pub fn open_imu(config: &Config, stop: &StopFlag) -> Result<Option<LiveImu>, Dri
     Ok(Some(match ImuEndpoint::parse(&driver.connect).map_err(DriverError::ImuAddress)? {
         ImuEndpoint::Serial(line) => {
             let camera_rate_hz = config.camera.first().map_or(0.0, |camera| camera.rate_hz);
-            let mut imu = SerialImu::at(&line, driver, &config.imu, camera_rate_hz, stop.clone())?;
-            LiveImu { monitor: imu.monitor(), triggers: imu.take_triggers(), source: Box::new(imu) }
+            let imu = SerialImu::at(&line, driver, &config.imu, camera_rate_hz, stop.clone())?;
+            LiveImu { monitor: imu.monitor(), source: Box::new(imu) }
         }
         ImuEndpoint::Iio { .. } => {
             let imu = IioImu::open(driver, &config.imu, stop.clone())?;
-            LiveImu { monitor: imu.monitor(), triggers: None, source: Box::new(imu) }
+            LiveImu { monitor: imu.monitor(), source: Box::new(imu) }
         }
     }))
 }
@@ -107,26 +103,6 @@ impl CameraMonitor {
     }
 }
 
-impl LiveCameras {
-    /// Returns these cameras with frames stamped by `triggers`, and the monitor of the matching. `config` says what a
-    /// trigger pulse means.
-    #[must_use]
-    pub fn triggered(self, triggers: Consumer<TriggerEvent>, config: &Config) -> (Self, TriggerMonitor) {
-        let cameras = match &self.monitor {
-            CameraMonitor::V4l2(monitor) => Some(monitor.clone()),
-            CameraMonitor::Socket(_) => None,
-        };
-        let exposure = match config.driver.imu.trigger_exposure {
-            TriggerExposure::Pulse => Exposure::Pulse(cameras),
-            TriggerExposure::Camera => Exposure::Camera(cameras),
-        };
-        let rate_hz = config.camera.first().map_or(1.0, |camera| camera.rate_hz);
-        let source = Triggered::new(self.source, triggers, exposure, rate_hz);
-        let monitor = source.monitor();
-        (Self { source: Box::new(source), ..self }, monitor)
-    }
-}
-
 /// Opens the cameras of `driver.v4l2`, or the socket of `driver.frames`; none where neither is configured.
 ///
 /// # Errors
@@ -175,17 +151,10 @@ mod tests {
         for connect in ["serial:///dev/nobody_has_this:921600", "iio://nobody-has-this"] {
             let stop = StopFlag::new();
             let mut imu = open_imu(&config(connect), &stop).unwrap().unwrap();
-            assert!(!imu.monitor.read().link.is_open && imu.triggers.is_none());
+            assert!(!imu.monitor.read().link.is_open);
             stop.stop();
             assert_eq!(imu.source.next_reading().unwrap(), None);
         }
-    }
-
-    #[test]
-    fn triggers_are_there_where_cameras_are_triggered() {
-        let mut config = config("serial:///dev/nobody_has_this:921600");
-        config.driver.imu.trigger_cameras = true;
-        assert!(open_imu(&config, &StopFlag::new()).unwrap().unwrap().triggers.is_some());
     }
 
     #[test]

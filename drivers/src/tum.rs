@@ -55,7 +55,7 @@ pub(crate) fn read_tum_from(path: &Path, reader: impl BufRead) -> Result<Vec<Sta
         let pose = match text {
             Ok(text) if text.is_empty() || text.starts_with('#') => continue,
             Ok(text) => parse_pose(text),
-            Err(_) => Err("not text"),
+            Err(_) => Err("not text (`replay LOG --trajectory OUT.tum` writes that of a log)"),
         };
         poses.push(pose.map_err(|why| {
             let message = format!("line {}: {why}; expected `t x y z qx qy qz qw`", index + 1);

@@ -110,8 +110,7 @@ health_bits! {
         "little light or texture, a lens out of focus, or blur",
         "look at light, exposure and focus; fly more slowly where there is little texture",
     );
-    /// The velocity in the body frame is less certain than `estimator.health` requires: no fault where it is short, after a start or in
-    /// the dark.
+    /// The velocity in the body frame is less certain than `estimator.health` requires. Normal for a few seconds after a start or in the dark.
     4 VELOCITY_UNCERTAIN "velocity uncertain", "the velocity is less certain than `estimator.health` requires", (
         "a scene that is far for the distance between the cameras, one camera that hardly moves, or few points",
         "fly nearer to texture, or use a longer distance between the cameras",
@@ -180,16 +179,16 @@ health_bits! {
     18 LEFT_FROZEN "left image frozen", "the left camera repeats its images", FROZEN;
     /// The right image repeats the one before, bit for bit or, in flight, but for its noise: it counts as missing.
     19 RIGHT_FROZEN "right image frozen", "the right camera repeats its images", FROZEN;
-    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The images
-    /// go on alone, and may follow what moves: the quality is at most 10.
+    /// The inertial samples show the rotation that the images showed earlier: their stamps are late, and they are not used. The estimate
+    /// uses images only, and moving things can mislead it. The quality is at most 10.
     20 IMU_LATE "IMU late", "the inertial samples are stamped late", (
-        "stamps of the arrival, or a clock of its own",
+        "stamps of the arrival, a clock of its own, or a focal length that is off",
         "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`, which takes effect in flight, not in `replay`",
     );
     /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
     21 IMAGES_LATE "images late", "the images are stamped late", (
-        "stamps of the arrival, or of another clock than that of the IMU",
-        "stamp images in the middle of their exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
+        "stamps of the arrival, or of another clock than that of the IMU; a focal length that is off; or a cabin, deck or other carrier that fills the view and moves",
+        "give each image the time of its exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
     );
     /// Gyroscope and images have disagreed for a second, and neither can be named: the covariance covers it.
     22 ROTATION_DISPUTED "rotation disputed", "gyroscope and images disagree on how the vehicle turns", (
@@ -217,8 +216,7 @@ health_bits! {
         "plain surfaces, or a lens out of focus",
         "fly where there is something to see; look at the focus",
     );
-    /// For several frames the images have shown another motion than the forces, which hardly count; or an axis has not felt the motion that they
-    /// show. The quality is at most 10.
+    /// The accelerometer, or one of its axes, does not fit the motion that the images show, and is nearly ignored. The quality is at most 10.
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
         "a shock, forces beyond the range, stamps that are off, columns or signs of the accelerometer, a loose mounting, or a broken \
          sensor",
@@ -251,6 +249,13 @@ impl HealthBits {
     #[must_use]
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+
+    /// Findings of the bits that are set and are faults, each with its cure.
+    pub fn advice(self) -> impl Iterator<Item = String> {
+        let faults =
+            Self::ABOUT.into_iter().filter(move |about| self.contains(about.bit) && !about.cure.is_empty());
+        faults.map(|about| format!("{}: {}", about.finding, about.cure))
     }
 
     /// Names of the bits that are set.

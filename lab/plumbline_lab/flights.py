@@ -123,7 +123,6 @@ def campaign(args) -> list[Flight]:
     more += [f"calibration-error={args.calibration_error:g}"] if args.calibration_error else []
     more += [f"lean-deg={args.lean_deg:g}"] if args.lean_deg else []
     more += [f"laps={args.laps}"] if args.laps != 1 else []
-    more += [f"laps={args.laps}"] if args.laps != 1 else []
     options = list(args.options)
     # The rig of a campaign does not depend on the path.
     options += [] if "--config" in options else ["--config", "euroc" if is_recorded else "sim"]

@@ -33,8 +33,8 @@ def test_a_campaign_is_every_path_in_every_scene_with_every_seed(tmp_path):
 
 
 def test_variations_settings_and_starts_become_options_of_replay(tmp_path):
-    flight = Flight("sim:room?start=2&seed=3", ("--mono",), ("a.b=1",), "fault=imu-late:20&motion-blur", 5.0)
-    assert flight.arguments() == ["sim:room?seed=3&start=5&fault=imu-late:20&motion-blur", "--set", "a.b=1", "--mono"]
+    flight = Flight("sim:room?start=2&seed=3", ("--mono",), ("a.b=1",), "fault=imu-late:20&flicker", 5.0)
+    assert flight.arguments() == ["sim:room?seed=3&start=5&fault=imu-late:20&flicker", "--set", "a.b=1", "--mono"]
     recording = Flight(str(tmp_path), (), (), "fault=imu-late:20", 1.5)
     assert recording.arguments() == [str(tmp_path), "--start", "1.5", "--fault=imu-late:20"]
     assert flight.labels()["flight"] == "sim:room?seed=3&start=5 --mono"

@@ -10,20 +10,22 @@ fn json(arguments: &[&str]) -> (Option<i32>, Value) {
     (output.status.code(), value)
 }
 
+/// A flight that shows everything.
+const LIVELY: &str = "sim:room?path=hand-held&scale=0.5&duration=12";
+
 #[test]
 fn a_simulated_flight_is_fit_by_its_figures() {
-    let (status, report) = json(&["doctor", "sim:room", "--seconds", "3", "--json"]);
+    let (status, report) = json(&["doctor", LIVELY, "--json"]);
     assert_eq!((status, &report["fit"]), (Some(0), &Value::Bool(true)), "{report:#}");
-    let open = report["not_looked_at"].to_string();
-    assert!(open.contains("this host") && open.contains("blur"), "{open}");
+    assert!(report["not_looked_at"].to_string().contains("this host"), "{report:#}");
     let measures = report["measures"].as_array().unwrap();
     let of = |name: &str| measures.iter().find(|measure| measure["name"] == name).unwrap();
-    assert!(of("epipolar error")["figures"]["median_px"].as_f64().unwrap() < 0.3, "{report:#}");
+    assert!(of("focal length")["figures"]["step"].as_f64().unwrap().abs() < 0.003, "{report:#}");
     assert!((of("gravity")["figures"]["norm_m_s2"].as_f64().unwrap() - 9.81).abs() < 0.2, "{report:#}");
 }
 
 #[test]
-fn a_verdict_covers_what_was_looked_at_alone() {
+fn what_is_not_shown_is_no_verdict_and_has_its_motion() {
     let host = plumbline(&["doctor", "--config", "sim", "--watch", "0.1"]);
     let text = String::from_utf8_lossy(&host.stdout);
     let last = text.trim_end().lines().last().unwrap();
@@ -31,30 +33,19 @@ fn a_verdict_covers_what_was_looked_at_alone() {
         last.starts_with("This host is fit to fly") && last.contains("Not looked at: the sensors"),
         "{last}"
     );
-    let data = plumbline(&["doctor", "sim:room", "--seconds", "2"]);
-    let text = String::from_utf8_lossy(&data.stdout);
-    let last = text.trim_end().lines().last().unwrap();
-    assert!(last.starts_with("The sensors are fit to fly") && last.contains("time offset"), "{last}");
-}
-
-/// Reasons stand for what was not measured, and those that share a reason are in one line.
-#[test]
-fn a_measure_that_the_data_do_not_hold_has_its_reason() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight").display().to_string();
-    let written =
-        plumbline(&["simulate", &path, "--start", "3", "--duration", "2", "--scale", "0.5", "--mono"]);
-    assert!(written.status.success(), "{}", stderr(&written));
-    let looked = plumbline(&["doctor", &path]);
-    let text = String::from_utf8_lossy(&looked.stdout).into_owned();
-    assert_eq!(text.matches("it takes two cameras, and the configuration has one").count(), 1, "{text}");
-    let line = text.lines().find(|line| line.contains("epipolar error, ")).unwrap();
-    assert!(line.starts_with("not measured") && line.contains("scale"), "{text}");
-    let last = text.trim_end().lines().last().unwrap();
-    assert!(
-        last.contains("Not measured, for the reasons above: ") && last.contains("epipolar error"),
-        "{last}"
-    );
+    for source in ["sim:room", "sim:room?mono=true&scale=0.5"] {
+        let data = plumbline(&["doctor", source, "--seconds", "2"]);
+        let said = stderr(&data);
+        assert_eq!(data.status.code(), Some(4), "{said}");
+        assert!(
+            said.contains("not shown: ")
+                && said.contains("time offset")
+                && said.contains("fly this: turn it"),
+            "{said}"
+        );
+    }
+    let (status, report) = json(&["doctor", "sim:room", "--seconds", "2", "--json"]);
+    assert_eq!((status, &report["fit"]), (Some(4), &Value::Bool(false)), "{report:#}");
 }
 
 /// A data set says which fault is in it, and `doctor` finds it.
@@ -76,15 +67,12 @@ fn frozen_images_are_named_with_their_camera_and_time() {
         .collect();
     assert_eq!((status, wrong.len(), &wrong[0]["name"]), (Some(1), 1, &"frozen images".into()), "{report:#}");
     let (value, cure) = (wrong[0]["value"].as_str().unwrap(), wrong[0]["cure"].as_str().unwrap());
-    assert!(value.starts_with("right images stand still for 2.0 s (4.0 to 6.0 s"), "{value}");
-    assert!(cure.contains("the right camera, and restart it"), "{cure}");
+    assert!(value.starts_with("right: ") && value.contains("(4."), "{value}");
+    assert!(cure.contains("restart it"), "{cure}");
 }
 
 #[test]
-fn a_simulated_flight_may_have_one_camera_and_a_path_by_its_name() {
-    let one = plumbline(&["doctor", "sim:room?mono=true&scale=0.5", "--seconds", "2"]);
-    let text = String::from_utf8_lossy(&one.stdout);
-    assert!(text.contains("it takes two cameras"), "{text}{}", stderr(&one));
+fn a_simulated_flight_has_a_path_by_its_name() {
     for (path, imu, words) in [
         ("V9", "simulated", "no such path or file; give demo, hand-held"),
         ("demo", "recorded", "such as V1_02"),
@@ -97,38 +85,14 @@ fn a_simulated_flight_may_have_one_camera_and_a_path_by_its_name() {
     }
 }
 
-/// With its time and its cure; measures that it spoils are not judged, and a sound data set has no such axis.
+/// With its cure, and before everything else.
 #[test]
 fn an_axis_that_fails_with_noise_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    for (name, fault, words, cure) in [
-        ("sound", "accel-pulse:x:0", "all six live", ""),
-        (
-            "dead",
-            "gyro-dead:x@0",
-            "gyroscope x reads noise alone from 0 to 12 s",
-            "look at wiring, bus and driver",
-        ),
-        (
-            "exchanged",
-            "accel-exchanged:yz@5",
-            "accelerometer y and z read each other's motion from",
-            "was right before",
-        ),
-    ] {
-        let path = folder.path().join(name).display().to_string();
-        let flight = ["--path", "hand-held", "--duration", "12", "--scale", "0.5", "--fault", fault];
-        let written = plumbline(&[&["simulate", &path], &flight[..]].concat());
-        assert!(written.status.success(), "{}", stderr(&written));
-        let (status, report) = json(&["doctor", &path, "--json"]);
-        let is_sound = cure.is_empty();
-        assert_eq!((status, &report["fit"]), (Some(i32::from(!is_sound)), &is_sound.into()), "{report:#}");
-        let measures = report["measures"].as_array().unwrap();
-        let of = |name: &str| measures.iter().find(|measure| measure["name"] == name).unwrap();
-        let told = |key: &str| of("IMU axes")[key].as_str().unwrap();
-        assert!(told("value").starts_with(words) && told("cure").contains(cure), "{report:#}");
-        assert_eq!(of("scale")["verdict"], if is_sound { "good" } else { "not measured" }, "{report:#}");
-    }
+    let (status, report) = json(&["doctor", &format!("{LIVELY}&fault=gyro-dead:x@0"), "--json"]);
+    assert_eq!((status, &report["fit"]), (Some(1), &Value::Bool(false)), "{report:#}");
+    let first = &report["measures"][0];
+    assert!(first["value"].as_str().unwrap().starts_with("gyroscope x does not show"), "{report:#}");
+    assert!(first["cure"].as_str().unwrap().contains("look at wiring, bus and driver"), "{report:#}");
 }
 
 #[test]
@@ -153,11 +117,12 @@ fn live_sensors_that_are_not_there_are_told_after_the_time_that_was_given() {
 }
 
 #[test]
-fn a_real_recording_is_fit_and_with_another_mounting_it_is_not() {
+fn a_real_recording_at_rest_is_not_shown_and_with_another_mounting_not_fit() {
     let Some(clip) = plumbline_test_support::shared("euroc/V1_01_easy_clip") else { return };
     let clip = clip.to_str().unwrap();
+    // It stands still, so it shows little.
     let (status, report) = json(&["doctor", clip, "--json"]);
-    assert_eq!((status, &report["fit"]), (Some(0), &Value::Bool(true)), "{report:#}");
+    assert_eq!((status, &report["fit"]), (Some(4), &Value::Bool(false)), "{report:#}");
 
     let output = plumbline(&["doctor", clip, "--set", "vehicle.imu_to_vehicle_deg=[0.0,0.0,0.0]"]);
     let text = String::from_utf8_lossy(&output.stdout);

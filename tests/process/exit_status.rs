@@ -25,7 +25,7 @@ const MISSING: [&[&str]; 18] = [
 ];
 
 /// Wrong usage of every command.
-const WRONG: [&[&str]; 34] = [
+const WRONG: [&[&str]; 33] = [
     &[],
     &["fly-away"],
     &["replay"],
@@ -36,7 +36,6 @@ const WRONG: [&[&str]; 34] = [
     &["verify", "sim:room?duration=3"],
     &["log", "sim:room?duration=3"],
     &["calibrate", "rig", "sim:room?duration=3", "--out", "OUT"],
-    &["map", "locate", "OUT", "sim:room?duration=3"],
     &["replay", "sim:room", "--trajectory", "OUT/"],
     &["replay", "sim:room", "--speed", "-1"],
     &["replay", "sim:room", "--speed", "0"],

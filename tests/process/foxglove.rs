@@ -110,7 +110,6 @@ struct Station {
     child: Child,
     stdout: BufReader<ChildStdout>,
     foxglove: String,
-    page: String,
 }
 
 impl Station {
@@ -139,20 +138,8 @@ impl Station {
             }
             line[line.find(begins).unwrap()..].trim().to_owned()
         };
-        let (page, foxglove) = (find("http://"), find("ws://"));
-        Self { child, stdout, foxglove, page }
-    }
-
-    /// A file that the page offers.
-    fn download(&self, path: &str, to: &Path) {
-        let address = self.page.strip_prefix("http://").unwrap();
-        let mut stream = std::net::TcpStream::connect(address).unwrap();
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
-        let body = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap() + 4;
-        assert!(answer.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&answer[..body]));
-        std::fs::write(to, &answer[body..]).unwrap();
+        let foxglove = find("ws://");
+        Self { child, stdout, foxglove }
     }
 }
 
@@ -206,15 +193,6 @@ fn a_flight_is_seen_live_by_several_clients_and_a_slow_one_is_told_what_it_misse
     assert_eq!((&refused["no protocol"], &refused["another protocol"]), (&400.into(), &400.into()));
     assert_eq!((&refused["another origin"], &refused["Foxglove's page"]), (&403.into(), &Value::Null));
     assert!(refused["statuses"][2].as_str().unwrap().contains("no channel 999"), "{refused}");
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("drone.mcap");
-    station.download("/api/vehicles/drone/trajectory.mcap", &file);
-    let seen = told(&python, &["file", file.to_str().unwrap()]);
-    assert!(seen["/drone/pose"]["messages"].as_u64().unwrap() > 20, "{seen}");
-    assert_eq!(seen["/drone/tf"]["child"], "drone/body");
-    assert!(seen["/drone/path"]["poses"].as_u64().unwrap() > 10, "{seen}");
-    assert!(seen["/drone/scene"]["spheres"].as_u64().unwrap() > 50, "{seen}");
-    assert!(seen["plumbline/drone/odom"]["messages"] == seen["/drone/pose"]["messages"], "{seen}");
 }
 
 fn check_live(told: &Value) {

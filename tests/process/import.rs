@@ -220,7 +220,7 @@ fn what_cannot_be_imported_is_named_with_file_key_and_cure() {
     for (from, to, parts) in [
         ("T_cam_imu", "T_body_cam", ["camchain-imucam.yaml", "cam0.T_cam_imu"]),
         ("radtan", "fov", ["cam0.distortion_model", "radtan"]),
-        ("[458.654,", "[-458.654,", ["cam0.intrinsics", "camchain-imucam.yaml"]),
+        ("[458.654,", "[-458.654,", ["camera[0].focal_px", "camchain-imucam.yaml"]),
     ] {
         std::fs::write(&camchain, CAMCHAIN.replacen(from, to, 1)).unwrap();
         refused(import(&camchain), &parts);

@@ -1,4 +1,4 @@
-//! The walk-through of `docs/own-camera.md`, and the example of `estimator/README.md`, as they are written.
+//! The walk-through of `docs/own-sensors.md`, and the example of `estimator/README.md`, as they are written.
 
 use super::python::interpreter;
 use plumbline_test_support::workspace;
@@ -73,10 +73,10 @@ mod realtime {
     #[test]
     fn the_walk_through_for_own_cameras_runs_as_it_is_written() {
         let Some(python) = interpreter("PIL") else { return };
-        let document = std::fs::read_to_string(workspace().join("docs/own-camera.md")).unwrap();
+        let document = std::fs::read_to_string(workspace().join("docs/own-sensors.md")).unwrap();
         let folder = tempfile::tempdir().unwrap();
         // Several of these tests may run at a time.
-        let document = document.replace("/tmp/own-camera", folder.path().to_str().unwrap());
+        let document = document.replace("/tmp/own-sensors", folder.path().to_str().unwrap());
         let examples = workspace().join("examples").canonicalize().unwrap();
         let (mut last, mut all) = (String::new(), String::new());
         for (language, code) in blocks(&document) {

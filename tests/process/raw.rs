@@ -6,8 +6,9 @@ pub mod hostile;
 pub mod raw_peer;
 
 use super::roles::{attacker, make_keys, open_vehicle};
-use super::supervised::client;
+use super::supervised::{BACK, client};
 use super::vehicle::{Running, eventually, flight, free_port, render};
+use plumbline_link::net::{Endpoints, Mode};
 use raw_peer::{Kind, RawPeer, declare_key};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
@@ -192,4 +193,58 @@ fn network_a_peer_that_asks_and_does_not_read_delays_no_answer_for_long() {
     });
     println!("let in {let_in} times; {told} answers, {longest_s:.2} s between two at most");
     assert!(told > 20 && longest_s < QUIET.as_secs_f64(), "{told} {longest_s}: {}", vehicle.words());
+}
+
+/// Opens a router's session in this process.
+async fn router(port: u16) -> zenoh::Session {
+    let listen = vec![format!("tcp/127.0.0.1:{port}")];
+    Endpoints { mode: Mode::Router, listen, ..Endpoints::default() }.open().await.unwrap()
+}
+
+/// Opens a transport under somebody else's identifier as soon as a router listens; `None` where its owner was faster.
+fn steal(port: u16, zid: [u8; 16]) -> Option<RawPeer<TcpStream>> {
+    loop {
+        let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) else { continue };
+        stream.set_read_timeout(Some(QUIET)).unwrap();
+        return RawPeer::open(stream, Kind::Client, zid).ok();
+    }
+}
+
+#[test]
+fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
+    const FLIGHT_S: u32 = 12;
+    render(FLIGHT_S);
+    let port = free_port();
+    let runtime = runtime();
+    let mut router_session = runtime.block_on(router(port));
+    let mut command = flight("drone", FLIGHT_S);
+    command.args(["--connect", &format!("tcp/127.0.0.1:{port}")]);
+    let vehicle = Running::start(command);
+    let known =
+        |session: &zenoh::Session| runtime.block_on(async { session.info().peers_zid().await.next() });
+    // It declares its keys once it knows of the link itself.
+    let is_alive = |session: &zenoh::Session| {
+        let alive = session.liveliness().get("plumbline/drone/alive");
+        runtime.block_on(async { alive.await.unwrap().recv_async().await.is_ok() })
+    };
+    eventually("the vehicle is linked", Duration::from_secs(20), || is_alive(&router_session));
+    let thief = (0..5).find_map(|_| {
+        let owner = known(&router_session)?.to_le_bytes();
+        runtime.block_on(async { router_session.close().await }).unwrap();
+        let thief = std::thread::spawn(move || steal(port, owner));
+        router_session = runtime.block_on(router(port));
+        let thief = thief.join().unwrap();
+        if thief.is_none() {
+            eventually("the vehicle is linked again", BACK, || is_alive(&router_session));
+        }
+        thief
+    });
+    let thief = thief.expect("the vehicle was faster five times");
+    let heard =
+        runtime.block_on(async { router_session.declare_subscriber("plumbline/drone/odom").await }).unwrap();
+    let begun = Instant::now();
+    let is_heard = heard.recv_timeout(BACK).is_ok_and(|sample| sample.is_some());
+    println!("odometry {:.2} s after the theft", begun.elapsed().as_secs_f64());
+    assert!(is_heard, "{}", vehicle.words());
+    drop(thief);
 }

@@ -62,7 +62,7 @@ fn faults_are_put_into_recorded_frames_too() {
     let lost = dropped["faults"]["cameras"]["missing"].as_u64().unwrap();
     assert!((8..=40).contains(&lost), "{lost}");
     assert_eq!(dropped["frames"].as_u64().unwrap() + lost, sound["frames"].as_u64().unwrap());
-    let single = report(&["--lost-camera", "right:1..2"]);
+    let single = report(&["--fault", "camera-lost:right@1+1"]);
     assert_eq!(single["faults"]["cameras"]["unpaired"], 20);
     let dark = report(&["--blackout", "2..3"]);
     assert!(dark["points"]["tracked"].as_f64() < sound["points"]["tracked"].as_f64());

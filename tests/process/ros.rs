@@ -1,7 +1,7 @@
 //! View of a vehicle from a machine with ROS 2 and `rmw_zenoh`. `tests/python/ros_peer.py` plays that machine: router, session
 //! and key expressions as `rmw_zenoh` has them, decoding by `rosbags`.
 
-mod services;
+mod path;
 
 use super::python::{FLIGHT, Program, configuration, free_endpoint, interpreter};
 use super::vehicle::{cache, render_as};
@@ -42,19 +42,12 @@ struct Seen {
 /// Flies a vehicle with these options of `[ros]`; the machine is there before, or when the vehicle has said that it
 /// waits for it.
 fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
-    fly_and_call(python, changes, when, &[])
-}
-
-/// The machine calls these services as well.
-fn fly_and_call(python: &Path, changes: &[(&str, &str)], when: Machine, services: &[&str]) -> Seen {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let (config, odometry) = (at("vehicle.toml"), at("odometry.tum"));
     let endpoint = free_endpoint();
-    let calls = services.iter().flat_map(|service| ["--call", service]);
-    let arguments: Vec<&str> = ["--listen", &endpoint].into_iter().chain(calls).collect();
     let start = || {
-        let mut peer = Program::start(python, "tests/python/ros_peer.py", &arguments);
+        let mut peer = Program::start(python, "tests/python/ros_peer.py", &["--listen", &endpoint]);
         assert_eq!(peer.line(), "ready");
         peer
     };
@@ -71,8 +64,7 @@ fn fly_and_call(python: &Path, changes: &[(&str, &str)], when: Machine, services
     let mounting = ["--set", "vehicle.imu_to_vehicle_deg=[180.0, -90.0, 0.0]"];
     // The vehicle says that it waits after three seconds.
     let duration_s = match when {
-        Machine::Before if services.is_empty() => 4,
-        Machine::Before => 8,
+        Machine::Before => 4,
         Machine::Later => 10,
     };
     // A vehicle that draws its images while it flies falls behind on a busy host.

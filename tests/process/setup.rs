@@ -1,4 +1,4 @@
-//! `plumbline setup` on recorded device trees, made by the layouts of sysfs and of the makers' tables: no device is here.
+//! `plumbline setup` on recorded device trees, made by the layout of sysfs: no device is here.
 
 use super::{fails, plumbline, stderr};
 use rustix::fs::OFlags;
@@ -116,36 +116,10 @@ impl Tree {
         self.plug(device, &[(0, 0, 0), (0, 1, 1), (0, 2, 2), (0, 3, 3), (3, 4, 0), (3, 5, 1)]);
         self.put_imu(device);
     }
-
-    /// A calibration table of the infrared pair.
-    fn table(&self) -> String {
-        let file = self.at("table.bin");
-        std::fs::write(&file, table()).unwrap();
-        file.to_str().unwrap().to_owned()
-    }
 }
 
-/// Table 25 by the layout in librealsense: 848 x 480 is the fourth size.
-fn table() -> Vec<u8> {
-    let mut content = vec![0; 560];
-    let mut put = |at: usize, number: f32| content[at - 16..at - 12].copy_from_slice(&number.to_le_bytes());
-    put(160, -49.87);
-    for (k, number) in [423.9, 424.1, 420.7, 241.3].into_iter().enumerate() {
-        put(256 + 3 * 16 + 4 * k, number);
-    }
-    let mut bytes = vec![0, 0, 25, 0];
-    bytes.extend_from_slice(&(content.len() as u32 + 16).to_le_bytes());
-    bytes.extend_from_slice(&[0; 4]);
-    bytes.extend_from_slice(&crc32(&content).to_le_bytes());
-    bytes.extend_from_slice(&content);
-    bytes
-}
-
-/// CRC-32 of zlib, bit by bit.
-fn crc32(bytes: &[u8]) -> u32 {
-    let step = |crc: u32, _| if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 };
-    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), step))
-}
+/// Intrinsics of the rectified images and baseline, as librealsense prints them.
+const INTRINSICS: [&str; 2] = ["--intrinsics", "423.9,424.1,420.7,241.3,0.04987"];
 
 fn setup(arguments: &[&str]) -> Output {
     plumbline(&[&["setup"], arguments].concat())
@@ -168,17 +142,17 @@ fn numbers(value: &toml::Value) -> Vec<f64> {
 }
 
 #[test]
-fn a_realsense_becomes_a_configuration_by_its_table() {
+fn a_realsense_becomes_a_configuration() {
     let tree = Tree::new();
     tree.realsense(&D435I);
-    let arguments = ["--imu-to-vehicle", "-90,0,90", "--recorded", &tree.root(), "--table", &tree.table()];
-    let told = stdout(&setup(&[&["realsense", "--out", &tree.out()], &arguments[..]].concat()));
+    let arguments = ["--imu-to-vehicle", "-90,0,90", "--recorded", &tree.root()];
+    let told = stdout(&setup(&[&["realsense", "--out", &tree.out()], &arguments[..], &INTRINSICS].concat()));
     assert!(told.contains("435i 840412060123") && told.contains("baseline    0.0499"), "{told}");
     let config = written(&tree);
     let camera = config["camera"].as_array().unwrap();
-    for (k, focal) in [(0, 423.9f32), (1, 423.9)] {
-        assert_eq!(numbers(&camera[k]["focal_px"])[0] as f32, focal);
-        assert_eq!(numbers(&camera[k]["centre_px"])[1] as f32, 241.3);
+    for camera in camera {
+        assert_eq!(numbers(&camera["focal_px"]), [423.9, 424.1]);
+        assert_eq!(numbers(&camera["centre_px"]), [420.7, 241.3]);
     }
     let v4l2 = &config["driver"]["v4l2"];
     let node = "/dev/v4l/by-path/pci-0000:00:14.0-usb-0:2-1:1.0-video-index2";
@@ -218,28 +192,14 @@ fn what_is_missing_is_named_with_its_cure() {
         &["RealSense", "not found on USB", "USB 3"],
     );
     tree.realsense(&D435I);
-    let table = tree.table();
-    let with_table = [&known[..], &["--table", &table]].concat();
+    let calibrated = [&known[..], &INTRINSICS].concat();
     // Without a terminal nothing is asked.
-    fails(&with_table, 2, &["--imu-to-vehicle", "without a terminal"]);
+    fails(&calibrated, 2, &["--imu-to-vehicle", "without a terminal"]);
     fails(&[&known[..], &["--imu-to-vehicle", "0,0,0"]].concat(), 2, &["--intrinsics", "without a terminal"]);
-    let mounted = [&with_table[..], &["--imu-to-vehicle", "0,0,0"]].concat();
-    fails(&[&mounted[..], &["--size", "640x480"]].concat(), 1, &["--size 640x480", "848x480"]);
-    let mut bytes = table_with_damage();
-    std::fs::write(&table, &bytes).unwrap();
-    fails(&mounted, 1, &["table.bin", "damaged", "checksum", "--intrinsics"]);
-    bytes.truncate(100);
-    std::fs::write(&table, &bytes).unwrap();
-    fails(&mounted, 1, &["table.bin", "100 bytes"]);
+    let mounted = [&calibrated[..], &["--imu-to-vehicle", "0,0,0"]].concat();
     tree.plug(&Device { port: "2-2", serial: "999", ..D435I }, &[(0, 6, 0), (0, 8, 2)]);
     fails(&mounted, 2, &["several", "--serial", "840412060123", "999"]);
     fails(&[&mounted[..], &["--serial", "1"]].concat(), 1, &["--serial", "999"]);
-}
-
-fn table_with_damage() -> Vec<u8> {
-    let mut bytes = table();
-    bytes[300] ^= 0x40;
-    bytes
 }
 
 #[test]
@@ -247,9 +207,9 @@ fn a_file_that_is_there_is_replaced_only_if_told() {
     let tree = Tree::new();
     tree.realsense(&D435I);
     std::fs::write(tree.at("drone.toml"), "mine").unwrap();
-    let (out, recorded, table) = (tree.out(), tree.root(), tree.table());
-    let arguments = ["setup", "realsense", "--out", &out, "--recorded", &recorded, "--table", &table];
-    let mounted = [&arguments[..], &["--imu-to-vehicle", "unknown"]].concat();
+    let (out, recorded) = (tree.out(), tree.root());
+    let arguments = ["setup", "realsense", "--out", &out, "--recorded", &recorded];
+    let mounted = [&arguments[..], &INTRINSICS, &["--imu-to-vehicle", "unknown"]].concat();
     fails(&mounted, 2, &["drone.toml", "--overwrite"]);
     assert_eq!(std::fs::read_to_string(&out).unwrap(), "mine");
     let replaced = plumbline(&[&mounted[..], &["--overwrite"]].concat());
@@ -262,8 +222,8 @@ fn a_camera_at_usb_2_and_without_its_imu_is_told_of() {
     let tree = Tree::new();
     let slow = Device { speed: "480", ..D435I };
     tree.plug(&slow, &[(0, 0, 0), (0, 2, 2)]);
-    let arguments = ["--imu-to-vehicle", "unknown", "--recorded", &tree.root(), "--table", &tree.table()];
-    let told = stdout(&setup(&[&["realsense", "--dry-run"], &arguments[..]].concat()));
+    let arguments = ["--imu-to-vehicle", "unknown", "--recorded", &tree.root()];
+    let told = stdout(&setup(&[&["realsense", "--dry-run"], &arguments[..], &INTRINSICS].concat()));
     assert!(told.contains("USB 2") && told.contains("HID_SENSOR_GYRO_3D"), "{told}");
 }
 
@@ -280,16 +240,7 @@ fn a_terminal_is_asked_for_the_mounting() {
         || Stdio::from(File::options().read(true).write(true).custom_flags(no_control).open(&path).unwrap());
     let mut controller = File::from(controller);
     let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
-    command.args([
-        "setup",
-        "realsense",
-        "--out",
-        &tree.out(),
-        "--recorded",
-        &tree.root(),
-        "--table",
-        &tree.table(),
-    ]);
+    command.args(["setup", "realsense", "--out", &tree.out(), "--recorded", &tree.root()]).args(INTRINSICS);
     let mut running = command.stdin(end()).stdout(Stdio::piped()).stderr(end()).spawn().unwrap();
     drop(command);
     // Typed ahead: the first answer is not understood.

@@ -98,7 +98,7 @@ fn screen(bytes: &str) -> Vec<String> {
     rows.into_iter().map(|row| row.into_iter().collect::<String>().trim_end().to_owned()).collect()
 }
 
-/// The station says in lines of the log why it hears nobody, while its view has the terminal.
+/// The station shows why it hears nobody; lines of the log wait until its view gives the terminal back.
 #[test]
 fn lines_of_the_log_do_not_tear_the_view() {
     let (mut controller, ends) = terminal();
@@ -109,24 +109,15 @@ fn lines_of_the_log_do_not_tear_the_view() {
         let count = controller.read(&mut bytes).unwrap();
         shown.push_str(&String::from_utf8_lossy(&bytes[..count]));
     };
-    let has_warning = |shown: &str| screen(shown).join("\n").contains("WARN tcp/127.0.0.1");
-    eventually("the warning is shown", PATIENCE, || {
+    eventually("the cause is shown", PATIENCE, || {
         read(&mut shown);
-        has_warning(&shown)
-    });
-    // A few pictures more.
-    eventually("what is tried is shown", PATIENCE, || {
-        read(&mut shown);
-        screen(&shown).join("\n").contains("Connecting to tcp/127.0.0.1")
+        screen(&shown).join("\n").contains("no listener at that port")
     });
     let rows = screen(&shown);
     println!("{}", rows.join("\n"));
     let border = |row: &str, ends: [char; 2]| row.starts_with(ends[0]) && row.ends_with(ends[1]);
     assert!(border(&rows[0], ['┌', '┐']) && rows[1].contains("no vehicle received yet"), "{rows:#?}");
-    let top = rows.iter().position(|row| row.starts_with("┌ log ")).expect("there is a pane");
-    assert!(border(&rows[22], ['└', '┘']), "{rows:#?}");
-    assert!(rows[top + 1..22].iter().all(|row| border(row, ['│', '│'])), "{rows:#?}");
-    assert!(rows[top + 1].contains("WARN") && rows[23].contains("q: quit"), "{rows:#?}");
+    assert!(!rows.iter().any(|row| row.contains("WARN")) && rows[23].contains("q: quit"), "{rows:#?}");
     // Afterwards the lines are in the terminal.
     Command::new("kill").args(["-INT", &station.0.id().to_string()]).status().unwrap();
     let restored = "\u{1b}[?1049l";

@@ -22,7 +22,7 @@ fn commands(page: &str) -> Vec<Shown> {
             question = number.parse().unwrap();
         } else if let Some(line) = line.strip_prefix("    plumbline ") {
             let (command, note) = line.split_once('#').unwrap_or((line, ""));
-            let status = if note.contains("status 1") { 1 } else { 0 };
+            let status = note.split_once("status ").map_or(0, |(_, rest)| rest[..1].parse().unwrap());
             let arguments = command.split_whitespace().map(ToOwned::to_owned).collect();
             commands.push(Shown { question, arguments, status });
         }
@@ -35,8 +35,8 @@ const SHOWN: [(usize, &[&str]); 21] = [
     (0, &["report.tar.gz"]),
     (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope", "exposure"]),
     (2, &["covariance", "\"consistency\""]),
-    (3, &["scale"]),
-    (4, &["middle_p75_px", "rim_p75_px"]),
+    (3, &["baseline", "accelerometer scale"]),
+    (4, &["focal length", "principal point", "lens model"]),
     (5, &["0 resets", "frame gap"]),
     (6, &["quality", "health_bits"]),
     (7, &["health", "quality"]),
@@ -45,8 +45,8 @@ const SHOWN: [(usize, &[&str]); 21] = [
     (10, &["IMU timing", "IMU axes"]),
     (11, &["in the body", "baseline"]),
     (12, &["imu_to_vehicle_deg"]),
-    (13, &["time offset"]),
-    (14, &["epipolar error"]),
+    (13, &["time offset", "clock rate"]),
+    (14, &["right camera's delay", "camera-camera rotation"]),
     (15, &["IMU timing", "camera timing", "another rate"]),
     (16, &["[vehicle]", "imu_to_vehicle_deg = \"unknown\""]),
     (17, &["NEES"]),

@@ -190,7 +190,7 @@ fn wrong_tables_and_folders_come_with_a_cure_that_helps() {
     let table = format!("{path}/mav0/imu0/data.csv");
     let text = std::fs::read_to_string(&table).unwrap();
     std::fs::write(&table, text.replace(',', ";")).unwrap();
-    fails(&["replay", &path], 2, &["imu0/data.csv", "line 2", "semicolons"]);
+    fails(&["replay", &path], 2, &["imu0/data.csv", "line 2", "commas separate columns"]);
     fails(
         &["replay", "sim:room", "--set", "estimator.points.sigma_px=-1"],
         2,

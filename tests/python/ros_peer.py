@@ -1,12 +1,9 @@
 """What a machine with ROS 2 and rmw_zenoh would see of a vehicle, told as JSON; written against nothing of ours.
 
-It opens the router that `rmw_zenohd` is and a session configured as those of ROS nodes are, finds publishers and
-services by their liveliness tokens as rmw_zenoh's graph cache does, subscribes to the key that a subscriber of such a
-topic has, and decodes the samples with `rosbags`. With `--call` it calls services of `std_srvs/srv/Trigger` as a client
-does, one after the other, once odometry has come for a while. It prints `ready`, and a line of JSON when the vehicle has
-left.
+It opens the router that `rmw_zenohd` is and a session configured as those of ROS nodes are, finds publishers by their
+liveliness tokens as rmw_zenoh's graph cache does, subscribes to the key that a subscriber of such a topic has, and decodes the samples with `rosbags`. It prints `ready`, and a line of JSON when the vehicle has left.
 
-    python ros_peer.py --listen tcp/127.0.0.1:7447 --domain 0 --seconds 60 --call /drone/reset
+    python ros_peer.py --listen tcp/127.0.0.1:7447 --domain 0 --seconds 60
 """
 
 import argparse
@@ -14,58 +11,13 @@ import json
 import queue
 import struct
 import sys
-import threading
 import time
 
 import xxhash
 import zenoh
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-TRIGGER = "std_srvs/srv/Trigger"
-# Samples of odometry before a service is called, and time between two calls.
-BEFORE_CALL = 100
-BETWEEN_CALLS_S = 1.5
-
-
-def service_types(name, request, response):
-    """Definitions of a service, which rosbags has no parser for: those that rosidl makes of a `.srv` file."""
-    # A char of ROS is a uint8 (rosidl_adapter); rosbags hashes the old word.
-    event_info = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number\n"
-    stand_in = name.replace("/srv/", "/msg/")
-    parts = {
-        "_Request": request,
-        "_Response": response,
-        "_Event": "service_msgs/ServiceEventInfo info\n"
-        f"{stand_in}_Request[<=1] request\n{stand_in}_Response[<=1] response\n",
-        "": f"{stand_in}_Request request_message\n{stand_in}_Response response_message\n{stand_in}_Event event_message\n",
-    }
-    types = get_types_from_msg(event_info, "service_msgs/msg/ServiceEventInfo")
-    for suffix, text in parts.items():
-        types |= get_types_from_msg(text, stand_in + suffix)
-
-    def renamed(part):
-        if isinstance(part, str):
-            return part.replace(stand_in, name)
-        return type(part)(map(renamed, part)) if isinstance(part, (tuple, list)) else part
-
-    return {renamed(key): renamed(value) for key, value in types.items()}
-
-
-def service_hash(name, request, response):
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(service_types(name, request, response))
-    return store.hash_rihs01(name)
-
+from rosbags.typesys import Stores, get_typestore
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
-# One whose hash is published, in docs/design.md of rmw_zenoh: this is how services are hashed.
-ADD_TWO_INTS = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
-if service_hash("example_interfaces/srv/AddTwoInts", "int64 a\nint64 b\n", "int64 sum\n") != ADD_TWO_INTS:
-    raise ValueError("rosbags hashes a known service otherwise")
-TRIGGER_PARTS = ("", "bool success\nstring message\n")
-TRIGGER_HASH = service_hash(TRIGGER, *TRIGGER_PARTS)
-SERVICES = get_typestore(Stores.ROS2_HUMBLE)
-SERVICES.register(service_types(TRIGGER, *TRIGGER_PARTS))
 # Default quality of service of rmw_zenoh (qos.cpp), for what a token leaves out; times are infinite.
 FOREVER = (9223372036, 854775807)
 RELIABILITY, DURABILITY, HISTORY, DEPTH, LIVELINESS = 1, 2, 1, 42, 1
@@ -169,58 +121,6 @@ def plain(message):
     return message
 
 
-def attachment_of(sequence, gid):
-    return struct.pack("<qqB", sequence, time.time_ns(), len(gid)) + gid
-
-
-def call(node, domain, service, sequence):
-    """A call as `rmw_send_request` makes it, and the response as `rmw_take_response` reads it."""
-    name = service["topic"]
-    key = f"{domain}/{name.strip('/')}/{service['type']}/{service['hash']}"
-    mangled = name.replace("/", "%")
-    token = (
-        f"@ros2_lv/{domain}/{node.zid()}/0/{sequence}/SC/%/%/caller/{mangled}/{service['type']}/{service['hash']}/::,10:,:,:,,"
-    )
-    gid = gid_of(token)
-    request = bytes(SERVICES.serialize_cdr(SERVICES.types[f"{TRIGGER}_Request"](), f"{TRIGGER}_Request"))
-    options = {
-        "target": zenoh.QueryTarget.ALL_COMPLETE,
-        "consolidation": zenoh.ConsolidationMode.NONE,
-        "timeout": 10.0,
-    }
-    with node.liveliness().declare_token(token):
-        attachment = attachment_of(sequence, gid)
-        replies = list(node.get(key, payload=request, attachment=attachment, **options))
-        # What no client sends: without an attachment, with a part of one, and with a pattern.
-        strange = [
-            *node.get(key, payload=request, **options),
-            *node.get(key, payload=request, attachment=attachment[:20], **options),
-            *node.get(
-                f"{domain}/*/{name.rsplit('/', 1)[1]}/**",
-                payload=request,
-                attachment=attachment,
-                **(options | {"target": zenoh.QueryTarget.ALL}),
-            ),
-        ]
-    answers = []
-    for sample in (reply.ok for reply in replies if reply.ok is not None):
-        number, source_ns, length = struct.unpack_from("<qqB", sample.attachment.to_bytes())
-        payload = sample.payload.to_bytes()
-        response = SERVICES.deserialize_cdr(payload, f"{TRIGGER}_Response")
-        answers.append(
-            {
-                "key": str(sample.key_expr),
-                "sequence": number,
-                "is_ours": sample.attachment.to_bytes()[17:] == gid and length == len(gid),
-                "delay_ms": (time.time_ns() - source_ns) * 1e-6,
-                "same_bytes": bytes(SERVICES.serialize_cdr(response, f"{TRIGGER}_Response")) == payload,
-                "response": plain(response),
-            }
-        )
-    refused = [reply.err.payload.to_string() for reply in strange if reply.err is not None]
-    return {"service": name, "key": key, "number": sequence, "answers": answers, "refused": refused}
-
-
 def told(publisher, sample):
     """A sample as ROS would take it: attachment and message."""
     name = ros_name(publisher["type"])
@@ -248,18 +148,8 @@ def main():
     arguments.add_argument("--listen", required=True, help="where the router listens")
     arguments.add_argument("--domain", type=int, default=0, help="ROS_DOMAIN_ID")
     arguments.add_argument("--seconds", type=float, default=60.0, help="time until the vehicle must have left")
-    arguments.add_argument("--call", action="append", default=[], help="service to call")
     arguments = arguments.parse_args()
-    changes, samples, subscribers, calls = queue.Queue(), [], [], []
-    services = {}
-
-    def call_all():
-        """Calls the services in turn, each for itself, while samples come in."""
-        while sum(sample["topic"].endswith("/odom") for sample in samples) < BEFORE_CALL:
-            time.sleep(0.01)
-        for sequence, name in enumerate(arguments.call, start=1):
-            calls.append(call(node, arguments.domain, services[name], sequence))
-            time.sleep(BETWEEN_CALLS_S)
+    changes, samples, subscribers = queue.Queue(), [], []
 
     with (
         session("router", [arguments.listen], []),
@@ -267,9 +157,6 @@ def main():
         node.liveliness().declare_subscriber(f"@ros2_lv/{arguments.domain}/**", changes.put, history=True),
     ):
         print("ready", flush=True)
-        caller = threading.Thread(target=call_all, daemon=True)
-        if arguments.call:
-            caller.start()
         present, seen = set(), []
         deadline = time.monotonic() + arguments.seconds
         while not seen or present:
@@ -281,8 +168,6 @@ def main():
             entity = parse_token(key)
             present.add(key)
             seen.append(entity)
-            if entity["kind"] == "SS":
-                services[entity["topic"]] = entity
             if entity["kind"] == "MP":
                 take = lambda sample, entity=entity: samples.append(told(entity, sample))
                 subscribers.append(node.declare_subscriber(subscriber_key(entity), take))
@@ -291,10 +176,7 @@ def main():
         store.name: {name: get_typestore(store).hash_rihs01(name) for name in types}
         for store in (Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED)
     }
-    # The same in every release that hashes.
-    for of_release in hashes.values():
-        of_release[TRIGGER] = TRIGGER_HASH
-    told_of = {"entities": seen, "samples": samples, "hashes": hashes, "calls": calls}
+    told_of = {"entities": seen, "samples": samples, "hashes": hashes}
     json.dump(told_of, sys.stdout)
     print()
 

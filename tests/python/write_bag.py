@@ -2,7 +2,7 @@
 
 usage: write_bag.py DATA_SET FRAMES BAG...
 
-A bag is OUT,raw|png,mcap|db3|bag[,none|zstd-file|zstd-message|bz2|lz4[,short]]. OUT is the directory of a ROS 2 bag, or the file of a
+A bag is OUT,raw|png,mcap|db3|bag[,none|bz2|lz4[,short]]. OUT is the directory of a ROS 2 bag, or the file of a
 ROS 1 bag; with `short` the inertial samples end a second after the last image.
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy
 from PIL import Image
 from rosbags import rosbag1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 SENSOR = "sensor_msgs/msg/"
@@ -72,11 +72,7 @@ def writer(out: Path, storage: str, compression: str):
         if compression != "none":
             bag.set_compression(getattr(rosbag1.Writer.CompressionFormat, compression.upper()))
         return bag
-    bag = Writer(out, version=9, storage_plugin=StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3)
-    if compression != "none":
-        mode = CompressionMode.FILE if compression == "zstd-file" else CompressionMode.MESSAGE
-        bag.set_compression(mode, CompressionFormat.ZSTD)
-    return bag
+    return Writer(out, version=9, storage_plugin=StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3)
 
 
 def write(dataset: Path, frames: int, out: str, kind: str, storage: str, compression: str = "none", length: str = "whole"):

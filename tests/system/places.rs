@@ -1,13 +1,15 @@
 //! Real images are found in a map of real images, and none in the wrong place.
 
+mod build;
+mod frames;
+
+use build::{LocatedFrame, build, locate};
+use frames::RecordedFrames;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::read_tum;
 use plumbline_estimator::places::{ExtractorOptions, LocatorOptions, MapLimits, PlaceMap};
-use plumbline_flight::places::build::{BuildOptions, LocatedFrame, build, locate};
-use plumbline_flight::places::frames::{Choice, RecordedFrames};
 use plumbline_tests::shared;
-use std::path::Path;
 
 /// An image overlaps with a map when so many of the map's points lie in its view, and are seen from not too
 /// different a place: at a distance of half to twice that of their keyframe, and turned by less than 30 degrees.
@@ -29,13 +31,12 @@ impl Room {
 
     fn frames(&self, offset: usize) -> RecordedFrames {
         let options = ExtractorOptions { max_features: FEATURES, ..ExtractorOptions::default() };
-        RecordedFrames::open(Path::new(&self.folder), None, Choice { every: 2, offset }, &options).unwrap()
+        RecordedFrames::open(&self.folder, 2, offset, &options).unwrap()
     }
 
     fn map(&self, offset: usize) -> PlaceMap {
         let limits = MapLimits { keyframes: 64, features: FEATURES };
-        let options = BuildOptions { spacing_m: 0.0, limits };
-        build(&mut self.frames(offset), &self.poses, &options).unwrap().0
+        build(&mut self.frames(offset), &self.poses, limits).unwrap()
     }
 
     fn pose(&self, frame: &LocatedFrame) -> Isometry3<f64> {
@@ -125,7 +126,7 @@ fn images_of_another_place_are_not_found() {
     let map = room.map(0);
     let options = ExtractorOptions { max_features: FEATURES, ..ExtractorOptions::default() };
     let hall = shared.join("euroc/MH_05_mono_clip");
-    let mut frames = RecordedFrames::open(&hall, None, Choice { every: 10, offset: 0 }, &options).unwrap();
+    let mut frames = RecordedFrames::open(&hall, 10, 0, &options).unwrap();
     let mut looked_at = 0;
     locate(&mut frames, &map, &LocatorOptions::default(), FEATURES, |frame| {
         looked_at += 1;

@@ -74,8 +74,6 @@ impl KeyDeclaration {
                 name: #name,
                 text: #text,
                 kind: <#kind as crate::keys::Value>::kind,
-                #[cfg(all(test, feature = "toml", feature = "yaml"))]
-                words: <#kind as crate::keys::Value>::words,
                 #[cfg(feature = "toml")]
                 default: #default,
                 range: #range,

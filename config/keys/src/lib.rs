@@ -164,11 +164,6 @@ fn constructor(name: &Ident, entries: &[Entry]) -> TokenStream {
 fn of_words(name: &Ident) -> TokenStream {
     quote! {
         impl crate::keys::Value for #name {
-            #[cfg(all(test, feature = "toml", feature = "yaml"))]
-            fn words() -> Vec<&'static str> {
-                crate::keys::words::<Self>()
-            }
-
             #[cfg(feature = "toml")]
             fn text(&self) -> String {
                 crate::keys::text_of(self)

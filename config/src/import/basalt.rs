@@ -59,6 +59,15 @@ enum Density {
     Axes([f64; 3]),
 }
 
+impl Density {
+    fn largest(&self) -> f64 {
+        match self {
+            Self::One(density) => *density,
+            Self::Axes(axes) => axes.iter().fold(0.0, |most, axis| if *axis > most { *axis } else { most }),
+        }
+    }
+}
+
 pub(super) fn convert(file: &File, camera_rate_hz: f64) -> Result<Calibration, ConfigError> {
     let (Root { value0: value }, at) = (file.get()?, At { file, path: "value0." });
     let counts = [value.intrinsics.len(), value.poses.len(), value.resolution.len()];
@@ -80,10 +89,10 @@ pub(super) fn convert(file: &File, camera_rate_hz: f64) -> Result<Calibration, C
         cameras.push(camera_of(lens, size, camera_rate_hz, &pose));
     }
     let noise = [
-        density(&at, "gyro_noise_std", &value.gyro_noise_std)?,
-        density(&at, "gyro_bias_std", &value.gyro_bias_std)?,
-        density(&at, "accel_noise_std", &value.accel_noise_std)?,
-        density(&at, "accel_bias_std", &value.accel_bias_std)?,
+        value.gyro_noise_std.largest(),
+        value.gyro_bias_std.largest(),
+        value.accel_noise_std.largest(),
+        value.accel_bias_std.largest(),
     ];
     let time_offset_s = Some(value.cam_time_offset_ns * 1e-9);
     Ok(Calibration { cameras, imu_rate_hz: value.imu_update_rate, noise, time_offset_s, mounting: None })
@@ -125,19 +134,6 @@ fn pose_of(at: &At<'_>, pose: &Values) -> Result<Isometry3<f64>, ConfigError> {
     }
     let translation = Translation3::new(of("px")?, of("py")?, of("pz")?);
     Ok(Isometry3::from_parts(translation, UnitQuaternion::from_quaternion(quaternion)))
-}
-
-/// The largest density of the axes.
-fn density(at: &At<'_>, key: &str, density: &Density) -> Result<f64, ConfigError> {
-    let largest = match density {
-        Density::One(density) => *density,
-        Density::Axes(axes) => axes.iter().fold(0.0, |most, axis| if *axis > most { *axis } else { most }),
-    };
-    if largest > 0.0 {
-        return Ok(largest);
-    }
-    let cure = "give the value of the data sheet or of an Allan plot; none is 0";
-    Err(at.refuse(key, format!("is {largest}"), cure))
 }
 
 /// Refuses large scale errors and misalignments of the IMU, which follow the three biases and are not applied here.

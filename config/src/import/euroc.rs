@@ -13,11 +13,11 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Where the file of a sensor may lie, seen from the directory; `{}` is the sensor.
+/// Places of a sensor's file, seen from the directory; `{}` is the sensor.
 const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
 const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it; for files of Kalibr (TUM-VI has them in dso/) \
                         use `plumbline config import --camchain --imu`, and give the result with --config";
-const SENSOR: &str = "a sensor.yaml of a data set";
+const NEEDED: &str = "the sensor.yaml of an IMU, without which nothing can be flown";
 
 /// Pose of a sensor in the body of its data set.
 #[derive(Deserialize)]
@@ -58,7 +58,7 @@ pub fn euroc_cameras_into(
     let (directory, mut config) = (directory.as_ref(), base.into());
     let layout = layout_of(directory)?;
     let imu = file(directory, layout, "imu0");
-    let pose_b_imu = if imu.is_file() { pose(&File::read(&imu, SENSOR)?)? } else { Isometry3::identity() };
+    let pose_b_imu = if imu.is_file() { pose(&File::read(&imu)?)? } else { Isometry3::identity() };
     config.camera = cameras(directory, layout, &pose_b_imu)?;
     config.validated(&directory.display().to_string())
 }
@@ -68,13 +68,17 @@ pub fn euroc_cameras_into(
 /// # Errors
 /// When the file is missing or malformed, or the pose is none.
 pub fn euroc_pose(sensor: impl AsRef<Path>) -> Result<Option<Isometry3<f64>>, ConfigError> {
-    let file = File::read(sensor.as_ref(), SENSOR)?;
+    let file = File::read(sensor.as_ref())?;
     if file.has("T_BS") { pose(&file).map(Some) } else { Ok(None) }
 }
 
 pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError> {
     let layout = layout_of(directory)?;
-    let imu = File::read(&file(directory, layout, "imu0"), SENSOR)?;
+    let imu = file(directory, layout, "imu0");
+    if !imu.exists() {
+        return Err(ConfigError::NoCalibration { directory: imu, expected: NEEDED });
+    }
+    let imu = File::read(&imu)?;
     calibration(cameras(directory, layout, &pose(&imu)?)?, &imu)?
         .put_into(base, &directory.display().to_string())
 }
@@ -104,7 +108,7 @@ fn cameras(
     let paths = ["cam0", "cam1"].map(|sensor| file(directory, layout, sensor));
     // The second camera may be missing; one that is there but cannot be read is an error.
     let used = paths.iter().enumerate().filter(|(index, path)| *index == 0 || path.exists());
-    used.map(|(_, path)| camera(&File::read(path, SENSOR)?, pose_b_imu)).collect()
+    used.map(|(_, path)| camera(&File::read(path)?, pose_b_imu)).collect()
 }
 
 fn file(directory: &Path, layout: &str, sensor: &str) -> PathBuf {
@@ -133,6 +137,6 @@ fn camera(file: &File, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, Conf
 /// Reads the texts as the files of a data set; for tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(base: Config, cam0: &str, imu0: &str) -> Result<Import, ConfigError> {
-    let (cam0, imu0) = (File::parse(cam0, "cam0", SENSOR)?, File::parse(imu0, "imu0", SENSOR)?);
+    let (cam0, imu0) = (File::parse(cam0, "cam0")?, File::parse(imu0, "imu0")?);
     calibration(vec![camera(&cam0, &pose(&imu0)?)?], &imu0)?.put_into(base, "texts")
 }

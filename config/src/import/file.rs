@@ -15,54 +15,27 @@ use std::path::Path;
 const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
-const VINS: &str = "a configuration of VINS-Fusion or VINS-Mono";
-const CAMODOCAL: &str = "a camera file of camodocal (VINS-Fusion, VINS-Mono)";
-const BASALT: &str = "a calibration of Basalt";
-const OPENVINS: &str = "the estimator_config.yaml of OpenVINS, which names the two files to give";
-const ORB_SLAM: &str = "a settings file of ORB-SLAM";
-const OPENCV: &str = "a calibration of OpenCV";
-const ASL: &str = "a sensor.yaml of a data set (EuRoC, Kimera); give its folder with --euroc";
-const CAMERA_INFO: &str = "a camera_info of ROS";
-const DEPTHAI: &str = "a calibration of an OAK camera (DepthAI)";
-const KITTI: &str = "a calibration of KITTI";
-const ZED: &str = "a factory file of a ZED (`plumbline setup zed-mini` takes it)";
-const DSO: &str = "a camera file of DSO (as TUM-VI has in dso/)";
-const KALIBR_TEXT: &str = "the results of Kalibr as text";
-
-/// Programs, with keys at the top of their files. Prefixes end with `*`.
-const KEYS: [(&str, &[&str]); 16] = [
-    (VINS, &["body_T_cam0", "num_of_cam", "cam0_calib", "extrinsicRotation"]),
-    (CAMODOCAL, &["projection_parameters", "mirror_parameters"]),
-    (BASALT, &["value0"]),
-    (ORB_SLAM, &["Camera.*", "Camera1.*", "Camera_*", "ORBextractor.*", "IMU.*"]),
-    (CAMERA_INFO, &["rectification_matrix", "projection_matrix"]),
-    (OPENCV, &["camera_matrix", "cameraMatrix*", "Camera_Matrix", "M1", "K1"]),
-    (ASL, &["T_BS", "T_SC"]),
-    (OPENVINS, &["relative_config_imu"]),
-    ("a camera rig of maplab, OKVIS or Kimera", &["cameras"]),
-    ("Kalibr's description of its target", &["target_type"]),
-    ("a result of imu_utils", &["Gyr"]),
-    ("a configuration of stella_vslam or OpenVSLAM", &["Camera"]),
-    (DEPTHAI, &["cameraData", "boardName"]),
-    (CAMERA_INFO, &["camera_name", "distortion_model"]),
-    (KITTI, &["P0"]),
-    (KITTI, &["P_rect_00"]),
+/// Cure for files that another option takes, with keys at the top of them. Prefixes end with `*`.
+const OTHER_OPTIONS: [(&[&str], &str); 3] = [
+    (
+        &[
+            "value0",
+            "body_T_cam0",
+            "num_of_cam",
+            "cam0_calib",
+            "extrinsicRotation",
+            "relative_config_imu",
+            "Camera.*",
+            "Camera1.*",
+        ],
+        "`plumbline config import --rig` takes it as it is",
+    ),
+    (&["T_BS"], "a sensor.yaml: give the folder of its data set with --euroc"),
+    (
+        &["projection_parameters", "mirror_parameters"],
+        "a camera file of camodocal: give the configuration of VINS-Fusion or VINS-Mono that names it",
+    ),
 ];
-
-/// Programs, with parts of their files that are no YAML.
-const TEXTS: [(&str, &[&str]); 8] = [
-    ("a configuration of OKVIS", &["T_SC"]),
-    (OPENCV, &["<?xml", "<opencv_storage"]),
-    (ZED, &["[LEFT_CAM_", "[STEREO]"]),
-    ("a configuration of ROVIO", &["CalibrationFile"]),
-    ("a calibration of ROS (ost.txt)", &["# oST version"]),
-    (KALIBR_TEXT, &["Calibration results", "Camera-system parameters"]),
-    ("a cameras.txt of COLMAP", &["# Camera list with one line"]),
-    (DEPTHAI, &["\"cameraData\""]),
-];
-
-/// First words of the text files of DSO, which TUM-VI has beside those of Kalibr.
-const DSO_MODELS: [&str; 5] = ["EquiDistant", "Pinhole", "RadTan", "FOV", "KannalaBrandt"];
 
 /// A calibration file whose syntax is sound.
 pub(super) struct File {
@@ -80,20 +53,17 @@ enum Top {
 }
 
 impl File {
-    /// Reads a file; `expected` is what it should be.
-    pub fn read(path: &Path, expected: &str) -> Result<Self, ConfigError> {
-        Self::parse(&text::read_bounded(path)?, &path.display().to_string(), expected)
+    /// Reads a file.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        Self::parse(&text::read_bounded(path)?, &path.display().to_string())
     }
 
     /// Parses the text of a file, as [`Self::read`].
-    pub fn parse(content: &str, origin: &str, expected: &str) -> Result<Self, ConfigError> {
+    pub fn parse(content: &str, origin: &str) -> Result<Self, ConfigError> {
         let text = without_directive(content);
-        let keys = match deserialized(&text, origin) {
-            Ok(Top::Keys(keys)) => keys.into_keys().collect(),
-            Ok(Top::Other(_)) => Vec::new(),
-            Err(error) => {
-                return Err(whose_text(content).map_or(error, |whose| other(origin, whose, expected)));
-            }
+        let keys = match deserialized(&text, origin)? {
+            Top::Keys(keys) => keys.into_keys().collect(),
+            Top::Other(_) => Vec::new(),
         };
         Ok(Self { origin: origin.to_owned(), text, keys })
     }
@@ -123,37 +93,19 @@ impl File {
         }
     }
 
-    /// Error of a file of another program, or of none that is known.
+    /// Refusal of the file of another program, or of no calibration at all.
     pub fn other(&self, expected: &str) -> ConfigError {
-        let of_keys = KEYS.iter().find(|(_, keys)| keys.iter().any(|key| self.has(key)));
-        let of_text = || whose_text(&self.text).filter(|_| self.keys.is_empty());
-        match of_keys.map(|(whose, _)| *whose).or_else(of_text) {
-            Some(whose) => other(&self.origin, whose, expected),
-            None => other(&self.origin, &format!("no file of Kalibr ({})", self.first_keys()), expected),
-        }
+        let is_of = |(keys, _): &&(&[&str], &str)| keys.iter().any(|key| self.has(key));
+        let cure = OTHER_OPTIONS.iter().find(is_of).map_or_else(
+            || {
+                "calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: T_cam_imu takes \
+                 coordinates from the IMU to the camera)"
+            },
+            |(_, cure)| *cure,
+        );
+        let reason = format!("is no file of Kalibr ({}); {expected} is expected", self.first_keys());
+        self.refuse("(file)", reason, cure)
     }
-}
-
-fn other(origin: &str, whose: &str, expected: &str) -> ConfigError {
-    let cure = match whose {
-        VINS | ORB_SLAM | BASALT | OPENVINS => {
-            format!("`plumbline config import --rig` takes it as it is; otherwise give {expected}")
-        }
-        DSO => "TUM-VI has camchain.yaml and imu_config.yaml beside it".to_owned(),
-        _ => format!(
-            "give {expected}; calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: \
-             T_cam_imu takes coordinates from the IMU to the camera)"
-        ),
-    };
-    ConfigError::one(origin, Violation::new("(file)", format!("is {whose}; {expected} is expected"), cure))
-}
-
-fn whose_text(content: &str) -> Option<&'static str> {
-    if DSO_MODELS.iter().any(|word| content.trim_start().starts_with(word)) {
-        return Some(DSO);
-    }
-    let found = TEXTS.iter().find(|(_, parts)| parts.iter().any(|part| content.contains(part)));
-    found.map(|(whose, _)| *whose)
 }
 
 /// OpenCV writes `%YAML:1.0`, which is no YAML directive: blanked, so that lines keep their numbers.
@@ -165,7 +117,7 @@ fn without_directive(text: &str) -> String {
     }
 }
 
-/// What a text holds; else an error by key, or by line and column where the text has no keys.
+/// Content of a text; else an error by key, or by line and column where the text has no keys.
 fn deserialized<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let options = serde_saphyr::options! {
         budget: serde_saphyr::budget! { max_depth: MAX_DEPTH, max_nodes: MAX_NODES, max_documents: 1 },

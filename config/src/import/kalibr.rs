@@ -81,28 +81,8 @@ struct Intrinsics {
     by_gravity: Option<Matrix<3>>,
 }
 
-/// Names of values in the files, by their keys in the configuration.
-const IN_IMU: [(&str, &str); 5] = [
-    ("imu.rate_hz", "update_rate"),
-    ("imu.gyro_noise_density", "gyroscope_noise_density"),
-    ("imu.gyro_bias_walk", "gyroscope_random_walk"),
-    ("imu.accel_noise_density", "accelerometer_noise_density"),
-    ("imu.accel_bias_walk", "accelerometer_random_walk"),
-];
-const IN_CAMERA: [(&str, &str); 9] = [
-    ("distortion.xi", "intrinsics"),
-    ("distortion.alpha", "intrinsics"),
-    ("distortion.beta", "intrinsics"),
-    ("width_px", "resolution"),
-    ("height_px", "resolution"),
-    ("focal_px", "intrinsics"),
-    ("centre_px", "intrinsics"),
-    ("distortion", "distortion_coeffs"),
-    ("pose_b_c", "T_cam_imu"),
-];
-
 pub(super) fn read(base: Config, camchain: &Path, imu: &Path) -> Result<Import, ConfigError> {
-    convert(base, &File::read(camchain, CAMCHAIN)?, &File::read(imu, IMU)?)
+    convert(base, &File::read(camchain)?, &File::read(imu)?)
 }
 
 fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigError> {
@@ -117,31 +97,7 @@ fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigEr
     let (cameras, shift_s) = cameras(camchain, rate_of(&base))?;
     let calibration =
         Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(shift_s), mounting: None };
-    calibration.put_into(base, &camchain.origin).map_err(|error| by_file(error, camchain, imu))
-}
-
-/// `error` of the configuration that was made of both files, said of the file and key that each value is from.
-fn by_file(error: ConfigError, camchain: &File, imu: &File) -> ConfigError {
-    let ConfigError::Invalid { origin, mut violations } = error else { return error };
-    let (mut of_imu, count) = (0, violations.len());
-    for violation in &mut violations {
-        let key = violation.key.clone();
-        if let Some((_, name)) = IN_IMU.iter().find(|(ours, _)| *ours == key) {
-            violation.key = (*name).to_owned();
-            of_imu += 1;
-        }
-        let of_camera = key.strip_prefix("camera[").and_then(|rest| rest.split_once("]."));
-        let Some((index, rest)) = of_camera else { continue };
-        if let Some((_, name)) = IN_CAMERA.iter().find(|(ours, _)| rest.starts_with(ours)) {
-            violation.key = format!("cam{index}.{name}");
-        }
-    }
-    let origin = match of_imu {
-        0 => origin,
-        all if all == count => imu.origin.clone(),
-        _ => format!("{}, {}", camchain.origin, imu.origin),
-    };
-    ConfigError::Invalid { origin, violations }
+    calibration.put_into(base, &format!("{}, {}", camchain.origin, imu.origin))
 }
 
 /// Refuses files that were given for each other.
@@ -222,13 +178,7 @@ fn chained(
         }
         (None, Some(link)) => Ok(link * pose_before_b),
         (Some(own), Some(link)) if !agree(&own, &(link * pose_before_b)) => {
-            let inverted = link * pose_before_b.inverse();
-            let cure = if agree(&own.inverse(), &inverted) || agree(&own, &inverted) {
-                "probably T_cam_imu is inverted (T_imu_cam): inverting it makes the chain agree; T_cam_imu takes coordinates from \
-                 the IMU to the camera"
-            } else {
-                "export the calibration again"
-            };
+            let cure = "export the calibration again; T_cam_imu takes coordinates from the IMU to the camera";
             let key = if camera.pose_c_b.is_some() { "T_cam_imu" } else { "T_imu_cam" };
             Err(at.refuse(key, "contradicts T_cn_cnm1 and cam0.T_cam_imu", cure))
         }
@@ -291,16 +241,12 @@ fn inertial(file: &File) -> Result<(f64, [f64; 4]), ConfigError> {
         imu.accelerometer_noise_density,
         imu.accelerometer_random_walk,
     ];
-    if let Some(((_, key), value)) = IN_IMU[1..].iter().zip(noise).find(|(_, value)| *value <= 0.0) {
-        let cure = "give the value of the IMU's data sheet or of an Allan plot; none is 0";
-        return Err(at.refuse(key, format!("is {value}"), cure));
-    }
     Ok((imu.update_rate, noise))
 }
 
 /// Reads texts instead of files; for tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(base: Config, camchain: &str, imu: &str) -> Result<Import, ConfigError> {
-    let camchain = File::parse(camchain, "camchain.yaml", CAMCHAIN)?;
-    convert(base, &camchain, &File::parse(imu, "imu.yaml", IMU)?)
+    let camchain = File::parse(camchain, "camchain.yaml")?;
+    convert(base, &camchain, &File::parse(imu, "imu.yaml")?)
 }

@@ -53,17 +53,9 @@ fn pinhole() -> String {
     "pinhole".into()
 }
 
-/// Distortion models: names here, names in other programs, and coefficients in their order.
-const MODELS: [(&[&str], &[&str], &str); 4] = [
-    (&["radtan", "radial-tangential"], &[], "k1 k2 p1 p2"),
-    (&["plumb_bob"], &["brown_conrady", "opencv"], "k1 k2 p1 p2 k3"),
-    (&["rational_polynomial", "rational", "radtan8"], &["opencv8"], "k1 k2 p1 p2 k3 k4 k5 k6"),
-    (
-        &["equidistant", "equi"],
-        &["fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "opencv_fisheye"],
-        "k1 k2 k3 k4",
-    ),
-];
+/// Distortion models that files may name.
+const MODELS: &str = "use pinhole with radtan (k1 k2 p1 p2), plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) \
+                      or equidistant (k1 k2 k3 k4), omni with none or radtan, or ds or eucm with none; delete no coefficient";
 
 impl Camera {
     /// The camera of a table, at a pose.
@@ -91,10 +83,6 @@ impl Camera {
         };
         let intrinsics = match self.intrinsics.split_last_chunk() {
             Some((parameters, intrinsics)) if parameters.len() == own => *intrinsics,
-            _ if self.intrinsics.len() == 9 => {
-                let cure = "give fu, fv, pu, pv: its numbers 1, 5, 3 and 6, row by row";
-                return Err(at.refuse("intrinsics", "is a camera matrix of 9 numbers", cure));
-            }
             _ => {
                 let cure = format!("camera_model {model} has {}: [{names}fu, fv, pu, pv]", own + 4);
                 return Err(at.refuse("intrinsics", format!("has {} numbers", self.intrinsics.len()), cure));
@@ -136,54 +124,15 @@ impl Camera {
 
     fn refuse_distortion(&self, at: &At<'_>) -> ConfigError {
         const KEY: &str = "distortion_model";
-        let Some(name) = self.distortion_model.as_deref() else {
+        let Some(name) = &self.distortion_model else {
             return at.missing(KEY);
         };
-        let projection = self.camera_model.as_str();
-        let known = MODELS.iter().find(|(names, ..)| names.contains(&name));
-        match known {
-            Some((names, _, order))
-                if projection == "pinhole" || names.contains(&"radtan") && projection == "omni" =>
-            {
-                // Tables of one camera are those of the ASL format.
-                let key = if at.path.is_empty() { "distortion_coefficients" } else { "distortion_coeffs" };
-                let length = |order: &str| order.split(' ').count();
-                let count = self.coefficients.len();
-                let longer = MODELS[1..3]
-                    .iter()
-                    .find(|(.., longer)| length(longer) == count && projection == "pinhole");
-                let cure = longer.map_or("give exactly these".to_owned(), |(names, _, longer)| {
-                    format!("if these are {longer}, write `{KEY}: {}`; do not delete any", names[0])
-                });
-                at.refuse(key, format!("has {count} numbers, {name} has {} ({order})", length(order)), cure)
-            }
-            _ if projection != "pinhole" => at.refuse(
-                KEY,
-                format!("does not go with camera_model {projection}"),
-                format!(
-                    "calibrate with {projection}-none{}",
-                    if projection == "omni" { " or omni-radtan" } else { "" }
-                ),
-            ),
-            _ => {
-                let is_name = |other: &&str| name.eq_ignore_ascii_case(other);
-                match MODELS.iter().find(|(_, others, _)| others.iter().any(is_name)) {
-                    Some((names, ..)) => at.refuse(
-                        KEY,
-                        format!("{name} is another program's name, probably of {}", names[0]),
-                        format!(
-                            "write `{KEY}: {}` if its numbers are of that model, in that order",
-                            names[0]
-                        ),
-                    ),
-                    None => {
-                        let models =
-                            MODELS.map(|(names, _, order)| format!("{} ({order})", names[0])).join(", ");
-                        at.refuse(KEY, "is no known model", format!("calibrate with one of {models}"))
-                    }
-                }
-            }
-        }
+        let (count, projection) = (self.coefficients.len(), &self.camera_model);
+        at.refuse(
+            KEY,
+            format!("{name} of {count} coefficients does not go with camera_model {projection}"),
+            MODELS,
+        )
     }
 }
 

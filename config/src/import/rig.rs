@@ -21,6 +21,10 @@ struct OpenVins {
 }
 
 pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
+    let open_vins = path.join("estimator_config.yaml");
+    if open_vins.is_file() {
+        return read(base, &open_vins);
+    }
     if path.is_dir() {
         let [chain, imu] = TUM_VI.map(|name| path.join(name));
         if !chain.is_file() {
@@ -28,14 +32,14 @@ pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
         }
         return kalibr::read(base, &chain, &imu);
     }
-    let file = File::read(path, EXPECTED)?;
+    let file = File::read(path)?;
     let beside = |name: &Path| path.parent().unwrap_or(Path::new("")).join(name);
     if file.has("relative_config_imu") {
         let named: OpenVins = file.get()?;
         let [chain, imu] = [named.relative_config_imucam, named.relative_config_imu];
         return kalibr::read(base, &beside(chain.as_ref()), &beside(imu.as_ref()));
     }
-    convert(base, &file, |name| File::read(&beside(name), EXPECTED))
+    convert(base, &file, |name| File::read(&beside(name)))
 }
 
 fn convert(
@@ -49,29 +53,17 @@ fn convert(
         vins::convert(file, &base, read)?
     } else if file.has("Camera.type") {
         orb_slam::convert(file)?
+    } else if file.has("cam0") || file.has("imu0") {
+        return Err(file.refuse("(file)", "is Kalibr's", "give its two files with --camchain and --imu"));
     } else {
-        return Err(unknown(file));
+        return Err(file.other(EXPECTED));
     };
     calibration.put_into(base, &file.origin)
-}
-
-fn unknown(file: &File) -> ConfigError {
-    let known = [
-        (["cam0", "imu0"], "these are Kalibr's keys: give its two files with --camchain and --imu"),
-        (
-            ["model_type", "projection_parameters"],
-            "this is a camera file of camodocal: give the configuration of VINS-Fusion that names it",
-        ),
-        (["T_BS", "T_SC"], "this is a sensor.yaml of a data set: give its folder with --euroc"),
-    ];
-    let cure = known.into_iter().find(|(keys, _)| keys.iter().any(|key| file.has(key)));
-    let cure = cure.map_or_else(|| format!("give {EXPECTED}"), |(_, cure)| cure.to_owned());
-    file.refuse("(file)", format!("is no calibration that is known here ({})", file.first_keys()), cure)
 }
 
 /// Reads a text into `base`; every file that it names is `camera`. For tests that never touch the disk.
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_text(base: Config, text: &str, camera: &str) -> Result<Import, ConfigError> {
-    let file = File::parse(text, "rig.yaml", EXPECTED)?;
-    convert(base, &file, |name| File::parse(camera, &name.display().to_string(), EXPECTED))
+    let file = File::parse(text, "rig.yaml")?;
+    convert(base, &file, |name| File::parse(camera, &name.display().to_string()))
 }

@@ -1,21 +1,17 @@
 //! Keys of a configuration as data: what one declaration says ([`plumbline_keys::keys`]), for all that reads it.
 //!
 //! A struct of options declares its keys beside its fields, with default, range, unit and text. From there come the checks of
-//! ranges ([`check`]), the commented file of all keys ([`file`]) and the table of the documents.
+//! ranges ([`check`]) and the commented file of all keys ([`file`]).
 
 #![cfg_attr(not(feature = "toml"), allow(dead_code, reason = "read by what reads and writes files"))]
 
 #[cfg(feature = "toml")]
 pub(crate) mod file;
 #[cfg(all(test, feature = "toml", feature = "yaml"))]
-mod test_table;
-#[cfg(all(test, feature = "toml", feature = "yaml"))]
 pub(crate) mod tests;
 mod types;
 mod units;
 
-#[cfg(all(test, feature = "toml", feature = "yaml"))]
-pub(crate) use test_table::words;
 pub(crate) use units::*;
 
 use crate::error::Violation;
@@ -26,9 +22,6 @@ pub(crate) struct Key {
     /// Comment of the key in a file.
     pub text: &'static str,
     pub kind: fn() -> Kind,
-    /// The words that an enum has.
-    #[cfg(all(test, feature = "toml", feature = "yaml"))]
-    pub words: fn() -> Vec<&'static str>,
     /// The default, as it is written.
     #[cfg(feature = "toml")]
     pub default: Option<fn() -> String>,
@@ -61,15 +54,6 @@ pub(crate) trait Value {
         Self: Sized,
     {
         Kind::Value
-    }
-
-    /// The words of an enum.
-    #[cfg(all(test, feature = "toml", feature = "yaml"))]
-    fn words() -> Vec<&'static str>
-    where
-        Self: Sized,
-    {
-        Vec::new()
     }
 
     /// The value as it is written in a file.

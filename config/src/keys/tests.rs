@@ -1,8 +1,7 @@
-//! Products of the declarations: the file of all keys, the table of the documents, and files that start from a preset.
+//! Products of the declarations: the file of all keys, and files that start from a preset.
 
 use super::{Key, Kind, Table as _};
 use crate::{Config, ConfigError, PRESETS, every_key, preset_text};
-use plumbline_test_support::workspace;
 use toml::{Table, Value};
 
 /// Paths of the keys for experiments.
@@ -148,6 +147,10 @@ fn a_wrong_base_and_what_it_refuses_are_told_with_line_and_cure() {
             "`base` (line 2): there is no preset \"simulator\"; choose one of defaults, euroc",
         ),
         ("base = 7\n", "`base` (line 1): is no name of a preset"),
+        (
+            "base = \"sim\"\n[imu]\nrate = 3\n[estimator]\nmax_point = 3\n[[camera]]\nfocus = 1\n",
+            "3 keys refused\n  `imu.rate` (line 3): unknown key; did you mean `rate_hz`?",
+        ),
         ("base = \"sim\"\n[imu]\nrate = 3\n", "`imu.rate` (line 3): unknown key; did you mean `rate_hz`?"),
         ("base = \"sim\"\n[imu]\nrate_hz = 3.0\n", "`imu.rate_hz` (line 3): 3 is outside 50 to 4000"),
         ("base = \"sim\"\n[rig]\nbase = \"sim\"\n", "`rig.base` (line 3): belongs to the whole file"),
@@ -165,19 +168,4 @@ fn a_word_that_a_key_does_not_have_is_refused_by_its_key_with_those_it_has() {
     // The spelling of before 2026.
     let old = parsed("base = \"sim\"\n[autopilot]\nlost_pose = \"nan\"\n").unwrap();
     assert_eq!(old.autopilot.lost_pose, crate::options::LostPose::None);
-}
-
-/// `WRITE=1` writes the table: `WRITE=1 cargo nextest run -p plumbline-config table_of_keys`.
-#[test]
-fn the_table_of_keys_in_the_documents_is_that_of_the_declarations() {
-    const BEGIN: &str = "<!-- table of keys -->\n";
-    let path = workspace().join("docs/tuning.md");
-    let text = std::fs::read_to_string(&path).unwrap();
-    let (before, table) = text.split_once(BEGIN).expect("the document has a place for it");
-    let made = super::test_table::markdown();
-    if std::env::var_os("WRITE").is_some() {
-        std::fs::write(&path, format!("{before}{BEGIN}{made}")).unwrap();
-    } else {
-        assert!(table == made, "docs/tuning.md is not as the keys are declared: run this test with WRITE=1");
-    }
 }

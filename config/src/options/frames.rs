@@ -4,7 +4,7 @@ use plumbline_keys::keys;
 use serde::{Deserialize, Serialize};
 
 /// Frames that a program sends which knows the cameras: one with a maker's SDK, or one that plays a recording. What it is
-/// to send is in `docs/frame-socket.md`.
+/// to send is in `docs/own-sensors.md`.
 #[keys]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

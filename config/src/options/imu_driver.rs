@@ -32,23 +32,6 @@ pub struct ImuDriverConfig {
     /// Length of the trigger pulse.
     #[key(default = 0.001, range = 1e-6..=0.1, unit = SECONDS)]
     pub trigger_pulse_s: f64,
-    /// Exposure time of a triggered camera: "pulse" (the length of the pulse; if the microcontroller does not report it, the
-    /// value of the camera driver) or "camera" (the value of the camera driver). Frames are stamped with the trigger time plus
-    /// half the exposure.
-    #[key(default)]
-    pub trigger_exposure: TriggerExposure,
-}
-
-/// Source of the exposure time of a triggered camera.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum TriggerExposure {
-    /// Exposure equals the trigger pulse; if the microcontroller does not report its length, the camera's driver does.
-    #[default]
-    Pulse,
-    /// The camera's driver: the pulse only begins the exposure.
-    Camera,
 }
 
 /// Protocol of an inertial sensor on a serial line.
@@ -95,7 +78,7 @@ impl ImuProtocol {
     }
 }
 
-/// Which message of MAVLink carries the samples.
+/// Message of MAVLink that carries the samples.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -54,10 +54,6 @@ pub struct RosConfig {
     /// Publish the path in odom_frame (nav_msgs/Path) on `path`. It is computed only while there are subscribers.
     #[key(default = true)]
     pub path: bool,
-    /// Offer the services `reset` and `reset_hard`. `reset` keeps the pose, `reset_hard` starts at the origin; both
-    /// are std_srvs/Trigger. They need network.commands = "anybody": callers show no certificate.
-    #[key(default = false)]
-    pub reset: bool,
     /// Take stamps on the topic `trigger`, and publish the state at each on `odom_at`. The type is std_msgs/Header;
     /// states at camera triggers of the autopilot are published too.
     #[key(default = false)]

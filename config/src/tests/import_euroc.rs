@@ -75,7 +75,10 @@ fn a_missing_file_is_named() {
     assert!(matches!(error, ConfigError::NoCalibration { .. }), "{error}");
     write(folder.path(), "cam0.yaml", CAM0);
     let message = euroc_into(euroc(), folder.path()).expect_err("no IMU").to_string();
-    assert!(message.contains("imu0.yaml: cannot be read"), "{message}");
+    assert!(
+        message.contains("imu0.yaml: no calibration found; expected the sensor.yaml of an IMU"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -109,13 +112,16 @@ fn what_is_wrong_is_named_by_file_and_key() {
         ("intrinsics: [458.654", "intrinsics: [abc", "`intrinsics[0]` (line 15)"),
         ("intrinsics: [458.654", "intrinsics: [.nan", "`intrinsics[0]` (line 15)"),
         ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),
-        ("radial-tangential", "fov", "`distortion_model`: is no known model"),
+        (
+            "radial-tangential",
+            "fov",
+            "`distortion_model`: fov of 4 coefficients does not go with camera_model pinhole",
+        ),
         ("pinhole", "omni", "`intrinsics`: has 4 numbers; camera_model omni has 5: [xi, fu, fv, pu, pv]"),
         (
             "distortion_coefficients: [",
             "distortion_coefficients: [0.1, ",
-            "`distortion_coefficients`: has 5 numbers, radial-tangential has 4 (k1 k2 p1 p2); if these are k1 k2 p1 p2 k3, write \
-             `distortion_model: plumb_bob`",
+            "`distortion_model`: radial-tangential of 5 coefficients does not go with camera_model pinhole; use",
         ),
         ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is not a rotation"),
         ("[0.0148655429818,", "[", "has 15 numbers; give exactly 16"),

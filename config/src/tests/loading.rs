@@ -71,7 +71,7 @@ fn an_unknown_key_suggests_the_nearest() {
 
 #[test]
 fn a_key_that_is_like_none_suggests_none() {
-    let error = refused(&with(preset(), "max_iterations = ", "max_features = "));
+    let error = refused(&with(preset(), "max_iterations = ", "shoe_size = "));
     let message = error.to_string();
     assert!(message.contains("known here") && !message.contains("did you mean"), "{message}");
 }

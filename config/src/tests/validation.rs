@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{FlowMessages, ImuProtocol, PairBy, TriggerExposure, V4l2Format, VehicleConfig};
+use crate::options::{FlowMessages, ImuProtocol, PairBy, V4l2Format, VehicleConfig};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -248,11 +248,6 @@ fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a
     check("driver.imu.trigger_pulse_s", "1 / camera.rate_hz", |c| {
         c.driver.imu.trigger_cameras = true;
         c.driver.imu.trigger_pulse_s = 0.06;
-    });
-    check("driver.imu.trigger_exposure", "\"pulse\"", |c| {
-        c.driver.imu.trigger_cameras = true;
-        c.driver.imu.trigger_exposure = TriggerExposure::Camera;
-        c.driver.frames.listen = "/run/frames".into();
     });
 }
 

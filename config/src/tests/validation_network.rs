@@ -2,7 +2,7 @@
 
 use super::validation::{check, refused};
 use crate::Config;
-use crate::options::{CommandAccess, TlsConfig};
+use crate::options::TlsConfig;
 use std::path::PathBuf;
 
 #[test]
@@ -81,18 +81,6 @@ fn names_and_passwords_come_together() {
         c.network.login.users_file = users();
     };
     assert_eq!(refused(whole), []);
-}
-
-#[test]
-fn what_ros_is_offered_must_be_allowed() {
-    check("ros.reset", "network.commands", |c| c.ros.reset = true);
-    assert_eq!(
-        refused(|c| {
-            c.ros.reset = true;
-            c.network.commands = CommandAccess::Anybody;
-        }),
-        []
-    );
 }
 
 #[test]

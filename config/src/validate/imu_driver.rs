@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::error::Violation;
-use crate::options::{ImuEndpoint, ImuProtocol, TriggerExposure};
+use crate::options::{ImuEndpoint, ImuProtocol};
 
 /// Bits on a serial line for one byte: start, eight bits, stop.
 const BAUD_PER_BYTE: f64 = 10.0;
@@ -16,15 +16,6 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     if driver.trigger_cameras && driver.trigger_pulse_s * rate_hz >= 1.0 {
         let reason = format!("{} s are as long as the time from image to image", driver.trigger_pulse_s);
         refuse("trigger_pulse_s", reason, "choose less than 1 / camera.rate_hz");
-    }
-    let has_driver = !config.driver.v4l2.left.is_empty() || config.driver.frames.listen.is_empty();
-    if driver.trigger_cameras && driver.trigger_exposure == TriggerExposure::Camera && !has_driver {
-        let reason = "a program that sends frames (driver.frames) tells no exposure".into();
-        refuse(
-            "trigger_exposure",
-            reason,
-            "set it to \"pulse\", and let the cameras expose while the pulse lasts",
-        );
     }
     if driver.connect.is_empty() {
         return;

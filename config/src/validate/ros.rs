@@ -3,7 +3,6 @@
 use super::network::{is_endpoint, no_endpoint, shortened};
 use crate::Config;
 use crate::error::Violation;
-use crate::options::CommandAccess;
 
 /// Longest namespace and frame: both are part of keys or of every message.
 const MAX_NAMESPACE_BYTES: usize = 128;
@@ -13,13 +12,6 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     let ros = &config.ros;
     if !is_endpoint(&ros.router) {
         found.push(no_endpoint("ros.router".into(), &ros.router));
-    }
-    if ros.reset && config.network.commands != CommandAccess::Anybody {
-        let reason =
-            "a caller of a ROS service shows no certificate, and `network.commands` refuses such commands";
-        let cure = "set `network.commands` to \"anybody\", which takes commands from every client that can reach the \
-                    vehicle or its router, or `ros.reset` to false";
-        found.push(Violation::new("ros.reset", reason, cure));
     }
     let namespace = ros.namespace(&config.network.vehicle);
     // The vehicle's name stands in only when it is needed: without ROS it may be what it wants.

@@ -1,4 +1,4 @@
-//! Header before the images of a frame that a program sends over a socket (`docs/frame-socket.md` of the project).
+//! Header before the images of a frame that a program sends over a socket (`docs/own-sensors.md` of the project).
 
 /// The first bytes of every frame: the format and its version.
 pub const MAGIC: [u8; 8] = *b"PLMBFRM1";

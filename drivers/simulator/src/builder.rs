@@ -1,7 +1,6 @@
 //! Building blocks of a scene: rectangles, solids and furniture that keep clear of the flight path.
 
 use super::pattern::Material;
-use super::real_finish::RealFinishes;
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, LightMap, Surface};
 use crate::random::{Draws, Purpose};
@@ -62,22 +61,13 @@ pub(super) struct Builder<'a> {
     path: &'a [Vector3<f64>],
     taken: Vec<Bounds>,
     wrapping: Option<Finish>,
-    real: Option<RealFinishes>,
 }
 
 impl<'a> Builder<'a> {
     /// An empty scene around the flight through `path`.
     pub(super) fn new(seed: u64, path: &'a [Vector3<f64>]) -> Self {
         let draws = Draws::new(seed, Purpose::Layout, 0);
-        Self {
-            surfaces: Vec::new(),
-            casters: Vec::new(),
-            draws,
-            path,
-            taken: Vec::new(),
-            wrapping: None,
-            real: None,
-        }
+        Self { surfaces: Vec::new(), casters: Vec::new(), draws, path, taken: Vec::new(), wrapping: None }
     }
 
     /// Returns the scene with `finish` on everything that does not shine.
@@ -85,33 +75,15 @@ impl<'a> Builder<'a> {
         Self { wrapping: Some(finish), ..self }
     }
 
-    /// Returns the scene with the finishes of real surfaces.
-    pub(super) fn finished_by(self, real: RealFinishes) -> Self {
-        Self { real: Some(real), ..self }
-    }
-
-    /// Builds things whose finishes are those given, whatever finishes the scene draws.
-    pub(super) fn as_given<T>(&mut self, build: impl FnOnce(&mut Self) -> T) -> T {
-        let real = self.real.take();
-        let built = build(self);
-        self.real = real;
-        built
-    }
-
     /// A rectangle, seen from the side of `u x v`.
     pub(super) fn quad(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
-        let finish = self.finished(finish, u.norm() * v.norm());
+        let finish = self.wrapped(finish);
         self.place(origin, u, v, finish);
     }
 
     /// Finish in place of `finish`, of everything that does not shine.
-    fn finished(&mut self, finish: Finish, area_m2: f64) -> Finish {
-        match (self.wrapping, &mut self.real) {
-            _ if finish.glow > 0.0 => finish,
-            (Some(wrapping), _) => wrapping,
-            (None, Some(real)) => real.draw(&finish, area_m2),
-            (None, None) => finish,
-        }
+    fn wrapped(&self, finish: Finish) -> Finish {
+        self.wrapping.filter(|_| finish.glow == 0.0).unwrap_or(finish)
     }
 
     fn place(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
@@ -155,7 +127,7 @@ impl<'a> Builder<'a> {
         let ([a, b], h) = (solid.axes(), solid.half);
         let (x, y, z) = (a * h.x, b * h.y, Vector3::z() * h.z);
         let c = solid.centre;
-        let finish = self.finished(finish, 4.0 * h.z.at_least(h.y) * h.x.at_least(h.y));
+        let finish = self.wrapped(finish);
         let all = [
             (Face::Side, c + x - y - z, 2.0 * y, 2.0 * z),
             (Face::Side, c - x + y - z, -2.0 * y, 2.0 * z),

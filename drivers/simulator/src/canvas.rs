@@ -107,17 +107,6 @@ impl Canvas {
         });
     }
 
-    /// Paints a soft fold with half extents `half`, turned by `angle`: `level` in the middle, fading to nothing at its edge.
-    pub(super) fn paint_fold(&mut self, centre: [f32; 2], half: [f32; 2], angle: f32, level: f32) {
-        let (sin, cos) = libm::sincosf(angle);
-        let reach = (half[0] * half[0] + half[1] * half[1]).sqrt();
-        let extent = [[cos, sin], [sin, cos]].map(|[u, v]| u.abs() * half[0] + v.abs() * half[1]);
-        self.paint(centre, (reach, extent), level, |x, y| {
-            let (u, v) = ((cos * x + sin * y) / half[0], (cos * y - sin * x) / half[1]);
-            0.5 - (1.0 - u * u).at_least(0.0) * (1.0 - v * v).at_least(0.0)
-        });
-    }
-
     /// Paints a disc.
     pub(super) fn paint_disc(&mut self, centre: [f32; 2], radius: f32, level: f32) {
         self.paint(centre, (radius, [radius; 2]), level, |x, y| (x * x + y * y).sqrt() - radius);

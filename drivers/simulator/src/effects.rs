@@ -23,8 +23,6 @@ pub struct Effects {
     pub vignetting: f64,
     /// Standard deviation of the blur of the lens, px (0 to 0.7).
     pub lens_blur_px: f64,
-    /// Difference between lens and calibration, px at the configured size: as large as this at the corners.
-    pub lens_residual_px: f64,
     /// Exposure time, s, centred on the measurement time; 0 for no motion blur.
     pub exposure_s: f64,
     /// Images rendered and averaged over the exposure.
@@ -52,7 +50,6 @@ impl Default for Effects {
             shot_noise: 0.01,
             vignetting: 0.25,
             lens_blur_px: 0.45,
-            lens_residual_px: 0.0,
             exposure_s: 0.0,
             sub_exposures: 4,
             gain: 1.0,

@@ -4,7 +4,6 @@
 //! any camera model is rendered at the same cost and as exactly as it can be inverted. A pixel without
 //! inverse has the bearing NaN, which no surface covers.
 
-use super::lens_residual::LensResidual;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector2, Vector3};
 use plumbline_config::{CameraModel, Portable};
 
@@ -48,7 +47,6 @@ impl Span {
 #[derive(Clone, Debug)]
 pub(super) struct Lens {
     pub(super) model: CameraModel,
-    residual: LensResidual,
     /// Takes coordinates from the camera to the body.
     pub(super) pose_b_c: Isometry3<f64>,
     /// Bearings, x and y, of each row of a tile, tile after tile; NaN beyond the image.
@@ -67,22 +65,10 @@ pub(super) struct Lens {
 
 impl Lens {
     /// Tabulates `model`.
-    #[cfg(test)]
     pub(super) fn new(model: CameraModel, pose_b_c: Isometry3<f64>) -> Self {
-        Self::with_residual(model, pose_b_c, LensResidual::NONE)
-    }
-
-    /// Tabulates a lens that differs from `model` by `residual`.
-    pub(super) fn with_residual(
-        model: CameraModel,
-        pose_b_c: Isometry3<f64>,
-        residual: LensResidual,
-    ) -> Self {
         let (width, height) = (model.width_px, model.height_px);
-        let bearing = |u: f64, v: f64| {
-            let px = residual.undone(&Vector2::new(u, v), &model);
-            model.unproject(&px).unwrap_or(Vector2::new(f64::NAN, f64::NAN))
-        };
+        let bearing =
+            |u: f64, v: f64| model.unproject(&Vector2::new(u, v)).unwrap_or(Vector2::new(f64::NAN, f64::NAN));
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let mut bearings = vec![[[f32::NAN; TILE]; 2]; columns * rows * TILE];
         for v in 0..height {
@@ -103,7 +89,7 @@ impl Lens {
             steps.push([right.x, right.y, down.x, down.y].map(|s| s as f32));
         }
         let all = tiles.iter().fold(Span::EMPTY, |a, b| a.joined(b));
-        Self { model, residual, pose_b_c, bearings, columns, rows, tiles, steps, all }
+        Self { model, pose_b_c, bearings, columns, rows, tiles, steps, all }
     }
 
     /// Bearings, x and y, of the rows of a tile.
@@ -152,7 +138,7 @@ impl Lens {
 
     /// Ray of a pixel in the camera frame, `z = 1`; `None` where the camera model has no inverse.
     pub(super) fn ray(&self, px: &Vector2<f64>) -> Option<Vector3<f64>> {
-        self.model.unproject(&self.residual.undone(px, &self.model)).map(|b| Vector3::new(b.x, b.y, 1.0))
+        self.model.unproject(px).map(|b| Vector3::new(b.x, b.y, 1.0))
     }
 }
 

@@ -21,21 +21,15 @@ mod effects;
 mod facet;
 pub mod faults;
 mod fittings;
-mod gloss;
 mod imu;
 mod laps;
 mod lens;
-mod lens_residual;
 mod light;
 mod named;
 mod noise;
 mod path;
 mod pattern;
 mod random;
-mod real_finish;
-mod real_hall;
-mod real_room;
-mod real_things;
 mod reconcile;
 mod render;
 mod samples;
@@ -76,7 +70,6 @@ use actors::Person;
 use effects::Sensor;
 use imu::ImuModel;
 use lens::{Lens, TILE};
-use lens_residual::LensResidual;
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
@@ -154,12 +147,10 @@ impl Simulator {
         }
         let first_frame_s = first_frame.seconds_since(flight.begin());
         let people = actors::enter(scenario, &config.camera[0], first_frame_s, &mut world);
-        let residual_px = scenario.effects.lens_residual_px * scenario.resolution_scale;
-        let cameras = config.camera.iter().enumerate().map(|(number, camera)| {
+        let cameras = config.camera.iter().map(|camera| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);
-            let residual = LensResidual::draw(residual_px, scenario.seed, number);
-            (Lens::with_residual(model, camera.pose_b_c(), residual), sensor)
+            (Lens::new(model, camera.pose_b_c()), sensor)
         });
         let cameras = cameras.collect();
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;

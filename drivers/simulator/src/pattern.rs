@@ -33,13 +33,11 @@ pub(super) enum Material {
     Paint,
     Panels,
     Grid,
-    Folds,
-    Scraps,
 }
 
 impl Material {
     /// All of them, in order, with what paints them.
-    const ALL: [(Self, fn() -> Canvas); 14] = [
+    const ALL: [(Self, fn() -> Canvas); 12] = [
         (Self::Bricks, bricks),
         (Self::Plaster, plaster),
         (Self::Posters, posters),
@@ -52,8 +50,6 @@ impl Material {
         (Self::Paint, paint),
         (Self::Panels, panels),
         (Self::Grid, grid),
-        (Self::Folds, folds),
-        (Self::Scraps, scraps),
     ];
 
     /// Texels per metre at the usual size of the pattern.
@@ -262,32 +258,6 @@ fn grid() -> Canvas {
         let at = |x: f32, y: f32| [corner[0] + x * size, corner[1] + y * size];
         c.paint_box(at(0.36, 0.4), [0.26 * size, 0.3 * size], 0.0, 0.16);
         c.paint_box(at(0.8, 0.78), [0.12 * size, 0.14 * size], 0.0, 0.4);
-    }
-    c
-}
-
-/// Cloth with folds, long and soft, most of them up and down, over a weave.
-fn folds() -> Canvas {
-    let mut c = Canvas::new(SIDE, 0.5, 13);
-    c.add_noise([4, 4], 0.08);
-    c.add_noise([24, 3], 0.08);
-    for _ in 0..160 {
-        let (centre, angle, long) = (c.place(), c.range(0.9, 2.2), c.range(60.0, 260.0));
-        let (wide, shade) = (c.range(5.0, 20.0), c.range(0.08, 0.3));
-        let level = if c.draws.unit() < 0.5 { 0.5 - shade } else { 0.5 + shade };
-        c.paint_fold(centre, [long, wide], angle, level);
-    }
-    c.add_octaves(256, 0.06, 0.8);
-    c
-}
-
-/// Bright scraps on a dark ground.
-fn scraps() -> Canvas {
-    let mut c = Canvas::new(PLAIN_SIDE, 0.1, 14);
-    for _ in 0..950 {
-        let (centre, level, angle) = (c.place(), c.range(0.6, 0.95), c.range(0.0, 3.2));
-        let half = [c.range(3.0, 10.0), c.range(2.0, 6.0)];
-        c.paint_box(centre, half, angle, level);
     }
     c
 }

@@ -30,8 +30,6 @@ pub(crate) enum Purpose {
     Intrinsics = 18,
     People = 21,
     Injected = 22,
-    Lens = 23,
-    RealFinish = 24,
 }
 
 /// A stream of draws.

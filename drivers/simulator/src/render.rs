@@ -5,7 +5,6 @@
 //!    the others share themselves between their facets by 16 rays (see [`super::shade`]).
 
 use super::cover::Cover;
-use super::gloss::Highlights;
 use super::lens::Lens;
 use super::shade::{Shader, View};
 use super::shot::Shot;
@@ -16,17 +15,12 @@ use super::world::World;
 pub(super) struct Renderer {
     cover: Cover,
     shader: Shader,
-    highlights: Highlights,
 }
 
 impl Renderer {
     /// Memory for images up to `size_px` of a world with `surfaces`.
     pub(super) fn new(surfaces: usize, size_px: (usize, usize)) -> Self {
-        Self {
-            cover: Cover::new(surfaces, size_px),
-            shader: Shader::new(surfaces),
-            highlights: Highlights::default(),
-        }
+        Self { cover: Cover::new(surfaces, size_px), shader: Shader::new(surfaces) }
     }
 
     /// Renders what a camera sees, in grey levels before the sensor, into `out`: all of it at one instant, or each row of tiles
@@ -40,10 +34,6 @@ impl Renderer {
             let view = View { world, lens, cover: &self.cover };
             for column in 0..lens.columns {
                 self.shader.shade_tile(&view, row * lens.columns + column, out);
-            }
-            if !world.lamps.is_empty() {
-                let shot = shots.get(row).unwrap_or(&shots[0]);
-                self.highlights.add_row(&view, &shot.pose_w_c, row, out);
             }
         }
     }

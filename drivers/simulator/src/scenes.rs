@@ -6,9 +6,6 @@ use super::fittings::{
 };
 use super::light::{Lighting, bake};
 use super::pattern::{GRID_CELL_M, Material};
-use super::real_finish::RealFinishes;
-use super::real_hall::real_hall;
-use super::real_room::real_room;
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, World};
 use nalgebra::Vector3;
@@ -72,8 +69,6 @@ pub enum Surroundings {
         /// Dark spots in a view.
         spots: f64,
     },
-    /// A hall of machines, a room of mats: surfaces of all tones, plain or with mostly weak patterns, some of which mirror the lamps.
-    Real,
 }
 
 const fn finish(material: Material) -> Finish {
@@ -91,25 +86,15 @@ pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>], surroundings
             builder.wrapped_in(Finish::of(Material::Grid).zoomed(zoom))
         }
         Surroundings::Bare { spots } => return bare(builder, &flight, spots),
-        Surroundings::Real if matches!(scene, Scene::Hall | Scene::Far) => {
-            builder.finished_by(RealFinishes::of_hall(seed))
-        }
-        Surroundings::Real => builder.finished_by(RealFinishes::of_room(seed)),
     };
-    let lighting = match (scene, surroundings) {
-        (Scene::Hall, Surroundings::Real) => real_hall(&mut builder, &flight),
-        (Scene::Room, Surroundings::Real) => real_room(&mut builder, &flight),
-        (Scene::Room, _) => room(&mut builder, &flight),
-        (Scene::Hall, _) => hall(&mut builder, &flight),
-        (Scene::Far, _) => far(&mut builder, &flight),
-        (Scene::LowTexture, _) => plain_room(&mut builder, &flight),
+    let lighting = match scene {
+        Scene::Room => room(&mut builder, &flight),
+        Scene::Hall => hall(&mut builder, &flight),
+        Scene::Far => far(&mut builder, &flight),
+        Scene::LowTexture => plain_room(&mut builder, &flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
-    let mut world = World::new(builder.surfaces);
-    if world.surfaces.iter().any(|surface| surface.finish.gloss > 0.0) {
-        world.lamps.extend(lighting.lamps.iter().map(|lamp| lamp.p_w));
-    }
-    world
+    World::new(builder.surfaces)
 }
 
 /// An empty room with dark spots on its walls, floor and ceiling: about `spots` of them in a view from its middle.

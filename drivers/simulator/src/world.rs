@@ -18,14 +18,12 @@ pub(super) struct Finish {
     pub(super) bright: f32,
     /// Brightness of a surface that shines by itself; 0 for one that is lit.
     pub(super) glow: f32,
-    /// Brightness of a lamp that is mirrored in it against that of white; 0 for a matt one.
-    pub(super) gloss: f32,
 }
 
 impl Finish {
     /// `material` with its full contrast.
     pub(super) const fn of(material: Material) -> Self {
-        Self { material, zoom: 1.0, dark: 0.0, bright: 1.0, glow: 0.0, gloss: 0.0 }
+        Self { material, zoom: 1.0, dark: 0.0, bright: 1.0, glow: 0.0 }
     }
 
     /// Returns the finish with albedo between `dark` and `bright`.
@@ -145,8 +143,6 @@ pub struct Hit {
 #[derive(Debug)]
 pub(super) struct World {
     pub(super) surfaces: Vec<Surface>,
-    /// Lamps that glossy surfaces mirror, in the world, m.
-    pub(super) lamps: Vec<Vector3<f64>>,
     /// Surfaces of each thing that moves, in its own frame; they come last.
     pub(super) movers: Vec<Range<usize>>,
 }
@@ -154,7 +150,7 @@ pub(super) struct World {
 impl World {
     /// Creates the world from surfaces and their light.
     pub(super) fn new(surfaces: Vec<Surface>) -> Self {
-        Self { surfaces, lamps: Vec::new(), movers: Vec::new() }
+        Self { surfaces, movers: Vec::new() }
     }
 
     /// Adds a thing that moves, in its own frame and in light of one brightness.
@@ -185,7 +181,6 @@ impl World {
             surface.edge_v = lean * surface.edge_v;
             surface.normal = lean * surface.normal;
         }
-        self.lamps.iter_mut().for_each(|lamp| *lamp = centre + lean * (*lamp - centre));
     }
 
     /// Paints what the surfaces are made of, so that nobody waits for it later.

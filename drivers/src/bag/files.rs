@@ -1,6 +1,5 @@
 //! The files of a bag in their order: one file, or the directory that `ros2 bag record` makes.
 
-use super::stream::BagFile;
 use crate::DriverError;
 use crate::bag_name::{METADATA, listed, parts_of};
 use std::collections::BTreeSet;
@@ -12,7 +11,7 @@ const MAX_METADATA_BYTES: u64 = 4 << 20;
 ///
 /// # Errors
 /// When there are none, or it is not plain which they are.
-pub(crate) fn bag_files(path: &Path) -> Result<Vec<BagFile>, DriverError> {
+pub(crate) fn bag_files(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
     if !path.exists() {
         return Err(DriverError::missing(
             path,
@@ -20,17 +19,13 @@ pub(crate) fn bag_files(path: &Path) -> Result<Vec<BagFile>, DriverError> {
         ));
     }
     let files = if path.is_dir() { files_of_directory(path)? } else { vec![path.to_owned()] };
-    files.iter().map(|file| opened(file)).collect()
-}
-
-fn opened(file: &Path) -> Result<BagFile, DriverError> {
-    if !file.is_file() {
-        return Err(DriverError::missing(
-            file,
-            "is named in metadata.yaml and is not there; copy the whole bag",
-        ));
+    match files.iter().find(|file| !file.is_file()) {
+        Some(file) => {
+            let message = "is named in metadata.yaml and is not there; copy the whole bag";
+            Err(DriverError::missing(file, message))
+        }
+        None => Ok(files),
     }
-    BagFile::new(file)
 }
 
 fn files_of_directory(path: &Path) -> Result<Vec<PathBuf>, DriverError> {

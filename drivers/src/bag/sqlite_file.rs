@@ -54,20 +54,20 @@ impl SqliteFile {
         magic.starts_with(MAGIC)
     }
 
-    /// Opens the database at `place`; `path` names it in messages.
+    /// Opens the database at `path`.
     ///
     /// # Errors
     /// When it cannot be read.
-    pub(crate) fn open(path: &Path, place: &Path) -> Result<Self, DriverError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, DriverError> {
         let journal_bytes = ["-wal", "-journal"].map(|ending| {
-            let mut name = OsString::from(place);
+            let mut name = OsString::from(path);
             name.push(ending);
             Path::new(&name).metadata().map_or(0, |metadata| metadata.len())
         });
         let is_unfinished = journal_bytes.iter().any(|bytes| *bytes > 0);
-        let (length, is_cut) = length(place).map_err(|e| DriverError::io(path, e))?;
+        let (length, is_cut) = length(path).map_err(|e| DriverError::io(path, e))?;
         let database =
-            connect(place, is_unfinished, is_cut).map_err(|error| in_words(path, &error, is_unfinished))?;
+            connect(path, is_unfinished, is_cut).map_err(|error| in_words(path, &error, is_unfinished))?;
         Ok(Self {
             path: path.to_owned(),
             database,

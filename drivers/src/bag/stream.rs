@@ -1,13 +1,11 @@
 //! The messages of a bag, file after file, in the order in which they were recorded and in bounded memory.
 //!
-//! The container of a file is told by its first bytes: MCAP (`mcap_file`), SQLite (`sqlite_file`) or ROS 1 (`ros1_file`), each
-//! also as a whole file compressed by Zstandard (`packed`). A file that breaks off, because the recorder was killed, is read
-//! up to there.
+//! The container of a file is told by its first bytes: MCAP (`mcap_file`), SQLite (`sqlite_file`) or ROS 1 (`ros1_file`). A file
+//! that breaks off, because the recorder was killed, is read up to there.
 
 use super::container::{Input, Step, Topic, peeked};
 use super::mcap_file::McapFile;
 use super::messages::Format;
-use super::packed::{self, Unpacked};
 use super::ros1_file::Ros1File;
 use super::sqlite_file::SqliteFile;
 use super::wire::Encoding;
@@ -15,6 +13,9 @@ use crate::DriverError;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
+
+/// First bytes of a frame of Zstandard.
+const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// A message that can be flown with.
 #[derive(Clone, Copy, Debug)]
@@ -29,8 +30,8 @@ pub(crate) struct Message<'a> {
 
 /// The files of a bag, one after the other.
 pub(crate) struct Messages {
-    rest: VecDeque<BagFile>,
-    file: Option<Container>,
+    rest: VecDeque<PathBuf>,
+    file: Option<(PathBuf, Container)>,
     topics: Vec<Topic>,
     payload: Vec<u8>,
     /// True if a file breaks off.
@@ -39,7 +40,7 @@ pub(crate) struct Messages {
 
 impl Messages {
     /// From the beginning of the first of `files`.
-    pub(crate) fn new(files: &[BagFile]) -> Self {
+    pub(crate) fn new(files: &[PathBuf]) -> Self {
         let rest = files.iter().cloned().collect();
         Self { rest, file: None, topics: Vec::new(), payload: Vec::new(), is_truncated: false }
     }
@@ -69,14 +70,16 @@ impl Messages {
     pub(crate) fn next(&mut self) -> Result<Option<Message<'_>>, DriverError> {
         loop {
             if self.file.is_none() {
-                let Some(file) = self.rest.pop_front() else { return Ok(None) };
-                self.file = Some(file.open()?);
+                let Some(path) = self.rest.pop_front() else { return Ok(None) };
+                let container = Container::open(&path)?;
+                self.file = Some((path, container));
             }
-            let Some(file) = &mut self.file else { return Ok(None) };
+            let Some((path, file)) = &mut self.file else { return Ok(None) };
             match file.next(&mut self.topics, &mut self.payload)? {
                 Step::Message(topic, format) => {
-                    if format.encoding == Encoding::Cdr {
-                        packed::unpack_message(&mut self.payload);
+                    if format.encoding == Encoding::Cdr && self.payload.starts_with(&ZSTD) {
+                        let message = "holds messages that are compressed one by one (Zstandard); write it anew without: `ros2 bag convert`";
+                        return Err(DriverError::refused(path.as_path(), message));
                     }
                     return Ok(Some(Message { topic, format, bytes: &self.payload }));
                 }
@@ -90,57 +93,28 @@ impl Messages {
     }
 }
 
-/// One file of a bag. A file that had to be unpacked is so once, for all who read it.
-#[derive(Clone, Debug)]
-pub(crate) struct BagFile {
-    path: PathBuf,
-    unpacked: Option<Unpacked>,
-}
-
-impl BagFile {
-    /// The file at `path`; unpacks it if it is a compressed database.
-    ///
-    /// # Errors
-    /// When it cannot be read or unpacked.
-    pub(crate) fn new(path: &Path) -> Result<Self, DriverError> {
-        let (magic, rest) = begun(path)?;
-        let is_packed_database = packed::is_zstd(&magic) && {
-            let (inner, _) = packed::begun_inside(path, rest)?;
-            SqliteFile::is_begun_by(&inner)
-        };
-        let unpacked = is_packed_database.then(|| Unpacked::of(path)).transpose()?;
-        Ok(Self { path: path.to_owned(), unpacked })
-    }
-
-    fn open(&self) -> Result<Container, DriverError> {
-        if let Some(unpacked) = &self.unpacked {
-            return SqliteFile::open(&self.path, unpacked.path()).map(Container::Sqlite);
+impl Container {
+    /// Opens a file of whatever kind.
+    fn open(path: &Path) -> Result<Self, DriverError> {
+        let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
+        let (magic, input) = peeked(path, Box::new(file))?;
+        if magic.starts_with(&ZSTD) {
+            return Err(DriverError::refused(path, "is compressed by Zstandard; unpack it: `zstd -d FILE`"));
         }
-        let (magic, input) = begun(&self.path)?;
         if SqliteFile::is_begun_by(&magic) {
-            return SqliteFile::open(&self.path, &self.path).map(Container::Sqlite);
+            return SqliteFile::open(path).map(Self::Sqlite);
         }
-        let (magic, input) = match packed::is_zstd(&magic) {
-            true => packed::begun_inside(&self.path, input)?,
-            false => (magic, input),
-        };
         if magic.is_empty() {
             return Err(DriverError::malformed(
-                &self.path,
+                path,
                 "is empty, or breaks off before its first message; copy it again",
             ));
         }
         Ok(match Ros1File::is_begun_by(&magic) {
-            true => Container::Ros1(Ros1File::new(&self.path, input)),
-            false => Container::Mcap(Box::new(McapFile::new(&self.path, input))),
+            true => Self::Ros1(Ros1File::new(path, input)),
+            false => Self::Mcap(Box::new(McapFile::new(path, input))),
         })
     }
-}
-
-/// First bytes of the file at `path`, and all of it.
-fn begun(path: &Path) -> Result<(Vec<u8>, Input), DriverError> {
-    let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
-    peeked(path, Box::new(file))
 }
 
 /// A file of whatever kind.

@@ -163,14 +163,6 @@ impl DeviceClock {
         is_good
     }
 
-    /// The host's time for a time of the device, ns, once the clock is known.
-    #[must_use]
-    pub fn to_host(&self, device_ns: i64) -> Option<i64> {
-        let (origin, handed) = (self.origin?, self.handed?);
-        let x = device_ns.saturating_sub(origin.0);
-        Some(origin.1.saturating_add(x).saturating_add(handed.at(x)))
-    }
-
     /// Forgets the device: another may be there.
     pub fn forget(&mut self) {
         self.origin = None;

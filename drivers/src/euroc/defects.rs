@@ -4,7 +4,7 @@ use super::depth::Depth;
 use super::imu::ImuRecord;
 use super::order::Order;
 use super::pairing::FrameEntry;
-use super::picture::{CONVERT, NoImage};
+use super::picture::NoImage;
 use plumbline_config::Timestamp;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -46,9 +46,6 @@ impl BadImages {
             NoImage::Missing => ("is missing".to_owned(), "are missing".to_owned()),
             NoImage::Corrupt => {
                 ("is cut off or not a PNG or JPEG".into(), "are cut off or not PNG or JPEG".into())
-            }
-            NoImage::Foreign(format) => {
-                (format!("is {format}; {CONVERT}"), format!("are not read, each {format}; {CONVERT}"))
             }
             NoImage::OtherSize((w, h)) => {
                 (format!("is {w}x{h}, not {width}x{height}"), format!("are {w}x{h}, not {width}x{height}"))
@@ -219,50 +216,17 @@ fn stepped(root: &Path, orders: &[(String, Order)], first: Timestamp) -> Option<
         format!("{name} by {:.3} s after {at_s:.3} s{more}", order.longest_step_back_ns as f64 * 1e-9)
     };
     let told: Vec<String> = orders.iter().filter(|(_, order)| order.steps_back > 0).map(step).collect();
-    let wrapped = orders.iter().find_map(|(_, order)| wrap(order));
-    let (cause, cure) = match wrapped {
-        Some(counter) => (
-            format!("{counter}, which began anew at zero"),
-            "count its overflows, and add them to the stamps; fly up to the step (`--stop`), or what comes after it alone",
-        ),
-        None => (
-            "a clock that was set while recording (NTP, GNSS, a change of the time), or two recordings in one".into(),
-            "fly up to the step (`--stop`), or what comes after it alone; stamp by a monotonic clock, or let the clock settle before \
-             recording",
-        ),
-    };
     (!told.is_empty()).then(|| Defect {
         what: "the clock of the stamps steps back".into(),
         evidence: format!("{}: {}", root.display(), told.join("; ")),
-        cause,
-        cure: cure.into(),
+        cause: "a clock that was set while recording (NTP, GNSS, a change of the time), a counter that overflowed, or two recordings in \
+                one"
+            .into(),
+        cure: "fly up to the step (`--stop`), or what comes after it alone; stamp by a monotonic clock, or let the clock settle before \
+               recording"
+            .into(),
         is_grave: true,
     })
-}
-
-/// Counters of devices: their lengths, ns, and what they are.
-const COUNTERS: [(u64, &str); 6] = [
-    (1_000_000_000, "the nanoseconds of a stamp without its seconds"),
-    (1 << 32, "a counter of 32 bits in nanoseconds"),
-    ((1 << 24) * 1_000, "a counter of 24 bits in microseconds"),
-    ((1 << 16) * 1_000_000, "a counter of 16 bits in milliseconds"),
-    ((1 << 31) * 1_000, "a counter of 31 bits in microseconds"),
-    ((1 << 32) * 1_000, "a counter of 32 bits in microseconds"),
-];
-/// A step back is as long as the counter within this share, or this time, ns: half a period of a slow camera, where the
-/// period is not exactly known.
-const WRAP_ONE_IN: u64 = 1_000;
-const WRAP_NS: u64 = 2_000_000;
-
-/// The counter whose length the steps of a clock have.
-fn wrap(order: &Order) -> Option<&'static str> {
-    let is_one = |(length_ns, _): &&(u64, &str)| {
-        order.longest_step_back_ns.abs_diff(*length_ns) < (*length_ns / WRAP_ONE_IN).min(WRAP_NS)
-    };
-    // A second once may be a leap second.
-    let least = |length_ns: u64| if length_ns == COUNTERS[0].0 { 2 } else { 1 };
-    let found = COUNTERS.iter().find(is_one).filter(|(length_ns, _)| order.steps_back >= least(*length_ns));
-    found.map(|(_, name)| *name)
 }
 
 /// Defect: stamps repeat.
@@ -321,15 +285,6 @@ pub(super) fn surplus(root: &Path, images: [usize; 2]) -> Option<Defect> {
 mod tests {
     use super::*;
 
-    /// The defect of a table of so many rows, one every `period_ns` from `first_ns` on, whose counter has this length.
-    fn counted(length_ns: i64, (first_ns, period_ns): (i64, i64), rows: i64) -> String {
-        let stamps: Vec<Timestamp> =
-            (0..rows).map(|k| Timestamp::from_nanos((first_ns + k * period_ns) % length_ns)).collect();
-        let orders = [("imu0/data.csv".to_owned(), Order::of(&stamps))];
-        let defects = of_stamps(Path::new("flight"), &orders, "rows", stamps[0]);
-        defects.into_iter().map(|defect| format!("{}: {}", defect.what, defect.cause)).collect()
-    }
-
     #[test]
     fn images_of_other_sizes_are_told_apart() {
         let defects = FileDefects::default();
@@ -338,30 +293,5 @@ mod tests {
         assert!(defects.are_other_sizes() && defects.words()[0].contains("752x480, not 376x240"));
         defects.add(Path::new("b.png"), NoImage::Corrupt, (376, 240));
         assert!(!defects.are_other_sizes());
-    }
-
-    #[test]
-    fn counters_that_overflow_are_named_by_their_length() {
-        const MS: i64 = 1_000_000;
-        for (length_ns, name) in [
-            ((1 << 32) * 1_000, "32 bits in microseconds"),
-            (1 << 32, "32 bits in nanoseconds"),
-            ((1 << 16) * MS, "16 bits in milliseconds"),
-            ((1 << 24) * 1_000, "24 bits in microseconds"),
-        ] {
-            for period_ns in [5 * MS, 50 * MS, 33_333_333] {
-                let words = counted(length_ns, (length_ns - 60 * period_ns, period_ns), 150);
-                assert!(words.contains("steps back") && words.contains(name), "{period_ns}: {words}");
-            }
-        }
-        let seconds = counted(1_000 * MS, (300 * MS, 5 * MS), 800);
-        assert!(seconds.contains("the nanoseconds of a stamp without its seconds"), "{seconds}");
-        // A clock that was set.
-        let set: Vec<Timestamp> = (0..800)
-            .map(|k| Timestamp::from_nanos(20_000 * MS + 5 * MS * k - if k < 400 { 0 } else { 1_000 * MS }))
-            .collect();
-        let orders = [("imu0/data.csv".to_owned(), Order::of(&set))];
-        let defects = of_stamps(Path::new("flight"), &orders, "rows", set[0]);
-        assert!(defects[0].cause.contains("NTP"), "{defects:?}");
     }
 }

@@ -3,7 +3,7 @@
 use super::depth::Depth;
 use super::image::{MAX_FILE_BYTES, png_largest, read_start};
 use super::pairing::ImageRow;
-use super::picture::{CONVERT, foreign, picture_size};
+use super::picture::{CONVERT, picture_size};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::Path;
@@ -51,27 +51,15 @@ pub(super) fn size_px(folder: &Path, rows: &[ImageRow]) -> Option<(usize, usize)
 /// Reason why no image of a camera can be read, and the cure.
 pub(super) fn unreadable(folder: &Path, rows: &[ImageRow]) -> String {
     let count = rows.len();
-    let first =
-        rows.iter().find_map(|row| Some((&row.file, read_start(&folder.join(&row.file), HEAD_BYTES).ok()?)));
-    if let Some((name, bytes)) = first {
-        let what = foreign(&bytes).unwrap_or("no PNG and no JPEG image, or damaged");
-        return format!(
-            "none of the {count} images of data.csv can be read: the first, {name}, is {what}; {CONVERT}"
-        );
+    if rows.iter().any(|row| folder.join(&row.file).is_file()) {
+        return format!("none of the {count} images of data.csv is a whole PNG or JPEG; {CONVERT}");
     }
     let stems: BTreeSet<&str> = rows.iter().map(|row| parts(&row.file).0).collect();
     let is_image = |name: &String| stems.contains(parts(name).0);
     let names = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let other = names.filter_map(|entry| entry.file_name().into_string().ok()).filter(is_image).min();
     match other {
-        Some(name) => {
-            let bytes = read_start(&folder.join(&name), HEAD_BYTES).unwrap_or_default();
-            let what = foreign(&bytes).unwrap_or("of a format that is not read");
-            format!(
-                "none of the {count} images of data.csv is there as a PNG or JPEG, but files of their names are: {name} is \
-                 {what}; {CONVERT}"
-            )
-        }
+        Some(name) => format!("none of the {count} images of data.csv is there, but {name}; {CONVERT}"),
         None => format!("none of the {count} images of data.csv is there as a PNG or JPEG; copy them here"),
     }
 }

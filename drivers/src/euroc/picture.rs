@@ -1,4 +1,4 @@
-//! Grey pixels of a picture in a file: PNG or JPEG, whichever it begins as. Files of other formats are named.
+//! Grey pixels of a picture in a file: PNG or JPEG, whichever it begins as.
 
 use super::depth::Depth;
 use super::image::{MAX_FILE_BYTES, decode_png, png_size_of};
@@ -10,38 +10,6 @@ use std::path::Path;
 
 /// First bytes of a JPEG file.
 const JPEG: [u8; 2] = [0xff, 0xd8];
-/// First bytes of formats that are not read, and their names.
-const FOREIGN: [(&[u8], &str); 14] = [
-    (
-        &JPEG,
-        "a JPEG image that cannot be read (baseline of 8 bits, grey or in colour, is; progressive and CMYK are not)",
-    ),
-    (b"II*\0", "a TIFF image"),
-    (b"MM\0*", "a TIFF image"),
-    (b"BM", "a BMP image"),
-    (b"P5", "a PGM image"),
-    (b"P2", "a PGM image"),
-    (b"P6", "a PPM image"),
-    (b"GIF8", "a GIF image"),
-    (b"\0\0\0\x0cjP  ", "a JPEG 2000 image"),
-    (b"\xff\x4f\xff\x51", "a JPEG 2000 image"),
-    (b"\xff\x0a", "a JPEG XL image"),
-    (b"v/1\x01", "an OpenEXR image"),
-    (b"\x93NUMPY", "a NumPy array"),
-    (b"qoif", "a QOI image"),
-];
-
-/// Name of a format that is not read, by the first bytes of a file.
-pub(crate) fn foreign(bytes: &[u8]) -> Option<&'static str> {
-    if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
-        return Some("a WebP image");
-    }
-    if bytes.get(4..8) == Some(b"ftyp") {
-        return Some("a HEIF or AVIF image");
-    }
-    FOREIGN.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| name)
-}
-
 /// Cure for an image format that is not supported.
 pub(super) const CONVERT: &str =
     "convert the images to PNG or baseline JPEG (`mogrify -format png *.EXT`), keeping their names";
@@ -94,8 +62,6 @@ pub(super) enum NoImage {
     Missing,
     /// The file cannot be read, is cut off, or is no picture.
     Corrupt,
-    /// The picture is of this format, which is not read.
-    Foreign(&'static str),
     /// The image has this size, which is another than the camera's.
     OtherSize((usize, usize)),
 }
@@ -126,8 +92,7 @@ impl ImageReader {
             let expected = (image.width(), image.height());
             match picture_size(&self.file) {
                 Some(size) if size != expected => NoImage::OtherSize(size),
-                Some(_) => NoImage::Corrupt,
-                None => foreign(&self.file).map_or(NoImage::Corrupt, NoImage::Foreign),
+                _ => NoImage::Corrupt,
             }
         })
     }
@@ -138,19 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn formats_that_are_not_read_have_names() {
-        for (bytes, name) in [
-            (&b"II*\0abcd"[..], "TIFF"),
-            (b"BM1234", "BMP"),
-            (b"P5 4 2 255 ", "PGM"),
-            (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
-            (b"\0\0\0\x1cftypavif", "AVIF"),
-            (b"\xff\xd8\xff\xe0", "JPEG"),
-        ] {
-            assert!(foreign(bytes).is_some_and(|words| words.contains(name)), "{name}");
-            assert_eq!(picture_size(bytes), None);
-        }
-        assert_eq!(foreign(b"\x89PNG"), None);
+    fn pictures_of_four_inks_are_not_read() {
         // Start of a frame with so many components, and of its scan.
         let jpeg = |components: u8| {
             let list = |of: &[u8]| (1..=components).flat_map(|id| [&[id], of].concat()).collect::<Vec<_>>();
@@ -162,7 +115,5 @@ mod tests {
         };
         assert_eq!((picture_size(&jpeg(1)), picture_size(&jpeg(3))), (Some((16, 16)), Some((16, 16))));
         assert_eq!(picture_size(&jpeg(4)), None);
-        assert!(foreign(&jpeg(4)).is_some_and(|words| words.contains("CMYK")));
-        assert_eq!(foreign(b""), None);
     }
 }

@@ -66,27 +66,12 @@ pub(crate) fn imu_range<F>(
         return Ok(imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S)));
     }
     let (imu_first, imu_last) = imu.span().unwrap_or_default();
-    let counted = counted("IMU", imu_first, imu_last).or_else(|| counted("images", first, last));
-    let advice = counted.or_else(|| other_unit(imu_last, last));
-    let advice = advice.unwrap_or_else(|| "do the files belong together?".into());
+    let advice = other_unit(imu_last, last).unwrap_or_else(|| "do the files belong together?".into());
     let message = format!(
         "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
          sample among them; {advice}"
     );
     Err(DriverError::malformed(file, message))
-}
-
-/// Advice where the stamps of a sensor are numbers that count its rows: a million of them pass in a millisecond.
-fn counted(sensor: &str, first: Timestamp, last: Timestamp) -> Option<String> {
-    let is_count = (0..=1).contains(&first.as_nanos()) && (1..1_000_000).contains(&last.as_nanos());
-    is_count.then(|| {
-        format!(
-            "the stamps of the {sensor} count its rows ({}, ..., {}) and are no times: write the time of measurement into each, in \
-             nanoseconds",
-            first.as_nanos(),
-            last.as_nanos()
-        )
-    })
 }
 
 /// Advice where the stamps of one sensor are in another unit than those of the other.

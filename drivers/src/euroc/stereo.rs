@@ -58,7 +58,7 @@ impl EurocStereo {
         };
         match why {
             NoImage::Missing => self.faults.missing += 1,
-            NoImage::Corrupt | NoImage::Foreign(_) | NoImage::OtherSize(_) => self.faults.corrupt += 1,
+            NoImage::Corrupt | NoImage::OtherSize(_) => self.faults.corrupt += 1,
         }
         self.defects.add(&path, why, expected);
     }

@@ -99,7 +99,7 @@ impl SocketMonitor {
                 std::io::Error::from_raw_os_error(error)
             ),
             Trouble::Refused(FrameRefusal::Foreign) => {
-                "what was sent is no frame: see docs/frame-socket.md".to_owned()
+                "what was sent is no frame: see docs/own-sensors.md".to_owned()
             }
             Trouble::Refused(FrameRefusal::Empty) => "a frame without images was sent".to_owned(),
             Trouble::Refused(FrameRefusal::Size(camera, (width, height))) => {

@@ -1,5 +1,5 @@
 //! Frames that a program of the user's own sends over a Unix socket: one that knows a camera by its maker's SDK, or one
-//! that plays a recording. `docs/frame-socket.md` says what it sends; [`FrameHeader`] is that.
+//! that plays a recording. `docs/own-sensors.md` says what it sends; [`FrameHeader`] is that.
 //!
 //! The socket is ours: programs come and go as cameras do. Bytes are read straight into the images of a frame.
 

@@ -162,7 +162,7 @@ fn a_program_that_cannot_be_accepted_is_reported_and_taken_later() {
 #[test]
 fn what_is_no_frame_of_this_rig_is_sent_away_with_the_reason() {
     for (bytes, says) in [
-        (vec![b'x'; 64], "docs/frame-socket.md"),
+        (vec![b'x'; 64], "docs/own-sensors.md"),
         (
             FrameHeader { sequence: 1, stamp_ns: 1, sizes_px: [(640, 480), (0, 0)] }.encode().to_vec(),
             "640 x 480 px was sent, and camera[0] has 64 x 48",

@@ -6,6 +6,7 @@
 use super::attribute;
 use super::layout::Quantity;
 use crate::DriverError;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Devices that are looked at, at most.
@@ -31,7 +32,7 @@ impl Default for IioRoots {
 }
 
 /// A device with an accelerometer or a gyroscope.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IioDeviceInfo {
     /// The name to configure, behind `iio://`: one that stays.
     pub name: String,

@@ -71,9 +71,6 @@ pub struct ImuFigures {
     /// Received bytes and frames of a serial line.
     #[serde(rename = "line")]
     pub framing: FramingFigures,
-    /// Triggers of the cameras that nobody took in time.
-    #[serde(skip)]
-    pub triggers_lost: u64,
 }
 
 impl ImuFigures {

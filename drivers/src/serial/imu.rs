@@ -2,16 +2,12 @@
 
 use super::port::{Port, Waited};
 use super::protocol::Outgoing;
-use super::stream::{Stream, TriggerEvent};
+use super::stream::Stream;
 use crate::clock::monotonic_ns;
 use crate::inertial::{ImuFigures, ImuMonitor, Post};
 use crate::{DriverError, Faults, ImuReading, ImuSource, StopFlag};
-use plumbline_config::options::{ImuConfig, ImuDriverConfig, ImuEndpoint, SerialLine};
+use plumbline_config::options::{ImuConfig, ImuDriverConfig, SerialLine};
 use plumbline_protocol::Settings;
-use rtrb::{Consumer, RingBuffer};
-
-/// Triggers that wait for whoever pairs them with frames.
-const TRIGGERS: usize = 256;
 
 /// A serial inertial sensor: it may be missing at the start, and may go away and come back.
 pub struct SerialImu {
@@ -22,33 +18,14 @@ pub struct SerialImu {
     arrival_ns: i64,
     stop: StopFlag,
     post: Post,
-    triggers: Option<Consumer<TriggerEvent>>,
 }
 
 impl SerialImu {
-    /// Opens the sensor at the serial line of `driver.connect`, whose rate and ranges `imu` tells. With
-    /// `driver.trigger_cameras` its microcontroller triggers the cameras `camera_rate_hz` times a second.
+    /// Opens the sensor at this line, whose rate and ranges `imu` gives. With `driver.trigger_cameras` its
+    /// microcontroller triggers the cameras `camera_rate_hz` times a second.
     ///
     /// # Errors
-    /// When the address says no serial line, or what is there cannot be used. A device that is not there is waited for.
-    pub fn open(
-        driver: &ImuDriverConfig,
-        imu: &ImuConfig,
-        camera_rate_hz: f64,
-        stop: StopFlag,
-    ) -> Result<Self, DriverError> {
-        match ImuEndpoint::parse(&driver.connect).map_err(DriverError::ImuAddress)? {
-            ImuEndpoint::Serial(line) => Self::at(&line, driver, imu, camera_rate_hz, stop),
-            ImuEndpoint::Iio { .. } => {
-                Err(DriverError::ImuAddress("names no serial line; write serial://DEVICE:BAUD".into()))
-            }
-        }
-    }
-
-    /// As [`Self::open`], at this line.
-    ///
-    /// # Errors
-    /// When what is there cannot be used.
+    /// When what is there cannot be used. A device that is not there is waited for.
     pub fn at(
         line: &SerialLine,
         driver: &ImuDriverConfig,
@@ -57,21 +34,16 @@ impl SerialImu {
         stop: StopFlag,
     ) -> Result<Self, DriverError> {
         let port = Port::open(line)?;
-        let (producer, consumer) = match driver.trigger_cameras {
-            true => Some(RingBuffer::new(TRIGGERS)).unzip(),
-            false => (None, None),
-        };
         let autopilot = (driver.mavlink_message, imu.rate_hz);
         let protocol = super::opened(driver.protocol, autopilot, settings(driver, imu, camera_rate_hz));
         let delay_ns = (driver.delay_s * 1e9).round() as i64;
         Ok(Self {
             port,
-            stream: Stream::new(protocol, imu, delay_ns, producer),
+            stream: Stream::new(protocol, imu, delay_ns),
             outgoing: Outgoing::default(),
             arrival_ns: 0,
             stop,
             post: Post::default(),
-            triggers: consumer,
         })
     }
 
@@ -85,11 +57,6 @@ impl SerialImu {
     #[must_use]
     pub fn monitor(&self) -> ImuMonitor {
         self.post.monitor()
-    }
-
-    /// The triggers of the cameras, once, where the sensor gives them.
-    pub fn take_triggers(&mut self) -> Option<Consumer<TriggerEvent>> {
-        self.triggers.take()
     }
 
     /// Says what is to be said, waits for bytes and takes them.

@@ -28,7 +28,7 @@ pub mod xsens;
 pub use imu::SerialImu;
 pub use port::{Port, Waited, open_line};
 pub use ports::{SerialPortInfo, serial_ports};
-pub use stream::{Stream, TriggerEvent};
+pub use stream::Stream;
 
 use plumbline_config::options::{ImuProtocol, MavlinkImu};
 use plumbline_protocol::Settings;

@@ -3,6 +3,7 @@
 //! `/dev/ttyACM0` is whichever device was plugged in first. udev keeps links that stay: `/dev/serial/by-id` names the device,
 //! `/dev/serial/by-path` the socket that it is plugged into. Ports of the board itself have no links: their names are fixed.
 
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ const MAX_PORTS: usize = 256;
 const LEVELS: usize = 4;
 
 /// A serial port.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SerialPortInfo {
     /// The name to configure: the one of these that stays.
     pub name: PathBuf,

@@ -7,21 +7,6 @@ use crate::clock::{DeviceClock, RoundTrip, StampPace, Stamped, Unwrap};
 use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, SampleWatch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
-use plumbline_protocol::Trigger;
-use rtrb::Producer;
-
-/// The cameras were triggered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TriggerEvent {
-    /// Counts triggers since the microcontroller was started; begins anew after 2^32.
-    pub counter: u32,
-    /// Beginning of the exposure, by the host's clock.
-    pub stamp: Timestamp,
-    /// Length of the pulse, ns; 0 where the cameras decide on their exposure.
-    pub pulse_ns: u32,
-    /// Triggered cameras: bit 0 is the first.
-    pub cameras: u8,
-}
 
 /// Bytes to readings.
 pub struct Stream {
@@ -35,19 +20,13 @@ pub struct Stream {
     watch: SampleWatch,
     numbering: Numbering,
     delay_ns: i64,
-    triggers: Option<Producer<TriggerEvent>>,
     /// Figures that the parts do not count themselves.
     figures: ImuFigures,
 }
 
 impl Stream {
     /// For a device that speaks `protocol` and measures as `imu` says; `delay_ns` is taken off every stamp.
-    pub fn new(
-        protocol: Box<dyn Protocol>,
-        imu: &ImuConfig,
-        delay_ns: i64,
-        triggers: Option<Producer<TriggerEvent>>,
-    ) -> Self {
+    pub fn new(protocol: Box<dyn Protocol>, imu: &ImuConfig, delay_ns: i64) -> Self {
         let unit = protocol.time_unit();
         Self {
             deframer: Deframer::default(),
@@ -59,7 +38,6 @@ impl Stream {
             watch: SampleWatch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             delay_ns,
-            triggers,
             protocol,
             figures: ImuFigures::default(),
         }
@@ -91,10 +69,9 @@ impl Stream {
                     }
                 }
                 Content::Answer(answer) => self.answer(&answer, arrival_ns),
-                Content::Trigger(trigger) => self.trigger(&trigger),
                 Content::Lacking(what) => self.figures.lacking = Some(what),
                 Content::Malformed => self.figures.malformed += 1,
-                Content::Hello(_) | Content::Settings(_) | Content::Other => {}
+                Content::Trigger(_) | Content::Hello(_) | Content::Settings(_) | Content::Other => {}
             }
         }
     }
@@ -164,18 +141,5 @@ impl Stream {
             device_sent_ns: answer.device_sent_ns,
             received_ns: arrival_ns,
         });
-    }
-
-    fn trigger(&mut self, trigger: &Trigger) {
-        let Some(triggers) = &mut self.triggers else { return };
-        let stamp_ns = i64::try_from(trigger.time_ns).ok().and_then(|ns| self.clock.to_host(ns));
-        let event = stamp_ns.map(|ns| TriggerEvent {
-            counter: trigger.counter,
-            stamp: Timestamp::from_nanos(ns),
-            pulse_ns: trigger.pulse_ns,
-            cameras: trigger.cameras,
-        });
-        let is_taken = event.is_some_and(|event| triggers.push(event).is_ok());
-        self.figures.triggers_lost += u64::from(!is_taken);
     }
 }

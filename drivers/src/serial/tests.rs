@@ -2,19 +2,18 @@
 
 use super::fixture::{Device, Trouble, imu_config, number_of};
 use super::simulated::opened;
-use super::stream::{Stream, TriggerEvent};
+use super::stream::Stream;
 use crate::ImuReading;
 use crate::inertial::{ImuFigures, LinkFigures};
 use plumbline_config::Random;
 use plumbline_config::options::ImuProtocol;
-use plumbline_protocol::{MAX_FRAME, Message, Trigger, encode};
 
 const MS: i64 = 1_000_000;
 const S: i64 = 1_000_000_000;
 /// Error allowed of the stamps, ns.
 const TOLERANCE_NS: i64 = 200_000;
 fn stream(device: &Device) -> Stream {
-    Stream::new(opened(device.protocol), &imu_config(device.rate_hz as f64), 0, None)
+    Stream::new(opened(device.protocol), &imu_config(device.rate_hz as f64), 0)
 }
 
 /// Feeds bytes that came at `arrival_ns`, at most `piece` of them at a time.
@@ -116,7 +115,7 @@ fn a_clean_line_has_no_faults() {
 fn the_delay_of_the_configuration_is_taken_off() {
     let device = Device { protocol: ImuProtocol::VectorNav, rate_hz: 200, start_ns: 0, skew: 0.0 };
     let stamps = |delay_ns: i64| {
-        let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), delay_ns, None);
+        let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), delay_ns);
         let mut stamps = Vec::new();
         for k in 0..600 {
             feed(&mut stream, &device.frame(k), 99, device.truth_ns(k), |r| {
@@ -150,34 +149,6 @@ fn a_device_that_was_started_anew_goes_on_after_a_second_and_its_numbers_rise() 
     // Five seconds without a device, one of settling.
     assert!((1195..1215).contains(&missing), "{missing}");
     assert!((1180..1210).contains(&readings.len()), "{}", readings.len());
-}
-
-#[test]
-fn triggers_are_stamped_like_samples() {
-    let device = Device { protocol: ImuProtocol::Plumbline, rate_hz: 200, start_ns: 100 * S, skew: 20e-6 };
-    let (producer, mut consumer) = rtrb::RingBuffer::new(8);
-    let mut stream = Stream::new(opened(device.protocol), &imu_config(200.0), 0, Some(producer));
-    let mut events: Vec<TriggerEvent> = Vec::new();
-    for k in 0..2000 {
-        let mut bytes = device.frame(k);
-        if k % 10 == 0 {
-            let time_ns = device.device_ns(device.truth_ns(k)) as u64;
-            let trigger = Trigger { counter: (k / 10) as u32, time_ns, pulse_ns: 1000, cameras: 3 };
-            bytes.extend(encode(&Message::Trigger(trigger), &mut [0; MAX_FRAME]));
-        }
-        feed(&mut stream, &bytes, 999, device.truth_ns(k) + 10_000, |_| {});
-        if k < 1900 {
-            events.extend(std::iter::from_fn(|| consumer.pop().ok()));
-        }
-    }
-    assert!(events.len() > 120 && events.windows(2).all(|w| w[1].counter == w[0].counter + 1));
-    for event in &events {
-        let error_ns = event.stamp.as_nanos() - device.truth_ns(i64::from(event.counter) * 10);
-        assert!(error_ns.abs() < TOLERANCE_NS, "{event:?} {error_ns}");
-    }
-    // Those that were not known yet, and those that nobody took.
-    let lost = stream.figures(LinkFigures::default()).triggers_lost;
-    assert_eq!(events.len() as u64 + lost + 8, 200);
 }
 
 #[test]

@@ -13,6 +13,7 @@ use plumbline_config::Portable;
 use plumbline_config::options::{ControlTarget, V4l2Config, V4l2Control};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
+use serde::Serialize;
 use std::path::Path;
 
 /// Controls of a device that are looked at, at most.
@@ -21,7 +22,7 @@ const MAX_CONTROLS: usize = 512;
 const ABSOLUTE_UNIT_US: f64 = 100.0;
 
 /// A control of a device.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ControlInfo {
     /// The kernel's number of it.
     pub id: u32,

@@ -1,9 +1,10 @@
 //! Encodings of a device's images, and the choice among its formats.
 
 use plumbline_config::options::V4l2Format;
+use serde::Serialize;
 
 /// Conversion of a device's images to 8-bit grey.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum PixelFormat {
     /// A byte a pixel.
     Grey,

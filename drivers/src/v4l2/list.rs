@@ -6,11 +6,12 @@ use super::node;
 use super::offers::{SizeInfo, fourccs, size_list};
 use super::sys::calls;
 use rustix::fd::AsFd as _;
+use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 /// A camera, or another node that brings images.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CameraInfo {
     /// Node, whose number depends on the order of plugging in.
     pub path: PathBuf,
@@ -29,7 +30,7 @@ pub struct CameraInfo {
 }
 
 /// A format of a device.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct FormatInfo {
     /// The kernel's code, such as `YUYV`.
     pub code: String,

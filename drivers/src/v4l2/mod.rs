@@ -30,7 +30,6 @@ mod sys;
 
 pub use controls::{ControlInfo, set_controls};
 pub use convert::{Converter, Damage, RawLayout};
-pub use extension::ExtensionUnit;
 pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};
 pub use format::{Arrangement, PixelFormat};
 pub use jpeg::{JpegDamage, LumaDecoder};

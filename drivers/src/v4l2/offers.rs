@@ -3,13 +3,14 @@
 use super::sys::abi::KIND_DISCRETE;
 use super::sys::calls;
 use rustix::fd::BorrowedFd;
+use serde::Serialize;
 use std::fmt::{self, Display};
 
 /// Formats of a device, sizes of a format and rates of a size that are listed, at most.
 const MAX_ENTRIES: u32 = 64;
 
 /// A size of a format.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct SizeInfo {
     /// Width and height, px; the smallest where there is a range.
     pub size_px: (u32, u32),
@@ -20,7 +21,7 @@ pub struct SizeInfo {
 }
 
 /// Rates of a size: numerators and denominators of the interval in seconds.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub enum FrameRates {
     /// These.
     Listed(Vec<(u32, u32)>),
@@ -33,24 +34,6 @@ fn hertz((numerator, denominator): (u32, u32)) -> f64 {
 }
 
 impl FrameRates {
-    /// Frames a second, each rate that is listed; empty for a range.
-    #[must_use]
-    pub fn listed_hz(&self) -> Vec<f64> {
-        match self {
-            Self::Listed(intervals) => intervals.iter().map(|interval| hertz(*interval)).collect(),
-            Self::Between(..) => Vec::new(),
-        }
-    }
-
-    /// Fewest and most frames a second of a range.
-    #[must_use]
-    pub fn range_hz(&self) -> Option<(f64, f64)> {
-        match self {
-            Self::Listed(_) => None,
-            Self::Between(shortest, longest) => Some((hertz(*longest), hertz(*shortest))),
-        }
-    }
-
     /// The interval to ask for: the listed one that is nearest, or exactly that of the rate.
     pub(crate) fn nearest(&self, rate_hz: f64) -> (u32, u32) {
         let off = |interval: &(u32, u32)| (hertz(*interval) / rate_hz - 1.0).abs();
@@ -152,8 +135,6 @@ mod tests {
         let between = FrameRates::Between((1, 120), (1, 1));
         assert_eq!(between.nearest(22.5), (1000, 22_500));
         assert_eq!(between.to_string(), "1 to 120 Hz");
-        assert_eq!((between.range_hz(), between.listed_hz()), (Some((1.0, 120.0)), Vec::new()));
-        assert_eq!((listed.range_hz(), listed.listed_hz().len()), (None, 4));
         assert_eq!(FrameRates::Listed(Vec::new()).nearest(20.0), (1000, 20_000));
     }
 }

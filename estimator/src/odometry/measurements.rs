@@ -55,7 +55,7 @@ pub struct MedianFlow {
 }
 
 /// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not.
-/// Measured: see docs/lab/covariance.md.
+/// Measured: see notes/covariance.md.
 const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {

@@ -11,7 +11,7 @@
 //! chains of a feature are walked side by side, so that these waits overlap, and so that none is favoured when the work
 //! that is allowed for a feature ends.
 //!
-//! Other designs that were tried, vocabularies among them, stand in `docs/lab/places.md`.
+//! Other designs that were tried, vocabularies among them, stand in `notes/places.md`.
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;

@@ -149,16 +149,6 @@ impl NormalEquations {
         self.close(range);
     }
 
-    /// Eliminates unknown `k` in its place: it stays, free and without information.
-    pub fn release(&mut self, k: usize, floor: f64) {
-        self.subtract(k..k + 1, floor);
-        for j in 0..self.dim {
-            let (row, column) = if j <= k { (j, k) } else { (k, j) };
-            self.h[row * self.stride + column] = 0.0;
-        }
-        self.b[k] = 0.0;
-    }
-
     /// Unknown `k` becomes `a (x + offset) - offset`: its distance from `-offset` shrinks by the factor `a`
     /// ([`super::rig_walk`]).
     pub fn shrink(&mut self, k: usize, a: f64, offset: f64) {
@@ -260,18 +250,6 @@ pub(super) mod tests {
         assert_eq!(eq.dim(), 9);
         for (k, x) in rest.iter().enumerate() {
             assert!((x - whole[if k < 4 { k } else { k + 3 }]).abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn a_released_unknown_leaves_the_others_as_known_as_they_were() {
-        let mut eq = system(8);
-        let before = solution(&eq);
-        eq.release(3, 0.0);
-        assert!((0..8).all(|j| eq.get(3, j) == 0.0) && eq.gradient()[3] == 0.0);
-        let after = solution(&eq);
-        for k in (0..8).filter(|k| *k != 3) {
-            assert!((after[k] - before[k]).abs() < 1e-12, "{k}");
         }
     }
 }

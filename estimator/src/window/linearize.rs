@@ -25,7 +25,7 @@ use nalgebra::{SMatrix, Vector2};
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
 /// Root of the weight of an observation that enters the prior, 1.7. Only those of keyframes do: they stand for those of the frames
-/// between them, which are left out. Tuned on simulated flights, judged on others: see docs/lab/covariance.md.
+/// between them, which are left out. Tuned on simulated flights, judged on others: see notes/covariance.md.
 const LEAVING_ROOT: f64 = 1.3;
 
 /// Purpose of evaluating the factors of a window.
@@ -172,7 +172,7 @@ impl Linearizer {
             self.begin(problem);
         }
         let target = (!is_cost).then_some(&mut self.equations);
-        let prior = prior.evaluate((problem.rig, problem.manhattan), problem.frames, target);
+        let prior = prior.evaluate(problem.rig, problem.frames, target);
         let landmarks = self.evaluate_landmarks(problem, purpose);
         // The digests of recorded flights hold this order of the sums.
         let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };

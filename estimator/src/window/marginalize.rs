@@ -71,7 +71,7 @@ impl Window {
         let covered = self.frames_touched(index);
         // Its inertial factors too: else what the prior knows of this frame would be lost to the others.
         let _ = self.evaluate(Purpose::Leaving { frame: index });
-        let Self { rig, manhattan, frames, prior, linearizer, .. } = self;
+        let Self { rig, frames, prior, linearizer, .. } = self;
         for frame in &mut frames[..covered] {
             if !frame.in_prior {
                 frame.in_prior = true;
@@ -81,7 +81,7 @@ impl Window {
         let equations = &mut linearizer.equations;
         let unused = unknown_of_frame(covered)..equations.dim();
         equations.eliminate(unused, f64::INFINITY);
-        prior.replace(equations, (rig, manhattan), frames);
+        prior.replace(equations, rig, frames);
         let at = unknown_of_frame(index);
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
         self.walk_rig();

@@ -8,8 +8,7 @@
 use super::calibration::KnownRig;
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
 use super::frame::Frame;
-use super::manhattan::Manhattan;
-use super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, GLOBAL_DIM, NavState, RIG_DIM, Rig, unknown_of_frame};
 use nalgebra::Vector3;
 
 /// An unknown with less information than this is dropped instead of eliminated.
@@ -22,8 +21,6 @@ pub struct Prior {
     pub equations: NormalEquations,
     /// Where the rig is linearized.
     pub rig: Rig,
-    /// Where the heading of the Manhattan world is, rad.
-    pub(super) heading_rad: f64,
     /// Steps from the linearization points, refreshed by [`Self::evaluate`].
     steps: [f64; MAX_UNKNOWNS],
     product: [f64; MAX_UNKNOWNS],
@@ -63,13 +60,7 @@ impl Prior {
     pub fn new(capacity: usize, rig: &Rig) -> Self {
         let mut equations = NormalEquations::new(capacity);
         equations.reset(GLOBAL_DIM);
-        Self {
-            equations,
-            rig: rig.clone(),
-            heading_rad: 0.0,
-            steps: [0.0; MAX_UNKNOWNS],
-            product: [0.0; MAX_UNKNOWNS],
-        }
+        Self { equations, rig: rig.clone(), steps: [0.0; MAX_UNKNOWNS], product: [0.0; MAX_UNKNOWNS] }
     }
 
     /// Number of frames in the prior (the first ones of the window).
@@ -122,21 +113,10 @@ impl Prior {
         }
     }
 
-    /// Another Manhattan world, of heading near `heading_rad`: what is known of frames and rig through the one before stays known.
-    pub fn begin_manhattan_heading(&mut self, heading_rad: f64) {
-        self.equations.release(HEADING, PIVOT_FLOOR);
-        self.heading_rad = heading_rad;
-    }
-
     /// Adds the prior to `target` at the present states; returns its cost `d' H d / 2 + b' d`.
-    pub fn evaluate(
-        &mut self,
-        (rig, manhattan): (&Rig, &Manhattan),
-        frames: &[Frame],
-        target: Option<&mut NormalEquations>,
-    ) -> f64 {
+    pub fn evaluate(&mut self, rig: &Rig, frames: &[Frame], target: Option<&mut NormalEquations>) -> f64 {
         let dim = self.equations.dim();
-        self.refresh_steps(rig, manhattan, frames);
+        self.refresh_steps(rig, frames);
         let mut cost = 0.0;
         for k in 0..dim {
             cost += self.steps[k] * (0.5 * self.product[k] + self.equations.gradient()[k]);
@@ -152,10 +132,9 @@ impl Prior {
         cost
     }
 
-    /// Steps from the linearization points, and `H` times them.
-    fn refresh_steps(&mut self, rig: &Rig, manhattan: &Manhattan, frames: &[Frame]) {
+    /// Steps from the linearization points, and `H` times them. Nothing is known of the heading, since structure does not enter the prior.
+    fn refresh_steps(&mut self, rig: &Rig, frames: &[Frame]) {
         self.steps[..RIG_DIM].copy_from_slice(rig.minus(&self.rig).as_slice());
-        self.steps[HEADING] = manhattan.heading_rad.map_or(0.0, |heading| heading - self.heading_rad);
         for (k, frame) in frames.iter().take(self.frames()).enumerate() {
             let at = unknown_of_frame(k);
             self.steps[at..at + FRAME_DIM].copy_from_slice(frame.nav.minus(&frame.linearization).as_slice());
@@ -165,14 +144,9 @@ impl Prior {
 
     /// Replaces the prior by `equations`, whose gradient is taken at the present states: moved back to
     /// the linearization points.
-    pub fn replace(
-        &mut self,
-        equations: &NormalEquations,
-        (rig, manhattan): (&Rig, &Manhattan),
-        frames: &[Frame],
-    ) {
+    pub fn replace(&mut self, equations: &NormalEquations, rig: &Rig, frames: &[Frame]) {
         self.equations.copy_from(equations);
-        self.refresh_steps(rig, manhattan, frames);
+        self.refresh_steps(rig, frames);
         for (b, moved) in self.equations.gradient_mut().iter_mut().zip(&self.product) {
             *b -= moved;
         }

@@ -1,3 +1,4 @@
+use super::super::state::HEADING;
 use super::super::test_dense::full;
 use super::super::test_room::{Room, scatter_step};
 use super::*;
@@ -94,14 +95,14 @@ fn its_cost_is_the_quadratic_that_its_equations_say() {
     let frames = window.prior.frames();
     let mut d = DVector::zeros(unknown_of_frame(frames));
     d.rows_mut(0, RIG_DIM).copy_from(&window.rig.minus(&window.prior.rig));
-    d[HEADING] = window.manhattan.heading_rad.expect("is known") - window.prior.heading_rad;
     for (k, frame) in window.frames.iter().take(frames).enumerate() {
         d.rows_mut(unknown_of_frame(k), FRAME_DIM).copy_from(&frame.nav.minus(&frame.linearization));
     }
     let (h, b) = full(&window.prior.equations);
+    assert_eq!(h.row(HEADING).norm(), 0.0, "structure does not enter it");
     let mut target = NormalEquations::new(unknown_of_frame(8));
     target.reset(unknown_of_frame(window.frames.len()));
-    let cost = window.prior.evaluate((&window.rig, &window.manhattan), &window.frames, Some(&mut target));
+    let cost = window.prior.evaluate(&window.rig, &window.frames, Some(&mut target));
     let expected = 0.5 * d.dot(&(&h * &d)) + b.dot(&d);
     assert!((cost - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{cost} instead of {expected}");
     let (moved_h, moved_b) = full(&target);
@@ -126,33 +127,11 @@ fn a_prior_made_at_the_present_states_has_there_the_gradient_that_it_was_made_of
     for (k, frame) in (0..).zip(&mut frames) {
         frame.nav = frame.nav.plus(&scatter_step(k, 1e-2));
     }
-    prior.replace(&equations, (&window.rig, &window.manhattan), &frames);
+    prior.replace(&equations, &window.rig, &frames);
     let mut target = NormalEquations::new(unknown_of_frame(16));
     target.reset(unknown_of_frame(3));
-    let _ = prior.evaluate((&window.rig, &window.manhattan), &frames, Some(&mut target));
+    let _ = prior.evaluate(&window.rig, &frames, Some(&mut target));
     for k in 0..target.dim() {
         assert!((target.gradient()[k] - equations.gradient()[k]).abs() < 1e-9, "{k}");
     }
-}
-
-#[test]
-fn another_manhattan_world_leaves_what_is_known_of_the_frames() {
-    let mut window = Room { frames: 5, ..Room::default() }.window();
-    window.remove_frame(0);
-    // What is known of the heading, and of a frame through it.
-    let through = super::super::state::unknown_of_frame(0) + 3;
-    for (i, j, information) in [(HEADING, HEADING, 4.0), (HEADING, through, 2.0), (through, through, 1.0)] {
-        window.prior.equations.add(i, j, information);
-    }
-    let (before, _) = full(&window.prior.equations);
-    window.prior.begin_manhattan_heading(1.1);
-    let (after, b) = full(&window.prior.equations);
-    assert!(after.row(HEADING).iter().all(|x| *x == 0.0) && b[HEADING] == 0.0);
-    // As known as they were: the covariance of the others is that of the whole before.
-    let others: Vec<usize> =
-        (0..before.nrows()).filter(|k| *k != HEADING && before[(*k, *k)] > 0.0).collect();
-    let pick = |h: &nalgebra::DMatrix<f64>| h.select_rows(&others).select_columns(&others);
-    let column = before.column(HEADING).select_rows(&others);
-    let expected = pick(&before) - &column * column.transpose() / before[(HEADING, HEADING)];
-    assert!((pick(&after) - &expected).norm() < 1e-9 * expected.norm());
 }

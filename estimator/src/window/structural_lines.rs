@@ -82,7 +82,6 @@ impl Window {
         }
         if let Some(heading) = self.heading_votes.verdict(self.manhattan.heading_rad) {
             self.manhattan.heading_rad = Some(heading);
-            self.prior.begin_manhattan_heading(heading);
             self.is_manhattan_in_sight = false;
             self.forget(|axis| axis != Axis::Vertical);
         }

@@ -124,7 +124,6 @@ fn a_few_edges_that_fit_by_chance_are_no_structure() {
 fn yaw_of_everything_stays_unobservable_in_window_and_prior() {
     let mut window = window();
     window.manhattan.heading_rad = Some(HEADING_RAD);
-    window.prior.begin_manhattan_heading(HEADING_RAD);
     window.update_manhattan(&[], KNOWN_TILT_RAD);
     let _ = window.linearize(0.0);
     let scale = window.linearizer.equations.get(HEADING, HEADING);

@@ -220,7 +220,6 @@ fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
     let dim = prior.equations.dim();
     let mut step = DVector::zeros(dim);
     step.rows_mut(0, RIG_DIM).copy_from(&window.rig.minus(&prior.rig));
-    step[HEADING] = window.manhattan.heading_rad.map_or(0.0, |heading| heading - prior.heading_rad);
     for (k, frame) in window.frames.iter().take(prior.frames()).enumerate() {
         step.rows_mut(unknown_of_frame(k), FRAME_DIM).copy_from(&frame.nav.minus(&frame.linearization));
     }

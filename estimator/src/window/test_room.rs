@@ -177,7 +177,6 @@ impl Room {
         }
         window.triangulate(false);
         window.manhattan.heading_rad = Some(HEADING_RAD);
-        window.prior.begin_manhattan_heading(HEADING_RAD);
         window.update_manhattan(&[], 0.001);
         self.disturb(&mut window);
         window.predict_all_rates();

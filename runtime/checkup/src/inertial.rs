@@ -1,9 +1,8 @@
 //! IMU at rest: gravity, its direction, the bias of the gyroscope, and axes that are stuck or at the end of
 //! their range.
 
-use crate::agreement::Turn;
 use crate::finding::Finding;
-use crate::statistics::{mean_and_spread, median};
+use crate::statistics::{mean_and_spread, quantile};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
@@ -13,8 +12,6 @@ use plumbline_config::{Config, ImuSample, Timestamp};
 const PIECE_S: f64 = 0.5;
 /// The vehicle rests while the gyroscope (rad/s) and the accelerometer (m/s²) scatter by less; a hand scatters by more.
 const STILL: (f64, f64) = (0.02, 0.35);
-/// ... and images turn (rad/s) and shift (m/s by the motion of the camera) by less.
-const STILL_IMAGES: (f64, f64) = (0.05, 0.05);
 /// Least time at rest in one attitude, s.
 const MIN_STAND_S: f64 = 1.0;
 /// Least time at rest in all, s: where images confirm it, and without.
@@ -27,6 +24,11 @@ const STUCK: (f64, usize) = (0.5, 50);
 const ALIVE: f64 = 0.5;
 /// This close to the end of the range counts as at it.
 const AT_END: f64 = 0.995;
+/// Noise over the configured one: that of a vehicle in flight against a data sheet, and what tracking hardly bears.
+const NOISY: (f64, f64) = (3.0, 10.0);
+/// Blur by rotation, px, at a rate that is hardly ever exceeded.
+const BLUR_PX: (f64, f64) = (1.5, 6.0);
+const RATE_QUANTILE: f64 = 0.95;
 /// Share of samples at the end of the range.
 const SATURATED: (f64, f64) = (0.0, 0.002);
 
@@ -73,17 +75,25 @@ impl Stand {
     }
 }
 
-/// The times in which the vehicle rests, by the samples and by what images show.
+/// The times in which the vehicle rests, by the samples alone.
 #[must_use]
-pub fn rest(samples: &[ImuSample], turns: &[Turn]) -> Rest {
-    let least_s = if turns.is_empty() { MIN_REST_S.1 } else { MIN_REST_S.0 };
+pub fn rest(samples: &[ImuSample]) -> Rest {
+    rest_of(samples, |_, _| false, MIN_REST_S.1)
+}
+
+/// The times in which the vehicle rests, outside of those in which images move.
+pub(crate) fn rest_seen(samples: &[ImuSample], moving: &[(Timestamp, Timestamp)]) -> Rest {
+    rest_of(samples, |begin, end| moving.iter().any(|(from, to)| *to > begin && *from < end), MIN_REST_S.0)
+}
+
+fn rest_of(samples: &[ImuSample], moves: impl Fn(Timestamp, Timestamp) -> bool, least_s: f64) -> Rest {
     let mut found = Rest { least_s, ..Rest::default() };
     let mut stand: Option<Stand> = None;
     let mut from = 0;
     while let Some(first) = samples.get(from) {
         let end = first.stamp.plus_seconds(PIECE_S);
         let count = samples[from..].partition_point(|sample| sample.stamp < end).max(1);
-        let piece = still(&samples[from..from + count]).filter(|_| !moved(turns, first.stamp, end));
+        let piece = still(&samples[from..from + count]).filter(|_| !moves(first.stamp, end));
         from += count;
         if let (Some(stand), Some(piece)) = (&mut stand, piece)
             && stand.extend(piece, end)
@@ -108,14 +118,6 @@ fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
     let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
     (span_s >= 0.8 * PIECE_S && turning < STILL.0 && shaking < STILL.1).then_some((gyro, accel))
-}
-
-/// True if images show motion within an interval.
-fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
-    let within = turns.iter().filter(|turn| turn.to > begin && turn.from < end);
-    within
-        .into_iter()
-        .any(|turn| turn.rate_c.norm() > STILL_IMAGES.0 || turn.velocity_c.norm() > STILL_IMAGES.1)
 }
 
 impl Rest {
@@ -208,89 +210,78 @@ fn axis(sample: &ImuSample, axis: usize) -> f64 {
     if axis < 3 { sample.gyro[axis] } else { sample.accel[axis - 3] }
 }
 
-/// Name of the measure of axes that did not move.
-pub const UNMOVED_NAME: &str = "unmoved axes";
-
-/// What the samples say of the axes.
-pub(crate) struct Axes {
-    samples: usize,
-    stuck: [bool; AXES],
-    moved: [bool; AXES],
-    /// Samples at the end of the range.
-    saturated: usize,
-}
-
-impl Axes {
-    /// Counts what the axes did over the samples; `moved` tells those whose readings show a motion.
-    pub(crate) fn of(samples: &[ImuSample], imu: &ImuConfig, moved: [[bool; 3]; 2]) -> Self {
-        let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
-        let at_end = |sample: &&ImuSample| {
-            sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
-                || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
-        };
-        Self {
-            samples: samples.len(),
-            stuck: std::array::from_fn(|k| is_stuck(samples, k, longest)),
-            moved: std::array::from_fn(|k| moved[k / 3][k % 3]),
-            saturated: samples.iter().filter(at_end).count(),
-        }
+/// Axes that are stuck, and samples at the end of the range.
+pub(crate) fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Option<Measure> {
+    const NAME: &str = "IMU axes";
+    let longest = STUCK.1.max((STUCK.0 * imu.rate_hz) as usize);
+    let stuck: Vec<String> = (0..AXES)
+        .filter(|k| is_stuck(samples, *k, longest))
+        .map(|k| format!("{} {}", SENSORS[k / 3], ["x", "y", "z"][k % 3]))
+        .collect();
+    if !stuck.is_empty() {
+        let cure = "replace the sensor, or check its bus: the register that is read no longer changes";
+        let value = format!("{} repeats its value", stuck.join(" and "));
+        return Some(Measure::new(NAME, Fitness::NotFit, value, cure, &[("stuck_axes", stuck.len() as f64)]));
     }
-
-    /// Verdict on the axes: none stuck, which are alive, and how often one is at the end of its range.
-    pub(crate) fn judge(&self) -> Measure {
-        const NAME: &str = "IMU axes";
-        if self.samples < STUCK.1 {
-            return Measure::missing(NAME, "too few samples", "check the IMU");
-        }
-        let stuck = self.stuck.iter().filter(|is_stuck| **is_stuck).count();
-        let figures = [("stuck_axes", stuck as f64), ("saturated_samples", self.saturated as f64)];
-        if stuck > 0 {
-            let value = format!("{} repeats its value", names(self.stuck));
-            let cure = "replace the sensor, or check its bus: the register that is read no longer changes";
-            return Measure::new(NAME, Fitness::NotFit, value, cure, &figures);
-        }
-        let live = match self.moved {
-            [true, true, true, true, true, true] => "all six live".to_owned(),
-            [false, false, false, false, false, false] => "none repeats its value".to_owned(),
-            moved => format!("{} live", names(moved)),
-        };
-        let share = self.saturated as f64 / self.samples as f64;
+    let at_end = |sample: &&ImuSample| {
+        sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
+            || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
+    };
+    let saturated = samples.iter().filter(at_end).count();
+    (samples.len() >= STUCK.1).then(|| {
         Measure::new(
             NAME,
-            Fitness::within(share, SATURATED.0, SATURATED.1),
-            format!("{live}, {} of {} samples at the end of the range", self.saturated, self.samples),
+            Fitness::within(saturated as f64 / samples.len() as f64, SATURATED.0, SATURATED.1),
+            format!("{saturated} of {} samples at the end of the range", samples.len()),
             "choose a larger range of the sensor, damp its mounting, or correct `imu.gyro_range_rad_s` and `accel_range_m_s2`",
-            &figures,
+            &[("saturated_samples", saturated as f64)],
         )
-    }
-
-    /// The axes that nothing is known of, but for those of gyroscope and accelerometer that fail.
-    pub(crate) fn unmoved(&self, failing: [[bool; 3]; 2]) -> Option<Measure> {
-        let is_open = |k: usize| !self.moved[k] && !self.stuck[k] && !failing[k / 3][k % 3];
-        let open = std::array::from_fn(is_open);
-        let cure = "turn the vehicle by hand about all three axes, and move it to and fro along each, for ten seconds each";
-        (self.samples >= STUCK.1 && open.contains(&true)).then(|| {
-            let value =
-                format!("{}: hardly moved, so a dead, negated or exchanged axis would not show", names(open));
-            Measure::missing(UNMOVED_NAME, &value, cure)
-        })
-    }
+    })
 }
 
-/// Names of these axes.
-fn names(axes: [bool; AXES]) -> String {
-    let of = |sensor: usize| {
-        let letters = (0..3).filter(|k| axes[3 * sensor + k]).map(|k| ["x", "y", "z"][k]);
-        let letters = letters.collect::<Vec<_>>();
-        (!letters.is_empty()).then(|| format!("{} {}", SENSORS[sensor], letters.join(" ")))
+/// Noise of both sensors from sample to sample, with vibration, against the configured one. A third difference takes out what a
+/// vehicle does; that of white noise is the root of 20 times it.
+pub(crate) fn noise(samples: &[ImuSample], imu: &ImuConfig) -> Vec<Measure> {
+    let of = |name: &'static str, density: f64, value: &dyn Fn(&ImuSample) -> Vector3<f64>| {
+        let squares = samples.windows(4).map(|s| {
+            (value(&s[3]) - value(&s[0]) - (value(&s[2]) - value(&s[1])) * 3.0).norm_squared() / (3.0 * 20.0)
+        });
+        let sigma = (squares.sum::<f64>() / samples.len().max(4) as f64).sqrt();
+        let measured = sigma / imu.rate_hz.sqrt();
+        Measure::new(
+            name,
+            Fitness::within(measured / density, NOISY.0, NOISY.1),
+            format!("{sigma:.4} from sample to sample, {:.1} times the configured noise", measured / density),
+            "damp the mounting of the IMU, and give the noise in flight as `imu.accel_noise_density` and `gyro_noise_density`; a \
+             vibration above half the rate shows at a lower frequency: filter in the sensor, or sample faster",
+            &[("density", measured)],
+        )
     };
-    (0..2).filter_map(of).collect::<Vec<_>>().join(" and ")
+    vec![
+        of("vibration of the accelerometer", imu.accel_noise_density, &|sample| sample.accel),
+        of("vibration of the gyroscope", imu.gyro_noise_density, &|sample| sample.gyro),
+    ]
 }
 
-fn rate_hz(samples: &[ImuSample]) -> f64 {
-    let intervals: Vec<f64> =
-        samples.windows(2).map(|pair| pair[1].stamp.seconds_since(pair[0].stamp)).collect();
-    1.0 / median(&intervals).max(1e-6)
+/// Blur by the rotation rates of the data, for the exposure that was told, s, or the configured one.
+pub(crate) fn blur(samples: &[ImuSample], config: &Config, told_s: Option<f64>) -> Measure {
+    const NAME: &str = "blur";
+    let rates: Vec<f64> = samples.iter().map(|sample| sample.gyro.norm()).collect();
+    let rate = quantile(&rates, RATE_QUANTILE);
+    let focal_px = config.camera.first().map_or(0.0, |c| 0.5 * (c.focal_px[0] + c.focal_px[1]));
+    let exposure_s = told_s.unwrap_or(1e-6 * config.driver.v4l2.exposure_us);
+    if exposure_s <= 0.0 || rate.is_nan() {
+        let cure = "set `driver.v4l2.exposure_us` for a known blur";
+        return Measure::missing(NAME, "exposure neither reported nor configured", cure);
+    }
+    let px = exposure_s * rate * focal_px;
+    Measure::new(
+        NAME,
+        Fitness::within(px, BLUR_PX.0, BLUR_PX.1),
+        format!("{px:.1} px at {rate:.2} rad/s and {:.1} ms of exposure", 1e3 * exposure_s),
+        "expose for a shorter time, with more light or gain; or turn more slowly",
+        &[("blur_px", px), ("rate_rad_s", rate)],
+    )
 }
 
 /// True if an axis repeats itself for `longest` samples in which another of its sensor does not.

@@ -93,7 +93,7 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
 fn stands_soon(samples: &[ImuSample], rest: &Rest) -> bool {
     let end = samples[0].stamp.plus_seconds(STANDS_WITHIN_S);
     let soon = &samples[..samples.partition_point(|sample| sample.stamp < end)];
-    let again = inertial::rest(soon, &[]);
+    let again = inertial::rest(soon);
     again.seconds > 0.0 && (again.gyro - rest.gyro).norm() < STANDS_RAD_S
 }
 
@@ -132,7 +132,7 @@ pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2
 /// Warning of a mounting that gravity contradicts while the vehicle rests.
 #[must_use]
 pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
-    let rest = inertial::rest(samples, &[]);
+    let rest = inertial::rest(samples);
     let is_gravity = (rest.gravity_m_s2 - config.imu.gravity_m_s2).abs() < GRAVITY_M_S2;
     let rot_v_b = config.vehicle.rot_v_b().filter(|_| rest.is_enough() && is_gravity)?;
     let measure = level(&rest, None, &rot_v_b);
@@ -266,7 +266,7 @@ mod tests {
         for degrees in [[0.0, 0.0, 0.0], [180.0, -70.3, 0.0], [-90.0, 0.0, 90.0], [12.0, 34.0, -120.0]] {
             let vehicle = VehicleConfig::mounted(degrees);
             let samples = samples(&vehicle, 30.0);
-            let rest = inertial::rest(&samples, &[]);
+            let rest = inertial::rest(&samples);
             let nod = nod(&samples, &rest).unwrap();
             let off = nod.rot_v_b.angle_to(&vehicle.rot_v_b().unwrap()).to_degrees();
             assert!(off < 0.5 && (nod.degrees - 30.0).abs() < 0.5, "{degrees:?}: {off} {nod:?}");
@@ -283,14 +283,14 @@ mod tests {
             sample.gyro += Vector3::new(0.1 * shake, 0.0, 0.5);
             sample.accel.z += shake;
         }
-        assert_eq!(nod(&flying, &inertial::rest(&flying, &[])), None);
+        assert_eq!(nod(&flying, &inertial::rest(&flying)), None);
     }
 
     #[test]
     fn an_unknown_mounting_is_measured_and_its_key_proposed() {
         let vehicle = VehicleConfig::mounted([180.0, 0.0, 0.0]);
         let samples = samples(&vehicle, 25.0);
-        let rest = inertial::rest(&samples, &[]);
+        let rest = inertial::rest(&samples);
         let [measure, _] = judge(&samples, &rest, &config(VehicleConfig::default()));
         assert_eq!(measure.verdict, Fitness::Mind);
         let key = measure.cure.strip_prefix("set `vehicle.imu_to_vehicle_deg = [").unwrap();
@@ -301,7 +301,7 @@ mod tests {
         config.autopilot.connect = "udp://127.0.0.1:14540".into();
         assert_eq!(judge(&samples, &rest, &config)[0].verdict, Fitness::NotFit);
         // Rest alone does not tell the heading.
-        let [still, heading] = judge(&samples[..400], &inertial::rest(&samples[..400], &[]), &config);
+        let [still, heading] = judge(&samples[..400], &inertial::rest(&samples[..400]), &config);
         assert_eq!(heading.verdict, Fitness::NotMeasured, "{}", heading.value);
         assert!(still.cure.contains("lift its nose") && still.verdict == Fitness::NotFit, "{}", still.cure);
     }
@@ -309,13 +309,13 @@ mod tests {
     #[test]
     fn a_mounting_turned_about_the_vertical_is_found_by_a_nod_alone() {
         let samples = samples(&VehicleConfig::mounted([0.0, 0.0, 90.0]), 30.0);
-        let rest = inertial::rest(&samples, &[]);
+        let rest = inertial::rest(&samples);
         let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
         let [tilt, heading] = judge(&samples, &rest, &level);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotFit), "{}", heading.value);
         assert!(heading.cure.contains("90.0]`, if the nose was lifted first"), "{}", heading.cure);
         // Without a nod roll and pitch are good, and the heading is open.
-        let [tilt, heading] = judge(&samples[..400], &inertial::rest(&samples[..400], &[]), &level);
+        let [tilt, heading] = judge(&samples[..400], &inertial::rest(&samples[..400]), &level);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotMeasured), "{}", tilt.value);
         assert!(heading.cure.contains("lift its nose"), "{}", heading.cure);
     }
@@ -324,7 +324,7 @@ mod tests {
     fn a_nose_held_up_changes_neither_tilt_nor_gravity() {
         let vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]);
         let samples = held_samples(&vehicle, 30.0, 4.0);
-        let rest = inertial::rest(&samples, &[]);
+        let rest = inertial::rest(&samples);
         let config = config(vehicle);
         let [tilt, heading] = judge(&samples, &rest, &config);
         assert!(tilt.figure("tilt_deg").unwrap() < 0.5, "{}", tilt.value);
@@ -340,7 +340,7 @@ mod tests {
         let vehicle = VehicleConfig::mounted([90.0, 0.0, 0.0]);
         let tilted = held_samples(&vehicle, 0.0, 0.0);
         let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
-        let [tilt, _] = judge(&tilted, &inertial::rest(&tilted, &[]), &level);
+        let [tilt, _] = judge(&tilted, &inertial::rest(&tilted), &level);
         assert_eq!(tilt.value, "at rest the vehicle is tilted by 90.0 degrees");
         let found = finding(&tilted, &level).unwrap().to_string();
         assert!(found.starts_with("mounting (at rest the vehicle is tilted by 90.0 degrees)"), "{found}");

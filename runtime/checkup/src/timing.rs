@@ -137,15 +137,6 @@ pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<F
     }
 }
 
-/// True if the stamps of a stream run backwards or come in bursts, so that no moment is known.
-pub(crate) fn is_mixed_up(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> bool {
-    let is_judged = arrivals.stamps.len() >= MIN_STAMPS;
-    let worst = is_judged.then(|| Stream::of(sensor, arrivals, nominal_hz).worst).flatten();
-    worst.is_some_and(|(verdict, trouble, _)| {
-        verdict == Fitness::NotFit && matches!(trouble, Trouble::Disorder | Trouble::Bursts)
-    })
-}
-
 impl Sensor {
     /// Name of its measure, and of the device.
     fn names(self) -> (&'static str, &'static str) {
@@ -243,7 +234,10 @@ impl Trouble {
             (Self::Rate, None) => Finding::new(
                 format!("another rate of {device} than the configured one"),
                 value,
-                format!("that the sensor is set to another rate than {nominal_hz} Hz"),
+                format!(
+                    "that the sensor is set to another rate than {nominal_hz} Hz, or that its clock runs {:.3} times as fast as it should",
+                    1.0 / factor
+                ),
                 format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
             ),
             (Self::Loss, _) => Finding::new(

@@ -56,6 +56,8 @@ pub struct Measure {
     pub cure: String,
     /// Measured values as numbers; each name ends with its unit.
     pub figures: Vec<(&'static str, f64)>,
+    /// Motion that shows it, where no flight should begin without it.
+    pub motion: Option<&'static str>,
 }
 
 impl Measure {
@@ -69,13 +71,25 @@ impl Measure {
         figures: &[(&'static str, f64)],
     ) -> Self {
         let cure = if verdict == Fitness::Good { String::new() } else { cure.into() };
-        Self { name, value, verdict, cure, figures: figures.to_vec() }
+        Self { name, value, verdict, cure, figures: figures.to_vec(), motion: None }
     }
 
     /// Something that the data do not hold.
     #[must_use]
     pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
         Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
+    }
+
+    /// Makes it worthless by something that is named above.
+    pub(crate) fn spoil(&mut self) {
+        self.verdict = Fitness::NotMeasured;
+        crate::NAMED_ABOVE.clone_into(&mut self.cure);
+    }
+
+    /// Marks a measure without which no flight should begin, with the motion that shows it.
+    #[must_use]
+    pub(crate) fn shown_by(self, motion: Option<&'static str>) -> Self {
+        Self { motion, ..self }
     }
 
     /// The figure of this name.
@@ -99,17 +113,11 @@ impl CheckupReport {
         self.measures.iter().all(|measure| measure.verdict != Fitness::NotFit)
     }
 
-    /// Names of what was not looked at, or not well enough for a verdict.
-    #[must_use]
-    pub fn open(&self) -> Vec<&'static str> {
-        let is_open = |measure: &&Measure| measure.verdict <= Fitness::Uncertain;
-        self.measures.iter().filter(is_open).map(|measure| measure.name).collect()
-    }
-
-    /// Number of measures with this verdict.
-    #[must_use]
-    pub fn count(&self, verdict: Fitness) -> usize {
-        self.measures.iter().filter(|measure| measure.verdict == verdict).count()
+    /// What a flight needs and the data do not show.
+    pub fn missing(&self) -> impl Iterator<Item = &Measure> {
+        self.measures
+            .iter()
+            .filter(|measure| measure.verdict <= Fitness::Uncertain && measure.motion.is_some())
     }
 
     /// The measure of this name.

@@ -1,6 +1,8 @@
 //! Checks of arguments before anything is opened or flown.
 
 use plumbline_config::{Config, ConfigError, ValidConfig};
+use rustix::fs::OFlags;
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 /// A failure of usage: exit status 2.
@@ -83,10 +85,11 @@ pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result
     Ok(())
 }
 
-/// Opens a file for writing and leaves it as it was.
+/// Opens a file for writing and leaves it as it was; a named pipe that nobody reads is refused, where it would be waited for.
 fn try_writing(file: &Path) -> std::io::Result<()> {
     if file.exists() {
-        return std::fs::OpenOptions::new().append(true).open(file).map(drop);
+        let flags = OFlags::NONBLOCK.bits().cast_signed();
+        return std::fs::OpenOptions::new().append(true).custom_flags(flags).open(file).map(drop);
     }
     std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
     std::fs::remove_file(file)
@@ -112,6 +115,15 @@ pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_named_pipe_that_nobody_reads_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("report.json");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let refusal = check_outputs([&pipe]).unwrap_err().to_string();
+        assert!(refusal.contains("report.json: cannot be written"), "{refusal}");
+    }
 
     #[test]
     fn ranges_are_half_open_and_checked() {

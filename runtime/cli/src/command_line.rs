@@ -56,7 +56,7 @@ pub enum Command {
     Evaluate(super::evaluate::EvaluateArgs),
     /// Pack what is known of a flight into one archive, to send with a question: without keys, addresses, names and images.
     Report(super::report::ReportArgs),
-    /// Build and join maps, locate images in them, and list their contents.
+    /// Join maps, list their contents, or have a vehicle write its map.
     Map(super::map::MapArgs),
     /// Monitor vehicles over the network: a web page, and a view in the terminal.
     Ground(super::ground::GroundArgs),

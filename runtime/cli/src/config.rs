@@ -183,6 +183,6 @@ pub fn summary(config: &Config, out: &Path) -> String {
         }
         Mounting::Unknown => "mounting    unknown: neither autopilot nor ROS 2 is served".into(),
     });
-    lines.push(format!("time offset {} s (t_imu - t_camera)", config.rig.time_offset_s));
+    lines.push(format!("time offset {:.6} s (t_imu - t_camera)", config.rig.time_offset_s));
     lines.join("\n")
 }

@@ -3,15 +3,13 @@
 
 use super::exit_status::{FAULT, last_resort};
 use super::link_process::start_socket;
-use super::progress::{Glance, Progress};
 use super::scenario::parse_scene;
-use super::{Usage, log_lines, stop_on_signal};
+use super::{Usage, fly_status, log_lines, stop_on_signal};
 use anyhow::Result;
 use clap::Args;
-use nalgebra::Isometry3;
-use plumbline_config::Timestamp;
 use plumbline_drivers::StereoFrame;
-use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
+use plumbline_flight::flight::sensor_watch::SensorNotices;
+use plumbline_flight::flight::{Outputs, fly, open_simulation, scenario_config};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_ground as ground;
 use plumbline_ground::connection::StationSession;
@@ -21,7 +19,6 @@ use plumbline_link::net::Endpoints;
 use plumbline_link::net::certificate::DEFAULT_VEHICLE;
 use plumbline_link::process::LinkOptions;
 use plumbline_simulator::{Scenario, Simulator};
-use std::io::{IsTerminal, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -84,15 +81,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     );
     let station = Station::open(args, &endpoint)?;
     println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
-    let mut status = Status::new(&flight.truth);
-    let mut progress = Progress::start(
-        move |glance| {
-            if let Some(glance) = glance {
-                status.show(glance);
-            }
-        },
-        || {},
-    )?;
+    let mut progress = fly_status::start(SensorNotices::default())?;
     let options = RunOptions { speed: Some(1.0), threads: 2 };
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);
@@ -161,77 +150,4 @@ fn free_endpoint() -> Result<String, Usage> {
         .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
         .map(|port| format!("tcp/127.0.0.1:{port}"))
         .ok_or_else(|| Usage(format!("no free port from {FIRST_PORT} to {}", FIRST_PORT + PORTS - 1)))
-}
-
-/// Heading of the lines of a flight.
-const HEADING: &str = "time s      x       y       z m   speed m/s  error m  points  quality %  frame ms";
-
-/// A line of a flight under [`HEADING`].
-fn row(glance: &Glance, time_s: f64, error_m: f64) -> String {
-    let p = glance.pose_o_b.translation.vector;
-    // Neither -0.0 nor a sign that means nothing.
-    let [x, y, z] = [p.x, p.y, p.z].map(|value| if value.abs() < 0.05 { 0.0 } else { value });
-    format!(
-        "{time_s:>6.1} {x:>7.1} {y:>7.1} {z:>7.1} {:>12.2} {error_m:>8.3} {:>7} {:>10} {:>9.1}",
-        glance.v_o_b.norm(),
-        glance.points,
-        glance.quality,
-        glance.frame_ms
-    )
-}
-
-/// A line a second: where the estimate is and how far from the truth.
-struct Status {
-    truth: Option<Simulator>,
-    origin: Option<Isometry3<f64>>,
-    next: Instant,
-    rewrites: bool,
-    has_heading: bool,
-    first_stamp: Timestamp,
-}
-
-impl Status {
-    fn new(truth: &Truth) -> Self {
-        let truth = match truth {
-            Truth::Simulated(simulator) => Some(simulator.clone()),
-            _ => None,
-        };
-        Self {
-            truth,
-            origin: None,
-            next: Instant::now(),
-            rewrites: std::io::stdout().is_terminal(),
-            has_heading: false,
-            first_stamp: Timestamp::MIN,
-        }
-    }
-
-    /// Distance from the truth, brought to the first pose, m.
-    fn error_m(&mut self, glance: &Glance) -> Option<f64> {
-        let truth = self.truth.as_ref()?.ground_truth(glance.stamp).pose_w_b;
-        let origin = *self.origin.get_or_insert(glance.pose_o_b * truth.inverse());
-        Some(((origin * truth).translation.vector - glance.pose_o_b.translation.vector).norm())
-    }
-
-    fn show(&mut self, glance: &Glance) {
-        if self.first_stamp == Timestamp::MIN {
-            self.first_stamp = glance.stamp;
-        }
-        if !glance.has_pose {
-            return;
-        }
-        let error_m = self.error_m(glance).unwrap_or(f64::NAN);
-        if Instant::now() < self.next {
-            return;
-        }
-        self.next = Instant::now() + Duration::from_secs(1);
-        let line = row(glance, glance.stamp.seconds_since(self.first_stamp), error_m);
-        let mut out = std::io::stdout().lock();
-        if !self.has_heading {
-            self.has_heading = true;
-            let _ = writeln!(out, "{HEADING}");
-        }
-        let _ = if self.rewrites { write!(out, "\r{line}\x1b[K") } else { writeln!(out, "{line}") };
-        let _ = out.flush();
-    }
 }

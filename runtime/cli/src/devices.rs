@@ -5,8 +5,8 @@ use anyhow::Result;
 use clap::Args;
 use plumbline_drivers::iio::{IioDeviceInfo, iio_devices};
 use plumbline_drivers::serial::{SerialPortInfo, serial_ports};
-use plumbline_drivers::v4l2::{CameraInfo, ControlInfo, FormatInfo, cameras};
-use serde_json::{Value, json};
+use plumbline_drivers::v4l2::{CameraInfo, cameras};
+use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -20,11 +20,15 @@ pub struct DevicesArgs {
 }
 
 /// Devices found.
+#[derive(Serialize)]
 struct Found {
     cameras: Vec<CameraInfo>,
     /// Nodes of cameras that this user may not open.
+    #[serde(rename = "cameras_not_to_be_opened")]
     closed: Vec<PathBuf>,
+    #[serde(rename = "serial_ports")]
     ports: Vec<SerialPortInfo>,
+    #[serde(rename = "iio_devices")]
     iio: Vec<IioDeviceInfo>,
 }
 
@@ -40,7 +44,7 @@ pub fn run(args: &DevicesArgs) -> Result<()> {
         iio: iio_devices(),
     };
     match args.json {
-        true => say(serde_json::to_string_pretty(&found.json())?),
+        true => say(serde_json::to_string_pretty(&found)?),
         false => say(found.text().trim_end()),
     }
     Ok(())
@@ -92,15 +96,6 @@ impl Found {
         }
         text
     }
-
-    fn json(&self) -> Value {
-        json!({
-            "cameras": self.cameras.iter().map(camera_json).collect::<Vec<_>>(),
-            "cameras_not_to_be_opened": self.closed,
-            "serial_ports": self.ports.iter().map(port_json).collect::<Vec<_>>(),
-            "iio_devices": self.iio.iter().map(iio_json).collect::<Vec<_>>(),
-        })
-    }
 }
 
 /// The name that stays, where there is one.
@@ -135,75 +130,6 @@ fn iio_line(device: &IioDeviceInfo) -> String {
     }
     line.push('\n');
     line
-}
-
-fn camera_json(camera: &CameraInfo) -> Value {
-    json!({
-        "name": camera_name(camera),
-        "path": camera.path,
-        "stable_paths": camera.stable_paths,
-        "card": camera.card,
-        "driver": camera.driver,
-        "bus": camera.bus,
-        "formats": camera.formats.iter().map(format_json).collect::<Vec<_>>(),
-        "controls": camera.controls.iter().map(control_json).collect::<Vec<_>>(),
-    })
-}
-
-fn format_json(format: &FormatInfo) -> Value {
-    let sizes = format.sizes.iter().map(|size| {
-        json!({
-            "size_px": size.size_px,
-            "largest_px": size.largest_px,
-            "rates_hz": size.rates.listed_hz(),
-            "rate_range_hz": size.rates.range_hz(),
-        })
-    });
-    json!({
-        "code": format.code,
-        "is_read": format.format.is_some(),
-        "sizes": sizes.collect::<Vec<_>>(),
-    })
-}
-
-fn control_json(control: &ControlInfo) -> Value {
-    let (least, most, step) = control.range;
-    json!({
-        "name": control.name,
-        "is_button": control.is_button,
-        "value": control.value,
-        "least": least,
-        "most": most,
-        "step": step,
-        "default": control.default,
-        "is_writable": control.is_writable,
-        "is_inactive": control.is_inactive,
-    })
-}
-
-fn port_json(port: &SerialPortInfo) -> Value {
-    json!({
-        "name": port.name,
-        "device": port.device,
-        "by_id": port.by_id,
-        "by_path": port.by_path,
-        "driver": port.driver,
-        "product": port.product,
-    })
-}
-
-fn iio_json(device: &IioDeviceInfo) -> Value {
-    json!({
-        "name": format!("iio://{}", device.name),
-        "device": device.device,
-        "folder": device.folder,
-        "driver_name": device.driver_name,
-        "label": device.label,
-        "has_gyro": device.has_gyro,
-        "has_accel": device.has_accel,
-        "rate_hz": device.rate_hz,
-        "rates_hz": device.rates_hz,
-    })
 }
 
 #[cfg(test)]
@@ -248,9 +174,9 @@ mod tests {
         ] {
             assert!(text.contains(part), "'{part}' is missing in {text}");
         }
-        let json = found().json();
+        let json = serde_json::to_value(found()).unwrap();
         assert_eq!(json["serial_ports"][0]["name"], "/dev/serial/by-id/usb-ACME");
-        assert_eq!(json["iio_devices"][0]["name"], "iio://bmi270");
+        assert_eq!(json["iio_devices"][0]["name"], "bmi270");
     }
 
     #[test]

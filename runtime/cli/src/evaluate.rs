@@ -118,6 +118,7 @@ fn print(e: &Evaluation) {
     if e.time_offset_s != 0.0 {
         say(format_args!("stamps of the estimate shifted by {:+.3} s", e.time_offset_s));
     }
+    e.doubt.iter().for_each(say);
     if e.ate_rotation_deg.is_none() {
         say(
             "rotation errors unknown: the positions move too little for an alignment by them; use --align origin",

@@ -3,9 +3,11 @@
 //! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
 //! configuration, endpoints, an input that is not there, is not of the kind that was asked for or holds nothing that can be
 //! used, an output that may not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
-//! started again, as the systemd unit does. 1: everything else that went wrong.
+//! started again, as the systemd unit does. 4: `doctor` found nothing wrong, but data that do not show everything. 1: everything else
+//! that went wrong.
 
 use super::Usage;
+use super::doctor::NotShown;
 use super::link_process::LinkProcessError;
 use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
@@ -13,7 +15,6 @@ use plumbline_flight::flight::FlightError;
 use plumbline_flight::local::LocalError;
 use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
-use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
@@ -32,6 +33,8 @@ const USAGE: u8 = 2;
 
 /// A fault of the program ended a live flight.
 pub const FAULT: u8 = 3;
+/// The data of `doctor` do not show everything that a flight needs.
+const NOT_SHOWN: u8 = 4;
 /// A run that cannot go on has this long to end: to tell the autopilot, and to write its log.
 const LAST_WORDS: Duration = Duration::from_millis(400);
 
@@ -52,32 +55,31 @@ pub fn exit_status(error: &anyhow::Error) -> u8 {
     if error.chain().filter_map(|cause| cause.downcast_ref::<RunError>()).any(RunError::is_fault) {
         return FAULT;
     }
+    if error.is::<NotShown>() {
+        return NOT_SHOWN;
+    }
     if error.chain().any(is_usage) { USAGE } else { FAILED }
 }
 
+/// True if a cause is a usage, an input, an endpoint or an output that cannot be what was meant.
 fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if cause.is::<Usage>() || cause.is::<ConfigError>() {
         return true;
     }
-    if let Some(error) = cause.downcast_ref::<std::io::Error>() {
-        return matches!(
-            error.kind(),
-            ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory
-        );
+    macro_rules! judged {
+        ($($kind:ty: |$error:pat_param| $is_usage:expr;)*) => {$(
+            if let Some($error) = cause.downcast_ref::<$kind>() {
+                return $is_usage;
+            }
+        )*};
     }
-    if let Some(error) = cause.downcast_ref::<FlightError>() {
-        return error.is_usage();
-    }
-    if let Some(EvaluateError::Read(error)) = cause.downcast_ref::<EvaluateError>() {
-        return is_usage(error);
-    }
-    is_wrong_input(cause) || is_wrong_endpoint(cause)
-}
-
-/// True if a recording, a device, images or a map cannot be what was meant.
-fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
-    if let Some(error) = cause.downcast_ref::<DriverError>() {
-        return matches!(
+    judged! {
+        std::io::Error: |error| {
+            matches!(error.kind(), ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory)
+        };
+        FlightError: |error| error.is_usage();
+        EvaluateError: |error| matches!(error, EvaluateError::Read(error) if is_usage(error));
+        DriverError: |error| matches!(
             error,
             DriverError::Scenario(_)
                 | DriverError::Malformed { .. }
@@ -86,56 +88,31 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
-    }
-    if let Some(error) = cause.downcast_ref::<PlacesError>() {
-        return match error {
-            PlacesError::Driver(error) => is_usage(error),
-            PlacesError::Map(error) => is_usage(error),
-            PlacesError::Config(_) | PlacesError::Nothing(_) => true,
-        };
-    }
-    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
-        return is_usage(error);
-    }
-    if let Some(error) = cause.downcast_ref::<ImagesError>() {
-        return match error {
+        RigError: |error| matches!(error, RigError::Flight(error) if is_usage(error));
+        ImagesError: |error| match error {
             ImagesError::Layout { .. } => true,
-            ImagesError::Write { .. } => false,
             ImagesError::Io { source, .. } => is_usage(source),
             ImagesError::Image(error) => is_usage(error),
         };
+        MapFileError: |error| match error {
+            MapFileError::Read { source, .. } => is_usage(source),
+            MapFileError::Defect { defect, .. } => {
+                matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
+            }
+            MapFileError::Write { .. } => false,
+        };
+        LogError: |error| matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });
+        NetError: |error| error.is_usage();
+        LinkProcessError: |error| matches!(error, LinkProcessError::Refused(failure) if failure.is_usage);
+        LocalError: |error| !matches!(error, LocalError::Thread(_));
+        NetworkProcessError: |error| error.is_usage();
+        KeysError: |error| match error {
+            KeysError::Certificate { .. } => false,
+            KeysError::File { error, .. } => is_usage(error),
+            _ => true,
+        };
     }
-    match cause.downcast_ref::<MapFileError>() {
-        Some(MapFileError::Read { source, .. }) => is_usage(source),
-        Some(MapFileError::Defect { defect, .. }) => {
-            matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
-        }
-        Some(MapFileError::Write { .. }) | None => matches!(
-            cause.downcast_ref::<LogError>(),
-            Some(LogError::Exists { .. } | LogError::NotALog { .. })
-        ),
-    }
-}
-
-/// True if an endpoint or a key file cannot be what was meant.
-fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
-    if let Some(error) = cause.downcast_ref::<NetError>() {
-        return error.is_usage();
-    }
-    if let Some(LinkProcessError::Refused(failure)) = cause.downcast_ref::<LinkProcessError>() {
-        return failure.is_usage;
-    }
-    if let Some(error) = cause.downcast_ref::<LocalError>() {
-        return !matches!(error, LocalError::Thread(_));
-    }
-    if let Some(error) = cause.downcast_ref::<NetworkProcessError>() {
-        return error.is_usage();
-    }
-    match cause.downcast_ref::<KeysError>() {
-        None | Some(KeysError::Certificate { .. }) => false,
-        Some(KeysError::File { error, .. }) => is_usage(error),
-        Some(_) => true,
-    }
+    false
 }
 
 #[cfg(test)]

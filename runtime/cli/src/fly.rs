@@ -1,12 +1,10 @@
 //! `plumbline fly`: live, from the sensors that a configuration names.
 
 use super::exit_status::last_resort;
-use super::fly_status::FlyStatus;
 use super::link_process::start_socket;
-use super::progress::{Glance, Progress};
 use super::run_args::{RunArgs, check_recording};
 use super::signals::stop_in_flight;
-use super::{Usage, check_maps, check_mounting, check_outputs, load_config, say_within};
+use super::{Usage, check_maps, check_mounting, check_outputs, fly_status, load_config, say_within};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::ValidConfig;
@@ -14,7 +12,7 @@ use plumbline_config::options::VehicleConfig;
 use plumbline_drivers::StopFlag;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::sensor_watch::{SensorNotices, SensorWatch};
+use plumbline_flight::flight::sensor_watch::SensorWatch;
 use plumbline_flight::flight::{
     Flight, FlightError, Flown, Outputs, ResetCount, fly, open_sensors, plausibility, with_overrides,
 };
@@ -23,13 +21,12 @@ use plumbline_flight::log::{LogError, WhenFull};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_link::process::has_network;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Arguments of `plumbline fly`.
 #[derive(Debug, Args)]
@@ -87,7 +84,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
     let mut watch = Watch::start(&config, true, findings(&config), board.clone())?;
     let sensor_watch = SensorWatch::start(&sensors, board)?;
-    let mut progress = start_progress(sensor_watch.notices())?;
+    let mut progress = fly_status::start(sensor_watch.notices())?;
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
     let options = RunOptions { speed: Some(1.0), threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
@@ -180,23 +177,12 @@ fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), Fli
     }
 }
 
-/// Where is kept what is to outlast the program, if anywhere.
+/// Folder of what is to outlast the program, if there is one.
 fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
     let of_systemd = || std::env::var("STATE_DIRECTORY").ok().filter(|names| !names.is_empty());
     // Of several, the first.
     let first = |names: String| names.split(':').next().map(PathBuf::from);
     args.state.clone().or_else(|| of_systemd().and_then(first))
-}
-
-/// Shows the status: each second on a terminal, elsewhere in the log.
-fn start_progress(notices: SensorNotices) -> std::io::Result<Progress> {
-    let is_terminal = std::io::stdout().is_terminal();
-    let mut status = FlyStatus::new(is_terminal, notices, Instant::now());
-    let show = move |glance: Option<&Glance>| match glance {
-        Some(glance) => status.take(glance, Instant::now()),
-        None => status.tick(Instant::now()),
-    };
-    Progress::start(show, move || print!("{}", if is_terminal { "\n" } else { "" }))
 }
 
 /// All that is wrong with what was flown.

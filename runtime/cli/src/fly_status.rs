@@ -1,11 +1,11 @@
 //! Status of `fly` during the flight: a line that is redrawn each second on a terminal; elsewhere a line of the log when
 //! tracking begins, stops or resumes, and once a minute.
 
-use super::progress::Glance;
+use super::progress::{Glance, Progress};
 use plumbline_flight::flight::sensor_watch::SensorNotices;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::time::{Duration, Instant};
 use time::OffsetDateTime;
 
@@ -22,8 +22,22 @@ const MAX_CAME: usize = 240;
 /// Longest part of a notice, characters.
 const MAX_NOTICE: usize = 90;
 
+/// Shows the status: each second on a terminal, elsewhere in the log; `notices` say what is wrong with the sensors.
+///
+/// # Errors
+/// When the system refuses a thread.
+pub fn start(notices: SensorNotices) -> std::io::Result<Progress> {
+    let is_terminal = std::io::stdout().is_terminal();
+    let mut status = FlyStatus::new(is_terminal, notices, Instant::now());
+    let show = move |glance: Option<&Glance>| match glance {
+        Some(glance) => status.take(glance, Instant::now()),
+        None => status.tick(Instant::now()),
+    };
+    Progress::start(show, move || print!("{}", if is_terminal { "\n" } else { "" }))
+}
+
 /// Status of a flight.
-pub struct FlyStatus {
+struct FlyStatus {
     is_terminal: bool,
     notices: SensorNotices,
     begin: Instant,
@@ -34,7 +48,7 @@ pub struct FlyStatus {
     other_since: Option<Instant>,
     drawn: Option<Instant>,
     minute: Instant,
-    /// When the frames of the last second came.
+    /// Arrivals of the frames of the last second.
     came: VecDeque<Instant>,
     last_frames: u64,
 }
@@ -47,7 +61,7 @@ struct Tracking {
 
 impl FlyStatus {
     /// Status for a terminal or for the log; `notices` say what is wrong with the sensors.
-    pub fn new(is_terminal: bool, notices: SensorNotices, now: Instant) -> Self {
+    fn new(is_terminal: bool, notices: SensorNotices, now: Instant) -> Self {
         Self {
             is_terminal,
             notices,
@@ -64,7 +78,7 @@ impl FlyStatus {
     }
 
     /// Takes an estimate.
-    pub fn take(&mut self, glance: &Glance, now: Instant) {
+    fn take(&mut self, glance: &Glance, now: Instant) {
         // Glances may be passed over: each frame between two came by now.
         let new = glance.frames.saturating_sub(self.last_frames).min(MAX_CAME as u64);
         self.last_frames = glance.frames;
@@ -81,7 +95,7 @@ impl FlyStatus {
     }
 
     /// Draws or logs what is due.
-    pub fn tick(&mut self, now: Instant) {
+    fn tick(&mut self, now: Instant) {
         let is_heard = self.newest.is_some_and(|(glance, at)| glance.has_pose && now - at < SILENCE);
         if !is_heard {
             self.tracking = None;
@@ -140,18 +154,17 @@ impl FlyStatus {
         };
         if let (Some(_), Some((glance, _))) = (&self.tracking, &self.newest) {
             let p = glance.pose_o_b.translation.vector;
+            let is_usable = glance.quality >= plumbline_record::QUALITY_TO_USE;
+            let (quality, how) = (glance.quality, if is_usable { "" } else { ", not for use" });
+            let speed_m_s = glance.v_o_b.norm();
             let _ = write!(
                 line,
-                "  quality {} %  {:.2} {:.2} {:.2} m  {:.2} m/s",
-                glance.quality,
-                p.x,
-                p.y,
-                p.z,
-                glance.v_o_b.norm()
+                "  quality {quality} %{how}  {:.2} {:.2} {:.2} m  {speed_m_s:.2} m/s",
+                p.x, p.y, p.z
             );
         }
         for notice in self.notices.read().iter().take(2) {
-            let _ = write!(line, "  missing: {}", shortened(notice));
+            let _ = write!(line, "  missing: {notice:.MAX_NOTICE$}");
         }
         line
     }
@@ -159,26 +172,6 @@ impl FlyStatus {
     fn silent_since(&self) -> Instant {
         self.newest.filter(|(glance, _)| glance.has_pose).map_or(self.begin, |(_, at)| at)
     }
-}
-
-/// A notice without what stands in parentheses; one that is still long ends with a whole word.
-fn shortened(notice: &str) -> String {
-    let (mut depth, mut short) = (0_u32, String::new());
-    for letter in notice.chars() {
-        match letter {
-            '(' => depth += 1,
-            ')' if depth > 0 => depth -= 1,
-            _ if depth == 0 => short.push(letter),
-            _ => {}
-        }
-    }
-    let short = short.split_whitespace().collect::<Vec<_>>().join(" ").replace(": ;", ";");
-    if short.chars().count() <= MAX_NOTICE {
-        return short.trim_end_matches([' ', ',', ';']).to_owned();
-    }
-    let cut: String = short.chars().take(MAX_NOTICE).collect();
-    let whole = cut.rsplit_once(' ').map_or(cut.as_str(), |(whole, _)| whole);
-    format!("{} ...", whole.trim_end_matches([' ', ',', ';', ':']))
 }
 
 /// A length of time: `83 s`, `12 min`, `2 h 5 min`.
@@ -194,12 +187,10 @@ fn length(time: Duration) -> String {
 mod tests {
     use super::*;
     use nalgebra::{Isometry3, Vector3};
-    use plumbline_config::Timestamp;
 
     fn glance(frames: u64, has_pose: bool) -> Glance {
         Glance {
             frames,
-            stamp: Timestamp::default(),
             has_pose,
             pose_o_b: Isometry3::translation(1.0, 2.0, 3.0),
             v_o_b: Vector3::x(),
@@ -207,18 +198,6 @@ mod tests {
             quality: 87,
             frame_ms: 4.0,
         }
-    }
-
-    #[test]
-    fn a_notice_is_shortened_at_its_parentheses_and_at_words() {
-        let long = "/run/frames: the program that sent frames has disconnected (driver.frames.listen)";
-        assert_eq!(shortened(long), "/run/frames: the program that sent frames has disconnected");
-        assert_eq!(
-            shortened("serial:///dev/x: (No such file (os error 2)); waiting"),
-            "serial:///dev/x; waiting"
-        );
-        let words = shortened(&"word ".repeat(40));
-        assert!(words.ends_with("word ...") && words.len() < MAX_NOTICE + 5, "{words}");
     }
 
     #[test]
@@ -241,6 +220,8 @@ mod tests {
         assert_eq!(status.logged, Some(true));
         assert!(line.contains("  20 frames/s") || line.contains("  19 frames/s"), "{line}");
         assert!(status.line(at(11.5)).contains("  0 frames/s"), "{}", status.line(at(11.5)));
+        status.take(&Glance { quality: 19, ..glance(200, true) }, at(10.0));
+        assert!(status.line(at(10.0)).contains("quality 19 %, not for use"));
         // Silence ends it.
         status.tick(at(12.0));
         status.tick(at(13.5));

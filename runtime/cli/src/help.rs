@@ -25,16 +25,14 @@ const TASKS: [(&str, &[&str]); 4] = [
 ];
 
 /// Options of a simulated flight that the help of `simulate` explains, and that of `replay` leaves out.
-const OF_SIMULATE: [&str; 10] = [
+const OF_SIMULATE: [&str; 8] = [
     "imu",
     "imu_error",
     "calibration_error",
     "lean_deg",
     "laps",
-    "motion_blur",
     "time_offset_ms",
     "extrinsics_error_deg",
-    "lost_camera",
     "flicker",
 ];
 
@@ -84,7 +82,7 @@ pub fn full() -> Command {
          lists every one.\n\nOptions:\n{{options}}{{after-help}}",
         by_task(&cli)
     );
-    laid_out(cli).help_template(template)
+    cli.help_template(template)
 }
 
 /// Prints what is asked for.
@@ -103,15 +101,10 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         return Ok(());
     }
     if words.iter().try_fold(&cli, |above, word| above.find_subcommand(word)).is_none() {
-        let tables = TABLES.map(|(name, ..)| name);
-        let cure = match alike(&words, &tables) {
-            Some(name) => format!("did you mean `plumbline help {name}`?"),
-            None => "`plumbline help all` lists the commands".into(),
-        };
         let message = format!(
-            "help {}: there is no such command, and no such table ({}); {cure}",
+            "help {}: there is no such command, and no such table ({}); `plumbline help all` lists the commands",
             words.join(" "),
-            tables.join(", ")
+            TABLES.map(|(name, ..)| name).join(", ")
         );
         return Err(Usage(message).into());
     }
@@ -119,19 +112,6 @@ pub fn run(args: &HelpArgs) -> anyhow::Result<()> {
         // A reader that has gone, as `head` does, is no failure.
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
-    }
-}
-
-/// The command or table whose name is most like the first of these words, as clap finds it.
-fn alike(words: &[&str], tables: &[&'static str]) -> Option<String> {
-    let word = words.first()?;
-    let beginning = word.get(..4).filter(|_| word.len() > 4);
-    let table = tables.iter().find(|table| beginning.is_some_and(|beginning| table.starts_with(beginning)));
-    let refused = command().try_get_matches_from(["plumbline", word]).err()?;
-    match (table, refused.get(clap::error::ContextKind::SuggestedSubcommand)) {
-        (Some(table), _) => Some((*table).to_owned()),
-        (None, Some(clap::error::ContextValue::Strings(names))) => names.last().cloned(),
-        _ => None,
     }
 }
 
@@ -189,50 +169,14 @@ fn table(about: &str, kinds: &str) -> String {
     text
 }
 
-/// A command and all below it, with the notes below their helps at [`COLUMNS`].
-fn laid_out(command: Command) -> Command {
-    let names: Vec<String> = command.get_subcommands().map(|below| below.get_name().to_owned()).collect();
-    let notes = command.get_after_help().map(|notes| wrapped(&notes.to_string()));
-    let command = names.into_iter().fold(command, |above, name| above.mut_subcommand(name, laid_out));
-    match notes {
-        Some(notes) => command.after_help(notes),
-        None => command,
-    }
-}
-
-/// Notes at [`COLUMNS`]: examples are continued as a shell reads them, with what they do on a line of its own where both are
-/// too long for one.
-fn wrapped(notes: &str) -> String {
-    let line = |line: &str| match line.strip_prefix("  plumbline ") {
-        Some(_) if line.chars().count() > COLUMNS => {
-            let (example, note) = line.trim().split_once("  ").unwrap_or((line.trim(), ""));
-            let example = broken(&format!("  {example}"), CONTINUED, COLUMNS - 2, " \\");
-            match note.trim() {
-                "" => example,
-                note => format!("{example}\n{}", filled(&format!("{:CONTINUED$}{note}", ""), CONTINUED)),
-            }
-        }
-        _ => filled(line, line.len() - line.trim_start().len()),
-    };
-    notes.lines().map(line).collect::<Vec<_>>().join("\n")
-}
-
-/// Text at [`COLUMNS`]; lines after the first are indented by `indent`.
+/// Text broken at blanks into lines of at most [`COLUMNS`] characters; lines after the first are indented by `indent`.
 fn filled(text: &str, indent: usize) -> String {
-    broken(text, indent, COLUMNS, "")
-}
-
-/// Text broken at blanks into lines of at most `width` characters, each but the last with `end` after it. Blanks within a line
-/// stay.
-fn broken(text: &str, indent: usize, width: usize, end: &str) -> String {
     let (mut lines, mut rest) = (Vec::new(), text.to_owned());
-    while rest.chars().count() > width {
-        let fits = rest.char_indices().nth(width).map_or(rest.len(), |(at, _)| at);
+    while rest.chars().count() > COLUMNS {
+        let fits = rest.char_indices().nth(COLUMNS).map_or(rest.len(), |(at, _)| at);
         let begin = rest.len() - rest.trim_start().len();
-        // A word that is too long has a line of its own.
-        let blank = rest[..=fits].rfind(' ').filter(|at| *at > begin);
-        let Some(at) = blank.or_else(|| rest[begin..].find(' ').map(|at| begin + at)) else { break };
-        lines.push(format!("{}{end}", rest[..at].trim_end()));
+        let Some(at) = rest[..=fits].rfind(' ').filter(|at| *at > begin) else { break };
+        lines.push(rest[..at].trim_end().to_owned());
         rest = format!("{:indent$}{}", "", rest[at..].trim_start());
     }
     lines.push(rest);
@@ -328,32 +272,8 @@ mod tests {
     }
 
     #[test]
-    fn mistyped_commands_and_tables_have_their_neighbour() {
-        let run = |word: &str| run(&HelpArgs { topic: vec![word.into()] }).unwrap_err().to_string();
-        for (word, name) in
-            [("evalute", "evaluate"), ("fault", "faults"), ("condition", "conditions"), ("replya", "replay")]
-        {
-            assert!(run(word).contains(&format!("did you mean `plumbline help {name}`?")), "{}", run(word));
-        }
-        assert!(run("xyzzy").contains("`plumbline help all` lists the commands"));
-    }
-
-    #[test]
-    fn long_examples_are_continued_as_a_shell_reads_them() {
-        let long = format!(
-            "  plumbline replay sim:room --set {} --report out.json   one report",
-            "key=1,2 ".repeat(9).trim_end()
-        );
-        let laid = wrapped(&long);
-        let lines: Vec<&str> = laid.lines().collect();
-        assert!(lines.len() == 3 && lines[0].ends_with(" \\") && lines[1].starts_with("      "), "{laid}");
-        assert_eq!(lines[2], "      one report");
-        let (example, note) = (format!("  plumbline replay {}", "x".repeat(50)), "all that is in it");
-        assert_eq!(wrapped(&format!("{example}  {note}")), format!("{example}\n      {note}"));
-        let words = |text: &str| {
-            text.split_whitespace().filter(|word| *word != "\\").map(str::to_owned).collect::<Vec<_>>()
-        };
-        assert_eq!(words(&laid), words(&long));
-        assert_eq!(wrapped("Short."), "Short.");
+    fn a_command_that_is_not_there_is_refused_with_the_list() {
+        let refused = run(&HelpArgs { topic: vec!["fault".into()] }).unwrap_err().to_string();
+        assert!(refused.contains("faults") && refused.contains("`plumbline help all` lists the commands"));
     }
 }

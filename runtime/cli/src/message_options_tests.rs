@@ -140,7 +140,7 @@ fn messages_of_a_command_name_its_own_options() {
 
 #[test]
 fn options_in_messages_are_found_with_the_command_before_them() {
-    let found = named("give --map, or build one with `plumbline map build --out FILE` (--set KEY)");
+    let found = named("give --map, or join two with `plumbline map merge --out FILE` (--set KEY)");
     let of = |command: Option<&str>, option: &str| (command.map(str::to_owned), option.to_owned());
-    assert_eq!(found, [of(None, "map"), of(Some("map build"), "out"), of(None, "set")]);
+    assert_eq!(found, [of(None, "map"), of(Some("map merge"), "out"), of(None, "set")]);
 }

@@ -3,7 +3,6 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Isometry3, Vector3};
-use plumbline_config::Timestamp;
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_record::Said;
@@ -23,8 +22,6 @@ const RING: usize = 256;
 pub struct Glance {
     /// Frames so far, this one included.
     pub frames: u64,
-    /// Measurement time.
-    pub stamp: Timestamp,
     /// True if there is a pose.
     pub has_pose: bool,
     /// Pose of the body in the odometry frame.
@@ -125,7 +122,6 @@ impl Listener for WindowListener {
         self.frames += 1;
         let _ = self.writer.push(Glance {
             frames: self.frames,
-            stamp: estimate.stamp,
             has_pose: estimate.has_pose(),
             pose_o_b: estimate.pose_o_b,
             v_o_b: estimate.v_o_b,

@@ -1,12 +1,14 @@
 //! Output on stdout and stderr that no reader can hold up.
 
+use plumbline_link::net::plain;
 use std::fmt::Display;
 use std::io::Write as _;
 use std::time::Duration;
 
-/// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens, which is no failure.
-pub fn say(line: impl Display) {
-    if let Err(error) = writeln!(std::io::stdout(), "{line}") {
+/// Writes lines to stdout, without what controls a terminal. A reader that has gone, as `head` does, ends the process: nobody
+/// listens, which is no failure.
+pub fn say(lines: impl Display) {
+    if let Err(error) = writeln!(std::io::stdout(), "{}", plain_lines(&lines.to_string())) {
         std::process::exit(i32::from(error.kind() != std::io::ErrorKind::BrokenPipe));
     }
 }
@@ -28,6 +30,16 @@ pub fn within(patience: Duration, speak: impl FnOnce() + Send + 'static) {
     }
 }
 
+/// Lines as a terminal may show them, whoever wrote what they quote.
+fn plain_lines(lines: &str) -> String {
+    lines.split_inclusive(['\n', '\t']).fold(String::with_capacity(lines.len()), |mut text, part| {
+        let content = part.trim_end_matches(['\n', '\t']);
+        text.push_str(&plain(content));
+        text.push_str(&part[content.len()..]);
+        text
+    })
+}
+
 /// The error and its causes on one line.
 pub fn one_line(error: &anyhow::Error) -> String {
     let text = with_causes(error);
@@ -37,7 +49,7 @@ pub fn one_line(error: &anyhow::Error) -> String {
 /// As [`one_line`], but each of several refused keys has a line of its own.
 pub fn last_words(error: &anyhow::Error) -> String {
     let text = with_causes(error);
-    if text.contains("\n  `") { text } else { one_line(error) }
+    plain_lines(&if text.contains("\n  `") { text } else { one_line(error) })
 }
 
 fn with_causes(error: &anyhow::Error) -> String {
@@ -61,6 +73,13 @@ fn with_causes(error: &anyhow::Error) -> String {
 mod tests {
     use super::*;
     use plumbline_config::Config;
+
+    #[test]
+    fn what_others_wrote_controls_no_terminal() {
+        assert_eq!(plain_lines("a\tb\n\u{1b}]0;c\u{7}\u{202e}\n"), "a\tb\n?]0;c??\n");
+        let refused = Config::from_toml_str("\"\\u001b[2J\" = 1\n", "\u{1b}.toml").unwrap_err();
+        assert!(!last_words(&refused.into()).contains('\u{1b}'));
+    }
 
     #[test]
     fn several_refused_keys_have_a_line_each_and_all_else_one() {

@@ -12,8 +12,6 @@ use plumbline_simulator::{
 };
 use std::ops::Range;
 
-/// Exposure with `--motion-blur`, s.
-const BLUR_EXPOSURE_S: f64 = 0.008;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
 
@@ -62,9 +60,6 @@ pub struct ScenarioArgs {
     /// Size of the images relative to the configured size.
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
-    /// Simulate motion blur of an 8 ms exposure.
-    #[arg(long)]
-    pub motion_blur: bool,
     /// Time by which the stamps of images are too early, ms.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub time_offset_ms: f64,
@@ -83,9 +78,6 @@ pub struct FaultArgs {
     /// Make both images black from A to B, seconds.
     #[arg(long, value_name = "A..B")]
     pub blackout: Option<String>,
-    /// Drop the images of one camera for a time: left:A..B or right:A..B, seconds.
-    #[arg(long, value_name = "SIDE:A..B")]
-    pub lost_camera: Option<String>,
     /// Probability that a frame is lost.
     #[arg(long, default_value_t = 0.0)]
     pub drop_rate: f64,
@@ -101,23 +93,18 @@ pub struct FaultArgs {
 impl FaultArgs {
     /// Faults of the options beside `--fault`, with the option of each.
     fn of_options(&self) -> Result<Vec<(&'static str, InjectedFault)>, Usage> {
-        let mut faults = Vec::new();
-        let mut add = |option, text: String| {
+        let parsed = |option: &'static str, text: String| {
             let fault = text.parse::<InjectedFault>().map_err(|why| Usage(format!("{option}: {why}")))?;
-            faults.push((option, if option == "--drop-rate" { fault.placeless() } else { fault }));
-            Ok(())
+            Ok((option, fault))
         };
-        let lasting = |span: Range<f64>| format!("@{}+{}", span.start, span.end - span.start);
+        let mut faults = Vec::new();
         if let Some(text) = &self.blackout {
-            add("--blackout", format!("image-black:0{}", lasting(span("--blackout", text)?)))?;
-        }
-        if let Some(text) = &self.lost_camera {
-            let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
-            let (side, range) = text.split_once(':').ok_or_else(bad)?;
-            add("--lost-camera", format!("camera-lost:{side}{}", lasting(span("--lost-camera", range)?)))?;
+            let Range { start, end } = span("--blackout", text)?;
+            faults.push(parsed("--blackout", format!("image-black:0@{start}+{}", end - start))?);
         }
         if self.drop_rate != 0.0 {
-            add("--drop-rate", format!("frames-missing:{}", self.drop_rate))?;
+            let (option, fault) = parsed("--drop-rate", format!("frames-missing:{}", self.drop_rate))?;
+            faults.push((option, fault.placeless()));
         }
         Ok(faults)
     }
@@ -134,11 +121,7 @@ impl FaultArgs {
 
     /// True if there are no faults.
     fn are_none(&self) -> bool {
-        self.blackout.is_none()
-            && self.lost_camera.is_none()
-            && self.drop_rate == 0.0
-            && !self.flicker
-            && self.fault.is_empty()
+        self.blackout.is_none() && self.drop_rate == 0.0 && !self.flicker && self.fault.is_empty()
     }
 
     /// Refuses faults that would begin after the end of the flight.
@@ -204,7 +187,6 @@ impl ScenarioArgs {
             ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
-            ("--motion-blur", self.motion_blur),
             ("--flicker", self.faults.flicker),
             ("--time-offset-ms", self.time_offset_ms != 0.0),
             ("--extrinsics-error-deg", self.extrinsics_error_deg != 0.0),
@@ -245,9 +227,6 @@ impl ScenarioArgs {
         }
         if self.faults.flicker {
             effects.flicker = FLICKER;
-        }
-        if self.motion_blur {
-            effects.exposure_s = BLUR_EXPOSURE_S;
         }
         let duration_s = self.duration.unwrap_or(USUAL_DURATION_S);
         self.faults.check_begin_before(duration_s)?;

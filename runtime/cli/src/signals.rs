@@ -1,7 +1,7 @@
 //! Signals that end a command. A worker ([`supervisor`]) is stopped by its supervisor instead.
 
 use super::supervisor;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Status of a command that a second signal has ended.
 const INTERRUPTED: i32 = 130;
 
-/// Set by the first SIGINT, SIGTERM or SIGHUP; a second one ends the process at once.
+/// Set by the first SIGINT, SIGTERM, SIGQUIT or SIGHUP; a second one ends the process at once.
 ///
 /// # Errors
 /// When no handler can be installed.
@@ -42,7 +42,7 @@ pub fn ignore_signals() -> anyhow::Result<()> {
 fn stop_unless(is_ignored: impl Fn(i32) -> bool + Send + 'static) -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGQUIT, SIGHUP])?;
     let is_worker = supervisor::is_worker();
     if is_worker {
         signals.add_signal(supervisor::STOP)?;

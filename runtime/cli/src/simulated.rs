@@ -84,7 +84,7 @@ pub(super) fn check_recorded(source: &Path) -> Result<(), Usage> {
     }
 }
 
-/// `path=demo&motion-blur` as `--path=demo --motion-blur`; a switch may be written as `motion-blur=true`.
+/// `path=demo&flicker` as `--path=demo --flicker`; a switch may be written as `flicker=true`.
 fn arguments(options: &str) -> Vec<String> {
     let given = options.split('&').filter(|option| !option.is_empty() && !option.ends_with("=false"));
     given.map(|option| format!("--{}", option.strip_suffix("=true").unwrap_or(option))).collect()
@@ -108,11 +108,11 @@ mod tests {
     #[test]
     fn switches_may_have_a_value_and_one_camera_is_one_of_them() {
         let flight = |name| simulated(name).unwrap().unwrap();
-        for name in ["sim:room?mono", "sim:room?mono=true&seed=2", "sim:room?motion-blur=false&mono=true"] {
-            assert!(flight(name).mono && !flight(name).options.motion_blur, "{name}");
+        for name in ["sim:room?mono", "sim:room?mono=true&seed=2", "sim:room?flicker=false&mono=true"] {
+            assert!(flight(name).mono && !flight(name).options.faults.flicker, "{name}");
         }
         assert!(
-            !flight("sim:room?mono=false").mono && flight("sim:room?motion-blur=true").options.motion_blur
+            !flight("sim:room?mono=false").mono && flight("sim:room?flicker=true").options.faults.flicker
         );
         let words = simulated("sim:room?stereo=true").unwrap_err().to_string();
         assert!(words.contains("--stereo") && words.contains("plumbline simulate --help"), "{words}");

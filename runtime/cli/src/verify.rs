@@ -1,7 +1,5 @@
 //! `plumbline verify`: is what a flight log holds what comes out of its inputs?
 
-mod many;
-
 use super::simulated::check_recorded;
 use super::topics::TopicArgs;
 use super::{Usage, say};
@@ -11,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_drivers::StereoSource;
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::open_recording;
+use plumbline_flight::log::parts::existing_parts;
 use plumbline_flight::log::verify::{Verification, verify};
 use plumbline_flight::log::{KnownMap, LogReader};
 use plumbline_flight::places::read_known_map;
@@ -21,7 +20,7 @@ const STEPS: u64 = 1000;
 
 const EXAMPLES: &str = "Examples:
   plumbline verify log.mcap                verify one log, and print all details
-  plumbline verify flights/*.mcap --jobs 8   verify many logs, eight in parallel, one row each; exit status 1 if any differs";
+  plumbline verify flights/*.mcap          verify one after the other; exit status 1 if any differs";
 
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]
@@ -43,10 +42,7 @@ pub struct VerifyArgs {
     /// Accept a log that is truncated or lacks outputs, if everything that can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
-    /// Parallel logs. Default: the number of processors.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub jobs: Option<u16>,
-    /// Print JSON: an object for one log, a list for several.
+    /// Print JSON: an object for each log.
     #[arg(long)]
     pub json: bool,
 }
@@ -59,15 +55,35 @@ pub fn run(args: &VerifyArgs) -> Result<()> {
     if let Some(folder) = args.logs.iter().find(|log| log.is_dir()) {
         return Err(Usage(of_folder(folder)).into());
     }
-    many::check_there(&args.logs)?;
-    if let [log] = args.logs.as_slice() {
+    for log in &args.logs {
+        check_recorded(log)?;
+        if !log.exists() {
+            let message = format!("{}: does not exist; nothing was verified; check the path", log.display());
+            return Err(Usage(message).into());
+        }
+    }
+    let parts = args.logs.iter().flat_map(|log| existing_parts(log)).filter(|(part, _)| *part > 0);
+    let parts: Vec<PathBuf> = parts.map(|(_, path)| path).collect();
+    let logs: Vec<&PathBuf> = args.logs.iter().filter(|log| !parts.contains(log)).collect();
+    if let [log] = logs[..] {
         return run_one(args, log);
     }
     if args.images.is_some() || args.map.is_some() {
         let message = "--images and --map belong to one log; verify such logs one by one";
         return Err(Usage(message.into()).into());
     }
-    many::run(args)
+    let mut failures = Vec::new();
+    for log in &logs {
+        if !args.json {
+            say(format_args!("{}", log.display()));
+        }
+        failures.extend(run_one(args, log).err());
+    }
+    let count = failures.len();
+    match failures.into_iter().next() {
+        Some(first) => Err(first.context(format!("{count} of {} logs do not pass; the first", logs.len()))),
+        None => Ok(()),
+    }
 }
 
 /// Cure where a folder is given for a log.

@@ -1,8 +1,8 @@
 //! Programs beside a flight of Plumbline on the same computer: what the network process, the C library and the Python package are made of.
 //!
 //! - [`Local`] reads the local socket (`docs/local-socket.md`) and gives commands;
-//! - [`FrameSender`] sends stereo frames to `plumbline fly` (`docs/frame-socket.md`);
-//! - [`ImuLine`] is an inertial sensor for it, at a pseudo-terminal (`docs/inertial-sensors.md`).
+//! - [`FrameSender`] sends stereo frames to `plumbline fly` (`docs/own-sensors.md`);
+//! - [`ImuLine`] is an inertial sensor for it, at a pseudo-terminal (`docs/own-sensors.md`).
 //!
 //! The formats are those of `plumbline-record` and `plumbline-protocol`. Calls block, for as long as
 //! they are told to; there is no runtime of tasks.

@@ -114,12 +114,6 @@ impl Corrected {
     }
 }
 
-/// A place of the map as the odometry frame has it.
-#[must_use]
-pub fn in_odometry(pose_m_o: &Isometry3<f64>, [x, y, z]: [f32; 3]) -> Vector3<f64> {
-    pose_m_o.inverse_transform_point(&nalgebra::Point3::new(x.into(), y.into(), z.into())).coords
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -192,12 +186,5 @@ mod tests {
         // A vehicle that has started anew has another map.
         map.announce(0);
         assert!(map.pieces().is_empty() && map.version == 2);
-    }
-
-    #[test]
-    fn places_of_the_map_are_brought_to_the_odometry() {
-        let pose_m_o =
-            Isometry3::new(Vector3::new(1.0, 0.0, 0.0), Vector3::z() * std::f64::consts::FRAC_PI_2);
-        assert!((in_odometry(&pose_m_o, [1.0, 2.0, 3.0]) - Vector3::new(2.0, 0.0, 3.0)).norm() < 1e-12);
     }
 }

@@ -117,12 +117,7 @@ impl DrawnTopic {
 }
 
 /// The path up to a sample, thinned.
-#[must_use]
-pub fn path<'a>(
-    name: &str,
-    stamp: Timestamp,
-    samples: impl ExactSizeIterator<Item = &'a PoseSample>,
-) -> Vec<u8> {
+fn path<'a>(name: &str, stamp: Timestamp, samples: impl ExactSizeIterator<Item = &'a PoseSample>) -> Vec<u8> {
     let step = samples.len().div_ceil(MAX_PATH).max(1);
     let poses: Vec<_> = samples.step_by(step).map(|sample| sample.pose_o_b).collect();
     scene::poses(stamp, &odometry_frame(name), &poses).encode_to_vec()
@@ -140,16 +135,14 @@ fn path_news(name: &str, vehicle: &VehicleState, sent: &mut Sent) -> Option<Draw
 }
 
 /// The scene of a keyframe.
-#[must_use]
-pub fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> SceneEntity {
+fn keyframe(name: &str, sequence: u64, keyframe: &MapKeyframe) -> SceneEntity {
     let content = SceneContent::of_coordinates(&keyframe.points_o, &keyframe.lines_o, &[keyframe.pose_o_b]);
     let (stamp, id) = (Timestamp::from_nanos(keyframe.stamp_ns), format!("keyframe {sequence}"));
     scene::entity(stamp, &odometry_frame(name), &id, &content, Landmarks::Kept)
 }
 
 /// The window of a vehicle as it is now.
-#[must_use]
-pub fn window(name: &str, stamp: Timestamp, window: &WindowScene) -> SceneEntity {
+fn window(name: &str, stamp: Timestamp, window: &WindowScene) -> SceneEntity {
     let content = SceneContent::of_coordinates(&window.points_o, &window.lines_o, &window.keyframes);
     scene::entity(stamp, &odometry_frame(name), "window", &content, Landmarks::InWindow)
 }

@@ -47,6 +47,8 @@ pub struct Fleet {
     /// Start of the station.
     pub start: Instant,
     arrivals: u64,
+    /// More vehicles came than there is room for.
+    is_full: bool,
     /// Events.
     pub events: History<FleetEvent>,
 }
@@ -60,6 +62,7 @@ impl Default for Fleet {
             network: String::new(),
             start: Instant::now(),
             arrivals: 0,
+            is_full: false,
             events: History::default(),
         }
     }
@@ -85,6 +88,12 @@ impl Fleet {
     fn make_room(&mut self) -> bool {
         if self.vehicles.len() < MAX_VEHICLES {
             return true;
+        }
+        if !std::mem::replace(&mut self.is_full, true) {
+            let words =
+                format!("more than {MAX_VEHICLES} vehicles: those with the fewest messages are not shown");
+            tracing::warn!("{words}; start another station with --vehicle");
+            self.announce(None, Severity::Warning, words);
         }
         let others = self.vehicles.iter().filter(|(_, vehicle)| !vehicle.is_recording);
         let least = others.min_by_key(|(_, vehicle)| (vehicle.heard(), vehicle.arrival));
@@ -385,6 +394,8 @@ mod tests {
         fleet.vehicles.get_mut("a").unwrap().set_recording(true);
         (0..2 * MAX_VEHICLES).for_each(|k| fleet.alive(&format!("v{k}"), true));
         assert!(fleet.vehicles.contains_key("a"));
+        let told = texts(&fleet).iter().filter(|text| text.starts_with("more than 64 vehicles")).count();
+        assert_eq!(told, 1, "once");
     }
 
     #[test]

@@ -70,13 +70,11 @@ fn show(fleet: &Fleet) {
             assert!(told["type"].is_string());
         }
     }
-    for (name, vehicle) in &fleet.vehicles {
+    for vehicle in fleet.vehicles.values() {
         let _ = vehicle.map.missing(100);
-        for format in [ExportFormat::Tum, ExportFormat::Csv, ExportFormat::Mcap] {
-            assert!(
-                export(name, &vehicle.poses.iter().copied().collect::<Vec<_>>(), &vehicle.map, format)
-                    .is_ok()
-            );
+        let samples: Vec<_> = vehicle.poses.iter().copied().collect();
+        for format in [ExportFormat::Tum, ExportFormat::Csv] {
+            assert!(export(&samples, format).lines().count() >= samples.len());
         }
     }
 }

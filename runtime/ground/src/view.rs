@@ -1,11 +1,6 @@
 //! The fleet drawn in a terminal.
 
-mod above;
-mod horizon;
 mod keyboard;
-mod log_pane;
-
-pub use log_pane::LogPane;
 
 use super::fleet::{Fleet, lock};
 use super::terminal::is_gone;
@@ -26,21 +21,16 @@ use std::time::{Duration, Instant};
 
 /// Lines that one vehicle takes, border included.
 const VEHICLE_LINES: u16 = FIGURES + 2;
-/// Lines of numbers: one more than the horizon has.
-const FIGURES: u16 = horizon::ROWS + 1;
-/// Columns within the border from which on a horizon leaves enough for the numbers.
-const MIN_HORIZON_COLUMNS: u16 = 78;
-/// Lines from which on the view from above is worth its place.
-const MIN_ABOVE_LINES: u16 = 6;
+/// Lines of numbers.
+const FIGURES: u16 = 6;
 
-/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
-/// the log have to go into `log` meanwhile.
+/// Shows the fleet until `is_over`, or q or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
+/// the log have to wait meanwhile.
 ///
 /// # Errors
 /// When the terminal cannot be used.
 pub fn show(
     fleet: &Mutex<Fleet>,
-    log: &LogPane,
     about: &str,
     is_over: &impl Fn() -> bool,
     stop: &AtomicBool,
@@ -52,7 +42,7 @@ pub fn show(
         while !is_over() {
             terminal.autoresize()?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
-            draw(&mut terminal.get_frame(), &lock(fleet), log, about, Instant::now());
+            draw(&mut terminal.get_frame(), &lock(fleet), about, Instant::now());
             terminal.flush()?;
             terminal.swap_buffers();
             terminal.backend_mut().flush()?;
@@ -82,7 +72,7 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
     while event::poll(Duration::ZERO)? {
         let Event::Key(key) = event::read()? else { continue };
         let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-        if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+        if interrupt || key.code == KeyCode::Char('q') {
             quit(stop);
         }
     }
@@ -90,11 +80,9 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
 }
 
 /// Draws the fleet as of `now`, the log below it, and `about` in the last line.
-pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, now: Instant) {
+pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, about: &str, now: Instant) {
     let whole = frame.area();
-    let [upper, log_area, foot_area] =
-        Layout::vertical([Constraint::Fill(1), Constraint::Length(log.rows(whole)), Constraint::Length(1)])
-            .areas(whole);
+    let [upper, foot_area] = Layout::vertical([Constraint::Fill(1), Constraint::Length(1)]).areas(whole);
     let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
     rows.push(Constraint::Fill(1));
     let areas = Layout::vertical(rows).split(upper);
@@ -106,13 +94,6 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
     for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
         draw_vehicle(frame, name, vehicle, now, *area);
     }
-    let above = areas[areas.len() - 1];
-    if above.height >= MIN_ABOVE_LINES {
-        above::draw(frame, fleet, above);
-    }
-    if log_area.height > 0 {
-        log.draw(frame, log_area);
-    }
     // What is counted comes last: a narrow terminal cuts it off.
     let about = if about.is_empty() { String::new() } else { format!("   {about}") };
     let counts = format!("malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
@@ -120,63 +101,35 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
     frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), foot_area);
 }
 
-/// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
+/// Draws the numbers of a vehicle.
 fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: Instant, area: Rect) {
     let block = Block::bordered().title(title(name, vehicle, now));
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    let attitude = vehicle.attitude().filter(|_| inner.width >= MIN_HORIZON_COLUMNS);
-    let text = if let Some(attitude) = &attitude {
-        horizon::draw(frame, attitude, inner);
-        let [_, text] =
-            Layout::horizontal([Constraint::Length(horizon::COLUMNS + 1), Constraint::Fill(1)]).areas(inner);
-        text
-    } else {
-        inner
-    };
-    frame.render_widget(Paragraph::new(figures(vehicle, now)), text);
+    frame.render_widget(Paragraph::new(figures(vehicle, now)), inner);
 }
 
 fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
     let presence = vehicle.presence(now);
-    let colour = match presence {
-        "tracking" => Color::Green,
-        "initialising" | "blind" => Color::Yellow,
-        _ => Color::Red,
+    let (colour, use_words) = match presence {
+        "tracking" if vehicle.is_usable(now) => (Color::Green, ""),
+        "tracking" => (Color::Yellow, ", not for use"),
+        "initialising" | "blind" => (Color::Yellow, ""),
+        _ => (Color::Red, ""),
     };
     Line::from(vec![
         Span::raw(format!(" {name} ")),
-        Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
+        Span::styled(format!("{presence}{use_words}"), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
         Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(now), vehicle.resets)),
     ])
 }
 
 fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
-    let position = vehicle.pose_o_b.map_or_else(
-        || "no pose".to_owned(),
-        |pose| {
-            let p = pose.translation.vector;
-            format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
-        },
-    );
-    let attitude = vehicle.attitude().map_or_else(
-        || "unknown".to_owned(),
-        |a| {
-            let heading_deg = a.heading_deg.round() % 360.0;
-            format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
-        },
-    );
     let v = vehicle.v_o_b;
     let velocity = match vehicle.pose_o_b {
         Some(_) => format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm()),
         None => "unknown".to_owned(),
     };
-    let link = format!(
-        "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
-        vehicle.odom.rate_hz(now),
-        vehicle.state.rate_hz(now),
-        vehicle.latency_ms.unwrap_or(0.0),
-    );
     let health = format!(
         "{}; frame {:.1} ms; lost {}, dropped {}",
         vehicle.health_summary(now),
@@ -187,10 +140,10 @@ fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     [
-        ("position", position),
-        ("attitude", attitude),
+        ("position", vehicle.position_words()),
+        ("attitude", vehicle.attitude_words()),
         ("velocity", velocity),
-        ("link", link),
+        ("link", vehicle.link_words(now)),
         ("health", health),
         ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
     ]
@@ -213,12 +166,8 @@ mod tests {
     const COLUMNS: u16 = 80;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
-        text_with(fleet, &LogPane::default(), now)
-    }
-
-    fn text_with(fleet: &Fleet, log: &LogPane, now: Instant) -> String {
         let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
-        terminal.draw(|frame| draw(frame, fleet, log, "page: http://127.0.0.1:8080", now)).unwrap();
+        terminal.draw(|frame| draw(frame, fleet, "page: http://127.0.0.1:8080", now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
             .content()
@@ -265,14 +214,11 @@ mod tests {
             "+1.250",
             "-2.500",
             attitude,
-            "▄━━━━▄▄◆▄▄━━━━▄",
             "1σ 0.000 m",
             "speed 0.50 m/s",
             "latency 0.0 ms",
             "few features",
             "map       2 keyframes, place in the map not known yet",
-            "from above",
-            "● drone",
         ] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
@@ -291,6 +237,10 @@ mod tests {
         let announced = fleet.events.iter().filter(|event| event.text == "mounting unknown: set it");
         assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
+        let mut doubtful = odometry(2, 0.0, 0).message;
+        doubtful.quality = 19;
+        fleet.odom("drone", &heard(2, doubtful), 100, now, 0);
+        assert!(text(&fleet, now).contains("tracking, not for use"));
         // Of a vehicle that is gone nothing is said that sounds well.
         let gone = text(&fleet, now + Duration::from_secs(9));
         assert!(gone.contains("lost") && gone.contains("quality -"), "{gone}");
@@ -303,18 +253,6 @@ mod tests {
         fleet.network = "Connecting to tcp/127.0.0.1:7447".into();
         let shown = text(&fleet, Instant::now());
         for part in [NO_VEHICLE, "Connecting to tcp/127.0.0.1:7447", "page: http://127.0.0.1:8080"] {
-            assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
-        }
-        assert!(!shown.contains(" log "));
-    }
-
-    #[test]
-    fn log_lines_have_a_pane_of_their_own() {
-        let log = LogPane::default();
-        log.push(b"\x1b[33m WARN\x1b[0m tcp/127.0.0.1:7447: no listener at that port yet; check that the other side is running, and the port\n");
-        (0..3).for_each(|k| log.push(format!(" INFO line {k}\n").as_bytes()));
-        let shown = text_with(&Fleet::default(), &log, Instant::now());
-        for part in [" log ", "INFO line 2", "INFO line 0", NO_VEHICLE, "q: quit"] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
     }

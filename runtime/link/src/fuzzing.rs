@@ -1,5 +1,4 @@
-//! Input of a session from the fuzzers: transport messages of Zenoh, as any connected peer can send them, and
-//! the attachments of requests by clients of ROS 2.
+//! Input of a session from the fuzzers: transport messages of Zenoh, as any connected peer can send them.
 
 #[path = "../../../fuzz/hostile.rs"]
 pub mod hostile;
@@ -7,7 +6,6 @@ pub mod hostile;
 pub mod raw_peer;
 
 use crate::net::{Endpoints, Mode};
-use crate::ros::names::Attachment;
 use raw_peer::{Kind, RawPeer};
 use std::io::Read as _;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -102,16 +100,6 @@ fn send_batches(address: SocketAddr, kind: Kind, data: &[u8]) {
     assert_eq!(PANICS.load(Ordering::SeqCst), 0, "a thread of the session panicked");
 }
 
-/// Attachment of a request of ROS 2: what is accepted is written as the same bytes.
-///
-/// # Panics
-/// When it is not.
-pub fn ros_attachment(data: &[u8]) {
-    if let Some(attachment) = Attachment::decode(data) {
-        assert_eq!(attachment.encode(), data, "other bytes");
-    }
-}
-
 #[cfg(test)]
 #[path = "../../../fuzz/smoke.rs"]
 mod smoke;
@@ -127,7 +115,7 @@ mod tests {
     use super::fixture::put;
     use super::hostile::{self, Hostile, hostile_link_states, link_states};
     use super::raw_peer::declare_key;
-    use super::{Attachment, ros_attachment, smoke, zenoh_transport};
+    use super::{smoke, zenoh_transport};
 
     /// Seeds: batches with their kinds and lengths.
     fn input(batches: &[(u8, Vec<u8>)]) -> Vec<u8> {
@@ -176,15 +164,8 @@ mod tests {
     }
 
     #[test]
-    fn fuzz_ros_attachment() {
-        smoke::over_seeds_and_mutations("ros_attachment", 20_000, ros_attachment);
-    }
-
-    #[test]
     #[ignore = "writes the seeds of the fuzzers"]
     fn fuzz_seeds() {
-        let attachment = Attachment { sequence: 7, source_ns: 1_700_000_000_000_000_000, gid: [0xa5; 16] };
-        put("ros_attachment", "request", &attachment.encode());
         let declare = |id, scope, suffix| (1, declare_key(id, scope, suffix));
         put("zenoh_transport", "keys", &input(&[declare(1, 0, "plumbline/drone"), declare(2, 1, "/odom")]));
         put(

@@ -33,6 +33,30 @@ macro_rules! state_methods {
         impl $class {
             $($own)*
 
+            /// Time of the state on the clock of the IMU, ns.
+            #[getter]
+            fn stamp_ns(&self) -> i64 {
+                self.$field.stamp.as_nanos()
+            }
+
+            /// "initialising", "tracking", "blind" (IMU alone) or "failed".
+            #[getter]
+            fn state(&self) -> &'static str {
+                $crate::estimate::state_name(self.$field.state)
+            }
+
+            /// Quality from 0 to 100; -1 if the estimator failed.
+            #[getter]
+            fn quality(&self) -> i8 {
+                self.$field.quality
+            }
+
+            /// Number of resets so far: the pose may jump where it changes.
+            #[getter]
+            fn reset_counter(&self) -> u32 {
+                self.$field.reset_counter
+            }
+
             /// Position of B in O, m, shape (3,).
             #[getter]
             fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
@@ -98,18 +122,6 @@ state_methods! {
             self.estimate.frame_sequence
         }
 
-        /// Time of the state on the clock of the IMU, ns: the stamp of the image plus the estimated time offset.
-        #[getter]
-        fn stamp_ns(&self) -> i64 {
-            self.estimate.stamp.as_nanos()
-        }
-
-        /// "initialising", "tracking", "blind" (IMU alone) or "failed".
-        #[getter]
-        fn state(&self) -> &'static str {
-            state_name(self.estimate.state)
-        }
-
         /// True if pose, velocity, biases and covariance are valid.
         #[getter]
         fn has_pose(&self) -> bool {
@@ -158,12 +170,6 @@ state_methods! {
             self.estimate.time_offset_sigma_s
         }
 
-        /// Quality from 0 to 100; -1 if the estimator failed.
-        #[getter]
-        fn quality(&self) -> i8 {
-            self.estimate.quality
-        }
-
         /// Errors and warnings: bits of `plumbline.Health`.
         #[getter]
         fn health(&self) -> u32 {
@@ -174,12 +180,6 @@ state_methods! {
         #[getter]
         fn health_names(&self) -> Vec<&'static str> {
             self.estimate.health.names().collect()
-        }
-
-        /// Number of resets so far: the pose may jump where it changes.
-        #[getter]
-        fn reset_counter(&self) -> u32 {
-            self.estimate.reset_counter
         }
 
         /// Counts of the frame by name: points, lines, landmarks, iterations.
@@ -226,18 +226,6 @@ state_methods! {
             self.odometry.sequence
         }
 
-        /// Time of the inertial sample, ns.
-        #[getter]
-        fn stamp_ns(&self) -> i64 {
-            self.odometry.stamp.as_nanos()
-        }
-
-        /// State of the estimate that it rests on: "initialising", "tracking", "blind" or "failed".
-        #[getter]
-        fn state(&self) -> &'static str {
-            state_name(self.odometry.state)
-        }
-
         /// True if pose, velocity and covariance are valid.
         #[getter]
         fn has_pose(&self) -> bool {
@@ -248,18 +236,6 @@ state_methods! {
         #[getter]
         fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
             vector(slf.as_any(), &slf.get().odometry.angular_rate_b)
-        }
-
-        /// Quality of the estimate that it rests on: 0 to 100, -1 if the estimator failed.
-        #[getter]
-        fn quality(&self) -> i8 {
-            self.odometry.quality
-        }
-
-        /// Number of resets so far.
-        #[getter]
-        fn reset_counter(&self) -> u32 {
-            self.odometry.reset_counter
         }
 
         /// Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit.

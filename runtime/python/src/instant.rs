@@ -12,12 +12,6 @@ pub struct PyInstant {
 
 state_methods! {
     impl PyInstant of instant {
-        /// The instant, ns.
-        #[getter]
-        fn stamp_ns(&self) -> i64 {
-            self.instant.stamp.as_nanos()
-        }
-
         /// Time of the estimate before it, ns.
         #[getter]
         fn estimated_ns(&self) -> i64 {
@@ -30,28 +24,10 @@ state_methods! {
             self.instant.is_settled
         }
 
-        /// State of the estimate before it: "tracking" or "blind".
-        #[getter]
-        fn state(&self) -> &'static str {
-            state_name(self.instant.state)
-        }
-
         /// Angular rate of B in B, bias removed, rad/s, shape (3,).
         #[getter]
         fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
             vector(slf.as_any(), &slf.get().instant.angular_rate_b)
-        }
-
-        /// Quality of the estimate before it: 0 to 100.
-        #[getter]
-        fn quality(&self) -> i8 {
-            self.instant.quality
-        }
-
-        /// Number of resets until then.
-        #[getter]
-        fn reset_counter(&self) -> u32 {
-            self.instant.reset_counter
         }
 
         fn __repr__(&self) -> String {

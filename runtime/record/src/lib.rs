@@ -38,5 +38,9 @@ pub use orders::{
     MapVerdict, ResetOrder, Verdict,
 };
 pub use plumbline_fields as fields;
+
+/// Lowest quality of a pose that may be used: what contradicts itself has at most 10, and from here on errors under faults are within
+/// five standard deviations (`honesty` of the reports). Autopilots get it as their threshold, ground stations show it.
+pub const QUALITY_TO_USE: i8 = 20;
 pub use said::{Dropped, EntryKind};
 pub use topics::Said;

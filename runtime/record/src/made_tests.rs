@@ -41,19 +41,30 @@ fn with_table(text: &str, head: &str, table: &str) -> String {
 }
 
 fn health_table() -> String {
-    let row = |about: &HealthBit| {
-        let HealthBit { bit, name, meaning, causes, cure, .. } = about;
+    let row = |(at, about): (usize, &HealthBit)| {
+        let HealthBit { bit, name, meaning, mut causes, mut cure, .. } = *about;
+        if at > 0
+            && !cure.is_empty()
+            && HealthBits::ABOUT[at - 1].cure == cure
+            && HealthBits::ABOUT[at - 1].causes == causes
+        {
+            (causes, cure) = ("as above", "as above");
+        }
         let meaning = meaning.trim_end_matches('.');
         format!("| {} | {name} | {meaning} | {causes} | {cure} |\n", bit.0.trailing_zeros())
     };
     let head = "| bit | name | meaning | probable causes | what to do |\n|---:|---|---|---|---|\n";
-    head.to_owned() + &HealthBits::ABOUT.iter().map(row).collect::<String>()
+    head.to_owned() + &HealthBits::ABOUT.iter().enumerate().map(row).collect::<String>()
 }
 
 /// Every message that log, local socket or network carry.
 fn topics_table() -> String {
     let row = |topic: Topic| {
         let Row { about, message, log, kind, key, question, .. } = *topic.row();
+        // The channels of the log alone are in notes/flight-log.md.
+        if kind == 0 && key.is_none() && question.is_none() {
+            return None;
+        }
         let code = |name: &str| format!("`{name}`");
         let message = message.strip_prefix("plumbline.v1.")?;
         let (log, kind) =

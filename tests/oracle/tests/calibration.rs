@@ -2,16 +2,13 @@
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use opencv::core::{Mat, Point2f, Point3f, Size, TermCriteria, TermCriteria_Type, Vector};
+use opencv::imgcodecs::imwrite;
 use plumbline_boards::{chessboard, markers, refine};
 use plumbline_config::options::ImageRecording;
-use plumbline_config::{CameraModel, Config, GrayImage, Timestamp, ValidConfig, import};
-use plumbline_drivers::clock::monotonic_ns;
-use plumbline_drivers::frame_socket::FrameHeader;
-use plumbline_drivers::{StereoFrame, StopFlag};
-use plumbline_flight::flight::open_cameras_alone;
+use plumbline_config::{CameraModel, Config, Timestamp, ValidConfig, import};
+use plumbline_drivers::StereoFrame;
 use plumbline_flight::log::{Recorder, WhenFull};
-use plumbline_lab::calibrate::camera::images::{Images, make_folder, read};
-use plumbline_lab::calibrate::camera::live::{BoardCapture, LiveError, gather};
+use plumbline_lab::calibrate::camera::images::{Images, read};
 use plumbline_lab::calibrate::camera::recording::read_log;
 use plumbline_lab::calibrate::camera::result::Residual;
 use plumbline_lab::calibrate::camera::{
@@ -19,11 +16,7 @@ use plumbline_lab::calibrate::camera::{
 };
 use plumbline_oracle::boards::{Board, BoardCamera, poses};
 use plumbline_tests::shared;
-use std::io::Write as _;
-use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
 
 const OPENCV: Detector = Detector { markers, chessboard, refine };
 
@@ -135,7 +128,7 @@ fn assert_near(calibration: &Calibration, truth: &[CameraModel]) {
 }
 
 #[test]
-fn a_rendered_pair_before_an_aprilgrid_is_calibrated_live_and_by_what_was_kept_or_recorded() {
+fn a_rendered_pair_before_an_aprilgrid_is_calibrated_by_files_or_a_log() {
     let target: Target = "aprilgrid:6x6:0.088:0.3".parse().unwrap();
     let board = Board::print(target, true);
     let cameras = [
@@ -146,11 +139,11 @@ fn a_rendered_pair_before_an_aprilgrid_is_calibrated_live_and_by_what_was_kept_o
     let poses = poses(&cameras[0], &board, 0.75, 0.55, 14);
     let taken = pictures(&board, &cameras, &pose_c1_c0, &poses);
     let folder = tempfile::tempdir().unwrap();
-    let pairs = gathered(&taken, &cameras, &target, folder.path()).unwrap();
+    kept(&taken, folder.path());
+    let pairs = pairs_of(folder.path(), 60);
     // Files and logs hold the same pixels, so what is made of them is the same.
-    for others in [pairs_of(&folder.path().join("kept"), 60), recorded(&taken, &cameras, folder.path())] {
-        assert!(pairs.iter().map(|p| &p.images).eq(others.iter().map(|p| &p.images)));
-    }
+    let logged = recorded(&taken, &cameras, folder.path());
+    assert!(pairs.iter().map(|p| &p.images).eq(logged.iter().map(|p| &p.images)));
     let calibration = calibrated(&pairs, &target.to_string(), LensKind::RadialTangential).unwrap();
     assert_near(&calibration, &cameras);
     let pair = calibration.pair.unwrap();
@@ -159,79 +152,33 @@ fn a_rendered_pair_before_an_aprilgrid_is_calibrated_live_and_by_what_was_kept_o
     assert!(calibration.rms_px < 0.15 && calibration.views.len() == 14, "{} px", calibration.rms_px);
 }
 
-/// A configuration with cameras of these sizes, behind the socket `frames` in this folder.
-fn rig(cameras: &[CameraModel], folder: &Path) -> ValidConfig {
+/// Writes the pictures as PNG files.
+fn kept(taken: &[Pair], folder: &Path) {
+    for (pair, camera) in taken.iter().flat_map(|pair| [(pair, 0), (pair, 1)]) {
+        let (image, cam) = (pair.images[camera].as_ref().unwrap(), folder.join(format!("cam{camera}")));
+        std::fs::create_dir_all(&cam).unwrap();
+        let path = cam.join(format!("{}.png", pair.name));
+        let pixels =
+            Mat::new_rows_cols_with_data(image.height() as i32, image.width() as i32, image.pixels());
+        imwrite(path.to_str().unwrap(), &pixels.unwrap(), &Vector::new()).unwrap();
+    }
+}
+
+/// A configuration with cameras of these sizes that records their images.
+fn rig(cameras: &[CameraModel]) -> ValidConfig {
     let change = |config: &mut Config| {
         for (camera, model) in config.camera.iter_mut().zip(cameras) {
             (camera.width_px, camera.height_px) = (model.width_px, model.height_px);
             (camera.focal_px, camera.centre_px) = (model.focal_px.into(), model.centre_px.into());
         }
-        config.driver.frames.listen = folder.join("frames").display().to_string();
         config.recorder.images = ImageRecording::Png;
     };
     Config::preset("sim").unwrap().with("test", change).unwrap()
 }
 
-/// Pairs that are kept of live cameras before which these pictures are held, each until it was kept.
-fn gathered(
-    taken: &[Pair],
-    cameras: &[CameraModel],
-    target: &Target,
-    folder: &Path,
-) -> Result<Vec<Pair>, LiveError> {
-    let (config, stop, kept) = (rig(cameras, folder), StopFlag::new(), AtomicUsize::new(0));
-    let source = open_cameras_alone(&config, &stop).unwrap().source;
-    let sizes_px: Vec<_> = cameras.iter().map(|model| (model.width_px, model.height_px)).collect();
-    let gathering = BoardCapture {
-        target,
-        kind: LensKind::RadialTangential,
-        detector: &OPENCV,
-        sizes_px: &sizes_px,
-        most: 60,
-        folder: &folder.join("kept"),
-        end: Some(Instant::now() + Duration::from_secs(120)),
-    };
-    make_folder(gathering.folder, cameras.len(), false).unwrap();
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            show(taken, &folder.join("frames"), &kept);
-            stop.stop();
-        });
-        let frame = StereoFrame::new([sizes_px[0], sizes_px[1]]);
-        gather(source, frame, &gathering, &stop, &mut |gathered| {
-            kept.store(gathered.pairs, Ordering::Relaxed);
-        })
-    })
-}
-
-/// A program that sends each of these pairs until it was kept, or for two seconds.
-fn show(taken: &[Pair], socket: &Path, kept: &AtomicUsize) {
-    let mut sender = UnixStream::connect(socket).unwrap();
-    let mut sequence = 0;
-    for pair in taken {
-        let before = kept.load(Ordering::Relaxed);
-        for _ in 0..100 {
-            let images = pair.images.each_ref().map(|image| image.as_ref().unwrap());
-            let sizes_px = images.map(|image| (image.width() as u32, image.height() as u32));
-            let header = FrameHeader { sequence, stamp_ns: monotonic_ns(), sizes_px };
-            let [left, right] = images.map(GrayImage::pixels);
-            for bytes in [&header.encode()[..], left, right] {
-                if sender.write_all(bytes).is_err() {
-                    return;
-                }
-            }
-            sequence += 1;
-            std::thread::sleep(Duration::from_millis(20));
-            if kept.load(Ordering::Relaxed) > before {
-                break;
-            }
-        }
-    }
-}
-
 /// Returns the pictures as read back from a flight log.
 fn recorded(taken: &[Pair], cameras: &[CameraModel], folder: &Path) -> Vec<Pair> {
-    let (config, log) = (rig(cameras, folder), folder.join("log.mcap"));
+    let (config, log) = (rig(cameras), folder.join("log.mcap"));
     let recorder = Recorder::start(&log, &config, WhenFull::Wait).unwrap();
     for (k, pair) in taken.iter().enumerate() {
         let images = pair.images.each_ref().map(|image| image.clone().unwrap());

@@ -364,11 +364,9 @@ fn doctor_judges_the_sensors_that_are_plugged_in() {
     println!("{:#}", report["measures"]);
     let of = |name: &str| report["measures"].as_array().unwrap().iter().find(|m| m["name"] == name).unwrap();
     // The first seconds of a flight have no time at rest and few turns: what is there is good.
-    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure", "epipolar error"] {
+    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure"] {
         assert_eq!(of(name)["verdict"], "good", "{:#}", of(name));
     }
-    let figure = |name: &str, key: &str| of(name)["figures"][key].as_f64().unwrap();
-    assert!(figure("epipolar error", "median_px") < 0.3, "{report:#}");
     assert_eq!(report["source"], "the configured sensors");
 }
 

@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 /// Folders that hold no documents of ours.
 const NOT_OURS: [&str; 6] = ["target", ".git", ".venv", "out", "corpus", "node_modules"];
 /// Beginnings of texts in backticks that are paths in the repository.
-const ROOTS: [&str; 11] = [
+const ROOTS: [&str; 12] = [
     "config/",
     "estimator/",
     "drivers/",
     "runtime/",
     "tests/",
     "docs/",
+    "notes/",
     "scripts/",
     "fuzz/",
     "examples/",

@@ -127,7 +127,7 @@ fn a_few_kilobytes_that_expand_to_millions_of_records_are_refused() {
     let chunk = &one[mcap::MAGIC.len()..];
     std::fs::write(&path, [&one[..], chunk, chunk].concat()).unwrap();
     assert!(path.metadata().unwrap().len() < 65_000);
-    let error = Messages::new(&[BagFile::new(&path).unwrap()]).next().unwrap_err().to_string();
+    let error = Messages::new(std::slice::from_ref(&path)).next().unwrap_err().to_string();
     assert!(error.contains("expand to far more records"), "{error}");
 }
 
@@ -320,7 +320,7 @@ fn refusals_name_topics_sizes_and_encodings() {
     webp.sequence(b"RIFF\0\0\0\0WEBPVP8 ");
     write(&path, None, &[("/image/compressed", "sensor_msgs/msg/CompressedImage", webp.bytes)]);
     let words = refusal(&BagTopics::default(), &options());
-    assert!(words.contains("another format, a WebP image") && words.contains("baseline JPEG"), "{words}");
+    assert!(words.contains("another format") && words.contains("baseline JPEG"), "{words}");
 }
 
 /// A message of one quantity: zeros and -1 in the covariance stand for the other.

@@ -82,13 +82,6 @@ fn bags_of_ros_1_are_read_however_their_chunks_are_compressed() {
         std::fs::write(&path, bag(compression, &messages(Order::Ros1))).unwrap();
         check_whole(&path);
     }
-    let packed = folder.path().join("whole.bag.zstd");
-    std::fs::write(
-        &packed,
-        zstd::stream::encode_all(bag("lz4", &messages(Order::Ros1)).as_slice(), 1).unwrap(),
-    )
-    .unwrap();
-    check_whole(&packed);
 }
 
 #[test]

@@ -51,15 +51,15 @@ fn no_images_at_all() {
         std::fs::write(sample.image(1, i), b"\xff\xd8\xff\xe0 JFIF").unwrap();
     }
     let message = sample.refusal();
-    assert!(message.contains("cam1/data: none of the 12 images of data.csv can be read"), "{message}");
-    assert!(message.contains("is a JPEG image that cannot be read"), "{message}");
+    assert!(
+        message.contains("cam1/data: none of the 12 images of data.csv is a whole PNG or JPEG"),
+        "{message}"
+    );
 }
 
 #[test]
-fn formats_that_are_not_read_are_named_with_the_cure() {
-    for (ending, magic, name) in
-        [("tiff", &b"II*\0xxxx"[..], "TIFF"), ("pgm", b"P5 16 12 255 ", "PGM"), ("bmp", b"BM", "BMP")]
-    {
+fn formats_that_are_not_read_are_refused_with_the_cure() {
+    for (ending, magic) in [("tiff", &b"II*\0xxxx"[..]), ("pgm", b"P5 16 12 255 "), ("bmp", b"BM")] {
         for is_named in [true, false] {
             let sample = Sample::new();
             for i in 0..FRAMES {
@@ -72,7 +72,7 @@ fn formats_that_are_not_read_are_named_with_the_cure() {
                 });
             }
             let message = sample.refusal();
-            assert!(message.contains(&format!("is a {name} image; convert the images to PNG")), "{message}");
+            assert!(message.contains("convert the images to PNG"), "{message}");
         }
     }
 }
@@ -164,7 +164,7 @@ fn a_bad_table_shows_its_first_bad_line_and_what_is_wrong_with_it() {
     assert!(in_seconds.contains("line 1: the time '14037"), "{in_seconds}");
     assert!(in_seconds.contains("seconds, multiply it by 1e9"), "{in_seconds}");
     let semicolons = rewrite(&|line| line.replace(',', ";"));
-    assert!(semicolons.contains("separated by semicolons"), "{semicolons}");
+    assert!(semicolons.contains("commas separate columns"), "{semicolons}");
     let short = rewrite(&|line| line.rsplit_once(',').unwrap().0.to_owned());
     assert!(
         short.contains("ends before column 7") && short.contains("expected columns: timestamp"),

@@ -48,8 +48,6 @@ const UNSEEN_NAMED_S: f64 = 5.0;
 const LATELY_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
-/// Largest quality while forces are contradicted.
-const CONTRADICTED_QUALITY: i8 = 10;
 
 /// A sighted frame, and the motion that leads to it.
 #[derive(Clone, Copy, Debug)]
@@ -271,11 +269,6 @@ impl ForceWatch {
         self.is_named
     }
 
-    /// The quality of an estimate that would have `quality` if images and forces agreed.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
-    }
-
     /// Change of velocity over the newest span of twice `half` frames that the forces do not explain. `None` if there are fewer
     /// frames, or if it is not finite.
     fn unexplained(&self, half: usize, sigmas: &ForceSigmas) -> Option<Unexplained> {
@@ -293,10 +286,13 @@ impl ForceWatch {
         let off_m_s = off.norm();
         let of_images = a.covariance / h1.squared()
             + b.covariance * (1.0 / h1 + 1.0 / h2).squared()
-            + c.covariance / h2.squared();
-        let gravity_m_s2 = self.gravity_o.norm();
+            + c.covariance / h2.squared()
+            + first.within / h1.squared()
+            + second.within / h2.squared();
+        // A tilt that is off turns all that is felt.
+        let force_m_s2 = (first.gained + second.gained).norm() / (h1 + h2);
         let of_forces = sigmas.bias_m_s2.squared()
-            + (gravity_m_s2 * sigmas.tilt_rad).squared()
+            + (force_m_s2 * sigmas.tilt_rad).squared()
             + MODEL_SIGMA_M_S2.squared();
         let of_forces = of_forces * half_s.squared() + sigmas.noise.accel_density.squared() * 2.0 * half_s;
         let variance = variance_along(&of_images, &off) + of_forces;
@@ -325,6 +321,8 @@ impl ForceWatch {
 struct Joined<'a> {
     end: &'a Leg,
     span_s: f64,
+    /// Sum of the covariances of the frames within it, m²: each is sighted at one place, and the window has it at another.
+    within: Matrix3<f64>,
     /// Way as seen, m; gain of velocity, m/s, and way, m, by the forces alone.
     moved: Vector3<f64>,
     gained: Vector3<f64>,
@@ -338,9 +336,11 @@ fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Jo
     let zero = Vector3::zeros();
     let mut joined: Option<Joined<'a>> = None;
     for leg in legs.take(count) {
+        let within = joined.map_or(Matrix3::zeros(), |before| before.within + before.end.covariance);
         let before = joined.unwrap_or(Joined {
             end: leg,
             span_s: 0.0,
+            within,
             moved: zero,
             gained: zero,
             travelled: zero,
@@ -348,6 +348,7 @@ fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Jo
         });
         joined = Some(Joined {
             end: leg,
+            within,
             span_s: before.span_s + leg.dt_s,
             moved: before.moved + leg.moved,
             gained: before.gained + leg.gained,

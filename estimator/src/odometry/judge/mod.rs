@@ -71,6 +71,9 @@ use tracking::Tracking;
 use trial::{Tried, try_prediction};
 use unfelt_force::UnfeltForce;
 
+/// Largest quality while a sensor is contradicted: below what an autopilot flies with.
+const CONTRADICTED_QUALITY: i8 = 10;
+
 /// All watches.
 #[derive(Clone, Debug)]
 pub(super) struct Judge {
@@ -382,8 +385,15 @@ impl Judge {
 
     /// 0..=100 by landmarks in view and the certainty of the velocity, bounded while sensors contradict each other.
     pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
-        let quality = self.gyroscope.bounded(self.tracking.quality(estimation, in_view));
-        self.unfelt_force.bounded(self.scale.bounded(self.pair.bounded(self.forces.bounded(quality))))
+        let quality = self.tracking.quality(estimation, in_view);
+        let newest = estimation.window.frames.last();
+        let is_contradicted = self.gyroscope.is_contradicted()
+            || self.forces.is_contradicted()
+            || self.unfelt_force.is_contradicted()
+            || self.scale.is_contradicted()
+            || self.pair.is_out_of_step()
+            || newest.is_some_and(|newest| self.tracking.is_doubted_at(newest.stamp));
+        if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
     /// True while inertial samples are not believed.

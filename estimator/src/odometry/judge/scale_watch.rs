@@ -22,8 +22,6 @@ const MOST_UNEXPLAINED: f64 = 0.2;
 /// reach 1.9 standard deviations, then 0.11 off.
 const SHOWS_SIGMAS: f64 = 2.5;
 const LEAST_OFF: f64 = 0.06;
-/// Largest quality while they do.
-const CONTRADICTED_QUALITY: i8 = 10;
 
 /// Regression of seen gains of velocity by felt ones.
 #[derive(Clone, Copy, Debug, Default)]
@@ -75,11 +73,6 @@ impl ScaleWatch {
     pub(super) fn is_contradicted(&self) -> bool {
         self.is_contradicted
     }
-
-    /// The quality of an estimate that would have `quality` if the scales agreed.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
-    }
 }
 
 #[cfg(test)]
@@ -130,6 +123,5 @@ mod tests {
         let mut watch = ScaleWatch::default();
         (0..200).for_each(|k| watch.add(&compared(noise(f64::from(k)), Vector3::zeros()), 0.05));
         assert!(!watch.is_contradicted());
-        assert_eq!(watch.bounded(90), 90);
     }
 }

@@ -13,9 +13,8 @@ const MIN_LANDMARKS_IN_VIEW: usize = 5;
 const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
-/// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s, and the quality at most this.
+/// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s.
 const DOUBTED_S: f64 = 0.3;
-const DOUBTED_QUALITY: i8 = 10;
 /// Fewest known landmarks that hold an estimate while others are dropped as moving.
 const MIN_HOLDING: usize = 6;
 /// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
@@ -114,7 +113,7 @@ impl Tracking {
     }
 
     /// True if the velocity is that of a few images at `stamp`.
-    fn is_doubted_at(&self, stamp: Timestamp) -> bool {
+    pub(super) fn is_doubted_at(&self, stamp: Timestamp) -> bool {
         let is_within =
             |last: Option<Timestamp>, s: f64| last.is_some_and(|last| stamp.seconds_since(last) < s);
         is_within(self.doubted, DOUBTED_S) || is_within(self.distrusted, self.distrusted_s)
@@ -185,10 +184,7 @@ impl Tracking {
         let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
         let by_velocity =
             (1.0 - estimation.velocity_sigma_m_s() / self.options.max_velocity_sigma_m_s).clamp(0.0, 1.0);
-        let quality = (100.0 * by_landmarks.at_most(by_velocity)).round() as i8;
-        let newest = estimation.window.frames.last();
-        let is_doubtful = newest.is_some_and(|newest| self.is_doubted_at(newest.stamp));
-        if is_doubtful { quality.min(DOUBTED_QUALITY) } else { quality }
+        (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
     }
 }
 

@@ -20,8 +20,6 @@ use plumbline_config::Portable;
 
 /// Sum that decides: three axes with a span of 0.8 s each make 13,500 trials an hour, of which `exp(-16)` each are wrong: one in a thousand hours.
 const DECIDES: f64 = 16.0;
-/// Largest quality while an axis is contradicted.
-const CONTRADICTED_QUALITY: i8 = 10;
 
 /// Evidence against the axes of the accelerometer.
 #[derive(Clone, Debug, Default)]
@@ -63,11 +61,6 @@ impl UnfeltForce {
     /// True if an axis does not feel what the images show.
     pub(super) fn is_contradicted(&self) -> bool {
         self.is_unfelt.contains(&true)
-    }
-
-    /// The quality of an estimate that would have `quality` if all axes measured.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.is_contradicted() { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 }
 

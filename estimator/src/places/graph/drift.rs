@@ -15,7 +15,7 @@ use super::edge::{Edge, EdgeKind, Node, chained, turn, wrapped};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Errors of steps add up to so much more than the covariances that the window gives them, as a factor on the standard
-/// deviation: neighbouring steps share landmarks and biases. See `docs/lab/places.md`.
+/// deviation: neighbouring steps share landmarks and biases. See `notes/places.md`.
 const INFLATION: f64 = 3.0;
 /// Further drift of the odometry, m per root of a metre of path.
 const DRIFT_M: f64 = 0.02;

@@ -45,7 +45,7 @@ impl Default for LocatorOptions {
             min_spread: 4,
             max_sigma_m: 0.08,
             max_sigma_rad: 0.03,
-            // This, and the errors of poses by motion capture, were found as `docs/lab/places.md` tells.
+            // This, and the errors of poses by motion capture, were found as `notes/places.md` tells.
             max_independent: 30.0,
             max_points: 1600,
             map_sigma_m: 0.005,

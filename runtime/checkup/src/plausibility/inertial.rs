@@ -1,8 +1,9 @@
 //! The magnitudes of inertial samples: gravity is always there, and nobody turns at twenty radians a second for long.
 
 use super::Finding;
+use crate::mounting::UPSIDE_DOWN_CAUSE;
 use crate::statistics::quantile;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, median};
 
 /// Samples that are looked at: twenty seconds at 200 Hz.
@@ -25,8 +26,13 @@ const MAX_RUN: u64 = 8;
 const MIN_RUNS: u64 = 10;
 /// Share of samples that repeat the one before.
 const REPEATED: f64 = 0.1;
-/// Median of the rotation rate beyond which nothing flies, rad/s.
-const MAX_MEDIAN_RATE_RAD_S: f64 = 20.0;
+/// Median of the rotation rate beyond which nothing flies: a whole turn each second, rad/s.
+const MAX_MEDIAN_RATE_RAD_S: f64 = std::f64::consts::TAU;
+
+/// Samples of a mean, in which vibration averages out: half a second at 200 Hz.
+const MEAN_OF: usize = 100;
+/// Cosine of the angle between the mean force and the vehicle's vertical beyond which it is upside down, and samples that it takes.
+const DOWN: (f64, usize) = (-0.8, 1000);
 
 /// Finding about an accelerometer that does not measure gravity; cures where gravity is taken out, and where the unit is unknown.
 pub const NOT_GRAVITY: &str = "the accelerometer does not measure gravity";
@@ -38,6 +44,9 @@ pub(crate) const ANOTHER_UNIT: &str = "write it in m/s^2, gravity included";
 pub struct Magnitudes {
     accel: Vec<f64>,
     gyro: Vec<f64>,
+    /// Magnitudes of the means of the specific force, and the sum of the present one.
+    means: Vec<f64>,
+    mean: Vector3<f64>,
     /// Sum of the specific forces.
     force: Vector3<f64>,
     zeros: [Zeros; 2],
@@ -77,6 +86,8 @@ impl Default for Magnitudes {
         Self {
             accel: room(),
             gyro: room(),
+            means: Vec::with_capacity(MAX_SAMPLES / MEAN_OF),
+            mean: Vector3::zeros(),
             force: Vector3::zeros(),
             zeros: [Zeros::default(); 2],
             last: None,
@@ -93,6 +104,10 @@ impl Magnitudes {
             self.accel.push(sample.accel.norm());
             self.gyro.push(sample.gyro.norm());
             self.force += sample.accel;
+            self.mean += sample.accel / MEAN_OF as f64;
+            if self.accel.len().is_multiple_of(MEAN_OF) {
+                self.means.push(std::mem::take(&mut self.mean).norm());
+            }
             self.zeros[0].add(sample.gyro == Vector3::zeros());
             self.zeros[1].add(sample.accel == Vector3::zeros());
             let is_same =
@@ -106,7 +121,7 @@ impl Magnitudes {
     /// Columns and units that cannot be right.
     #[must_use]
     pub fn nonsense(&self) -> Vec<Finding> {
-        let medians = [&self.accel, &self.gyro].map(|values| median(values.iter().copied()));
+        let medians = [&self.means, &self.gyro].map(|values| median(values.iter().copied()));
         let [Some(accel), Some(gyro)] = medians else { return Vec::new() };
         if self.accel.len() < MIN_SAMPLES {
             return Vec::new();
@@ -127,9 +142,27 @@ impl Magnitudes {
             findings.push(not_gravity(accel, self.is_steady(accel)));
         }
         if gyro > MAX_MEDIAN_RATE_RAD_S {
-            findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
+            findings.push(Finding::new(
+                "the gyroscope turns faster than a vehicle can",
+                format!("median rate {gyro:.1} rad/s"),
+                "that it is in degrees a second",
+                "multiply it by pi/180: rad/s is expected",
+            ));
         }
         findings
+    }
+
+    /// Gravity that points upwards in the vehicle for five seconds.
+    pub(super) fn upside_down(&self, rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
+        let up_v = (rot_v_b? * self.force).try_normalize(1e-6)?;
+        (self.accel.len() >= DOWN.1 && up_v.z < DOWN.0).then(|| {
+            Finding::new(
+                "gravity points upwards in the vehicle",
+                format!("mean force at {:.0} degrees from upwards", up_v.z.acos().to_degrees()),
+                UPSIDE_DOWN_CAUSE,
+                "correct `vehicle.imu_to_vehicle_deg`, or the signs of the accelerometer",
+            )
+        })
     }
 
     /// Rows in which one of the two sensors is zero, and measures in others.

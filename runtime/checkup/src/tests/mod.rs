@@ -1,9 +1,9 @@
 //! Every fault that a rig can have, put into a simulated flight, is found by its name; the flight as it is, and a real
 //! recording, are fit.
 
+mod drawn;
 mod faults;
-mod frozen;
-mod pairs;
+mod fitted;
 mod recorded;
 
 use crate::{Checkup, CheckupReport, Fitness, Frame};

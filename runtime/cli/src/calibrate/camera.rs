@@ -1,6 +1,6 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
-use super::{live, output as written};
+use super::output as written;
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
 use crate::{Usage, load_config, say};
@@ -17,7 +17,6 @@ use plumbline_lab::calibrate::camera::{
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
-  plumbline calibrate camera live --config drone.toml --target aprilgrid:6x6:0.088:0.3 --out my.toml
   plumbline calibrate camera recording --target aprilgrid:6x6:0.088:0.3 --out my.toml
   plumbline calibrate camera recording --target charuco:11x8:0.03:0.022:5X5_100 --out my.toml --rate 30
   plumbline calibrate camera recording --target chessboard:9x6:0.025 --mono --out my.toml
@@ -31,8 +30,6 @@ docs/calibration.md explains what to print, how to move the board, and how to ju
 
 /// Default limit of images: more take longer and add little.
 const MOST_IMAGES: u32 = 60;
-/// The source that is no file; a folder of that name is `./live`.
-const LIVE: &str = "live";
 const DEFAULT_BASE: &str = "euroc";
 
 /// Arguments of `plumbline calibrate camera`.
@@ -40,8 +37,7 @@ const DEFAULT_BASE: &str = "euroc";
 #[command(after_help = EXAMPLES)]
 pub struct CameraArgs {
     /// A folder with cam0/ and, for two cameras, cam1/ (PNG; images of the same moment have the same name), a EuRoC
-    /// data set, a flight log (.mcap) with images, a ROS bag, or `live`: the cameras of --config, in front of which you
-    /// move the board.
+    /// data set, a flight log (.mcap) with images, or a ROS bag.
     #[arg(value_name = "SOURCE")]
     source: PathBuf,
     /// Topics of a bag.
@@ -50,8 +46,6 @@ pub struct CameraArgs {
     /// The board, such as aprilgrid:6x6:0.088:0.3; see below.
     #[arg(long, value_name = "BOARD")]
     target: Target,
-    #[command(flatten)]
-    live: live::LiveArgs,
     /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
@@ -64,11 +58,10 @@ pub struct CameraArgs {
     /// Frame rate of the cameras in flight, Hz. Default: the rate in --base.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Configuration file or preset for all other values, such as the pose of the left camera on the IMU. Default:
-    /// --config, or the preset `euroc`.
-    #[arg(long, value_name = "FILE|PRESET")]
-    base: Option<PathBuf>,
-    /// Largest number of images or pairs: evenly spaced in a recording, or the first ones that `live` keeps.
+    /// Configuration file or preset for all other values, such as the pose of the left camera on the IMU.
+    #[arg(long, value_name = "FILE|PRESET", default_value = DEFAULT_BASE)]
+    base: PathBuf,
+    /// Largest number of images or pairs, evenly spaced in the recording.
     #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
     max_images: u32,
     /// Replace an existing file.
@@ -114,17 +107,13 @@ pub fn run(args: &CameraArgs) -> Result<()> {
     check_recorded(&args.source)?;
     let detector = detector()?;
     check(args)?;
-    let base_name = args.base_name();
-    let base = load_config(Some(&base_name))?.context("a base was named")?;
-    let (pairs, source) = match args.is_live() {
-        true => live::pairs(&args.live, &args.out, &args.wanted(&detector))?,
-        false => (read_pairs(args)?, args.source.display().to_string()),
-    };
+    let base = load_config(Some(&args.base))?.context("a base was named")?;
+    let (pairs, source) = (read_pairs(args)?, args.source.display().to_string());
     let calibration = calibrated(args, &pairs, &detector).with_context(|| source.clone())?;
     say(table::views(&calibration));
     let origin = args.out.display().to_string();
     let config = output::configuration(&base, &calibration, args.rate, &origin)?;
-    let text = output::text(&config, &calibration, &source, &base_name.display().to_string())?;
+    let text = output::text(&config, &calibration, &source, &args.base.display().to_string())?;
     // What is written is what will be read.
     Config::from_toml_str(&text, &origin)?;
     std::fs::write(&args.out, &text).with_context(|| origin.clone())?;
@@ -149,32 +138,9 @@ fn detector() -> Result<Detector> {
     Err(Usage(message.into()).into())
 }
 
-impl CameraArgs {
-    /// True if the images come from cameras.
-    fn is_live(&self) -> bool {
-        self.source.as_os_str() == LIVE
-    }
-
-    /// Request to live cameras.
-    fn wanted<'a>(&'a self, detector: &'a Detector) -> live::Wanted<'a> {
-        let (kind, most) = (self.lens.into(), self.max_images as usize);
-        live::Wanted { target: &self.target, kind, detector, mono: self.mono, most }
-    }
-
-    /// Base of the configuration: all that is not calibrated is taken from it.
-    fn base_name(&self) -> PathBuf {
-        let named = self.base.as_ref().or(self.live.config.as_ref());
-        named.cloned().unwrap_or_else(|| PathBuf::from(DEFAULT_BASE))
-    }
-}
-
 /// Refuses what could not be written or would be overwritten, before the work.
 fn check(args: &CameraArgs) -> Result<()> {
     written::check(&args.out, args.overwrite)?;
-    match args.is_live() {
-        true => live::check(&args.live, &args.out, args.overwrite)?,
-        false => live::check_absent(&args.live)?,
-    }
     if args.rate.is_some_and(|rate| !(rate.is_finite() && rate > 0.0)) {
         return Err(Usage("--rate: give frames a second, such as 20".into()).into());
     }

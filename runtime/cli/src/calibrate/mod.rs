@@ -1,7 +1,6 @@
 //! `plumbline calibrate`: the sensors before a flight.
 
 mod camera;
-mod live;
 mod output;
 mod rig;
 

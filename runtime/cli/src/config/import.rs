@@ -95,7 +95,10 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     say(summary(&back, &args.out));
     // A simulated data set states its mounting, and its noise is the true one.
     if args.noise == Noise::Files && !is_stated {
-        say(noise_in_words(args.inflate));
+        say(noise_in_words(args));
+    }
+    if args.euroc.is_none() && args.camera_rate.is_none() {
+        say("rates       of --base where the files state none: check them, or give --camera-rate");
     }
     warn_of_doubts(&back);
     Ok(())
@@ -138,13 +141,13 @@ fn imported(args: &ImportArgs) -> Result<(ValidConfig, bool)> {
 }
 
 /// Validity of the noise densities.
-fn noise_in_words(inflate: f64) -> String {
-    match inflate > 1.0 {
-        true => format!("noise       white noise of the files times {inflate}"),
-        false => "noise       as in the files, which holds for a sensor at rest; for flight, give --inflate 10 (vibration of the \
-                  motors makes it larger)"
-            .into(),
-    }
+fn noise_in_words(args: &ImportArgs) -> String {
+    let how = match (args.inflate > 1.0, &args.rig) {
+        (true, _) => return format!("noise       white noise of the files times {}", args.inflate),
+        (false, Some(_)) => "as in the file, tuned for another program; for flight, give --noise base",
+        (false, None) => "as in the files, which holds for a sensor at rest; for flight, give --inflate 10",
+    };
+    format!("noise       {how}")
 }
 
 /// Says in the file where it comes from.

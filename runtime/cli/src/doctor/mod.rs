@@ -36,7 +36,7 @@ const EXAMPLES: &str = "Examples:
 To measure the mounting of the IMU, let the vehicle stand level for three seconds, lift its nose by 30 degrees, and put it down \
 again. Then turn it by hand about all axes in front of a textured scene. Gravity and biases are measured at rest, time offset and \
 rotation between camera and IMU in motion, vibration with running motors. \
-Exit status 1 means that something is not fit for a flight.";
+Exit status 1: something is not fit for a flight. Exit status 4: the data do not show everything that a flight needs.";
 
 /// Seconds of data that are looked at without `--seconds`.
 const SECONDS: f64 = 30.0;
@@ -163,6 +163,10 @@ fn tell(
     if !against.is_empty() {
         bail!("not fit to fly: {}", against.join(", "));
     }
+    let missing: Vec<&Measure> = sensors.iter().flat_map(|(_, report)| report.missing()).collect();
+    if !missing.is_empty() {
+        return Err(NotShown::of(&missing).into());
+    }
     if !args.json {
         let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).map(|(name, _)| *name);
         let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).map(|m| m.name);
@@ -170,6 +174,23 @@ fn tell(
         say(format_args!("\n{}", fit(&to_mend, host.is_some(), sensors.as_ref())));
     }
     Ok(())
+}
+
+/// Data that do not show everything that a flight needs.
+#[derive(Debug, thiserror::Error)]
+#[error("not shown: {names}; fly this: {motions}")]
+pub struct NotShown {
+    names: String,
+    motions: String,
+}
+
+impl NotShown {
+    fn of(missing: &[&Measure]) -> Self {
+        let mut motions: Vec<&str> = missing.iter().filter_map(|measure| measure.motion).collect();
+        motions.dedup();
+        let names: Vec<&str> = missing.iter().map(|measure| measure.name).collect();
+        Self { names: names.join(", "), motions: motions.join("; ") }
+    }
 }
 
 fn all_checks(host: Option<&(Vec<Check>, TaskTable)>) -> &[Check] {
@@ -192,26 +213,9 @@ fn fit(to_mend: &[&str], has_host: bool, sensors: Option<&(String, CheckupReport
         [one] => format!(", with one thing to mend ({one})"),
         several => format!(", with {} things to mend ({})", several.len(), several.join(", ")),
     };
-    let aside = left_aside(has_host, sensors);
-    let of_measures = |verdict| {
-        let measures = sensors.iter().flat_map(|(_, report)| &report.measures);
-        measures.filter(|measure| measure.verdict == verdict).map(|measure| measure.name).collect::<Vec<_>>()
-    };
-    let open = [
-        ("Not looked at", aside),
-        ("Not measured, for the reasons above", of_measures(Fitness::NotMeasured)),
-        ("Measured too poorly for a verdict", of_measures(Fitness::Uncertain)),
-    ];
-    let open = open.into_iter().filter(|(_, names)| !names.is_empty());
-    let open: String = open.map(|(why, names)| format!(" {why}: {}.", names.join(", "))).collect();
-    let so_far = if open.is_empty() { "" } else { ", as far as was looked at" };
-    format!("{what}{mend}{so_far}.{open}")
-}
-
-/// Subjects that a verdict does not cover.
-fn not_looked_at(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
-    let measures = sensors.iter().flat_map(|(_, report)| report.open());
-    left_aside(has_host, sensors).into_iter().chain(measures).collect()
+    let aside = left_aside(has_host, sensors).join(", ");
+    let aside = if aside.is_empty() { String::new() } else { format!(" Not looked at: {aside}.") };
+    format!("{what}{mend}.{aside}")
 }
 
 /// Subjects that were not to be looked at.
@@ -271,8 +275,9 @@ fn lines(name: &str, report: &CheckupReport) -> Vec<String> {
 fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, CheckupReport)>) -> Value {
     let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
     let mut all = json!({
-        "fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit()),
-        "not_looked_at": not_looked_at(host.is_some(), sensors),
+        "fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit() && report.missing().next().is_none()),
+        "not_looked_at": left_aside(host.is_some(), sensors),
+        "not_shown": sensors.iter().flat_map(|(_, report)| report.missing()).map(|m| m.name).collect::<Vec<_>>(),
     });
     if let Some((checks, _)) = host {
         let checks = checks.iter().map(|(name, verdict)| {

@@ -3,40 +3,35 @@
 use super::super::log_lines;
 use plumbline_ground::fleet::Fleet;
 use plumbline_ground::view;
+use std::collections::VecDeque;
 use std::io::Write as _;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// Shows the view in the terminal, with the log in a pane of it. What was logged meanwhile stays in the terminal afterwards.
+/// Lines of the log that wait for the end of the view.
+const MAX_LINES: usize = 200;
+
+/// Shows the view in the terminal. What is logged meanwhile is written to the terminal afterwards.
 pub fn show(
     fleet: &Mutex<Fleet>,
     about: &str,
     is_over: &impl Fn() -> bool,
     stop: &AtomicBool,
 ) -> std::io::Result<()> {
-    let log = LogInView::start();
-    view::show(fleet, &log.pane, about, is_over, stop)
-}
-
-/// Lines of the log go into a pane as long as this is there, and are written to the terminal when it goes.
-struct LogInView {
-    pane: Arc<view::LogPane>,
-    redirected: Option<log_lines::Redirected>,
-}
-
-impl LogInView {
-    fn start() -> Self {
-        let pane = Arc::new(view::LogPane::new());
-        let lines_to = Arc::clone(&pane);
-        Self { pane, redirected: Some(log_lines::redirect(move |line| lines_to.push(line))) }
-    }
-}
-
-impl Drop for LogInView {
-    fn drop(&mut self) {
-        drop(self.redirected.take());
-        // A terminal that is gone takes no lines.
-        let mut stderr = std::io::stderr().lock();
-        let _ = self.pane.take().iter().try_for_each(|line| writeln!(stderr, "{line}"));
-    }
+    let waiting = Arc::new(Mutex::new(VecDeque::<Vec<u8>>::new()));
+    let lines = Arc::clone(&waiting);
+    let redirected = log_lines::redirect(move |line| {
+        let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() == MAX_LINES {
+            lines.pop_front();
+        }
+        lines.push_back(line.to_owned());
+    });
+    let shown = view::show(fleet, about, is_over, stop);
+    drop(redirected);
+    // A terminal that is gone takes no lines.
+    let (mut stderr, waiting) =
+        (std::io::stderr().lock(), waiting.lock().unwrap_or_else(PoisonError::into_inner));
+    let _ = waiting.iter().try_for_each(|line| stderr.write_all(line));
+    shown
 }

@@ -43,11 +43,10 @@ pub fn start_outputs(
 
 /// Options of the network process.
 fn publishing(args: &ReplayArgs, config: &ValidConfig) -> Result<LinkOptions, Usage> {
+    let link = args.run.link(false);
     if config.ros.enabled {
         check_mounting(config)?;
-    }
-    let link = args.run.link(false);
-    if !has_network(&config.network, &link) {
+    } else if !has_network(&config.network, &link) {
         tracing::warn!(
             "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
         );

@@ -1,64 +1,49 @@
 //! `plumbline report`: one archive to send with a question.
 
 mod archive;
-mod events;
+mod health;
 mod privacy;
 
-use super::progress::Progress;
-use super::simulated::simulated;
-use super::topics::TopicArgs;
-use super::{Usage, check_outputs, doctor, load_config, say, stop_on_signal};
+use super::{Usage, check_outputs, doctor, say};
 use anyhow::{Context, Result};
 use archive::ReportArchive;
 use clap::Args;
-use events::{events, events_csv, health_csv};
+use health::health_csv;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::BagTopics;
 use plumbline_estimator::Estimate;
-use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::{KeptStates, RecordingKind, fly, open_recording, recording_kind};
-use plumbline_flight::log::LogReader;
 use plumbline_flight::log::build_id::BuildId;
 use plumbline_flight::log::channel::Channel;
 use plumbline_flight::log::cursor::Cursor;
-use plumbline_flight::log::inventory;
-use plumbline_flight::pipeline::{Control, RunOptions};
-use plumbline_lab::report::{Report, late_findings};
+use plumbline_flight::log::{LogReader, inventory};
 use privacy::{LEFT_OUT, Secrets};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Seconds of sensor data that are judged.
 const DOCTOR_S: f64 = 60.0;
-const EXAMPLES: &str = "The archive (.tar.gz) holds: the configuration, versions, what happened and when, health over time, and the findings of the flight \
-and of `plumbline doctor` about the sensor data.
+const EXAMPLES: &str = "The archive (.tar.gz) holds: the configuration, versions, health over time, and the findings of `plumbline doctor` about the \
+sensor data.
 
 Left out: certificates, keys, passwords, addresses, paths, serial numbers, names of hosts and users, and images. Look at it before you send it: it is text.
 
-Examples:
-  plumbline report log.mcap --out report.tar.gz     a flight log, as it was flown
-  plumbline report V1_01_easy --out report.tar.gz   a recording, which is flown first";
+Example:
+  plumbline report log.mcap --out report.tar.gz
+A recording is flown into a log first: plumbline replay RECORDING --record log.mcap";
 
 /// Arguments of `plumbline report`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReportArgs {
-    /// Flight log, EuRoC data set, ROS bag (with --config), or simulated flight (sim:room?duration=10). All but a log are flown
-    /// first.
-    #[arg(value_name = "LOG|RECORDING")]
-    pub source: String,
+    /// Flight log.
+    #[arg(value_name = "LOG.mcap")]
+    pub log: PathBuf,
     /// Archive to write.
     #[arg(long, value_name = "OUT.tar.gz")]
     pub out: PathBuf,
-    /// Configuration file or preset of what is flown. Default: as for `plumbline replay`.
-    #[arg(long, value_name = "FILE|PRESET")]
-    pub config: Option<PathBuf>,
     /// Leave addresses, paths and names in the configuration and in texts. Keys and certificates are never read.
     #[arg(long)]
     pub with_addresses: bool,
-    /// Topics of a bag.
-    #[command(flatten)]
-    pub topics: TopicArgs,
 }
 
 /// Data of the flight that the report is made of.
@@ -66,8 +51,6 @@ struct Known {
     config: ValidConfig,
     rows: Vec<Estimate>,
     about: Value,
-    /// Report of the flight, where it was flown now.
-    report: Option<Value>,
 }
 
 /// Runs the command.
@@ -82,15 +65,15 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         );
     }
     check_outputs([&args.out])?;
-    let topics = args.topics.names()?;
-    let known = known(args, &topics)?;
+    super::simulated::check_recorded(&args.log)?;
+    let known = known(&args.log)?;
     let secrets = match args.with_addresses {
         true => Secrets::default(),
-        false => Secrets::of_machine(&args.source),
+        false => Secrets::of_machine(&args.log),
     };
     let written = || args.out.display().to_string();
     let mut archive = ReportArchive::create(&args.out).with_context(written)?;
-    for (name, text) in files(args, &topics, &known, &secrets)? {
+    for (name, text) in files(args, &known, &secrets)? {
         archive.add(name, text.as_bytes()).with_context(written)?;
     }
     archive.finish().with_context(written)?;
@@ -103,53 +86,27 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     Ok(())
 }
 
-/// Reads or flies the source.
-fn known(args: &ReportArgs, topics: &BagTopics) -> Result<Known> {
-    let path = Path::new(&args.source);
-    let own = own_build();
-    if path.is_file() && recording_kind(path) == RecordingKind::Log {
-        let mut reader = LogReader::open(path)?;
-        let about = reader.about().clone();
-        let held = inventory::take(&mut reader);
-        let held = match held {
-            Ok(held) => json!({
-                "duration_s": held.duration_s,
-                "ending": format!("{:?}", held.ending),
-                "dropped": held.dropped.to_string(),
-                "inputs_changed": held.inputs_changed,
-            }),
-            Err(error) => json!({ "damaged": error.to_string() }),
-        };
-        let build = &about.build;
-        let log = json!({
-            "flight": about.flight, "part": about.part, "parts": reader.parts(), "images": format!("{:?}", about.images),
-            "config_sha256": about.config_hash, "holds": held, "build": as_json(build),
-            "is_of_this_build": build.is_same_executable(BuildId::current()),
-        });
-        let about_json = json!({ "this_build": own, "log": log });
-        let rows = logged_states(path)?;
-        return Ok(Known { config: about.config, rows, about: about_json, report: None });
-    }
-    let config = load_config(args.config.as_deref())?;
-    let flight = match simulated(&args.source)? {
-        Some(simulated) => simulated.open(config, None)?,
-        None => open_recording(path, config, topics, None, false)?,
+/// Reads the log.
+fn known(path: &Path) -> Result<Known> {
+    let mut reader = LogReader::open(path)?;
+    let about = reader.about().clone();
+    let held = match inventory::take(&mut reader) {
+        Ok(held) => json!({
+            "duration_s": held.duration_s,
+            "ending": format!("{:?}", held.ending),
+            "dropped": held.dropped.to_string(),
+            "inputs_changed": held.inputs_changed,
+        }),
+        Err(error) => json!({ "damaged": error.to_string() }),
     };
-    let control = Control::stopped_by(stop_on_signal()?);
-    let mut states = KeptStates::for_flight(&flight);
-    let mut progress = Progress::bar(flight.stereo.expected_frames())?;
-    let mut watch = Watch::start(&flight.config, false, flight.findings.clone(), None)?;
-    let file_defects = flight.file_defects.clone();
-    let options = RunOptions { speed: None, threads: 2 };
-    let flown = fly(flight, &options, &control, vec![&mut states, &mut progress, &mut watch]);
-    progress.finish();
-    let flown = flown?;
-    let mut findings = watch.finish();
-    findings.extend(late_findings(&flown, None, &file_defects, &findings));
-    let report = serde_json::to_value(Report::new(&flown).warning_of(findings))?;
-    let rows = states.into_rows();
-    let about = json!({ "this_build": own });
-    Ok(Known { config: flown.config, rows, about, report: Some(report) })
+    let build = &about.build;
+    let log = json!({
+        "flight": about.flight, "part": about.part, "parts": reader.parts(), "images": format!("{:?}", about.images),
+        "config_sha256": about.config_hash, "holds": held, "build": as_json(build),
+        "is_of_this_build": build.is_same_executable(BuildId::current()),
+    });
+    let about_json = json!({ "this_build": own_build(), "log": log });
+    Ok(Known { config: about.config, rows: logged_states(path)?, about: about_json })
 }
 
 /// The estimates that a flight log holds, as they were recorded.
@@ -179,25 +136,15 @@ fn as_json(build: &BuildId) -> Value {
 }
 
 /// All files, with their names. Tables have figures and names of our own alone, and need no scrubbing.
-fn files(
-    args: &ReportArgs,
-    topics: &BagTopics,
-    known: &Known,
-    secrets: &Secrets,
-) -> Result<Vec<(&'static str, String)>> {
+fn files(args: &ReportArgs, known: &Known, secrets: &Secrets) -> Result<[(&'static str, String); 5]> {
     let toml = known.config.to_toml()?;
-    let mut files = vec![
+    Ok([
         ("README.txt", readme(args, secrets)),
         ("config.toml", if args.with_addresses { toml } else { privacy::redacted(&toml) }),
         ("about.json", secrets.scrubbed(&serde_json::to_string_pretty(&known.about)?)),
-        ("events.csv", events_csv(&events(&known.rows))),
         ("health.csv", health_csv(&known.rows)),
-        ("doctor.txt", secrets.scrubbed(&doctor_words(args, topics, known))),
-    ];
-    if let Some(report) = &known.report {
-        files.push(("report.json", secrets.scrubbed(&serde_json::to_string_pretty(report)?)));
-    }
-    Ok(files)
+        ("doctor.txt", secrets.scrubbed(&doctor_words(args, known))),
+    ])
 }
 
 /// Words that say what the archive holds.
@@ -211,24 +158,20 @@ fn readme(args: &ReportArgs, secrets: &Secrets) -> String {
 
 config.toml  configuration of the flight
 about.json   versions of the program, of the kernel, and of what wrote the log
-events.csv   resets, losses, gaps and health bits, with their times
-health.csv   health, quality and standard deviation, a row a second
+health.csv   state, resets, health, quality and standard deviation, a row a second
 doctor.txt   what `plumbline doctor` says of the sensor data
-report.json  report of the flight, with warnings (not of a log)
 
 Left out: certificates, keys, passwords, images{left_out}. In the configuration they read \"{LEFT_OUT}\".
 ",
-        secrets.scrubbed(&args.source),
+        secrets.scrubbed(&args.log.display().to_string()),
         env!("CARGO_PKG_VERSION")
     )
 }
 
 /// Findings of the doctor about the sensor data, or the reason why there are none.
-fn doctor_words(args: &ReportArgs, topics: &BagTopics, known: &Known) -> String {
-    if args.source.starts_with("sim:") {
-        return "not looked at: the flight is simulated\n".into();
-    }
-    match doctor::of_recording(&args.source, known.config.clone(), topics, DOCTOR_S) {
+fn doctor_words(args: &ReportArgs, known: &Known) -> String {
+    let (log, topics) = (args.log.display().to_string(), BagTopics::default());
+    match doctor::of_recording(&log, known.config.clone(), &topics, DOCTOR_S) {
         Ok(lines) => lines.join("\n") + "\n",
         Err(error) => format!("not looked at: {}\n", super::one_line(&error)),
     }

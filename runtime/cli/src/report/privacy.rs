@@ -7,7 +7,7 @@ use std::path::Path;
 pub const LEFT_OUT: &str = "(left out)";
 
 /// Keys whose values are words of the configuration itself.
-const KEPT: [&str; 16] = [
+const KEPT: [&str; 15] = [
     "clock",
     "commands",
     "distribution",
@@ -23,7 +23,6 @@ const KEPT: [&str; 16] = [
     "pair_by",
     "protocol",
     "stamp",
-    "trigger_exposure",
 ];
 
 /// The text of a configuration (TOML, one key a line) without its private strings. The scheme of an address is kept.
@@ -84,14 +83,13 @@ pub struct Secrets {
 
 impl Secrets {
     /// Secrets of this machine, and the folder of `input`.
-    pub fn of_machine(input: &str) -> Self {
+    pub fn of_machine(input: &Path) -> Self {
         let read = |path: &str| std::fs::read_to_string(path).ok();
         let hosts = ["/proc/sys/kernel/hostname", "/etc/hostname", "/etc/machine-id"].map(read);
         let users = ["USER", "LOGNAME"].map(|name| std::env::var(name).ok());
         let homes =
             [std::env::var("HOME").ok(), std::env::current_dir().ok().map(|path| path.display().to_string())];
-        let path = Path::new(input);
-        let folders = [path.canonicalize().unwrap_or_default().parent(), path.parent()]
+        let folders = [input.canonicalize().unwrap_or_default().parent(), input.parent()]
             .map(|folder| folder.map(|folder| folder.display().to_string()));
         let hosts = hosts.into_iter().flatten().map(|word| (word, "(host)"));
         let users = users.into_iter().flatten().map(|word| (word, "(user)"));

@@ -1,26 +1,30 @@
 //! RealSense D435i and D455.
 
 use super::{Found, SetupOptions, ask, finish, one_camera, preset, stable_path};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use nalgebra::{Isometry3, Translation3};
 use plumbline_config::Config;
 use plumbline_config::options::rows_from_isometry;
 use plumbline_drivers::iio::devices::devices_below;
 use plumbline_drivers::iio::{IioDeviceInfo, IioRoots};
-use plumbline_drivers::realsense::{
-    AUTO_EXPOSURE, EMITTER, EXPOSURE, MAX_TABLE_BYTES, Model, RectifiedSize, StereoTable, UNIT, VENDOR,
-    read_table,
-};
 use plumbline_drivers::v4l2::{cameras, set_controls};
 use plumbline_drivers::video_nodes::UsbCamera;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Format of both infrared images in one.
 const FORMAT: &str = "Y8I";
 /// Interface and index of the node with the infrared images, where no device can be asked.
 const INFRARED: (Option<u8>, u32) = (Some(0), 2);
+/// Intel's identifier on USB, and the products with the presets of their rigs.
+const VENDOR: u16 = 0x8086;
+const MODELS: [(u16, &str); 2] = [(0x0b3a, "realsense-d435i"), (0x0b5c, "realsense-d455")];
+/// Extension unit of the stereo module, and its controls: emitter (1 byte, 0 is off), exposure (4 bytes, us) and automatic exposure
+/// (1 byte), as librealsense has them (`src/ds/ds-private.h`).
+const UNIT: u8 = 3;
+const EMITTER: u8 = 2;
+const EXPOSURE: u8 = 3;
+const AUTO_EXPOSURE: u8 = 11;
 /// Speed of USB 3, Mbit/s.
 const USB_3_MBIT: u32 = 5000;
 /// Mounting of the IMU in a camera that looks forward, as the kernel gives its axes.
@@ -46,19 +50,9 @@ pub struct RealsenseArgs {
     /// Leave the emitter on. Its dots move with the camera: the odometry believes that it stands still.
     #[arg(long)]
     emitter: bool,
-    /// Calibration table of the infrared pair (number 25) as a file, in place of that of the device.
-    #[arg(long, value_name = "FILE")]
-    table: Option<PathBuf>,
-    /// Intrinsics of the rectified images, px, and baseline, m, where the device does not give them.
-    #[arg(long, value_name = "FX,FY,CX,CY,BASELINE", value_parser = parse_intrinsics, conflicts_with = "table")]
+    /// Intrinsics of the rectified images, px, and baseline, m: `rs-enumerate-devices -c` prints them.
+    #[arg(long, value_name = "FX,FY,CX,CY,BASELINE", value_parser = parse_intrinsics)]
     intrinsics: Option<[f64; 5]>,
-}
-
-/// Calibration of the pair, and where it comes from.
-struct Calibration {
-    size: RectifiedSize,
-    baseline_m: f64,
-    source: String,
 }
 
 /// Reads `WIDTHxHEIGHT`.
@@ -83,16 +77,18 @@ pub fn parse_intrinsics(text: &str) -> Result<[f64; 5], String> {
 /// When it is not there or does not answer, something is missing, or the configuration cannot be written.
 pub fn run(args: &RealsenseArgs) -> Result<()> {
     args.options.check()?;
-    let is_it = |camera: &UsbCamera| camera.vendor == VENDOR && Model::of_product(camera.product).is_some();
+    let is_it = |camera: &UsbCamera| camera.vendor == VENDOR && preset_of(camera.product).is_some();
     let camera = one_camera(&args.options, "RealSense D435i or D455", args.serial.as_deref(), is_it)?;
-    let model = Model::of_product(camera.product).context("the model was just found")?;
+    let rig = preset_of(camera.product).context("the model was just found")?;
     let node = infrared_node(args, &camera)?;
-    let calibration = calibration(args, &node)?;
+    let numbers = match args.intrinsics {
+        Some(numbers) => numbers,
+        None => asked(args.size)?,
+    };
     let mounting = args.options.mounting(FORWARD)?;
-    let mut config = preset(model.preset(), mounting)?;
-    let mut notes = vec![format!("Calibration of the infrared pair: {}.", calibration.source)];
-    put_cameras(&mut config, &calibration, args.rate)?;
-    notes.push(put_imu(&mut config, &args.options, &camera));
+    let mut config = preset(rig, mounting)?;
+    put_cameras(&mut config, args.size, numbers, args.rate)?;
+    let mut notes = vec![put_imu(&mut config, &args.options, &camera)];
     config.driver.v4l2.left = stable_path(&camera, &node)?;
     config.driver.v4l2.controls = controls(args);
     notes.push(
@@ -147,67 +143,33 @@ fn infrared_node(args: &RealsenseArgs, camera: &UsbCamera) -> Result<String> {
     named(&info.path).context("a node has a name")
 }
 
-/// Calibration by file, by options, of the device, or as it is answered.
-fn calibration(args: &RealsenseArgs, node: &str) -> Result<Calibration> {
-    if let Some(numbers) = args.intrinsics {
-        return Ok(stated(args.size, numbers));
-    }
-    let device = PathBuf::from(format!("/dev/{node}"));
-    let (origin, table) = match (&args.table, args.options.is_live()) {
-        (Some(file), _) => (file.clone(), read_file(file)?),
-        (None, true) => match read_table(&device) {
-            Ok(table) => (device, table),
-            Err(error) => {
-                tracing::warn!("{error}");
-                return asked(args.size);
-            }
-        },
-        (None, false) => return asked(args.size),
-    };
-    let table = StereoTable::parse(&table).map_err(|error| {
-        anyhow!("{}: {error}; read it from the camera again, or give --intrinsics", origin.display())
-    })?;
-    let (width, height) = args.size;
-    let sizes: Vec<String> = table.sizes.iter().map(|s| format!("{}x{}", s.width_px, s.height_px)).collect();
-    let size = table.of_size(width, height).with_context(|| {
-        format!("--size {width}x{height}: {} has the calibration of {}", origin.display(), sizes.join(", "))
-    })?;
-    let source = format!("its table in {}", origin.display());
-    Ok(Calibration { size: *size, baseline_m: table.baseline_m, source })
+/// Preset of a product.
+fn preset_of(product: u16) -> Option<&'static str> {
+    MODELS.iter().find(|(number, _)| *number == product).map(|(_, preset)| *preset)
 }
 
-fn read_file(file: &Path) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let opened = std::fs::File::open(file).with_context(|| file.display().to_string())?;
-    opened
-        .take(MAX_TABLE_BYTES as u64 + 1)
-        .read_to_end(&mut bytes)
-        .with_context(|| file.display().to_string())?;
-    Ok(bytes)
-}
-
-fn asked(size: (usize, usize)) -> Result<Calibration> {
+fn asked(size: (usize, usize)) -> Result<[f64; 5]> {
     let question = format!(
         "Intrinsics of the rectified infrared images at {}x{} px, and baseline: FX,FY,CX,CY,BASELINE (`rs-enumerate-devices -c` \
          prints them; baseline in m)",
         size.0, size.1
     );
-    ask::ask("--intrinsics", &question, parse_intrinsics).map(|numbers| stated(size, numbers))
-}
-
-fn stated((width_px, height_px): (usize, usize), [fx, fy, cx, cy, baseline_m]: [f64; 5]) -> Calibration {
-    let size = RectifiedSize { width_px, height_px, focal_px: [fx, fy], centre_px: [cx, cy] };
-    Calibration { size, baseline_m, source: "as stated on the command line".into() }
+    ask::ask("--intrinsics", &question, parse_intrinsics)
 }
 
 /// Puts the calibration into both cameras: the left one stays where the preset has it, the right one is the baseline along
 /// its x axis.
-fn put_cameras(config: &mut Config, calibration: &Calibration, rate_hz: f64) -> Result<()> {
+fn put_cameras(
+    config: &mut Config,
+    size: (usize, usize),
+    [fx, fy, cx, cy, baseline_m]: [f64; 5],
+    rate_hz: f64,
+) -> Result<()> {
     let left = config.camera.first().context("a preset of a rig has cameras")?.pose_b_c();
-    let right = left * Isometry3::from(Translation3::new(calibration.baseline_m, 0.0, 0.0));
+    let right = left * Isometry3::from(Translation3::new(baseline_m, 0.0, 0.0));
     for (camera, pose) in config.camera.iter_mut().zip([left, right]) {
-        (camera.width_px, camera.height_px) = (calibration.size.width_px, calibration.size.height_px);
-        (camera.focal_px, camera.centre_px) = (calibration.size.focal_px, calibration.size.centre_px);
+        (camera.width_px, camera.height_px) = size;
+        (camera.focal_px, camera.centre_px) = ([fx, fy], [cx, cy]);
         camera.rate_hz = rate_hz;
         camera.pose_b_c = rows_from_isometry(&pose);
     }
@@ -273,7 +235,7 @@ mod tests {
     #[test]
     fn the_right_camera_is_the_baseline_to_the_right_of_the_left() {
         let mut config = preset("realsense-d435i", Mounting::Unknown).unwrap();
-        put_cameras(&mut config, &stated((640, 480), [380.0, 381.0, 320.5, 240.5, 0.0503]), 60.0).unwrap();
+        put_cameras(&mut config, (640, 480), [380.0, 381.0, 320.5, 240.5, 0.0503], 60.0).unwrap();
         let [left, right] = &config.camera[..] else { panic!("two cameras") };
         let between = left.pose_b_c().inverse() * right.pose_b_c();
         assert!((between.translation.vector - nalgebra::Vector3::new(0.0503, 0.0, 0.0)).norm() < 1e-12);

@@ -10,12 +10,10 @@ use super::status::{OdometryCondition, Reason, STALE_NS};
 use crate::schedule::ticker::Monotonic;
 use mavlink::dialects::common::ODOMETRY_DATA;
 use plumbline_config::options::LostPose;
+use plumbline_record::QUALITY_TO_USE;
 
 /// Lowest quality that stands for odometry to be used: MAVLink's 0 is an unknown one.
 const MIN_QUALITY: i8 = 1;
-
-/// Odometry of less is not flown by where there is flow.
-const MIN_FLYING_QUALITY: i8 = 20;
 
 /// State of what is sent.
 #[derive(Clone, Debug)]
@@ -80,7 +78,7 @@ impl MessageFeed {
     #[must_use]
     pub fn is_usable(&self, condition: OdometryCondition) -> bool {
         let quality = self.newest.as_ref().map_or(0, |newest| newest.odometry.quality);
-        condition == OdometryCondition::Tracking && quality >= MIN_FLYING_QUALITY
+        condition == OdometryCondition::Tracking && quality >= QUALITY_TO_USE
     }
 
     /// Message for a deadline at `now` in this condition; `usec` stamps a time, where that is known.

@@ -34,7 +34,7 @@ pub use overrides::with_overrides;
 pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
-pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
+pub use sensors::{LiveSensors, open_sensors};
 pub use trajectory::{CausalPose, CausalTrajectory, Kept, KeptOdometry, KeptStates, OdometryTrajectory};
 pub use truth::{TrueState, Truth};
 

@@ -17,20 +17,19 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
     let unwritable = |reason: String| FlightError::Invalid(format!("--set: {reason}"));
     let mut table: Table =
         toml::from_str(&config.to_toml()?).map_err(|error| unwritable(error.to_string()))?;
-    let known = keys(&table);
     for change in changes {
         if change.split('=').next().is_some_and(|key| key.trim() == "base") {
             return Err(unwritable(
                 "`base` belongs into the first line of a file: begin with it by --config PRESET".into(),
             ));
         }
-        set(&mut table, change, &known)?;
+        set(&mut table, change)?;
     }
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
     // A picture that is named on the command line is looked for from the working directory on.
     Config::from_toml_in(&text, &format!("--set {}", changes.join(" ")), Path::new(""))
         .map(|changed| changed.in_place_of(config))
-        .map_err(|error| with_suggestions(without_lines(error), &known).into())
+        .map_err(|error| without_lines(error).into())
 }
 
 /// Removes the line numbers of a refusal: the file that they refer to exists in memory only.
@@ -44,74 +43,28 @@ fn without_lines(error: ConfigError) -> ConfigError {
     }
 }
 
-/// All keys of a configuration, sections too.
-fn keys(table: &Table) -> Vec<String> {
-    let within = |(name, value): (&String, &Value)| {
-        let inner = value.as_table().map(keys).unwrap_or_default();
-        let inner = inner.into_iter().map(|key| format!("{name}.{key}"));
-        std::iter::once(name.clone()).chain(inner).collect::<Vec<_>>()
-    };
-    table.iter().flat_map(within).collect()
-}
-
-/// The only key with the last part of `key`.
-fn namesake<'a>(known: &'a [String], key: &str) -> Option<&'a String> {
-    let last = |key: &'_ str| key.rsplit('.').next().map(str::to_owned);
-    let mut found = known.iter().filter(|other| last(other) == last(key) && *other != key);
-    found.next().filter(|_| found.next().is_none())
-}
-
-/// The refusal of an unknown key with the key elsewhere that was meant.
-fn with_suggestions(error: ConfigError, known: &[String]) -> ConfigError {
-    let ConfigError::Invalid { origin, mut violations } = error else { return error };
-    for violation in violations.iter_mut().filter(|violation| violation.reason == "unknown key") {
-        if let Some(meant) = namesake(known, &violation.key) {
-            violation.cure = format!("did you mean `{meant}`?");
-        }
-    }
-    ConfigError::Invalid { origin, violations }
-}
-
-/// A section of the same parent with a similar name, or the only key with the last part of `path`.
-fn meant(table: &Table, name: &str, path: &str, known: &[String]) -> String {
-    let similar =
-        |other: &&String| other.contains(name) || (!other.is_empty() && name.contains(other.as_str()));
-    let key = namesake(known, path);
-    match key.or_else(|| table.keys().find(similar).filter(|_| !name.is_empty())) {
-        Some(meant) => format!("did you mean `{meant}`?"),
-        None => "`plumbline config defaults` prints all keys, and camera.0 is the left camera".into(),
-    }
-}
-
-fn set(table: &mut Table, change: &str, known: &[String]) -> Result<(), FlightError> {
+fn set(table: &mut Table, change: &str) -> Result<(), FlightError> {
     let (path, value) = change.split_once('=').ok_or_else(|| {
         FlightError::Invalid(format!("--set: '{change}' is not of the form section.key=value"))
     })?;
     // camera[0].focal_px is camera.0.focal_px.
     let path = path.trim().replace('[', ".").replace(']', "");
-    let no_section = |name: &str, parent: &Table| {
-        FlightError::Invalid(format!(
-            "--set: '{change}': no section '{name}'; {}",
-            meant(parent, name, &path, known)
-        ))
+    let no_section = |name: &str| {
+        FlightError::Invalid(format!("--set: '{change}': no section '{name}'; camera.0 is the left camera"))
     };
     let (sections, key) = path.rsplit_once('.').unwrap_or(("", &path));
     let mut section = table;
     let mut names = sections.split('.').filter(|name| !name.is_empty());
     while let Some(name) = names.next() {
-        if !section.contains_key(name) {
-            return Err(no_section(name, section));
-        }
-        section = match section.get_mut(name) {
-            Some(Value::Table(table)) => table,
-            Some(Value::Array(entries)) => {
+        // A section that does not exist is refused with its neighbour, as an unknown key.
+        section = match section.entry(name).or_insert_with(|| Value::Table(Table::new())) {
+            Value::Table(table) => table,
+            Value::Array(entries) => {
                 let index = names.next().unwrap_or_default();
                 let entry = index.parse().ok().and_then(|index: usize| entries.get_mut(index));
-                entry
-                    .and_then(Value::as_table_mut)
-                    .ok_or_else(|| no_section(&format!("{name}.{index}"), &Table::new()))?
+                entry.and_then(Value::as_table_mut).ok_or_else(|| no_section(&format!("{name}.{index}")))?
             }
-            _ => return Err(no_section(name, &Table::new())),
+            _ => return Err(no_section(name)),
         };
     }
     section.insert(key.to_owned(), parsed(value.trim()));
@@ -161,7 +114,7 @@ mod tests {
         for (change, meant) in [
             ("max_points=200", "did you mean `estimator.points.max_points`?"),
             ("estimator.max_points=200", "did you mean `estimator.points.max_points`?"),
-            ("points.max_points=200", "did you mean `estimator.points.max_points`?"),
+            ("points.max_points=200", "did you mean `estimator.points`?"),
             ("estimator.point.enabled=true", "did you mean `points`?"),
         ] {
             let error = changed(change).unwrap_err().to_string();
@@ -173,7 +126,7 @@ mod tests {
     fn what_is_no_key_or_value_is_refused_by_name() {
         for (change, named) in [
             ("estimator.points.sigma_px", "section.key=value"),
-            ("estimator.pints.sigma_px=1", "'pints'"),
+            ("estimator.pints.sigma_px=1", "`estimator.pints`: unknown key; did you mean `points`?"),
             ("estimator.points.sigma=1", "sigma"),
             ("estimator.points.sigma_px=-1", "sigma_px"),
         ] {

@@ -3,9 +3,9 @@
 
 use super::sensors::LiveSensors;
 use crate::sensor_board::{SensorBoard, SensorNews};
+use plumbline_drivers::ImuFigures;
 use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
-use plumbline_drivers::{ImuFigures, TriggerMonitor};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -114,7 +114,6 @@ impl Drop for SensorWatch {
 struct Told {
     cameras: [Option<String>; 2],
     imu: Option<String>,
-    triggers: Option<String>,
     bringing: Bringing,
     stamps: [Option<String>; 2],
     frame_looks: StampLooks,
@@ -132,12 +131,9 @@ impl Told {
         let name = &sensors.imu.name;
         let words = trouble.map(|words| format!("{name}: {words} (driver.imu)"));
         tell(&mut self.imu, words, || format!("{name}: the IMU is available"));
-        let trouble = sensors.triggers.as_ref().and_then(TriggerMonitor::trouble);
-        tell(&mut self.triggers, trouble, || "frames are stamped by their triggers".to_owned());
         let (frames, problem) = sensors.cameras.monitor.stamps();
         let is_bad = self.frame_looks.are_bad(frames);
-        // Triggers replace the stamps of frames.
-        let problem = problem.filter(|_| is_bad && sensors.triggers.is_none());
+        let problem = problem.filter(|_| is_bad);
         let camera = &sensors.cameras.name;
         let words = problem.map(|problem| frame_stamps(camera, &problem));
         tell(&mut self.stamps[0], words, || format!("{camera}: stamps of the frames are good again"));
@@ -159,7 +155,7 @@ impl Told {
 
     /// Present faults.
     fn notices(&self) -> Vec<String> {
-        let all = self.cameras.iter().chain([&self.imu, &self.triggers]).chain(&self.stamps);
+        let all = self.cameras.iter().chain([&self.imu]).chain(&self.stamps);
         all.flatten().cloned().collect()
     }
 }
@@ -172,7 +168,7 @@ fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
     };
     format!(
         "{camera}: {}: such frames are {done}; send time.monotonic_ns() or clock_gettime(CLOCK_MONOTONIC) of the \
-         exposure (docs/frame-socket.md)",
+         exposure (docs/own-sensors.md)",
         problem.words(FRAME_CLOCK)
     )
 }
@@ -181,7 +177,7 @@ fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
 fn sample_stamps(imu: &str, problem: &StampProblem, expected: &str) -> String {
     format!(
         "{imu}: {}: such samples are dropped; send the sensor's own time, which increases with every sample, in that \
-         unit (docs/inertial-sensors.md) (driver.imu)",
+         unit (docs/own-sensors.md) (driver.imu)",
         problem.words(expected)
     )
 }

@@ -6,8 +6,7 @@ use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::{AutopilotEndpoint, ImuDriverConfig, ImuEndpoint};
 use plumbline_drivers::{
-    CameraMonitor, ImuMonitor, ImuSource, LiveCameras, StereoSource, StopFlag, TriggerMonitor, open_cameras,
-    open_imu,
+    CameraMonitor, ImuMonitor, ImuSource, StereoSource, StopFlag, open_cameras, open_imu,
 };
 
 /// Sensors of a flight: views to be read during the flight and after it.
@@ -17,8 +16,6 @@ pub struct LiveSensors {
     pub imu: SensorView<ImuMonitor>,
     /// The cameras.
     pub cameras: SensorView<CameraMonitor>,
-    /// Stamping of the frames, where a microcontroller triggers them.
-    pub triggers: Option<TriggerMonitor>,
     /// Stamps that the inertial sensor is expected to send, in words.
     pub sample_clock: String,
 }
@@ -48,7 +45,7 @@ impl<M> SensorView<M> {
 pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, LiveSensors), FlightError> {
     config.refuse_unset_keys()?;
     check_line(config)?;
-    let mut imu = open_imu(config, stop)?.ok_or_else(|| {
+    let imu = open_imu(config, stop)?.ok_or_else(|| {
         FlightError::Invalid(
             "driver.imu.connect is empty: say where the IMU is, serial://DEVICE:BAUD or iio://NAME \
              (`plumbline devices` lists what is there)"
@@ -56,13 +53,6 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
         )
     })?;
     let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
-    let (cameras, triggers) = match imu.triggers.take() {
-        Some(triggers) => {
-            let (cameras, monitor) = cameras.triggered(triggers, config);
-            (cameras, Some(monitor))
-        }
-        None => (cameras, None),
-    };
     let (source, meter) = Watched::<dyn ImuSource>::new(imu.source, config.imu.rate_hz);
     let imu = SensorView { name: config.driver.imu.connect.clone(), monitor: imu.monitor, meter };
     let (stereo, meter) = Watched::<dyn StereoSource>::new(cameras.source, config.camera[0].rate_hz);
@@ -70,7 +60,7 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
     let name = format!("live, {} and {}", cameras.name, imu.name);
     let flight = Flight::new(config.clone(), Box::new(source), Box::new(stereo), name);
     let flight = Flight { stamps: Stamps::OfHost, ..flight };
-    Ok((flight, LiveSensors { imu, cameras, triggers, sample_clock: sample_clock(&config.driver.imu) }))
+    Ok((flight, LiveSensors { imu, cameras, sample_clock: sample_clock(&config.driver.imu) }))
 }
 
 /// Stamps that an inertial sensor is expected to send, in words.
@@ -79,22 +69,6 @@ fn sample_clock(driver: &ImuDriverConfig) -> String {
         return "the time of measurement in nanoseconds of the kernel's clock".into();
     }
     format!("the time of measurement in {}", driver.protocol.stamp_unit(driver.mavlink_message))
-}
-
-/// Opens the cameras of `config` alone. A microcontroller that triggers them is kept at it until `stop` is set.
-///
-/// # Errors
-/// When the configuration names no cameras, or what is there cannot be used.
-pub fn open_cameras_alone(config: &ValidConfig, stop: &StopFlag) -> Result<LiveCameras, FlightError> {
-    config.refuse_unset_keys()?;
-    let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
-    if config.driver.imu.trigger_cameras
-        && let Some(mut imu) = open_imu(config, stop)?
-    {
-        // It hears what it is to do while its samples are read.
-        std::thread::spawn(move || while let Ok(Some(_)) = imu.source.next_reading() {});
-    }
-    Ok(cameras)
 }
 
 fn no_cameras() -> FlightError {

@@ -51,7 +51,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum LogError {
     /// A file could not be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; check the path and its permissions", path.display())]
     Io {
         /// The file.
         path: PathBuf,

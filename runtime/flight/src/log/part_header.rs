@@ -15,7 +15,8 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [(&str, &str); 4] = [("ros", "link"), ("ros", "landmarks"), ("ros", "map"), ("ros", "tracks")];
+const RETIRED: [&str; 6] =
+    ["ros.link", "ros.landmarks", "ros.map", "ros.tracks", "ros.reset", "driver.imu.trigger_exposure"];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].
@@ -140,9 +141,13 @@ impl PartHeader {
 /// The text of a configuration without [`RETIRED`] keys.
 fn without_retired(text: &str) -> Result<String, String> {
     let mut tables: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
-    for (table, key) in RETIRED {
-        if let Some(toml::Value::Table(keys)) = tables.get_mut(table) {
-            keys.remove(key);
+    for path in RETIRED {
+        let (mut keys, mut table) = (path.split('.').peekable(), Some(&mut tables));
+        while let (Some(key), Some(here)) = (keys.next(), table.take()) {
+            if keys.peek().is_none() {
+                here.remove(key);
+            }
+            table = here.get_mut(key).and_then(toml::Value::as_table_mut);
         }
     }
     toml::to_string(&tables).map_err(|error| error.to_string())

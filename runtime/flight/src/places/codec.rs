@@ -40,7 +40,7 @@ const CHECKSUM_BYTES: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MapDefect {
     /// It does not begin as a map does.
-    #[error("not a map; give a file written by `plumbline map build` or a flight")]
+    #[error("not a map; give a file that `--save-map` of a flight wrote")]
     Foreign,
     /// Another format version.
     #[error(

@@ -1,15 +1,11 @@
-//! Maps on disk and maps from data sets: what `plumbline map` does, as a library.
+//! Maps on disk.
 //!
-//! The mathematics is in [`plumbline_estimator::places`]; here are the file ([`codec`], [`mod@file`]), the images
-//! ([`frames`]), and what is made of both ([`build`], [`merge`], [`ply`]). A [`MapSaver`] keeps the map of a
-//! flight that goes on.
+//! The mathematics is in [`plumbline_estimator::places`]; here are the file ([`codec`], [`mod@file`]) and two maps joined
+//! ([`merge`]). A [`MapSaver`] keeps the map of a flight that goes on.
 
-pub mod build;
 pub mod codec;
 pub mod file;
-pub mod frames;
 pub mod merge;
-pub mod ply;
 mod saver;
 
 pub use codec::{MapContents, MapDefect, StoredKeyframe};

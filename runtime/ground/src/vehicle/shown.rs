@@ -3,6 +3,7 @@
 use super::{LOST_AFTER, VehicleState};
 use crate::attitude::Attitude;
 use nalgebra::{Isometry3, Vector3};
+use plumbline_record::QUALITY_TO_USE;
 use std::time::{Duration, Instant};
 
 impl VehicleState {
@@ -86,6 +87,11 @@ impl VehicleState {
         !["lost", "stale", "unknown"].contains(&self.presence(now))
     }
 
+    /// True if its pose may be used: it tracks, and its quality is that which autopilots ask for.
+    pub(crate) fn is_usable(&self, now: Instant) -> bool {
+        self.presence(now) == "tracking" && self.quality >= QUALITY_TO_USE.into()
+    }
+
     /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
     #[must_use]
     pub fn quality_words(&self, now: Instant) -> String {
@@ -113,30 +119,47 @@ impl VehicleState {
         }
     }
 
+    /// Position as text, with its standard deviation.
+    pub(crate) fn position_words(&self) -> String {
+        self.pose_o_b.map_or_else(
+            || "no pose".to_owned(),
+            |pose| {
+                let p = pose.translation.vector;
+                format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, self.sigma_m())
+            },
+        )
+    }
+
+    /// Attitude as text.
+    pub(crate) fn attitude_words(&self) -> String {
+        self.attitude().map_or_else(
+            || "unknown".to_owned(),
+            |a| {
+                let heading_deg = a.heading_deg.round() % 360.0;
+                format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
+            },
+        )
+    }
+
+    /// Rates and latency as text.
+    pub(crate) fn link_words(&self, now: Instant) -> String {
+        let latency_ms = self.latency_ms.unwrap_or(0.0);
+        let [odometry_hz, state_hz] = [&self.odom, &self.state].map(|channel| channel.rate_hz(now));
+        format!("odometry {odometry_hz:.0} Hz  state {state_hz:.0} Hz  latency {latency_ms:.1} ms")
+    }
+
     /// Position, attitude, speed, rates and health in one line of text.
     #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
-        let position = self.pose_o_b.map_or_else(
-            || "unknown".to_owned(),
-            |pose| {
-                let p = pose.translation.vector;
-                format!("{:.3} {:.3} {:.3} m (1 sigma {:.3} m)", p.x, p.y, p.z, self.sigma_m())
-            },
-        );
-        let attitude = self.attitude().map_or_else(
-            || "unknown".to_owned(),
-            |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
-        );
         let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
         format!(
-            "{name}: {}, quality {}, {last}position {position}, roll pitch heading {attitude}, \
-             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
+            "{name}: {}, quality {}, {last}position {}, {}, speed {:.2} m/s, {}, lost {}, {}{}",
             self.presence(now),
             self.quality_words(now),
+            self.position_words(),
+            self.attitude_words(),
             self.v_o_b.norm(),
-            self.odom.rate_hz(now),
-            self.state.rate_hz(now),
-            self.latency_ms.unwrap_or(0.0),
+            self.link_words(now),
             self.odom.lost + self.state.lost,
             self.health_summary(now),
             self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),

@@ -87,13 +87,13 @@ pub async fn record(
 
 /// A file on its way, and the place that it takes.
 struct Download {
-    bytes: Vec<u8>,
+    text: String,
     _place: OwnedSemaphorePermit,
 }
 
 impl AsRef<[u8]> for Download {
     fn as_ref(&self) -> &[u8] {
-        &self.bytes
+        self.text.as_bytes()
     }
 }
 
@@ -108,7 +108,7 @@ pub async fn download(
         return answer(
             StatusCode::NOT_FOUND,
             false,
-            "available are trajectory and recording, each as .tum, .csv or .mcap",
+            "available are trajectory and recording, each as .tum or .csv",
         );
     };
     // Held until the last byte is sent.
@@ -119,28 +119,20 @@ pub async fn download(
     // Megabytes are copied and written as text: not on a thread that serves others.
     let made = tokio::task::spawn_blocking(move || {
         let samples = copied(&fleet, &of, &name)?;
-        // Text has no room for a map.
-        let map = (format == ExportFormat::Mcap).then(|| Some(lock(&fleet).vehicles.get(&of)?.map.clone()));
-        Some(export(&of, &samples, &map.flatten().unwrap_or_default(), format))
+        Some(export(&samples, format))
     });
-    let Ok(Some(made)) = made.await else {
+    let Ok(Some(text)) = made.await else {
         if !lock(&station.fleet).vehicles.contains_key(&vehicle) {
             return unknown(&vehicle);
         }
         return answer(StatusCode::NOT_FOUND, false, "there is no recording yet");
     };
-    match made {
-        Ok(bytes) => {
-            // Names of vehicles come from the network: only plain characters go into the header.
-            let plain: String =
-                vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
-            let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());
-            let kind = format.mime().to_owned();
-            let body = Body::from(Bytes::from_owner(Download { bytes, _place: place }));
-            ([(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, disposition)], body).into_response()
-        }
-        Err(error) => answer(StatusCode::INTERNAL_SERVER_ERROR, false, &error.to_string()),
-    }
+    // Names of vehicles come from the network: only plain characters go into the header.
+    let plain: String = vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
+    let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());
+    let body = Body::from(Bytes::from_owner(Download { text, _place: place }));
+    ([(header::CONTENT_TYPE, format.mime().to_owned()), (header::CONTENT_DISPOSITION, disposition)], body)
+        .into_response()
 }
 
 /// Samples of a trajectory or a recording, copied a part at a time: vehicles go on being received meanwhile.

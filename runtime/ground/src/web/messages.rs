@@ -53,6 +53,7 @@ fn vehicle(name: &str, v: &VehicleState, now: Instant) -> Value {
     json!({
         "name": name,
         "presence": v.presence(now),
+        "usable": v.is_usable(now),
         "age_s": v.age(now).map(|age| age.as_secs_f64()),
         "quality": v.quality,
         "resets": v.resets,
@@ -68,6 +69,7 @@ fn vehicle(name: &str, v: &VehicleState, now: Instant) -> Value {
         "sigma": v.pose_o_b.map(|_| sigma),
         "stamp_ns": v.stamp_ns.to_string(),
         "words": v.bits.names().collect::<Vec<_>>(),
+        "advice": v.bits.advice().collect::<Vec<_>>(),
         "bits": v.bits.0,
         "health": fields(&v.news),
         "figures": v.estimate.as_ref().map(|e| fields(&e.figures)),

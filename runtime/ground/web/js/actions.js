@@ -54,7 +54,7 @@ export class Actions {
     setText(byId('record-text'), recording.on ? 'Stop recording' : 'Record');
     setText(byId('recording-state'), recordingText(recording));
     const base = vehicle ? `api/vehicles/${encodeURIComponent(vehicle.name)}` : null;
-    for (const format of ['tum', 'csv', 'mcap']) {
+    for (const format of ['tum', 'csv']) {
       link(byId(`download-${format}`), recording.samples > 0 && base ? `${base}/recording.${format}` : null);
       link(byId(`trajectory-${format}`), base && `${base}/trajectory.${format}`);
     }

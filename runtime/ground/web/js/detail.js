@@ -81,9 +81,11 @@ export class Detail {
     const age = vehicle ? store.age(vehicle) : null;
     setData(document.body, 'current', vehicle ? store.isCurrent(vehicle) : false);
     setText(byId('vehicle-name'), vehicle?.name ?? 'No vehicle');
+    const isUsable = presence === 'tracking' && vehicle.state.usable !== false;
     setData(byId('summary'), 'presence', presence);
+    setData(byId('summary'), 'usable', isUsable);
     setAttribute(byId('presence-glyph'), 'href', `#glyph-${presence}`);
-    setText(byId('presence'), presenceText(presence, age));
+    setText(byId('presence'), presence === 'tracking' && !isUsable ? 'tracking, not for use' : presenceText(presence, age));
     setText(byId('position'), f.vector(vehicle?.pose?.slice(0, 3), 3));
     setText(byId('resets'), f.count(vehicle?.state.resets));
     setText(this.age, age === null ? f.UNKNOWN : age < 10 ? `${age.toFixed(2)} s` : f.duration(age));
@@ -94,11 +96,21 @@ export class Detail {
     setStyle(byId('quality-bar'), 'transform', `scaleX(${Math.max(0, Math.min(100, quality || 0)) / 100})`);
     const isCurrent = vehicle ? store.isCurrent(vehicle) : false;
     // Of a vehicle that is gone it is the last value, and no colour says that it is good.
-    setData(byId('quality-bar'), 'level', !isCurrent ? 'unknown' : quality >= 60 ? 'good' : quality >= 25 ? 'fair' : 'poor');
+    setData(byId('quality-bar'), 'level', !isCurrent ? 'unknown' : quality >= 50 ? 'good' : quality >= 20 ? 'fair' : 'poor');
     for (const [element, text] of this.elements) setText(element, text(vehicle ?? NOBODY));
     this.horizon.update(vehicle ? attitudeOf(vehicle) : null, vehicle ? store.isCurrent(vehicle) : false);
     this.updateHealth(vehicle, presence, age);
+    this.updateFault(vehicle, isUsable, presence);
     this.updateOthers(vehicle);
+  }
+
+  // Banner of a fault with its cure: what the vehicle reports, or what its health bits say while its pose is not for use.
+  updateFault(vehicle, isUsable, presence) {
+    const isCurrent = vehicle ? this.store.isCurrent(vehicle) : false;
+    const faults = isCurrent ? [...noticesOf(vehicle), ...(isUsable || presence === 'initialising' ? [] : texts(vehicle.state.advice, 40))] : [];
+    byId('fault').hidden = !faults.length;
+    const more = faults.length > 1 ? ` (and ${faults.length - 1} more: see Health)` : '';
+    if (faults.length) setText(byId('fault'), `${isUsable ? '' : 'Do not use the pose: '}${faults[0]}${more}`);
   }
 
   // Fields of what has no place of its own on the page.
@@ -119,12 +131,11 @@ export class Detail {
   }
 
   updateHealth(vehicle, presence, age) {
-    const words = vehicle && Array.isArray(vehicle.state.words) ? vehicle.state.words.slice(0, 40).map(String) : [];
+    const words = texts(vehicle?.state.words, 40);
     const notes = [];
     if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}: showing the last values received`);
     if (presence === 'lost') notes.push(`link lost ${since(age)}: showing the last values received`);
-    const told = vehicle?.state.health?.sensors?.notices;
-    const notices = Array.isArray(told) ? told.slice(0, 16).map(String) : [];
+    const notices = noticesOf(vehicle);
     const key = JSON.stringify([vehicle?.name, words, notes, notices]);
     if (key === this.shown) return;
     this.shown = key;
@@ -138,6 +149,14 @@ export class Detail {
       setText(list.children[i], text);
     });
   }
+}
+
+function texts(list, most) {
+  return Array.isArray(list) ? list.slice(0, most).map(String) : [];
+}
+
+function noticesOf(vehicle) {
+  return texts(vehicle?.state.health?.sensors?.notices, 16);
 }
 
 function presenceText(presence, age) {

@@ -100,11 +100,13 @@ class Entry {
     const { state } = vehicle;
     const presence = store.presence(vehicle);
     const isCurrent = store.isCurrent(vehicle);
+    const isUsable = presence !== 'tracking' || state.usable !== false;
     setData(this.button, 'presence', presence);
+    setData(this.button, 'usable', isUsable);
     setAttribute(this.button, 'aria-current', vehicle.name === store.selected);
     setStyle(this.swatch, 'background-color', vehicleColour(theme, vehicle.index));
     setAttribute(this.use, 'href', `#glyph-${presence}`);
-    setText(this.word, shortPresence(presence, store.age(vehicle)));
+    setText(this.word, isUsable ? shortPresence(presence, store.age(vehicle)) : 'not for use');
     setText(this.quality, isCurrent ? number(state.quality, 0) : UNKNOWN);
     setText(this.speed, isCurrent ? number(vehicle.speed, 1) : UNKNOWN);
     setText(this.link, isCurrent ? number(state.link?.quality, 0) : UNKNOWN);

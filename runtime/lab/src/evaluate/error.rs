@@ -1,6 +1,7 @@
 //! Why two trajectories cannot be compared.
 
 use super::Delta;
+use plumbline_config::Timestamp;
 use plumbline_drivers::DriverError;
 use plumbline_flight::flight::truth::TruthError;
 use thiserror::Error;
@@ -47,14 +48,14 @@ pub enum EvaluateError {
     /// The trajectories have no time in common.
     #[error(
         "no stamps within {max_difference_s} s of each other: the estimate runs from {} to {} s, the reference \
-         from {} to {} s; are they of the same flight? If their clocks differ, give the shift with --time-offset",
-        estimate.0, estimate.1, reference.0, reference.1
+         from {} to {} s; {}",
+        estimate.0, estimate.1, reference.0, reference.1, why_apart(*estimate, *reference)
     )]
     NoCommonStamps {
         /// First and last stamp of the estimate.
-        estimate: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+        estimate: (Timestamp, Timestamp),
         /// First and last stamp of the reference.
-        reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+        reference: (Timestamp, Timestamp),
         /// Largest difference of stamps that was allowed, s.
         max_difference_s: f64,
     },
@@ -77,4 +78,20 @@ pub enum EvaluateError {
     /// The distance of relative errors is not a positive number.
     #[error("invalid delta {0}; it must be above zero")]
     BadDelta(Delta),
+}
+
+/// Probable cause of stamps that have no time in common.
+fn why_apart(estimate: (Timestamp, Timestamp), reference: (Timestamp, Timestamp)) -> String {
+    const UNITS: [(&str, f64); 3] = [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)];
+    let factor = reference.1.seconds_since(reference.0) / estimate.1.seconds_since(estimate.0);
+    let named = |(side, factor): (Side, f64)| {
+        let unit = UNITS.iter().find(|(_, unit)| (0.5..2.0).contains(&(factor / unit)));
+        unit.map(|(unit, _)| {
+            format!("the stamps of the {side} are probably in {unit}: write them in seconds")
+        })
+    };
+    let sides = [(Side::Reference, factor), (Side::Estimate, 1.0 / factor)];
+    sides.into_iter().find_map(named).unwrap_or_else(|| {
+        "are they of the same flight? If their clocks differ, give the shift with --time-offset".into()
+    })
 }

@@ -90,6 +90,9 @@ pub struct Evaluation {
     pub yaw_drift_deg_per_min: Option<f64>,
     /// Excess of the estimate's length, percent; none where the motion does not tell.
     pub scale_error_percent: Option<f64>,
+    /// Probable cause of errors that no rigid motion takes away.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub doubt: Option<String>,
 }
 
 /// Compares an estimate with its reference.
@@ -130,6 +133,7 @@ pub fn evaluate(
         rpe,
         yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
         scale_error_percent: scale_error_percent(&pairs),
+        doubt: doubt(&pairs),
     })
 }
 
@@ -139,6 +143,30 @@ pub fn scale_error_percent(pairs: &Pairs) -> Option<f64> {
     let (scale, residual_m) = best_fit(pairs)?;
     let error = 100.0 * (1.0 / scale - 1.0);
     (Spread::of(&pairs.reference).tells_scale(residual_m) && error.is_finite()).then_some(error)
+}
+
+/// Probable cause where only a reflection, or only another unit, brings the reference onto the estimate.
+#[must_use]
+pub fn doubt(pairs: &Pairs) -> Option<String> {
+    const FEWER: f64 = 0.2;
+    const UNITS: [(&str, f64); 3] = [("millimetres", 1e3), ("centimetres", 1e2), ("kilometres", 1e-3)];
+    let (scale, residual_m) = best_fit(pairs)?;
+    let mut mirrored = pairs.clone();
+    mirrored.estimate.iter_mut().for_each(|pose| pose.pose.translation.vector.y *= -1.0);
+    let spread_m = Spread::of(&pairs.reference).sigmas_m[2];
+    if let Some((_, reflected_m)) = best_fit(&mirrored)
+        && reflected_m < FEWER * residual_m
+        && spread_m > reflected_m
+    {
+        return Some(format!(
+            "mirrored, the estimate fits to {reflected_m:.3} m instead of {residual_m:.3} m: the reference has left-handed axes (one \
+             negated, or two exchanged); write it with right-handed ones"
+        ));
+    }
+    let unit = UNITS.iter().find(|(_, factor)| (scale / factor - 1.0).abs() < FEWER);
+    unit.map(|(unit, _)| {
+        format!("the reference is {scale:.0} times as long: it is in {unit}; metres are expected")
+    })
 }
 
 /// Scale of the similarity that fits best, and the root mean square error of positions that is left with it, m.

@@ -7,12 +7,11 @@ use crate::evaluate::consistency::errors::{frame_of, tilt, velocity};
 use nalgebra::{Isometry3, SMatrix, SVector};
 use plumbline_estimator::HealthBits;
 use plumbline_flight::flight::{FrameStatus, Published, PublishedState, TrueState, Truth};
+use plumbline_record::QUALITY_TO_USE;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Estimates of this quality and better may be used.
-pub const QUALITY_TO_USE: i8 = 20;
 /// Largest error of an estimate that may be used, in standard deviations.
 pub const MAX_SIGMAS: f64 = 5.0;
 /// Errors that nobody minds, whatever the covariance says: position, m, velocity, m/s, and tilt, rad.

@@ -274,7 +274,7 @@ impl Report {
     #[must_use]
     pub fn summary(&self) -> String {
         let mut lines = vec![
-            format!("{:<18}{}", "flight", self.name),
+            format!("{:<18}{}{}", "flight", self.name, if self.cameras == 1 { ", one camera" } else { "" }),
             format!(
                 "{:<18}{} frames, {:.1} % with a pose, first after {}, {} resets",
                 "completion",

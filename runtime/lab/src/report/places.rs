@@ -64,8 +64,8 @@ impl PlacesReport {
             counted(self.sightings, "place seen again", "places seen again"),
             counted(self.loops_used, "loop", "loops")
         );
-        for (ate, when) in [(self.ate_map_rmse_m, "as flown"), (self.ate_final_rmse_m, "as known at the end")]
-        {
+        let ates = [(self.ate_map_rmse_m, "as flown"), (self.ate_final_rmse_m, "as known at the end")];
+        for (ate, when) in ates.into_iter().filter(|_| self.keyframes > 0) {
             line += &ate.map_or_else(String::new, |m| format!("; ATE in the map {when} {m:.4} m"));
         }
         line

@@ -1,8 +1,6 @@
 //! Figures of the sensors of a live flight, and of what became of their data.
 
-use plumbline_drivers::{
-    CameraMonitor, ImuFigures, SocketFigures, TriggerFigures, TriggerMonitor, V4l2Figures,
-};
+use plumbline_drivers::{CameraMonitor, ImuFigures, SocketFigures, V4l2Figures};
 use plumbline_flight::flight::LiveSensors;
 use plumbline_flight::flight::capture::{PairCounts, StreamFigures};
 use serde::Serialize;
@@ -19,7 +17,7 @@ pub struct SensorReport {
 /// The inertial sensor.
 #[derive(Clone, Debug, Serialize)]
 pub struct ImuReport {
-    /// Where it is.
+    /// Its place.
     pub name: String,
     /// Its samples.
     #[serde(flatten)]
@@ -32,12 +30,12 @@ pub struct ImuReport {
 /// The cameras.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraReport {
-    /// Where they are.
+    /// Their places.
     pub name: String,
     /// Their frames.
     #[serde(flatten)]
     pub stream: StreamFigures,
-    /// Which images frames had.
+    /// Images of the frames.
     #[serde(flatten)]
     pub pairs: PairCounts,
     /// Why left and right bring nothing at the end, as far as they do not.
@@ -48,9 +46,6 @@ pub struct CameraReport {
     /// A program that sends frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub socket: Option<SocketFigures>,
-    /// Stamps of the frames, where a microcontroller triggers the cameras.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub triggers: Option<TriggerFigures>,
 }
 
 impl SensorReport {
@@ -77,7 +72,6 @@ impl SensorReport {
                 trouble,
                 v4l2,
                 socket,
-                triggers: sensors.triggers.as_ref().map(TriggerMonitor::figures),
             },
         }
     }
@@ -106,7 +100,6 @@ impl SensorReport {
                 "", cameras.stream.age_ms.p50, cameras.stream.age_ms.p99
             ),
         ];
-        lines.extend(cameras.triggers.iter().map(trigger_line));
         lines.push(format!(
             "{:<18}{} samples, {} missing, {:.2} Hz, {}",
             "IMU",
@@ -131,15 +124,4 @@ impl SensorReport {
 /// Error of a clock: "0.5 ppm fast".
 fn clock_words(ppm: f64) -> String {
     format!("{:.1} ppm {}", ppm.abs(), if ppm < 0.0 { "slow" } else { "fast" })
-}
-
-fn trigger_line(triggers: &TriggerFigures) -> String {
-    format!(
-        "{:<18}{} stamped by their trigger, {} by those around it, {} without; the driver's stamps are {:.1} ms late",
-        "",
-        triggers.by_trigger,
-        triggers.predicted,
-        triggers.by_delay + triggers.by_driver,
-        triggers.delay_ms
-    )
 }

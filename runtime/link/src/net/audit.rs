@@ -30,6 +30,8 @@ const NO_PLACE: &str = "ApplicationVerificationFailure";
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
 /// Words of the fourth when all sessions are taken, before their number.
 const FULL: &str = "Max transports reached (";
+/// Words of the fourth when a session is linked with another.
+const LINKED: &str = "New transport opened between ";
 /// Longest line that is looked at, bytes.
 const MAX_LINE: usize = 1_024;
 /// Places in Zenoh's sources that report messages which pass: by far the most lines, and none of them is formatted once its place
@@ -80,6 +82,8 @@ impl<S: Subscriber> Layer<S> for Audit {
         } else if let Some((places, _)) = message.strip_prefix(FULL).and_then(|rest| rest.split_once(')')) {
             refusals()
                 .note(format!("no place for another session: all {places} are taken; close other sessions"));
+        } else if message.starts_with(LINKED) {
+            diagnosis::record_link();
         } else if access::is_passed(message) {
             let free = |passing: &AtomicUsize| {
                 passing.compare_exchange(0, place, Ordering::Relaxed, Ordering::Relaxed).is_ok()

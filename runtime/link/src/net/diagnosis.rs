@@ -206,8 +206,32 @@ fn waiting() -> &'static ArrayQueue<(String, String)> {
     WAITING.get_or_init(|| ArrayQueue::new(MAX_WAITING))
 }
 
+/// Where another session has the identifier of this one, or of the other side: what Zenoh says of it.
+const TAKEN: [&[&str]; 2] = [&["INVALID", "OpenSyn"], &["already exist"]];
+static REFUSED: [AtomicBool; TAKEN.len()] = [const { AtomicBool::new(false) }; TAKEN.len()];
+static WAS_LINKED: AtomicBool = AtomicBool::new(false);
+
+/// Remembers that the identifier of this session was told to another.
+pub fn record_link() {
+    WAS_LINKED.store(true, Ordering::Relaxed);
+}
+
+/// True if another session has an identifier that is needed for a link, since the last call. The other side refuses a session
+/// with the same words where it has no place left: they count where the identifier was told before.
+#[must_use]
+pub fn is_identifier_taken() -> bool {
+    let [theirs, ours] = &REFUSED;
+    let is_refused = theirs.swap(false, Ordering::Relaxed);
+    ours.swap(false, Ordering::Relaxed) || (is_refused && WAS_LINKED.load(Ordering::Relaxed))
+}
+
 /// Remembers an attempt to connect to `endpoint` that failed.
 pub fn record(endpoint: &str, reason: &str) {
+    for (parts, refused) in TAKEN.iter().zip(&REFUSED) {
+        if parts.iter().all(|part| reason.contains(part)) {
+            refused.store(true, Ordering::Relaxed);
+        }
+    }
     waiting().force_push((security::as_given(endpoint).to_owned(), reason.to_owned()));
 }
 

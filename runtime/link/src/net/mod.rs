@@ -50,8 +50,10 @@ pub fn now_ns() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
 }
 
-/// Words from the network as a terminal and a log may show them: without what controls a terminal.
+/// Words of somebody else as a terminal and a log may show them: without what controls a terminal or turns the direction of the
+/// text (Unicode 16, UAX #9, 2).
 #[must_use]
 pub fn plain(words: &str) -> String {
-    words.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+    let turns = |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    words.chars().map(|c| if c.is_control() || turns(c) { '?' } else { c }).collect()
 }

@@ -19,7 +19,7 @@ use super::{ROOT, audit, camera, diagnosis, now_ns};
 use plumbline_estimator::{Estimate, MapSnapshot};
 use plumbline_record::fields::Parts;
 use plumbline_record::local::content::LocalRecord;
-use plumbline_record::local::request::Request;
+use plumbline_record::local::request::{Failure, Request};
 use plumbline_record::messages::{Envelope, Health, LadderRung};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Topic;
@@ -126,7 +126,7 @@ impl Publishers {
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
             self.empty(shared, &mut records).await;
-            self.do_chores();
+            self.do_chores().await;
         }
         self.empty(shared, &mut records).await;
         self.map.finish().await;
@@ -140,8 +140,8 @@ impl Publishers {
         let _ = self.session.close().await;
     }
 
-    /// Logs what was refused, and gives a sign of life to whoever started the process.
-    fn do_chores(&mut self) {
+    /// Logs what was refused, and gives a sign of life to whoever started the process, or asks for another session.
+    async fn do_chores(&mut self) {
         if self.chores.elapsed() < CHORES_PERIOD {
             return;
         }
@@ -151,6 +151,12 @@ impl Publishers {
         if self.alive.elapsed() >= ALIVE_PERIOD {
             self.alive = Instant::now();
             self.commands.report(&Request::Alive);
+        }
+        // Whoever knows the identifier of a session may take its place while its link is down: a new session has a new one.
+        if diagnosis::is_identifier_taken() {
+            let words = "another session uses the identifier of this one".to_owned();
+            self.commands.report(&Request::Failed(Failure { is_usage: false, words }));
+            self.commands.close();
         }
     }
 

@@ -1,4 +1,4 @@
-//! The messages of ROS 2 that a vehicle sends, field by field as their `.msg` and `.srv` files have them: the order is the
+//! The messages of ROS 2 that a vehicle sends, field by field as their `.msg` files have them: the order is the
 //! order on the wire, and who sends one names its definition by its hash ([`super::interface`]).
 
 use super::interface::Interface;
@@ -80,14 +80,7 @@ message! {
 
     /// `nav_msgs/msg/Path`.
     struct Path<'a> { header: Header<'a>, poses: Vec<PoseStamped<'a>> }
-
-    /// Response of `std_srvs/srv/Trigger`.
-    struct TriggerServiceResponse { success: bool, message: String }
 }
-
-/// Service `std_srvs/srv/Trigger`.
-#[derive(Debug)]
-pub enum TriggerService {}
 
 /// Gives a type the name and the hash of its definition.
 macro_rules! interfaces {
@@ -105,7 +98,6 @@ interfaces! {
     PoseStamped<'_> = "geometry_msgs/msg/PoseStamped", "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8";
     TfMessage<'_> = "tf2_msgs/msg/TFMessage", "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
     Path<'_> = "nav_msgs/msg/Path", "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b";
-    TriggerService = "std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
 }
 
 impl Time {

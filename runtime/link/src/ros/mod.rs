@@ -1,4 +1,4 @@
-//! ROS 2 without ROS: odometry, path, transforms and the reset service as RViz 2 and `ros2` expect them.
+//! ROS 2 without ROS: odometry, path and transforms as RViz 2 and `ros2` expect them.
 //!
 //! Machines that run ROS 2 with `RMW_IMPLEMENTATION=rmw_zenoh_cpp` speak Zenoh, as we do. What is missing
 //! between the two is a way of writing, and that is all there is here; no part of ROS is needed:
@@ -6,11 +6,11 @@
 //! - [`interface`]: names and hashes of types of ROS; [`messages`]: those that are sent;
 //! - [`cdr`]: their bytes;
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
-//!   their endpoints, and what it attaches to samples and requests;
+//!   their endpoints, and what it attaches to samples;
 //! - [`frames`]: odometry, pose and transforms from an estimate, with what ROS means by a covariance and by a twist
 //!   ([`covariance`]);
 //! - [`path`]: the path since the last reset;
-//! - [`node`]: a node `plumbline` with its publishers ([`topic`]) and services ([`reset`]);
+//! - [`node`]: a node `plumbline` with its publishers ([`topic`]);
 //! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on;
 //! - [`output`]: the thread that feeds it with the records of a flight.
 //!
@@ -30,7 +30,6 @@ pub mod node;
 pub mod output;
 pub mod path;
 pub mod publisher;
-pub mod reset;
 pub mod system_clock;
 mod topic;
 pub mod trigger;

@@ -29,8 +29,6 @@ pub enum Endpoint {
     Publisher,
     /// Subscription to a topic.
     Subscription,
-    /// Server of a service.
-    Service,
 }
 
 impl Endpoint {
@@ -38,7 +36,6 @@ impl Endpoint {
         match self {
             Self::Publisher => "MP",
             Self::Subscription => "MS",
-            Self::Service => "SS",
         }
     }
 }
@@ -138,17 +135,6 @@ impl Attachment {
         bytes[17..].copy_from_slice(&self.gid);
         bytes
     }
-
-    /// Attachment in these bytes; `None` where they are another number of bytes, or the identifier is of another length.
-    #[must_use]
-    pub fn decode(bytes: &[u8]) -> Option<Self> {
-        let (sequence, rest) = bytes.split_first_chunk()?;
-        let (source_ns, rest) = rest.split_first_chunk()?;
-        let (length, gid) = rest.split_first()?;
-        let gid = gid.try_into().ok().filter(|_| usize::from(*length) == GID_BYTES)?;
-        let [sequence, source_ns] = [sequence, source_ns].map(|number| i64::from_le_bytes(*number));
-        Some(Self { sequence, source_ns, gid })
-    }
 }
 
 #[cfg(test)]
@@ -207,25 +193,6 @@ mod tests {
     }
 
     #[test]
-    fn a_service_has_the_token_of_its_server() {
-        let node = node(2, "f1eec80b0794deb18ff9ee5a0182029d", "/", "server");
-        let hash = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a";
-        let interface = InterfaceType::new("example_interfaces/srv/AddTwoInts", hash);
-        let service = RosTopic { name: node.qualified("add_two_ints"), interface, depth: 10 };
-        // The example of `docs/design.md`, and the token that such a server declares.
-        assert_eq!(
-            node.key(&service),
-            format!("2/add_two_ints/example_interfaces::srv::dds_::AddTwoInts_/{hash}")
-        );
-        assert_eq!(
-            node.endpoint_token(Endpoint::Service, 10, &service),
-            format!(
-                "@ros2_lv/2/f1eec80b0794deb18ff9ee5a0182029d/0/10/SS/%/%/server/%add_two_ints/example_interfaces::srv::dds_::AddTwoInts_/{hash}/::,10:,:,:,,"
-            )
-        );
-    }
-
-    #[test]
     fn an_attachment_is_sequence_time_and_identifier_behind_its_length() {
         let attachment = Attachment { sequence: 1, source_ns: -2, gid: gid("a token") };
         let bytes = attachment.encode();
@@ -233,18 +200,5 @@ mod tests {
         assert_eq!(bytes[8..16], (-2i64).to_le_bytes());
         assert_eq!(bytes[16], 16);
         assert_eq!(bytes[17..], attachment.gid);
-        assert_eq!(Attachment::decode(&bytes), Some(attachment));
-    }
-
-    #[test]
-    fn refuses_attachments_of_other_lengths() {
-        let bytes = Attachment { sequence: 1, source_ns: 2, gid: [3; 16] }.encode();
-        for length in 0..bytes.len() {
-            assert_eq!(Attachment::decode(&bytes[..length]), None, "{length}");
-        }
-        assert_eq!(Attachment::decode(&[&bytes[..], &[0]].concat()), None);
-        let mut other = bytes;
-        other[16] = 15;
-        assert_eq!(Attachment::decode(&other), None);
     }
 }

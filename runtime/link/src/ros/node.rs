@@ -1,4 +1,4 @@
-//! The node `plumbline` with its publishers and services, on a session of Zenoh.
+//! The node `plumbline` with its publishers, on a session of Zenoh.
 
 use super::frames::RosFrames;
 use super::identity::Identity;
@@ -6,12 +6,11 @@ use super::interface::{Interface, InterfaceType};
 use super::messages::{OdometryMessage, Path, PoseStamped, TfMessage, Time};
 use super::names::{NodeName, RosTopic};
 use super::path::{self, PathHistory};
-use super::reset::{ResetServices, Resets};
 use super::system_clock::on_system_clock;
 use super::topic::{Declaring, TopicPublisher, declare_token};
 use super::trigger::{TriggerSubscription, Triggers};
 use crate::net::pace::Pace;
-use crate::net::{NetError, now_ns};
+use crate::net::{CommandRelay, NetError, now_ns};
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_config::options::RosStamp;
@@ -40,7 +39,6 @@ pub struct RosNode {
     path: Option<(Pace, TopicPublisher)>,
     pace: Pace,
     at: Option<AtTriggers>,
-    _reset: Option<ResetServices>,
     _node: LivelinessToken,
 }
 
@@ -64,7 +62,11 @@ impl RosNode {
     ///
     /// # Errors
     /// When Zenoh refuses a key.
-    pub async fn declare(session: &Session, identity: &Identity, resets: &Resets) -> Result<Self, NetError> {
+    pub async fn declare(
+        session: &Session,
+        identity: &Identity,
+        commands: &Arc<CommandRelay>,
+    ) -> Result<Self, NetError> {
         let options = &identity.options;
         let node = NodeName {
             domain_id: options.domain_id,
@@ -89,15 +91,11 @@ impl RosNode {
             }
             false => None,
         };
-        let reset = match options.reset {
-            true => Some(ResetServices::declare(&mut declaring, resets.clone()).await?),
-            false => None,
-        };
         let at = match options.trigger {
             true => {
                 let odom =
                     declare::<OdometryMessage<'_>>(&mut declaring, node.qualified("odom_at"), DEPTH).await?;
-                let (triggers, commands) = (Triggers::default(), Arc::clone(&resets.commands));
+                let (triggers, commands) = (Triggers::default(), Arc::clone(commands));
                 let asking = triggers.clone();
                 let subscription =
                     TriggerSubscription::declare(&mut declaring, asking, identity.stamps, commands).await?;
@@ -108,7 +106,7 @@ impl RosNode {
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
         let pace = Pace::new(rate_hz);
-        Ok(Self { identity: identity.clone(), odom, pose, tf, path, pace, at, _reset: reset, _node: token })
+        Ok(Self { identity: identity.clone(), odom, pose, tf, path, pace, at, _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose, with the pose of its frame in the map, if that is known; then the

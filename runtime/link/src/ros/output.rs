@@ -3,7 +3,7 @@
 use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
 use crate::net::task_bell::TaskBell;
-use crate::net::{CommandRelay, Endpoints, NetError, security};
+use crate::net::{CommandRelay, NetError};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
@@ -56,10 +56,7 @@ impl RosOutput {
             rot_v_b,
             stamps,
         };
-        // Commands come over the router, which shows no certificate of theirs.
-        let router = Endpoints { connect: vec![config.ros.router.clone()], ..Endpoints::default() };
-        let refusal = security::refusal(config.network.commands, &router);
-        let publisher = RosPublisher::start(identity, commands, refusal)?;
+        let publisher = RosPublisher::start(identity, commands)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);

@@ -7,7 +7,6 @@
 use super::identity::Identity;
 use super::node::{RosNode, is_worth_sending};
 use super::path::PathHistory;
-use super::reset::Resets;
 use crate::net::{CommandRelay, NetError};
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
@@ -15,7 +14,6 @@ use plumbline_record::InstantAnswer;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
-use tokio::sync::watch;
 use zenoh::{Session, Wait};
 
 /// First and longest pause between attempts to reach the router, ms.
@@ -33,8 +31,7 @@ pub const LOOK_PERIOD: Duration = Duration::from_millis(200);
 /// Publishes to ROS 2 as soon as the router is there, and again when it comes back.
 pub struct RosPublisher {
     identity: Identity,
-    resets: Resets,
-    count: watch::Sender<u32>,
+    commands: Arc<CommandRelay>,
     state: State,
     /// Failure that was logged last.
     failure: String,
@@ -52,21 +49,15 @@ enum State {
 }
 
 impl RosPublisher {
-    /// Starts to look for the router; returns at once. `refusal` is the reason why commands are refused, if they are.
+    /// Starts to look for the router; returns at once.
     ///
     /// # Errors
     /// When no thread can be had.
-    pub fn start(
-        identity: Identity,
-        commands: Arc<CommandRelay>,
-        refusal: Option<String>,
-    ) -> Result<Self, NetError> {
+    pub fn start(identity: Identity, commands: Arc<CommandRelay>) -> Result<Self, NetError> {
         let receiver = search(&identity.options.router)?;
-        let (count, newest) = watch::channel(0);
-        let resets = Resets { commands, count: newest, refusal };
         let state = State::Waiting(Instant::now(), false, receiver);
         let path = PathHistory::new(MAX_PATH_POSES);
-        Ok(Self { identity, resets, count, state, failure: String::new(), path, map: None })
+        Ok(Self { identity, commands, state, failure: String::new(), path, map: None })
     }
 
     /// Declares the node when the router has appeared.
@@ -99,7 +90,6 @@ impl RosPublisher {
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
     /// the samples show it.
     pub async fn odometry(&mut self, odometry: &Odometry) {
-        self.count.send_replace(odometry.reset_counter);
         if is_worth_sending(odometry) {
             self.path.follow(odometry);
         }
@@ -119,7 +109,7 @@ impl RosPublisher {
     async fn connected(&mut self, session: Result<Session, NetError>) -> State {
         let declared = async {
             let session = session?;
-            let node = RosNode::declare(&session, &self.identity, &self.resets).await?;
+            let node = RosNode::declare(&session, &self.identity, &self.commands).await?;
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
         match declared.await {
@@ -196,7 +186,7 @@ mod tests {
         let options = RosConfig { router: "tcp/127.0.0.1:1".into(), ..RosConfig::default() };
         let (vehicle, rot_v_b, stamps) = ("drone".into(), UnitQuaternion::identity(), Stamps::Replayed);
         let identity = Identity { options, vehicle, rot_v_b, stamps };
-        let mut publisher = RosPublisher::start(identity, Arc::default(), None).unwrap();
+        let mut publisher = RosPublisher::start(identity, Arc::default()).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let fails = |publisher: &mut RosPublisher| {
             let (sender, receiver) = oneshot::channel();

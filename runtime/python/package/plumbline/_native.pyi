@@ -82,7 +82,7 @@ class Estimate:
         """Sequence number of the frame."""
     @property
     def stamp_ns(self) -> int:
-        """Time of the state on the clock of the IMU, ns: the stamp of the image plus the estimated time offset."""
+        """Time of the state on the clock of the IMU, ns."""
     @property
     def state(self) -> str:
         """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
@@ -150,10 +150,10 @@ class Odometry:
         """Count of odometry outputs."""
     @property
     def stamp_ns(self) -> int:
-        """Time of the inertial sample, ns."""
+        """Time of the state on the clock of the IMU, ns."""
     @property
     def state(self) -> str:
-        """State of the estimate that it rests on: "initialising", "tracking", "blind" or "failed"."""
+        """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
     @property
     def has_pose(self) -> bool:
         """True if pose, velocity and covariance are valid."""
@@ -174,10 +174,10 @@ class Odometry:
         """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
     @property
     def quality(self) -> int:
-        """Quality of the estimate that it rests on: 0 to 100, -1 if the estimator failed."""
+        """Quality from 0 to 100; -1 if the estimator failed."""
     @property
     def reset_counter(self) -> int:
-        """Number of resets so far."""
+        """Number of resets so far: the pose may jump where it changes."""
     @property
     def jumps(self) -> int:
         """Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit."""
@@ -190,7 +190,7 @@ class Instant:
 
     @property
     def stamp_ns(self) -> int:
-        """The instant, ns."""
+        """Time of the state on the clock of the IMU, ns."""
     @property
     def estimated_ns(self) -> int:
         """Time of the estimate before it, ns."""
@@ -199,7 +199,7 @@ class Instant:
         """True if there is an estimate after it too: the answer would not change any more."""
     @property
     def state(self) -> str:
-        """State of the estimate before it: "tracking" or "blind"."""
+        """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
     @property
     def position(self) -> _Floats:
         """Position of B in O, m, shape (3,)."""
@@ -217,10 +217,10 @@ class Instant:
         """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
     @property
     def quality(self) -> int:
-        """Quality of the estimate before it: 0 to 100."""
+        """Quality from 0 to 100; -1 if the estimator failed."""
     @property
     def reset_counter(self) -> int:
-        """Number of resets until then."""
+        """Number of resets so far: the pose may jump where it changes."""
     def matrix(self) -> _Floats:
         """Pose of B in O as a matrix, shape (4, 4), m."""
 

@@ -18,8 +18,6 @@ const IDLE_FRAME: f64 = 0.25;
 const PROVES_RAD: f64 = 3e-3;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
-/// Largest quality in a contradiction: the images go on alone, and may follow what moves.
-const CONTRADICTED_QUALITY: i8 = 10;
 /// Turns by which the gyroscope is named, and how much of what differs the images turn by themselves.
 const TURNS_TO_NAME: usize = 10;
 const TURNING_SHARE: f64 = 0.2;
@@ -227,11 +225,6 @@ impl Contradiction {
             count += 1;
         }
         count >= TURNS_TO_NAME && left > UNEXPLAINED_SHARE * off && seen > TURNING_SHARE * off
-    }
-
-    /// The quality of an estimate that would have `quality` if the sensors agreed.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        quality.min(CONTRADICTED_QUALITY)
     }
 }
 

@@ -327,9 +327,9 @@ impl RotationWatch {
         }
     }
 
-    /// The quality of an estimate that would have `quality` if the sensors agreed.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        self.contradiction.map_or(quality, |contradiction| contradiction.bounded(quality))
+    /// True while images and gyroscope contradict each other.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.contradiction.is_some()
     }
 
     /// Covariance to add to that of the state `nav`, which turns by `rate_b`, for errors that it does not include.

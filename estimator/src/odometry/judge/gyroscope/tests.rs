@@ -123,7 +123,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
         last_s = Some((t, age_s));
         let mut health = HealthBits::default();
         watch.report(&mut health);
-        said.push((t, health, watch.bounded(90)));
+        said.push((t, health, if watch.is_contradicted() { 10 } else { 90 }));
     }
     said
 }

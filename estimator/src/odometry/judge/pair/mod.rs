@@ -95,9 +95,9 @@ impl Pair {
         self.shift.untracked().or(is_late.then_some(LEFT))
     }
 
-    /// The quality of an estimate that would have `quality` if the images were of the same moment.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        self.time.bounded(quality)
+    /// True if the images of the pair are not of the same moment.
+    pub(super) fn is_out_of_step(&self) -> bool {
+        self.time.is_out_of_step()
     }
 
     /// True if an image of the frame of `stamp` is left out: a camera has jumped against the other, repeated an

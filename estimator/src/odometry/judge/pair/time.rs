@@ -39,8 +39,6 @@ const HABIT_S: f64 = 10.0;
 const DISAGREED_S: f64 = 2.0;
 /// The right camera.
 pub(super) const RIGHT: usize = 1;
-/// Largest quality while the images of a pair are not of the same moment.
-const OUT_OF_STEP_QUALITY: i8 = 10;
 
 /// Regression of distances over speeds.
 #[derive(Clone, Copy, Debug, Default)]
@@ -148,11 +146,6 @@ impl PairTime {
     pub(super) fn is_out_of_step(&self) -> bool {
         self.late_s().is_some_and(|(late_s, sigma_s)| late_s.abs() > LEAST_S.at_least(SHOWS_SIGMAS * sigma_s))
     }
-
-    /// The quality of an estimate that would have `quality` if they were of the same.
-    pub(super) fn bounded(&self, quality: i8) -> i8 {
-        if self.is_out_of_step() { quality.min(OUT_OF_STEP_QUALITY) } else { quality }
-    }
 }
 
 #[cfg(test)]
@@ -184,7 +177,6 @@ mod tests {
             let watch = watched(late_s, 0.8);
             let (found, sigma) = watch.late_s().expect("points move");
             assert!(watch.is_out_of_step() && (found - late_s).abs() < 3.0 * sigma, "{late_s}: {found}");
-            assert_eq!(watch.bounded(90), OUT_OF_STEP_QUALITY);
         }
     }
 

@@ -1,14 +1,13 @@
 //! Feeds [`Plausibility`] from a run, on a thread of normal priority.
 //!
-//! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
+//! The listeners copy samples and stamps into memory that stands since before the run. In a live run what finds
 //! no room is left out; in virtual time the run waits, so that the findings are the same every time.
 
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use crate::schedule::queue::Queue;
 use crate::sensor_board::SensorBoard;
-use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
-use plumbline_config::options::image_sizes;
-use plumbline_config::{Config, ImuSample};
+use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Plausibility};
+use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 use plumbline_record::event::MAX_EVENT_BYTES;
 use plumbline_record::said::FullEstimate;
@@ -20,8 +19,6 @@ use std::time::Duration;
 
 /// Things that wait to be looked at.
 const QUEUE: usize = 4096;
-/// Frames that wait to be looked at.
-const FRAMES: usize = 8;
 /// The queue is looked into this often, and by a producer that may wait.
 const POLL: Duration = Duration::from_millis(5);
 const WAIT: Duration = Duration::from_micros(200);
@@ -29,21 +26,16 @@ const WAIT: Duration = Duration::from_micros(200);
 const JUDGED_EVERY: u64 = 100;
 
 /// One thing to look at.
-// A frame is handles of buffers: boxing it would allocate.
-#[allow(clippy::large_enum_variant)]
 enum Item {
     Sample(ImuSample),
-    Frame(Glimpse),
+    Frame(Timestamp),
     Estimate(u64, HealthBits),
     Reset(heapless::String<MAX_EVENT_BYTES>),
 }
 
 struct Shared {
     items: Queue<Item>,
-    /// Filled by the thread that looks, emptied by the front-end.
-    free: Queue<Glimpse>,
     may_wait: bool,
-    has_seen_enough: AtomicBool,
     is_over: AtomicBool,
 }
 
@@ -84,17 +76,11 @@ impl Watch {
         known: Vec<Finding>,
         board: Option<SensorBoard>,
     ) -> std::io::Result<Self> {
-        let sizes = image_sizes(&config.camera);
         let shared = Arc::new(Shared {
             items: Queue::new(QUEUE),
-            free: Queue::new(FRAMES),
             may_wait: !is_live,
-            has_seen_enough: AtomicBool::new(false),
             is_over: AtomicBool::new(false),
         });
-        for _ in 0..FRAMES {
-            let _ = shared.free.push(Glimpse::new(sizes));
-        }
         let (theirs, plausibility) = (Arc::clone(&shared), Plausibility::new(config, is_live));
         let thread = std::thread::Builder::new().name("plausibility".into()).spawn(move || {
             look(&theirs, plausibility, Told { findings: Vec::new(), notices: Vec::new(), board }, known)
@@ -147,19 +133,9 @@ impl Listener for Ear {
     }
 
     fn shown(&mut self, view: ListenerView<'_>) {
-        let ListenerView::Frame(frame) = view else { return };
-        if self.0.has_seen_enough.load(Ordering::Relaxed) {
-            return;
+        if let ListenerView::Frame(frame) = view {
+            self.0.offer(Item::Frame(frame.stamp));
         }
-        // The place first: a copy that found none would have to go back.
-        let Some(place) = self.0.await_room(|| self.0.items.place()) else { return };
-        let Some(mut glimpse) = self.0.await_room(|| self.0.free.pop()) else { return };
-        glimpse.stamp = frame.stamp;
-        glimpse.valid = frame.valid;
-        for (thumbnail, image) in glimpse.images.iter_mut().zip(&frame.images) {
-            thumbnail.take(image);
-        }
-        place.fill(Item::Frame(glimpse));
     }
 }
 
@@ -186,11 +162,7 @@ fn look(
                     }
                 }
                 Item::Reset(reason) => plausibility.add_reset(&reason),
-                Item::Frame(glimpse) => {
-                    plausibility.add_frame(&glimpse);
-                    let _ = shared.free.push(glimpse);
-                    shared.has_seen_enough.store(plausibility.has_seen_enough(), Ordering::Relaxed);
-                }
+                Item::Frame(stamp) => plausibility.add_frame(stamp),
             }
         }
         if is_over {

@@ -3,14 +3,11 @@
 //! Images of one time have one name in both folders. The PNG files lie in the folder of the camera or in `data/` within it,
 //! as those of a EuRoC data set do; `mav0/` around them is found as well.
 
-use super::Pair;
 use super::recording::is_chosen;
 use plumbline_config::GrayImage;
 use plumbline_drivers::DriverError;
 use plumbline_drivers::euroc::read_gray_png;
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 /// Sides of the images that are taken, px.
@@ -38,23 +35,11 @@ pub enum ImagesError {
     /// An image cannot be read.
     #[error(transparent)]
     Image(#[from] DriverError),
-    /// Images cannot be kept there.
-    #[error("{}: cannot be written ({reason})", path.display())]
-    Write {
-        /// The file or folder.
-        path: PathBuf,
-        /// Words of the system, or the obstacle, and the cure.
-        reason: String,
-    },
 }
 
 impl ImagesError {
     fn layout(path: &Path, reason: impl Into<String>) -> Self {
         Self::Layout { path: path.to_owned(), reason: reason.into() }
-    }
-
-    fn write(path: &Path, reason: impl ToString) -> Self {
-        Self::Write { path: path.to_owned(), reason: reason.to_string() }
     }
 }
 
@@ -158,57 +143,6 @@ pub fn read(file: &Path) -> Result<GrayImage, ImagesError> {
     Ok(read_gray_png(file, SIDES_PX)?)
 }
 
-/// Makes the folder, with `cam0/` and, for two cameras, `cam1/`, that pairs are kept in with [`write()`]. Images of an earlier
-/// calibration are deleted with `replace`; nothing else ever is.
-///
-/// # Errors
-/// When there is anything in it that would be mixed up with them, or the system refuses.
-pub fn make_folder(folder: &Path, cameras: usize, replace: bool) -> Result<(), ImagesError> {
-    for camera in ["cam0", "cam1"] {
-        let there = folder.join(camera);
-        let files = if there.exists() { listed(&there)? } else { Vec::new() };
-        if !files.is_empty() && !replace {
-            let reason = "holds images; name another folder with --images, or give --overwrite";
-            return Err(ImagesError::write(folder, reason));
-        }
-        if let Some(other) = files.iter().find(|file| !is_png(file)) {
-            let reason = "is not a PNG image, and in the way; name another folder with --images";
-            return Err(ImagesError::write(other, reason));
-        }
-        files.iter().try_for_each(|file| fs::remove_file(file).map_err(|e| ImagesError::write(file, e)))?;
-    }
-    for camera in ["cam0", "cam1"].iter().take(cameras) {
-        let there = folder.join(camera);
-        fs::create_dir_all(&there).map_err(|e| ImagesError::write(&there, e))?;
-    }
-    Ok(())
-}
-
-/// Writes the images of a pair as PNG files that [`Images::list`] finds again, pixel by pixel the same.
-///
-/// # Errors
-/// When the system refuses.
-pub fn write(folder: &Path, pair: &Pair) -> Result<(), ImagesError> {
-    for (camera, image) in pair.images.iter().enumerate() {
-        let Some(image) = image else { continue };
-        let file = folder.join(format!("cam{camera}")).join(format!("{}.png", pair.name));
-        write_png(&file, image).map_err(|e| ImagesError::write(&file, e))?;
-    }
-    Ok(())
-}
-
-fn write_png(file: &Path, image: &GrayImage) -> Result<(), Box<dyn std::error::Error>> {
-    let (width, height) = (u32::try_from(image.width())?, u32::try_from(image.height())?);
-    let mut encoder = png::Encoder::new(BufWriter::new(File::create(file)?), width, height);
-    encoder.set_color(png::ColorType::Grayscale);
-    encoder.set_depth(png::BitDepth::Eight);
-    // While somebody moves a board there is no time for smaller files.
-    encoder.set_compression(png::Compression::Fastest);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(image.pixels())?;
-    Ok(writer.finish()?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -261,28 +195,5 @@ mod tests {
         assert!(refusal(&["cam0/1.png", "cam1/2.png"]).contains("one name"));
         let missing = Images::list(Path::new("/nowhere"), 9, false).unwrap_err().to_string();
         assert!(missing.contains("/nowhere") && missing.contains("cam1/"), "{missing}");
-    }
-
-    #[test]
-    fn pairs_that_are_kept_are_read_again_bit_by_bit_and_nobodys_files_are_lost() {
-        let folder = tempfile::tempdir().unwrap();
-        let folder = folder.path().join("kept");
-        let image = |first: u8| {
-            let pixels = (0..64 * 64).map(|k| first.wrapping_add((k % 251) as u8)).collect();
-            GrayImage::from_pixels(64, 64, pixels).unwrap()
-        };
-        let pair = Pair { name: "0001".into(), images: [Some(image(3)), Some(image(90))] };
-        make_folder(&folder, 2, false).unwrap();
-        write(&folder, &pair).unwrap();
-        let images = Images::list(&folder, 9, false).unwrap();
-        let back = images.moments[0].files.each_ref().map(|file| read(file.as_deref().unwrap()).unwrap());
-        assert_eq!((names(&images), Some(&back[1])), (vec!["0001"], pair.images[1].as_ref()));
-        let refusal = make_folder(&folder, 2, false).unwrap_err().to_string();
-        assert!(refusal.contains("--overwrite"), "{refusal}");
-        std::fs::write(folder.join("notes.txt"), "mine").unwrap();
-        make_folder(&folder, 2, true).unwrap();
-        assert!(folder.join("notes.txt").exists() && !folder.join("cam0/0001.png").exists());
-        std::fs::write(folder.join("cam1/notes.txt"), "mine").unwrap();
-        assert!(make_folder(&folder, 2, true).unwrap_err().to_string().contains("notes.txt"));
     }
 }

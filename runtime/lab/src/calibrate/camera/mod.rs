@@ -1,9 +1,8 @@
 //! Calibration of one or two cameras by images of a board: intrinsics, the pose between the cameras, and how well both are
 //! known.
 //!
-//! The way of the data: [`images`] lists files, a [`recording`] is read, or [`live`] cameras are looked at until [`gather`] says that
-//! there is enough; a `detector` (OpenCV, in the crate `plumbline-boards`) finds what is in
-//! them, `detect` makes corners of the board ([`target`]) of that, `initial` guesses cameras and poses, `adjust` fits them,
+//! The way of the data: [`images`] lists files, or a [`recording`] is read; a `detector` (OpenCV, in the crate `plumbline-boards`)
+//! finds what is in them, `detect` makes corners of the board ([`target`]) of that, `initial` guesses cameras and poses, `adjust` fits them,
 //! `second_look` finds the corners that the first sight missed. Three rounds of the last two, and [`result`] sums up.
 //!
 //! The adjustment is ours and not OpenCV's `calibrateCamera` and `stereoCalibrate`, which tests compare it with: it fits both
@@ -12,11 +11,9 @@
 mod adjust;
 mod detect;
 pub mod detector;
-pub mod gather;
 pub mod images;
 mod initial;
 pub mod lens;
-pub mod live;
 pub mod output;
 mod plane;
 pub mod recording;
@@ -266,25 +263,13 @@ fn check_views(
     if views > 0 && 2 * strange < views {
         return Err(CalibrateError::TooFewViews { camera, target: *target, views, images });
     }
-    let stranger = sights().flat_map(|sight| &sight.strangers).max();
+    let strangers = sights().flat_map(|sight| &sight.strangers).max();
     let most = sights().map(|sight| sight.markers).max().unwrap_or(0);
-    let hint = match (target, stranger) {
-        (_, Some(number)) => {
-            let count = target.marker_count();
-            format!(
-                "a marker {number} was seen, and this board's last is {}; check COLSxROWS",
-                count.saturating_sub(1)
-            )
-        }
-        (Target::Chessboard { .. }, _) => {
-            "the whole board must be in view; COLSxROWS counts inner corners, one less than squares"
-                .to_owned()
-        }
-        (_, None) if most > 0 => {
-            format!("at most {most} of its markers were seen; bring it nearer, hold it still")
-        }
-        _ => "check the kind of board and its code; it must be sharp, evenly lit and large in the image"
-            .to_owned(),
+    let hint = match strangers {
+        Some(number) => format!("a marker {number} was seen, which is not on it; check COLSxROWS"),
+        None => format!(
+            "at most {most} of its markers were seen; check --target, hold it still, near and evenly lit"
+        ),
     };
     Err(CalibrateError::NoBoard { camera, target: *target, images, hint })
 }
@@ -345,7 +330,7 @@ fn start(
     Ok((Cameras { models, pose_c1_c0 }, poses))
 }
 
-/// Which views are used, and what they see.
+/// Used views, and their sights.
 fn used(sights: &[Sight], poses: &[Option<Isometry3<f64>>]) -> (Vec<usize>, Vec<Sight>) {
     let sees = |k: &usize| poses[*k].is_some() && sights[*k].iter().any(|corners| !corners.is_empty());
     let used: Vec<usize> = (0..sights.len()).filter(sees).collect();

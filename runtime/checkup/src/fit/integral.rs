@@ -1,0 +1,175 @@
+//! Inertial samples between two keyframes: rotation, velocity and position against free fall, by the trapezoidal rule.
+
+use super::rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, OF_VIEWS, Rig};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use plumbline_estimator::geometry::{exp_so3, log_so3, right_jacobian_inverse, skew};
+
+/// Samples further apart than this are a gap, s.
+const MAX_GAP_S: f64 = 0.05;
+/// Steps of the numeric derivatives: matrices and biases, and times (s).
+const STEPS: (f64, f64) = (1e-5, 1e-4);
+/// Unknowns by which an integral changes.
+const OF_SAMPLES: usize = CALIBRATION - OF_VIEWS;
+
+/// A sample by the clock of the inertial sensor, s from the middle of the recording.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reading {
+    pub(crate) t_s: f64,
+    pub(crate) gyro: Vector3<f64>,
+    pub(crate) accel: Vector3<f64>,
+}
+
+/// Correction of the readings.
+#[derive(Clone, Copy)]
+pub(super) struct Sensors {
+    gyro: (Matrix3<f64>, Vector3<f64>),
+    accel: (Matrix3<f64>, Vector3<f64>),
+}
+
+/// Motion between two keyframes.
+struct Delta {
+    rot: UnitQuaternion<f64>,
+    v: Vector3<f64>,
+    p: Vector3<f64>,
+    dt_s: f64,
+}
+
+/// Residuals of rotation, velocity and position between two keyframes, with their derivatives.
+pub(super) struct Link {
+    pub(super) residual: SVector<f64, 9>,
+    /// By rotation, position and velocity at the first and at the second keyframe.
+    pub(super) by_keys: [SMatrix<f64, 9, 9>; 2],
+    /// By the unknowns from [`OF_VIEWS`] on; the last six, of the biases, are those of a piece too.
+    pub(super) by_rig: SMatrix<f64, 9, OF_SAMPLES>,
+    pub(super) dt_s: f64,
+}
+
+/// Samples around a time, interpolated there; `None` in a gap.
+pub(super) fn reading_at(readings: &[Reading], t_s: f64) -> Option<Reading> {
+    let after = readings.partition_point(|reading| reading.t_s < t_s);
+    let (a, b) = (readings.get(after.checked_sub(1)?)?, readings.get(after)?);
+    let span_s = b.t_s - a.t_s;
+    (span_s <= MAX_GAP_S && span_s > 0.0).then(|| {
+        let share = (t_s - a.t_s) / span_s;
+        Reading { t_s, gyro: a.gyro.lerp(&b.gyro, share), accel: a.accel.lerp(&b.accel, share) }
+    })
+}
+
+impl Sensors {
+    /// Correction by a calibration and the biases of a piece.
+    pub(super) fn of(rig: &Rig, biases: &SVector<f64, 6>) -> Self {
+        let add = |(matrix, bias): (Matrix3<f64>, Vector3<f64>), at: usize| {
+            (matrix, bias + biases.fixed_rows::<3>(at))
+        };
+        Self { gyro: add(rig.sensor(GYRO), 0), accel: add(rig.sensor(ACCEL), 3) }
+    }
+
+    /// Rate of the body, rad/s.
+    pub(super) fn rate(&self, reading: &Reading) -> Vector3<f64> {
+        self.gyro.0 * reading.gyro - self.gyro.1
+    }
+
+    /// Specific force, m/s².
+    pub(super) fn force(&self, reading: &Reading) -> Vector3<f64> {
+        self.accel.0 * reading.accel - self.accel.1
+    }
+
+    fn integrate(&self, readings: &[Reading], from_s: f64, to_s: f64) -> Option<Delta> {
+        let inner = readings.partition_point(|r| r.t_s <= from_s)..readings.partition_point(|r| r.t_s < to_s);
+        let (first, last) = (reading_at(readings, from_s)?, reading_at(readings, to_s)?);
+        let mut delta = Delta {
+            rot: UnitQuaternion::identity(),
+            v: Vector3::zeros(),
+            p: Vector3::zeros(),
+            dt_s: to_s - from_s,
+        };
+        let mut before = first;
+        for now in readings.get(inner)?.iter().chain([&last]) {
+            let dt_s = now.t_s - before.t_s;
+            if dt_s > MAX_GAP_S {
+                return None;
+            }
+            let turn = exp_so3(&((self.rate(&before) + self.rate(now)) * (0.5 * dt_s)));
+            let rot = delta.rot * turn;
+            let force = (delta.rot * self.force(&before) + rot * self.force(now)) * 0.5;
+            delta.p += delta.v * dt_s + force * (0.5 * dt_s * dt_s);
+            delta.v += force * dt_s;
+            delta.rot = rot;
+            before = *now;
+        }
+        Some(delta)
+    }
+
+    /// This correction with one of its numbers changed: those of the matrices row by row, then of the biases.
+    fn changed(&self, k: usize) -> Self {
+        let mut next = *self;
+        match k {
+            0..9 => next.gyro.0[(k / 3, k % 3)] += STEPS.0,
+            9..18 => next.accel.0[((k - 9) / 3, k % 3)] += STEPS.0,
+            18..21 => next.gyro.1[k - 18] += STEPS.0,
+            _ => next.accel.1[k - 21] += STEPS.0,
+        }
+        next
+    }
+}
+
+impl Delta {
+    fn residual(&self, keys: [&Key; 2], gravity_w: &Vector3<f64>) -> SVector<f64, 9> {
+        let [a, b] = keys;
+        let (back, dt_s) = (a.pose_w_b.rotation.inverse(), self.dt_s);
+        let moved = b.pose_w_b.translation.vector - a.pose_w_b.translation.vector - a.v_w * dt_s;
+        let mut residual = SVector::<f64, 9>::zeros();
+        residual
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&log_so3(&(self.rot.inverse() * back * b.pose_w_b.rotation)));
+        residual.fixed_rows_mut::<3>(3).copy_from(&(back * (b.v_w - a.v_w - gravity_w * dt_s) - self.v));
+        residual
+            .fixed_rows_mut::<3>(6)
+            .copy_from(&(back * (moved - gravity_w * (0.5 * dt_s * dt_s)) - self.p));
+        residual
+    }
+}
+
+impl Link {
+    /// Link between two keyframes; `None` where samples are missing.
+    pub(super) fn new(
+        rig: &Rig,
+        sensors: &Sensors,
+        readings: &[Reading],
+        keys: [&Key; 2],
+        gravity_w: &Vector3<f64>,
+    ) -> Option<Self> {
+        let [from_s, to_s] = keys.map(|key| rig.imu_time_s(key));
+        let delta = sensors.integrate(readings, from_s, to_s)?;
+        let residual = delta.residual(keys, gravity_w);
+        let by = |other: Delta, step: f64| (other.residual(keys, gravity_w) - residual) / step;
+        let mut by_rig = SMatrix::<f64, 9, OF_SAMPLES>::zeros();
+        let by_from = by(sensors.integrate(readings, from_s + STEPS.1, to_s)?, STEPS.1);
+        let by_to = by(sensors.integrate(readings, from_s, to_s + STEPS.1)?, STEPS.1);
+        let [a, b] = keys;
+        by_rig.set_column(DELAY - OF_VIEWS, &(by_from + by_to));
+        by_rig.set_column(CLOCK_RATE - OF_VIEWS, &(by_from * a.t_s + by_to * b.t_s));
+        by_rig.set_column(ALTERNATING - OF_VIEWS, &(by_from * a.parity + by_to * b.parity));
+        for k in GYRO..BIASES + 6 {
+            let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;
+            by_rig.set_column(k - OF_VIEWS, &by(changed, STEPS.0));
+        }
+        let back = a.pose_w_b.rotation.inverse().to_rotation_matrix().into_inner();
+        let turned = (b.pose_w_b.rotation.inverse() * a.pose_w_b.rotation).to_rotation_matrix().into_inner();
+        let inverse = right_jacobian_inverse(&residual.fixed_rows::<3>(0).into_owned());
+        let mut by_keys = [SMatrix::<f64, 9, 9>::zeros(); 2];
+        let mut set = |key: usize, row: usize, column: usize, block: Matrix3<f64>| {
+            by_keys[key].fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        };
+        set(0, 0, 0, -inverse * turned);
+        set(1, 0, 0, inverse);
+        set(0, 3, 0, skew(&(residual.fixed_rows::<3>(3) + delta.v)));
+        set(0, 3, 6, -back);
+        set(1, 3, 6, back);
+        set(0, 6, 0, skew(&(residual.fixed_rows::<3>(6) + delta.p)));
+        set(0, 6, 3, -back);
+        set(1, 6, 3, back);
+        set(0, 6, 6, -back * delta.dt_s);
+        Some(Self { residual, by_keys, by_rig, dt_s: delta.dt_s })
+    }
+}

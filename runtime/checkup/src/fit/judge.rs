@@ -1,0 +1,180 @@
+//! Verdicts of a fit: each part of the calibration as measured against the configured one, the causes first.
+
+use super::causes::{Cause, Causes, Course, SIGMAS};
+use super::parts::{Part, parts};
+use super::rig::{ACCEL, GYRO};
+use super::{FirstLook, Fitted, fit, orientation};
+use crate::NAMED_ABOVE;
+use crate::tracks::Tracks;
+use crate::verdict::{Fitness, Measure};
+use nalgebra::DVector;
+use plumbline_config::{Config, ImuSample};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// A part is off for good from so many standard deviations on, those of a calibration and of the measurement together.
+const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
+/// Offsets of the gyroscope between pieces, rad/s, that no gyroscope has in flight, and by how much more than it says.
+const MOVING: (f64, f64) = (0.01, 10.0);
+
+/// Instructions for a recording that can be fitted.
+const HOLD: &str = "fly or move it by hand for ten seconds and more, with texture in view";
+
+/// Measures of the calibration by one fit of everything: what explains most first.
+pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
+    let parts = parts(config);
+    let first = FirstLook::at(config, tracks, samples);
+    let otherwise = first.as_ref().and_then(|first| orientation::judge(config, tracks, samples, first));
+    if let Some(measure) = otherwise {
+        return std::iter::once(measure).chain(spoilt(config)).collect();
+    }
+    let first = first.filter(FirstLook::turns_enough);
+    // By how much more than it says a calibration is uncertain, only several pieces show.
+    let fitted = first.and_then(|first| fit(config, tracks, samples, &first));
+    let Some(fitted) = fitted.filter(|fitted| fitted.pieces.len() > 1) else {
+        return missing(
+            &parts,
+            "it is too short, the vehicle hardly turns, or images and samples hold no motion together",
+            HOLD,
+        );
+    };
+    let causes = Causes::new(&fitted, &parts);
+    let found = causes.found();
+    let mut measures: Vec<Measure> = carrier(&fitted, config).into_iter().collect();
+    let mut told = Vec::new();
+    if measures.is_empty() {
+        for cause in &found {
+            let mut measure = of_cause(&causes, &parts, cause, &found, &fitted);
+            measure.figures.push(("explains_share", cause.share));
+            if measure.verdict > Fitness::Good {
+                told.push(parts[cause.part].subject);
+                measures.push(measure);
+            }
+        }
+    }
+    for (k, part) in
+        parts.iter().enumerate().filter(|(_, part)| part.is_listed && !told.contains(&part.subject))
+    {
+        let mut measure = constant(&causes, k, part, &found);
+        // What is off but explains nothing is a consequence.
+        measure.verdict = measure.verdict.min(Fitness::Good);
+        measures.push(measure);
+    }
+    measures
+}
+
+/// The parts of the calibration of a recording through which nothing can be fitted.
+pub(crate) fn spoilt(config: &Config) -> Vec<Measure> {
+    missing(&parts(config), "not fitted", NAMED_ABOVE)
+}
+
+fn missing(parts: &[Part], why: &str, cure: &str) -> Vec<Measure> {
+    let listed = parts.iter().filter(|part| part.is_listed);
+    listed.map(|part| Measure::missing(part.name, why, cure).shown_by(part.motion)).collect()
+}
+
+/// What the camera sees turns with the vehicle, or rather not with the ground.
+fn carrier(fitted: &Fitted, config: &Config) -> Option<Measure> {
+    let sigma = fitted.noise.biases[0];
+    let usual = config.imu.gyro_bias_walk * fitted.span_s.sqrt() + config.imu.gyro_error_sigma_rad_s;
+    (sigma > MOVING.0 && sigma > MOVING.1 * usual).then(|| {
+        Measure::new(
+            "gyroscope against the scene",
+            Fitness::NotFit,
+            format!("the scene turns by {sigma:.3} rad/s that the gyroscope does not agree with, otherwise in each piece of two seconds"),
+            "probably a cabin, deck or other carrier that moves and fills the view, or a gyroscope that fails; fly where the ground is seen, \
+             or replace the sensor",
+            &[("rate_rad_s", sigma)],
+        )
+    })
+}
+
+/// How far values are off, in standard deviations of calibration and measurement together, and the largest sigma over the worth.
+fn off(part: &Part, (value, sigma): &(DVector<f64>, DVector<f64>)) -> (f64, f64) {
+    let off = value.iter().zip(sigma.iter()).map(|(v, s)| v.abs() / part.worth.hypot(*s)).fold(0.0, f64::max);
+    (off, sigma.max() / part.worth)
+}
+
+fn verdict(off: f64) -> Fitness {
+    Fitness::within(off, SIGMAS, FAULT_SIGMAS)
+}
+
+/// A part that holds for the whole recording.
+fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Measure {
+    let values = causes.values(k, Course::Constant, found);
+    let (off, poor) = off(part, &values[0]);
+    let (worst, sigma) = (verdict(off), words(part, &values[0].1));
+    let value = format!("{} {}, one sigma {sigma}", words(part, &values[0].0), part.unit.0);
+    let figures = [("step", largest(&values[0].0)), ("sigma", values[0].1.max())];
+    let measure = if poor > SIGMAS && worst == Fitness::Good {
+        Measure::new(part.name, Fitness::Uncertain, value, part.motion.unwrap_or(HOLD), &figures)
+    } else {
+        Measure::new(part.name, worst, format!("off by {value}"), part.cure, &figures)
+    };
+    measure.shown_by(part.motion)
+}
+
+fn of_cause(causes: &Causes<'_>, parts: &[Part], cause: &Cause, found: &[Cause], fitted: &Fitted) -> Measure {
+    let part = &parts[cause.part];
+    if cause.course == Course::Constant {
+        let mut measure = constant(causes, cause.part, part, found);
+        let columns = if part.basis.ncols() == 9 { columns(part, fitted) } else { None };
+        if let Some(words) = columns {
+            measure.value = format!("{words} ({})", measure.value);
+        }
+        return measure;
+    }
+    let values = causes.values(cause.part, cause.course, found);
+    let count = part.counted;
+    // The component that changes most.
+    let range = |i: usize| {
+        let of = values
+            .iter()
+            .map(|(value, sigma)| (value[i], sigma[i]))
+            .filter(|(_, s)| *s < FAULT_SIGMAS * part.worth);
+        let (low, high) = (
+            of.clone().map(|v| v.0).fold(f64::INFINITY, f64::min),
+            of.clone().map(|v| v.0).fold(f64::NEG_INFINITY, f64::max),
+        );
+        FRAC_1_SQRT_2 * (high - low) / part.worth.hypot(of.map(|v| v.1).fold(0.0, f64::max))
+    };
+    let most = (0..count).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
+    let thirds: Vec<String> = causes
+        .values(cause.part, Course::Thirds, found)
+        .iter()
+        .map(|(value, _)| format!("{:+.3}", value[most] * part.unit.1))
+        .collect();
+    let cure = match part.subject {
+        0 => "a lens with autofocus, or whose focus moves: fix it, and calibrate with that focus",
+        4..=5 | 12..=13 => "the mount is loose: fasten cameras and IMU to each other",
+        6 => "stamp samples and images by one clock, when they are measured: the delay between them changes",
+        _ => part.cure,
+    };
+    Measure::new(
+        part.name,
+        verdict(range(most)),
+        format!("changes over the recording: {} {} in its thirds", thirds.join(", "), part.unit.0),
+        cure,
+        &[("range_sigmas", range(most))],
+    )
+}
+
+/// Columns that stand for x, y and z where they are not these.
+fn columns(part: &Part, fitted: &Fitted) -> Option<String> {
+    let matrix = fitted.rig.sensor(if part.subject == 10 { GYRO } else { ACCEL }).0;
+    let name = |row: usize| {
+        let at = matrix.row(row).transpose().iamax();
+        format!("{}{}", if matrix[(row, at)] < 0.0 { "-" } else { "" }, ["x", "y", "z"][at])
+    };
+    let names: Vec<String> = (0..3).map(name).collect();
+    (names != ["x", "y", "z"]).then(|| {
+        format!("columns are swapped or negated: x y z of the body are {} as delivered", names.join(" "))
+    })
+}
+
+fn largest(values: &DVector<f64>) -> f64 {
+    values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+}
+
+fn words(part: &Part, values: &DVector<f64>) -> String {
+    values.iter().map(|value| format!("{:.3}", value * part.unit.1)).collect::<Vec<_>>().join(" ")
+}

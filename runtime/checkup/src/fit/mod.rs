@@ -1,0 +1,402 @@
+//! One fit of a recording: motions, points and everything that a calibration consists of.
+//!
+//! A recording is cut into pieces of two seconds ([`piece`]). Each finds its own motion by points of both images and by the inertial
+//! samples, and all share one calibration ([`rig`]): lenses, extrinsics, delay and rate of the clocks, readout, axes of the inertial
+//! sensors. Gauss-Newton frees all of it at once, from loose inertial noise down to what is measured, so that not even a negated
+//! axis pulls the images along. What is left of each piece is a quadratic of the calibration, in which [`causes`] asks which single
+//! change explains most.
+
+pub(crate) mod causes;
+mod integral;
+pub(crate) mod judge;
+mod orientation;
+pub(crate) mod parts;
+mod piece;
+pub(crate) mod rig;
+
+use crate::statistics::mean_and_spread;
+use crate::tracks::Tracks;
+use integral::{Reading, Sensors, reading_at};
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use piece::{Noise, Normal, Piece, View};
+use plumbline_config::{Config, ImuSample, Timestamp, median};
+use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
+use rig::{READOUT, RIGHT_LATE, ROT_B_C, ROT_PAIR, Rig, Vector};
+
+/// Keyframes of a piece: two seconds.
+const KEYS: usize = 14;
+/// Keyframes further apart than this end a piece, s.
+const MAX_KEY_GAP_S: f64 = 0.5;
+/// Steps with the calibration held, and in all.
+const HELD_STEPS: usize = 3;
+const STEPS: usize = 16;
+/// Damping of the states at first; it falls by a third with each step.
+const DAMPING: f64 = 1e-2;
+/// A median absolute value times this is a standard deviation; of the length of two components, times the other.
+const OF_MEDIAN: f64 = 1.4826;
+const OF_MEDIAN_LENGTH: f64 = 0.849;
+/// Noise to begin with: pixels, and densities of the inertial sensors that leave the motion to the images.
+const LOOSE: Noise = Noise { px: 1.0, gyro: 0.03, accel: 3.0, biases: [0.5, 2.0] };
+/// Least noise of a followed pixel, px.
+const LEAST_PX: f64 = 0.05;
+/// Noise falls by no more than this from one step to the next.
+const FALL: f64 = 0.2;
+/// Unknowns with what they may be off by at most and what is little of it, standard deviations.
+const PRIOR: [(usize, usize, f64, f64); 18] = [
+    (LENSES[0], 2, 0.3, 1e-3),
+    (LENSES[0] + 2, 2, 50.0, 0.5),
+    (LENSES[0] + 4, 1, 0.3, 2e-3),
+    (LENSES[1], 2, 0.3, 1e-3),
+    (LENSES[1] + 2, 2, 50.0, 0.5),
+    (LENSES[1] + 4, 1, 0.3, 2e-3),
+    (ROT_B_C, 3, 0.5, 3e-3),
+    (P_B_C, 3, 0.1, 3e-3),
+    (ROT_PAIR, 3, 0.1, 1e-3),
+    (P_PAIR, 3, 0.1, 1e-3),
+    (RIGHT_LATE, 1, 0.1, 1e-3),
+    (READOUT, 1, 0.03, 1e-3),
+    (DELAY, 1, 0.2, 1e-3),
+    (CLOCK_RATE, 1, 0.03, 1e-4),
+    (ALTERNATING, 1, 0.03, 1e-3),
+    (GYRO, 18, 0.7, 3e-3),
+    (BIASES, 3, 1.0, 0.1),
+    (BIASES + 3, 3, 5.0, 0.3),
+];
+/// Delays that are tried at first: so many to either side, so far apart, s; one is better by this much of the correlation.
+const DELAYS: (i32, f64, f64) = (30, 0.02, 0.1);
+/// Turn from keyframe to keyframe, root mean square, below which nothing is fitted, rad: fifty times the noise of a followed point.
+const LEAST_TURN_RAD: f64 = 0.01;
+/// Other columns of the accelerometer explain gravity better where they leave this share of its scatter.
+const BETTER: f64 = 0.6;
+/// Information that holds what cannot be measured.
+const HELD: f64 = 1e20;
+/// From this step on, what the data do not need stays as it is configured.
+const SPARSE_STEP: usize = 6;
+
+/// Result of a fit.
+pub(crate) struct Fitted {
+    /// Quadratic of each piece at the solution: gradient, information, and time of its middle as a share of the recording.
+    pub(crate) pieces: Vec<(Vector, SMatrix<f64, CALIBRATION, CALIBRATION>, f64)>,
+    /// The solution as a step from the configuration.
+    pub(crate) steps: Vector,
+    pub(crate) rig: Rig,
+    pub(crate) noise: Noise,
+    pub(crate) span_s: f64,
+}
+
+/// Turning from one keyframe to the next, by the images and by the gyroscope.
+type Turn = (Vector3<f64>, Vector3<f64>);
+
+/// Pieces of a recording at their first guess.
+struct Pieces {
+    rig: Rig,
+    readings: Vec<Reading>,
+    pieces: Vec<Piece>,
+    /// Pieces that did not hold together.
+    lost: usize,
+    span_s: f64,
+}
+
+impl Pieces {
+    /// Pieces of a recording from this step of the calibration on; at most `most` of them, evenly.
+    fn of(
+        config: &Config,
+        tracks: &Tracks,
+        samples: &[ImuSample],
+        from: &Vector,
+        most: usize,
+    ) -> Option<Self> {
+        let rig = Rig::new(config)?.plus(from);
+        let (first, last) = (tracks.keys.first()?.0, tracks.keys.last()?.0);
+        let span_s = last.seconds_since(first);
+        let middle = first.plus_seconds(0.5 * span_s);
+        let reading =
+            |s: &ImuSample| Reading { t_s: s.stamp.seconds_since(middle), gyro: s.gyro, accel: s.accel };
+        let readings: Vec<Reading> = samples.iter().map(reading).collect();
+        let key = |(stamp, is_odd): &(Timestamp, bool)| Key {
+            t_s: stamp.seconds_since(middle),
+            parity: if *is_odd { 0.5 } else { -0.5 },
+            pose_w_b: Isometry3::identity(),
+            v_w: Vector3::zeros(),
+            rate_b: Vector3::zeros(),
+        };
+        let keys: Vec<Key> = tracks.keys.iter().map(key).collect();
+        let mut ranges = ranges(&keys);
+        let every = ranges.len().div_ceil(most).max(1);
+        ranges = ranges.into_iter().step_by(every).collect();
+        let (all, views) = (ranges.len(), views(tracks, &ranges));
+        let is_pair = config.camera.len() > 1;
+        let of = |(range, views): (std::ops::Range<usize>, _)| {
+            Piece::new(&rig, &readings, keys[range].to_vec(), views, is_pair)
+        };
+        let pieces: Vec<Piece> = ranges.into_iter().zip(views).filter_map(of).collect();
+        Some(Self { lost: all - pieces.len(), rig, readings, pieces, span_s })
+    }
+
+    /// Turning from keyframe to keyframe, by the images and by the gyroscope.
+    fn turns(&self) -> Vec<Turn> {
+        let sensors = Sensors::of(&self.rig, &SVector::zeros());
+        let pairs = self.pieces.iter().flat_map(|piece| piece.keys.windows(2));
+        let turn = |pair: &[Key]| {
+            let [from_s, to_s] = [0, 1].map(|k| self.rig.imu_time_s(&pair[k]));
+            let middle = reading_at(&self.readings, 0.5 * (from_s + to_s))?;
+            let seen = pair[0].pose_w_b.rotation.inverse() * pair[1].pose_w_b.rotation;
+            Some((seen.scaled_axis(), sensors.rate(&middle) * (to_s - from_s)))
+        };
+        pairs.filter_map(turn).collect()
+    }
+
+    /// Delay at which images and gyroscope turn as fast as each other, s: how they turn may be told in other axes.
+    fn delay_s(&self) -> f64 {
+        let (sensors, pairs) = (Sensors::of(&self.rig, &SVector::zeros()), || {
+            self.pieces.iter().flat_map(|piece| piece.keys.windows(2))
+        });
+        let seen = |pair: &[Key]| {
+            pair[0].pose_w_b.rotation.angle_to(&pair[1].pose_w_b.rotation) / (pair[1].t_s - pair[0].t_s)
+        };
+        let alike = |delay_s: f64| {
+            let both = pairs().filter_map(|pair| {
+                let middle_s = 0.5 * (self.rig.imu_time_s(&pair[0]) + self.rig.imu_time_s(&pair[1]));
+                Some((seen(pair), sensors.rate(&reading_at(&self.readings, middle_s + delay_s)?).norm()))
+            });
+            correlation(&both.collect::<Vec<_>>())
+        };
+        let delays = (-DELAYS.0..=DELAYS.0).map(|k| f64::from(k) * DELAYS.1);
+        let best = delays.map(|delay_s| (alike(delay_s), delay_s)).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.filter(|(found, _)| *found > alike(0.0) + DELAYS.2).map_or(0.0, |(_, delay_s)| delay_s)
+    }
+
+    /// Scatter of the specific force within the pieces, turned back by the images, with these columns: gravity does not turn.
+    fn scatter(&self, columns: &Matrix3<f64>) -> f64 {
+        let of = |piece: &Piece| {
+            let forces = piece.keys.iter().filter_map(|key| {
+                let reading = reading_at(&self.readings, self.rig.imu_time_s(key))?;
+                Some(key.pose_w_b.rotation * (columns * reading.accel))
+            });
+            mean_and_spread(forces).1.powi(2)
+        };
+        self.pieces.iter().map(of).filter(|square| square.is_finite()).sum()
+    }
+
+    /// Share of the turning of the gyroscope that the images do not show, with what is lost.
+    fn disagreement(&self) -> f64 {
+        let turns = self.turns();
+        let off: f64 = turns.iter().map(|(seen, turn)| (seen - turn).norm_squared()).sum();
+        let all: f64 = turns.iter().map(|(_, turn)| turn.norm_squared()).sum();
+        let pieces = (self.lost + self.pieces.len()).max(1) as f64;
+        off / all.max(f64::MIN_POSITIVE) + self.lost as f64 / pieces
+    }
+}
+
+/// A first look at a recording: how it turns, and where the fit begins.
+pub(crate) struct FirstLook {
+    /// Turning from keyframe to keyframe, by the images and by the gyroscope.
+    turns: Vec<Turn>,
+    /// Step of the calibration to begin with: a delay, and columns of the accelerometer, too far off for small steps.
+    step: Vector,
+}
+
+impl FirstLook {
+    /// True if the images turn enough for a calibration to show: well above the noise of a followed point.
+    pub(crate) fn turns_enough(&self) -> bool {
+        let square: f64 = self.turns.iter().map(|(seen, _)| seen.norm_squared()).sum();
+        square > LEAST_TURN_RAD * LEAST_TURN_RAD * self.turns.len() as f64
+    }
+
+    pub(crate) fn at(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Self> {
+        let mut step = Vector::zeros();
+        let mut pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
+        step[DELAY] = pieces.delay_s();
+        pieces.rig = pieces.rig.plus(&step);
+        let as_is = pieces.scatter(&Matrix3::identity());
+        let scatters = assignments().map(|columns| (pieces.scatter(&columns), columns));
+        let best = scatters.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if best.0 < BETTER * as_is {
+            let change = (best.1 - Matrix3::identity()).transpose();
+            step.fixed_rows_mut::<9>(ACCEL).copy_from_slice(change.as_slice());
+        }
+        Some(Self { turns: pieces.turns(), step })
+    }
+}
+
+/// All assignments of three columns with all signs.
+fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
+    const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    ORDERS.into_iter().flat_map(|order| {
+        (0..8).map(move |signs| {
+            Matrix3::from_fn(|row, column| match (order[row] == column, signs >> row & 1) {
+                (false, _) => 0.0,
+                (true, sign) => 1.0 - 2.0 * f64::from(sign),
+            })
+        })
+    })
+}
+
+/// Correlation of pairs of numbers; 0 of fewer than three.
+fn correlation(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len() as f64;
+    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+    let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
+    let (aa, bb) = (mean(&|p| (p.0 - a).powi(2)), mean(&|p| (p.1 - b).powi(2)));
+    if pairs.len() < 3 {
+        0.0
+    } else {
+        mean(&|p| (p.0 - a) * (p.1 - b)) / (aa * bb).sqrt().max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Fits a recording; `None` where no piece holds together.
+pub(crate) fn fit(
+    config: &Config,
+    tracks: &Tracks,
+    samples: &[ImuSample],
+    first: &FirstLook,
+) -> Option<Fitted> {
+    let is_pair = config.camera.len() > 1;
+    let found = Pieces::of(config, tracks, samples, &first.step, usize::MAX)?;
+    let Pieces { mut rig, readings, mut pieces, span_s, .. } = found;
+    let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
+    let mut noise = LOOSE;
+    let mut damping = DAMPING;
+    for round in 0..STEPS {
+        for piece in &mut pieces {
+            turn(piece, &rig, &readings);
+        }
+        let normals = normals(&mut pieces, &rig, &readings, &gravity_w, &noise, damping);
+        let step = if round < HELD_STEPS {
+            Vector::zeros()
+        } else {
+            step(&normals, &rig, &prior(&rig.steps(), round >= SPARSE_STEP, is_pair))?
+        };
+        for (piece, normal) in pieces.iter_mut().zip(&normals) {
+            piece.apply(normal, &step);
+        }
+        rig = rig.plus(&step);
+        if round >= HELD_STEPS {
+            noise = measured(&normals, &pieces, &noise, config);
+        }
+        damping *= 0.3;
+    }
+    let normals = normals(&mut pieces, &rig, &readings, &gravity_w, &noise, 0.0);
+    let share = |piece: &Piece| (piece.keys[KEYS / 2].t_s / span_s + 0.5).clamp(0.0, 1.0);
+    let quadratics =
+        normals.into_iter().zip(&pieces).map(|(n, piece)| (n.gradient, n.information, share(piece)));
+    let quadratics: Vec<_> = quadratics.collect();
+    (!quadratics.is_empty()).then(|| Fitted { pieces: quadratics, steps: rig.steps(), rig, noise, span_s })
+}
+
+/// Rates of the body at the keyframes of a piece.
+fn turn(piece: &mut Piece, rig: &Rig, readings: &[Reading]) {
+    let sensors = Sensors::of(rig, &piece.biases);
+    for key in &mut piece.keys {
+        let reading = reading_at(readings, rig.imu_time_s(key));
+        key.rate_b = reading.map_or_else(Vector3::zeros, |reading| sensors.rate(&reading));
+    }
+}
+
+/// Normal equations of the pieces; those without are dropped.
+fn normals(
+    pieces: &mut Vec<Piece>,
+    rig: &Rig,
+    readings: &[Reading],
+    gravity_w: &Vector3<f64>,
+    noise: &Noise,
+    damping: f64,
+) -> Vec<Normal> {
+    let mut normals = Vec::with_capacity(pieces.len());
+    pieces.retain(|piece| {
+        let normal = piece.normal(rig, readings, gravity_w, noise, damping);
+        let normal = normal.filter(|normal| normal.gradient.iter().all(|x| x.is_finite()));
+        let is_there = normal.is_some();
+        normals.extend(normal);
+        is_there
+    });
+    normals
+}
+
+/// Step of the calibration that all pieces agree on.
+fn step(normals: &[Normal], rig: &Rig, prior: &Vector) -> Option<Vector> {
+    let mut information = SMatrix::<f64, CALIBRATION, CALIBRATION>::from_diagonal(prior);
+    let mut gradient = prior.component_mul(&rig.steps());
+    for normal in normals {
+        information += normal.information;
+        gradient += normal.gradient;
+    }
+    Some(-information.cholesky()?.solve(&gradient))
+}
+
+/// Information of the prior; what one camera cannot show is held. Where steps explain the data alike, the sparsest wins: a step that
+/// is large already may be.
+fn prior(steps: &Vector, is_sparse: bool, is_pair: bool) -> Vector {
+    let mut prior = Vector::zeros();
+    for (at, count, wide, little) in PRIOR {
+        for k in at..at + count {
+            let own = steps[k] * steps[k] + little * little;
+            prior[k] = 1.0 / if is_sparse { own.min(wide * wide) } else { wide * wide };
+        }
+    }
+    if !is_pair {
+        prior.rows_mut(LENSES[1], 5).fill(HELD);
+        prior.rows_mut(ROT_PAIR, 7).fill(HELD);
+    }
+    prior
+}
+
+/// Noise that the residuals show.
+fn measured(normals: &[Normal], pieces: &[Piece], noise: &Noise, config: &Config) -> Noise {
+    let of = |values: &dyn Fn(&Normal) -> Vec<f64>| median(normals.iter().flat_map(values)).unwrap_or(0.0);
+    let imu = &config.imu;
+    let fallen = |now: f64, least: f64, before: f64| now.max(least).max(FALL * before).min(before);
+    let walk_s = 30.0_f64.sqrt();
+    let of_biases = |at: usize| {
+        let scatter = pieces.iter().flat_map(|piece| (at..at + 3).map(|k| piece.biases[k].abs()));
+        OF_MEDIAN * median(scatter).unwrap_or(0.0)
+    };
+    let least = [
+        imu.gyro_bias_walk * walk_s + imu.gyro_error_sigma_rad_s,
+        imu.accel_bias_walk * walk_s + imu.accel_error_sigma_m_s2,
+    ];
+    Noise {
+        px: fallen(OF_MEDIAN_LENGTH * of(&|n| n.residuals.px.clone()), LEAST_PX, noise.px),
+        gyro: fallen(OF_MEDIAN * of(&|n| n.residuals.gyro.clone()), imu.gyro_noise_density, noise.gyro),
+        accel: fallen(OF_MEDIAN * of(&|n| n.residuals.accel.clone()), imu.accel_noise_density, noise.accel),
+        biases: [0, 1].map(|k| fallen(of_biases(3 * k), least[k], noise.biases[k])),
+    }
+}
+
+/// Keyframes of each piece.
+fn ranges(keys: &[Key]) -> Vec<std::ops::Range<usize>> {
+    let mut ranges = Vec::new();
+    let mut from = 0;
+    for k in 1..=keys.len() {
+        if k == keys.len() || keys[k].t_s - keys[k - 1].t_s > MAX_KEY_GAP_S {
+            from = k;
+        } else if k + 1 - from == KEYS {
+            ranges.push(from..k + 1);
+            from = k + 1;
+        }
+    }
+    ranges
+}
+
+/// Views of each piece's points.
+fn views(tracks: &Tracks, ranges: &[std::ops::Range<usize>]) -> Vec<Vec<Vec<View>>> {
+    let mut pieces = vec![Vec::new(); ranges.len()];
+    for track in &tracks.tracks {
+        for (range, piece) in ranges.iter().zip(&mut pieces) {
+            let seen = track.iter().filter(|sighting| range.contains(&sighting.key));
+            let views: Vec<View> = seen
+                .flat_map(|sighting| {
+                    let of = move |(camera, px): (usize, Option<Vector2<f32>>)| {
+                        Some(View { key: sighting.key - range.start, camera, px: px?.cast() })
+                    };
+                    sighting.px.into_iter().enumerate().filter_map(of)
+                })
+                .collect();
+            if views.last().zip(views.first()).is_some_and(|(last, first)| last.key > first.key) {
+                piece.push(views);
+            }
+        }
+    }
+    pieces
+}
