@@ -80,16 +80,6 @@ impl StampGate {
         (self.newest, self.run) = (None, None);
     }
 
-    /// Moves what was believed by so many seconds: the stamps that come are moved as well.
-    pub fn shift(&mut self, seconds: f64) {
-        self.newest = self.newest.map(|newest| newest.plus_seconds(seconds));
-        self.run = self.run.map(|run| Run {
-            first: run.first.plus_seconds(seconds),
-            last: run.last.plus_seconds(seconds),
-            ..run
-        });
-    }
-
     /// True if `stamp` is later than the last believed one.
     #[must_use]
     pub fn is_later(&self, stamp: Timestamp) -> bool {

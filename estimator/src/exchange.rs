@@ -12,6 +12,7 @@ use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
 use crate::points::prediction::{KnownPoint, WitnessedTurn};
+use crate::shutter::{Readout, readouts};
 use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
 use crate::window::state::{FrameTime, MAX_FRAMES, NavState};
 use crate::work_budget::WorkBudget;
@@ -85,6 +86,8 @@ pub struct Feedback {
     pub pose_b_c: [Isometry3<f64>; 2],
     /// `t_imu - t_camera` as refined so far, s.
     pub time_offset_s: f64,
+    /// Readouts of the cameras, as configured or found.
+    pub readouts: [Readout; 2],
     /// Bias of the gyroscope, rad/s.
     pub bias_gyro: Vector3<f64>,
     /// Mean angular rate of the body since the frame before, rad/s: it predicts turns that no gyroscope measures.
@@ -160,6 +163,7 @@ impl Feedback {
             wrong_lines: Vec::with_capacity(2 * setup.estimator.lines.max_landmarks),
             pose_b_c: [pose(0), pose(1)],
             time_offset_s: setup.rig.time_offset_s,
+            readouts: readouts(setup),
             bias_gyro: Vector3::zeros(),
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,

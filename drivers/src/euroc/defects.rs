@@ -153,20 +153,15 @@ pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>
     early.into_iter().chain(late).collect()
 }
 
-/// Defect: folders of cameras, and none of them is that of the right one.
+/// Defect: a folder of a further camera, and none is that of the right one.
 pub(super) fn misnamed_camera(root: &Path) -> Option<Defect> {
-    if root.join("cam1").is_dir() {
-        return None;
-    }
-    let folders = std::fs::read_dir(root).ok()?.flatten().filter(|entry| entry.path().is_dir());
-    let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-    let mut others: Vec<String> = names.filter(|name| name.starts_with("cam") && name != "cam0").collect();
-    others.sort_unstable();
-    (!others.is_empty()).then(|| Defect {
+    let has = |camera: &usize| super::camera_folder(root, *camera).is_dir();
+    let other = (2..10).find(has).filter(|_| !has(&1))?;
+    Some(Defect {
         what: "cam1 is missing: one camera is used".into(),
-        evidence: format!("{} holds cam0 and {}, but no cam1", root.display(), others.join(", ")),
+        evidence: format!("{} holds cam{other}, but no cam1", root.display()),
         cause: "a folder that was renamed, or a copy that is not complete".into(),
-        cure: "name the folder of the right camera cam1, with its sensor.yaml; to fly with one camera, give --mono".into(),
+        cure: "name the folder of the right camera cam1; to fly with one camera, give --mono".into(),
         is_grave: false,
     })
 }

@@ -15,12 +15,13 @@
 //! scale drifts between them. Source: Martinelli, "Closed-Form Solution of Visual-Inertial Structure from
 //! Motion" (2014).
 
-use super::{GatheredFrame, find_track, joined_motion};
+use super::GatheredFrame;
+use super::stereo::attitude_from_gravity;
 use crate::inertial::Preintegration;
 use crate::window::reprojection::PointMeasurement;
+use crate::window::state::NavState;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
-use plumbline_config::Portable;
-use std::ops::Range;
+use plumbline_config::{Portable, Timestamp};
 
 /// Rounds of re-weighting by depth.
 const ROUNDS: usize = 8;
@@ -38,24 +39,11 @@ const MIN_VIEWS: usize = 4;
 /// Residuals beyond this many standard deviations lose weight (Cauchy).
 const ROBUST_SIGMAS: f64 = 3.0;
 
-/// Velocity and gravity at the first frame, in its body frame, and bias of the accelerometer.
-#[derive(Clone, Copy, Debug)]
-pub struct GravityAlignment {
-    /// Velocity of the body, m/s.
-    pub v_b0: Vector3<f64>,
-    /// Gravity, m/s².
-    pub gravity_b0: Vector3<f64>,
-    /// Bias of the accelerometer, m/s².
-    pub bias_accel: Vector3<f64>,
-}
-
 /// The memory of an alignment, allocated once.
 #[derive(Clone, Debug)]
 pub struct AlignmentWorkspace {
     motions: Vec<Preintegration>,
     cameras: Vec<[CameraAt; 2]>,
-    track_ids: Vec<u32>,
-    points: Vec<Point>,
     views: Vec<View>,
 }
 
@@ -63,15 +51,10 @@ impl AlignmentWorkspace {
     /// Room for `frames` of `points` each.
     #[must_use]
     pub fn new(frames: usize, points: usize) -> Self {
-        let tracks = frames * points;
-        let views = 2 * tracks;
         Self {
             motions: Vec::with_capacity(frames),
             cameras: Vec::with_capacity(frames),
-            track_ids: Vec::with_capacity(tracks),
-            points: Vec::with_capacity(views / MIN_VIEWS),
-            // The views of a track are counted before it is known whether they are enough.
-            views: Vec::with_capacity(views),
+            views: Vec::with_capacity(2 * frames * points),
         }
     }
 
@@ -97,6 +80,7 @@ struct CameraAt {
 /// Measurement of a point by one camera in one frame.
 #[derive(Clone, Debug)]
 struct View {
+    track_id: u32,
     frame: usize,
     camera: usize,
     measured: PointMeasurement,
@@ -106,66 +90,50 @@ struct View {
     weight: f64,
 }
 
-/// A point: its views within [`AlignmentWorkspace::views`], and its equations where they can be solved.
-#[derive(Clone, Debug)]
-struct Point {
-    views: Range<usize>,
-    block: Option<PointBlock>,
-}
-
-/// The equations of a point summed, `v`, `g` and `a` still open.
-#[derive(Clone, Debug)]
-struct PointBlock {
-    h_xx: Matrix3<f64>,
-    h_xs: SMatrix<f64, 3, 9>,
-    g_x: Vector3<f64>,
-}
-
-/// Solves for velocity, gravity and accelerometer bias over `frames`, by the `biases` of integration (gyroscope rad/s, accelerometer
-/// m/s²), the second of them known by `sigma_m_s2`; `None` when
-/// the views do not determine them. `pose_b_c` are the extrinsics `T_BC` of both cameras.
+/// Solves for velocity, gravity and accelerometer bias over `frames`, between which the body moved by `motion` at some biases, that of the
+/// accelerometer known by `sigma_m_s2`. Returns the state of the first frame, at the origin with a yaw of zero; `None` when the views do not
+/// determine it. `pose_b_c` are the extrinsics `T_BC` of both cameras.
 #[must_use]
 pub fn align(
     frames: &[GatheredFrame],
     pose_b_c: &[Isometry3<f64>; 2],
-    biases: &(Vector3<f64>, Vector3<f64>),
+    motion: impl Fn([Timestamp; 2]) -> Preintegration,
     sigma_m_s2: f64,
     gravity_m_s2: f64,
     workspace: &mut AlignmentWorkspace,
-) -> Option<GravityAlignment> {
-    workspace.find_motions(frames, biases)?;
+) -> Option<NavState> {
+    workspace.find_motions(frames, motion);
     workspace.place_cameras(pose_b_c);
-    workspace.find_points(frames);
-    let mut solution = Nine::zeros();
+    workspace.find_views(frames);
+    let mut solution = None;
     for _ in 0..ROUNDS {
-        let (mut h, g) = workspace.normal_equations();
+        let (mut h, g) = workspace.normal_equations(solution.as_ref());
         for k in 6..9 {
-            h[(k, k)] += 1.0 / (sigma_m_s2 * sigma_m_s2);
+            h[(k, k)] += 1.0 / sigma_m_s2.squared();
         }
-        solution = constrained(&h, &g, gravity_m_s2)?;
-        workspace.update(&solution);
+        solution = Some(constrained(&h, &g, gravity_m_s2)?);
     }
+    let solution = solution?;
     let part = |k: usize| solution.fixed_rows::<3>(k).into_owned();
-    Some(GravityAlignment { v_b0: part(0), gravity_b0: part(3), bias_accel: biases.1 + part(6) })
+    let (rot_o_b, first) = (attitude_from_gravity(&-part(3)), workspace.motions.first()?);
+    Some(NavState {
+        rot_o_b,
+        v_o_b: rot_o_b * part(0),
+        bias_gyro: first.bias_gyro,
+        bias_accel: first.bias_accel + part(6),
+        ..NavState::default()
+    })
 }
 
 impl AlignmentWorkspace {
-    /// Motions from the first frame at the biases given; `None` where one is not known.
-    fn find_motions(
-        &mut self,
-        frames: &[GatheredFrame],
-        (bias_gyro, bias_accel): &(Vector3<f64>, Vector3<f64>),
-    ) -> Option<()> {
+    fn find_motions(&mut self, frames: &[GatheredFrame], motion: impl Fn([Timestamp; 2]) -> Preintegration) {
         self.motions.clear();
-        self.motions.push(Preintegration::new(bias_gyro, bias_accel));
-        for k in 1..frames.len() {
-            let mut motion = joined_motion(frames, 0, k)?;
-            let corrected = motion.corrected(bias_gyro, bias_accel);
-            (motion.delta_p, motion.delta_rot, motion.delta_v) = (corrected.p, corrected.rot, corrected.v);
-            (motion.bias_gyro, motion.bias_accel) = (*bias_gyro, *bias_accel);
-            self.motions.push(motion);
+        let Some(first) = frames.first() else { return };
+        self.motions.push(motion([first.time.stamp; 2]));
+        for (k, pair) in frames.windows(2).enumerate() {
+            let next = motion([pair[0].time.stamp, pair[1].time.stamp]);
+            self.motions.push(self.motions[k].followed_by(&next));
         }
-        Some(())
     }
 
     fn place_cameras(&mut self, pose_b_c: &[Isometry3<f64>; 2]) {
@@ -181,31 +149,89 @@ impl AlignmentWorkspace {
         }));
     }
 
-    /// Every track with enough views, in order of id.
-    fn find_points(&mut self, frames: &[GatheredFrame]) {
-        let Self { track_ids, points, views, .. } = self;
-        track_ids.clear();
-        track_ids.extend(frames.iter().flat_map(|f| f.tracks.iter().map(|t| t.track_id)));
-        track_ids.sort_unstable();
-        track_ids.dedup();
-        points.clear();
-        views.clear();
-        for &id in &*track_ids {
-            let begin = views.len();
-            for (frame, track) in frames.iter().enumerate().filter_map(|(k, f)| Some((k, find_track(f, id)?)))
-            {
-                let view = |camera: usize| {
-                    let measured = track.measured[camera]?;
-                    Some(View { frame, camera, measured, depth_m: FIRST_DEPTH_M, weight: 1.0 })
-                };
-                views.extend((0..2).filter_map(view));
+    /// All views, those of a point together.
+    fn find_views(&mut self, frames: &[GatheredFrame]) {
+        self.views.clear();
+        for (frame, track) in
+            frames.iter().enumerate().flat_map(|(k, f)| f.tracks.iter().map(move |t| (k, t)))
+        {
+            self.views.extend((0..2).filter_map(|camera| {
+                let (track_id, measured) = (track.track_id, track.measured[camera]?);
+                Some(View { track_id, frame, camera, measured, depth_m: FIRST_DEPTH_M, weight: 1.0 })
+            }));
+        }
+        self.views.sort_unstable_by_key(|view| (view.track_id, view.frame, view.camera));
+    }
+
+    /// Normal equations of (v, g, a) with every point eliminated, `H s = -g`, by weights and depths at the last `solution`.
+    fn normal_equations(&mut self, solution: Option<&Nine>) -> (SMatrix<f64, 9, 9>, Nine) {
+        let (mut h, mut g) = (SMatrix::<f64, 9, 9>::zeros(), Nine::zeros());
+        for views in self.views.chunk_by_mut(|a, b| a.track_id == b.track_id).filter(|v| v.len() >= MIN_VIEWS)
+        {
+            if let Some(solution) = solution {
+                weigh(views, &self.cameras, solution);
             }
-            if views.len() - begin < MIN_VIEWS {
-                views.truncate(begin);
-            } else {
-                points.push(Point { views: begin..views.len(), block: None });
+            let sums = PointSums::of(views, &self.cameras);
+            if let Some(inverse) = sums.inverse() {
+                h += sums.h_ss - sums.h_xs.tr_mul(&(inverse * sums.h_xs));
+                g += sums.g_s - sums.h_xs.tr_mul(&(inverse * sums.g_x));
             }
         }
+        (h, g)
+    }
+}
+
+/// Normal equations of a point `x` and of `s` = (v, g, a).
+#[derive(Clone, Debug, Default)]
+struct PointSums {
+    h_xx: Matrix3<f64>,
+    h_xs: SMatrix<f64, 3, 9>,
+    h_ss: SMatrix<f64, 9, 9>,
+    g_x: Vector3<f64>,
+    g_s: Nine,
+}
+
+impl PointSums {
+    fn of(views: &[View], cameras: &[[CameraAt; 2]]) -> Self {
+        let mut sums = Self::default();
+        for view in views {
+            let (by_x, by_s, constant) = equations(&cameras[view.frame][view.camera], &view.measured.xy);
+            let scale = view.measured.weight * (view.weight.sqrt() / view.depth_m);
+            let (by_x, by_s, constant) = (scale * by_x, scale * by_s, scale * constant);
+            sums.h_xx += by_x.tr_mul(&by_x);
+            sums.h_xs += by_x.tr_mul(&by_s);
+            sums.g_x += by_x.tr_mul(&constant);
+            sums.h_ss += by_s.tr_mul(&by_s);
+            sums.g_s += by_s.tr_mul(&constant);
+        }
+        sums
+    }
+
+    /// Inverse of the information of the point; `None` where its place is not determined.
+    fn inverse(&self) -> Option<Matrix3<f64>> {
+        self.h_xx.try_inverse().filter(|_| self.h_xx.determinant() > MIN_DETERMINANT)
+    }
+}
+
+/// Depths and robust weights of the views of a point at the solution `s`.
+fn weigh(views: &mut [View], cameras: &[[CameraAt; 2]], s: &Nine) {
+    let sums = PointSums::of(views, cameras);
+    let p_b0 = sums.inverse().map(|inverse| -(inverse * (sums.g_x + sums.h_xs * s)));
+    for view in views {
+        let Some(p_b0) = p_b0 else {
+            view.weight = 0.0;
+            continue;
+        };
+        let at = &cameras[view.frame][view.camera];
+        let part = |k: usize| s.fixed_rows::<3>(k);
+        let p_camera =
+            at.p_constant + part(0) * at.dt + part(3) * (0.5 * at.dt * at.dt) + at.by_bias * part(6);
+        let depth_m = (at.rot_c_b0 * (p_b0 - p_camera)).z;
+        view.depth_m = depth_m.abs().at_least(MIN_DEPTH_M);
+        let (by_x, by_s, constant) = equations(at, &view.measured.xy);
+        let r = view.measured.weight * (by_x * p_b0 + by_s * s + constant) / view.depth_m;
+        let robust = 1.0 / (1.0 + r.norm_squared() / ROBUST_SIGMAS.squared());
+        view.weight = if depth_m > 0.0 { robust } else { WEIGHT_BEHIND };
     }
 }
 
@@ -217,39 +243,6 @@ fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f
     by_s.fixed_columns_mut::<3>(3).copy_from(&(across * (-0.5 * camera.dt * camera.dt)));
     by_s.fixed_columns_mut::<3>(6).copy_from(&(across * -camera.by_bias));
     (across, by_s, -(across * camera.p_constant))
-}
-
-impl AlignmentWorkspace {
-    /// Normal equations of (v, g, a) with every point eliminated, `H s = -g`; the blocks of the points are kept.
-    fn normal_equations(&mut self) -> (SMatrix<f64, 9, 9>, Nine) {
-        let Self { points, views, cameras, .. } = self;
-        let mut h = SMatrix::<f64, 9, 9>::zeros();
-        let mut g = Nine::zeros();
-        for point in points {
-            let mut b = PointBlock { h_xx: Matrix3::zeros(), h_xs: SMatrix::zeros(), g_x: Vector3::zeros() };
-            let mut h_ss = SMatrix::<f64, 9, 9>::zeros();
-            let mut g_s = Nine::zeros();
-            for view in &views[point.views.clone()] {
-                let (by_x, by_s, constant) = equations(&cameras[view.frame][view.camera], &view.measured.xy);
-                let scale = view.measured.weight * (view.weight.sqrt() / view.depth_m);
-                let (by_x, by_s, constant) = (scale * by_x, scale * by_s, scale * constant);
-                b.h_xx += by_x.tr_mul(&by_x);
-                b.h_xs += by_x.tr_mul(&by_s);
-                b.g_x += by_x.tr_mul(&constant);
-                h_ss += by_s.tr_mul(&by_s);
-                g_s += by_s.tr_mul(&constant);
-            }
-            point.block = match b.h_xx.try_inverse() {
-                Some(inverse) if b.h_xx.determinant() > MIN_DETERMINANT => {
-                    h += h_ss - b.h_xs.tr_mul(&(inverse * b.h_xs));
-                    g += g_s - b.h_xs.tr_mul(&(inverse * b.g_x));
-                    Some(b)
-                }
-                _ => None,
-            };
-        }
-        (h, g)
-    }
 }
 
 /// `H s = -g` with gravity, in the middle of `s`, on the sphere of radius `gravity_m_s2`: first without, then on
@@ -275,34 +268,4 @@ fn constrained(h: &SMatrix<f64, 9, 9>, g: &Nine, gravity_m_s2: f64) -> Option<Ni
     let direction = s.fixed_rows::<3>(3).normalize() * gravity_m_s2;
     s.fixed_rows_mut::<3>(3).copy_from(&direction);
     s.iter().all(|x| x.is_finite()).then_some(s)
-}
-
-impl AlignmentWorkspace {
-    /// New depths and robust weights at the solution.
-    fn update(&mut self, s: &Nine) {
-        let Self { points, views, cameras, .. } = self;
-        for point in points {
-            let views = &mut views[point.views.clone()];
-            let place = |b: &PointBlock| Some(-(b.h_xx.try_inverse()? * (b.g_x + b.h_xs * s)));
-            let Some(p_b0) = point.block.as_ref().and_then(place) else {
-                views.iter_mut().for_each(|view| view.weight = 0.0);
-                continue;
-            };
-            for view in views {
-                let at = &cameras[view.frame][view.camera];
-                let (by_x, by_s, constant) = equations(at, &view.measured.xy);
-                let part = |k: usize| s.fixed_rows::<3>(k);
-                let p_camera =
-                    at.p_constant + part(0) * at.dt + part(3) * (0.5 * at.dt * at.dt) + at.by_bias * part(6);
-                let depth_m = (at.rot_c_b0 * (p_b0 - p_camera)).z;
-                view.depth_m = depth_m.abs().at_least(MIN_DEPTH_M);
-                let r = view.measured.weight * (by_x * p_b0 + by_s * s + constant) / view.depth_m;
-                view.weight = if depth_m > 0.0 {
-                    1.0 / (1.0 + r.norm_squared() / (ROBUST_SIGMAS * ROBUST_SIGMAS))
-                } else {
-                    WEIGHT_BEHIND
-                };
-            }
-        }
-    }
 }

@@ -11,8 +11,8 @@ use plumbline_config::Portable;
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
-/// Frames by which a rate lower than the configured one is that of the camera: if none of them came sooner.
-pub(super) const USUAL_FRAMES: usize = 8;
+/// Share of an interval by which the usual one grows: after some ten frames a lower rate than the configured one is that of the camera.
+const USUAL_GROWTH: f64 = 0.1;
 /// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a quarter of a patch.
 const BLURRED_PX: f64 = 3.0;
 
@@ -32,10 +32,10 @@ impl Odometer {
         let (stamp, observations) = (tracked.time.stamp, &tracked.points);
         let last = self.last_stamp.unwrap_or(stamp);
         let dt_s = stamp.seconds_since(last);
-        self.intervals_s.rotate_left(1);
-        self.intervals_s[USUAL_FRAMES - 1] = dt_s;
-        let shortest_s = self.intervals_s.iter().fold(f64::INFINITY, |least, dt_s| least.at_most(*dt_s));
-        if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s.at_least(shortest_s) {
+        if dt_s > 0.0 {
+            self.usual_s = dt_s.at_most(self.usual_s + USUAL_GROWTH * dt_s);
+        }
+        if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s.at_least(self.usual_s) {
             health.insert(HealthBits::FRAME_GAP);
         }
         let bias_gyro = self.biases().0;

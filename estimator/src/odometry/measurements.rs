@@ -22,9 +22,8 @@ const MIN_FLOW_POINTS: usize = 12;
 #[derive(Clone, Debug)]
 pub struct Measurer {
     cameras: Vec<CameraModel>,
-    readouts: [Readout; 2],
-    /// Readout that a start has found where none is configured, s; the front-end does not know it.
-    found_readout_s: f64,
+    /// Readouts of the cameras, as configured or found.
+    pub readouts: [Readout; 2],
     sigma_px: f64,
     /// Points of the frame before, and of the one before that, by track.
     previous: Vec<PointObservation>,
@@ -66,7 +65,6 @@ impl Measurer {
         Self {
             cameras,
             readouts: [Readout::default(); 2],
-            found_readout_s: 0.0,
             sigma_px: points.sigma_px,
             line_sigma_px: lines.sigma_px,
             lines: Vec::with_capacity(2 * lines.max_segments),
@@ -89,31 +87,6 @@ impl Measurer {
     pub fn row(&self, camera: usize, xy: &Vector2<f64>) -> f64 {
         let Some(model) = self.cameras.get(camera) else { return 0.0 };
         model.project_normalized(xy).0.y / (model.height_px as f64 - 1.0) - 0.5
-    }
-
-    /// True if a camera is configured with a rolling shutter: the front-end has turned its points already.
-    #[must_use]
-    pub fn is_told_to_roll(&self) -> bool {
-        self.readouts.iter().any(|readout| !readout.is_global())
-    }
-
-    /// Readout that was found where none is configured, s.
-    #[must_use]
-    pub fn found_readout_s(&self) -> f64 {
-        self.found_readout_s
-    }
-
-    /// Forgets the readout that was found.
-    pub fn forget_readout(&mut self) {
-        self.found_readout_s = 0.0;
-    }
-
-    /// Takes the shutters for rolling ones of a readout that is longer than was known by `step_s`, if that is certain: more than `least_s`.
-    /// Returns the step.
-    pub fn rolls_by(&mut self, step_s: f64, least_s: f64) -> Option<f64> {
-        let is_certain = step_s > least_s && self.found_readout_s == 0.0;
-        self.found_readout_s += if is_certain { step_s } else { 0.0 };
-        is_certain.then_some(step_s)
     }
 
     /// Forgets the frame before.
@@ -182,11 +155,7 @@ impl Measurer {
                 let weight = self.weight(camera, &xy, &observation.covariance_px2[camera]);
                 let late_s = observation.px[camera].map_or(0.0, |px| self.readouts[camera].late_s(px.y));
                 let row = SeenByRow { xy, late_s };
-                let mut point = PointMeasurement { xy, xy_rate, weight, row };
-                if self.found_readout_s != 0.0 {
-                    point.unroll(self.row(camera, &xy) * self.found_readout_s, &rate_c[camera]);
-                }
-                measured[camera] = Some(point);
+                measured[camera] = Some(PointMeasurement { xy, xy_rate, weight, row });
             }
             if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity()
             {

@@ -54,7 +54,6 @@ use crate::window::state::FrameTime;
 use crate::work_budget::WorkBudget;
 use estimation::Estimation;
 use judge::{Belief, Case, Judge, Velocity, Verdict};
-use measure::USUAL_FRAMES;
 use measurements::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
@@ -102,8 +101,8 @@ pub struct Odometer {
     last_stamp: Option<Timestamp>,
     /// The time offset that it was put there by, s.
     last_offset_s: f64,
-    /// Intervals of the newest frames, s.
-    intervals_s: [f64; USUAL_FRAMES],
+    /// Shortest interval of the newest frames, s.
+    usual_s: f64,
     /// Frames so far, and the newest as the front-end and places are told of it.
     frames: u64,
     solved: SolvedFrame,
@@ -146,7 +145,7 @@ impl Odometer {
             phase: Phase::Gathering,
             last_stamp: None,
             last_offset_s: 0.0,
-            intervals_s: [f64::INFINITY; USUAL_FRAMES],
+            usual_s: f64::INFINITY,
             frames: 0,
             solved: SolvedFrame::default(),
             keeps_steps: false,
@@ -166,10 +165,10 @@ impl Odometer {
         self.start.reset_reason()
     }
 
-    /// What a start with one camera still lacks; `None` where none is under way.
+    /// What an attempt to start with one camera lacked; `None` where the newest frame was no attempt.
     #[must_use]
     pub fn missing(&self) -> Option<&Missing> {
-        self.start.missing().filter(|_| self.phase == Phase::Gathering)
+        self.start.missing.as_ref()
     }
 
     /// Biases of gyroscope and accelerometer: present ones, or those of the next start.

@@ -44,8 +44,6 @@ pub(super) struct Pairing<'a> {
     pub pair: StereoPair<'a>,
     pub max_epipolar_px: f64,
     pub border_px: f64,
-    /// Refine positions against the reference.
-    pub use_reference: bool,
     /// Pixels of the second camera that are not looked at.
     pub mask: Option<&'a ImageMask>,
 }
@@ -156,7 +154,6 @@ impl Pairing<'_> {
         warp: &Matrix2<f32>,
         (max_move_px, max_warp_change): (f32, f32),
     ) -> Option<(Vector2<f32>, Matrix2<f32>, Matrix2<f32>)> {
-        self.use_reference.then_some(())?;
         let limits = RefineLimits {
             max_iterations: self.pair.max_iterations,
             max_linearizations: 3,

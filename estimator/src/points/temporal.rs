@@ -71,8 +71,6 @@ pub(super) struct Transition<'a> {
     pub max_iterations: usize,
     pub max_return_px: f32,
     pub border_px: f64,
-    /// Refine positions against the reference.
-    pub use_reference: bool,
     /// Keep points that are unique in their surroundings only, and search on the full image alone.
     pub is_unique_only: bool,
     /// Predicted motion of the camera, where it is known and the texture repeats itself.
@@ -211,8 +209,7 @@ impl Transition<'_> {
         guess: &Vector2<f64>,
         turned: &Prediction,
     ) -> Option<Followed> {
-        let is_steady =
-            self.use_reference && self.frames == 1 && track.stereo.is_some() && track.strange == 0;
+        let is_steady = self.frames == 1 && track.stereo.is_some() && track.strange == 0;
         is_steady.then_some(())?;
         let c = self.index;
         let warp = turned.warp * track.warp[c];
@@ -300,10 +297,8 @@ impl Transition<'_> {
         let predicted_warp = turned.warp * track.warp[c];
         // The other camera turns with this one.
         track.warp[1 - c] = turned.warp * track.warp[1 - c];
-        let refined = self
-            .use_reference
-            .then(|| reference.refine(self.current, flowed, &predicted_warp, &self.limits()))
-            .flatten()
+        let refined = reference
+            .refine(self.current, flowed, &predicted_warp, &self.limits())
             .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
         if let Some(refined) = refined {
             track.px[c] = Some(refined.px.cast());
@@ -317,11 +312,7 @@ impl Transition<'_> {
         track.warp[c] = predicted_warp;
         track.covariance_px2[c] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
         track.strange += 1;
-        Some(if self.use_reference && track.strange >= STRANGE_FRAMES {
-            Followed::Changed
-        } else {
-            Followed::FlowOnly
-        })
+        Some(if track.strange >= STRANGE_FRAMES { Followed::Changed } else { Followed::FlowOnly })
     }
 
     /// True if the flow from `found` back to the previous image ends at `px`.

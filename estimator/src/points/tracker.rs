@@ -145,7 +145,6 @@ impl View {
 #[derive(Clone, Debug)]
 pub struct PointTracker {
     options: PointsConfig,
-    use_reference: bool,
     rig: Vec<RigCamera>,
     views: Vec<View>,
     detectors: Vec<CornerDetector>,
@@ -181,7 +180,6 @@ impl PointTracker {
         };
         Self {
             options: options.clone(),
-            use_reference: true,
             rig: cameras.iter().map(|&c| RigCamera::new(c)).collect(),
             views: cameras.iter().map(|c| View::new(c, options.pyramid_levels, options.denoise)).collect(),
             detectors: cameras.iter().map(detector).collect(),
@@ -221,11 +219,6 @@ impl PointTracker {
     /// Sets how each camera turns between the rows of the next frame.
     pub fn set_rows(&mut self, rows: &[RowTurns; 2]) {
         self.rig.iter_mut().zip(rows).for_each(|(camera, rows)| camera.rows = *rows);
-    }
-
-    /// Switches the refinement against the reference patch off, to measure what it is good for.
-    pub fn set_use_reference(&mut self, use_reference: bool) {
-        self.use_reference = use_reference;
     }
 
     /// Tracks at most so many points from now on; the configuration may allow fewer.
@@ -374,9 +367,8 @@ impl PointTracker {
         let mut searches = 0;
         let is_strict = self.is_strict();
         for (from, to) in [(0, 1), (1, 0)] {
-            let Some(pairing) =
-                pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, from, to)
-                    .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
+            let Some(pairing) = pairing(&self.rig, &self.views, &self.options, is_strict, from, to)
+                .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
             else {
                 continue;
             };
@@ -450,7 +442,6 @@ fn pairing<'a>(
     views: &'a [View],
     options: &PointsConfig,
     is_unique_only: bool,
-    use_reference: bool,
     from: usize,
     to: usize,
 ) -> Option<Pairing<'a>> {
@@ -468,7 +459,6 @@ fn pairing<'a>(
         },
         max_epipolar_px: f64::from(options.max_epipolar_px),
         border_px: options.border_px as f64,
-        use_reference,
         mask: None,
     })
 }

@@ -257,7 +257,7 @@ impl Window {
         self.prior.start(&self.rig, &self.known_rig);
     }
 
-    /// The rig is expected to have this time offset, s, known by its standard deviation.
+    /// Takes this time offset for the configured one, s, with its standard deviation: it stays through resets.
     pub fn expect_time_offset(&mut self, time_offset_s: f64, sigma_s: f64) {
         self.rig.time_offset_s = time_offset_s;
         self.configured_rig.time_offset_s = time_offset_s;

@@ -20,7 +20,6 @@ use super::feature::{Estimated, Feature, Jacobians, View};
 use super::options::Options;
 use super::quad::{Quad, cross, dot3, quad, scaled};
 use super::seen_by_row::SeenByRow;
-use crate::geometry::exp_so3;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
@@ -50,15 +49,6 @@ pub struct PointMeasurement {
     pub weight: Matrix2<f64>,
     /// Observation by its row; [`Self::xy`] is corrected for the motion of the camera between row and frame.
     pub row: SeenByRow,
-}
-
-impl PointMeasurement {
-    /// Takes it for what a row saw that was later than was known, by `later_s`, of a camera that turned by `rate_c`, rad/s.
-    pub fn unroll(&mut self, later_s: f64, rate_c: &Vector3<f64>) {
-        let q = exp_so3(&(rate_c * later_s)) * Vector3::new(self.xy.x, self.xy.y, 1.0);
-        self.xy = q.xy() / q.z;
-        self.row = SeenByRow { xy: self.xy, late_s: self.row.late_s + later_s };
-    }
 }
 
 /// A landmark in `O`, from the pivot.

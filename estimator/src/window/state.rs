@@ -150,14 +150,6 @@ pub struct FrameTime {
     pub time_offset_s: f64,
 }
 
-impl FrameTime {
-    /// The same frame, put on the IMU's axis by another offset.
-    #[must_use]
-    pub fn at_offset(self, time_offset_s: f64) -> Self {
-        Self { stamp: self.stamp.plus_seconds(time_offset_s - self.time_offset_s), time_offset_s }
-    }
-}
-
 /// The rig's calibration, refined online within its priors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {

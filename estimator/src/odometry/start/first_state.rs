@@ -43,6 +43,9 @@ const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Frames of a start with two cameras on a vehicle that vibrates, or before texture that repeats itself, 0.55 s at 20 Hz: fewer do not
 /// tell its sway, nor false matches from true ones.
 const HARD_START_FRAMES: usize = 12;
+/// Frames of any other start with two cameras: more than two, so that outliers of one are found.
+const STEREO_FRAMES: usize = 4;
+
 impl Start {
     /// Tries to start from the frames gathered so far; whether there is a first state now.
     pub(super) fn try_start(
@@ -52,6 +55,7 @@ impl Start {
         is_still: bool,
         time_offset_s: f64,
     ) -> bool {
+        self.missing = None;
         let Some(newest) = self.gathering.frames().last() else { return false };
         let shared = shared_tracks(newest);
         let is_stereo = shared >= MIN_TRACKS;
@@ -59,9 +63,9 @@ impl Start {
             return false;
         }
         if !is_stereo {
-            let Some(tried) = self.try_one_camera(estimation, time_offset_s) else { return false };
-            self.missing = tried.err();
-            return tried.is_ok();
+            let tried = self.try_one_camera(estimation, time_offset_s);
+            self.missing = tried.and_then(Result::err);
+            return tried.is_some_and(|tried| tried.is_ok());
         }
         let Some(count) = self.stereo_span(estimation) else { return false };
         let rig = estimation.window.rig.clone();
@@ -77,8 +81,7 @@ impl Start {
     /// too few.
     fn stereo_span(&self, estimation: &Estimation) -> Option<usize> {
         let is_hard = vibrating::is_vibrating(&estimation.vibration) || estimation.is_repeating;
-        let least = if is_hard { HARD_START_FRAMES } else { 0 };
-        let wanted = self.options.stereo_frames.max(least).min(MAX_FRAMES - 1);
+        let wanted = if is_hard { HARD_START_FRAMES } else { STEREO_FRAMES };
         let newest_first = self.gathering.frames().iter().rev().enumerate();
         let (before, _) =
             newest_first.filter(|(_, frame)| shared_tracks(frame) >= MIN_TRACKS).nth(wanted - 1)?;
@@ -98,15 +101,17 @@ impl Start {
         let rot_o_b = self
             .carried_back_to(estimation, first, newest)
             .unwrap_or_else(|| stereo::attitude_from_gravity(&(accel - self.bias_memory.1)));
+        let none = (Vector3::zeros(), Vector3::zeros());
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         estimation.window.clear();
         estimation.window.options.begin_with(estimation.window.options.cameras);
         for k in 0..count {
             let frame = &self.gathering.frames()[k];
-            if let Some(motion) = &frame.motion {
+            let motion = (k > 0).then(|| estimation.preintegrate([stamp(k - 1), stamp(k)], &none).0);
+            if let Some(motion) = &motion {
                 nav = nav.after(motion, &estimation.window.options.gravity_o);
             }
-            estimation.window.push_frame(frame.time, nav.clone(), frame.motion.clone(), false);
+            estimation.window.push_frame(frame.time, nav.clone(), motion, false);
             estimation.window.set_gyro_of_newest(frame.gyro_b);
             estimation.window.observe(&frame.tracks, &[]);
             if k == 0 || k + 1 == count {

@@ -14,7 +14,6 @@ use super::estimation::Estimation;
 use super::judge::{Judge, report_stuck};
 use super::plausible::{ResetReason, implausible};
 use crate::estimate::{HealthBits, NavCovariance};
-use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::initial::Gathering;
 use crate::input::ResetKind;
 use crate::window::state::{FrameTime, NavState};
@@ -26,21 +25,12 @@ use one_camera::OneCamera;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{Timestamp, ValidSetup};
 
-/// Frames that are gathered: those of a window, and for longer starts as many again and a half.
-const GATHERED_FRAMES: usize = 40;
-
 /// Options of starts, in the units of their use.
 #[derive(Clone, Debug)]
 struct Options {
-    stereo_frames: usize,
-    mono_window_s: f64,
-    mono_min_parallax_px: f64,
-    sigma_px: f64,
-    focal_px: f64,
     bias_gyro_sigma: f64,
     bias_accel_sigma: f64,
-    /// Configured time offset, and its standard deviation, s.
-    time_offset_s: (f64, f64),
+    time_offset_sigma_s: f64,
     health: HealthConfig,
 }
 
@@ -50,7 +40,8 @@ pub(super) struct Start {
     options: Options,
     gathering: Gathering,
     one_camera: OneCamera,
-    missing: Option<Missing>,
+    /// What an attempt with one camera lacked in the newest frame.
+    pub(super) missing: Option<Missing>,
     /// Where the next start begins, and the biases it begins with.
     origin: Option<NavState>,
     bias_memory: (Vector3<f64>, Vector3<f64>),
@@ -68,22 +59,16 @@ pub(super) struct Start {
 
 impl Start {
     pub(super) fn new(setup: &ValidSetup) -> Self {
-        let initial = &setup.estimator.initial;
-        let points = setup.estimator.points.max_points;
+        let points = &setup.estimator.points;
         Self {
             options: Options {
-                stereo_frames: initial.stereo_frames,
-                mono_window_s: initial.mono_window_s,
-                mono_min_parallax_px: initial.mono_min_parallax_px,
-                sigma_px: setup.estimator.points.sigma_px,
-                focal_px: setup.left().focal_px[0],
                 bias_gyro_sigma: setup.imu.gyro_bias_sigma_rad_s,
                 bias_accel_sigma: setup.imu.accel_bias_sigma_m_s2,
-                time_offset_s: (setup.rig.time_offset_s, setup.rig.time_offset_sigma_s),
+                time_offset_sigma_s: setup.rig.time_offset_sigma_s,
                 health: setup.estimator.health.clone(),
             },
-            gathering: Gathering::new(GATHERED_FRAMES, points),
-            one_camera: OneCamera::new(GATHERED_FRAMES, points, (IMU_MEMORY_S * setup.imu.rate_hz) as usize),
+            gathering: Gathering::new(points.max_points),
+            one_camera: OneCamera::new(setup),
             missing: None,
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
@@ -108,16 +93,17 @@ impl Start {
     ) -> bool {
         let stamp = time.stamp;
         let none = (Vector3::zeros(), Vector3::zeros());
-        let motion = last.map(|last| estimation.preintegrate([last, stamp], &none));
-        if motion.as_ref().is_some_and(|(_, coverage)| coverage.has_gap) {
-            health.insert(HealthBits::IMU_GAP);
-            self.gathering.clear();
-        }
-        if let Some((_, coverage)) = &motion
-            && (report_stuck(estimation.imu.stuck(), health) || coverage.unmeasured.is_any())
-        {
+        if let Some((_, coverage)) = last.map(|last| estimation.preintegrate([last, stamp], &none)) {
+            if coverage.has_gap {
+                health.insert(HealthBits::IMU_GAP);
+            }
             // A start needs gravity, and turns between its frames.
-            self.gathering.clear();
+            if report_stuck(estimation.imu.stuck(), health)
+                || coverage.unmeasured.is_any()
+                || coverage.has_gap
+            {
+                self.gathering.clear();
+            }
         }
         self.inherited.resume(stamp);
         self.carry_attitude(estimation, last, stamp);
@@ -125,8 +111,7 @@ impl Start {
             self.gathering.leave_out(camera);
         }
         let gyro_b = estimation.rate_b + self.bias_memory.0;
-        let placed = time.at_offset(estimation.window.rig.time_offset_s);
-        self.gathering.push(placed, estimation.measurer.points(), motion.map(|m| m.0), gyro_b);
+        self.gathering.push(time, estimation.measurer.points(), gyro_b);
         let has_begun = self.try_start(estimation, judge, is_still, time.time_offset_s);
         if has_begun {
             self.gathering.clear();
@@ -184,7 +169,7 @@ impl Start {
         }
         self.choose_origin(estimation, stated, kind);
         self.gathering.clear();
-        self.one_camera.end(kind);
+        self.one_camera.forget();
         self.reset_counter += 1;
     }
 
@@ -194,10 +179,6 @@ impl Start {
         let proven = self.memory.take();
         let window = &mut estimation.window;
         if kind == ResetKind::Hard {
-            let (offset_s, sigma_s) = self.options.time_offset_s;
-            window.expect_time_offset(offset_s, sigma_s);
-            estimation.measurer.forget_readout();
-            window.options.is_rolling = estimation.measurer.is_told_to_roll();
             (self.origin, self.carried) = (None, None);
             self.bias_memory = (Vector3::zeros(), Vector3::zeros());
             window.restore_rig();
@@ -235,11 +216,6 @@ impl Start {
 
     pub(super) fn give_reason(&mut self, reason: ResetReason) {
         self.reset_reason = Some(reason);
-    }
-
-    /// What the last attempt with one camera lacked.
-    pub(super) fn missing(&self) -> Option<&Missing> {
-        self.missing.as_ref()
     }
 
     /// Why the estimate was last started anew.

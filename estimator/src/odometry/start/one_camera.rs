@@ -3,87 +3,60 @@
 use super::Start;
 use super::first_state::{MAX_MEAN_COST, MIN_TRACKS, give_up};
 use crate::exchange::believable_offset;
-use crate::initial::timing::{Known, MAX_READOUT_S, Timing, TimingWorkspace};
+use crate::inertial::buffer::IMU_MEMORY_S;
+use crate::initial::timing::{DELAY, Known, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns};
 use crate::initial::turns::Turns;
-use crate::initial::{GatheredFrame, find_track, joined_motion, mono, stereo};
-use crate::input::ResetKind;
+use crate::initial::{GATHERED_FRAMES, find_track, mono};
 use crate::odometry::estimation::Estimation;
-use crate::window::state::NavState;
-use crate::window::{PointTrack, Window};
+use crate::shutter::Readout;
+use crate::window::Window;
 use nalgebra::Vector3;
-use plumbline_config::{Portable, Timestamp};
-use std::fmt;
+use plumbline_config::{Portable, Timestamp, ValidSetup};
 
+/// Time of the frames that a start takes, s: over less, hardly any motion tells gravity from acceleration. Delay and readout are looked for
+/// over half of it; over three times as much, what is old goes.
+const SPAN_S: f64 = 1.5;
 /// Scale known worse than this, relative to itself, is not known: a start waits.
-const MAX_SCALE_SIGMA: f64 = 0.15;
-/// Standard deviations beyond which the delay that is told contradicts the images.
-const CONTRADICTS_SIGMAS: f64 = 5.0;
-/// A delay known worse than this is not known, s: half of an interval of the inertial samples at 100 Hz.
+const MAX_SCALE_SIGMA: f64 = 0.1;
+/// Standard deviations that are no noise: of a delay or readout beside those that are told, and of the parallax of a pair of frames.
+const CERTAIN_SIGMAS: f64 = 3.0;
+/// Longest readout that is looked for, s: a frame at 25 Hz.
+const MAX_READOUT_S: f64 = 0.04;
+/// Times of rows known worse than this are not known, s: half of an interval of the inertial samples at 100 Hz.
 const UNCERTAIN_S: f64 = 0.005;
-/// Factor on standard deviations of what other frames have told: errors of tracks hang together.
-const GROWTH: f64 = 3.0;
-/// A start is on probation for so long, s, and refused by no less than so many frames.
+/// A start is on probation for so long, s.
 const PROBATION_S: f64 = 2.0;
-const REFUSING_FRAMES: f64 = 5.0;
+/// Points that have been followed for half of the span, where no delay was found that costs time already.
+const MIN_FOLLOWED: usize = 25;
 /// Rounds of settling: the first outliers are those of a guess, and the next ones of a solution without those.
 const SETTLING_ROUNDS: usize = 4;
-/// Frames between attempts.
-const RETRY_FRAMES: usize = 4;
+/// Time from one attempt to the next, s.
+const RETRY_S: f64 = 0.25;
 
 /// What a start with one camera still lacks.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Missing {
-    /// Time gathered and needed, s.
-    Time(f64, f64),
-    /// Points in view, and how many are needed.
-    Points(usize, usize),
-    /// Parallax beside that of the turn, and how much is needed, px.
-    Way(f64, f64),
-    /// Uncertainty of the delay of the images, s: the camera hardly turns.
-    Turn(f64),
-    /// Time offset that was found, and readout beyond the configured one, s: what comes is stamped by them.
+    /// Time gathered, s.
+    #[error("gathered {0:.1} of {SPAN_S:.1} s")]
+    Time(f64),
+    /// Points in view.
+    #[error("{0} points in view or followed, too few: show more texture, or move more slowly")]
+    Points(usize),
+    /// Parallax of a pair of frames beside that of the turn, in standard deviations.
+    #[error("moved the view by {0:.1} sigmas beside the turn, {CERTAIN_SIGMAS:.1} needed: move sideways")]
+    Way(f64),
+    /// Time offset and readout that were found, s: what comes is stamped by them.
+    #[error("found `rig.time_offset_s` = {0:.3} and `camera.0.readout_s` = {1:.3}")]
     Delay(f64, f64),
+    /// Uncertainty of a delay or readout that differs from the one told, s: the camera hardly turns.
+    #[error("the images are late, known to {0:.3} s: turn the camera")]
+    Turn(f64),
     /// Uncertainty of the scale, as a share of it: hardly any acceleration.
+    #[error("the scale is uncertain by {:.0} %: move faster, to and fro", 100.0 * .0)]
     Acceleration(f64),
     /// Variance of the residuals, in that of the sensors as they are told.
+    #[error("images and inertial samples differ by {:.1} sigmas: check the calibration", .0.sqrt())]
     Consistency(f64),
-}
-
-impl fmt::Display for Missing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Time(s, needed_s) => write!(f, "gathered {s:.1} of {needed_s:.1} s"),
-            Self::Points(count, needed) => {
-                write!(f, "{count} points in view, {needed} needed: show more texture")
-            }
-            Self::Way(px, needed_px) => {
-                write!(
-                    f,
-                    "moved the view by {px:.1} px beside the turn, {needed_px:.1} needed: move sideways"
-                )
-            }
-            Self::Turn(sigma_s) => {
-                write!(f, "the delay of the images is uncertain by {:.0} ms: turn the camera", 1e3 * sigma_s)
-            }
-            Self::Delay(offset_s, readout_s) => write!(
-                f,
-                "found a time offset of {:.0} ms and a readout of {:.0} ms more than configured: for `rig.time_offset_s` and \
-                 `camera.0.readout_s`",
-                1e3 * offset_s,
-                1e3 * readout_s
-            ),
-            Self::Acceleration(share) => {
-                write!(f, "the scale is uncertain by {:.0} %: move faster, to and fro", 100.0 * share)
-            }
-            Self::Consistency(ratio) => {
-                write!(
-                    f,
-                    "images and inertial samples differ by {:.1} sigmas: check the calibration",
-                    ratio.sqrt()
-                )
-            }
-        }
-    }
 }
 
 /// Memory of a start with one camera, allocated once.
@@ -92,44 +65,36 @@ pub(super) struct OneCamera {
     turns: Turns,
     timing: TimingWorkspace,
     alignment: mono::AlignmentWorkspace,
-    ways_px: Vec<f64>,
-    wait: usize,
-    /// What earlier frames have told of bias, delay and readout.
-    known: Option<Known>,
-    /// Standard deviations by which the delay that was told or found before contradicted the images: another one has to contradict more.
-    evidence: f64,
+    /// Time that was gathered at the last attempt, in steps of [`RETRY_S`].
+    attempt: usize,
+    /// Frames have told the delay: to within [`UNCERTAIN_S`].
+    is_delay_known: bool,
+    /// A delay or a readout was found.
+    is_found: bool,
     /// When the present estimate began by one camera, and mean costs of its frames since then.
     begun: Option<Timestamp>,
     costs: (f64, f64),
 }
 
 impl OneCamera {
-    /// Room for `frames` of `points` each, and for so many inertial samples.
-    pub(super) fn new(frames: usize, points: usize, samples: usize) -> Self {
+    pub(super) fn new(setup: &ValidSetup) -> Self {
+        let points = &setup.estimator.points;
+        let sigma_bearing = points.sigma_px / setup.left().focal_px[0];
         Self {
-            turns: Turns::new(samples),
-            timing: TimingWorkspace::new(frames, points),
-            alignment: mono::AlignmentWorkspace::new(frames, points),
-            ways_px: Vec::with_capacity(points),
-            wait: 0,
-            known: None,
-            evidence: CONTRADICTS_SIGMAS,
+            turns: Turns::new((IMU_MEMORY_S * setup.imu.rate_hz) as usize),
+            timing: TimingWorkspace::new(GATHERED_FRAMES, points.max_points, sigma_bearing),
+            alignment: mono::AlignmentWorkspace::new(GATHERED_FRAMES, points.max_points),
+            attempt: 0,
+            is_delay_known: false,
+            is_found: false,
             begun: None,
             costs: (0.0, 0.0),
         }
     }
 
-    /// The estimate has ended; after a hard reset nothing is known of delay and readout.
-    pub(super) fn end(&mut self, kind: ResetKind) {
-        self.begun = None;
-        if kind == ResetKind::Hard {
-            self.forget();
-        }
-    }
-
-    /// Forgets what frames have told of delay and readout.
-    fn forget(&mut self) {
-        (self.known, self.evidence) = (None, CONTRADICTS_SIGMAS);
+    /// Forgets the estimate, and what is known of delay and readout.
+    pub(super) fn forget(&mut self) {
+        (self.begun, self.is_delay_known) = (None, false);
     }
 }
 
@@ -141,201 +106,157 @@ impl Start {
         estimation: &mut Estimation,
         time_offset_s: f64,
     ) -> Option<Result<(), Missing>> {
-        self.one_camera.wait = self.one_camera.wait.saturating_sub(1);
-        let (span_s, needed_s) = (self.gathering.span_s(), self.options.mono_window_s);
-        if span_s < needed_s {
-            return Some(Err(Missing::Time(span_s, needed_s)));
-        }
-        if self.one_camera.wait > 0 {
+        let offset_s = estimation.window.rig.time_offset_s;
+        self.gathering.retime(offset_s, |stamp| estimation.rate_at(stamp, stamp, &Vector3::zeros()));
+        let span_s = self.gathering.span_s();
+        let attempt = (span_s / RETRY_S) as usize;
+        // Samples have come up to the newest frame once it is stamped by the offset that was found.
+        let is_due = std::mem::replace(&mut self.one_camera.attempt, attempt) != attempt;
+        if !is_due || (offset_s - time_offset_s).abs() > UNCERTAIN_S {
             return None;
         }
-        self.one_camera.wait = RETRY_FRAMES;
-        while self.gathering.span_s() > 2.0 * needed_s {
+        while self.gathering.span_s() > 3.0 * SPAN_S {
             self.gathering.drop_oldest();
         }
-        Some(self.start_one_camera(estimation, time_offset_s))
+        Some(if span_s < 0.5 * SPAN_S {
+            Err(Missing::Time(span_s))
+        } else {
+            self.start_one_camera(estimation, span_s)
+        })
     }
 
-    fn start_one_camera(&mut self, estimation: &mut Estimation, time_offset_s: f64) -> Result<(), Missing> {
+    fn start_one_camera(&mut self, estimation: &mut Estimation, span_s: f64) -> Result<(), Missing> {
         let timing = self.find_timing(estimation)?;
-        let is_new = self.apply_timing(estimation, &timing);
-        let offset_s = estimation.window.rig.time_offset_s;
-        if is_new || offset_s != time_offset_s {
-            return Err(Missing::Delay(offset_s, estimation.measurer.found_readout_s()));
+        self.apply_timing(estimation, &timing.found)?;
+        if span_s < SPAN_S {
+            return Err(Missing::Time(span_s));
         }
-        let integrated = |span| estimation.preintegrate(span, &(Vector3::zeros(), Vector3::zeros())).0;
-        self.gathering.retime(offset_s, integrated);
-        let way_px = self.way_px(estimation, &timing.bias_gyro);
-        if way_px < self.options.mono_min_parallax_px {
-            return Err(Missing::Way(way_px, self.options.mono_min_parallax_px));
+        if timing.parallax < CERTAIN_SIGMAS {
+            return Err(Missing::Way(timing.parallax));
+        }
+        let followed = self.followed();
+        if followed < MIN_FOLLOWED && !self.one_camera.is_found {
+            // There may be enough in the next frame.
+            self.one_camera.attempt = usize::MAX;
+            return Err(Missing::Points(followed));
         }
         let rig = estimation.window.rig.clone();
-        let accepted = self.accept(estimation, &timing);
-        if accepted.is_err() {
+        self.put_aligned(estimation, timing.bias_gyro);
+        let judged = self.judge_settled(estimation);
+        if judged.is_err() {
             give_up(estimation, rig);
         }
-        if let (Err(Missing::Consistency(_)), true) = (accepted, timing.delay_s.1 > UNCERTAIN_S) {
-            return Err(Missing::Turn(timing.delay_s.1));
+        if let Err(Missing::Consistency(_)) = judged {
+            // It may be the delay that does not fit: it is searched anew.
+            self.one_camera.is_delay_known = false;
         }
-        match accepted {
-            Ok(()) => {
-                let newest = self.gathering.frames().last().map(|frame| frame.time.stamp);
-                (self.one_camera.begun, self.one_camera.costs) = (newest, (0.0, 0.0));
-            }
-            Err(Missing::Consistency(_)) => {
-                // The delay is searched anew.
-                if let Some(known) = &mut self.one_camera.known {
-                    known.delay_s = f64::INFINITY;
-                }
-            }
-            Err(_) => {}
-        }
-        accepted
+        let newest = self.gathering.frames().last().map(|frame| frame.time.stamp);
+        (self.one_camera.begun, self.one_camera.costs) = (newest.filter(|_| judged.is_ok()), (0.0, 0.0));
+        judged
     }
 
     /// Takes the mean robust cost of an observation in the frame of `stamp`, in squared standard deviations; returns that of all frames since
-    /// a start with one camera if they refuse it.
+    /// a start with one camera if they refuse it at the end of its probation.
     pub(in crate::odometry) fn refused_by(&mut self, stamp: Timestamp, cost: f64) -> Option<f64> {
         let begun = self.one_camera.begun?;
-        if stamp.seconds_since(begun) > PROBATION_S {
-            self.one_camera.begun = None;
-        }
         let (sum, count) = &mut self.one_camera.costs;
         (*sum, *count) = (*sum + cost, *count + 1.0);
-        let refused = Some(*sum / *count).filter(|mean| *count >= REFUSING_FRAMES && *mean > MAX_MEAN_COST);
-        if refused.is_some() {
-            self.one_camera.forget();
-        }
-        refused
+        let mean = Some(*sum / *count).filter(|_| stamp.seconds_since(begun) > PROBATION_S)?;
+        self.one_camera.begun = None;
+        (mean > MAX_MEAN_COST).then_some(mean)
     }
 
-    /// Takes over delay and readout where the images contradict what is told of them; returns whether they do.
-    fn apply_timing(&mut self, estimation: &mut Estimation, timing: &Timing) -> bool {
-        let is_late = timing.contradiction > self.one_camera.evidence && self.options.time_offset_s.1 > 0.0;
-        if is_late {
-            self.one_camera.evidence = timing.contradiction;
-            let offset_s = estimation.window.rig.time_offset_s + timing.delay_s.0;
-            let sigma_s = (GROWTH * timing.delay_s.1).at_least(self.options.time_offset_s.1);
-            estimation.window.expect_time_offset(believable_offset(offset_s), sigma_s);
-        }
-        let readout =
-            estimation.measurer.rolls_by(timing.readout_s.0, CONTRADICTS_SIGMAS * timing.readout_s.1);
-        if let Some(step_s) = readout {
-            self.gathering.unroll(step_s, &estimation.window.rig, &timing.bias_gyro, |c, xy| {
-                estimation.measurer.row(c, xy)
-            });
-            estimation.window.options.is_rolling = true;
-        }
-        if timing.delay_s.1 < UNCERTAIN_S {
-            let left_s = timing.readout_s.0 - readout.unwrap_or(0.0);
-            self.one_camera.known = Some(Known {
-                bias_gyro: (timing.bias_gyro, GROWTH * timing.bias_sigma),
-                readout_s: (left_s, GROWTH * timing.readout_s.1),
-                delay_s: GROWTH * timing.delay_s.1,
-            });
-        }
-        is_late || readout.is_some()
-    }
-
-    /// Puts the frames into the window, and judges what they settle at.
-    fn accept(&mut self, estimation: &mut Estimation, timing: &Timing) -> Result<(), Missing> {
-        self.put_aligned(estimation, timing);
-        let Some(variance) = self.settle(estimation, SETTLING_ROUNDS) else {
-            let landmarks = estimation.window.triangulated().0;
-            let is_few = landmarks < MIN_TRACKS;
-            return Err(if is_few {
-                Missing::Points(landmarks, MIN_TRACKS)
-            } else {
-                Missing::Consistency(f64::INFINITY)
-            });
-        };
-        let share = scale_sigma(&mut estimation.window) * variance.at_least(1.0).sqrt();
-        if variance > MAX_MEAN_COST {
-            return Err(Missing::Consistency(variance));
-        }
-        if share > MAX_SCALE_SIGMA {
-            return Err(Missing::Acceleration(share));
-        }
-        Ok(())
+    /// Points of the newest frame that were seen in the middle one.
+    fn followed(&self) -> usize {
+        let frames = self.gathering.frames();
+        let Some(newest) = frames.last() else { return 0 };
+        let middle = &frames[frames.len() / 2];
+        newest.tracks.iter().filter(|track| find_track(middle, track.track_id).is_some()).count()
     }
 
     /// Delay of the images, by what they and the gyroscope say of the turn.
     fn find_timing(&mut self, estimation: &Estimation) -> Result<Timing, Missing> {
         let frames = self.gathering.frames();
         let tracks = frames.last().map_or(0, |newest| newest.tracks.len());
-        let missing = Missing::Points(tracks, MIN_TRACKS);
+        let missing = Missing::Points(tracks);
         let (Some(first), true) = (frames.first(), tracks >= MIN_TRACKS) else { return Err(missing) };
-        let OneCamera { turns, timing, known, .. } = &mut self.one_camera;
-        let rig = &estimation.window.rig;
-        let rotations = [0, 1].map(|c| rig.pose_b_c(c).rotation.to_rotation_matrix().into_inner());
-        turns.integrate(&estimation.imu, first.time.stamp.plus_seconds(-1.0));
-        let delay_s = |frame: &GatheredFrame| rig.time_offset_s - frame.time.time_offset_s;
-        timing.find_pairs(frames, &rotations, |c, xy| estimation.measurer.row(c, xy), delay_s);
-        let readout_s = if estimation.measurer.is_told_to_roll() { f64::EPSILON } else { MAX_READOUT_S };
-        let known = (*known).unwrap_or(Known {
-            bias_gyro: (self.bias_memory.0, self.options.bias_gyro_sigma),
-            readout_s: (0.0, readout_s),
-            delay_s: f64::INFINITY,
-        });
-        let sigma_bearing = self.options.sigma_px / self.options.focal_px;
-        timing.estimate(turns, &known, sigma_bearing).ok_or(missing)
+        let OneCamera { turns, timing, is_delay_known, .. } = &mut self.one_camera;
+        let rotations =
+            [0, 1].map(|c| estimation.window.rig.pose_b_c(c).rotation.to_rotation_matrix().into_inner());
+        turns.integrate(&estimation.imu, first.time.stamp.plus_seconds(-2.0 * SEARCHED_S));
+        timing.find_pairs(frames, &rotations, |c, xy| estimation.measurer.row(c, xy));
+        let is_global = estimation.measurer.readouts.iter().all(Readout::is_global);
+        let readout_s = if is_global { MAX_READOUT_S } else { f64::EPSILON };
+        let delay_s = if *is_delay_known { UNCERTAIN_S } else { SEARCHED_S };
+        let (bias, sigma) = (self.bias_memory.0, self.options.bias_gyro_sigma);
+        let known = Known {
+            values: Unknowns::new(bias.x, bias.y, bias.z, 0.0, 0.0),
+            sigmas: Unknowns::new(sigma, sigma, sigma, delay_s, readout_s),
+        };
+        timing.estimate(turns, &known).ok_or(missing)
     }
 
-    /// Displacement that [`MIN_TRACKS`] of the points of the newest frame exceed since each was first seen, rotation taken out by the
-    /// gyroscope, px.
-    fn way_px(&mut self, estimation: &Estimation, bias_gyro: &Vector3<f64>) -> f64 {
-        let frames = self.gathering.frames();
-        let Some(newest) = frames.last() else { return 0.0 };
-        let rot_b_c = [0, 1].map(|camera| estimation.window.rig.pose_b_c(camera).rotation);
-        let OneCamera { turns, ways_px, .. } = &mut self.one_camera;
-        let way_px = |track: &PointTrack| {
-            let (from, earlier) = frames.iter().find_map(|f| Some((f, find_track(f, track.track_id)?)))?;
-            let (c, a, b) = (0..2).find_map(|c| Some((c, earlier.measured[c]?, track.measured[c]?)))?;
-            let rot = turns.between([newest, from].map(|f| f.time.stamp), bias_gyro)?;
-            let f_b = rot * (rot_b_c[c] * Vector3::new(a.xy.x, a.xy.y, 1.0));
-            let q = rot_b_c[c].inverse_transform_vector(&f_b);
-            Some((q.xy() / q.z - b.xy).norm() * self.options.focal_px)
-        };
-        ways_px.clear();
-        ways_px.extend(newest.tracks.iter().filter_map(way_px));
-        ways_px.sort_unstable_by(|a, b| b.total_cmp(a));
-        ways_px.get(MIN_TRACKS - 1).copied().unwrap_or(0.0)
+    /// Takes over delay and readout where the images contradict what is told of them. For a readout frames are gathered anew, but if those that
+    /// there are would do for a start: their rows are not right.
+    fn apply_timing(&mut self, estimation: &mut Estimation, found: &Known) -> Result<(), Missing> {
+        let Known { values, sigmas } = *found;
+        let Estimation { measurer, window, .. } = estimation;
+        let is_found = |k: usize| values[k].abs() > CERTAIN_SIGMAS * sigmas[k];
+        let is_late = is_found(DELAY) && self.options.time_offset_sigma_s > 0.0;
+        let is_known = sigmas[DELAY] < UNCERTAIN_S;
+        self.one_camera.is_delay_known |= is_known;
+        if is_late {
+            if !is_known {
+                return Err(Missing::Turn(sigmas[DELAY]));
+            }
+            let offset_s = believable_offset(window.rig.time_offset_s + values[DELAY]);
+            window.expect_time_offset(offset_s, sigmas[DELAY].at_least(self.options.time_offset_sigma_s));
+        }
+        // The last row is later than the middle one by half a readout.
+        let rolls = is_found(READOUT) && values[READOUT] > 0.0 && 0.5 * sigmas[READOUT] < UNCERTAIN_S;
+        if rolls {
+            let readout_s = values[READOUT].at_most(MAX_READOUT_S);
+            measurer.readouts.iter_mut().for_each(|readout| readout.readout_s = readout_s);
+            window.options.is_rolling = true;
+        }
+        if rolls && self.gathering.span_s() < SPAN_S {
+            self.gathering.clear();
+        }
+        self.one_camera.is_found |= is_late || rolls;
+        match is_late || rolls {
+            true => Err(Missing::Delay(window.rig.time_offset_s, measurer.readouts[0].readout_s)),
+            false => Ok(()),
+        }
     }
 
     /// Puts frames into the window where motion, gravity and scale have them that fit all at once. Where nothing fits, the window is empty.
-    fn put_aligned(&mut self, estimation: &mut Estimation, timing: &Timing) {
+    fn put_aligned(&mut self, estimation: &mut Estimation, bias_gyro: Vector3<f64>) {
         estimation.window.clear();
         let rig = &estimation.window.rig;
         let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
         let frames = self.gathering.frames();
-        let biases = (timing.bias_gyro, self.bias_memory.1);
+        let biases = (bias_gyro, self.bias_memory.1);
         let gravity_o = estimation.window.options.gravity_o;
         let alignment = &mut self.one_camera.alignment;
-        let sigma_m_s2 = self.options.bias_accel_sigma;
-        let Some(aligned) = mono::align(frames, &poses, &biases, sigma_m_s2, gravity_o.norm(), alignment)
-        else {
+        let motion = |span| estimation.preintegrate(span, &biases).0;
+        let (sigma_m_s2, gravity_m_s2) = (self.options.bias_accel_sigma, gravity_o.norm());
+        let Some(first) = mono::align(frames, &poses, motion, sigma_m_s2, gravity_m_s2, alignment) else {
             return;
-        };
-        let rot_o_b0 = stereo::attitude_from_gravity(&-aligned.gravity_b0);
-        let first = NavState {
-            rot_o_b: rot_o_b0,
-            v_o_b: rot_o_b0 * aligned.v_b0,
-            bias_gyro: timing.bias_gyro,
-            bias_accel: aligned.bias_accel,
-            ..NavState::default()
         };
         // Keyframes evenly over the whole span, the newest among them.
         let options = &estimation.window.options;
         let count = (options.keyframes + options.recent_frames).min(frames.len());
-        let last = frames.len() - 1;
-        let chosen = move |k: usize| k * last / (count - 1);
+        let chosen = |k: usize| k * (frames.len() - 1) / (count - 1);
         // Be it that a pair sees nothing in common: as long as this estimate lives, its scale is that of one camera.
         estimation.window.options.begin_with(1);
         for k in 0..count {
-            let index = chosen(k);
-            let frame = &frames[index];
-            let nav = first.after(&self.one_camera.alignment.motions()[index], &gravity_o);
-            let motion = if k == 0 { None } else { joined_motion(frames, chosen(k - 1), index) };
+            let frame = &frames[chosen(k)];
+            let nav = first.after(&alignment.motions()[chosen(k)], &gravity_o);
+            let motion = k.checked_sub(1).map(|before| {
+                estimation
+                    .preintegrate([frames[chosen(before)].time.stamp, frame.time.stamp], &nav.biases())
+                    .0
+            });
             estimation.window.push_frame(frame.time, nav, motion, false);
             estimation.window.set_gyro_of_newest(frame.gyro_b);
             estimation.window.observe(&frame.tracks, &[]);
@@ -347,6 +268,21 @@ impl Start {
         for frame in &mut estimation.window.frames {
             frame.is_keyframe = true;
         }
+    }
+
+    /// Settles the window, and judges what it settles at.
+    fn judge_settled(&self, estimation: &mut Estimation) -> Result<(), Missing> {
+        let settled = self.settle(estimation, SETTLING_ROUNDS);
+        let landmarks = estimation.window.triangulated().0;
+        if landmarks < MIN_TRACKS {
+            return Err(Missing::Points(landmarks));
+        }
+        let variance = settled.unwrap_or(f64::INFINITY);
+        if variance > MAX_MEAN_COST {
+            return Err(Missing::Consistency(variance));
+        }
+        let share = scale_sigma(&mut estimation.window) * variance.at_least(1.0).sqrt();
+        if share > MAX_SCALE_SIGMA { Err(Missing::Acceleration(share)) } else { Ok(()) }
     }
 }
 

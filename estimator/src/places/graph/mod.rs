@@ -44,24 +44,15 @@ pub struct GraphLimits {
 }
 
 /// Reason why a loop was not added.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LoopRefused {
     /// The graph holds as many as it can, or has no such nodes.
+    #[error("there is no room for the loop, or no such node")]
     NoRoom,
     /// It says something else than the odometry, which cannot have drifted so far.
+    #[error("the odometry speaks against the loop")]
     Contradicted,
 }
-
-impl std::fmt::Display for LoopRefused {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::NoRoom => "there is no room for the loop, or no such node",
-            Self::Contradicted => "the odometry speaks against the loop",
-        })
-    }
-}
-
-impl std::error::Error for LoopRefused {}
 
 /// Result of a call of [`PoseGraph::optimize`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

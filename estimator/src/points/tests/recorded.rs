@@ -16,11 +16,10 @@ struct Run {
     milliseconds: Vec<f64>,
 }
 
-fn run(clip: &Clip, cameras: usize, bias: Vector3<f64>, use_reference: bool) -> Run {
+fn run(clip: &Clip, cameras: usize, bias: Vector3<f64>) -> Run {
     let (models, poses) = euroc_rig();
     let mut tracker = PointTracker::new(&PointsConfig::default(), &models[..cameras]);
     tracker.set_extrinsics(&poses[..cameras]);
-    tracker.set_use_reference(use_reference);
     let mut out = Run { frames: Vec::new(), figures: Vec::new(), milliseconds: Vec::new() };
     let mut before = clip.stamps[0];
     for &stamp in &clip.stamps {
@@ -236,12 +235,10 @@ fn flight_figures() {
     let Some(clip) = Clip::open("MH_05_mono_clip") else { return };
     for (bias, name) in [(Vector3::zeros(), "no bias"), (Vector3::new(-0.0018, 0.0209, 0.0769), "true bias")]
     {
-        for use_reference in [true, false] {
-            let run = run(&clip, 1, bias, use_reference);
-            run.print(&format!("MH_05 {name}, reference {use_reference}"));
-            for length in [10, 20, 40, 80] {
-                reprojection(&run, &clip, length);
-            }
+        let run = run(&clip, 1, bias);
+        run.print(&format!("MH_05 {name}"));
+        for length in [10, 20, 40, 80] {
+            reprojection(&run, &clip, length);
         }
     }
 }
@@ -250,61 +247,59 @@ fn flight_figures() {
 #[ignore = "prints figures; needs the recorded clips"]
 fn rest_figures() {
     let Some(clip) = Clip::open("V1_01_easy_clip") else { return };
-    for use_reference in [true, false] {
-        let run = run(&clip, 2, Vector3::zeros(), use_reference);
-        run.print(&format!("V1_01 at rest, reference {use_reference}"));
-        let (models, poses) = euroc_rig();
-        let mut depths: Vec<f64> = run.frames[30].iter().filter_map(|p| depth(&models, &poses, p)).collect();
-        depths.sort_by(f64::total_cmp);
-        let q = |share: usize| depths[(depths.len() - 1) * share / 100];
-        println!(
-            "  depths: least {:.2} p10 {:.2} p50 {:.2} p90 {:.2} most {:.2} m",
-            q(0),
-            q(10),
-            q(50),
-            q(90),
-            q(100)
-        );
-        assert!(q(0) > 0.5 && q(100) < 30.0);
-        for camera in 0..2 {
-            let mut tracks: BTreeMap<u32, Vec<Vector2<f64>>> = BTreeMap::new();
-            for point in run.frames.iter().take(60).flatten() {
-                if let Some(px) = point.px[camera] {
-                    tracks.entry(point.track_id).or_default().push(px);
-                }
+    let run = run(&clip, 2, Vector3::zeros());
+    run.print("V1_01 at rest");
+    let (models, poses) = euroc_rig();
+    let mut depths: Vec<f64> = run.frames[30].iter().filter_map(|p| depth(&models, &poses, p)).collect();
+    depths.sort_by(f64::total_cmp);
+    let q = |share: usize| depths[(depths.len() - 1) * share / 100];
+    println!(
+        "  depths: least {:.2} p10 {:.2} p50 {:.2} p90 {:.2} most {:.2} m",
+        q(0),
+        q(10),
+        q(50),
+        q(90),
+        q(100)
+    );
+    assert!(q(0) > 0.5 && q(100) < 30.0);
+    for camera in 0..2 {
+        let mut tracks: BTreeMap<u32, Vec<Vector2<f64>>> = BTreeMap::new();
+        for point in run.frames.iter().take(60).flatten() {
+            if let Some(px) = point.px[camera] {
+                tracks.entry(point.track_id).or_default().push(px);
             }
-            let (mut sum, mut drift, mut count, mut worst) = (0.0, 0.0, 0, 0);
-            tracks.retain(|_, p| p.len() == 60);
-            // The vehicle trembles: the motion common to all points is taken out.
-            let mut centred: Vec<Vec<Vector2<f64>>> = tracks
-                .values()
-                .map(|p| {
-                    let mean = p.iter().sum::<Vector2<f64>>() / p.len() as f64;
-                    p.iter().map(|x| x - mean).collect()
-                })
-                .collect();
-            let mut common = 0.0;
-            for k in 0..60 {
-                let mean = centred.iter().map(|p| p[k]).sum::<Vector2<f64>>() / centred.len() as f64;
-                common += mean.norm_squared() / 60.0;
-                centred.iter_mut().for_each(|p| p[k] -= mean);
-            }
-            println!("  common motion {:.3} px rms", common.sqrt());
-            for positions in &centred {
-                let mean = positions.iter().sum::<Vector2<f64>>() / positions.len() as f64;
-                let variance =
-                    positions.iter().map(|p| (p - mean).norm_squared()).sum::<f64>() / positions.len() as f64;
-                sum += variance;
-                drift += (positions[positions.len() - 1] - positions[0]).norm_squared();
-                worst += i32::from(variance.sqrt() > 0.2);
-                count += 1;
-            }
-            println!(
-                "  camera {camera}: rms about mean {:.3} px, last - first {:.3} px, {worst} of {count} over 0.2 px",
-                (sum / f64::from(count)).sqrt(),
-                (drift / f64::from(count)).sqrt()
-            );
         }
+        let (mut sum, mut drift, mut count, mut worst) = (0.0, 0.0, 0, 0);
+        tracks.retain(|_, p| p.len() == 60);
+        // The vehicle trembles: the motion common to all points is taken out.
+        let mut centred: Vec<Vec<Vector2<f64>>> = tracks
+            .values()
+            .map(|p| {
+                let mean = p.iter().sum::<Vector2<f64>>() / p.len() as f64;
+                p.iter().map(|x| x - mean).collect()
+            })
+            .collect();
+        let mut common = 0.0;
+        for k in 0..60 {
+            let mean = centred.iter().map(|p| p[k]).sum::<Vector2<f64>>() / centred.len() as f64;
+            common += mean.norm_squared() / 60.0;
+            centred.iter_mut().for_each(|p| p[k] -= mean);
+        }
+        println!("  common motion {:.3} px rms", common.sqrt());
+        for positions in &centred {
+            let mean = positions.iter().sum::<Vector2<f64>>() / positions.len() as f64;
+            let variance =
+                positions.iter().map(|p| (p - mean).norm_squared()).sum::<f64>() / positions.len() as f64;
+            sum += variance;
+            drift += (positions[positions.len() - 1] - positions[0]).norm_squared();
+            worst += i32::from(variance.sqrt() > 0.2);
+            count += 1;
+        }
+        println!(
+            "  camera {camera}: rms about mean {:.3} px, last - first {:.3} px, {worst} of {count} over 0.2 px",
+            (sum / f64::from(count)).sqrt(),
+            (drift / f64::from(count)).sqrt()
+        );
     }
 }
 

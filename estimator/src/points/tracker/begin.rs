@@ -29,7 +29,7 @@ impl PointTracker {
         if is_predicted {
             self.take_depths_of_matches(c, before);
         }
-        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, c, 1 - c)
+        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, c, 1 - c)
             .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
         let Some(pairing) = pairing else { return };
         self.store.iter_mut().skip(before).for_each(|(track, reference)| {

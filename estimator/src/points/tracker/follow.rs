@@ -111,7 +111,6 @@ impl PointTracker {
                 max_iterations: self.options.max_iterations,
                 max_return_px: self.options.max_forward_backward_px,
                 border_px: self.options.border_px as f64,
-                use_reference: self.use_reference,
                 is_unique_only,
                 is_wide: false,
                 shift: self.motion.filter(|_| view.frames == 1).map(|motion| {

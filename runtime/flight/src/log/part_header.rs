@@ -15,8 +15,8 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [&str; 6] =
-    ["ros.link", "ros.landmarks", "ros.map", "ros.tracks", "ros.reset", "driver.imu.trigger_exposure"];
+const RETIRED: &str =
+    "ros.link ros.landmarks ros.map ros.tracks ros.reset driver.imu.trigger_exposure estimator.initial";
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].
@@ -141,7 +141,7 @@ impl PartHeader {
 /// The text of a configuration without [`RETIRED`] keys.
 fn without_retired(text: &str) -> Result<String, String> {
     let mut tables: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
-    for path in RETIRED {
+    for path in RETIRED.split(' ') {
         let (mut keys, mut table) = (path.split('.').peekable(), Some(&mut tables));
         while let (Some(key), Some(here)) = (keys.next(), table.take()) {
             if keys.peek().is_none() {

@@ -191,8 +191,8 @@ pub struct WindowStage {
     digest: Digest,
     first: Option<Timestamp>,
     resets: u32,
-    /// What a start was last said to lack, and when.
-    missing: Option<(Timestamp, Missing)>,
+    /// When it was last said what a start lacks.
+    said_missing: Option<Timestamp>,
     map: Option<MapStage>,
     /// Counts and times of frames so far.
     pub figures: Figures,
@@ -225,7 +225,7 @@ impl WindowStage {
             times: StageTimes::default(),
             allocations: 0,
             resets: 0,
-            missing: None,
+            said_missing: None,
             map: config.estimator.places.enabled.then(|| MapStage::new(effect)),
         }
     }
@@ -308,13 +308,10 @@ impl WindowStage {
 
     /// Reports every second what a start with one camera still lacks, and at once which delay it has found.
     fn report_start(&mut self, estimate: &Estimate) {
-        let Some(missing) = self.odometer.missing().copied() else { return };
-        let is_due = self.missing.is_none_or(|(last, before)| {
-            let is_new = matches!(missing, Missing::Delay(..)) && missing != before;
-            is_new || estimate.stamp.nanos_since(last).abs() >= 1_000_000_000
-        });
-        if is_due {
-            self.missing = Some((estimate.stamp, missing));
+        let Some(missing) = self.odometer.missing() else { return };
+        let is_due = self.said_missing.is_none_or(|last| estimate.stamp.seconds_since(last).abs() >= 1.0);
+        if is_due || matches!(missing, Missing::Delay(..)) {
+            self.said_missing = Some(estimate.stamp);
             let text = format_args!("frame {}: no start yet: {missing}", estimate.frame_sequence);
             self.listener.said(&Said::Event(Event::new(estimate.stamp, Severity::Info, text)));
         }
