@@ -238,11 +238,11 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
         } else {
             "does not exist; give a trajectory file (TUM) or a data set with ground truth"
         };
-        return Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+        return Err(DriverError::Refused { path: path.into(), message: message.into() }.into());
     }
     if path.is_dir() {
         let missing =
-            |message: &str| Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+            |message: &str| Err(DriverError::Refused { path: path.into(), message: message.into() }.into());
         return match ground_truth_table(path) {
             Some(table) if is_of_positions(&table) => missing(
                 "has its ground truth in leica0/data.csv, which holds positions without attitudes; give a trajectory file (TUM) \
