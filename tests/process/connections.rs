@@ -113,8 +113,8 @@ fn a_page_for_others_is_opened_by_no_name_that_somebody_made_to_point_there() {
     assert!(ask("GET /", &address, "").starts_with("HTTP/1.1 200"));
     assert!(ask("GET /", &format!("192.168.1.7:{port}"), "").starts_with("HTTP/1.1 200"));
     assert!(ask("GET /", &format!("evil.example:{port}"), "").starts_with("HTTP/1.1 403"));
-    // Without commands it records nothing either.
-    let answer = ask("POST /api/vehicles/drone/recording", &address, r#"{"on":true}"#);
+    // Without commands it resets nothing either.
+    let answer = ask("POST /api/vehicles/drone/reset", &address, r#"{"kind":"soft"}"#);
     assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("--allow-commands"), "{answer}");
 }
 
@@ -166,7 +166,7 @@ fn stations_that_are_not_let_in_are_told_why() {
     std::thread::scope(|scope| {
         scope.spawn(|| is_told("tls", access(&others, &others, "operator"), "signed by another authority"));
         scope.spawn(|| is_told("tls", access(&others, &ours, "viewer"), "does not accept our certificate"));
-        scope.spawn(|| is_told("tcp", Vec::new(), "it speaks TLS"));
+        scope.spawn(|| is_told("tcp", Vec::new(), "does it ask for certificates"));
     });
 }
 

@@ -25,7 +25,7 @@ const DOCTOR_S: f64 = 60.0;
 const EXAMPLES: &str = "The archive (.tar.gz) holds: the configuration, versions, health over time, and the findings of `plumbline doctor` about the \
 sensor data.
 
-Left out: certificates, keys, passwords, addresses, paths, serial numbers, names of hosts and users, and images. Look at it before you send it: it is text.
+Left out: certificates, keys, addresses, paths, serial numbers, names of hosts and users, and images. Look at it before you send it: it is text.
 
 Example:
   plumbline report log.mcap --out report.tar.gz
@@ -161,7 +161,7 @@ about.json   versions of the program, of the kernel, and of what wrote the log
 health.csv   state, resets, health, quality and standard deviation, a row a second
 doctor.txt   what `plumbline doctor` says of the sensor data
 
-Left out: certificates, keys, passwords, images{left_out}. In the configuration they read \"{LEFT_OUT}\".
+Left out: certificates, keys, images{left_out}. In the configuration they read \"{LEFT_OUT}\".
 ",
         secrets.scrubbed(&args.log.display().to_string()),
         env!("CARGO_PKG_VERSION")
