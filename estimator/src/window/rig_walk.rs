@@ -53,15 +53,6 @@ const FLOORS: [Floor; 6] = [
     floor(Rig::INTRINSICS, 2 * INTRINSICS_DIM, 1e-4, PAIR_MEMORY),
 ];
 
-/// Repeatability of a careful calibration, one standard deviation of each parameter of the rig.
-#[must_use]
-pub fn rig_repeatability() -> SVector<f64, RIG_DIM> {
-    let sigma = |k: usize| {
-        FLOORS.iter().find(|floor| (floor.unknowns.0..floor.unknowns.0 + floor.unknowns.1).contains(&k))
-    };
-    SVector::from_fn(|k, _| sigma(k).map_or(0.0, |floor| floor.sigma))
-}
-
 /// Distance of a parameter from its configured value up to which that has its full weight, in standard deviations.
 const REFUTED_SIGMAS: f64 = 2.5;
 

@@ -13,7 +13,7 @@ use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{
-    Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, RigEstimate, Tracked,
+    Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked,
 };
 use plumbline_record::digest::Digest;
 use plumbline_record::said::FullEstimate;
@@ -200,11 +200,6 @@ pub struct WindowStage {
 }
 
 impl WindowStage {
-    /// The rig as refined so far; `None` before the first pose.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        self.odometer.rig_estimate()
-    }
-
     /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
