@@ -24,7 +24,6 @@
 
 use super::Window;
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
-use nalgebra::SVector;
 use plumbline_config::{Portable, Timestamp};
 
 /// Parameters that walk alike.

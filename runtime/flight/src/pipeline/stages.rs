@@ -12,9 +12,7 @@ use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
-use plumbline_estimator::{
-    Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked,
-};
+use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
 use plumbline_record::digest::Digest;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Said, Severity, Verdict};

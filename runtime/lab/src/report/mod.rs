@@ -375,12 +375,11 @@ fn health_frames(outcome: &RunOutcome) -> BTreeMap<&'static str, u64> {
 }
 
 /// Consistency of estimates and odometry, for people.
-fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
+fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
     let line = |nees: &Nees| {
-        let figures = Nees::NAMES.iter().zip(nees.ratios()).enumerate();
-        let parts = figures.map(|(place, (name, ratio))| match ratio {
+        let parts = Nees::NAMES.iter().zip(nees.ratios()).map(|(name, ratio)| match ratio {
             Some(ratio) => format!("{name} {ratio:.2}"),
-            None => format!("{name} unknown ({})", nees.why_unknown(place)),
+            None => format!("{name} unknown"),
         });
         parts.collect::<Vec<_>>().join(", ")
     };
@@ -391,7 +390,6 @@ fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
             line(&consistency.estimates)
         ),
         format!("{:<18}that of the odometry: {}", "", line(&consistency.odometry)),
-        format!("{:<18}{}", "", consistency.estimates.largest),
     ]
 }
 

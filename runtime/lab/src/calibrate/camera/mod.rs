@@ -25,7 +25,7 @@ pub mod target;
 pub use adjust::{Cameras, Corner, Sight};
 pub use detector::Detector;
 pub use images::{Images, ImagesError};
-pub use lens::LensKind;
+pub use lens::{LENSES, lens_named};
 pub use result::Calibration;
 pub use target::{Target, TargetError};
 
@@ -34,6 +34,7 @@ use detect::FirstSight;
 use detector::{Fault, Marker};
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::GrayImage;
+use plumbline_config::camera::Distortion;
 
 /// Rounds of second look and adjustment.
 const ROUNDS: usize = 3;
@@ -138,14 +139,14 @@ pub enum CalibrateError {
 const MISFIT_CURE: &str =
     "check the numbers of --target and that the board is flat; for a fisheye lens give --lens equidistant";
 
-/// Calibrates the cameras that took `pairs`; `seen` hears of every image that was looked at.
+/// Calibrates the cameras that took `pairs`, from the distortion of `lens` on; `seen` hears of every image that was looked at.
 ///
 /// # Errors
 /// When the board is not seen often enough, or does not fit what is seen.
 pub fn calibrate(
     pairs: &[Pair],
     target: &Target,
-    kind: LensKind,
+    lens: Distortion,
     detector: &Detector,
     seen: &mut dyn FnMut(),
 ) -> Result<Calibration, CalibrateError> {
@@ -153,7 +154,7 @@ pub fn calibrate(
     let mut sights = first_sights(pairs, target, detector, seen)?;
     let points = target.corners_m();
     turn_alike(target, &mut sights);
-    let (cameras, mut poses) = start(target, &points, kind, &sizes, &sights)?;
+    let (cameras, mut poses) = start(target, &points, lens, &sizes, &sights)?;
     let fit = Fit { points: &points, target: *target };
     let mut cameras = fit.trimmed(&mut sights, &cameras, &mut poses, FIRST_TRIM)?;
     for _ in 0..ROUNDS {
@@ -302,7 +303,7 @@ fn turn_alike(target: &Target, sights: &mut [Sight]) {
 fn start(
     target: &Target,
     points: &[Vector2<f64>],
-    kind: LensKind,
+    lens: Distortion,
     sizes: &[(usize, usize)],
     sights: &[Sight],
 ) -> Result<(Cameras, Poses), CalibrateError> {
@@ -310,7 +311,7 @@ fn start(
     for (camera, size) in sizes.iter().enumerate() {
         let views: Vec<&[Corner]> =
             sights.iter().map(|s| s[camera].as_slice()).filter(|v| !v.is_empty()).collect();
-        let guess = initial::first_guess(kind, *size, points, &views).ok_or(CalibrateError::Undetermined)?;
+        let guess = initial::first_guess(lens, *size, points, &views).ok_or(CalibrateError::Undetermined)?;
         let alone: Vec<Sight> = views.iter().map(|view| [view.to_vec(), Vec::new()]).collect();
         let mut poses: Vec<_> = views.iter().map(|view| initial::pose(&guess, points, view)).collect();
         let fit = Fit { points, target: *target };

@@ -140,7 +140,6 @@ fn errors_drawn_from_the_covariance_have_a_ratio_of_one() {
                 let count = f64::from(degrees) * (FLIGHTS as usize * poses) as f64;
                 let off = (figure.mean_ratio - 1.0).abs();
                 assert!(off < 1.5 * 1.96 * (2.0 / count).sqrt(), "frame {frame_sigma}: {degrees} {figure:?}");
-                assert!((figure.within_95 - 0.95).abs() < 0.025, "{figure:?}");
                 assert_eq!(figure.count, FLIGHTS as usize * poses);
             }
         }
@@ -154,26 +153,6 @@ fn twice_the_error_has_four_times_the_ratio() {
         let factor = twice.unwrap() / once.unwrap();
         assert!((factor - 4.0).abs() < 0.05, "{factor}");
     }
-}
-
-#[test]
-fn the_largest_errors_are_those_after_the_first_second() {
-    let mut noise = Noise::new(5);
-    let (mut states, truths, known) = flight(&mut noise, 0, 1e-3, 0.0);
-    // The first pose is 30 degrees off, the later one 2, and its velocity by 0.4 m/s across it.
-    let lean = |degrees: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), degrees.to_radians());
-    states[0].pose_o_b.rotation = lean(30.0) * states[0].pose_o_b.rotation;
-    states[1].pose_o_b.rotation = lean(2.0) * states[1].pose_o_b.rotation;
-    states[1].v_o_b = lean(2.0) * states[1].v_o_b;
-    let across = states[1].v_o_b.cross(&Vector3::new(1.0, 2.0, 3.0)).normalize();
-    states[1].v_o_b += across * 0.4;
-    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
-    let largest =
-        FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap().estimates.largest;
-    assert!(
-        (largest.tilt_deg - 2.0).abs() < 1e-6 && (largest.velocity_m_s.unwrap() - 0.4).abs() < 1e-6,
-        "{largest:?}"
-    );
 }
 
 #[test]
