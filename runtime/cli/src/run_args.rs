@@ -6,7 +6,7 @@ use clap::Args;
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::places::Mapper;
-use plumbline_flight::flight::{CausalPose, Flight, Flown, is_log};
+use plumbline_flight::flight::{Flight, Flown, PublishedState, is_log};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::report::Report;
 use plumbline_link::process::LinkOptions;
@@ -89,7 +89,7 @@ impl RunArgs {
     /// When one cannot be written.
     pub fn write(&self, flown: &Flown, report: &Report) -> Result<String> {
         if let Some(path) = &self.trajectory {
-            let pose = |p: &CausalPose| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
+            let pose = |p: &PublishedState| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
             write_tum(path, &flown.poses.iter().map(pose).collect::<Vec<_>>())?;
         }
         if let (Some(path), Some(places)) = (&self.save_map, &flown.outcome.places) {

@@ -2,6 +2,7 @@
 
 use crate::arrays::{numbers, stamps};
 use crate::errors::{Class, of_evaluation};
+use crate::estimate::{matrix, vector};
 use crate::table;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
@@ -109,11 +110,8 @@ pub fn evaluate_trajectories<'py>(
     let values = PyDict::new(py);
     let json = serde_json::to_string(&evaluation).map_err(|error| Class::Run.error(py, error.to_string()))?;
     values.set_item("figures", json)?;
-    values.set_item("rotation", table::rotation(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
-    values.set_item(
-        "translation",
-        crate::arrays::block(py, similarity.translation.as_slice().to_vec(), &[3])?,
-    )?;
+    values.set_item("rotation", matrix(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
+    values.set_item("translation", vector(py, &similarity.translation)?)?;
     values.set_item("scale", similarity.scale)?;
     Ok(values)
 }

@@ -8,7 +8,7 @@ use crate::evaluate::{
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
-use plumbline_flight::flight::{CausalPose, Truth};
+use plumbline_flight::flight::{PublishedState, Truth};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -42,8 +42,8 @@ pub struct Accuracy {
 impl Accuracy {
     /// Compares poses with the truth; `None` where it is known for too few.
     #[must_use]
-    pub fn of(poses: &[CausalPose], truth: &Truth) -> Option<Self> {
-        let known: Vec<(&CausalPose, Isometry3<f64>)> =
+    pub fn of(poses: &[PublishedState], truth: &Truth) -> Option<Self> {
+        let known: Vec<(&PublishedState, Isometry3<f64>)> =
             poses.iter().filter_map(|p| Some((p, truth.pose_at(p.stamp)?))).collect();
         if known.len() < MIN_POSES {
             return None;
@@ -98,7 +98,7 @@ impl ForeignTruth {
     ///
     /// # Errors
     /// When it is of another time.
-    pub fn check(flight: &str, poses: &[CausalPose], truth: &Truth, file: &Path) -> Result<(), Self> {
+    pub fn check(flight: &str, poses: &[PublishedState], truth: &Truth, file: &Path) -> Result<(), Self> {
         let span = |stamps: &mut dyn Iterator<Item = Timestamp>| {
             stamps.fold(None, |span: Option<(Timestamp, Timestamp)>, stamp| {
                 let (first, last) = span.unwrap_or((stamp, stamp));
@@ -147,7 +147,7 @@ fn rms(errors: &[f64]) -> f64 {
 
 /// Mean NEES over its expectation, and the largest position error in standard deviations, the truth brought to the first pose by
 /// position and yaw.
-fn against_covariance(known: &[(&CausalPose, Isometry3<f64>)]) -> (Option<f64>, f64) {
+fn against_covariance(known: &[(&PublishedState, Isometry3<f64>)]) -> (Option<f64>, f64) {
     let (first, truth) = &known[0];
     let origin = frame_of(&first.pose_o_b, truth);
     let (mut sum, mut count, mut max_error_sigmas) = (0.0, 0.0, 0.0_f64);
@@ -155,7 +155,7 @@ fn against_covariance(known: &[(&CausalPose, Isometry3<f64>)]) -> (Option<f64>, 
         let error = pose_error(&pose.pose_o_b, &(origin * truth));
         let sigma_m = pose.covariance.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
         max_error_sigmas = max_error_sigmas.max(error.fixed_rows::<3>(0).norm() / sigma_m.max(1e-9));
-        if let Some(value) = nees(&error, &pose.covariance) {
+        if let Some(value) = nees(&error, &pose.covariance.fixed_view::<6, 6>(0, 0).into_owned()) {
             sum += value / 6.0;
             count += 1.0;
         }
@@ -175,14 +175,8 @@ mod tests {
                 pose: Isometry3::translation(k as f64, 0.0, 0.0),
             })
         };
-        let flown: Vec<CausalPose> = poses(100)
-            .map(|p| CausalPose {
-                stamp: p.stamp,
-                pose_o_b: p.pose,
-                covariance: nalgebra::Matrix6::identity(),
-                reset_counter: 0,
-                pose_m_o: None,
-            })
+        let flown: Vec<PublishedState> = poses(100)
+            .map(|p| PublishedState { stamp: p.stamp, pose_o_b: p.pose, ..PublishedState::default() })
             .collect();
         let check = |from_s| {
             let truth = Truth::of_poses(&poses(from_s).collect::<Vec<_>>());

@@ -51,14 +51,13 @@ impl Nees {
 }
 
 impl FlightConsistency {
-    /// Judges what was published by the truth; `None` where no truth is known.
+    /// Judges estimates, and what else was published, by the truth; `None` where no truth is known.
     #[must_use]
-    pub fn of(published: &Published, truth: &Truth) -> Option<Self> {
-        let Published { estimates, odometry, steps, frames: _ } = published;
-        let (estimates, odometry) = (known(estimates, truth), known(odometry, truth));
+    pub fn of(estimates: &[PublishedState], published: &Published, truth: &Truth) -> Option<Self> {
+        let (estimates, odometry) = (known(estimates, truth), known(&published.odometry, truth));
         (!estimates.is_empty()).then(|| Self {
-            estimates: judged(&estimates, steps, 0.0),
-            odometry: judged(&odometry, steps, NEAR_S),
+            estimates: judged(&estimates, &published.steps, 0.0),
+            odometry: judged(&odometry, &published.steps, NEAR_S),
         })
     }
 }

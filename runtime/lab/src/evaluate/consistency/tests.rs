@@ -85,6 +85,7 @@ fn flight(
             covariance: own + by * of_frame * by.transpose(),
             reset_counter: counter,
             quality: 100,
+            pose_m_o: None,
         });
         // Exactly, not to first order: the frame moves and turns as a whole.
         let p = poses[k].translation.vector + error.fixed_rows::<3>(0);
@@ -115,16 +116,16 @@ fn flight(
 
 fn judged(frame_sigma: f64, deviations: f64) -> FlightConsistency {
     let mut noise = Noise::new(11);
-    let mut published = Published::default();
+    let (mut estimates, mut published) = (Vec::new(), Published::default());
     let mut truth = Vec::new();
     for counter in 0..FLIGHTS {
         let (states, truths, known) = flight(&mut noise, counter, frame_sigma, deviations);
-        published.estimates.extend(states.clone());
+        estimates.extend(states.clone());
         published.odometry.extend(states);
         published.steps.push(known);
         truth.extend(truths);
     }
-    FlightConsistency::of(&published, &Truth::Recorded(truth)).unwrap()
+    FlightConsistency::of(&estimates, &published, &Truth::Recorded(truth)).unwrap()
 }
 
 #[test]
@@ -160,11 +161,11 @@ fn without_a_true_velocity_none_is_judged() {
     let mut noise = Noise::new(3);
     let (states, mut truths, known) = flight(&mut noise, 0, 1e-3, 1.0);
     truths.iter_mut().for_each(|truth| truth.v_w_b = None);
-    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
-    let result = FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap();
+    let published = Published { steps: vec![known], ..Published::default() };
+    let result = FlightConsistency::of(&states, &published, &Truth::Recorded(truths.to_vec())).unwrap();
     assert!(result.estimates.velocity.is_none() && result.estimates.tilt.is_some());
     assert!(result.odometry.tilt.is_none());
-    assert!(FlightConsistency::of(&published, &Truth::None).is_none());
+    assert!(FlightConsistency::of(&states, &published, &Truth::None).is_none());
 }
 
 #[test]
