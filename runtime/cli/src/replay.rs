@@ -88,7 +88,7 @@ pub struct ReplayArgs {
     /// Stop at this time, seconds into the data set, log or path.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache rendered frames here. Flights along one --path FILE share them.
+    /// Cache rendered frames here.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.

@@ -261,7 +261,8 @@ fn start(
     for (camera, size) in sizes.iter().enumerate() {
         let views: Vec<&[Corner]> =
             sights.iter().map(|s| s[camera].as_slice()).filter(|v| !v.is_empty()).collect();
-        let guess = initial::first_guess(lens, *size, points, &views).ok_or_else(CalibrateError::undetermined)?;
+        let guess =
+            initial::first_guess(lens, *size, points, &views).ok_or_else(CalibrateError::undetermined)?;
         let alone: Vec<Sight> = views.iter().map(|view| [view.to_vec(), Vec::new()]).collect();
         let mut poses: Vec<_> = views.iter().map(|view| initial::pose(&guess, points, view)).collect();
         let fit = Fit { points, target: *target };
@@ -311,7 +312,8 @@ impl Fit<'_> {
     ) -> Result<Adjusted, CalibrateError> {
         let (used, kept) = used(sights, poses);
         let start: Vec<Isometry3<f64>> = used.iter().filter_map(|k| poses[*k]).collect();
-        let adjusted = adjust(self.points, &kept, cameras, &start).ok_or_else(CalibrateError::undetermined)?;
+        let adjusted =
+            adjust(self.points, &kept, cameras, &start).ok_or_else(CalibrateError::undetermined)?;
         for (k, pose) in used.into_iter().zip(&adjusted.poses_c0_t) {
             poses[k] = Some(*pose);
         }
