@@ -6,6 +6,7 @@ use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_flight::flight::{Flight, Flown, PublishedState, fly, open_simulation};
 use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
+use plumbline_flight::pipeline::places::PlacesFigures;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_simulator::{FlightPath, Scenario, Scene};
@@ -138,7 +139,8 @@ fn a_second_lap_takes_drift_out_while_the_odometry_stays_as_it_is(flown: &Flown,
     assert!(10 * recognition.found >= 7 * recognition.revisits);
     let places = report.places.unwrap();
     assert!(places.ate_final_rmse_m.unwrap() < 0.85 * report.ate_rmse_m.unwrap());
-    assert_eq!((places.late, places.passed_over, report.hot_path_allocations), (0, 0, 0));
+    let PlacesFigures { late, passed_over, .. } = places.figures;
+    assert_eq!((late, passed_over, report.hot_path_allocations), (0, 0, 0));
 
     let mut alone = simulated(&scenario(2));
     alone.config = alone.config.with("without places", |c| c.estimator.places.enabled = false).unwrap();
@@ -264,7 +266,7 @@ fn two_laps_of_recorded_paths() {
                 recognition.revisits,
                 recognition.found,
                 recognition.wrong,
-                places.loops_used
+                places.figures.loops_used
             );
             let mapper = &flown.outcome.places.as_ref().unwrap().mapper;
             println!("  drift, by nodes: {:.2?}", drift_distances2(&flown, mapper));

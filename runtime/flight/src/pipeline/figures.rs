@@ -25,16 +25,10 @@ impl Cost {
 }
 
 /// The time of each stage.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct StageTimes {
     running: [Option<Stopwatch>; Stage::ALL.len()],
     times: [Times; Stage::ALL.len()],
-}
-
-impl Default for StageTimes {
-    fn default() -> Self {
-        Self { running: [None; Stage::ALL.len()], times: std::array::from_fn(|_| Times::of_ms()) }
-    }
 }
 
 impl StageTimes {
@@ -117,8 +111,8 @@ impl Default for Figures {
             first_pose_s: None,
             span_s: 0.0,
             wall_s: 0.0,
-            frame_ms: Times::of_ms(),
-            frame_cpu_ms: Times::of_ms(),
+            frame_ms: Times::default(),
+            frame_cpu_ms: Times::default(),
             handout_us: Times::of_us(),
             stages: StageTimes::default(),
             health: HealthTally::default(),

@@ -320,7 +320,7 @@ fn accuracy_lines(a: &Accuracy) -> [String; 2] {
 
 /// Every stage by its name, that of the map too.
 fn stages_ms(outcome: &RunOutcome) -> BTreeMap<&'static str, Percentiles> {
-    let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
+    let places = outcome.places.iter().map(|places| ("places", places.figures.times_ms.percentiles()));
     outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
 }
 
