@@ -150,7 +150,7 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::{DMatrix, DVector, SVector};
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))
