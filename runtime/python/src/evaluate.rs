@@ -29,17 +29,11 @@ pub struct EvaluateArguments {
 
 impl EvaluateArguments {
     fn checked(&self, py: Python<'_>) -> PyResult<EvaluateOptions> {
-        let alignment = match self.align.as_str() {
-            "none" => AlignmentMode::None,
-            "origin" => AlignmentMode::Origin,
-            "yaw" => AlignmentMode::Yaw,
-            "se3" => AlignmentMode::Se3,
-            "sim3" => AlignmentMode::Sim3,
-            other => {
-                let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{other}'");
-                return Err(Class::Argument.error(py, message));
-            }
-        };
+        let known = AlignmentMode::NAMED.iter().find(|(name, ..)| *name == self.align);
+        let alignment = known.map(|(.., mode)| *mode).ok_or_else(|| {
+            let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{}'", self.align);
+            Class::Argument.error(py, message)
+        })?;
         let time_offset_s = self.time_offset_s;
         if !time_offset_s.is_finite() {
             let message = format!("time_offset: expected a number of seconds, got {time_offset_s}");

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Vector2, Vector3};
 use opencv::core::{Mat, Point2f, Point3f, Size, TermCriteria, TermCriteria_Type, Vector};
 use opencv::imgcodecs::imwrite;
 use plumbline_boards::{chessboard, markers, refine};
+use plumbline_config::camera::Distortion;
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{CameraModel, Config, Timestamp, ValidConfig, import};
 use plumbline_drivers::StereoFrame;
@@ -12,7 +13,7 @@ use plumbline_lab::calibrate::camera::images::{Images, read};
 use plumbline_lab::calibrate::camera::recording::read_log;
 use plumbline_lab::calibrate::camera::result::Residual;
 use plumbline_lab::calibrate::camera::{
-    CalibrateError, Calibration, Detector, Pair, Target, calibrate, lens_named, output, table,
+    CalibrateError, Calibration, Detector, LENSES, Pair, Target, calibrate, output, table,
 };
 use plumbline_oracle::boards::{Board, BoardCamera, poses};
 use plumbline_tests::shared;
@@ -30,8 +31,12 @@ fn pairs_of(folder: &Path, most: usize) -> Vec<Pair> {
         .collect()
 }
 
+fn lens_named(name: &str) -> Distortion {
+    LENSES.iter().find(|(known, ..)| *known == name).unwrap().2
+}
+
 fn calibrated(pairs: &[Pair], target: &str, lens: &str) -> Result<Calibration, CalibrateError> {
-    let result = calibrate(pairs, &target.parse().unwrap(), lens_named(lens).unwrap(), &OPENCV, &mut || {});
+    let result = calibrate(pairs, &target.parse().unwrap(), lens_named(lens), &OPENCV, &mut || {});
     if let Ok(calibration) = &result {
         println!("{}{}", table::views(calibration), table::figures(calibration).join("\n"));
     }
@@ -94,7 +99,7 @@ fn camera(lens: &str, focal_px: [f64; 2], centre_px: [f64; 2], k: [f64; 4]) -> C
         height_px: 480,
         focal_px: Vector2::from(focal_px),
         centre_px: Vector2::from(centre_px),
-        distortion: lens_named(lens).unwrap().with_coefficients(&k),
+        distortion: lens_named(lens).with_coefficients(&k),
     }
 }
 

@@ -1,12 +1,12 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
 use super::output as written;
+use crate::checks::choice;
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
 use crate::{Usage, load_config, say};
 use anyhow::{Context as _, Result};
 use clap::Args;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
@@ -14,7 +14,7 @@ use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
 use plumbline_lab::calibrate::camera::recording::{read_bag, read_log};
 use plumbline_lab::calibrate::camera::{
-    Calibration, Detector, LENSES, Pair, Target, calibrate, lens_named, output, table,
+    Calibration, Detector, LENSES, Pair, Target, calibrate, output, table,
 };
 use std::path::PathBuf;
 
@@ -52,7 +52,7 @@ pub struct CameraArgs {
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
     /// The model of the lenses.
-    #[arg(long, value_parser = lens(), default_value = "radtan")]
+    #[arg(long, value_parser = choice(LENSES), default_value = "radtan")]
     lens: Distortion,
     /// Use the left camera only.
     #[arg(long)]
@@ -69,12 +69,6 @@ pub struct CameraArgs {
     /// Replace an existing file.
     #[arg(long)]
     overwrite: bool,
-}
-
-/// Reads the name of a lens, of those with a calibration.
-fn lens() -> impl TypedValueParser<Value = Distortion> {
-    let names = LENSES.map(|(name, about, _)| PossibleValue::new(name).help(about));
-    PossibleValuesParser::new(names).try_map(|name| lens_named(&name).ok_or("no lens of this name"))
 }
 
 /// Runs the command.

@@ -116,7 +116,7 @@ mod tests {
             ("double-sphere", 290.0, &[-0.2, 0.6]),
         ];
         for (name, focal_px, k) in lenses {
-            let lens = lens_named(name).unwrap();
+            let lens = lens_named(name);
             let mut model = camera(lens, (752, 480), focal_px);
             model.distortion = lens.with_coefficients(k);
             // As many pixels to a radian near the axis.

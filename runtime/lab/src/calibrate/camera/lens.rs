@@ -44,12 +44,6 @@ pub const LENSES: [(&str, &str, Distortion); 6] = [
     ),
 ];
 
-/// The distortion from which the calibration of a lens of [`LENSES`] begins.
-#[must_use]
-pub fn lens_named(name: &str) -> Option<Distortion> {
-    LENSES.iter().find(|(known, ..)| *known == name).map(|(.., distortion)| *distortion)
-}
-
 /// Names of the unknowns of a camera.
 #[must_use]
 pub fn names(model: &CameraModel) -> Vec<&'static str> {
@@ -115,6 +109,12 @@ pub fn project(model: &CameraModel, p_c: &Vector3<f64>) -> Option<Projection> {
     Some(Projection { px, by_point: by_xy * xy_by_point, by_lens })
 }
 
+/// The distortion from which the calibration of a lens of [`LENSES`] begins.
+#[cfg(test)]
+pub(super) fn lens_named(name: &str) -> Distortion {
+    LENSES.iter().find(|(known, ..)| *known == name).map(|(.., distortion)| *distortion).expect("is known")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn what_is_behind_the_camera_has_no_pixel() {
-        let distortion = lens_named("radtan").unwrap();
+        let distortion = lens_named("radtan");
         let (focal_px, centre_px) = (Vector2::repeat(400.0), Vector2::repeat(300.0));
         let model = CameraModel { width_px: 600, height_px: 600, focal_px, centre_px, distortion };
         assert!(project(&model, &Vector3::new(0.0, 0.0, -1.0)).is_none());

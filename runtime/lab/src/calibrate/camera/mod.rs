@@ -25,7 +25,7 @@ pub mod target;
 pub use adjust::{Cameras, Corner, Sight};
 pub use detector::Detector;
 pub use images::{Images, ImagesError};
-pub use lens::{LENSES, lens_named};
+pub use lens::LENSES;
 pub use result::Calibration;
 pub use target::{Target, TargetError};
 

@@ -9,7 +9,7 @@ fn rig() -> Cameras {
         height_px: 480,
         focal_px: Vector2::new(f, f - 1.0),
         centre_px: Vector2::from(c),
-        distortion: lens_named("radtan").unwrap().with_coefficients(&k),
+        distortion: lens_named("radtan").with_coefficients(&k),
     };
     Cameras {
         models: vec![
@@ -58,7 +58,7 @@ fn disturbed() -> (Cameras, Vec<Isometry3<f64>>) {
     for model in &mut rig.models {
         model.focal_px *= 1.06;
         model.centre_px = Vector2::new(375.5, 239.5);
-        model.distortion = lens_named("radtan").unwrap().with_coefficients(&[0.0; 4]);
+        model.distortion = lens_named("radtan").with_coefficients(&[0.0; 4]);
     }
     rig.pose_c1_c0.translation.vector *= 0.9;
     let off = Isometry3::new(Vector3::new(0.02, -0.01, 0.05), Vector3::new(0.05, 0.02, -0.03));
@@ -111,7 +111,7 @@ fn every_lens_is_found_again_from_the_one_it_begins_with() {
         ("double-sphere", 290.0 * 0.8, &[-0.2, 0.6]),
     ];
     for (name, focal_px, k) in lenses {
-        let lens = lens_named(name).unwrap();
+        let lens = lens_named(name);
         let mut model = rig().models[0];
         (model.distortion, model.focal_px) = (lens.with_coefficients(k), Vector2::repeat(focal_px));
         let sights: Vec<Sight> = sights(&Cameras { models: vec![model, model], ..rig() }, 0.02)
