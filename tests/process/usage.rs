@@ -156,9 +156,8 @@ fn a_simulated_flight_with_options_is_a_recording_for_all_that_fly_one() {
 fn outputs_and_lists_of_a_first_use_read_as_they_should() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let covariance = at("covariance.csv");
     let (poses, truth) = (at("poses.tum"), at("truth.tum"));
-    let outputs = ["--covariance", &covariance, "--trajectory", &poses, "--true-trajectory", &truth];
+    let outputs = ["--trajectory", &poses, "--true-trajectory", &truth];
     let flown = plumbline(&[&["replay", "sim:room?start=3&duration=1&scale=0.5"], &outputs[..]].concat());
     assert!(flown.status.success(), "{}", stderr(&flown));
     let stamps = |file: &str| {
@@ -166,15 +165,9 @@ fn outputs_and_lists_of_a_first_use_read_as_they_should() {
         text.lines().map(|row| row.split(' ').next().unwrap().to_owned()).collect::<Vec<_>>()
     };
     assert!(stamps(&poses).len() > 5 && stamps(&poses) == stamps(&truth), "the truth at the same times");
-    let head = std::fs::read_to_string(&covariance).unwrap();
-    let head = head.split_inclusive('\n').take_while(|line| line.starts_with('#')).collect::<String>();
-    assert!(head.contains("axes of the body B") && head.contains("against the first pose"), "{head}");
     let summary = String::from_utf8_lossy(&flown.stdout).into_owned();
     assert!(!summary.contains("at the end\n") && !summary.contains("1 keyframes"), "{summary}");
     fails(&["config", "no-such-preset"], 2, &["no preset of this name", "euroc", "oak-d"]);
-    let rehearsed = plumbline(&["setup", "oak-d", "--imu-to-vehicle", "-90,0,90", "--dry-run"]);
-    let words = String::from_utf8_lossy(&rehearsed.stdout).into_owned() + &stderr(&rehearsed);
-    assert!(words.contains("cannot be detected") && !words.contains("found  an OAK-D"), "{words}");
     for command in [&["simulate", "--help"][..], &["replay", "--help"]] {
         let help = String::from_utf8_lossy(&plumbline(command).stdout).into_owned();
         assert!(help.contains("far"), "{help}");

@@ -4,8 +4,9 @@ use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
-use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
+use plumbline_flight::flight::{Flight, Flown, PublishedState, fly, open_simulation};
 use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
+use plumbline_flight::pipeline::places::PlacesFigures;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_simulator::{FlightPath, Scenario, Scene};
@@ -138,7 +139,8 @@ fn a_second_lap_takes_drift_out_while_the_odometry_stays_as_it_is(flown: &Flown,
     assert!(10 * recognition.found >= 7 * recognition.revisits);
     let places = report.places.unwrap();
     assert!(places.ate_final_rmse_m.unwrap() < 0.85 * report.ate_rmse_m.unwrap());
-    assert_eq!((places.late, places.passed_over, report.hot_path_allocations), (0, 0, 0));
+    let PlacesFigures { late, passed_over, .. } = places.figures;
+    assert_eq!((late, passed_over, report.hot_path_allocations), (0, 0, 0));
 
     let mut alone = simulated(&scenario(2));
     alone.config = alone.config.with("without places", |c| c.estimator.places.enabled = false).unwrap();
@@ -264,7 +266,7 @@ fn two_laps_of_recorded_paths() {
                 recognition.revisits,
                 recognition.found,
                 recognition.wrong,
-                places.loops_used
+                places.figures.loops_used
             );
             let mapper = &flown.outcome.places.as_ref().unwrap().mapper;
             println!("  drift, by nodes: {:.2?}", drift_distances2(&flown, mapper));
@@ -351,7 +353,7 @@ fn a_flight_that_goes_on_is_located_within_two_seconds_and_an_abducted_one_too(f
     flight.map = Some(plumbline_flight::log::KnownMap { map, sha256: String::new() });
     let (second, _) = flown(flight);
     let first_pose = second.poses[0].stamp;
-    let is_known = |p: &&CausalPose| p.pose_m_o.is_some();
+    let is_known = |p: &&PublishedState| p.pose_m_o.is_some();
     let located = second.poses.iter().find(is_known).unwrap();
     assert!(located.stamp.seconds_since(first_pose) < 2.0);
     let after_reset =
@@ -365,7 +367,7 @@ fn a_flight_that_goes_on_is_located_within_two_seconds_and_an_abducted_one_too(f
     assert!(again.stamp.seconds_since(after_reset.stamp) < 2.0);
     let mut worst = (0.0f64, 0.0f64);
     // In the dark the odometry drifts, by the IMU alone.
-    let is_lit = |p: &&CausalPose| !(8.9..15.6).contains(&p.stamp.seconds_since(first_pose));
+    let is_lit = |p: &&PublishedState| !(8.9..15.6).contains(&p.stamp.seconds_since(first_pose));
     for pose in second.poses.iter().filter(is_known).filter(is_lit) {
         let here = origin * pose.pose_m_o.unwrap() * pose.pose_o_b;
         let Apart(m, deg) = apart(&here, &second.truth.pose_at(pose.stamp).unwrap());

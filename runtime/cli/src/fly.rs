@@ -101,15 +101,13 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let is_over = end.is_some_and(End::has_come);
     let report = Report::new(&flown).with(outputs).of_sensors(&sensors).warning_of(warnings(watch, &flown));
     say_within(PATIENCE, args.run.write(&flown, &report)?);
-    let learnt = args.run.write_learnt(&flown);
     let frames = report.frames;
     anyhow::ensure!(
         !is_over || report.completion > 0.0,
         "no pose was found in {frames} frames: {}; see `sensors` of the report",
         report.why_no_pose()
     );
-    check_recording(&report)?;
-    learnt
+    check_recording(&report)
 }
 
 fn config(args: &FlyArgs) -> Result<ValidConfig> {

@@ -19,7 +19,7 @@ const NAMES: usize = 13;
 /// Commands that `plumbline --help` lists, by task, each task in the order of use.
 const TASKS: [(&str, &[&str]); 4] = [
     ("Fly", &["demo", "setup", "devices", "calibrate", "config", "doctor", "fly"]),
-    ("Recordings", &["replay", "verify", "log", "evaluate", "map", "report"]),
+    ("Recordings", &["replay", "verify", "log", "evaluate", "map"]),
     ("Watch", &["ground", "keys"]),
     ("Experiments", &["simulate"]),
 ];

@@ -18,7 +18,6 @@ pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
-pub mod learnt;
 pub mod local;
 pub mod log;
 pub mod pipeline;

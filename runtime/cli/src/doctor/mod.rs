@@ -16,8 +16,6 @@ use anyhow::{Result, bail};
 use clap::Args;
 use plumbline_checkup::{CheckupReport, Fitness, Measure, NAMED_ABOVE};
 use plumbline_config::Config;
-use plumbline_config::ValidConfig;
-use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
 use serde_json::{Value, json};
@@ -127,21 +125,6 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     checks.extend(args.record.as_ref().map(|folder| ("disk", disk::check(&config, folder))));
     checks.push(("autopilot", autopilot::check(&config.autopilot)));
     tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
-}
-
-/// Findings about the data of a recording, in lines.
-///
-/// # Errors
-/// When the source cannot be used.
-pub(super) fn of_recording(
-    source: &str,
-    config: ValidConfig,
-    topics: &BagTopics,
-    seconds: f64,
-) -> Result<Vec<String>> {
-    let flight = data::open(source, Some(config), topics, seconds)?;
-    let name = flight.name.clone();
-    Ok(lines(&name, &data::examine(flight.into())?))
 }
 
 /// Lines of the findings about the host, and about the sensors of a source.

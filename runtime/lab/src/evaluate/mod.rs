@@ -21,7 +21,7 @@ mod test_noise;
 
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
-pub use consistency::{Consistency, FlightConsistency, Nees, consistency, nees, pose_error};
+pub use consistency::{Consistency, FlightConsistency, Nees, nees, pose_error};
 pub use delta::Delta;
 pub use drift::{coverage, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
