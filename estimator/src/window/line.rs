@@ -22,7 +22,7 @@
 use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
 use super::manhattan::{Axis, Manhattan};
-use super::manhattan_factor::{self, StructuralLine};
+use super::manhattan_factor;
 use super::quad::quad;
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
@@ -192,13 +192,6 @@ impl HostedLine {
         let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
         Path { bt, ct }
     }
-
-    /// Normal and direction of the line in the observer's camera.
-    #[must_use]
-    pub fn seen_from(&self, view: &View<'_>) -> (Vector3<f64>, Vector3<f64>) {
-        let ct = self.path(view).ct;
-        (ct.n, ct.v)
-    }
 }
 
 /// A landmark in its host's camera and in `O`, from the pivot.
@@ -344,8 +337,7 @@ impl Feature for HostedLine {
         host: &CameraPose,
         linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
-        let line = StructuralLine { axes: &self.axes, axis: self.axis? };
-        manhattan_factor::residual(manhattan, line, host, linearization)
+        manhattan_factor::residual(manhattan, (&self.axes, self.axis?), host, linearization)
     }
 }
 

@@ -69,7 +69,7 @@ mod test_room;
 #[cfg(test)]
 mod test_views;
 mod tiles;
-mod tracks;
+pub mod tracks;
 pub mod trail;
 pub mod trial;
 pub mod triangulate;

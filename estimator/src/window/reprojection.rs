@@ -23,7 +23,7 @@ use super::seen_by_row::SeenByRow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
-const MIN_FORWARD: f64 = 0.02;
+pub(super) const MIN_FORWARD: f64 = 0.02;
 /// Landmarks stay within this inverse depth, 1/m.
 const MAX_INVERSE_DEPTH: f64 = 10.0;
 /// A little behind infinity is noise of a far point.
