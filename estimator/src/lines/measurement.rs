@@ -67,7 +67,7 @@ mod tests {
                 Place { px: px.cast(), weight: 1.0, strength: 10.0 }
             })
             .collect();
-        let segment = Segment::through(&places, &Vector2::new(1.0, 0.0)).expect("has a direction");
+        let segment = Segment::through(&places, &Vector2::new(1.0, 0.0), 0.0).expect("has a direction");
         let bent = places.iter().map(|p| segment.direction().perp(&(p.px - segment.start)).abs());
         assert!(bent.fold(0.0, f32::max) > 3.0, "the lens bends it by pixels");
         let line = ImageLine::of(&segment, &RigCamera::new(model)).expect("is in range");

@@ -133,6 +133,8 @@ pub struct PointTracker {
     filter: OutlierFilter,
     store: TrackStore,
     taken: Vec<Vector2<f32>>,
+    /// Places of older tracks, px.
+    older_px: Vec<Vector2<f64>>,
     observations: Vec<PointObservation>,
     frame: u64,
     limit: usize,
@@ -167,6 +169,7 @@ impl PointTracker {
             filter: OutlierFilter::new(options.max_points),
             store: TrackStore::new(options.max_points),
             taken: Vec::with_capacity(options.max_points),
+            older_px: Vec::with_capacity(options.max_points),
             observations: Vec::with_capacity(options.max_points),
             frame: 0,
             limit: options.max_points,
@@ -368,13 +371,15 @@ impl PointTracker {
             }
         }
         let leading = self.leading();
-        for i in 1..self.store.tracks.len() {
-            let (older, rest) = self.store.tracks.split_at_mut(i);
-            let Some(px) = rest[0].px[leading] else { continue };
-            let close = |t: &Track| {
-                t.px[leading].is_some_and(|q| (q - px).norm_squared() < MIN_SEPARATION_PX.squared())
-            };
-            rest[0].lost |= older.iter().any(|t| !t.lost && close(t));
+        self.older_px.clear();
+        for track in &mut self.store.tracks {
+            let Some(px) = track.px[leading] else { continue };
+            // All of them, without an end at the first that is near: many at a time.
+            let is_near = |q: &Vector2<f64>| (q - px).norm_squared() < MIN_SEPARATION_PX.squared();
+            track.lost |= self.older_px.iter().fold(false, |near, q| near | is_near(q));
+            if !track.lost {
+                self.older_px.push(px);
+            }
         }
         self.store.sweep();
         self.store.tracks.iter_mut().for_each(|t| t.age += 1);
