@@ -5,14 +5,14 @@
 
 use super::Fitted;
 use super::parts::Part;
-use super::rig::{BIASES, CALIBRATION, Vector};
+use super::rig::{BIASES, CALIBRATION, DELAY, Vector};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use plumbline_config::median;
 
 /// A change is real from so many standard deviations on.
 pub(crate) const SIGMAS: f64 = 3.0;
 /// Among changes that explain this share of what the best one does, the simplest is the cause.
-const AS_GOOD: f64 = 0.85;
+const AS_GOOD: f64 = 0.95;
 /// Causes that are looked for.
 const MAX_CAUSES: usize = 5;
 /// Median of a chi-square of one degree of freedom.
@@ -123,22 +123,27 @@ impl<'a> Causes<'a> {
         while causes.len() < MAX_CAUSES {
             let mut gains: Vec<(f64, usize, (usize, Course))> = Vec::new();
             for part in 0..self.parts.len() {
-                for course in [Course::Constant, Course::Thirds, Course::Pieces] {
-                    let columns = self.parts[part].basis.ncols();
-                    let subject = self.parts[part].subject;
+                let Part { subject, courses, .. } = self.parts[part];
+                for course in courses.iter().copied() {
                     let is_free = free
                         .iter()
                         .any(|(other, before)| self.parts[*other].subject == subject && *before >= course);
-                    let is_single = columns == 1 || course == Course::Constant;
-                    let is_whole = self.parts[part].counted == columns || course == Course::Constant;
-                    if is_free || !is_whole || (course == Course::Pieces && !is_single) {
+                    if is_free {
                         continue;
                     }
                     let (lowered, ..) = self.freed(&[&free[..], &[(part, course)]].concat());
-                    let count = columns * self.segments(course);
+                    let count = self.parts[part].basis.ncols() * self.segments(course);
                     let gain = (lowered - explained) / self.dispersion - SIGMAS * SIGMAS * count as f64;
                     gains.push((gain, count, (part, course)));
                 }
+            }
+            if std::env::var("DBG").is_ok() {
+                let mut top = gains.clone();
+                top.sort_by(|a, b| b.0.total_cmp(&a.0));
+                for (gain, count, (part, course)) in top.iter().take(8) {
+                    eprintln!("gain {gain:.0} of {count} {} {course:?}", self.parts[*part].name);
+                }
+                eprintln!("-");
             }
             let Some(best) = gains.iter().map(|gain| gain.0).max_by(f64::total_cmp) else { break };
             if best <= 0.0 {
@@ -166,7 +171,12 @@ impl<'a> Causes<'a> {
         causes: &[Cause],
     ) -> Vec<(DVector<f64>, DVector<f64>)> {
         let subject = self.parts[part].subject;
-        let others = causes.iter().filter(|cause| self.parts[cause.part].subject != subject);
+        // A delay that comes with another part would be free twice.
+        let is_delay = self.parts[part].basis[(DELAY, 0)] != 0.0;
+        let others = causes.iter().filter(|cause| {
+            let other = &self.parts[cause.part];
+            other.subject != subject && !(is_delay && other.counted < other.basis.ncols())
+        });
         let free: Vec<(usize, Course)> =
             [(part, course)].into_iter().chain(others.map(|c| (c.part, c.course))).collect();
         let (_, step, covariance) = self.freed(&free);
