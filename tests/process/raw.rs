@@ -231,7 +231,7 @@ fn theft<S: Read + Write + Send + 'static>(
         [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
     {
         let set = |folder: &Path| format!("network.tls.{key}={:?}", folder.join(file));
-        command.args(keys.iter().flat_map(|folder| ["--set".to_owned(), set(folder)]));
+        command.args(keys.into_iter().flat_map(|folder| ["--set".to_owned(), set(folder)]));
     }
     let vehicle = Running::start(command);
     let known =

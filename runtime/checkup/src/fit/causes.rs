@@ -11,8 +11,10 @@ use plumbline_config::median;
 
 /// A change is real from so many standard deviations on.
 pub(crate) const SIGMAS: f64 = 3.0;
-/// Among changes that explain this share of what the best one does, the simplest is the cause.
-const AS_GOOD: f64 = 0.95;
+/// Among changes that explain this share of what the best one does, the simplest is the cause: of all, and then of its subject.
+const AS_GOOD: (f64, f64) = (0.95, 0.85);
+/// Share of what all causes explain that a further one explains at least.
+const LEAST_SHARE: f64 = 0.1;
 /// Causes that are looked for.
 const MAX_CAUSES: usize = 5;
 /// Median of a chi-square of one degree of freedom.
@@ -137,24 +139,25 @@ impl<'a> Causes<'a> {
                     gains.push((gain, count, (part, course)));
                 }
             }
-            if std::env::var("DBG").is_ok() {
-                let mut top = gains.clone();
-                top.sort_by(|a, b| b.0.total_cmp(&a.0));
-                for (gain, count, (part, course)) in top.iter().take(8) {
-                    eprintln!("gain {gain:.0} of {count} {} {course:?}", self.parts[*part].name);
-                }
-                eprintln!("-");
-            }
             let Some(best) = gains.iter().map(|gain| gain.0).max_by(f64::total_cmp) else { break };
-            if best <= 0.0 {
+            let simplest = |least: f64, subject: Option<usize>| {
+                let of_subject = |gain: &&(f64, usize, (usize, Course))| {
+                    gain.0 >= least && subject.is_none_or(|subject| self.parts[gain.2.0].subject == subject)
+                };
+                gains.iter().filter(of_subject).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))
+            };
+            // First the subject, then the simplest change of it.
+            let subject = simplest(AS_GOOD.0 * best, None).map(|gain| self.parts[gain.2.0].subject);
+            let Some((gain, _, entry)) = simplest(AS_GOOD.1 * best, subject) else { break };
+            if *gain <= 0.0 {
                 break;
             }
-            let good = gains.iter().filter(|gain| gain.0 >= AS_GOOD * best);
-            let Some((_, _, entry)) = good.min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0))) else {
+            let lowered = self.freed(&[&free[..], &[*entry]].concat()).0;
+            // The rest of a first cause is no second one.
+            if !causes.is_empty() && lowered - explained < LEAST_SHARE * (lowered - none) {
                 break;
-            };
+            }
             free.push(*entry);
-            let (lowered, ..) = self.freed(&free);
             causes.push(Cause { part: entry.0, course: entry.1, share: lowered - explained });
             explained = lowered;
         }

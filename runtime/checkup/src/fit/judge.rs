@@ -37,27 +37,6 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
         );
     };
     let causes = Causes::new(&fitted, &parts);
-    if std::env::var("DBG").is_ok() {
-        eprintln!(
-            "dispersion {:.2} noise {:?} steps {:.4?}",
-            causes.dispersion,
-            fitted.noise,
-            fitted.steps.as_slice()
-        );
-        for (g, s, at) in &fitted.pieces {
-            let mut k = *s;
-            for i in 0..k.ncols() {
-                k[(i, i)] += 1e-3 * k[(i, i)] + 1e-3;
-            }
-            let chi = k.cholesky().map_or(-1.0, |c| g.dot(&c.solve(g)));
-            eprintln!(
-                "piece {at:.2} chi {chi:.1} focal info {:.3e} delay {:.3e} rot {:.3e}",
-                s[(0, 0)],
-                s[(28, 28)],
-                s[(14, 14)]
-            );
-        }
-    }
     let found = causes.found();
     let mut measures: Vec<Measure> = carrier(&fitted, config).into_iter().collect();
     let mut told = Vec::new();
