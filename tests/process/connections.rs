@@ -39,7 +39,7 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
 }
 
 #[test]
-fn a_flight_goes_on_when_its_terminal_is_closed() {
+fn a_flight_goes_on_when_its_terminal_is_closed_and_after_signals_of_others() {
     let folder = tempfile::tempdir().unwrap();
     let frames = format!("driver.frames.listen=\"{}\"", folder.path().join("frames").display());
     let mut command = Command::new(PLUMBLINE);
@@ -52,8 +52,11 @@ fn a_flight_goes_on_when_its_terminal_is_closed() {
     eventually("it waits for its sensors", Duration::from_secs(20), || {
         flight.words().contains("/dev/nowhere")
     });
-    signal(&flight, "-HUP");
-    eventually("it says so", Duration::from_secs(10), || flight.words().contains("the flight continues"));
+    for (k, name) in ["-HUP", "-USR1", "-ALRM"].into_iter().enumerate() {
+        signal(&flight, name);
+        let is_told = || flight.words().matches("the flight continues").count() > k;
+        eventually("it says so", Duration::from_secs(10), is_told);
+    }
     assert!(flight.child.try_wait().unwrap().is_none(), "{}", flight.words());
     signal(&flight, "-TERM");
     eventually("it ends", Duration::from_secs(10), || flight.child.try_wait().unwrap().is_some());

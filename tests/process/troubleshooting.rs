@@ -33,7 +33,7 @@ fn commands(page: &str) -> Vec<Shown> {
 /// Words that the commands of each question print or write, by which its cause is told.
 const SHOWN: [(usize, &[&str]); 21] = [
     (0, &["flight.mcap"]),
-    (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope", "exposure"]),
+    (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope"]),
     (2, &["covariance", "\"consistency\""]),
     (3, &["baseline", "accelerometer scale"]),
     (4, &["focal length", "principal point", "lens model"]),

@@ -186,6 +186,9 @@ fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
 /// All that is wrong with what was flown.
 fn warnings(watch: Watch, flown: &Flown) -> Vec<Finding> {
     let mut warnings = watch.finish();
+    if warnings.iter().any(|finding| finding.explains_all) {
+        return warnings;
+    }
     let (faults, frames) = (&flown.outcome.faults, flown.outcome.figures.frames);
     let of_faults = plausibility::of_faults(faults.imu, faults.cameras, None);
     for finding in

@@ -122,6 +122,9 @@ pub fn late_findings(
     files: &FileDefects,
     known: &[Finding],
 ) -> Vec<Finding> {
+    if known.iter().any(|finding| finding.explains_all) {
+        return Vec::new();
+    }
     let faults = &flown.outcome.faults;
     // Between bursts, and between stamps that scatter, a driver misses samples that were never there.
     let is_uneven = |finding: &Finding| finding.what.contains(BURSTS) || finding.what.ends_with(JITTER_WORD);
@@ -234,10 +237,9 @@ impl Report {
     /// Why there is no pose, and what to do: the first grave warning, and what the health bits tell.
     #[must_use]
     pub fn why_no_pose(&self) -> String {
-        let by_health = self.health.why_no_pose(self.cameras);
         match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
-            Some(warning) => format!("{}: {}; {by_health}", warning.what, warning.advice()),
-            None => by_health,
+            Some(warning) => format!("{}: {}", warning.what, warning.advice()),
+            None => self.health.why_no_pose(self.cameras),
         }
     }
 
@@ -297,7 +299,11 @@ impl Report {
         if self.imu_to_vehicle_deg.is_none() {
             lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
-        lines.push(format!("{:<18}{}", "health", self.health.line()));
+        lines.push(format!(
+            "{:<18}{}",
+            "health",
+            self.health.line(self.warnings.iter().find(|warning| warning.explains_all))
+        ));
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
