@@ -69,6 +69,11 @@ pub(crate) fn stamp(encoding: Encoding, bytes: &[u8]) -> Option<Timestamp> {
     Wire::new(encoding, bytes)?.header().map(Timestamp::from_nanos)
 }
 
+/// The field of the nanoseconds in the header.
+pub(crate) fn nanoseconds(encoding: Encoding, bytes: &[u8]) -> Option<i64> {
+    Wire::new(encoding, bytes)?.header_time().map(|(_, nanos)| nanos)
+}
+
 /// An inertial message: what it says of a quantity that it does not hold is no sample of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ImuMessage {

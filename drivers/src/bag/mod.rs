@@ -49,6 +49,9 @@ const MAX_MESSAGES: u64 = 200_000_000;
 /// Images that are looked at for the bits in use: the first ones, and then one in this many.
 const LOOKED_AT_EVERY: u64 = 64;
 
+/// Fewest messages whose headers tell microseconds: by chance all of them lie in the first thousandth of a second once in 10^60.
+const FEW_HEADERS: u64 = 20;
+
 /// An opened bag: stamps and inertial samples in memory, images on disk.
 #[derive(Debug)]
 pub struct BagDataset {
@@ -79,12 +82,52 @@ struct Content {
     /// Largest value of the images of 16 bits that were looked at.
     largest: Option<u16>,
     corrupt: u64,
+    headers: Headers,
+}
+
+/// The fields of the nanoseconds in the headers of a topic.
+#[derive(Clone, Copy, Debug, Default)]
+struct Headers {
+    /// Those beyond a second, and the largest of the others.
+    beyond: u64,
+    largest_ns: i64,
+}
+
+impl Headers {
+    fn add(&mut self, nanos: i64) {
+        let is_beyond = nanos >= 1_000_000_000;
+        self.beyond += u64::from(is_beyond);
+        self.largest_ns = self.largest_ns.max(if is_beyond { 0 } else { nanos });
+    }
+
+    /// A defect of the headers of a topic with so many messages.
+    fn defect(self, topic: &str, messages: u64) -> Option<Defect> {
+        let largest = self.largest_ns;
+        let (what, evidence, cause) = if self.beyond > 0 {
+            (
+                "the headers hold nanoseconds of 1000000000 and more, so that their times are not known",
+                format!("{topic}: {} of {messages} messages", self.beyond),
+                "a driver that writes all nanoseconds, cut to 32 bits, into the field of those within the second",
+            )
+        } else if messages >= FEW_HEADERS && (1..1_000_000).contains(&largest) {
+            (
+                "the headers hold microseconds where nanoseconds belong",
+                format!("{topic}: none of {messages} is above {largest}"),
+                "a driver that writes microseconds within the second",
+            )
+        } else {
+            return None;
+        };
+        let cure = "mend the driver: `sec` is whole seconds, `nanosec` what is left, below 1000000000; then record again";
+        Some(Defect { what: what.into(), evidence, cause: cause.into(), cure: cure.into(), is_grave: true })
+    }
 }
 
 impl Content {
     fn add(&mut self, format: Format, bytes: &[u8]) {
         let number = self.count;
         self.count += 1;
+        messages::nanoseconds(format.encoding, bytes).into_iter().for_each(|nanos| self.headers.add(nanos));
         if format.kind == Kind::Imu {
             match messages::imu(format.encoding, bytes) {
                 Some(message) => self.inertial.push(message),
@@ -166,6 +209,11 @@ impl BagDataset {
     pub fn open(path: &Path, topics: &BagTopics, options: &EurocOptions) -> Result<Self, DriverError> {
         let files = bag_files(path)?;
         let Index { topics: all, mut contents, is_truncated } = Index::read(path, &files)?;
+        let headers: Vec<Defect> = all
+            .iter()
+            .zip(&contents)
+            .filter_map(|(topic, content)| content.headers.defect(&topic.name, content.count))
+            .collect();
         let refuse = |message: String| DriverError::refused(path, message);
         let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
         let cameras = topics::cameras(&all, topics, wanted).map_err(refuse)?;
@@ -184,6 +232,7 @@ impl BagDataset {
             (EurocImu::default(), Vec::new())
         };
         defects.extend(of_stamps(path, &orders, "messages", frames_span(frames.all()).0));
+        defects.extend(headers);
         Ok(Self {
             path: path.to_owned(),
             files,

@@ -72,10 +72,36 @@ pub(crate) fn largest_value(message: &ImageMessage<'_>) -> Option<u16> {
         ImageMessage::Raw { width, encoding, is_big, step, data, .. } => {
             (Pixel::of(encoding)? == Pixel::Grey16 && step > 0).then_some(())?;
             let row_bytes = width.checked_mul(2)?.min(step);
+            let is_big = true_order(is_big, data, step, row_bytes);
             let values = data.chunks(step).flat_map(|row| row[..row_bytes.min(row.len())].chunks_exact(2));
             values.map(|two| value(is_big, two)).max()
         }
     }
+}
+
+/// Every so many rows one is looked at for the order of the bytes.
+const ORDER_ROWS: usize = 16;
+/// The upper bytes of neighbours differ less than the lower ones; an order is wrong if they differ so many times as much.
+const ROUGHER: u64 = 2;
+/// Fewest neighbours that are judged.
+const MIN_NEIGHBOURS: u64 = 100;
+
+/// Order of the bytes of pixels of two: as the message says, unless the bytes that would be the upper ones differ from pixel to
+/// pixel as only lower ones do. Some drivers say the order of another computer.
+fn true_order(is_big: bool, data: &[u8], step: usize, row_bytes: usize) -> bool {
+    let (mut differences, mut neighbours) = ([0_u64; 2], 0_u64);
+    for row in data.chunks(step.max(1)).step_by(ORDER_ROWS) {
+        let row = &row[..row_bytes.min(row.len())];
+        for pair in row.chunks_exact(2).zip(row.chunks_exact(2).skip(1)) {
+            neighbours += 1;
+            for (sum, (a, b)) in differences.iter_mut().zip(pair.0.iter().zip(pair.1)) {
+                *sum += u64::from(a.abs_diff(*b));
+            }
+        }
+    }
+    let [upper, lower] = if is_big { differences } else { [differences[1], differences[0]] };
+    // Where one of both says nothing, as of 8 bits in 16, neither does the comparison.
+    is_big ^ (neighbours >= MIN_NEIGHBOURS && lower > 0 && upper > ROUGHER * lower)
 }
 
 fn value(is_big: bool, two: &[u8]) -> u16 {
@@ -121,6 +147,7 @@ fn raw(
     if step < row_bytes || width == 0 {
         return None;
     }
+    let is_big = if pixel == Pixel::Grey16 { true_order(is_big, data, step, row_bytes) } else { is_big };
     let mut rows = data.chunks(step);
     for to in image.pixels_mut().chunks_exact_mut(width).take(height) {
         // The last row may end where its pixels do.
@@ -144,6 +171,31 @@ fn raw(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Drivers of little-endian computers that say big-endian, and the other way round.
+    #[test]
+    fn bytes_in_the_order_of_another_computer_are_read_as_they_are() {
+        const WIDTH: usize = 64;
+        for shift in [0, 2, 4] {
+            // A slope with noise, of 12, 14 and 16 bits.
+            let values: Vec<u16> = (0..WIDTH * 32)
+                .map(|i| ((40 * (i % WIDTH) + 7 * (i / WIDTH) + i * 37 % 61) as u16) << shift)
+                .collect();
+            for is_big in [false, true] {
+                let bytes = |value: &u16| if is_big { value.to_be_bytes() } else { value.to_le_bytes() };
+                let data: Vec<u8> = values.iter().flat_map(bytes).collect();
+                for said in [false, true] {
+                    let found = true_order(said, &data, 2 * WIDTH, 2 * WIDTH);
+                    assert_eq!(found, is_big, "{shift} {said}");
+                }
+            }
+        }
+        // Eight bits in the upper or the lower byte: as it is said.
+        let eight: Vec<u8> = (0..WIDTH * 32).flat_map(|i| [(i * 31 % 200) as u8, 0]).collect();
+        for said in [false, true] {
+            assert_eq!(true_order(said, &eight, 2 * WIDTH, 2 * WIDTH), said);
+        }
+    }
 
     fn decoded(encoding: &str, is_big: bool, step: usize, data: &[u8]) -> Option<Vec<u8>> {
         let mut image = GrayImage::new(2, 2);

@@ -60,6 +60,13 @@ impl<'a> Wire<'a> {
 
     /// Stamp of the header that messages of sensors begin with, ns.
     pub(crate) fn header(&mut self) -> Option<i64> {
+        let (seconds, nanos) = self.header_time()?;
+        let _frame = self.sequence()?;
+        (nanos < SECOND_NS).then_some(seconds * SECOND_NS + nanos)
+    }
+
+    /// Seconds and nanoseconds of the header as they are.
+    pub(crate) fn header_time(&mut self) -> Option<(i64, i64)> {
         let seconds = match self.encoding {
             Encoding::Cdr => i64::from(self.i32()?),
             Encoding::Ros1 => {
@@ -67,9 +74,7 @@ impl<'a> Wire<'a> {
                 i64::from(self.u32()?)
             }
         };
-        let nanos = i64::from(self.u32()?);
-        let _frame = self.sequence()?;
-        (nanos < SECOND_NS).then_some(seconds * SECOND_NS + nanos)
+        Some((seconds, i64::from(self.u32()?)))
     }
 
     /// `count` bytes as they are.
