@@ -89,7 +89,7 @@ pub(super) fn upside_down(samples: &[ImuSample], rot_v_b: Option<UnitQuaternion<
 
 /// Rows in which one of the two sensors is zero, and measures in others: zeros and measurements alternate.
 fn filled(samples: &[ImuSample]) -> Option<Finding> {
-    let told = |(name, value): (&str, fn(&ImuSample) -> Vector3<f64>)| {
+    let told = |name: &str, value: fn(&ImuSample) -> Vector3<f64>| {
         let is_zero = |sample: &ImuSample| value(sample) == Vector3::zeros();
         let zeros = samples.iter().filter(|sample| is_zero(sample)).count();
         let runs = samples.windows(2).filter(|pair| is_zero(&pair[1]) && !is_zero(&pair[0])).count();
@@ -98,9 +98,8 @@ fn filled(samples: &[ImuSample]) -> Option<Finding> {
             && runs > MIN_RUNS;
         is_filled.then(|| format!("the {name} is exactly zero in {zeros} of {} samples", samples.len()))
     };
-    let sensors: [(&str, fn(&ImuSample) -> Vector3<f64>); 2] =
-        [("gyroscope", |s| s.gyro), ("accelerometer", |s| s.accel)];
-    let told: Vec<String> = sensors.into_iter().filter_map(told).collect();
+    let told: Vec<String> =
+        [told("gyroscope", |s| s.gyro), told("accelerometer", |s| s.accel)].into_iter().flatten().collect();
     (!told.is_empty()).then(|| {
         Finding::new(
             "samples without a measurement are filled with zeros",
