@@ -2,8 +2,8 @@
 
 use super::FlightError;
 use nalgebra::{Isometry3, Vector3};
-use plumbline_config::import::euroc_pose;
 use plumbline_config::Timestamp;
+use plumbline_config::import::euroc_pose;
 use plumbline_drivers::euroc::read_ground_truth;
 use plumbline_drivers::{StampedPose, TruthState};
 use plumbline_simulator::Simulator;
