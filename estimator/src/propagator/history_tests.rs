@@ -131,7 +131,7 @@ fn instants_without_a_state_are_refused_with_the_reason() {
     let long = flown(8, |_| Some(0.0));
     assert_eq!(long.at(stamp(1000 * MS)), Err(NoInstant::TooOld));
     assert!(long.at(stamp(5100 * MS)).is_ok());
-    assert_eq!(Propagator::new(SETUP.setup()).at(stamp(0)), Err(NoInstant::NoPose));
+    assert_eq!(Propagator::new(SETUP.setup()).at(stamp(0)), Err(NoInstant::Ahead));
 }
 
 #[test]

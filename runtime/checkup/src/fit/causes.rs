@@ -4,7 +4,7 @@
 //! segments, lowers the cost by `b' H^-1 b`. The change that lowers it most is the cause; what remains then is asked again.
 
 use super::Fitted;
-use super::parts::Part;
+use super::parts::{Course, Part};
 use super::rig::{BIASES, CALIBRATION, DELAY, Vector};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use plumbline_config::median;
@@ -21,14 +21,6 @@ const MAX_CAUSES: usize = 5;
 const MEDIAN_CHI2: f64 = 0.455;
 /// Information of directions that the data do not hold.
 const FAINT: f64 = 1e-6;
-
-/// Over what a part changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
-pub(crate) enum Course {
-    Constant,
-    Thirds,
-    Pieces,
-}
 
 /// A change that explains something.
 #[derive(Clone, Debug)]

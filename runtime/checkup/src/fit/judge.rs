@@ -1,7 +1,7 @@
 //! Verdicts of a fit: each part of the calibration as measured against the configured one, the causes first.
 
-use super::causes::{Cause, Causes, Course, SIGMAS};
-use super::parts::{Part, parts};
+use super::causes::{Cause, Causes, SIGMAS};
+use super::parts::{Course, Part, parts};
 use super::rig::{ACCEL, GYRO};
 use super::{FirstLook, Fitted, fit, orientation};
 use crate::NAMED_ABOVE;

@@ -1,12 +1,19 @@
 //! Parts of a calibration: what may be wrong with it, one at a time.
 
-use super::causes::Course;
 use super::rig::{
     ACCEL, ALTERNATING, CALIBRATION, CLOCK_RATE, DELAY, GYRO, LENSES, P_B_C, P_PAIR, READOUT, RIGHT_LATE,
     ROT_B_C, ROT_PAIR,
 };
 use nalgebra::{DMatrix, Vector3};
 use plumbline_config::Config;
+
+/// Over what a part changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
+pub(crate) enum Course {
+    Constant,
+    Thirds,
+    Pieces,
+}
 
 /// A part of a calibration: directions in which it may change.
 pub(crate) struct Part {

@@ -127,6 +127,10 @@ pub(super) fn examine(streams: Streams) -> Result<Vec<Measure>> {
     })?;
     let frames = measures.iter().find_map(|measure| measure.figure("frames")).unwrap_or(0.0);
     let unread = unread(&file_defects, frames);
+    let pairs = measures.iter_mut().find(|measure| measure.figure("without_partner").is_some());
+    if let Some(pairs) = pairs.filter(|_| unread.is_some()) {
+        pairs.cure = "mend the images that are named above".into();
+    }
     let found = findings.into_iter().map(|finding| finding.into_measure_of(RECORDING));
     measures.splice(0..0, found.chain(unread));
     Ok(measures)

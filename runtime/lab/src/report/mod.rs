@@ -290,12 +290,8 @@ impl Report {
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations
         ));
-        if let Some(recording) = &self.recording {
-            lines.push(format!("{:<18}{recording}", "recording"));
-        }
-        if let Some(autopilot) = &self.autopilot {
-            lines.push(format!("{:<18}{autopilot}", "autopilot"));
-        }
+        lines.extend(self.recording.iter().map(|recording| format!("{:<18}{recording}", "recording")));
+        lines.extend(self.autopilot.iter().map(|autopilot| format!("{:<18}{autopilot}", "autopilot")));
         if self.imu_to_vehicle_deg.is_none() {
             lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
