@@ -211,7 +211,7 @@ fn filter_columns(rows: [&[u8]; 5], out: &mut [u16]) {
     }
 }
 
-/// The same of the even and of the odd columns: what is then summed lies in lanes alike.
+/// The vertical half of the filter, even and odd columns apart: the horizontal half then adds whole registers.
 fn filter_columns_apart(rows: [&[u8]; 5], even: &mut [u16], odd: &mut [u16]) {
     let n = even.len();
     let odd = &mut odd[..n];

@@ -20,7 +20,7 @@ use crate::work_budget::WorkBudget;
 use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{ImageView, Portable};
 
-/// One ridge may be a seed for so many visits of the budget.
+/// Visits of the budget for each ridge that may be a seed.
 const VISITS_PER_SEED: usize = 2;
 /// A segment has at least this share of edge pixels between its ends.
 const MIN_DENSITY: f32 = 0.7;

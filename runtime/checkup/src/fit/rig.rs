@@ -54,7 +54,7 @@ pub(crate) struct Rig {
 pub(super) struct Key {
     /// Stamp by the cameras' clock, s from the middle of the recording.
     pub(super) t_s: f64,
-    /// The same from the middle of its piece.
+    /// Stamp by the cameras' clock, s from the middle of its piece.
     pub(super) within_s: f64,
     /// 0.5 for every other frame, -0.5 for those between.
     pub(super) parity: f64,

@@ -36,12 +36,12 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LocalError {
-    /// The path cannot be had, for a reason with its cure.
+    /// A path at which no socket can be opened.
     #[error("{}: {reason}", path.display())]
     Path {
         /// Path of the socket.
         path: PathBuf,
-        /// Reason.
+        /// Reason and cure.
         reason: String,
     },
     /// The thread cannot be started, or there are no more file descriptors.

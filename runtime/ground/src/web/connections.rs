@@ -28,7 +28,7 @@ const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 /// Reason why something is not served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address cannot be had.
+    /// An address that cannot be listened at.
     #[error("cannot serve {what} at {address}; {cure}")]
     Address {
         /// What was to be served.

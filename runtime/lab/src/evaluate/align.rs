@@ -28,7 +28,7 @@ pub enum AlignmentMode {
 }
 
 impl AlignmentMode {
-    /// All of them with their names, and what is aligned.
+    /// All alignments: name, description, value.
     pub const NAMED: [(&'static str, &'static str, Self); 5] = [
         ("none", "No alignment", Self::None),
         ("origin", "Align the first poses", Self::Origin),
