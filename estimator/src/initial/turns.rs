@@ -33,12 +33,13 @@ impl Turns {
         Self(Vec::with_capacity(samples))
     }
 
-    /// Multiplies the samples of `imu` up, from `since` on.
-    pub fn integrate(&mut self, imu: &ImuBuffer, since: Timestamp) {
+    /// Multiplies the samples of `imu` in `[from, to]` up.
+    pub fn integrate(&mut self, imu: &ImuBuffer, [from, to]: [Timestamp; 2]) {
         self.0.clear();
-        for sample in imu.iter().filter(|s| s.stamp >= since).take(self.0.capacity()) {
-            let first = Turned { stamp: sample.stamp, rot: UnitQuaternion::identity(), gyro_b: sample.gyro };
-            self.0.push(self.0.last().map_or(first, |last| last.after(sample.stamp, sample.gyro)));
+        for believed in imu.within(from, to).take(self.0.capacity()) {
+            let (stamp, gyro_b) = (believed.sample.stamp, believed.sample.gyro);
+            let first = Turned { stamp, rot: UnitQuaternion::identity(), gyro_b };
+            self.0.push(self.0.last().map_or(first, |last| last.after(stamp, gyro_b)));
         }
     }
 

@@ -69,7 +69,7 @@ mod test_room;
 #[cfg(test)]
 mod test_views;
 mod tiles;
-mod tracks;
+pub mod tracks;
 pub mod trail;
 pub mod trial;
 pub mod triangulate;
@@ -79,7 +79,6 @@ pub mod zero_velocity_factor;
 pub use calibration::{RigCovariance, RigEstimate};
 pub use fit::Fit;
 pub use options::Options;
-pub use rig_walk::rig_repeatability;
 pub use state::MAX_FRAMES;
 
 use crate::geometry::yaw_of;
@@ -92,7 +91,7 @@ use line::{HostedLine, LineMeasurement};
 use linearize::Linearizer;
 use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
-use plumbline_config::ValidSetup;
+use plumbline_config::{Timestamp, ValidSetup};
 use prior::{AnchorSigmas, AnchorState, Prior};
 use problem::Problem;
 use reprojection::{InversePoint, PointMeasurement};
@@ -138,8 +137,8 @@ pub struct Window {
     known_rig: calibration::KnownRig,
     /// Knowledge of the rig for the next start.
     kept_rig: Option<calibration::KnownRig>,
-    /// Frames for which things that were seen to move are remembered.
-    moving_in_sight: u32,
+    /// When things were last seen to move.
+    last_motion: Option<Timestamp>,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
     /// Step of the newest frame, m, rad, m/s, that a solution which ended early left undone.
@@ -218,7 +217,7 @@ impl Window {
             solution: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
-            moving_in_sight: 0,
+            last_motion: None,
             doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
@@ -246,7 +245,7 @@ impl Window {
         self.lines.clear();
         self.anchor = None;
         self.doubted = 0;
-        self.moving_in_sight = 0;
+        self.last_motion = None;
         self.unfinished = None;
         self.first_damping = solve::FIRST_DAMPING;
         self.manhattan.heading_rad = None;

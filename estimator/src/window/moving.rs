@@ -21,9 +21,9 @@ use super::trial::{Crowd, Trial};
 
 /// Observations that agree with the motion, at least: by chance hardly any would.
 const MIN_AGREEING: usize = 6;
-/// With so many that agree, what contradicts has been seen to move, and is known for the frames that follow, even if it hides all else.
+/// With so many that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
 const WITNESSES: usize = 12;
-const REMEMBERED_FRAMES: u32 = 10;
+const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
 /// Share of what is seen that a prediction which explains it leaves unexplained, at most.
@@ -55,11 +55,10 @@ impl Window {
         crowd: Option<Crowd>,
         trial: Option<&Trial>,
     ) -> Option<usize> {
-        let was_in_sight = self.moving_in_sight > 0;
+        let was_in_sight = self.is_motion_in_sight();
         if trial.is_some_and(Trial::is_turn_outvoted) {
             return None;
         }
-        self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let slack = self.slack(velocity_sigma_m_s)?;
         let verdict = self.verdict_within(slack);
         let most = if trial.is_some_and(Trial::is_backed) { 1.0 } else { self.options.max_moving_share };
@@ -75,7 +74,7 @@ impl Window {
         self.forget_moving(slack);
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
         if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
-            self.moving_in_sight = REMEMBERED_FRAMES;
+            self.last_motion = self.frames.last().map(|newest| newest.stamp);
         }
         Some(self.known_in_newest())
     }
@@ -99,10 +98,11 @@ impl Window {
         Some(Ballot { votes: self.votes(predicted, &sighting, slack), off_m })
     }
 
-    /// True if something has moved in view within the last frames.
+    /// True if something has moved in view a moment ago.
     #[must_use]
     pub fn is_motion_in_sight(&self) -> bool {
-        self.moving_in_sight > 0
+        let newest = self.frames.last().zip(self.last_motion);
+        newest.is_some_and(|(newest, last)| newest.stamp.seconds_since(last) <= REMEMBERED_S)
     }
 
     fn forget_moving(&mut self, slack: f64) {
@@ -189,6 +189,17 @@ fn forget<F: Feature>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn motion_in_sight_is_forgotten_in_frames_that_are_not_tried() {
+        let mut window = crate::window::test_room::Room::default().window();
+        let stamps: Vec<_> = window.frames.iter().map(|frame| frame.stamp).collect();
+        let in_sight = stamps.iter().map(|stamp| {
+            window.last_motion = Some(*stamp);
+            window.is_motion_in_sight()
+        });
+        assert_eq!(in_sight.collect::<Vec<_>>(), [false, false, false, true, true], "frames are 0.3 s apart");
+    }
 
     #[test]
     fn a_few_are_left_to_the_kernel_and_a_few_do_not_tell_how_the_vehicle_moves() {

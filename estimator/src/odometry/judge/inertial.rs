@@ -137,7 +137,6 @@ impl Judge {
             skips_samples: case.coverage.has_gap,
             is_force_contradicted: self.forces.is_contradicted(),
             is_voted: turn.is_voted,
-            may_be_pulled: estimation.is_repeating,
         });
         if let Some(since) = since {
             estimation.imu.distrust(since);

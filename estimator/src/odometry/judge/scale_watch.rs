@@ -4,18 +4,16 @@
 //! freed of what changes slowly, which is bias and gravity, and regressed: `y = f x`. The factor `f` is that of the configured baseline over
 //! the true one. It is believed where the forces that are scaled by it explain the images: an accelerometer that fails otherwise does not.
 
-use super::force_watch::Gain;
+use super::force_watch::{Gain, SPAN_FRAMES};
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
 /// Time constants of what changes slowly, and of the regression, s.
 const SLOW_S: f64 = 4.0;
 const MEMORY_S: f64 = 30.0;
-/// Gains of neighbouring frames share most of their frames: so many count as one.
-const FRAMES_OF_GAIN: f64 = 16.0;
-/// Frames, root mean square of the felt gains, m/s, and the share of the seen ones that the factor does not explain, from and up to which
-/// it is told.
-const MIN_FRAMES: f64 = 12.0;
+/// Gains that share no frames, as many as factor and slow parts take up.
+const FITTED_GAINS: f64 = 2.0;
+/// Root mean square of the felt gains, m/s, and the share of the seen ones that the factor does not explain, from and up to which it is told.
 const MIN_GAIN_M_S: f64 = 0.05;
 const MOST_UNEXPLAINED: f64 = 0.2;
 /// The scales disagree from this many standard deviations, and by this much, until they are known to agree within half of it. Sound flights
@@ -57,8 +55,9 @@ impl ScaleWatch {
     fn judge(&mut self) {
         let factor = self.product / self.felt_squared;
         let unexplained = self.seen_squared - factor * self.product;
-        let sigma = (FRAMES_OF_GAIN * unexplained / (self.frames * self.felt_squared)).sqrt();
-        let is_told = self.frames > MIN_FRAMES
+        let gains = self.frames / SPAN_FRAMES as f64 - FITTED_GAINS;
+        let sigma = (unexplained / (gains * self.felt_squared)).sqrt();
+        let is_told = gains > 0.0
             && self.felt_squared > MIN_GAIN_M_S.squared() * self.frames
             && unexplained < MOST_UNEXPLAINED * self.seen_squared;
         let off = (factor - 1.0).abs();
@@ -90,6 +89,17 @@ mod tests {
             watch.add(&compared(gain + bias, gain * factor + else_seen(t)), 0.05);
         }
         watch.is_contradicted()
+    }
+
+    #[test]
+    fn gains_of_two_seconds_tell_no_scale() {
+        let mut watch = ScaleWatch::default();
+        let is_contradicted = (0..32).any(|k| {
+            let felt = Vector3::new(libm::sin(0.08 * f64::from(k)), 0.0, 0.0) * 0.4;
+            watch.add(&compared(felt, felt * 1.2), 0.05);
+            watch.is_contradicted()
+        });
+        assert!(!is_contradicted, "they are hardly two that do not share their frames");
     }
 
     fn compared(felt: Vector3<f64>, seen: Vector3<f64>) -> Gain {

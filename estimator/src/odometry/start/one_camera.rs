@@ -179,11 +179,12 @@ impl Start {
         let frames = self.gathering.frames();
         let tracks = frames.last().map_or(0, |newest| newest.tracks.len());
         let missing = Missing::Points(tracks);
-        let (Some(first), true) = (frames.first(), tracks >= MIN_TRACKS) else { return Err(missing) };
+        let ([first, .., newest], true) = (frames, tracks >= MIN_TRACKS) else { return Err(missing) };
         let OneCamera { turns, timing, is_delay_known, .. } = &mut self.one_camera;
         let rotations =
             [0, 1].map(|c| estimation.window.rig.pose_b_c(c).rotation.to_rotation_matrix().into_inner());
-        turns.integrate(&estimation.imu, first.time.stamp.plus_seconds(-2.0 * SEARCHED_S));
+        let span = [(first, -2.0), (newest, 2.0)].map(|(f, k)| f.time.stamp.plus_seconds(k * SEARCHED_S));
+        turns.integrate(&estimation.imu, span);
         timing.find_pairs(frames, &rotations, |c, xy| estimation.measurer.row(c, xy));
         let is_global = estimation.measurer.readouts.iter().all(Readout::is_global);
         let readout_s = if is_global { MAX_READOUT_S } else { f64::EPSILON };

@@ -61,7 +61,7 @@ pub struct OptimizationProgress {
     pub steps: usize,
     /// True if the optimization has finished.
     pub is_done: bool,
-    /// Loops with a weight of more than a half.
+    /// Loops that count.
     pub loops_used: usize,
 }
 
@@ -123,15 +123,8 @@ impl PoseGraph {
         fits
     }
 
-    /// True if the odometry contradicts a loop beyond its possible drift. The work is that of a walk along
-    /// all edges.
-    #[must_use]
-    pub fn contradicts(&self, edge: &Edge) -> bool {
-        self.joins_nodes(edge) && drift::contradicts(&self.nodes, &self.edges, edge)
-    }
-
     /// Square of the Mahalanobis distance between a loop and the way along the odometry; `None` where no odometry leads
-    /// from end to end.
+    /// from end to end. The work is that of a walk along all edges.
     #[must_use]
     pub fn odometry_distance2(&self, edge: &Edge) -> Option<f64> {
         self.joins_nodes(edge).then(|| drift::distance2(&self.nodes, &self.edges, edge)).flatten()
@@ -145,7 +138,9 @@ impl PoseGraph {
         if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
             return Err(LoopRefused::NoRoom);
         }
-        if self.contradicts(&edge) {
+        // A distance that is no number is refused too.
+        let is_possible = self.odometry_distance2(&edge).is_none_or(|distance2| distance2 <= drift::GATE);
+        if !is_possible {
             return Err(LoopRefused::Contradicted);
         }
         let mut edge = Edge { weight: 0.0, kind: EdgeKind::Loop { supporters: 0 }, ..edge };
@@ -207,7 +202,7 @@ impl PoseGraph {
         }
         // The edge to the heir, from the node that goes.
         let to_heir = match (before, after) {
-            (Some(before), _) => Some(self.edges[before].reversed(&self.nodes)),
+            (Some(before), _) => self.edges[before].reversed(&self.nodes),
             (None, Some(after)) => Some(self.edges[after]),
             (None, None) => None,
         };
@@ -263,7 +258,7 @@ impl PoseGraph {
             self.sharpness = if is_sharp { self.sharpness } else { self.sharpness * SHARPENING };
         }
         progress.is_done = self.is_done;
-        progress.loops_used = self.loops.iter().filter(|l| self.edges[**l].weight > 0.5).count();
+        progress.loops_used = self.loops.iter().filter(|l| self.edges[**l].counts()).count();
         progress
     }
 
@@ -281,12 +276,6 @@ impl PoseGraph {
                 (GATE * mu * (mu + 1.0) / distance).sqrt() - mu
             };
         }
-    }
-
-    /// Correction of a node: `T_MO`, which takes poses of the odometry into the map.
-    #[must_use]
-    pub fn correction(&self, node: usize) -> Option<Isometry3<f64>> {
-        self.nodes.get(node).map(Node::pose_m_o)
     }
 }
 

@@ -15,8 +15,7 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: &str =
-    "ros.link ros.landmarks ros.map ros.tracks ros.reset driver.imu.trigger_exposure estimator.initial";
+const RETIRED: &str = "ros.link ros.landmarks ros.map ros.tracks ros.reset driver.imu.trigger_exposure estimator.initial network.login";
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].

@@ -28,6 +28,8 @@ pub(super) struct Difference {
     pub(super) seen: Vector3<f64>,
     /// Covariance of the sighting, rad².
     pub(super) covariance: Matrix3<f64>,
+    /// True if landmarks vote for it.
+    pub(super) is_voted: bool,
     /// Difference by the stamps as they are, rad.
     pub(super) by_stamps: Vector3<f64>,
     /// Standard deviation of the times of the states where errors of stamps are corrected, s.
@@ -87,31 +89,31 @@ impl Differences {
 
     /// Difference of the newest frame as a multiple of what it may come to without a fault.
     pub(super) fn newest_excess(&self, sigmas: &Sigmas) -> f64 {
-        self.excess(1, sigmas, SUMS[0].1).unwrap_or(0.0)
+        self.excess((1, SUMS[0].1), sigmas, false).unwrap_or(0.0)
     }
 
-    /// Longest sum of differences as a multiple of what it may come to without a fault; 0 where it is not complete, or a single difference makes
-    /// up half of it.
+    /// Longest sum of differences as a multiple of what it may come to without a fault where the errors of sightings are independent; 0 where it is
+    /// not complete, or a single difference makes up half of it.
     pub(super) fn even_excess(&self, sigmas: &Sigmas) -> f64 {
         let sum = self.sum(MAX_SUM);
         let is_even = self.newest.iter().all(|d| d.rad.norm() < 0.5 * sum.norm());
-        self.excess(MAX_SUM, sigmas, SUMS[1].1).filter(|_| is_even).unwrap_or(0.0)
+        self.excess(SUMS[1], sigmas, false).filter(|_| is_even).unwrap_or(0.0)
     }
 
-    /// Beginning of the differences that add up to more than `least` times what is admitted.
-    pub(super) fn contradict_since(&self, sigmas: &Sigmas, least: f64) -> Option<Timestamp> {
-        SUMS.iter().find_map(|(count, stamp_sigma_s)| {
-            let excess = self.excess(*count, sigmas, *stamp_sigma_s)?;
-            let first = self.newest.len().checked_sub(*count)?;
-            self.newest.iter().nth(first).filter(|_| excess > least).map(|d| d.from)
+    /// Beginning of the differences that add up to more than what is admitted.
+    pub(super) fn contradict_since(&self, sigmas: &Sigmas) -> Option<Timestamp> {
+        SUMS.into_iter().find_map(|span| {
+            let excess = self.excess(span, sigmas, true)?;
+            let first = self.newest.len().checked_sub(span.0)?;
+            self.newest.iter().nth(first).filter(|_| excess > 1.0).map(|d| d.from)
         })
     }
 
     /// Takes note of the largest of the suspect sums that end at `stamp`, or goes on with a larger one that still holds.
     pub(super) fn suspect(&mut self, stamp: Timestamp, sigmas: &Sigmas) {
-        let of_spans = SUMS.into_iter().filter_map(|(count, stamp_sigma_s)| {
-            let excess = self.excess(count, sigmas, stamp_sigma_s)?;
-            (excess > SUSPECT_EXCESS).then(|| (stamp, self.sum(count)))
+        let of_spans = SUMS.into_iter().filter_map(|span| {
+            let excess = self.excess(span, sigmas, false)?;
+            (excess > SUSPECT_EXCESS).then(|| (stamp, self.sum(span.0)))
         });
         let held = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S);
         let all = of_spans.chain(held);
@@ -136,18 +138,32 @@ impl Differences {
     }
 
     /// Sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard deviation of at
-    /// least `stamp_sigma_s`; `None` where there are fewer.
-    fn excess(&self, count: usize, sigmas: &Sigmas, stamp_sigma_s: f64) -> Option<f64> {
+    /// least `stamp_sigma_s`; `None` where there are fewer. Sightings that no landmark votes for err alike if `are_errors_shared`: by what the same
+    /// landmarks are off by, so that standard deviations add up and not variances.
+    fn excess(
+        &self,
+        (count, stamp_sigma_s): (usize, f64),
+        sigmas: &Sigmas,
+        are_errors_shared: bool,
+    ) -> Option<f64> {
         let first = self.newest.len().checked_sub(count)?;
         let newest = || self.newest.iter().skip(first);
         let sum: Vector3<f64> = newest().map(|d| d.rad).sum();
         let span_s: f64 = newest().map(|d| d.dt_s).sum();
         let turned: f64 = newest().map(|d| d.seen.norm()).sum();
-        let of_sightings: Matrix3<f64> = newest().map(|d| d.covariance).sum();
+        let (mut own, mut shared) = (0.0, 0.0);
+        for difference in newest() {
+            let variance = variance_along(&difference.covariance, &sum);
+            match are_errors_shared && !difference.is_voted {
+                true => shared += variance.sqrt(),
+                false => own += variance,
+            }
+        }
         let ends = [newest().next()?, newest().last()?];
         let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(sigmas.stamp_s).at_least(stamp_sigma_s);
         let of_stamps: f64 = ends.map(|d| (d.rate_b().norm() * stamp(d)).squared()).iter().sum();
-        let variance = variance_along(&of_sightings, &sum)
+        let variance = own
+            + shared.squared()
             + of_stamps
             + self.gyro_density.squared() * span_s
             + (sigmas.bias_rad_s * span_s).squared();
@@ -170,11 +186,19 @@ mod tests {
         let covariance = Matrix3::identity() * 1e-7;
         for k in 0..8 {
             let (from, seen) = (at(k), Vector3::zeros());
-            let of_frame =
-                Difference { from, dt_s: 0.05, rad, seen, covariance, by_stamps: rad, time_sigma_s: None };
+            let of_frame = Difference {
+                from,
+                dt_s: 0.05,
+                rad,
+                seen,
+                covariance,
+                is_voted: true,
+                by_stamps: rad,
+                time_sigma_s: None,
+            };
             let _ = differences.push(of_frame);
             differences.suspect(at(k + 1), &sigmas);
-            assert_eq!(differences.contradict_since(&sigmas, 1.0), None);
+            assert_eq!(differences.contradict_since(&sigmas), None);
         }
         let sigma_rad = |stamp| differences.of_attitude(stamp).map(|c| c[(0, 0)].sqrt());
         assert!(sigma_rad(at(8)).is_some_and(|sigma| (sigma - 8.0 * 5e-4 * SUSPECT_SHARE).abs() < 1e-9));

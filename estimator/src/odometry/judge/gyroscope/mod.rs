@@ -51,11 +51,6 @@ const DISPUTED_M_S: f64 = 0.5;
 /// Share of the landmarks below which a crowd may carry the images: fewer agree with their pose. The heading is unknown beyond this angle, rad.
 const CARRIED_SHARE: f64 = 0.8;
 const MOST_CARRIED_RAD: f64 = 1.0;
-/// Sums contradict from this multiple of what is admitted if no landmark votes for the images, and these tell the turn no better than this, rad.
-const UNVOTED_EXCESS: f64 = 2.0;
-const POOR_RAD: f64 = 2e-3;
-/// Or from this one where a few points of another cell may pull the images.
-const PULLED_EXCESS: f64 = 1.3;
 
 /// Rotation of a frame as the images saw it.
 #[derive(Clone, Copy, Debug)]
@@ -85,8 +80,6 @@ pub(super) struct SeenTurn {
     /// Landmarks vote for the turn by the images against the predicted one; where both explain them, the former is that of a few, or of a
     /// crowd that is hardly faster than its noise.
     pub(super) is_voted: bool,
-    /// The texture in view repeats itself: a few points of another cell may pull the turn.
-    pub(super) may_be_pulled: bool,
 }
 
 /// Compares the turns of frames with the gyroscope.
@@ -190,8 +183,8 @@ impl RotationWatch {
                 self.angles.difference(&turn, 0, &bias_gyro).unwrap_or(rad)
             }
         };
-        let SeenTurn { seen, covariance, time_sigma_s, .. } = *frame;
-        let difference = Difference { from, dt_s, rad, seen, covariance, by_stamps, time_sigma_s };
+        let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
+        let difference = Difference { from, dt_s, rad, seen, covariance, is_voted, by_stamps, time_sigma_s };
         let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());
         if let Some(before) = &before {
             self.stamps.add(
@@ -206,7 +199,7 @@ impl RotationWatch {
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         self.differences.suspect(to, &sigmas);
         let contradicted = if self.contradiction.is_some() {
-            newest.adds_up = self.differences.contradict_since(&sigmas, 1.0).is_some();
+            newest.adds_up = self.differences.contradict_since(&sigmas).is_some();
             newest.sum_excess = self.differences.even_excess(&sigmas);
             self.settle(&newest, frame.agreeing_share);
             None
@@ -261,13 +254,7 @@ impl RotationWatch {
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
         let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
-        let is_poor = variance_along(&frame.covariance, &newest.difference) > POOR_RAD.squared();
-        let least = match (frame.is_voted, is_poor, frame.may_be_pulled) {
-            (true, _, _) | (false, false, false) => 1.0,
-            (false, true, _) => UNVOTED_EXCESS,
-            (false, false, true) => PULLED_EXCESS,
-        };
-        let first = alone.or_else(|| self.differences.contradict_since(sigmas, least))?;
+        let first = alone.or_else(|| self.differences.contradict_since(sigmas))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         let may_name_gyro =
             self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S);

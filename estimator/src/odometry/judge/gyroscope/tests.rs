@@ -31,10 +31,6 @@ struct Wrong {
     jump_rad: f64,
     /// True if the accelerometer is contradicted from half a second before on.
     is_force_wrong: bool,
-    /// True if known landmarks explain the predicted turn as well.
-    is_unvoted: bool,
-    /// True if a few points may pull the images.
-    may_be_pulled: bool,
     /// Standard deviation of the turns by the images, rad.
     sigma_rad: f64,
     /// Until when, s.
@@ -48,8 +44,6 @@ const NOTHING: Wrong = Wrong {
     step_rad_s: 0.0,
     jump_rad: 0.0,
     is_force_wrong: false,
-    is_unvoted: false,
-    may_be_pulled: false,
     sigma_rad: 4e-4,
     until_s: f64::INFINITY,
 };
@@ -71,7 +65,6 @@ fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
         skips_samples: false,
         is_force_contradicted: false,
         is_voted: true,
-        may_be_pulled: false,
     }
 }
 
@@ -113,8 +106,6 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 skips_frames: t - last_s > 0.075,
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
-                is_voted: !wrong.is_unvoted,
-                may_be_pulled: wrong.may_be_pulled,
                 covariance: Matrix3::identity() * wrong.sigma_rad.squared(),
                 ..turn([last_s, t], angle(t - age_s) - angle(last_s - last_age_s) + noise + jump)
             };
@@ -225,16 +216,26 @@ fn a_step_that_single_frames_hardly_show_is_contradicted_for_as_long_as_it_lasts
 }
 
 #[test]
-fn poor_sightings_that_no_landmark_votes_for_must_differ_by_twice_as_much() {
-    let is_contradicted = |step_rad_s: f64, sigma_rad: f64| {
-        [false, true].map(|is_unvoted| {
-            let said = fly(Wrong { step_rad_s, sigma_rad, is_unvoted, ..NOTHING });
-            said.iter().any(|(_, bits, _)| bits.0 != 0)
+fn errors_of_landmarks_add_up_over_frames_where_none_votes_for_the_images() {
+    let is_contradicted = |sigmas: f64, frames: u32, is_voted: bool| {
+        let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
+        let mut watch = RotationWatch::new(&imu);
+        (0..400).for_each(|k| {
+            let t = 0.005 * f64::from(k);
+            watch.add(&ImuSample { stamp: at(t), gyro: rate(t), accel: Vector3::zeros() });
+        });
+        (1..40).map(f64::from).any(|k| {
+            let [from, to] = [k - 1.0, k].map(|k| 0.05 * k);
+            let is_off = (20.0..20.0 + f64::from(frames)).contains(&k);
+            let off = Vector3::y() * if is_off { 2e-3 * sigmas } else { 0.0 };
+            let covariance = Matrix3::identity() * 2e-3f64.squared();
+            let seen = angle(to) - angle(from) + off;
+            watch.update(&SeenTurn { covariance, is_voted, ..turn([from, to], seen) }).is_some()
         })
     };
-    assert_eq!(is_contradicted(0.15, 2.5e-3), [true, false]);
-    assert_eq!(is_contradicted(0.4, 2.5e-3), [true, true]);
-    assert_eq!(is_contradicted(0.05, 4e-4), [true, true], "good ones are evidence without votes");
+    assert!(!is_contradicted(3.5, 10, false), "landmarks that are off turn every frame alike");
+    assert!(is_contradicted(3.5, 10, true));
+    assert!(is_contradicted(7.0, 3, false));
 }
 
 #[test]
@@ -307,20 +308,4 @@ fn images_that_a_crowd_may_carry_leave_position_and_heading_uncertain() {
     for carried in [left_after(0.7, false), left_after(0.95, true)] {
         assert!(carried[0] > 4.0 * alone[0] && carried[1] > 2.0 * alone[1], "{carried:?}, {alone:?}");
     }
-}
-
-#[test]
-fn where_a_few_points_may_pull_the_images_a_turn_has_to_be_larger() {
-    let least_rad_s = |may_be_pulled: bool, is_unvoted: bool| {
-        let of_step = |k: u32| f64::from(k) * 2e-3;
-        let is_found = |step_rad_s: &f64| {
-            let said = fly(Wrong { step_rad_s: *step_rad_s, is_unvoted, may_be_pulled, ..NOTHING });
-            first_s(&said, HealthBits::IMU_CONTRADICTED).is_some()
-        };
-        (1..60).map(of_step).find(is_found).expect("a turn that is found")
-    };
-    let plain = least_rad_s(false, true);
-    let pulled = least_rad_s(true, true);
-    assert!((1.2..1.5).contains(&(pulled / plain)), "{plain} and {pulled} rad/s");
-    assert!((least_rad_s(true, false) - plain).abs() < 1e-9, "most vote for it");
 }
