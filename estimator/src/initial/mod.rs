@@ -1,12 +1,11 @@
 //! The first estimate: frames are gathered until position, velocity and gravity are determined.
 //!
 //! With two cameras scale comes from the baseline: a few frames are enough, whether the vehicle stands or
-//! moves ([`stereo`]). With one camera points, motion, gravity and scale are estimated together from a
+//! moves. With one camera points, motion, gravity and scale are estimated together from a
 //! longer window, after the gyroscope's bias and the delay and the readout of the images ([`timing`] with [`turns`], [`mono`]). Either
 //! way the window's solver has the last word.
 
 pub mod mono;
-pub mod stereo;
 pub mod timing;
 pub mod turns;
 
@@ -66,17 +65,13 @@ impl Gathering {
     /// Puts the frames where the offset `time_offset_s` has them, s; `gyro_b` gives the reading of the gyroscope there, rad/s.
     pub fn retime(&mut self, time_offset_s: f64, gyro_b: impl Fn(Timestamp) -> Vector3<f64>) {
         for frame in self.frames.iter_mut().filter(|frame| frame.time.time_offset_s != time_offset_s) {
-            let stamp = frame.time.stamp.plus_seconds(time_offset_s - frame.time.time_offset_s);
-            (frame.time, frame.gyro_b) = (FrameTime { stamp, time_offset_s }, gyro_b(stamp));
+            frame.time = frame.time.by_offset(time_offset_s);
+            frame.gyro_b = gyro_b(frame.time.stamp);
         }
     }
 
-    /// Forgets the oldest frame.
-    pub fn drop_oldest(&mut self) {
-        self.drop(0);
-    }
-
-    fn drop(&mut self, frame: usize) {
+    /// Forgets a frame.
+    pub fn drop(&mut self, frame: usize) {
         self.spare.push(self.frames.remove(frame).tracks);
     }
 

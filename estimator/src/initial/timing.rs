@@ -16,14 +16,12 @@ use plumbline_config::{Portable, Timestamp};
 
 /// The delay is searched this far from the one that is told, s: as late as three images at 30 Hz in the buffers of a driver.
 pub const SEARCHED_S: f64 = 0.12;
-/// Standard deviation of what is held, s: nothing.
-const HELD_S: f64 = 1e-9;
 /// Step of the search, s: a hand shakes at up to 10 Hz.
 const STEP_S: f64 = 0.02;
 /// Gauss-Newton steps at a delay of the search, and from the best one.
 const STEPS: [usize; 2] = [3, 12];
 /// Pairs are this long, s: long enough for parallax, short enough for many common points.
-const PAIR_SPAN_S: f64 = 0.25;
+pub const PAIR_SPAN_S: f64 = 0.25;
 /// Scale of the Cauchy kernel, in standard deviations of a bearing.
 const ROBUST_SIGMAS: f64 = 3.0;
 /// Fewest common points of a pair: three times the unknowns of an epipolar geometry.
@@ -58,12 +56,19 @@ pub struct Timing {
     pub parallax: f64,
 }
 
-/// A point's directions in the body frames of a pair of frames, and the places of their rows, -1/2 to 1/2.
+/// A point in a pair of frames.
 #[derive(Clone, Copy, Debug)]
-struct Bearing {
-    stamps: [Timestamp; 2],
-    f_b: [Vector3<f64>; 2],
-    row: [f64; 2],
+pub struct Bearing {
+    /// Indices of the frames.
+    pub frames: [usize; 2],
+    /// Camera that saw it in both.
+    pub camera: usize,
+    /// Directions in the body frames.
+    pub f_b: [Vector3<f64>; 2],
+    /// Stamps of the frames.
+    pub stamps: [Timestamp; 2],
+    /// Places of the rows, -1/2 to 1/2.
+    pub row: [f64; 2],
 }
 
 /// Sums of all pairs at some values of the unknowns.
@@ -81,9 +86,11 @@ struct Sums {
 /// The memory of an estimate, allocated once.
 #[derive(Clone, Debug)]
 pub struct TimingWorkspace {
-    bearings: Vec<Bearing>,
+    /// Common points of the pairs, those of a pair together.
+    pub bearings: Vec<Bearing>,
     normals: Vec<Vector3<f64>>,
-    sigma_bearing: f64,
+    /// Standard deviation of a direction, rad.
+    pub sigma_bearing: f64,
 }
 
 impl TimingWorkspace {
@@ -108,15 +115,17 @@ impl TimingWorkspace {
         self.bearings.clear();
         for (i, first) in frames.iter().enumerate() {
             let stamp = first.time.stamp;
-            let is_later = |other: &&GatheredFrame| other.time.stamp.seconds_since(stamp) >= PAIR_SPAN_S;
-            let Some(second) = frames[i + 1..].iter().find(is_later) else { break };
+            let is_later = |other: &GatheredFrame| other.time.stamp.seconds_since(stamp) >= PAIR_SPAN_S;
+            let Some(j) = (i + 1..frames.len()).find(|j| is_later(&frames[*j])) else { break };
+            let second = &frames[j];
             let stamps = [stamp, second.time.stamp];
             self.bearings.extend(first.tracks.iter().filter_map(|t| {
                 let other = find_track(second, t.track_id)?;
-                (0..2).find_map(|c| {
-                    let both = [t.measured[c]?.xy, other.measured[c]?.xy];
-                    let unit = |xy: Vector2<f64>| rot_b_c[c] * Vector3::new(xy.x, xy.y, 1.0).normalize();
-                    Some(Bearing { stamps, f_b: both.map(unit), row: both.map(|xy| row(c, &xy)) })
+                (0..2).find_map(|camera| {
+                    let both = [t.measured[camera]?.xy, other.measured[camera]?.xy];
+                    let unit = |xy: Vector2<f64>| rot_b_c[camera] * Vector3::new(xy.x, xy.y, 1.0).normalize();
+                    let (f_b, row) = (both.map(unit), both.map(|xy| row(camera, &xy)));
+                    Some(Bearing { frames: [i, j], camera, f_b, stamps, row })
                 })
             }));
         }
@@ -126,7 +135,7 @@ impl TimingWorkspace {
     #[must_use]
     pub fn estimate(&mut self, turns: &Turns, known: &Known) -> Option<Timing> {
         let (mut held, mut free, mut least) = (*known, *known, f64::INFINITY);
-        (held.sigmas[DELAY], held.sigmas[READOUT]) = (HELD_S, HELD_S);
+        (held.sigmas[DELAY], held.sigmas[READOUT]) = (1e-9, 1e-9);
         let (told, _) = self.descend(turns, &held, STEPS[1])?;
         let steps = if known.sigmas[DELAY] < SEARCHED_S { 0 } else { (SEARCHED_S / STEP_S).round() as i32 };
         for delay_s in (-steps..=steps).map(|k| f64::from(k) * STEP_S) {
@@ -242,8 +251,9 @@ impl Sums {
     }
 }
 
-/// Robust weight of a residual.
-fn weight(e: f64) -> f64 {
+/// Robust weight of a residual, in standard deviations.
+#[must_use]
+pub fn weight(e: f64) -> f64 {
     1.0 / (1.0 + e.squared() / ROBUST_SIGMAS.squared())
 }
 

@@ -45,7 +45,7 @@ pub(super) struct Estimation {
 }
 
 /// Rates of a state along which an error of its stamp moves it: angular rate in `B`, velocity and acceleration in `O`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rates {
     pub(super) rate_b: Vector3<f64>,
     pub(super) v_o: Vector3<f64>,
@@ -114,17 +114,13 @@ impl Estimation {
 
     /// Rates of the newest frame in the state `nav`.
     pub(super) fn rates_of(&self, nav: &NavState) -> Rates {
-        let Some(newest) = self.window.frames.last() else {
-            let zero = Vector3::zeros();
-            return Rates { rate_b: zero, v_o: zero, accel_o: zero };
-        };
+        let Some(newest) = self.window.frames.last() else { return Rates::default() };
         let taken = newest.taken;
         let mean = self.imu.mean(taken.plus_seconds(-RATE_SPAN_S), taken.plus_seconds(RATE_SPAN_S));
-        let (gyro, accel) = mean.unwrap_or((self.rate_b + nav.bias_gyro, Vector3::zeros()));
-        let accel_o = match mean {
-            Some(_) => nav.rot_o_b * (accel - nav.bias_accel) + self.window.options.gravity_o,
-            None => Vector3::zeros(),
-        };
+        let gyro = mean.map_or(self.rate_b + nav.bias_gyro, |(gyro, _)| gyro);
+        let accel_o = mean.map_or_else(Vector3::zeros, |(_, accel)| {
+            nav.rot_o_b * (accel - nav.bias_accel) + self.window.options.gravity_o
+        });
         Rates { rate_b: gyro - nav.bias_gyro, v_o: nav.v_o_b, accel_o }
     }
 
@@ -150,10 +146,7 @@ impl Estimation {
             let v_b = from.rot_o_b.inverse_transform_vector(&from.v_o_b);
             let gain = motion.delta_v / motion.dt_s
                 + from.rot_o_b.inverse_transform_vector(&self.window.options.gravity_o);
-            let mut by_stamp = SVector::<f64, 9>::zeros();
-            by_stamp.fixed_rows_mut::<3>(NavState::P).copy_from(&v_b);
-            by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(rate_b);
-            by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
+            let by_stamp = Rates { rate_b: *rate_b, v_o: v_b, accel_o: gain }.derivative();
             motion.covariance += by_stamp * by_stamp.transpose() * variance;
             motion.ends_variance_s2 += variance;
         }

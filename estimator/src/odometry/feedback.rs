@@ -30,7 +30,7 @@ impl Odometer {
         feedback.turn_rate_b = self.estimation.turn_rate_b();
         feedback.distrusts_imu = self.judge.is_distrusting();
         feedback.untracked_camera = self.judge.untracked_camera(self.frames);
-        feedback.reset_counter = self.start.reset_counter();
+        feedback.reset_counter = self.start.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;
         self.solved.stamp = estimate.stamp;

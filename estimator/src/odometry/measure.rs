@@ -11,8 +11,6 @@ use plumbline_config::Portable;
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
-/// Share of an interval by which the usual one grows: after some ten frames a lower rate than the configured one is that of the camera.
-const USUAL_GROWTH: f64 = 0.1;
 /// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a quarter of a patch.
 const BLURRED_PX: f64 = 3.0;
 
@@ -30,10 +28,11 @@ impl Odometer {
     /// Measurements of the frame, and whether the vehicle stands still.
     pub(super) fn measure(&mut self, tracked: &Tracked, health: &mut HealthBits) {
         let (stamp, observations) = (tracked.time.stamp, &tracked.points);
-        let last = self.last_stamp.unwrap_or(stamp);
+        let last = self.last.map_or(stamp, |last| last.stamp);
         let dt_s = stamp.seconds_since(last);
         if dt_s > 0.0 {
-            self.usual_s = dt_s.at_most(self.usual_s + USUAL_GROWTH * dt_s);
+            // After some ten frames a lower rate than the configured one is that of the camera.
+            self.usual_s = dt_s.at_most(self.usual_s + 0.1 * dt_s);
         }
         if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s.at_least(self.usual_s) {
             health.insert(HealthBits::FRAME_GAP);

@@ -48,7 +48,6 @@ use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Stage,
 use crate::exchange::{Feedback, SolvedFrame, Tracked};
 use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuBuffer, Preintegration, Vibration};
-use crate::shutter::readouts;
 use crate::window::Window;
 use crate::window::state::FrameTime;
 use crate::window::tracks::MIN_WITNESSES;
@@ -57,7 +56,7 @@ use estimation::Estimation;
 use judge::{Belief, Case, Judge, Velocity, Verdict};
 use measurements::Measurer;
 use nalgebra::Vector3;
-use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
+use plumbline_config::{Portable, Timestamp, ValidSetup};
 use start::Start;
 use zero_velocity::ZeroVelocityDetector;
 
@@ -95,9 +94,7 @@ pub struct Odometer {
     judge: Judge,
     zero_velocity: ZeroVelocityDetector,
     phase: Phase,
-    last_stamp: Option<Timestamp>,
-    /// The time offset that it was put there by, s.
-    last_offset_s: f64,
+    last: Option<FrameTime>,
     /// Shortest interval of the newest frames, s.
     usual_s: f64,
     /// Frames so far, and the newest as the front-end and places are told of it.
@@ -111,7 +108,6 @@ impl Odometer {
     /// Allocates everything the setup asks for.
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
-        let cameras: Vec<CameraModel> = setup.camera.iter().map(|c| c.model()).collect();
         let (rate_hz, focal_px) = (setup.left().rate_hz, setup.left().focal_px[0]);
         let mut window = Window::new(setup);
         window.clear();
@@ -126,8 +122,7 @@ impl Odometer {
             estimation: Estimation {
                 imu: ImuBuffer::of(&setup.imu),
                 window,
-                measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines)
-                    .with_readouts(readouts(setup)),
+                measurer: Measurer::new(setup),
                 rate_b: Vector3::zeros(),
                 vibration: Vibration::default(),
                 is_repeating: false,
@@ -140,8 +135,7 @@ impl Odometer {
             judge: Judge::new(setup),
             zero_velocity: ZeroVelocityDetector::new(rate_hz, focal_px),
             phase: Phase::Gathering,
-            last_stamp: None,
-            last_offset_s: 0.0,
+            last: None,
             usual_s: f64::INFINITY,
             frames: 0,
             solved: SolvedFrame::default(),
@@ -159,7 +153,7 @@ impl Odometer {
     /// Why the estimate was last started anew.
     #[must_use]
     pub fn reset_reason(&self) -> Option<&ResetReason> {
-        self.start.reset_reason()
+        self.start.reset_reason.as_ref()
     }
 
     /// What an attempt to start with one camera lacked; `None` where the newest frame was no attempt.
@@ -172,7 +166,7 @@ impl Odometer {
     fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
         match (self.phase, self.estimation.window.frames.last()) {
             (Phase::Running, Some(frame)) => frame.nav.biases(),
-            _ => self.start.biases(),
+            _ => self.start.bias_memory,
         }
     }
 
@@ -208,11 +202,9 @@ impl Odometer {
         let stamp = tracked.time.stamp;
         let mut health = tracked.health;
         if self.phase == Phase::Gathering {
-            let step_s = tracked.time.time_offset_s - self.last_offset_s;
-            self.last_stamp = self.last_stamp.map(|last| last.plus_seconds(step_s));
+            self.last = self.last.map(|last| last.by_offset(tracked.time.time_offset_s));
         }
-        self.last_offset_s = tracked.time.time_offset_s;
-        if self.last_stamp.is_some_and(|last| stamp <= last) {
+        if self.last.is_some_and(|last| stamp <= last.stamp) {
             health.insert(HealthBits::BAD_STAMP);
         }
         if health.contains(HealthBits::BAD_STAMP) {
@@ -236,14 +228,14 @@ impl Odometer {
             self.estimation.window.make_room();
         }
         probe.end(Stage::Marginalize);
-        self.last_stamp = Some(stamp);
+        self.last = Some(tracked.time);
         self.estimate(tracked, health, solved)
     }
 
     /// Before the first state: gathers the frame and tries to start.
     fn gather(&mut self, time: FrameTime, health: &mut HealthBits) -> Solved {
         self.judge.expect_vibration(&mut self.estimation);
-        let (times, is_still) = ((self.last_stamp, time), self.zero_velocity.is_still());
+        let (times, is_still) = ((self.last, time), self.zero_velocity.is_still());
         if !self.start.gather(&mut self.estimation, &mut self.judge, times, is_still, health) {
             return Solved::default();
         }
@@ -279,7 +271,7 @@ impl Odometer {
         let is_told = is_witnessed || !coverage.has_gap;
         if is_told && self.refresh_covariance(case.health) {
             self.judge.learn_noise(&mut self.estimation, &verdict.prediction, is_contradicted, &mut case);
-            self.note_step();
+            self.step = self.newest_step();
         } else {
             self.carry_covariance(verdict.prediction.covariance.as_ref());
             self.judge.keep_prediction(verdict.prediction);

@@ -271,12 +271,6 @@ impl PointTracker {
         probe: &mut P,
     ) -> &[PointObservation] {
         probe.begin(Stage::Points);
-        self.take_frame(input, fork);
-        probe.end(Stage::Points);
-        &self.observations
-    }
-
-    fn take_frame(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
         self.frame += 1;
         self.observations.clear();
         self.turn = None;
@@ -291,6 +285,8 @@ impl PointTracker {
             self.observe();
             self.views.iter_mut().for_each(View::finish);
         }
+        probe.end(Stage::Points);
+        &self.observations
     }
 
     /// Builds the pyramids of both images.
@@ -347,7 +343,8 @@ impl PointTracker {
                 continue;
             };
             for (track, reference) in self.store.iter_mut() {
-                if track.came_by.is_none_or(|(by, _)| by != from) || pairing.continue_match(track, reference)
+                if track.came_by.is_none_or(|(by, _)| by != from)
+                    || pairing.continue_match(track, reference).is_some()
                 {
                     continue;
                 }

@@ -1,8 +1,9 @@
 //! From gathered frames to the first state of the window.
 
 use super::Start;
-use crate::geometry::yaw_of;
-use crate::initial::{GatheredFrame, stereo};
+use crate::geometry::{attitude_from_gravity, yaw_of};
+use crate::inertial::Preintegration;
+use crate::initial::GatheredFrame;
 use crate::odometry::estimation::Estimation;
 use crate::odometry::judge::Judge;
 use crate::odometry::plausible::implausible;
@@ -15,7 +16,7 @@ use plumbline_config::{Portable, Timestamp};
 
 /// Solver steps of a start: far from the solution, and only once.
 const START_ITERATIONS: usize = 12;
-/// Rounds of a start with two cameras: image rates and outliers depend on the solution.
+/// Rounds of a start: image rates and outliers depend on the solution.
 const START_ROUNDS: usize = 2;
 /// Mean robust cost of an observation (in squared standard deviations) that a good start stays below:
 /// noise alone gives about one.
@@ -63,9 +64,7 @@ impl Start {
             return false;
         }
         if !is_stereo {
-            let tried = self.try_one_camera(estimation, time_offset_s);
-            self.missing = tried.and_then(Result::err);
-            return tried.is_some_and(|tried| tried.is_ok());
+            return self.try_one_camera(estimation, time_offset_s);
         }
         let Some(count) = self.stereo_span(estimation) else { return false };
         let rig = estimation.window.rig.clone();
@@ -90,7 +89,7 @@ impl Start {
 
     fn start_stereo(&mut self, estimation: &mut Estimation, count: usize, is_still: bool) -> bool {
         while self.gathering.frames().len() > count {
-            self.gathering.drop_oldest();
+            self.gathering.drop(0);
         }
         let stamp = |k: usize| self.gathering.frames()[k].time.stamp;
         let (first, newest) = (stamp(0), stamp(count - 1));
@@ -100,7 +99,7 @@ impl Start {
         let bias_gyro = if is_still { gyro } else { self.bias_memory.0 };
         let rot_o_b = self
             .carried_back_to(estimation, first, newest)
-            .unwrap_or_else(|| stereo::attitude_from_gravity(&(accel - self.bias_memory.1)));
+            .unwrap_or_else(|| attitude_from_gravity(&(accel - self.bias_memory.1)));
         let none = (Vector3::zeros(), Vector3::zeros());
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         estimation.window.clear();
@@ -111,18 +110,13 @@ impl Start {
             if let Some(motion) = &motion {
                 nav = nav.after(motion, &estimation.window.options.gravity_o);
             }
-            estimation.window.push_frame(frame.time, nav.clone(), motion, false);
-            estimation.window.set_gyro_of_newest(frame.gyro_b);
-            estimation.window.observe(&frame.tracks, &[]);
-            if k == 0 || k + 1 == count {
-                estimation.window.make_keyframe(&frame.tracks, &[]);
-            }
+            put(estimation, frame, nav.clone(), motion, k == 0 || k + 1 == count);
             if k == 0 {
                 // By the baseline alone: the poses of the other frames are only guessed as yet.
                 estimation.window.triangulate(true);
             }
         }
-        self.settle(estimation, START_ROUNDS).is_some_and(|variance| variance < MAX_MEAN_COST)
+        self.settle(estimation).is_some_and(|variance| variance < MAX_MEAN_COST)
     }
 
     /// The attitude at `first` that has been carried on to `newest` since the last pose.
@@ -146,8 +140,8 @@ impl Start {
             yaw_rad: LOOSE_ORIGIN_M_RAD,
             tilt_rad: TILT_SIGMA_RAD,
             velocity_m_s: VELOCITY_SIGMA_M_S,
-            bias_gyro_rad_s: self.options.bias_gyro_sigma,
-            bias_accel_m_s2: self.options.bias_accel_sigma,
+            bias_gyro_rad_s: self.imu.gyro_bias_sigma_rad_s,
+            bias_accel_m_s2: self.imu.accel_bias_sigma_m_s2,
         };
         let (Some(carried), Some(origin)) = (&self.carried, &self.origin) else { return (known, sigmas) };
         let [tilt, gyro, accel] = carried.sigmas(&origin.rot_o_b);
@@ -165,15 +159,15 @@ impl Start {
         (known, sigmas)
     }
 
-    /// Solves the window from scratch in so many rounds, and puts the odometry frame at the newest frame. Returns the mean robust cost of an observation, in
+    /// Solves the window from scratch, and puts the odometry frame at the newest frame. Returns the mean robust cost of an observation, in
     /// squared standard deviations; `None` where that is no state of a vehicle.
-    pub(super) fn settle(&self, estimation: &mut Estimation, rounds: usize) -> Option<f64> {
+    pub(super) fn settle(&self, estimation: &mut Estimation) -> Option<f64> {
         if estimation.window.frames.is_empty() {
             return None;
         }
         let (known, loose) = self.known_at_start();
         let tight = AnchorSigmas { position_m: TIGHT_ORIGIN_M_RAD, yaw_rad: TIGHT_ORIGIN_M_RAD, ..loose };
-        for _ in 0..rounds {
+        for _ in 0..START_ROUNDS {
             self.move_to_origin(&mut estimation.window);
             estimation.window.anchor_newest(&known, &loose);
             estimation.window.triangulate(true);
@@ -186,7 +180,7 @@ impl Start {
         let outcome = estimation.window.optimize(START_ITERATIONS);
         let is_state = !outcome.is_not_positive_definite
             && estimation.window.triangulated().0 >= MIN_TRACKS
-            && implausible(&estimation.window, &self.options.health).is_none();
+            && implausible(&estimation.window, &self.health).is_none();
         is_state.then(|| outcome.cost / estimation.window.observation_count() as f64)
     }
 
@@ -204,6 +198,23 @@ impl Start {
             }
             None => window.move_newest_to(&Vector3::zeros(), 0.0),
         }
+    }
+}
+
+/// Puts a gathered frame into the window at `nav`, where `motion` has led to from the one before.
+pub(super) fn put(
+    estimation: &mut Estimation,
+    frame: &GatheredFrame,
+    nav: NavState,
+    motion: Option<Preintegration>,
+    is_keyframe: bool,
+) {
+    let window = &mut estimation.window;
+    window.push_frame(frame.time, nav, motion, false);
+    window.set_gyro_of_newest(frame.gyro_b);
+    window.observe(&frame.tracks, &[]);
+    if is_keyframe {
+        window.make_keyframe(&frame.tracks, &[]);
     }
 }
 

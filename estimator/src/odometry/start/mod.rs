@@ -17,56 +17,49 @@ use crate::estimate::{HealthBits, NavCovariance};
 use crate::initial::Gathering;
 use crate::input::ResetKind;
 use crate::window::state::{FrameTime, NavState};
-use inherited::{Carried, Gyro, Inherited};
+use inherited::{Carried, Inherited};
 use memory::Memory;
 use nalgebra::Vector3;
 pub use one_camera::Missing;
 use one_camera::OneCamera;
-use plumbline_config::options::HealthConfig;
+use plumbline_config::options::{HealthConfig, ImuConfig};
 use plumbline_config::{Timestamp, ValidSetup};
-
-/// Options of starts, in the units of their use.
-#[derive(Clone, Debug)]
-struct Options {
-    bias_gyro_sigma: f64,
-    bias_accel_sigma: f64,
-    time_offset_sigma_s: f64,
-    health: HealthConfig,
-}
 
 /// Frames before a start, and what is kept for the next one.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
-    options: Options,
+    imu: ImuConfig,
+    time_offset_sigma_s: f64,
+    health: HealthConfig,
     gathering: Gathering,
     one_camera: OneCamera,
     /// What an attempt with one camera lacked in the newest frame.
     pub(super) missing: Option<Missing>,
-    /// Where the next start begins, and the biases it begins with.
+    /// Where the next start begins.
     origin: Option<NavState>,
-    bias_memory: (Vector3<f64>, Vector3<f64>),
+    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s², to begin with.
+    pub(super) bias_memory: (Vector3<f64>, Vector3<f64>),
     memory: Memory,
-    inherited: Inherited,
+    /// Heritage of the present estimate from those before.
+    pub(super) inherited: Inherited,
     /// Knowledge of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
     /// it has not measured all the way.
     carried: Option<Carried>,
     /// Why the estimate was last started anew.
-    reset_reason: Option<ResetReason>,
-    reset_counter: u32,
+    pub(super) reset_reason: Option<ResetReason>,
+    /// Resets so far.
+    pub(super) reset_counter: u32,
     /// Resets that were counted before this odometer began.
-    first_counter: u32,
+    pub(super) first_counter: u32,
 }
 
 impl Start {
     pub(super) fn new(setup: &ValidSetup) -> Self {
         let points = &setup.estimator.points;
         Self {
-            options: Options {
-                bias_gyro_sigma: setup.imu.gyro_bias_sigma_rad_s,
-                bias_accel_sigma: setup.imu.accel_bias_sigma_m_s2,
-                time_offset_sigma_s: setup.rig.time_offset_sigma_s,
-                health: setup.estimator.health.clone(),
-            },
+            imu: setup.imu.clone(),
+            time_offset_sigma_s: setup.rig.time_offset_sigma_s,
+            health: setup.estimator.health.clone(),
             gathering: Gathering::new(points.max_points),
             one_camera: OneCamera::new(setup),
             missing: None,
@@ -87,11 +80,11 @@ impl Start {
         &mut self,
         estimation: &mut Estimation,
         judge: &mut Judge,
-        (last, time): (Option<Timestamp>, FrameTime),
+        (last, time): (Option<FrameTime>, FrameTime),
         is_still: bool,
         health: &mut HealthBits,
     ) -> bool {
-        let stamp = time.stamp;
+        let (stamp, last) = (time.stamp, last.map(|last| last.stamp));
         let none = (Vector3::zeros(), Vector3::zeros());
         if let Some((_, coverage)) = last.map(|last| estimation.preintegrate([last, stamp], &none)) {
             if coverage.has_gap {
@@ -128,10 +121,9 @@ impl Start {
 
     /// A start anew is no better known than the pose that it goes on from.
     fn inherit(&mut self, estimation: &Estimation, stamp: Timestamp) {
-        let noise = &estimation.window.imu_noise;
-        let gyro = self.carried.is_some().then(|| Gyro::new(noise, &estimation.bias_variances));
+        let yaw_rad2 = self.carried.as_ref().zip(self.origin.as_ref()).map(|(c, o)| c.yaw_rad2(&o.rot_o_b));
         if let Some(frame) = estimation.window.frames.last() {
-            self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
+            self.inherited.begin(stamp, &frame.nav.p_o_b, yaw_rad2);
         }
     }
 
@@ -185,7 +177,7 @@ impl Start {
             return;
         }
         let Some(newest) = window.frames.last().map(|frame| frame.nav.clone()) else { return };
-        let is_plausible = implausible(window, &self.options.health).is_none();
+        let is_plausible = implausible(window, &self.health).is_none();
         self.carried = if is_plausible { Carried::of(stated, &estimation.bias_variances) } else { None };
         let nav = if is_plausible {
             window.keep_rig();
@@ -212,38 +204,5 @@ impl Start {
     pub(super) fn forget_time(&mut self) {
         self.carried = None;
         self.inherited.forget_time();
-    }
-
-    pub(super) fn give_reason(&mut self, reason: ResetReason) {
-        self.reset_reason = Some(reason);
-    }
-
-    /// Why the estimate was last started anew.
-    pub(super) fn reset_reason(&self) -> Option<&ResetReason> {
-        self.reset_reason.as_ref()
-    }
-
-    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s², to begin with.
-    pub(super) fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
-        self.bias_memory
-    }
-
-    /// Heritage of the present estimate from those before.
-    pub(super) fn inherited(&self) -> &Inherited {
-        &self.inherited
-    }
-
-    pub(super) fn reset_counter(&self) -> u32 {
-        self.reset_counter
-    }
-
-    /// Resets that were counted before this odometer began.
-    pub(super) fn first_counter(&self) -> u32 {
-        self.first_counter
-    }
-
-    /// Counts resets from `reset_counter` on.
-    pub(super) fn count_resets_from(&mut self, reset_counter: u32) {
-        (self.reset_counter, self.first_counter) = (reset_counter, reset_counter);
     }
 }

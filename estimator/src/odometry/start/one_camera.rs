@@ -1,15 +1,18 @@
 //! The first state by one camera: the delay of its images first, then motion, gravity and scale.
 
 use super::Start;
-use super::first_state::{MAX_MEAN_COST, MIN_TRACKS, give_up};
+use super::first_state::{MAX_MEAN_COST, MIN_TRACKS, give_up, put};
 use crate::exchange::believable_offset;
+use crate::inertial::Preintegration;
 use crate::inertial::buffer::IMU_MEMORY_S;
-use crate::initial::timing::{DELAY, Known, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns};
+use crate::initial::timing::{
+    DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
+};
 use crate::initial::turns::Turns;
-use crate::initial::{GATHERED_FRAMES, find_track, mono};
+use crate::initial::{GATHERED_FRAMES, mono};
 use crate::odometry::estimation::Estimation;
 use crate::shutter::Readout;
-use crate::window::Window;
+use crate::window::{MAX_FRAMES, Window};
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp, ValidSetup};
 
@@ -26,12 +29,6 @@ const MAX_READOUT_S: f64 = 0.04;
 const UNCERTAIN_S: f64 = 0.005;
 /// A start is on probation for so long, s.
 const PROBATION_S: f64 = 2.0;
-/// Points that have been followed for half of the span, where no delay was found that costs time already.
-const MIN_FOLLOWED: usize = 25;
-/// Rounds of settling: the first outliers are those of a guess, and the next ones of a solution without those.
-const SETTLING_ROUNDS: usize = 4;
-/// Time from one attempt to the next, s.
-const RETRY_S: f64 = 0.25;
 
 /// What a start with one camera still lacks.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -40,7 +37,7 @@ pub enum Missing {
     #[error("gathered {0:.1} of {SPAN_S:.1} s")]
     Time(f64),
     /// Points in view.
-    #[error("{0} points in view or followed, too few: show more texture, or move more slowly")]
+    #[error("{0} points in view, too few: show more texture, or move more slowly")]
     Points(usize),
     /// Parallax of a pair of frames beside that of the turn, in standard deviations.
     #[error("moved the view by {0:.1} sigmas beside the turn, {CERTAIN_SIGMAS:.1} needed: move sideways")]
@@ -64,13 +61,12 @@ pub enum Missing {
 pub(super) struct OneCamera {
     turns: Turns,
     timing: TimingWorkspace,
-    alignment: mono::AlignmentWorkspace,
-    /// Time that was gathered at the last attempt, in steps of [`RETRY_S`].
+    /// Motions from the first frame to each.
+    motions: Vec<Preintegration>,
+    /// Time that was gathered at the last attempt, in steps of [`PAIR_SPAN_S`].
     attempt: usize,
     /// Frames have told the delay: to within [`UNCERTAIN_S`].
     is_delay_known: bool,
-    /// A delay or a readout was found.
-    is_found: bool,
     /// When the present estimate began by one camera, and mean costs of its frames since then.
     begun: Option<Timestamp>,
     costs: (f64, f64),
@@ -83,10 +79,9 @@ impl OneCamera {
         Self {
             turns: Turns::new((IMU_MEMORY_S * setup.imu.rate_hz) as usize),
             timing: TimingWorkspace::new(GATHERED_FRAMES, points.max_points, sigma_bearing),
-            alignment: mono::AlignmentWorkspace::new(GATHERED_FRAMES, points.max_points),
+            motions: Vec::with_capacity(GATHERED_FRAMES),
             attempt: 0,
             is_delay_known: false,
-            is_found: false,
             begun: None,
             costs: (0.0, 0.0),
         }
@@ -99,30 +94,26 @@ impl OneCamera {
 }
 
 impl Start {
-    /// Tries to start from the frames gathered so far, now and then; the newest was stamped by the offset `time_offset_s`. `None` where
-    /// it was not tried.
-    pub(super) fn try_one_camera(
-        &mut self,
-        estimation: &mut Estimation,
-        time_offset_s: f64,
-    ) -> Option<Result<(), Missing>> {
+    /// Tries to start from the frames gathered so far, now and then; the newest was stamped by the offset `time_offset_s`.
+    /// Returns whether the window has a first state now.
+    pub(super) fn try_one_camera(&mut self, estimation: &mut Estimation, time_offset_s: f64) -> bool {
         let offset_s = estimation.window.rig.time_offset_s;
         self.gathering.retime(offset_s, |stamp| estimation.rate_at(stamp, stamp, &Vector3::zeros()));
         let span_s = self.gathering.span_s();
-        let attempt = (span_s / RETRY_S) as usize;
+        let attempt = (span_s / PAIR_SPAN_S) as usize;
         // Samples have come up to the newest frame once it is stamped by the offset that was found.
         let is_due = std::mem::replace(&mut self.one_camera.attempt, attempt) != attempt;
         if !is_due || (offset_s - time_offset_s).abs() > UNCERTAIN_S {
-            return None;
+            return false;
         }
         while self.gathering.span_s() > 3.0 * SPAN_S {
-            self.gathering.drop_oldest();
+            self.gathering.drop(0);
         }
-        Some(if span_s < 0.5 * SPAN_S {
-            Err(Missing::Time(span_s))
-        } else {
-            self.start_one_camera(estimation, span_s)
-        })
+        let is_long = span_s >= 0.5 * SPAN_S;
+        let tried =
+            if is_long { self.start_one_camera(estimation, span_s) } else { Err(Missing::Time(span_s)) };
+        self.missing = tried.err();
+        self.missing.is_none()
     }
 
     fn start_one_camera(&mut self, estimation: &mut Estimation, span_s: f64) -> Result<(), Missing> {
@@ -133,12 +124,6 @@ impl Start {
         }
         if timing.parallax < CERTAIN_SIGMAS {
             return Err(Missing::Way(timing.parallax));
-        }
-        let followed = self.followed();
-        if followed < MIN_FOLLOWED && !self.one_camera.is_found {
-            // There may be enough in the next frame.
-            self.one_camera.attempt = usize::MAX;
-            return Err(Missing::Points(followed));
         }
         let rig = estimation.window.rig.clone();
         self.put_aligned(estimation, timing.bias_gyro);
@@ -166,14 +151,6 @@ impl Start {
         (mean > MAX_MEAN_COST).then_some(mean)
     }
 
-    /// Points of the newest frame that were seen in the middle one.
-    fn followed(&self) -> usize {
-        let frames = self.gathering.frames();
-        let Some(newest) = frames.last() else { return 0 };
-        let middle = &frames[frames.len() / 2];
-        newest.tracks.iter().filter(|track| find_track(middle, track.track_id).is_some()).count()
-    }
-
     /// Delay of the images, by what they and the gyroscope say of the turn.
     fn find_timing(&mut self, estimation: &Estimation) -> Result<Timing, Missing> {
         let frames = self.gathering.frames();
@@ -189,7 +166,7 @@ impl Start {
         let is_global = estimation.measurer.readouts.iter().all(Readout::is_global);
         let readout_s = if is_global { MAX_READOUT_S } else { f64::EPSILON };
         let delay_s = if *is_delay_known { UNCERTAIN_S } else { SEARCHED_S };
-        let (bias, sigma) = (self.bias_memory.0, self.options.bias_gyro_sigma);
+        let (bias, sigma) = (self.bias_memory.0, self.imu.gyro_bias_sigma_rad_s);
         let known = Known {
             values: Unknowns::new(bias.x, bias.y, bias.z, 0.0, 0.0),
             sigmas: Unknowns::new(sigma, sigma, sigma, delay_s, readout_s),
@@ -203,7 +180,7 @@ impl Start {
         let Known { values, sigmas } = *found;
         let Estimation { measurer, window, .. } = estimation;
         let is_found = |k: usize| values[k].abs() > CERTAIN_SIGMAS * sigmas[k];
-        let is_late = is_found(DELAY) && self.options.time_offset_sigma_s > 0.0;
+        let is_late = is_found(DELAY) && self.time_offset_sigma_s > 0.0;
         let is_known = sigmas[DELAY] < UNCERTAIN_S;
         self.one_camera.is_delay_known |= is_known;
         if is_late {
@@ -211,7 +188,7 @@ impl Start {
                 return Err(Missing::Turn(sigmas[DELAY]));
             }
             let offset_s = believable_offset(window.rig.time_offset_s + values[DELAY]);
-            window.expect_time_offset(offset_s, sigmas[DELAY].at_least(self.options.time_offset_sigma_s));
+            window.expect_time_offset(offset_s, sigmas[DELAY].at_least(self.time_offset_sigma_s));
         }
         // The last row is later than the middle one by half a readout.
         let rolls = is_found(READOUT) && values[READOUT] > 0.0 && 0.5 * sigmas[READOUT] < UNCERTAIN_S;
@@ -223,7 +200,6 @@ impl Start {
         if rolls && self.gathering.span_s() < SPAN_S {
             self.gathering.clear();
         }
-        self.one_camera.is_found |= is_late || rolls;
         match is_late || rolls {
             true => Err(Missing::Delay(window.rig.time_offset_s, measurer.readouts[0].readout_s)),
             false => Ok(()),
@@ -233,47 +209,40 @@ impl Start {
     /// Puts frames into the window where motion, gravity and scale have them that fit all at once. Where nothing fits, the window is empty.
     fn put_aligned(&mut self, estimation: &mut Estimation, bias_gyro: Vector3<f64>) {
         estimation.window.clear();
+        let (frames, biases) = (self.gathering.frames(), (bias_gyro, self.bias_memory.1));
+        let OneCamera { timing, motions, .. } = &mut self.one_camera;
+        motions.clear();
+        for (k, frame) in frames.iter().enumerate() {
+            let from = frames[k.saturating_sub(1)].time.stamp;
+            let next = estimation.preintegrate([from, frame.time.stamp], &biases).0;
+            motions.push(motions.last().map_or(next.clone(), |before| before.followed_by(&next)));
+        }
         let rig = &estimation.window.rig;
         let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
-        let frames = self.gathering.frames();
-        let biases = (bias_gyro, self.bias_memory.1);
         let gravity_o = estimation.window.options.gravity_o;
-        let alignment = &mut self.one_camera.alignment;
-        let motion = |span| estimation.preintegrate(span, &biases).0;
-        let (sigma_m_s2, gravity_m_s2) = (self.options.bias_accel_sigma, gravity_o.norm());
-        let Some(first) = mono::align(frames, &poses, motion, sigma_m_s2, gravity_m_s2, alignment) else {
+        let known = (self.imu.accel_bias_sigma_m_s2, gravity_o.norm());
+        let Some(first) = mono::align(&timing.bearings, motions, &poses, known, timing.sigma_bearing) else {
             return;
         };
-        // Keyframes evenly over the whole span, the newest among them.
-        let options = &estimation.window.options;
-        let count = (options.keyframes + options.recent_frames).min(frames.len());
+        // Keyframes evenly over the whole span, the newest among them: as many as there is room for.
+        let count = frames.len().min(MAX_FRAMES - 1);
         let chosen = |k: usize| k * (frames.len() - 1) / (count - 1);
         // Be it that a pair sees nothing in common: as long as this estimate lives, its scale is that of one camera.
         estimation.window.options.begin_with(1);
         for k in 0..count {
-            let frame = &frames[chosen(k)];
-            let nav = first.after(&alignment.motions()[chosen(k)], &gravity_o);
+            let nav = first.after(&motions[chosen(k)], &gravity_o);
             let motion = k.checked_sub(1).map(|before| {
-                estimation
-                    .preintegrate([frames[chosen(before)].time.stamp, frame.time.stamp], &nav.biases())
-                    .0
+                let span = [chosen(before), chosen(k)].map(|k| frames[k].time.stamp);
+                estimation.preintegrate(span, &nav.biases()).0
             });
-            estimation.window.push_frame(frame.time, nav, motion, false);
-            estimation.window.set_gyro_of_newest(frame.gyro_b);
-            estimation.window.observe(&frame.tracks, &[]);
-            if k % 2 == 0 || k + 1 == count {
-                estimation.window.make_keyframe(&frame.tracks, &[]);
-            }
-        }
-        // Every chosen frame carries the parallax of the start: none is dropped as merely recent.
-        for frame in &mut estimation.window.frames {
-            frame.is_keyframe = true;
+            // Each carries the parallax of the start: none is dropped as merely recent.
+            put(estimation, &frames[chosen(k)], nav, motion, true);
         }
     }
 
     /// Settles the window, and judges what it settles at.
     fn judge_settled(&self, estimation: &mut Estimation) -> Result<(), Missing> {
-        let settled = self.settle(estimation, SETTLING_ROUNDS);
+        let settled = self.settle(estimation);
         let landmarks = estimation.window.triangulated().0;
         if landmarks < MIN_TRACKS {
             return Err(Missing::Points(landmarks));

@@ -44,13 +44,11 @@ pub struct GraphLimits {
 }
 
 /// Reason why a loop was not added.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopRefused {
     /// The graph holds as many as it can, or has no such nodes.
-    #[error("there is no room for the loop, or no such node")]
     NoRoom,
     /// It says something else than the odometry, which cannot have drifted so far.
-    #[error("the odometry speaks against the loop")]
     Contradicted,
 }
 
