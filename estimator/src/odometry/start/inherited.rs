@@ -10,7 +10,6 @@
 
 use crate::admission::MAX_HOLE_NS;
 use crate::estimate::{BiasVariances, NavCovariance};
-use crate::inertial::{ImuNoise, Preintegration};
 use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
@@ -45,11 +44,6 @@ pub(in crate::odometry) struct Inherited {
 }
 
 impl Inherited {
-    /// Nothing: a start from the origin.
-    pub(super) fn forget(&mut self) {
-        *self = Self::default();
-    }
-
     /// The estimate is given up at the state `nav` of `stamp`, which was known as `covariance` says, while the vehicle turned
     /// by `rate_rad_s`.
     pub(super) fn leave(
@@ -123,18 +117,13 @@ impl Inherited {
 
 /// Uncertainty of a state that the inertial sensor carries on to a start anew: of the tilt and of the biases.
 #[derive(Clone, Debug)]
-pub(super) struct Carried(GrowingCovariance);
+pub(super) struct Carried(pub(super) GrowingCovariance);
 
 impl Carried {
     /// Knowledge of a state of these covariances; `None` where that is no covariance.
     pub(super) fn of(covariance: NavCovariance, bias_variances: &BiasVariances) -> Option<Self> {
         let grown = GrowingCovariance::new(covariance, bias_variances);
         grown.is_finite().then_some(Self(grown))
-    }
-
-    /// After the motion `step` from `nav`.
-    pub(super) fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
-        self.0.grow(nav, step, noise);
     }
 
     /// Variance of the yaw at the attitude `rot_o_b`, rad².
@@ -184,10 +173,6 @@ mod tests {
         let covariance = NavCovariance::identity() * 1e-6;
         let mut inherited = Inherited::default();
         inherited.begin(at(0), &Vector3::zeros(), None);
-        assert_eq!(inherited.added_to(covariance, &state()), covariance);
-        inherited.leave(at(0), &state(), 0.0, &NavCovariance::identity());
-        inherited.forget();
-        inherited.begin(at(1), &Vector3::zeros(), None);
         assert_eq!(inherited.added_to(covariance, &state()), covariance);
     }
 

@@ -137,7 +137,7 @@ impl Start {
         if coverage.has_gap || coverage.is_saturated || coverage.unmeasured.gyro {
             self.carried = None;
         } else {
-            carried.grow(origin, &motion, &estimation.window.imu_noise);
+            carried.0.grow(origin, &motion, &estimation.window.imu_noise);
             origin.rot_o_b *= motion.delta_rot;
         }
     }
@@ -152,7 +152,7 @@ impl Start {
     /// The estimate is given up, its newest state known as the covariance `stated` says: keeps what the next start goes by.
     pub(super) fn prepare(&mut self, estimation: &mut Estimation, stated: NavCovariance, kind: ResetKind) {
         match (kind, estimation.window.frames.last()) {
-            (ResetKind::Hard, _) => self.inherited.forget(),
+            (ResetKind::Hard, _) => self.inherited = Inherited::default(),
             (ResetKind::Soft, Some(frame)) => {
                 let turn_rad_s = estimation.rate_b.norm();
                 self.inherited.leave(frame.stamp, &frame.nav, turn_rad_s, &stated)
