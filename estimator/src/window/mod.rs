@@ -28,7 +28,6 @@ pub mod epipolar;
 pub mod factor;
 pub mod factorization;
 pub mod feature;
-mod fit;
 pub mod frame;
 pub mod growth;
 mod heading_votes;
@@ -76,8 +75,6 @@ pub mod triangulate;
 pub mod triangulate_line;
 pub mod zero_velocity_factor;
 
-pub use calibration::{RigCovariance, RigEstimate};
-pub use fit::Fit;
 pub use options::Options;
 pub use state::MAX_FRAMES;
 
