@@ -10,6 +10,9 @@ const FOCAL_RATIO: f64 = 1.1;
 const OFF_CENTRE: f64 = 0.2;
 /// Digits by which an angle is a multiple of an eighth of a turn in radians.
 const RADIANS: f64 = 0.001;
+/// Least noise density of an accelerometer over that of the gyroscope beside it, m/(s rad): data sheets of sensors in one package have 4.5
+/// (ADIS16490) to 45 (MPU-6050); degrees make it 57 times, g 9.8 times as small.
+const NOISE_RATIO: f64 = 2.0;
 
 impl Config {
     /// Values that are valid, and yet probably a mistake: a sentence for each, with its key.
@@ -31,6 +34,13 @@ impl Config {
             doubts.extend(of_pair(&left.pose_b_c(), &right.pose_b_c()));
         }
         doubts.extend(of_mounting(&self.vehicle.imu_to_vehicle_deg));
+        let [gyro, accel] = [self.imu.gyro_noise_density, self.imu.accel_noise_density];
+        if accel < NOISE_RATIO * gyro {
+            doubts.push(format!(
+                "imu.gyro_noise_density: {gyro:e} rad/s/sqrt(Hz) is much beside {accel:e} m/s^2/sqrt(Hz) of the accelerometer; is it in \
+                 degrees, or the accelerometer's in g?"
+            ));
+        }
         doubts
     }
 }
@@ -185,7 +195,9 @@ mod tests {
     #[test]
     fn probable_mistakes_are_named_by_their_keys() {
         type Change = fn(&mut Config);
-        let cases: [(Change, &str); 5] = [
+        let cases: [(Change, &str); 7] = [
+            (|c| c.imu.gyro_noise_density *= 57.3, "imu.gyro_noise_density"),
+            (|c| c.imu.accel_noise_density /= 9.81, "accelerometer's in g?"),
             (|c| c.camera[1].focal_px[0] *= 1.48, "camera[1].focal_px: fx/fy is 1.48; are these"),
             (|c| c.camera[1].focal_px = c.camera[0].focal_px.map(|f| 1.2 * f), "are both of this rig?"),
             (|c| c.camera[0].centre_px[0] = 0.25 * c.camera[0].width_px as f64, "camera[0].centre_px"),

@@ -1,7 +1,6 @@
 //! Errors of a configuration or calibration file, with file, key and cure.
 
 use std::fmt;
-use std::path::PathBuf;
 
 /// One key that was refused: where, why, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,45 +41,6 @@ impl fmt::Display for Violation {
 /// Error of a configuration that was refused. Its message names the file, the key and the cure.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The file could not be read.
-    #[error("{}: cannot be read ({source}); check the path and its permissions", file.display())]
-    Read {
-        /// The file asked for.
-        file: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// The file is far longer than any configuration.
-    #[error("{}: longer than {limit_bytes} bytes, so not a configuration; check the path", file.display())]
-    TooLong {
-        /// The file asked for.
-        file: PathBuf,
-        /// Most bytes that are read.
-        limit_bytes: u64,
-    },
-    /// The text is not TOML or YAML.
-    #[error("{origin}: line {line}, column {column}: {message}; {cure}")]
-    Syntax {
-        /// File or other origin of the text.
-        origin: String,
-        /// Line, from 1.
-        line: usize,
-        /// Column in characters, from 1.
-        column: usize,
-        /// Expectation of the parser.
-        message: String,
-        /// Cure.
-        cure: String,
-    },
-    /// A configuration was expected, and the text is YAML.
-    #[error(
-        "{origin}: is YAML, and a configuration is TOML; make one of calibration files with `plumbline config import` (Kalibr: \
-         --camchain and --imu; a data set: --euroc; other programs: --rig), and give that"
-    )]
-    Yaml {
-        /// File or other origin of the text.
-        origin: String,
-    },
     /// Keys or values were refused: all of them, in the order of the file where that is known.
     #[error("{origin}: {}", list(violations))]
     Invalid {
@@ -89,49 +49,12 @@ pub enum ConfigError {
         /// Every refused key; never empty.
         violations: Vec<Violation>,
     },
-    /// There is no preset of this name.
-    #[error("preset `{name}` does not exist; choose one of {}", known.join(", "))]
-    UnknownPreset {
-        /// The name asked for.
-        name: String,
-        /// The names there are.
-        known: &'static [&'static str],
-    },
-    /// Neither a file nor a preset of this name exists.
-    #[error(
-        "{name}: no such file, and no preset of this name; {}",
-        if alike.is_empty() { format!("choose one of {}", known.join(", ")) } else { format!("did you mean {}?", alike.join(" or ")) }
-    )]
-    NeitherFileNorPreset {
-        /// The name asked for.
-        name: String,
-        /// Presets with a similar name.
-        alike: Vec<&'static str>,
-        /// The names there are.
-        known: &'static [&'static str],
-    },
-    /// The defaults were named as a configuration, and there are none for the sensors.
-    #[error(
-        "defaults: no configuration by themselves, as cameras and IMU have no defaults; write `[[camera]]` and `[imu]` into a file \
-         (`plumbline config defaults` prints every key), or choose one of {}",
-        known.join(", ")
-    )]
-    OnlyDefaults {
-        /// Names of the presets.
-        known: &'static [&'static str],
-    },
-    /// A directory holds no calibration in a layout that is understood.
-    #[error("{}: no calibration found; expected {expected}", directory.display())]
-    NoCalibration {
-        /// The directory asked for.
-        directory: PathBuf,
-        /// The layouts that are understood.
-        expected: &'static str,
-    },
-    /// The configuration cannot be written as TOML: it has not passed validation.
-    #[error("the configuration cannot be written as TOML ({reason}); validate it first")]
-    Unwritable {
-        /// Error of the serializer.
+    /// It cannot be read, or is something else.
+    #[error("{origin}: {reason}")]
+    Unusable {
+        /// File or other origin of the text.
+        origin: String,
+        /// Defect, where it is, and the cure.
         reason: String,
     },
 }
@@ -156,6 +79,11 @@ impl ConfigError {
             violations.sort_by_key(|violation| violation.line);
         }
         self
+    }
+
+    #[cfg(any(feature = "toml", feature = "yaml"))]
+    pub(crate) fn unusable(origin: impl fmt::Display, reason: impl Into<String>) -> Self {
+        Self::Unusable { origin: origin.to_string(), reason: reason.into() }
     }
 
     /// `Ok` when nothing was refused.

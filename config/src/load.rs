@@ -2,7 +2,7 @@
 //!
 //! A text may name a preset that it starts from (`base`): it has then the keys in which it differs.
 //!
-//! A text passes three gates: the TOML grammar ([`ConfigError::Syntax`] with line and column), the shape
+//! A text passes three gates: the TOML grammar (refused with line and column), the shape
 //! (unknown, missing and mistyped keys, [`crate::shape`]), the values ([`crate::validate`]). Each gate
 //! reports everything it refuses at once.
 
@@ -10,10 +10,10 @@ use crate::error::{ConfigError, Violation};
 use crate::keys::file;
 use crate::mask_file;
 use crate::options::Config;
-use crate::presets::{DEFAULTS, PRESETS, preset_file};
+use crate::presets::{DEFAULTS, PRESETS, choice, preset_file};
 use crate::shape::{BASE_KEY, Document};
 use crate::text;
-use crate::valid::{Source, ValidConfig};
+use crate::valid::ValidConfig;
 use std::path::Path;
 use toml::Table;
 
@@ -67,17 +67,7 @@ impl Config {
         let document = Document::parse(text, origin)?;
         let mut config = document.read(base_of(&document, origin)?, origin)?;
         let valid = complete(&mut config).and_then(|()| config.validated(origin));
-        let valid = valid.map_err(|error| error.with_lines(|key| document.line_of(key)))?;
-        let unset = Self::unset_keys(&valid).into_iter().map(|unset| {
-            let line = document.exact_line_of(&unset.key);
-            (unset.key, line)
-        });
-        let source = Source {
-            origin: origin.to_owned(),
-            unset: unset.collect(),
-            base: document.base().map(|(name, _)| name.to_owned()),
-        };
-        Ok(valid.with_source(source))
+        valid.map_err(|error| error.with_lines(|key| document.line_of(key)))
     }
 
     /// A configuration that ships with Plumbline, see [`PRESETS`].
@@ -93,23 +83,26 @@ impl Config {
     /// # Errors
     /// When a number does not fit TOML, which no validated configuration contains.
     pub fn to_toml(&self) -> Result<String, ConfigError> {
-        toml::to_string(self).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
+        toml::to_string(self).map_err(unwritable)
     }
 
     /// As [`Self::to_toml`], with the comment of every key. Keys for experiments are there `with_experiments`, and where one of them
     /// differs from its default. `header` is the first comment.
     #[must_use]
     pub fn to_commented_toml(&self, header: &str, with_experiments: bool) -> String {
-        let short = file::with_header(self, header, false);
+        let comment = format!("# {header}");
+        let short = file::full(self, &comment, false);
         let is_whole = || Self::from_toml_str(&short, header).is_ok_and(|config| *config == *self);
-        if !with_experiments && is_whole() { short } else { file::with_header(self, header, true) }
+        if !with_experiments && is_whole() { short } else { file::full(self, &comment, true) }
     }
 }
 
 /// Error of a name that is neither a file nor a preset.
 fn no_preset(name: &str) -> ConfigError {
     if name == DEFAULTS {
-        return ConfigError::OnlyDefaults { known: PRESETS };
+        let reason = "no configuration by themselves, as cameras and IMU have no defaults; write `[[camera]]` and `[imu]` into a file \
+                      (`plumbline config defaults` prints every key), or";
+        return ConfigError::unusable(name, format!("{reason} {}", choice()));
     }
     let nearest = PRESETS.iter().map(|known| (strsim::levenshtein(name, known), *known)).min();
     let begins = PRESETS.iter().copied().filter(|known| !name.is_empty() && known.starts_with(name));
@@ -117,7 +110,8 @@ fn no_preset(name: &str) -> ConfigError {
         Some((edits, known)) if edits <= name.len() / 3 => vec![known],
         _ => begins.collect(),
     };
-    ConfigError::NeitherFileNorPreset { name: name.to_owned(), alike, known: PRESETS }
+    let cure = if alike.is_empty() { choice() } else { format!("did you mean {}?", alike.join(" or ")) };
+    ConfigError::unusable(name, format!("no such file, and no preset of this name; {cure}"))
 }
 
 /// Table that a text starts from: a preset in full, or nothing where it is the defaults.
@@ -132,5 +126,9 @@ fn base_of(document: &Document<'_>, origin: &str) -> Result<Table, ConfigError> 
     };
     let base =
         if PRESETS.contains(&name) { Config::preset(name)?.into_inner() } else { return Err(unknown()) };
-    Table::try_from(base).map_err(|error| ConfigError::Unwritable { reason: error.to_string() })
+    Table::try_from(base).map_err(unwritable)
+}
+
+fn unwritable(error: toml::ser::Error) -> ConfigError {
+    ConfigError::unusable("configuration", format!("cannot be written as TOML ({error}); validate it first"))
 }

@@ -32,7 +32,7 @@ pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;
 pub use local::LocalConfig;
 pub use mask::{MAX_MASK_RUNS, Mask, PixelMask};
-pub use network::{CommandAccess, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
+pub use network::{CommandAccess, Link, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use ros::{RosConfig, RosDistribution, RosStamp};

@@ -3,8 +3,7 @@
 
 use crate::Config;
 use crate::error::ConfigError;
-use crate::keys::file::{self, Remarks};
-use crate::shape::Document;
+use crate::keys::file;
 use std::sync::LazyLock;
 
 /// Names of the presets that [`Config::preset`](crate::Config::preset) knows: two that are printed in full, with a comment at
@@ -14,6 +13,11 @@ pub const PRESETS: &[&str] =
 
 /// Name of what a configuration starts from that names no preset.
 pub(crate) const DEFAULTS: &str = "defaults";
+
+/// Cure where another preset is to be named.
+pub(crate) fn choice() -> String {
+    format!("choose one of {}", PRESETS.join(", "))
+}
 
 /// The annotated text of a preset: a good start for a configuration of one's own. Keys for experiments are left out, see
 /// [`every_key`].
@@ -52,22 +56,14 @@ pub(crate) fn preset_file(name: &str) -> Result<&'static str, ConfigError> {
         "realsense-d435i" => Ok(include_str!("../presets/realsense-d435i.toml")),
         "realsense-d455" => Ok(include_str!("../presets/realsense-d455.toml")),
         "zed-mini" => Ok(include_str!("../presets/zed-mini.toml")),
-        _ => Err(ConfigError::UnknownPreset { name: name.to_owned(), known: PRESETS }),
+        _ => Err(ConfigError::unusable(format!("preset `{name}`"), format!("does not exist; {}", choice()))),
     }
 }
 
-/// The values of a preset with all comments: those of the keys, of its file and of what that starts from.
+/// The values of a preset with the comments of all keys, below the first one of its file.
 fn in_full(name: &str, with_experiments: bool) -> String {
-    let config = Config::preset(name).expect("presets are tested");
-    let mut remarks = Remarks::default();
-    files(name).iter().rev().for_each(|text| remarks.add(text));
-    file::full(&config, &remarks, with_experiments)
-}
-
-/// The file of a preset, that which it starts from, and so on.
-fn files(name: &str) -> Vec<&'static str> {
-    let Ok(text) = preset_file(name) else { return Vec::new() };
-    let document = Document::parse(text, name);
-    let base = document.as_ref().ok().and_then(Document::base).map_or(DEFAULTS, |(base, _)| base);
-    [vec![text], files(base)].concat()
+    let (text, config) =
+        preset_file(name).and_then(|text| Ok((text, Config::preset(name)?))).expect("presets are tested");
+    let header = text.lines().take_while(|line| line.starts_with('#')).collect::<Vec<_>>();
+    file::full(&config, &header.join("\n"), with_experiments)
 }

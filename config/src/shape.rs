@@ -10,6 +10,10 @@ use toml::{Spanned, Table, Value};
 /// The key that names what a file starts from.
 pub(crate) const BASE_KEY: &str = "base";
 
+/// What to do with a text that is YAML.
+const YAML: &str = "is YAML, and a configuration is TOML; make one of calibration files with `plumbline config import` (Kalibr: \
+    --camchain and --imu; a data set: --euroc; other programs: --rig), and give that";
+
 /// True if a text that is not TOML is YAML: its first line that is no comment is a directive, a mark, or a key with a colon.
 fn is_yaml(text: &str) -> bool {
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
@@ -34,12 +38,11 @@ impl<'a> Document<'a> {
             let offset = error.span().map_or(0, |span| span.start);
             let (line, column) = line_and_column(text, offset);
             if is_yaml(text) {
-                return ConfigError::Yaml { origin: origin.to_owned() };
+                return ConfigError::unusable(origin, YAML);
             }
             let message = error.message().trim().replace('\n', " ");
-            let cure =
-                "correct the syntax there; texts stand in quotation marks, numbers without their unit".into();
-            ConfigError::Syntax { origin: origin.to_owned(), line, column, message, cure }
+            let cure = "correct the syntax there; texts stand in quotation marks, numbers without their unit";
+            ConfigError::unusable(origin, format!("line {line}, column {column}: {message}; {cure}"))
         };
         let root = DeTable::parse(text).map_err(refused)?;
         let written = text.parse().map_err(refused)?;
@@ -72,21 +75,12 @@ impl<'a> Document<'a> {
 
     /// The line of a key such as `camera[1].pose_b_c`, or of the innermost of its tables that is there.
     pub fn line_of(&self, key: &str) -> Option<usize> {
-        self.find(key).0
-    }
-
-    /// The line of a key that is there itself.
-    pub fn exact_line_of(&self, key: &str) -> Option<usize> {
-        Some(self.find(key)).filter(|(_, is_there)| *is_there).and_then(|(line, _)| line)
-    }
-
-    fn find(&self, key: &str) -> (Option<usize>, bool) {
         let mut table = Some(self.root.get_ref());
         let mut line = None;
         for part in key.split('.') {
             let (name, index) = split_index(part);
             let Some((found, mut value)) = table.and_then(|t| t.get_key_value(name)) else {
-                return (line, false);
+                return line;
             };
             line = Some(self.lines.at(found.span().start));
             if let Some(element) = index.and_then(|i| value.get_ref().get(i)) {
@@ -95,7 +89,7 @@ impl<'a> Document<'a> {
             }
             table = value.get_ref().as_table();
         }
-        (line, true)
+        line
     }
 }
 

@@ -10,21 +10,24 @@ pub(crate) const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// The text of a file of at most [`MAX_FILE_BYTES`].
 pub(crate) fn read_bounded(path: &Path) -> Result<String, ConfigError> {
-    let failed = |source| ConfigError::Read { file: path.to_owned(), source };
+    let failed = |source: std::io::Error| {
+        let reason = format!("cannot be read ({source}); check the path and its permissions");
+        ConfigError::unusable(path.display(), reason)
+    };
     let file = File::open(path).map_err(failed)?;
     let mut bytes = Vec::new();
     // The bound holds for pipes and growing files too: what the metadata say is not trusted.
     file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(ConfigError::TooLong { file: path.to_owned(), limit_bytes: MAX_FILE_BYTES });
+        let reason = format!("longer than {MAX_FILE_BYTES} bytes, so not a configuration; check the path");
+        return Err(ConfigError::unusable(path.display(), reason));
     }
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         let before = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
         let (line, column) = line_and_column(&before, before.len());
-        let message = "not UTF-8 text".to_owned();
-        let cure = "save the file as UTF-8".to_owned();
-        ConfigError::Syntax { origin: path.display().to_string(), line, column, message, cure }
+        let reason = format!("line {line}, column {column}: not UTF-8 text; save the file as UTF-8");
+        ConfigError::unusable(path.display(), reason)
     })
 }
 

@@ -52,29 +52,19 @@ impl EstimatorSetup {
 }
 
 /// A [`Config`] that has passed validation.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ValidConfig {
     config: Config,
     /// A copy of its part, so that it can be lent out.
     setup: ValidSetup,
-    source: Source,
+    /// File or other origin, for messages.
+    origin: String,
 }
 
-/// Text that a configuration was read from, for messages. Configurations with the same values are equal, whatever their source.
-#[derive(Clone, Debug, Default)]
-#[cfg_attr(not(feature = "toml"), allow(dead_code, reason = "known of texts alone"))]
-pub(crate) struct Source {
-    /// File, preset or other origin; empty for a configuration that was put together in code.
-    pub origin: String,
-    /// Keys that the text leaves to the user, each with its line, or none where its base has it.
-    pub unset: Vec<(String, Option<usize>)>,
-    /// Preset that the text starts from.
-    pub base: Option<String>,
-}
-
-impl PartialEq for Source {
-    fn eq(&self, _: &Self) -> bool {
-        true
+/// Configurations with the same values are equal, whatever they were read from.
+impl PartialEq for ValidConfig {
+    fn eq(&self, other: &Self) -> bool {
+        self.config == other.config
     }
 }
 
@@ -105,16 +95,13 @@ impl ValidConfig {
     /// This configuration, a changed form of `original`: messages name the file of that one.
     #[must_use]
     pub fn in_place_of(self, original: &Self) -> Self {
-        self.with_source(original.source.clone())
+        Self { origin: original.origin.clone(), ..self }
     }
 
-    pub(crate) fn with_source(self, source: Source) -> Self {
-        Self { source, ..self }
-    }
-
-    #[cfg(feature = "toml")]
-    pub(crate) fn source(&self) -> &Source {
-        &self.source
+    /// File, preset or other origin.
+    #[must_use]
+    pub fn origin(&self) -> &str {
+        &self.origin
     }
 }
 
@@ -141,6 +128,6 @@ impl Config {
     pub fn validated(self, origin: &str) -> Result<ValidConfig, ConfigError> {
         ConfigError::if_any(origin, self.violations())?;
         let setup = ValidSetup(self.setup());
-        Ok(ValidConfig { config: self, setup, source: Source::default() })
+        Ok(ValidConfig { config: self, setup, origin: origin.to_owned() })
     }
 }

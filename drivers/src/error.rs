@@ -15,36 +15,13 @@ pub enum DriverError {
         /// Error of the system.
         source: std::io::Error,
     },
-    /// A file or directory is not what its format says; `message` says what is wrong and what to do.
-    #[error("{}: {message}", path.display())]
-    Malformed {
-        /// The file or directory.
-        path: PathBuf,
-        /// Defect and cure.
-        message: String,
-    },
-    /// A requested item is missing; `message` names it and the cure.
-    #[error("{}: {message}", path.display())]
-    Missing {
-        /// The file or directory.
-        path: PathBuf,
-        /// Missing item and cure.
-        message: String,
-    },
-    /// A file or directory is left alone on purpose; `message` says why and what to do.
+    /// A file, directory or device cannot be used as it is asked for: it is missing, not what its format says, or cannot do
+    /// it; `message` says what is wrong and what to do.
     #[error("{}: {message}", path.display())]
     Refused {
-        /// The file or directory.
+        /// File or device accessed.
         path: PathBuf,
         /// Reason and cure.
-        message: String,
-    },
-    /// A device that is there does not do what it is asked to; `message` says what, with the key and the cure.
-    #[error("{}: {message}", path.display())]
-    Device {
-        /// The device.
-        path: PathBuf,
-        /// Unsupported feature and cure.
         message: String,
     },
     /// An inertial sensor's address says nothing; the message says what to write.
@@ -64,23 +41,8 @@ impl DriverError {
         Self::Io { path: path.into(), source }
     }
 
-    /// [`Self::Device`] at `path`.
-    pub(crate) fn device(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
-        Self::Device { path: path.into(), message: message.into() }
-    }
-
-    /// [`Self::Missing`] at `path`.
-    pub(crate) fn missing(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
-        Self::Missing { path: path.into(), message: message.into() }
-    }
-
     /// [`Self::Refused`] at `path`.
-    pub(crate) fn refused(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+    pub fn refused(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
         Self::Refused { path: path.into(), message: message.into() }
-    }
-
-    /// [`Self::Malformed`] at `path`.
-    pub fn malformed(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
-        Self::Malformed { path: path.into(), message: message.into() }
     }
 }

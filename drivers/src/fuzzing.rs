@@ -150,7 +150,7 @@ pub fn imu_serial(data: &[u8]) {
     assert_eq!(cut, whole);
     assert_eq!(cut_figures, figures);
     assert!(figures.passed_over <= figures.bytes && figures.bytes == bytes.len() as u64);
-    assert!(whole.iter().all(DeviceSample::is_finite));
+    assert!(whole.iter().flat_map(|s| s.gyro.iter().chain(&s.accel)).all(|number| number.is_finite()));
     // What only began like a frame ends with these; then a frame is found.
     let device = Device { protocol, rate_hz: 200, start_ns: 0, skew: 0.0 };
     let frame = device.frame(7);

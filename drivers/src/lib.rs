@@ -28,6 +28,7 @@ mod regular_file;
 pub mod serial;
 pub mod source;
 pub mod stop;
+mod sysfs;
 mod text_lines;
 pub mod truth;
 pub mod tum;

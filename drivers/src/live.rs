@@ -92,15 +92,6 @@ impl CameraMonitor {
             }
         }
     }
-
-    /// Length of the left camera's exposure, ns, where its driver tells it.
-    #[must_use]
-    pub fn exposure_ns(&self) -> Option<i64> {
-        match self {
-            Self::V4l2(monitor) => monitor.exposure_ns(),
-            Self::Socket(_) => None,
-        }
-    }
 }
 
 /// Opens the cameras of `driver.v4l2`, or the socket of `driver.frames`; none where neither is configured.

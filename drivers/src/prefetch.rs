@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn an_error_of_the_source_is_passed_on_once() {
-        let (mut prefetch, _) = counter(2, || Err(DriverError::malformed("x", "broken")));
+        let (mut prefetch, _) = counter(2, || Err(DriverError::refused("x", "broken")));
         let mut frame = StereoFrame::new(SIZES);
         assert!(prefetch.next_frame(&mut frame).unwrap());
         assert!(prefetch.next_frame(&mut frame).unwrap());

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Digits of a time that are looked at; nine before and nine after the point are in use today.
 const MAX_TIME_DIGITS: usize = 30;
@@ -49,7 +49,7 @@ pub(crate) fn read_tum_from(path: &Path, reader: impl BufRead) -> Result<Vec<Sta
         let line = line.map_err(|e| DriverError::io(path, e))?;
         if poses.len() == MAX_POSES || index >= MAX_LINES {
             let message = format!("holds more than {MAX_POSES} poses; cut it into shorter pieces");
-            return Err(DriverError::malformed(path, message));
+            return Err(DriverError::refused(path, message));
         }
         let text = str::from_utf8(&line).map(|text| text.trim_start_matches('\u{feff}').trim());
         let pose = match text {
@@ -59,11 +59,11 @@ pub(crate) fn read_tum_from(path: &Path, reader: impl BufRead) -> Result<Vec<Sta
         };
         poses.push(pose.map_err(|why| {
             let message = format!("line {}: {why}; expected `t x y z qx qy qz qw`", index + 1);
-            DriverError::malformed(path, message)
+            DriverError::refused(path, message)
         })?);
     }
     if poses.is_empty() {
-        return Err(DriverError::malformed(path, "holds no pose; was the run that wrote it complete?"));
+        return Err(DriverError::refused(path, "holds no pose; was the run that wrote it complete?"));
     }
     Ok(poses)
 }
@@ -137,39 +137,6 @@ fn scale_by_power_of_ten(value: i128, power: i32) -> Option<i128> {
     }
 }
 
-/// Writes a trajectory line by line.
-pub struct TumWriter {
-    path: PathBuf,
-    file: BufWriter<File>,
-}
-
-impl TumWriter {
-    /// Creates the file, replacing one of that name.
-    ///
-    /// # Errors
-    /// When the file cannot be created.
-    pub fn create(path: &Path) -> Result<Self, DriverError> {
-        let file = File::create(path).map_err(|e| DriverError::io(path, e))?;
-        Ok(Self { path: path.into(), file: BufWriter::new(file) })
-    }
-
-    /// Appends one pose.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn write(&mut self, pose: &StampedPose) -> Result<(), DriverError> {
-        write_pose(&mut self.file, pose).map_err(|e| DriverError::io(&self.path, e))
-    }
-
-    /// Brings everything to the file.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn finish(mut self) -> Result<(), DriverError> {
-        self.file.flush().map_err(|e| DriverError::io(&self.path, e))
-    }
-}
-
 pub(crate) fn write_pose(out: &mut impl Write, item: &StampedPose) -> std::io::Result<()> {
     let p = item.pose.translation.vector;
     let q = item.pose.rotation.coords;
@@ -188,11 +155,12 @@ pub fn write_tum<'a>(
     path: &Path,
     poses: impl IntoIterator<Item = &'a StampedPose>,
 ) -> Result<(), DriverError> {
-    let mut writer = TumWriter::create(path)?;
-    for pose in poses {
-        writer.write(pose)?;
-    }
-    writer.finish()
+    let write = || {
+        let mut file = BufWriter::new(File::create(path)?);
+        poses.into_iter().try_for_each(|pose| write_pose(&mut file, pose))?;
+        file.flush()
+    };
+    write().map_err(|e| DriverError::io(path, e))
 }
 
 #[cfg(test)]

@@ -1,12 +1,8 @@
 //! Nodes of cameras as sysfs tells them, and the cameras on USB that they belong to: what a device says it is, and which of
 //! its nodes is which. No device is opened.
 
+use crate::sysfs::{entries, text};
 use std::path::{Path, PathBuf};
-
-/// Nodes, and links to nodes, that are looked at, at most.
-const MAX_ENTRIES: usize = 512;
-/// Longest attribute that is read, bytes.
-const MAX_ATTRIBUTE_BYTES: u64 = 256;
 
 /// Folder in which the kernel shows its devices.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -95,8 +91,8 @@ fn video_node(folder: &Path, links: &[(String, PathBuf)]) -> Option<VideoNode> {
     let name = folder.file_name()?.to_str()?.to_owned();
     name.strip_prefix("video")?.parse::<u32>().ok()?;
     Some(VideoNode {
-        label: attribute(folder, "name").unwrap_or_default(),
-        index: attribute(folder, "index")?.parse().ok()?,
+        label: text(&folder.join("name")).unwrap_or_default(),
+        index: text(&folder.join("index"))?.parse().ok()?,
         usb: usb_interface(folder),
         stable_path: links.iter().find(|(target, _)| *target == name).map(|(_, link)| link.clone()),
         name,
@@ -106,18 +102,18 @@ fn video_node(folder: &Path, links: &[(String, PathBuf)]) -> Option<VideoNode> {
 /// Folder of the USB device of a node, and number of its interface; `None` for a node that is not on USB.
 fn usb_interface(folder: &Path) -> Option<(PathBuf, u8)> {
     let interface = std::fs::canonicalize(folder.join("device")).ok()?;
-    let number = u8::from_str_radix(&attribute(&interface, "bInterfaceNumber")?, 16).ok()?;
+    let number = u8::from_str_radix(&text(&interface.join("bInterfaceNumber"))?, 16).ok()?;
     Some((interface.parent()?.to_owned(), number))
 }
 
 fn camera(folder: PathBuf, node: VideoNode) -> Option<UsbCamera> {
-    let identifier = |name| u16::from_str_radix(&attribute(&folder, name)?, 16).ok();
+    let identifier = |name| u16::from_str_radix(&text(&folder.join(name))?, 16).ok();
     Some(UsbCamera {
         vendor: identifier("idVendor")?,
         product: identifier("idProduct")?,
-        name: attribute(&folder, "product").unwrap_or_default(),
-        serial: attribute(&folder, "serial").unwrap_or_default(),
-        speed_mbit: attribute(&folder, "speed").and_then(|speed| speed.parse().ok()),
+        name: text(&folder.join("product")).unwrap_or_default(),
+        serial: text(&folder.join("serial")).unwrap_or_default(),
+        speed_mbit: text(&folder.join("speed")).and_then(|speed| speed.parse().ok()),
         nodes: vec![node],
         folder,
     })
@@ -130,24 +126,6 @@ fn stable_links(folder: &Path) -> Vec<(String, PathBuf)> {
         Some((target, Path::new("/dev/v4l/by-path").join(path.file_name()?)))
     };
     entries(folder).into_iter().filter_map(link).collect()
-}
-
-/// Content of a folder, in order of names.
-fn entries(folder: &Path) -> Vec<PathBuf> {
-    let listed = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut paths: Vec<PathBuf> = listed.take(MAX_ENTRIES).map(|entry| entry.path()).collect();
-    paths.sort();
-    paths
-}
-
-/// Text of an attribute, without white space around it and without what controls a terminal.
-fn attribute(folder: &Path, name: &str) -> Option<String> {
-    use std::io::Read as _;
-    let mut text = Vec::new();
-    let file = std::fs::File::open(folder.join(name)).ok()?;
-    file.take(MAX_ATTRIBUTE_BYTES).read_to_end(&mut text).ok()?;
-    let text = String::from_utf8_lossy(&text);
-    Some(text.trim().chars().filter(|c| !c.is_control()).collect())
 }
 
 #[cfg(test)]
@@ -209,18 +187,10 @@ mod tests {
         let stable = Path::new("/dev/v4l/by-path/pci-0000:00:14.0-usb-0:1:1.0-video-index2");
         assert_eq!(camera.nodes[1].stable_path.as_deref(), Some(stable));
         let nodes = video_nodes(&tree);
+        assert!(usb_cameras(&DeviceTree { root: root.path().join("nothing") }).is_empty());
         assert_eq!(
             (nodes.len(), nodes[0].label.as_str(), nodes[0].interface()),
             (4, "rp1-cfe-csi2_ch0", None)
         );
-    }
-
-    #[test]
-    fn attributes_are_read_up_to_a_limit_and_show_no_controls() {
-        let root = tempfile::tempdir().unwrap();
-        std::fs::write(root.path().join("name"), format!("a\x1b[31mb{}", "c".repeat(1000))).unwrap();
-        let text = attribute(root.path(), "name").unwrap();
-        assert!(text.starts_with("a[31mb") && text.len() < 256, "{text}");
-        assert!(usb_cameras(&DeviceTree { root: root.path().join("nothing") }).is_empty());
     }
 }

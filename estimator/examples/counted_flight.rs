@@ -16,7 +16,7 @@ use plumbline_estimator::places::extractor::View;
 use plumbline_estimator::places::index::Votes;
 use plumbline_estimator::places::refine::Gravity;
 use plumbline_estimator::places::{
-    Extractor, ExtractorOptions, Feature, Keyframe, Locator, LocatorOptions, MapLimits, PlaceMap, Query,
+    Extractor, Feature, Keyframe, Locator, LocatorOptions, MapLimits, PlaceMap, Query,
 };
 use plumbline_estimator::points::rig::RigCamera;
 use plumbline_estimator::{Estimator, FrameInput, ImageView};
@@ -107,8 +107,7 @@ fn look_for_places<'a>(
     let mut pyramids =
         sizes.map(|(width, height)| Pyramid::new(width, height, options.points.pyramid_levels));
     let features = options.places.max_features;
-    let of_extractor = ExtractorOptions { max_features: features, ..ExtractorOptions::default() };
-    let mut extractor = Extractor::new(sizes[0].0, sizes[0].1, &of_extractor);
+    let mut extractor = Extractor::new(sizes[0].0, sizes[0].1, features);
     let mut map = PlaceMap::new(MapLimits { keyframes: FRAMES, features });
     let (mut votes, mut locator) =
         (Votes::new(FRAMES), Locator::new(&LocatorOptions::default(), FRAMES, features));
@@ -122,8 +121,8 @@ fn look_for_places<'a>(
         let stamp = simulator.frame_stamp(number);
         let keyframe = Keyframe::new(0, stamp, simulator.ground_truth(stamp).pose_w_b, pose_b_c);
         let [left, right] = [0, 1].map(|k| (&rig[k], &pyramids[k]));
-        let features = extractor.extract(&View { left, right: Some(right), up_c: Some(keyframe.up_c()) });
-        let gravity = Some(Gravity { up_b: pose_b_c.rotation * keyframe.up_c(), sigma_rad: 0.004 });
+        let features = extractor.extract(&View { left, right: Some(right), up_c: keyframe.up_c() });
+        let gravity = Gravity { up_b: pose_b_c.rotation * keyframe.up_c(), sigma_rad: 0.004 };
         candidates += query(&map, features, &mut votes);
         found +=
             usize::from(locate(&map, &Query { features, pose_b_c, gravity, seed: number }, &mut locator));

@@ -98,14 +98,8 @@ impl Estimator {
         (self.add_imu(sample), self.propagator.tick(sample))
     }
 
-    /// Keeps the last seconds from now on, for [`Self::at`]. Call it before the first sample: it allocates.
-    pub fn keep_history(&mut self, setup: &ValidSetup) {
-        self.propagator = Propagator::with_history(setup);
-    }
-
     /// State at an instant of the last seconds, such as that of a trigger: by the estimates before and after it and the
-    /// inertial samples between ([`crate::propagator::history`]). Needs [`Self::keep_history`], and every sample by
-    /// [`Self::propagate`].
+    /// inertial samples between ([`crate::propagator::history`]). Needs every sample by [`Self::propagate`].
     ///
     /// # Errors
     /// When no state at `stamp` is available.

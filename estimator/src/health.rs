@@ -154,14 +154,14 @@ health_bits! {
     );
     /// Few points are found in both images, or one image has jumped against the other.
     13 CAMERAS_DISAGREE "cameras disagree", "left and right images do not agree", (
-        "images that are not of the same moment (one camera late or frozen), a camera that has been knocked, cameras that are \
-         exchanged, or a calibration of the pair that is wrong",
+        "images that are not of the same moment (one camera late or frozen), a camera that has been knocked, images that are \
+         exchanged, mirrored or turned, or a calibration of the pair that is wrong",
         "run `plumbline doctor` on the data: it tells these apart",
     );
     /// The images contradict the inertial samples as a whole; the estimate follows the images.
     14 IMU_CONTRADICTED "IMU contradicted", "the images contradict the IMU", (
-        "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, or stamps that \
-         are off",
+        "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, a focus that moves, or \
+         stamps that are off",
         "nothing after a shock; else run `plumbline doctor` on the data",
     );
     /// The estimator assumes at least twice the configured noise of the accelerometer.
@@ -192,8 +192,8 @@ health_bits! {
     );
     /// Gyroscope and images have disagreed for a second, and neither can be named: the covariance covers it.
     22 ROTATION_DISPUTED "rotation disputed", "gyroscope and images disagree on how the vehicle turns", (
-        "columns or signs of the gyroscope, the pose of the camera on the IMU, a wrong lens model or focal length, stamps that \
-         are off, or things that move and fill the view",
+        "images that are mirrored or turned, columns or signs of the gyroscope, the pose of the camera on the IMU, a wrong lens model or \
+         focal length, stamps that are off, or things that move and fill the view",
         "run `plumbline doctor` on the data",
     );
     /// The images have been nearly black for a second.
@@ -224,7 +224,7 @@ health_bits! {
     );
     /// The images turn otherwise than the gyroscope, and no delay explains it; the quality is at most 10.
     28 GYRO_CONTRADICTED "gyroscope contradicted", "the images contradict the gyroscope", (
-        "columns, signs or units of the gyroscope, the pose of the camera on the IMU, or a broken sensor",
+        "images that are mirrored or turned, columns, signs or units of the gyroscope, the pose of the camera on the IMU, or a broken sensor",
         "run `plumbline doctor` on the data",
     );
     /// Left and right image are not of the same moment; the quality is at most 10.

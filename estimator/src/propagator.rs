@@ -39,7 +39,7 @@ pub struct Propagator {
     /// Samples that estimates may reach back to; the history may hold more.
     reach: usize,
     capacity: usize,
-    history: Option<History>,
+    history: History,
     nav: Option<NavState>,
     covariance: GrowingCovariance,
     origin: OriginUncertainty,
@@ -66,24 +66,14 @@ impl Propagator {
     /// A propagator without a state.
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
-        let reach = samples_in(MEMORY_S, setup);
-        Self::with_capacity(setup, reach, None)
-    }
-
-    /// As [`Self::new`], with the memory that [`Self::at`] answers from. The odometry has the same bits.
-    #[must_use]
-    pub fn with_history(setup: &ValidSetup) -> Self {
-        Self::with_capacity(setup, samples_in(history::HISTORY_S, setup), Some(History::new(setup)))
-    }
-
-    fn with_capacity(setup: &ValidSetup, capacity: usize, history: Option<History>) -> Self {
+        let capacity = samples_in(history::HISTORY_S, setup);
         Self {
             carrier: Carrier::new(setup),
             door: ImuDoor::of(&setup.imu),
             samples: VecDeque::with_capacity(capacity),
             reach: samples_in(MEMORY_S, setup),
             capacity,
-            history,
+            history: History::new(setup),
             nav: None,
             covariance: GrowingCovariance::new(NavCovariance::zeros(), &BiasVariances::zeros()),
             origin: OriginUncertainty::default(),
@@ -121,33 +111,15 @@ impl Propagator {
             self.end();
             return;
         }
-        self.nav = Some(NavState {
-            p_o_b: estimate.pose_o_b.translation.vector,
-            rot_o_b: estimate.pose_o_b.rotation,
-            v_o_b: estimate.v_o_b,
-            bias_gyro: estimate.bias_gyro,
-            bias_accel: estimate.bias_accel,
-        });
+        self.nav = Some(NavState::of(estimate));
         self.covariance = GrowingCovariance::new(estimate.covariance, &estimate.bias_variances);
         self.origin.clone_from(&estimate.origin);
         if !self.is_finite() {
             self.end();
             return;
         }
-        if let (Some(history), Some(nav)) = (&mut self.history, &self.nav) {
-            history.begin(Base {
-                stamp: estimate.stamp,
-                estimated: estimate.stamp,
-                nav: nav.clone(),
-                covariance: self.covariance.clone(),
-                rate_b: self.rate_b,
-                state: estimate.state,
-                quality: estimate.quality,
-                reset_counter: estimate.reset_counter,
-            });
-        }
-        self.stamp = estimate.stamp;
-        self.estimated = estimate.stamp;
+        (self.stamp, self.estimated) = (estimate.stamp, estimate.stamp);
+        self.keep_base();
         let first = self.samples.partition_point(|s| s.sample.stamp <= estimate.stamp);
         let is_any = |bits: [HealthBits; 3]| bits.iter().any(|bit| estimate.health.contains(*bit));
         let [late, early] = [HealthBits::IMU_LATE, HealthBits::IMAGES_LATE];
@@ -167,17 +139,13 @@ impl Propagator {
     /// There is no state any more.
     fn end(&mut self) {
         self.nav = None;
-        if let Some(history) = &mut self.history {
-            history.end(self.samples.back().map(|newest| newest.sample.stamp));
-        }
+        self.history.end(self.samples.back().map(|newest| newest.sample.stamp));
     }
 
-    /// Keeps the state for the history, if no estimate has come for long.
-    fn mark(&mut self) {
-        if let (Some(history), Some(nav)) = (&mut self.history, &self.nav)
-            && history.wants_mark(self.stamp)
-        {
-            history.begin(Base {
+    /// Keeps the state for the history.
+    fn keep_base(&mut self) {
+        if let Some(nav) = &self.nav {
+            self.history.begin(Base {
                 stamp: self.stamp,
                 estimated: self.estimated,
                 nav: nav.clone(),
@@ -193,10 +161,9 @@ impl Propagator {
     /// State at `stamp`, which may lie between two samples, by the estimates before and after it: see [`history`].
     ///
     /// # Errors
-    /// When no state at `stamp` is available; always without a history.
+    /// When no state at `stamp` is available.
     pub fn at(&self, stamp: Timestamp) -> Result<Instant, NoInstant> {
-        let history = self.history.as_ref().ok_or(NoInstant::NoPose)?;
-        history.at(stamp, &self.samples, &self.carrier)
+        self.history.at(stamp, &self.samples, &self.carrier)
     }
 
     /// True if the samples have reached `stamp`.
@@ -210,7 +177,7 @@ impl Propagator {
     pub fn is_settled(&self, stamp: Timestamp) -> bool {
         let is_old =
             self.samples.back().is_some_and(|newest| newest.sample.stamp.seconds_since(stamp) > STALE_S);
-        is_old || self.history.as_ref().is_none_or(|history| history.reaches(stamp))
+        is_old || self.history.reaches(stamp)
     }
 
     /// Follows the rate of the estimates, which stands in for that of a gyroscope that does not measure.
@@ -269,9 +236,7 @@ impl Propagator {
                 self.samples.clear();
                 self.watch.clear();
                 (self.nav, self.newest) = (None, None);
-                if let Some(history) = &mut self.history {
-                    history.clear();
-                }
+                self.history.clear();
             }
             _ => return None,
         }
@@ -287,7 +252,10 @@ impl Propagator {
             // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
             self.end();
         }
-        self.mark();
+        // No estimate has come for long.
+        if self.history.wants_mark(self.stamp) {
+            self.keep_base();
+        }
         let (told, stamp) = self.told()?;
         if sample.stamp < stamp {
             return None;

@@ -99,8 +99,9 @@ def one(flight: Flight, alignment: str):
             panels.append((f"Position error {axis} [m]", flight.known_s, curves, sigma(f"var_p_{axis}_m2")))
         if flight.attitude_deg is not None:
             tilt = np.linalg.norm(flight.attitude_deg[:, :2], axis=1)
-            curves = {"heading": flight.attitude_deg[:, 2], "tilt": tilt}
-            panels.append(("Attitude error [deg]", flight.known_s, curves, sigma("var_heading_rad2", np.degrees(1))))
+            heading = {"estimate - truth": flight.attitude_deg[:, 2]}
+            panels.append(("Heading error [deg]", flight.known_s, heading, sigma("var_heading_rad2", np.degrees(1))))
+            panels.append(("Tilt error [deg]", flight.known_s, {"tilt": tilt}, None))
     else:
         panels.append(("Position in O [m]", flight.time_s, dict(zip("xyz", flight.poses.positions_xyz.T)), None))
         heading = np.degrees(np.unwrap(rotations(flight.poses).as_euler("ZYX")[:, 0]))

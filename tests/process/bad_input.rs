@@ -168,11 +168,7 @@ const CASES: &[Case] = &[
         command: &["fly", "--config", "mipi-stereo"],
         damage: none,
         status: 2,
-        words: &[
-            "2 keys refused\n  `driver.v4l2.left` (line ",
-            "\n  `driver.v4l2.right` (line ",
-            "CHANGE-ME",
-        ],
+        words: &["2 keys refused\n  `driver.v4l2.left`: ", "\n  `driver.v4l2.right`: ", "CHANGE-ME"],
     },
     Case {
         name: "a value of another type",

@@ -35,7 +35,6 @@ mod python_package;
 mod raw;
 mod realtime;
 mod replay;
-mod report;
 mod reports;
 mod roles;
 mod ros;

@@ -5,7 +5,7 @@ pub mod hostile;
 #[path = "../../fuzz/raw_peer.rs"]
 pub mod raw_peer;
 
-use super::roles::{attacker, make_keys, open_vehicle};
+use super::roles::{attacker, make_keys, open_router, open_vehicle};
 use super::supervised::{BACK, client};
 use super::vehicle::{Running, eventually, flight, free_port, render};
 use plumbline_link::net::{Endpoints, Mode};
@@ -13,6 +13,7 @@ use raw_peer::{Kind, RawPeer, declare_key};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::sync::Arc;
@@ -195,30 +196,43 @@ fn network_a_peer_that_asks_and_does_not_read_delays_no_answer_for_long() {
     assert!(told > 20 && longest_s < QUIET.as_secs_f64(), "{told} {longest_s}: {}", vehicle.words());
 }
 
-/// Opens a router's session in this process.
-async fn router(port: u16) -> zenoh::Session {
-    let listen = vec![format!("tcp/127.0.0.1:{port}")];
-    Endpoints { mode: Mode::Router, listen, ..Endpoints::default() }.open().await.unwrap()
+/// Opens a router's session in this process; with certificates over TLS.
+async fn router(port: u16, keys: Option<&Path>) -> zenoh::Session {
+    match keys {
+        Some(folder) => open_router(folder, &format!("tls/127.0.0.1:{port}")).await,
+        None => {
+            let listen = vec![format!("tcp/127.0.0.1:{port}")];
+            Endpoints { mode: Mode::Router, listen, ..Endpoints::default() }.open().await.unwrap()
+        }
+    }
 }
 
-/// Opens a transport under somebody else's identifier as soon as a router listens; `None` where its owner was faster.
-fn steal(port: u16, zid: [u8; 16]) -> Option<RawPeer<TcpStream>> {
+/// Opens a transport under somebody else's identifier as soon as a router listens, by `connect`; `None` where its owner was faster.
+fn steal<S: Read + Write>(connect: impl Fn() -> std::io::Result<S>, zid: [u8; 16]) -> Option<RawPeer<S>> {
     loop {
-        let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) else { continue };
-        stream.set_read_timeout(Some(QUIET)).unwrap();
+        let Ok(stream) = connect() else { continue };
         return RawPeer::open(stream, Kind::Client, zid).ok();
     }
 }
 
-#[test]
-fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
+/// A thief takes the identifier of a vehicle while its router starts anew; the vehicle is heard again.
+fn theft<S: Read + Write + Send + 'static>(
+    keys: Option<&Path>,
+    connect: fn(u16, Option<&Path>) -> std::io::Result<S>,
+) {
     const FLIGHT_S: u32 = 12;
     render(FLIGHT_S);
     let port = free_port();
     let runtime = runtime();
-    let mut router_session = runtime.block_on(router(port));
+    let mut router_session = runtime.block_on(router(port, keys));
     let mut command = flight("drone", FLIGHT_S);
-    command.args(["--connect", &format!("tcp/127.0.0.1:{port}")]);
+    command.args(["--connect", &format!("{}/127.0.0.1:{port}", if keys.is_some() { "tls" } else { "tcp" })]);
+    for (key, file) in
+        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+    {
+        let set = |folder: &Path| format!("network.tls.{key}={:?}", folder.join(file));
+        command.args(keys.into_iter().flat_map(|folder| ["--set".to_owned(), set(folder)]));
+    }
     let vehicle = Running::start(command);
     let known =
         |session: &zenoh::Session| runtime.block_on(async { session.info().peers_zid().await.next() });
@@ -231,9 +245,11 @@ fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
     let thief = (0..5).find_map(|_| {
         let owner = known(&router_session)?.to_le_bytes();
         runtime.block_on(async { router_session.close().await }).unwrap();
-        let thief = std::thread::spawn(move || steal(port, owner));
-        router_session = runtime.block_on(router(port));
-        let thief = thief.join().unwrap();
+        let thief = std::thread::scope(|scope| {
+            let thief = scope.spawn(|| steal(|| connect(port, keys), owner));
+            router_session = runtime.block_on(router(port, keys));
+            thief.join().unwrap()
+        });
         if thief.is_none() {
             eventually("the vehicle is linked again", BACK, || is_alive(&router_session));
         }
@@ -247,4 +263,20 @@ fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
     println!("odometry {:.2} s after the theft", begun.elapsed().as_secs_f64());
     assert!(is_heard, "{}", vehicle.words());
     drop(thief);
+}
+
+#[test]
+fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
+    theft(None, |port, _| {
+        let stream = TcpStream::connect(("127.0.0.1", port))?;
+        stream.set_read_timeout(Some(QUIET))?;
+        Ok(stream)
+    });
+}
+
+#[test]
+fn network_a_vehicle_whose_identifier_is_taken_over_tls_comes_back_under_another() {
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path(), false);
+    theft(Some(folder.path()), |port, keys| self::connect(keys.unwrap(), Some("viewer"), port));
 }

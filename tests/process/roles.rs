@@ -117,6 +117,11 @@ pub async fn open_vehicle(folder: &Path, listen: &str, excluded: &[String]) -> S
     Guard::Vehicle.open(folder, listen, excluded).await
 }
 
+/// A router's session.
+pub async fn open_router(folder: &Path, listen: &str) -> Session {
+    Guard::Ground.open(folder, listen, &[]).await
+}
+
 /// A session without rules, with the certificate of a role.
 pub async fn attacker(folder: &Path, role: &str, connect: &str) -> Session {
     try_to_connect(folder, role, connect).await.unwrap()

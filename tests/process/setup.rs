@@ -314,19 +314,8 @@ fn two_receivers_become_left_and_right() {
 }
 
 #[test]
-fn an_oak_d_is_configured_for_recorded_data() {
-    let tree = Tree::new();
-    let out = tree.out();
-    let arguments = ["--imu-to-vehicle", "unknown", "--intrinsics", "398.1,398.2,320.5,201.5,0.0748"];
-    let told = stdout(&setup(&[&["oak-d", "--no-doctor", "--out", &out], &arguments[..]].concat()));
-    assert!(told.contains("not found   an OAK-D is no camera of the kernel"), "{told}");
-    assert!(told.contains("no camera of the kernel") && told.contains("baseline    0.0748"), "{told}");
-    assert_eq!(numbers(&written(&tree)["camera"][1]["focal_px"]), [398.1, 398.2]);
-}
-
-#[test]
 fn help_says_that_no_device_was_tried() {
-    for rig in ["realsense", "zed-mini", "mipi", "oak-d"] {
+    for rig in ["realsense", "zed-mini", "mipi"] {
         let told = stdout(&setup(&[rig, "--help"])).split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(told.contains("Not tried on a device"), "{rig}: {told}");
     }

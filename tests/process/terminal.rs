@@ -76,6 +76,7 @@ fn screen(bytes: &str) -> Vec<String> {
                         row = numbers[0].max(1) - 1;
                         column = numbers.get(1).map_or(0, |n| n.max(&1) - 1);
                     }
+                    Some('K') => rows[row.min(23)][column.min(80)..].fill(' '),
                     Some('J') => rows = vec![vec![' '; 80]; 24],
                     // The alternate screen.
                     Some('h') if parameters.starts_with("?1049") => rows = vec![vec![' '; 80]; 24],
@@ -115,9 +116,8 @@ fn lines_of_the_log_do_not_tear_the_view() {
     });
     let rows = screen(&shown);
     println!("{}", rows.join("\n"));
-    let border = |row: &str, ends: [char; 2]| row.starts_with(ends[0]) && row.ends_with(ends[1]);
-    assert!(border(&rows[0], ['┌', '┐']) && rows[1].contains("no vehicle received yet"), "{rows:#?}");
-    assert!(!rows.iter().any(|row| row.contains("WARN")) && rows[23].contains("q: quit"), "{rows:#?}");
+    assert!(rows[0].contains("no vehicle received yet"), "{rows:#?}");
+    assert!(!rows.iter().any(|row| row.contains("WARN")) && rows[23].contains("Ctrl-C: quit"), "{rows:#?}");
     // Afterwards the lines are in the terminal.
     Command::new("kill").args(["-INT", &station.0.id().to_string()]).status().unwrap();
     let restored = "\u{1b}[?1049l";

@@ -32,8 +32,8 @@ fn commands(page: &str) -> Vec<Shown> {
 
 /// Words that the commands of each question print or write, by which its cause is told.
 const SHOWN: [(usize, &[&str]); 21] = [
-    (0, &["report.tar.gz"]),
-    (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope", "exposure"]),
+    (0, &["flight.mcap"]),
+    (1, &["gyroscope bias", "vibration of the accelerometer", "vibration of the gyroscope"]),
     (2, &["covariance", "\"consistency\""]),
     (3, &["baseline", "accelerometer scale"]),
     (4, &["focal length", "principal point", "lens model"]),
@@ -44,7 +44,7 @@ const SHOWN: [(usize, &[&str]); 21] = [
     (9, &["first after"]),
     (10, &["IMU timing", "IMU axes"]),
     (11, &["in the body", "baseline"]),
-    (12, &["imu_to_vehicle_deg"]),
+    (12, &["docs/rigs/oak-d.md"]),
     (13, &["time offset", "clock rate"]),
     (14, &["right camera's delay", "camera-camera rotation"]),
     (15, &["IMU timing", "camera timing", "another rate"]),

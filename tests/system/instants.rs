@@ -3,9 +3,7 @@
 use nalgebra::Isometry3;
 use plumbline_config::{Random, Timestamp};
 use plumbline_estimator::estimate::TrackingState;
-use plumbline_flight::flight::{
-    Flight, KeptInstants, Outputs, Published, PublishedState, Truth, fly, open_simulation,
-};
+use plumbline_flight::flight::{Flight, KeptInstants, Outputs, PublishedState, Truth, fly, open_simulation};
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::log::verify::verify;
 use plumbline_flight::pipeline::{Control, RunOptions};
@@ -27,6 +25,7 @@ fn state(answer: &InstantAnswer) -> PublishedState {
         covariance: at.covariance,
         reset_counter: at.reset_counter,
         quality: at.quality,
+        pose_m_o: None,
     }
 }
 
@@ -62,10 +61,10 @@ fn first_frame(flight: &Flight) -> Timestamp {
 }
 
 /// The estimate nearest to each instant.
-fn beside(instants: &[PublishedState], published: &Published) -> Vec<PublishedState> {
+fn beside(instants: &[PublishedState], estimates: &[PublishedState]) -> Vec<PublishedState> {
     let nearest = |stamp: Timestamp| {
         let distance = |state: &&PublishedState| state.stamp.nanos_since(stamp).abs();
-        published.estimates.iter().min_by_key(distance).unwrap().clone()
+        estimates.iter().min_by_key(distance).unwrap().clone()
     };
     instants.iter().map(|state| nearest(state.stamp)).collect()
 }
@@ -103,10 +102,9 @@ fn flies(scene: Scene, seed: u64) {
     assert!(rows.iter().all(|row| row.instant.state == TrackingState::Tracking));
     assert!(rows.iter().any(|row| row.instant.pose_o_b != Isometry3::identity()));
     let states: Vec<PublishedState> = rows.iter().map(state).collect();
-    let published = flown.published.as_ref().unwrap();
-    let first = &published.estimates[0];
+    let first = &flown.poses[0];
     let [errors, nees] = judged(first, &states, &flown.truth);
-    let [errors_beside, nees_beside] = judged(first, &beside(&states, published), &flown.truth);
+    let [errors_beside, nees_beside] = judged(first, &beside(&states, &flown.poses), &flown.truth);
     println!(
         "{scene:?} {seed}: errors {errors:?} (beside {errors_beside:?}), NEES {nees:?} ({nees_beside:?})"
     );

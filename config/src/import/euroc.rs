@@ -76,7 +76,7 @@ pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError
     let layout = layout_of(directory)?;
     let imu = file(directory, layout, "imu0");
     if !imu.exists() {
-        return Err(ConfigError::NoCalibration { directory: imu, expected: NEEDED });
+        return Err(super::no_calibration(&imu, NEEDED));
     }
     let imu = File::read(&imu)?;
     calibration(cameras(directory, layout, &pose(&imu)?)?, &imu)?
@@ -97,7 +97,7 @@ fn calibration(cameras: Vec<CameraConfig>, imu: &File) -> Result<Calibration, Co
 
 fn layout_of(directory: &Path) -> Result<&'static str, ConfigError> {
     let layout = LAYOUTS.into_iter().find(|layout| file(directory, layout, "cam0").is_file());
-    layout.ok_or_else(|| ConfigError::NoCalibration { directory: directory.to_owned(), expected: EXPECTED })
+    layout.ok_or_else(|| super::no_calibration(directory, EXPECTED))
 }
 
 fn cameras(

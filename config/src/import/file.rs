@@ -136,8 +136,9 @@ fn deserialized<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, Conf
             (Some(name), ".") => Violation::new(name, "missing", MISSING),
             (Some(name), path) => Violation::new(format!("{path}.{name}"), "missing", MISSING),
             (None, ".") => {
-                let (origin, cure) = (origin.to_owned(), "correct the syntax there".to_owned());
-                return ConfigError::Syntax { origin, line: at.0, column: at.1, message, cure };
+                let (line, column) = at;
+                let reason = format!("line {line}, column {column}: {message}; correct the syntax there");
+                return ConfigError::unusable(origin, reason);
             }
             (None, path) => Violation::new(path, message, VALUE).at_line(Some(at.0)),
         };

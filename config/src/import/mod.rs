@@ -185,3 +185,8 @@ fn agree(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
 fn is_identity(pose: &Isometry3<f64>) -> bool {
     pose.translation.vector == Vector3::zeros() && pose.rotation.angle() == 0.0
 }
+
+/// Error of a path without any of the files that are understood.
+fn no_calibration(path: &Path, expected: &str) -> ConfigError {
+    ConfigError::unusable(path.display(), format!("no calibration found; expected {expected}"))
+}

@@ -28,7 +28,7 @@ pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
     if path.is_dir() {
         let [chain, imu] = TUM_VI.map(|name| path.join(name));
         if !chain.is_file() {
-            return Err(ConfigError::NoCalibration { directory: path.to_owned(), expected: EXPECTED });
+            return Err(super::no_calibration(path, EXPECTED));
         }
         return kalibr::read(base, &chain, &imu);
     }

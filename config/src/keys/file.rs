@@ -3,7 +3,6 @@
 use super::{Key, Kind, Value};
 use crate::Config;
 use crate::keys::Table as _;
-use std::collections::BTreeMap;
 
 /// Longest line of a comment, characters.
 const WIDTH: usize = 120;
@@ -25,69 +24,26 @@ const VALUES: &str = "
 # The names of keys contain the units. Keys with a \"Default\" in their comment may be omitted. Unknown keys are errors.
 ";
 
-/// Comments of single files, by key or table (`imu.rate_hz`, `imu`), below those that the declaration gives.
-#[derive(Default)]
-pub(crate) struct Remarks {
-    /// Comment at the top.
-    header: Vec<String>,
-    lines: BTreeMap<String, Vec<String>>,
-}
-
-impl Remarks {
-    /// Adds the comments of a file, in the place of those that are there.
-    pub fn add(&mut self, text: &str) {
-        let mut lines = text.lines().peekable();
-        self.header.clear();
-        while let Some(line) = lines.next_if(|line| line.starts_with('#')) {
-            self.header.push(line.to_owned());
-        }
-        let (mut table, mut comment, mut of_this) = (String::new(), Vec::new(), BTreeMap::new());
-        for line in lines.filter(|line| !line.is_empty() && *line != RULE) {
-            if line.starts_with('#') {
-                comment.push(line.to_owned());
-                continue;
-            }
-            let comment = std::mem::take(&mut comment);
-            let key = if line.starts_with('[') {
-                table = line.trim_matches(['[', ']']).to_owned();
-                table.clone()
-            } else {
-                format!("{table}.{}", line.split(" = ").next().unwrap_or_default())
-            };
-            // Elements of a list have the comments of the first.
-            of_this.entry(key).or_insert(comment);
-        }
-        self.lines.extend(of_this);
-    }
-}
-
 /// Every key with its default; those for experiments too where it is said.
 pub(crate) fn defaults(with_experiments: bool) -> String {
-    let mut file = File { text: DEFAULTS.to_owned(), remarks: &Remarks::default(), with_experiments };
+    let mut file = File { text: DEFAULTS.to_owned(), with_experiments };
     file.tables("", Config::keys(), None);
     file.text
 }
 
-/// Every key with its value in `config`.
-pub(crate) fn full(config: &Config, remarks: &Remarks, with_experiments: bool) -> String {
-    let mut file = File { text: remarks.header.join("\n") + VALUES, remarks, with_experiments };
+/// Every key with its value in `config`, below the comment `header`.
+pub(crate) fn full(config: &Config, header: &str, with_experiments: bool) -> String {
+    let mut file = File { text: header.to_owned() + VALUES, with_experiments };
     file.tables("", Config::keys(), Some(&config.values()));
     file.text
 }
 
-/// Every key with its value in `config`, below a comment of one's own.
-pub(crate) fn with_header(config: &Config, header: &str, with_experiments: bool) -> String {
-    let remarks = Remarks { header: vec![format!("# {header}")], ..Remarks::default() };
-    full(config, &remarks, with_experiments)
-}
-
-struct File<'a> {
+struct File {
     text: String,
-    remarks: &'a Remarks,
     with_experiments: bool,
 }
 
-impl File<'_> {
+impl File {
     fn is_shown(&self, key: &Key) -> bool {
         let inner = match (key.kind)() {
             Kind::Table(keys) => keys(),
@@ -98,15 +54,13 @@ impl File<'_> {
     }
 
     /// The keys of a table that are no tables.
-    fn keys(&mut self, path: &str, keys: &[Key], values: Option<&[&dyn Value]>, is_commented: bool) {
+    fn keys(&mut self, keys: &[Key], values: Option<&[&dyn Value]>, is_commented: bool) {
         for (i, key) in keys.iter().enumerate().filter(|(_, key)| !is_table(key)) {
             if !self.is_shown(key) {
                 continue;
             }
             if is_commented {
-                let remark = self.remarks.lines.get(&format!("{path}.{}", key.name));
-                let remark = remark.map_or_else(String::new, |lines| lines.concat().replace("# ", " "));
-                self.comment(&format!("{} {remark} {} {}", key.text, range_of(key), default_of(key)));
+                self.comment(&format!("{} {} {}", key.text, range_of(key), default_of(key)));
             }
             match values.map(|values| values[i].text()).or_else(|| key.default.map(|default| default())) {
                 Some(value) => self.line(&format!("{} = {value}", key.name)),
@@ -141,17 +95,15 @@ impl File<'_> {
     fn table(&mut self, path: &str, keys: &[Key], value: Option<&dyn Value>) {
         let tables = value.map(Value::tables);
         let values = tables.as_ref().and_then(|tables| tables.first()).map(|table| table.values());
-        self.remark(path);
         if keys.iter().any(|key| !is_table(key) && self.is_shown(key)) {
             self.line(&format!("\n[{path}]"));
-            self.keys(path, keys, values.as_deref(), true);
+            self.keys(keys, values.as_deref(), true);
         }
         self.tables(path, keys, values.as_deref());
     }
 
     /// A list of tables: the first with comments.
     fn list(&mut self, path: &str, keys: &[Key], value: Option<&dyn Value>) {
-        self.remark(path);
         let tables = value.map(Value::tables).unwrap_or_default();
         for i in 0..tables.len().max(1) {
             let values = tables.get(i).map(|table| table.values());
@@ -159,7 +111,7 @@ impl File<'_> {
             if i > 0 {
                 self.line("# The keys are those of the first.");
             }
-            self.keys(path, keys, values.as_deref(), i == 0);
+            self.keys(keys, values.as_deref(), i == 0);
             for (k, key) in keys.iter().enumerate().filter(|(_, key)| is_table(key)) {
                 self.line("");
                 if i == 0 {
@@ -171,7 +123,6 @@ impl File<'_> {
     }
 
     fn variants(&mut self, path: &str, value: Option<&dyn Value>) {
-        self.remark(path);
         let lines = value.map_or_else(|| "# model = \n".to_owned(), Value::text);
         self.text += &format!("[{path}]\n{lines}");
     }
@@ -179,11 +130,6 @@ impl File<'_> {
     fn line(&mut self, line: &str) {
         self.text += line;
         self.text.push('\n');
-    }
-
-    fn remark(&mut self, of: &str) {
-        let lines = self.remarks.lines.get(of).cloned().unwrap_or_default();
-        lines.iter().for_each(|line| self.line(line));
     }
 
     fn comment(&mut self, text: &str) {

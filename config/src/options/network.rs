@@ -39,9 +39,6 @@ pub struct NetworkConfig {
     /// Certificates for `tls/` endpoints, PEM files from `plumbline keys`; empty for none.
     #[key(default)]
     pub tls: TlsConfig,
-    /// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the malicious.
-    #[key(default)]
-    pub login: LoginConfig,
 }
 
 /// Capacity of a link.
@@ -112,24 +109,4 @@ pub fn is_certificate_name(text: &str) -> bool {
     is_number
         && (matches!(holder, "viewer" | "operator" | "router")
             || holder.strip_prefix("vehicle:").is_some_and(is_vehicle))
-}
-
-/// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the
-/// malicious.
-#[keys]
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LoginConfig {
-    /// Own user name for outgoing connections; empty for none.
-    #[key(default)]
-    pub user: String,
-    /// File with the own password on its first line.
-    #[key(default)]
-    pub password_file: PathBuf,
-    /// File of lines name:password of users who may connect; empty admits all.
-    #[key(default)]
-    pub users_file: PathBuf,
-    /// User names that may give commands.
-    #[key(default)]
-    pub operators: Vec<String>,
 }

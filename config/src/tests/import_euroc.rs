@@ -1,5 +1,4 @@
 use super::{euroc, euroc_texts, with};
-use crate::ConfigError;
 use crate::import::{Source, euroc_into, read_into};
 use crate::options::{Mounting, isometry_from_rows};
 use std::fs;
@@ -72,7 +71,7 @@ fn every_layout_is_found_and_the_second_camera_is_optional() {
 fn a_missing_file_is_named() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let error = euroc_into(euroc(), folder.path()).expect_err("empty");
-    assert!(matches!(error, ConfigError::NoCalibration { .. }), "{error}");
+    assert!(error.to_string().contains("no calibration found"), "{error}");
     write(folder.path(), "cam0.yaml", CAM0);
     let message = euroc_into(euroc(), folder.path()).expect_err("no IMU").to_string();
     assert!(

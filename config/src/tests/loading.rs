@@ -21,14 +21,14 @@ fn a_file_loads_as_its_text_does() {
 fn a_missing_file_is_named() {
     let message = Config::load("/nowhere/drone.toml").expect_err("missing").to_string();
     assert!(message.starts_with("/nowhere/drone.toml: cannot be read"), "{message}");
-    assert!(matches!(Config::load("/"), Err(ConfigError::Read { .. })));
+    assert!(Config::load("/").unwrap_err().to_string().starts_with("/: cannot be read"));
 }
 
 #[test]
 fn a_huge_file_is_not_read() {
     let file = tempfile::NamedTempFile::new().expect("temporary file");
     file.as_file().set_len(1 << 40).expect("sparse file");
-    assert!(matches!(Config::load(file.path()), Err(ConfigError::TooLong { .. })));
+    assert!(Config::load(file.path()).unwrap_err().to_string().contains("longer than"));
 }
 
 #[test]
@@ -46,13 +46,13 @@ fn yaml_is_named_with_the_command_that_reads_it() {
         let message = refused(text).to_string();
         assert!(message.contains("is YAML") && message.contains("plumbline config import"), "{message}");
     }
-    assert!(matches!(refused("[imu]\nrate_hz: 3\n"), ConfigError::Syntax { .. }));
+    assert!(refused("[imu]\nrate_hz: 3\n").to_string().contains("line 2, column"));
 }
 
 #[test]
 fn a_syntax_error_has_line_and_column() {
     let error = refused("[imu]\nrate_hz = = 3\n");
-    assert!(matches!(error, ConfigError::Syntax { line: 2, column: 11, .. }), "{error}");
+    assert!(error.to_string().contains("line 2, column 11: "), "{error}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use crate::shape::sample_for_tests;
-use crate::{Config, ConfigError, PRESETS, preset_text};
+use crate::{Config, PRESETS, preset_text};
 use toml::{Table, Value};
 
 /// The presets that show every option; the others are of single rigs, and short.
@@ -17,10 +17,9 @@ fn presets_survive_being_written_and_read() {
 #[test]
 fn an_unknown_preset_is_refused_with_the_known_ones() {
     let error = Config::preset("tumvi").expect_err("does not exist");
-    assert!(matches!(error, ConfigError::UnknownPreset { .. }));
     assert_eq!(
         error.to_string(),
-        "preset `tumvi` does not exist; choose one of euroc, sim, mipi-stereo, oak-d, realsense-d435i, \
+        "preset `tumvi`: does not exist; choose one of euroc, sim, mipi-stereo, oak-d, realsense-d435i, \
          realsense-d455, zed-mini"
     );
 }

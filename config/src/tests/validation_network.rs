@@ -69,21 +69,6 @@ fn certificates_that_are_excluded_have_names() {
 }
 
 #[test]
-fn names_and_passwords_come_together() {
-    let users = || PathBuf::from("users.txt");
-    check("network.login.user", "password_file", |c| c.network.login.user = "anna".into());
-    check("network.login.user", "password_file", |c| c.network.login.password_file = users());
-    check("network.login.operators", "users_file", |c| c.network.login.operators = vec!["anna".into()]);
-    let whole = |c: &mut Config| {
-        c.network.login.user = "anna".into();
-        c.network.login.password_file = users();
-        c.network.login.operators = vec!["anna".into()];
-        c.network.login.users_file = users();
-    };
-    assert_eq!(refused(whole), []);
-}
-
-#[test]
 fn names_must_be_ones_that_ros_understands() {
     for bad in ["drone", "/a//b", "/a/", "/7", "/a__b", "/a b", "/größe", "//"] {
         check("ros.namespace", "/name/name", |c| c.ros.namespace = bad.into());

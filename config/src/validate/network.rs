@@ -1,7 +1,7 @@
 //! Validation of names and addresses on the network.
 
 use crate::error::Violation;
-use crate::options::{LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
+use crate::options::{NetworkConfig, TlsConfig, is_certificate_name};
 use std::path::Path;
 
 /// Longest vehicle name: it is part of every key on the wire.
@@ -30,7 +30,7 @@ pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
     check_identity(network, found);
 }
 
-/// Certificates come together, and with endpoints that use them; names come with passwords.
+/// Certificates come together, and with endpoints that use them.
 fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
     let TlsConfig { authority, certificate, key, excluded } = &network.tls;
     for (name, path) in [("authority", authority), ("certificate", certificate), ("key", key)] {
@@ -48,15 +48,6 @@ fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
         let cure = "write the name that `plumbline keys` tells: operator.1 for one certificate, operator for all of them";
         let reason = format!("{} names no certificate", shortened(name));
         found.push(Violation::new(format!("network.tls.excluded[{i}]"), reason, cure));
-    }
-    let LoginConfig { user, password_file, users_file, operators } = &network.login;
-    if user.is_empty() != is_empty(password_file) {
-        let cure = "give network.login.user and network.login.password_file together";
-        found.push(Violation::new("network.login.user", "comes without its other half", cure));
-    }
-    if !operators.is_empty() && is_empty(users_file) {
-        let cure = "name the file with everybody's password in network.login.users_file";
-        found.push(Violation::new("network.login.operators", "names people without passwords", cure));
     }
 }
 

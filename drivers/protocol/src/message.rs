@@ -132,121 +132,115 @@ impl Message {
     pub(crate) fn write(&self, to: &mut Writer<'_>) {
         match self {
             Self::Imu(imu) => imu.write(to),
-            Self::Trigger(trigger) => {
-                to.put(trigger.counter.to_le_bytes());
-                to.put(trigger.time_ns.to_le_bytes());
-                to.put(trigger.pulse_ns.to_le_bytes());
-                to.put([trigger.cameras]);
-            }
+            Self::Trigger(trigger) => trigger.write(to),
             Self::Hello(hello) => hello.write(to),
-            Self::Time(time) => {
-                to.put(time.asked_ns.to_le_bytes());
-                to.put(time.received_ns.to_le_bytes());
-                to.put(time.sent_ns.to_le_bytes());
-            }
+            Self::Time(time) => time.write(to),
             Self::Settings(settings) | Self::Set(settings) => settings.write(to),
             Self::AskHello => {}
-            Self::AskTime { asked_ns } => to.put(asked_ns.to_le_bytes()),
+            Self::AskTime { asked_ns } => asked_ns.write(to),
         }
     }
 
     /// None for a type that is not known, or a payload that is too short for it.
     pub(crate) fn read(kind: u8, from: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
-            0x01 => Self::Imu(Imu::read(from)?),
-            0x02 => Self::Trigger(Trigger {
-                counter: from.u32()?,
-                time_ns: from.u64()?,
-                pulse_ns: from.u32()?,
-                cameras: from.u8()?,
-            }),
-            0x03 => Self::Hello(Hello::read(from)?),
-            0x04 => {
-                Self::Time(Time { asked_ns: from.u64()?, received_ns: from.u64()?, sent_ns: from.u64()? })
-            }
-            0x05 => Self::Settings(Settings::read(from)?),
+            0x01 => Self::Imu(Wire::read(from)?),
+            0x02 => Self::Trigger(Wire::read(from)?),
+            0x03 => Self::Hello(Wire::read(from)?),
+            0x04 => Self::Time(Wire::read(from)?),
+            0x05 => Self::Settings(Wire::read(from)?),
             0x81 => Self::AskHello,
-            0x82 => Self::AskTime { asked_ns: from.u64()? },
-            0x83 => Self::Set(Settings::read(from)?),
+            0x82 => Self::AskTime { asked_ns: Wire::read(from)? },
+            0x83 => Self::Set(Wire::read(from)?),
             _ => return None,
         })
     }
 }
 
-impl Imu {
-    fn write(&self, to: &mut Writer<'_>) {
-        to.put(self.sequence.to_le_bytes());
-        to.put(self.time_ns.to_le_bytes());
-        for value in self.gyro_rad_s.iter().chain(&self.accel_m_s2) {
-            to.put(value.to_le_bytes());
+/// Part of a payload.
+trait Wire: Sized {
+    fn write(&self, to: &mut Writer<'_>);
+
+    /// None when there are too few bytes.
+    fn read(from: &mut Reader<'_>) -> Option<Self>;
+}
+
+/// Little-endian numbers.
+macro_rules! numbers {
+    ($($number:ty),+) => {$(
+        impl Wire for $number {
+            fn write(&self, to: &mut Writer<'_>) {
+                to.put(self.to_le_bytes());
+            }
+
+            fn read(from: &mut Reader<'_>) -> Option<Self> {
+                from.take().map(Self::from_le_bytes)
+            }
         }
+    )+};
+}
+
+numbers!(u8, i16, u32, u64, f32);
+
+/// Structures, their fields in the order in which they stand here.
+macro_rules! structures {
+    ($($name:ident { $($field:ident),+ })+) => {$(
+        impl Wire for $name {
+            fn write(&self, to: &mut Writer<'_>) {
+                $(self.$field.write(to);)+
+            }
+
+            fn read(from: &mut Reader<'_>) -> Option<Self> {
+                Some(Self { $($field: Wire::read(from)?),+ })
+            }
+        }
+    )+};
+}
+
+structures! {
+    Imu { sequence, time_ns, gyro_rad_s, accel_m_s2, temperature_c, flags }
+    Trigger { counter, time_ns, pulse_ns, cameras }
+    Hello { protocol, firmware, device_id, imu_rate_mhz, gyro_range_rad_s, accel_range_m_s2 }
+    Time { asked_ns, received_ns, sent_ns }
+    Settings { imu_rate_mhz, trigger_rate_mhz, trigger_pulse_us, cameras }
+}
+
+impl<T: Wire + Copy + Default> Wire for [T; 3] {
+    fn write(&self, to: &mut Writer<'_>) {
+        self.iter().for_each(|value| value.write(to));
+    }
+
+    fn read(from: &mut Reader<'_>) -> Option<Self> {
+        Some([T::read(from)?, T::read(from)?, T::read(from)?])
+    }
+}
+
+/// A temperature, in hundredths of a degree.
+impl Wire for Option<f32> {
+    fn write(&self, to: &mut Writer<'_>) {
         // The cast saturates; what is no number is none.
-        let hundredths =
-            |c: f32| if c.is_nan() { NO_TEMPERATURE } else { ((c * 100.0) as i16).max(NO_TEMPERATURE + 1) };
-        to.put(self.temperature_c.map_or(NO_TEMPERATURE, hundredths).to_le_bytes());
-        to.put([self.flags.bits()]);
+        let hundredths = |c: &f32| ((c * 100.0) as i16).max(NO_TEMPERATURE + 1);
+        self.as_ref().filter(|c| !c.is_nan()).map_or(NO_TEMPERATURE, hundredths).write(to);
     }
 
     fn read(from: &mut Reader<'_>) -> Option<Self> {
-        Some(Self {
-            sequence: from.u32()?,
-            time_ns: from.u64()?,
-            gyro_rad_s: from.vector()?,
-            accel_m_s2: from.vector()?,
-            temperature_c: Some(i16::from_le_bytes(from.take()?))
-                .filter(|hundredths| *hundredths != NO_TEMPERATURE)
-                .map(|hundredths| f32::from(hundredths) / 100.0),
-            flags: Flags::from_bits(from.u8()?),
-        })
+        let hundredths = i16::read(from)?;
+        Some((hundredths != NO_TEMPERATURE).then(|| f32::from(hundredths) / 100.0))
     }
 }
 
-impl Flags {
-    const fn bits(self) -> u8 {
-        self.gyro_saturated as u8 | (self.accel_saturated as u8) << 1 | (self.sensor_failed as u8) << 2
-    }
-
-    const fn from_bits(bits: u8) -> Self {
-        Self { gyro_saturated: bits & 1 != 0, accel_saturated: bits & 2 != 0, sensor_failed: bits & 4 != 0 }
-    }
-}
-
-impl Hello {
+impl Wire for Flags {
     fn write(&self, to: &mut Writer<'_>) {
-        to.put([self.protocol]);
-        to.put(self.firmware);
-        to.put(self.device_id.to_le_bytes());
-        to.put(self.imu_rate_mhz.to_le_bytes());
-        to.put(self.gyro_range_rad_s.to_le_bytes());
-        to.put(self.accel_range_m_s2.to_le_bytes());
+        let bits = [self.gyro_saturated, self.accel_saturated, self.sensor_failed];
+        bits.iter().rev().fold(0, |flags, is_set| flags << 1 | u8::from(*is_set)).write(to);
     }
 
     fn read(from: &mut Reader<'_>) -> Option<Self> {
+        let bits = u8::read(from)?;
         Some(Self {
-            protocol: from.u8()?,
-            firmware: from.take()?,
-            device_id: from.u64()?,
-            imu_rate_mhz: from.u32()?,
-            gyro_range_rad_s: from.f32()?,
-            accel_range_m_s2: from.f32()?,
-        })
-    }
-}
-
-impl Settings {
-    fn write(&self, to: &mut Writer<'_>) {
-        to.put(self.imu_rate_mhz.to_le_bytes());
-        to.put(self.trigger_rate_mhz.to_le_bytes());
-        to.put(self.trigger_pulse_us.to_le_bytes());
-        to.put([self.cameras]);
-    }
-
-    fn read(from: &mut Reader<'_>) -> Option<Self> {
-        Some(Self {
-            imu_rate_mhz: from.u32()?,
-            trigger_rate_mhz: from.u32()?,
-            trigger_pulse_us: from.u32()?,
-            cameras: from.u8()?,
+            gyro_saturated: bits & 1 != 0,
+            accel_saturated: bits & 2 != 0,
+            sensor_failed: bits & 4 != 0,
         })
     }
 }
@@ -274,25 +268,5 @@ impl Reader<'_> {
         let (bytes, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
         Some(*bytes)
-    }
-
-    fn u8(&mut self) -> Option<u8> {
-        self.take().map(u8::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.take().map(u64::from_le_bytes)
-    }
-
-    fn f32(&mut self) -> Option<f32> {
-        self.take().map(f32::from_le_bytes)
-    }
-
-    fn vector(&mut self) -> Option<[f32; 3]> {
-        Some([self.f32()?, self.f32()?, self.f32()?])
     }
 }

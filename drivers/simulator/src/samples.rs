@@ -61,9 +61,8 @@ impl Samples {
         imu: &ImuConfig,
     ) -> Result<(Self, Trajectory), DriverError> {
         let samples = read_samples(file, imu)?;
-        let reconciled = reconcile(&read_tum(poses)?, &samples, imu.gravity_m_s2).map_err(|why| {
-            DriverError::malformed(file, format!("does not fit {}: {why}", poses.display()))
-        })?;
+        let reconciled = reconcile(&read_tum(poses)?, &samples, imu.gravity_m_s2)
+            .map_err(|why| DriverError::refused(file, format!("does not fit {}: {why}", poses.display())))?;
         let biases = vec![Biases { gyro: reconciled.bias_gyro, accel: reconciled.bias_accel }];
         let samples = samples[reconciled.within].to_vec();
         let begin = reconciled.flight.begin();
@@ -92,7 +91,7 @@ fn read_samples(file: &Path, imu: &ImuConfig) -> Result<Vec<ImuSample>, DriverEr
     if !is_expected {
         let message =
             format!("holds {rate_hz:.1} samples a second; set imu.rate_hz, now {}, to that", imu.rate_hz);
-        return Err(DriverError::malformed(file, message));
+        return Err(DriverError::refused(file, message));
     }
     Ok(samples)
 }

@@ -237,7 +237,7 @@ impl Scenario {
             FlightPath::Yaws => flown(&path::yaws),
             FlightPath::Sweeps => flown(&path::sweeps),
             FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
-                DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
+                DriverError::refused(file, "needs at least eight poses in order of time to fly along")
             }),
         }
     }

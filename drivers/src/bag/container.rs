@@ -67,7 +67,7 @@ pub(crate) fn peeked(path: &Path, mut input: Input) -> Result<(Vec<u8>, Input), 
 /// Error for the rest of the file at `path`: its compressed data are damaged, or the system refuses.
 pub(crate) fn unreadable(path: &Path, error: io::Error) -> DriverError {
     match error.kind() {
-        io::ErrorKind::InvalidData => DriverError::malformed(path, error.to_string()),
+        io::ErrorKind::InvalidData => DriverError::refused(path, error.to_string()),
         _ => DriverError::io(path, error),
     }
 }

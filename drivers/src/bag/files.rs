@@ -13,7 +13,7 @@ const MAX_METADATA_BYTES: u64 = 4 << 20;
 /// When there are none, or it is not plain which they are.
 pub(crate) fn bag_files(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
     if !path.exists() {
-        return Err(DriverError::missing(
+        return Err(DriverError::refused(
             path,
             "does not exist; give a ROS bag: a file (.mcap, .db3, .bag) or the directory of a recording",
         ));
@@ -22,7 +22,7 @@ pub(crate) fn bag_files(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
     match files.iter().find(|file| !file.is_file()) {
         Some(file) => {
             let message = "is named in metadata.yaml and is not there; copy the whole bag";
-            Err(DriverError::missing(file, message))
+            Err(DriverError::refused(file, message))
         }
         None => Ok(files),
     }
@@ -39,7 +39,7 @@ fn files_of_directory(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
         false => named.iter().map(|name| path.join(name)).collect(),
     };
     if files.is_empty() {
-        return Err(DriverError::missing(
+        return Err(DriverError::refused(
             path,
             "holds no file of a bag (.mcap, .db3, .bag); give the directory of a recording",
         ));
@@ -50,10 +50,7 @@ fn files_of_directory(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
 fn read_bounded(path: &Path) -> Result<String, DriverError> {
     let length = path.metadata().map_err(|e| DriverError::io(path, e))?.len();
     if length > MAX_METADATA_BYTES {
-        return Err(DriverError::malformed(
-            path,
-            "is far too long for the description of a bag; take it away",
-        ));
+        return Err(DriverError::refused(path, "is far too long for the description of a bag; take it away"));
     }
     std::fs::read_to_string(path).map_err(|e| DriverError::io(path, e))
 }
@@ -67,7 +64,7 @@ fn described(path: &Path, text: &str) -> Result<Vec<String>, DriverError> {
     let names: Vec<String> = names.collect();
     if let Some(name) = names.iter().find(|name| !is_plain_name(name)) {
         let message = format!("names '{name}', which leads out of the bag; name files beside it");
-        return Err(DriverError::malformed(path, message));
+        return Err(DriverError::refused(path, message));
     }
     Ok(names)
 }

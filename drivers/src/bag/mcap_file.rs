@@ -94,7 +94,7 @@ fn expands(path: &Path, read_bytes: u64) -> DriverError {
     let message = format!(
         "the first {read_bytes} bytes expand to far more records than a recording has; record it again without compression"
     );
-    DriverError::malformed(path, message)
+    DriverError::refused(path, message)
 }
 
 fn damaged(path: &Path, read_bytes: u64, error: &McapError) -> DriverError {
@@ -108,7 +108,7 @@ fn damaged(path: &Path, read_bytes: u64, error: &McapError) -> DriverError {
             "damaged within the first {read_bytes} bytes: {error}; copy it again, or save what can be with `mcap recover`"
         ),
     };
-    DriverError::malformed(path, message)
+    DriverError::refused(path, message)
 }
 
 /// Takes from a record what is needed of it: the topic of a message, whose content goes into `payload`.

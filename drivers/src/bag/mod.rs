@@ -25,12 +25,13 @@ pub(crate) mod wire;
 
 pub use stereo::BagStereo;
 
-use crate::euroc::defects::{of_stamps, shallow, uncovered};
+use crate::euroc::defects::of_stamps;
 use crate::euroc::depth::Depth;
-use crate::euroc::imu::{EurocImu, ImuRecord};
+use crate::euroc::frames::{Frames, frames_span};
+use crate::euroc::imu::EurocImu;
 use crate::euroc::order::{Order, not_stamped};
-use crate::euroc::pairing::{FrameEntry, ImageRow, Pairing, paired};
-use crate::euroc::span::{chosen_frames, frames_span, imu_range};
+use crate::euroc::pairing::ImageRow;
+use crate::euroc::span::imu_of;
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions};
 use crate::{BagTopics, DriverError, Faults};
@@ -40,9 +41,7 @@ use holds::Holds;
 use inertial::Samples;
 use messages::{Format, ImageMessage, ImuMessage, Kind};
 use plumbline_config::{ImuSample, Timestamp};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use stream::Messages;
 
 /// Messages that are looked at, at most: days of an IMU at 1 kHz.
@@ -63,12 +62,9 @@ pub struct BagDataset {
     cameras: Vec<usize>,
     names: Vec<String>,
     imu_names: Vec<String>,
-    frames: Arc<[FrameEntry<u64>]>,
-    handed_out: Range<usize>,
-    image_faults: Faults,
+    frames: Frames<u64>,
     depth: Depth,
-    imu: Arc<ImuRecord>,
-    imu_range: Range<usize>,
+    imu: EurocImu,
     defects: Vec<Defect>,
     is_truncated: bool,
 }
@@ -83,8 +79,8 @@ struct Content {
     size_px: Option<(usize, usize)>,
     /// The encoding or format that cannot be read, in words.
     unknown: Option<String>,
-    /// Largest value of the images of 16 bits that were looked at, and their number.
-    largest: Option<(u16, u64)>,
+    /// Largest value of the images of 16 bits that were looked at.
+    largest: Option<u16>,
     corrupt: u64,
     headers: Headers,
 }
@@ -164,12 +160,9 @@ impl Content {
             };
         }
         // One that fills its bits says all there is to say.
-        let is_full = |(largest, _)| Depth::of_largest(largest) == Depth::FULL && largest > 0;
-        if !self.largest.is_some_and(is_full)
-            && let Some(value) = pixels::largest_value(image)
-        {
-            let (largest, seen) = self.largest.unwrap_or_default();
-            self.largest = Some((largest.max(value), seen + 1));
+        let is_full = |largest| Depth::of_largest(largest) == Depth::FULL && largest > 0;
+        if !self.largest.is_some_and(is_full) {
+            self.largest = self.largest.max(pixels::largest_value(image));
         }
     }
 }
@@ -198,7 +191,7 @@ impl Index {
             contents[message.topic].add(message.format, message.bytes);
             count += 1;
             if count > MAX_MESSAGES {
-                return Err(DriverError::malformed(path, "holds more messages than are read; split it"));
+                return Err(DriverError::refused(path, "holds more messages than are read; split it"));
             }
         }
         let topics = messages.topics().to_vec();
@@ -221,32 +214,25 @@ impl BagDataset {
             .zip(&contents)
             .filter_map(|(topic, content)| content.headers.defect(&topic.name, content.count))
             .collect();
-        let refuse = |message: String| DriverError::missing(path, message);
+        let refuse = |message: String| DriverError::refused(path, message);
         let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
         let cameras = topics::cameras(&all, topics, wanted).map_err(refuse)?;
-        let Images { rows, sizes_px, mut faults, mut orders, largest } =
+        let Images { rows, sizes_px, faults, mut orders, largest } =
             images(path, &all, &mut contents, &cameras, options)?;
-        let depth = largest.map_or(Depth::FULL, |(value, _)| Depth::of_largest(value));
+        let depth = largest.map_or(Depth::FULL, Depth::of_largest);
         let cure = "are the cameras triggered together?";
-        let Pairing { frames, outside } = paired(path, rows, options.pair_tolerance_s, cure)?;
-        faults.unpaired += outside;
-        let handed_out = chosen_frames(path, options, &frames)?;
+        let frames = Frames::new(path, rows, options, cure, faults)?;
         let mut imu_names = Vec::new();
-        let (imu, imu_range, mut defects) = if options.with_imu {
+        let (imu, mut defects) = if options.with_imu {
             let samples = inertial_samples(path, &all, &mut contents, topics)?;
             imu_names.extend(samples.orders.iter().map(|(name, _)| name.clone()));
             orders.extend(samples.orders);
-            let imu = ImuRecord::new(samples.table);
-            let range = imu_range(path, &imu, &frames[handed_out.clone()])?;
-            let defects = uncovered(path, &imu, &frames);
-            (imu, range, defects)
+            imu_of(path, samples.table, &frames)?
         } else {
-            (ImuRecord::default(), 0..0, Vec::new())
+            (EurocImu::default(), Vec::new())
         };
-        defects.extend(of_stamps(path, &orders, "messages", frames_span(&frames).0));
+        defects.extend(of_stamps(path, &orders, "messages", frames_span(frames.all()).0));
         defects.extend(headers);
-        let (value, seen) = largest.unwrap_or_default();
-        defects.extend(shallow(path, depth, value, seen));
         Ok(Self {
             path: path.to_owned(),
             files,
@@ -254,12 +240,9 @@ impl BagDataset {
             names: cameras.iter().map(|topic| all[*topic].name.clone()).collect(),
             cameras,
             imu_names,
-            frames: frames.into(),
-            handed_out,
-            image_faults: faults,
+            frames,
             depth,
-            imu: Arc::new(imu),
-            imu_range,
+            imu,
             defects,
             is_truncated,
         })
@@ -298,7 +281,7 @@ impl BagDataset {
     /// Stamps of the first and the last frame that will be handed out.
     #[must_use]
     pub fn span(&self) -> (Timestamp, Timestamp) {
-        frames_span(&self.frames[self.handed_out.clone()])
+        frames_span(self.frames.rest())
     }
 
     /// True if a file of the bag breaks off, as after a crash. The messages before are handed out.
@@ -310,17 +293,14 @@ impl BagDataset {
     /// The image stream, from its beginning.
     #[must_use]
     pub fn stereo(&self) -> BagStereo {
-        let frames = Arc::clone(&self.frames);
         let messages = Messages::new(&self.files);
-        let names = self.names.clone();
-        let range = self.handed_out.clone();
-        BagStereo::new(&self.path, messages, names, frames, range, self.image_faults, self.depth)
+        BagStereo::new(&self.path, messages, self.names.clone(), self.frames.clone(), self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
     #[must_use]
     pub fn imu(&self) -> EurocImu {
-        EurocImu::new(Arc::clone(&self.imu), self.imu_range.clone())
+        self.imu.clone()
     }
 }
 
@@ -331,8 +311,8 @@ struct Images {
     sizes_px: Vec<(usize, usize)>,
     faults: Faults,
     orders: Vec<(String, Order)>,
-    /// Largest value of the images of 16 bits that were looked at, and their number.
-    largest: Option<(u16, u64)>,
+    /// Largest value of the images of 16 bits that were looked at.
+    largest: Option<u16>,
 }
 
 fn images(
@@ -346,14 +326,11 @@ fn images(
     for (camera, topic) in cameras.iter().enumerate() {
         let (content, name) = (std::mem::take(&mut contents[*topic]), &all[*topic].name);
         images.sizes_px.push(check_images(path, name, camera, &content, options)?);
-        if let Some((value, seen)) = content.largest {
-            let (largest, before) = images.largest.unwrap_or_default();
-            images.largest = Some((largest.max(value), before + seen));
-        }
+        images.largest = images.largest.max(content.largest);
         let table = Table::of(content.images, content.corrupt);
         if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
             let message = not_stamped(name, "images", table.order.rows, row.stamp);
-            return Err(DriverError::malformed(path, message));
+            return Err(DriverError::refused(path, message));
         }
         images.faults.corrupt += table.corrupt;
         table.order.add_to(&mut images.faults);
@@ -379,19 +356,19 @@ fn inertial_samples(
     named: &BagTopics,
 ) -> Result<Samples, DriverError> {
     let holds = |topic: usize| Holds::of(&contents[topic].inertial);
-    let topics = topics::imu(all, named, holds).map_err(|message| DriverError::missing(path, message))?;
+    let topics = topics::imu(all, named, holds).map_err(|message| DriverError::refused(path, message))?;
     let take = |topic: usize| {
         let content = std::mem::take(&mut contents[topic]);
         (content.inertial, content.corrupt)
     };
     inertial::samples(topics, |topic| all[topic].name.clone(), take)
-        .map_err(|message| DriverError::malformed(path, message))
+        .map_err(|message| DriverError::refused(path, message))
 }
 
 fn check_some(path: &Path, topic: &str, is_empty: bool) -> Result<(), DriverError> {
     match is_empty {
         false => Ok(()),
-        true => Err(DriverError::malformed(
+        true => Err(DriverError::refused(
             path,
             format!("{topic} holds no message that can be read; was it being published?"),
         )),
@@ -411,7 +388,7 @@ fn check_images(
             "{topic} has images of {unknown}; republish them in one of {}, or as PNG or baseline JPEG",
             pixels::ENCODINGS
         );
-        return Err(DriverError::malformed(path, message));
+        return Err(DriverError::refused(path, message));
     }
     check_some(path, topic, content.images.is_empty() || content.size_px.is_none())?;
     let found = content.size_px.unwrap_or_default();
@@ -422,7 +399,7 @@ fn check_images(
                  configuration of this rig with --config",
                 found.0, found.1, expected.0, expected.1
             );
-            Err(DriverError::malformed(path, message))
+            Err(DriverError::refused(path, message))
         }
         _ => Ok(found),
     }

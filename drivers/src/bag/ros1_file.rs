@@ -94,7 +94,7 @@ impl<R: Read> Ros1File<R> {
             Ok(step) => Ok(step),
             Err(Damage::Truncated) => Ok(Step::Truncated),
             Err(Damage::Io(error)) => Err(unreadable(&self.path, error)),
-            Err(Damage::Malformed(what)) => Err(DriverError::malformed(&self.path, self.in_words(&what))),
+            Err(Damage::Malformed(what)) => Err(DriverError::refused(&self.path, self.in_words(&what))),
         }
     }
 

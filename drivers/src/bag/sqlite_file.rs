@@ -15,8 +15,6 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Error, ErrorCode, OpenFlags};
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
-use std::fs::File;
-use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
@@ -25,8 +23,6 @@ const MAGIC: &[u8] = b"SQLite format 3\0";
 /// Rows, and bytes of their messages, that are fetched at once.
 const BATCH_ROWS: usize = 256;
 const BATCH_BYTES: usize = 8 << 20;
-/// Bytes of the header of a database.
-const HEADER_BYTES: usize = 100;
 /// Cure for a damaged database.
 const RECOVER: &str = "copy it again, or save what can be with `sqlite3 FILE .recover | sqlite3 NEW.db3`";
 
@@ -41,8 +37,6 @@ pub(crate) struct SqliteFile {
     last_row: i64,
     content_bytes: u64,
     file_bytes: u64,
-    /// True if the file is shorter than its header states.
-    is_cut: bool,
     /// True if its recorder did not close it.
     is_unfinished: bool,
     is_done: bool,
@@ -65,9 +59,8 @@ impl SqliteFile {
             Path::new(&name).metadata().map_or(0, |metadata| metadata.len())
         });
         let is_unfinished = journal_bytes.iter().any(|bytes| *bytes > 0);
-        let (length, is_cut) = length(path).map_err(|e| DriverError::io(path, e))?;
-        let database =
-            connect(path, is_unfinished, is_cut).map_err(|error| in_words(path, &error, is_unfinished))?;
+        let length = path.metadata().map_err(|e| DriverError::io(path, e))?.len();
+        let database = connect(path, is_unfinished).map_err(|error| in_words(path, &error, is_unfinished))?;
         Ok(Self {
             path: path.to_owned(),
             database,
@@ -76,7 +69,6 @@ impl SqliteFile {
             last_row: i64::MIN,
             content_bytes: 0,
             file_bytes: journal_bytes.iter().fold(length, |sum, bytes| sum.saturating_add(*bytes)),
-            is_cut,
             is_unfinished,
             is_done: false,
         })
@@ -92,15 +84,14 @@ impl SqliteFile {
             let known = self.read_topics(topics).map_err(|e| in_words(&self.path, &e, self.is_unfinished))?;
             self.topics = Some(known);
         }
-        // One is held back: where the file breaks off, what is last may end in zeros.
-        while self.batch.len() < 2 && !self.is_done {
+        while self.batch.is_empty() && !self.is_done {
             self.fetch(topics)?;
         }
         if let Some((topic, format, content)) = self.batch.pop_front() {
             *payload = content;
             return Ok(Step::Message(topic, format));
         }
-        Ok(if self.is_cut || self.is_unfinished { Step::Truncated } else { Step::End })
+        Ok(if self.is_unfinished { Step::Truncated } else { Step::End })
     }
 
     fn read_topics(&self, topics: &mut Vec<Topic>) -> Result<BTreeMap<i64, usize>, Error> {
@@ -137,14 +128,9 @@ impl SqliteFile {
         };
         match rows {
             Ok(count) => self.is_done = count == 0,
-            // Of the page in which a file breaks off the rest reads as zeros, which are rows of no order.
-            Err(fault) if self.is_cut && fault.is_of_pages() && self.last_row > i64::MIN => {
-                self.is_done = true;
-                self.batch.pop_back();
-            }
             Err(Fault::Bomb) => {
                 let message = format!("holds more than its own length; {RECOVER}");
-                return Err(DriverError::malformed(&self.path, message));
+                return Err(DriverError::refused(&self.path, message));
             }
             Err(Fault::Sqlite(error)) => return Err(in_words(&self.path, &error, self.is_unfinished)),
         }
@@ -197,44 +183,14 @@ enum Fault {
     Bomb,
 }
 
-impl Fault {
-    /// True if missing or damaged pages can cause the fault.
-    fn is_of_pages(&self) -> bool {
-        let Self::Sqlite(error) = self else { return true };
-        let codes = [ErrorCode::DatabaseCorrupt, ErrorCode::NotADatabase, ErrorCode::SystemIoFailure];
-        error.sqlite_error_code().is_some_and(|code| codes.contains(&code))
-    }
-}
-
 impl From<Error> for Fault {
     fn from(error: Error) -> Self {
         Self::Sqlite(error)
     }
 }
 
-/// Length of a database, bytes, and whether it is shorter than its header says.
-fn length(place: &Path) -> std::io::Result<(u64, bool)> {
-    let mut file = File::open(place)?;
-    let length = file.metadata()?.len();
-    let mut header = [0; HEADER_BYTES];
-    let mut read = 0;
-    while read < HEADER_BYTES
-        && let count @ 1.. = file.read(&mut header[read..])?
-    {
-        read += count;
-    }
-    let word = |at: usize| u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    let page_bytes = match u16::from_be_bytes([header[16], header[17]]) {
-        1 => 1 << 16,
-        bytes => u64::from(bytes),
-    };
-    // The number of pages holds where it was written with the last change.
-    let pages = if word(24) == word(92) { u64::from(word(28)) } else { 0 };
-    Ok((length, read < HEADER_BYTES || length < pages * page_bytes))
-}
-
 /// Opens the database at `place` read-only, with all that a schema could do turned off.
-fn connect(place: &Path, is_unfinished: bool, is_cut: bool) -> Result<Connection, Error> {
+fn connect(place: &Path, is_unfinished: bool) -> Result<Connection, Error> {
     let escaped: String = place.as_os_str().as_bytes().iter().map(|byte| escaped(*byte)).collect();
     let constant = if is_unfinished { "" } else { "?immutable=1" };
     let flags =
@@ -250,14 +206,12 @@ fn connect(place: &Path, is_unfinished: bool, is_cut: bool) -> Result<Connection
     ] {
         database.set_limit(limit, most)?;
     }
-    for (config, is_on) in [
-        (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
-        (DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false),
-        (DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false),
-        // Without it a file that is shorter than it should be is not opened at all.
-        (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, is_cut),
+    for config in [
+        DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA,
+        DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW,
+        DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER,
     ] {
-        database.set_db_config(config, is_on)?;
+        database.set_db_config(config, false)?;
     }
     database.execute_batch("PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0")?;
     Ok(database)
@@ -274,22 +228,22 @@ fn escaped(byte: u8) -> String {
 /// Error of SQLite as ours, with the cure.
 fn in_words(path: &Path, error: &Error, is_unfinished: bool) -> DriverError {
     match error.sqlite_error_code() {
-        None if matches!(error, Error::InvalidQuery) => DriverError::malformed(
+        None if matches!(error, Error::InvalidQuery) => DriverError::refused(
             path,
             "is a database, but no bag: it has no tables `topics` and `messages`; give the .db3 file of `ros2 bag record`",
         ),
         Some(ErrorCode::TooBig) => {
             let message =
                 format!("holds a message longer than {} MB; it is no image", MAX_RECORD_BYTES >> 20);
-            DriverError::malformed(path, message)
+            DriverError::refused(path, message)
         }
         Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly | ErrorCode::DatabaseBusy) if is_unfinished => {
             let message = format!(
                 "was not closed by its recorder, and what stands beside it cannot be read: {error}; close the recorder, or open it \
                  once with `sqlite3 FILE 'PRAGMA wal_checkpoint'` in a folder that can be written"
             );
-            DriverError::malformed(path, message)
+            DriverError::refused(path, message)
         }
-        _ => DriverError::malformed(path, format!("is a damaged database: {error}; {RECOVER}")),
+        _ => DriverError::refused(path, format!("is a damaged database: {error}; {RECOVER}")),
     }
 }

@@ -4,12 +4,10 @@ use super::messages::{self, Format};
 use super::pixels::ImageDecoder;
 use super::stream::Messages;
 use crate::euroc::depth::Depth;
-use crate::euroc::pairing::FrameEntry;
+use crate::euroc::frames::Frames;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Images that wait for their turn, bytes: a bag whose cameras are further apart was not recorded in one go.
 const MAX_WAITING_BYTES: usize = 512 << 20;
@@ -22,16 +20,12 @@ const MAX_WAITING_BYTES: usize = 512 << 20;
 pub struct BagStereo {
     path: PathBuf,
     messages: Messages,
-    frames: Arc<[FrameEntry<u64>]>,
-    rest: Range<usize>,
-    expected: u64,
-    /// Their topics.
+    frames: Frames<u64>,
+    /// Topics of the cameras.
     topics: Vec<String>,
     cameras: Vec<Camera>,
     waiting_bytes: usize,
     decoder: ImageDecoder,
-    last_sequence: Option<u64>,
-    faults: Faults,
 }
 
 /// The messages of one camera.
@@ -49,28 +43,22 @@ impl BagStereo {
         path: &Path,
         messages: Messages,
         topics: Vec<String>,
-        frames: Arc<[FrameEntry<u64>]>,
-        range: Range<usize>,
-        faults: Faults,
+        frames: Frames<u64>,
         depth: Depth,
     ) -> Self {
         let camera = |camera: usize| {
-            let wanted = frames[range.clone()].iter().filter_map(|frame| frame.files[camera]).collect();
+            let wanted = frames.rest().iter().filter_map(|frame| frame.files[camera]).collect();
             Camera { count: 0, wanted, waiting: BTreeMap::new() }
         };
         let cameras = (0..topics.len()).map(camera).collect();
         Self {
             path: path.to_owned(),
             messages,
-            expected: range.len() as u64,
-            rest: range,
             cameras,
             topics,
             frames,
             waiting_bytes: 0,
             decoder: ImageDecoder::new(depth),
-            last_sequence: None,
-            faults,
         }
     }
 
@@ -97,19 +85,12 @@ impl BagStereo {
         camera.count += 1;
         if self.waiting_bytes > MAX_WAITING_BYTES {
             let message = "its cameras are too far apart in the file to be flown; was it put together of two recordings?";
-            return Err(DriverError::malformed(&self.path, message));
+            return Err(DriverError::refused(&self.path, message));
         }
         Ok(true)
     }
 
-    fn read_image(
-        &mut self,
-        entry: &FrameEntry<u64>,
-        camera: usize,
-        frame: &mut StereoFrame,
-    ) -> Result<(), DriverError> {
-        frame.valid[camera] = false;
-        let Some(number) = entry.files[camera] else { return Ok(()) };
+    fn read_image(&mut self, number: u64, camera: usize, frame: &mut StereoFrame) -> Result<(), DriverError> {
         let taken = self.take(camera, number)?;
         let image = &mut frame.images[camera];
         if image.pixels().is_empty() {
@@ -121,7 +102,7 @@ impl BagStereo {
         });
         match decoded {
             Some(()) => frame.valid[camera] = true,
-            None => self.faults.corrupt += 1,
+            None => self.frames.faults.corrupt += 1,
         }
         Ok(())
     }
@@ -129,28 +110,20 @@ impl BagStereo {
 
 impl StereoSource for BagStereo {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
-        let frames = Arc::clone(&self.frames);
-        let Some(entry) = self.rest.next().and_then(|i| frames.get(i)) else { return Ok(false) };
-        if let Some(last) = self.last_sequence.replace(entry.sequence) {
-            self.faults.missing += entry.sequence - last - 1;
-        }
-        frame.sequence = entry.sequence;
-        frame.stamp = entry.stamp;
-        frame.valid = [false; 2];
+        let Some(entry) = self.frames.begin(frame) else { return Ok(false) };
         for camera in 0..self.cameras.len() {
-            self.read_image(entry, camera, frame)?;
-        }
-        if self.cameras.len() == 2 && entry.files.iter().any(Option::is_none) {
-            self.faults.unpaired += 1;
+            if let Some(number) = entry.files[camera] {
+                self.read_image(number, camera, frame)?;
+            }
         }
         Ok(true)
     }
 
     fn expected_frames(&self) -> Option<u64> {
-        Some(self.expected)
+        Some(self.frames.expected)
     }
 
     fn faults(&self) -> Faults {
-        self.faults
+        self.frames.faults
     }
 }

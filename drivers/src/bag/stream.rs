@@ -105,7 +105,7 @@ impl Container {
             return SqliteFile::open(path).map(Self::Sqlite);
         }
         if magic.is_empty() {
-            return Err(DriverError::malformed(
+            return Err(DriverError::refused(
                 path,
                 "is empty, or breaks off before its first message; copy it again",
             ));

@@ -1,6 +1,5 @@
 //! Defects of the files of a data set, by name.
 
-use super::depth::Depth;
 use super::imu::ImuRecord;
 use super::order::Order;
 use super::pairing::FrameEntry;
@@ -123,7 +122,8 @@ impl FileDefects {
 /// Defects of coverage: frames before the first or after the last sample. `file` names the samples in
 /// messages.
 pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>]) -> Vec<Defect> {
-    let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::span::frames_span(frames)) else {
+    let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::frames::frames_span(frames))
+    else {
         return Vec::new();
     };
     let defect = |what: &str, evidence: String, cure: String| Defect {
@@ -163,28 +163,8 @@ pub(crate) fn of_stamps(
     orders: &[(String, Order)],
     what: &str,
     first: Timestamp,
-) -> Vec<Defect> {
-    let mut defects: Vec<Defect> = unstamped(root, orders, what).into_iter().collect();
-    defects.extend(stepped(root, orders, first).or_else(|| repeated(root, orders, what)));
-    defects
-}
-
-/// Defect: some rows have the stamp 0, the others the time of the recording.
-fn unstamped(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defect> {
-    let told: Vec<String> = orders
-        .iter()
-        .filter(|(_, order)| order.unstamped > 0)
-        .map(|(name, order)| {
-            format!("{} of {} {what} of {name}", order.unstamped, order.rows + order.unstamped)
-        })
-        .collect();
-    (!told.is_empty()).then(|| Defect {
-        what: "measurements are not stamped".into(),
-        evidence: format!("{}: {} have the stamp 0, and are dropped", root.display(), told.join(", ")),
-        cause: "a driver that leaves out the stamp now and then, as before its clock is set".into(),
-        cure: "let the driver write the time of measurement into each (header.stamp in ROS)".into(),
-        is_grave: false,
-    })
+) -> Option<Defect> {
+    stepped(root, orders, first).or_else(|| repeated(root, orders, what))
 }
 
 /// Defect: the clock of the stamps stepped back.
@@ -229,23 +209,6 @@ fn repeated(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defec
         ),
         cause: "data that were recorded twice, or stamps that are coarse or set on arrival".into(),
         cure: "record each sensor once; stamp each sample when it is measured".into(),
-        is_grave: false,
-    })
-}
-
-/// Defect: only some of the 16 bits are in use. `largest` is the largest value in the `seen` images looked
-/// at.
-pub(crate) fn shallow(root: &Path, depth: Depth, largest: u16, seen: u64) -> Option<Defect> {
-    let bits = depth.bits();
-    (depth != Depth::FULL).then(|| Defect {
-        what: format!("the images use the lower {bits} of their 16 bits"),
-        evidence: format!(
-            "{}: the largest value of {seen} images is {largest}; all are multiplied by {}",
-            root.display(),
-            1 << (16 - bits)
-        ),
-        cause: format!("a camera of {bits} bits whose values are stored without a shift"),
-        cure: "nothing, if that is the camera; otherwise convert the images to 8 bits".into(),
         is_grave: false,
     })
 }

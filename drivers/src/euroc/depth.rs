@@ -26,11 +26,6 @@ impl Depth {
         if largest == 0 { Self::FULL } else { Self(BITS.into_iter().find(holds).unwrap_or(16)) }
     }
 
-    /// Number of bits.
-    pub(crate) fn bits(self) -> u32 {
-        self.0
-    }
-
     /// The eight upper bits of those in use; what is above them is white.
     pub(crate) fn grey(self, value: u16) -> u8 {
         u8::try_from(value >> (self.0 - 8)).unwrap_or(u8::MAX)
@@ -55,7 +50,7 @@ mod tests {
             (0, 16),
             (u16::MAX, 16),
         ] {
-            assert_eq!(Depth::of_largest(largest).bits(), bits, "{largest}");
+            assert_eq!(Depth::of_largest(largest), Depth(bits), "{largest}");
         }
         let ten = Depth::of_largest(1023);
         assert_eq!(

@@ -65,9 +65,9 @@ pub(super) fn unreadable(folder: &Path, rows: &[ImageRow]) -> String {
 }
 
 /// Largest value of 16-bit images, over some that are spread over all `rows`; `None` for images of 8 bits.
-pub(super) fn largest_value(folder: &Path, rows: &[ImageRow]) -> Option<(u16, usize)> {
+pub(super) fn largest_value(folder: &Path, rows: &[ImageRow]) -> Option<u16> {
     let count = rows.len().min(LOOKED_AT);
-    let (mut largest, mut seen) = (0, 0);
+    let mut largest = None;
     for k in 0..count {
         let row = &rows[k * (rows.len() - 1) / (count - 1).max(1)];
         let Ok(bytes) = read_start(&folder.join(&row.file), MAX_FILE_BYTES) else { continue };
@@ -78,10 +78,10 @@ pub(super) fn largest_value(folder: &Path, rows: &[ImageRow]) -> Option<(u16, us
             }
             continue;
         };
-        (largest, seen) = (largest.max(value), seen + 1);
+        largest = largest.max(Some(value));
         if Depth::of_largest(value) == Depth::FULL && value > 0 {
             break;
         }
     }
-    (seen > 0).then_some((largest, seen))
+    largest
 }

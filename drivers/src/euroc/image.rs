@@ -31,10 +31,10 @@ pub(super) fn read_start(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 /// When the file cannot be read, is no PNG or a damaged one, or has another size.
 pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<GrayImage, DriverError> {
     if path.is_dir() {
-        return Err(DriverError::missing(path, "is a directory; name a PNG image"));
+        return Err(DriverError::refused(path, "is a directory; name a PNG image"));
     }
     let file = open_regular(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => DriverError::missing(path, "does not exist; name a PNG image"),
+        ErrorKind::NotFound => DriverError::refused(path, "does not exist; name a PNG image"),
         _ => DriverError::io(path, e),
     })?;
     let mut bytes = Vec::new();
@@ -48,7 +48,7 @@ pub(crate) fn gray_png(
     bytes: &[u8],
     sides_px: RangeInclusive<usize>,
 ) -> Result<GrayImage, DriverError> {
-    let malformed = |message: &str| DriverError::malformed(path, message);
+    let malformed = |message: &str| DriverError::refused(path, message);
     let (width, height) = header_size(Cursor::new(bytes)).ok_or_else(|| {
         malformed("is not a PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
     })?;

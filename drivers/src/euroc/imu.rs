@@ -78,7 +78,7 @@ impl ImuRecord {
 ///
 /// Sequence numbers count from the first sample of the file; a sample skipped as corrupt shows as a gap
 /// like one that was never recorded. Corrupt and disordered rows are those of the whole file.
-#[derive(Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EurocImu {
     record: Arc<ImuRecord>,
     rest: std::ops::Range<usize>,
@@ -87,9 +87,9 @@ pub struct EurocImu {
 }
 
 impl EurocImu {
-    pub(crate) fn new(record: Arc<ImuRecord>, rest: std::ops::Range<usize>) -> Self {
+    pub(crate) fn new(record: ImuRecord, rest: std::ops::Range<usize>) -> Self {
         let faults = record.faults;
-        Self { record, rest, last_sequence: None, faults }
+        Self { record: Arc::new(record), rest, last_sequence: None, faults }
     }
 }
 

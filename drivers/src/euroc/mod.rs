@@ -15,6 +15,7 @@
 pub(crate) mod defects;
 pub(crate) mod depth;
 mod files;
+pub(crate) mod frames;
 pub(crate) mod image;
 pub(crate) mod imu;
 pub(crate) mod order;
@@ -36,17 +37,17 @@ pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
 pub use truth::{ground_truth_table, is_of_positions, read_ground_truth};
-pub use writer::{WriteInputs, WriteOptions, WriteProgress, Written, write};
+pub use writer::{WriteInputs, Written, write};
 
 use crate::{DriverError, Faults, StereoFrame, TruthState};
 use depth::Depth;
-use imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
-use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, paired, parse_image_row};
+use frames::{Frames, frames_span};
+use imu::{IMU_COLUMNS, parse_imu_row};
+use pairing::{IMAGE_COLUMNS, ImageRow, parse_image_row};
 use plumbline_config::{Config, ImuSample, Timestamp};
-use span::{chosen_frames, frames_span, imu_range};
+use span::imu_of;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use table::{Table, read_table};
 
 /// Options of reading a data set: which part is handed out, and what is required of it.
@@ -95,12 +96,9 @@ impl EurocOptions {
 pub struct EurocDataset {
     root: PathBuf,
     sizes_px: Vec<(usize, usize)>,
-    frames: Arc<[FrameEntry]>,
-    handed_out: Range<usize>,
-    image_faults: Faults,
+    frames: Frames,
     depth: Depth,
-    imu: Arc<ImuRecord>,
-    imu_range: Range<usize>,
+    imu: EurocImu,
     defects: Vec<Defect>,
     file_defects: FileDefects,
 }
@@ -130,36 +128,21 @@ impl EurocDataset {
         if let [left, right] = &rows[..] {
             defects.extend(defects::surplus(&root, [left.len(), right.len()]));
         }
-        let (depth, shallow) = depth_of(&root, &rows);
-        defects.extend(shallow);
+        let depth = depth_of(&root, &rows);
         let cure = "are the clocks synchronous? Take cam1 away to fly on one camera";
-        let Pairing { frames, outside } = paired(&root, rows, options.pair_tolerance_s, cure)?;
-        image_faults.unpaired += outside;
-        let handed_out = chosen_frames(&root, options, &frames)?;
-        let (imu, imu_range, file_defects) = if options.with_imu {
+        let frames = Frames::new(&root, rows, options, cure, image_faults)?;
+        let (imu, file_defects) = if options.with_imu {
             let (file, table) = (root.join("imu0/data.csv"), read_imu(&root)?);
             let file_defects = FileDefects::with_rows(table.corrupt, &file, table.first_bad.as_ref());
             orders.push(("imu0/data.csv".into(), table.order));
-            let imu = ImuRecord::new(table);
-            let range = imu_range(&file, &imu, &frames[handed_out.clone()])?;
-            defects.extend(defects::uncovered(&file, &imu, &frames));
-            (imu, range, file_defects)
+            let (imu, uncovered) = imu_of(&file, table, &frames)?;
+            defects.extend(uncovered);
+            (imu, file_defects)
         } else {
-            (ImuRecord::default(), 0..0, FileDefects::default())
+            (EurocImu::default(), FileDefects::default())
         };
-        defects.extend(defects::of_stamps(&root, &orders, "rows", frames_span(&frames).0));
-        Ok(Self {
-            root,
-            sizes_px,
-            frames: frames.into(),
-            handed_out,
-            image_faults,
-            depth,
-            imu: Arc::new(imu),
-            imu_range,
-            defects,
-            file_defects,
-        })
+        defects.extend(defects::of_stamps(&root, &orders, "rows", frames_span(frames.all()).0));
+        Ok(Self { root, sizes_px, frames, depth, imu, defects, file_defects })
     }
 
     /// The directory of the tables (`mav0`).
@@ -189,13 +172,13 @@ impl EurocDataset {
     /// Frames that will be handed out.
     #[must_use]
     pub fn frame_count(&self) -> usize {
-        self.handed_out.len()
+        self.frames.rest().len()
     }
 
     /// Stamps of the first and the last frame that will be handed out.
     #[must_use]
     pub fn span(&self) -> (Timestamp, Timestamp) {
-        frames_span(&self.frames[self.handed_out.clone()])
+        frames_span(self.frames.rest())
     }
 
     /// Defects of the data set as a whole.
@@ -214,16 +197,13 @@ impl EurocDataset {
     #[must_use]
     pub fn stereo(&self) -> EurocStereo {
         let folders = [0, 1].map(|camera| camera_folder(&self.root, camera).join("data"));
-        let frames = Arc::clone(&self.frames);
-        let (range, is_stereo) = (self.handed_out.clone(), self.cameras() == 2);
-        let defects = self.file_defects.clone();
-        EurocStereo::new(frames, range, folders, is_stereo, self.image_faults, defects, self.depth)
+        EurocStereo::new(self.frames.clone(), folders, self.file_defects.clone(), self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
     #[must_use]
     pub fn imu(&self) -> EurocImu {
-        EurocImu::new(Arc::clone(&self.imu), self.imu_range.clone())
+        self.imu.clone()
     }
 
     /// The ground truth of the whole data set in order of time, where there is one: of the sensor that measured it, such as the
@@ -256,7 +236,7 @@ fn find_root(path: &Path) -> Result<PathBuf, DriverError> {
     } else {
         "does not exist; give the directory of a EuRoC data set"
     };
-    Err(DriverError::missing(path, message))
+    Err(DriverError::refused(path, message))
 }
 
 fn count_cameras(root: &Path, options: &EurocOptions) -> usize {
@@ -268,7 +248,7 @@ fn require_table(path: &Path, what: &str) -> Result<(), DriverError> {
     if path.is_file() {
         return Ok(());
     }
-    Err(DriverError::missing(path, format!("is missing, so there are no {what}; copy the data set again")))
+    Err(DriverError::refused(path, format!("is missing, so there are no {what}; copy the data set again")))
 }
 
 fn read_images(folder: &Path) -> Result<Table<ImageRow>, DriverError> {
@@ -303,7 +283,7 @@ fn check_size(
     let folder = camera_folder(root, camera).join("data");
     let Some(found) = files::size_px(&folder, rows) else {
         let message = files::unreadable(&folder, rows);
-        return Err(DriverError::malformed(folder, message));
+        return Err(DriverError::refused(folder, message));
     };
     match options.sizes_px.get(camera) {
         Some(&expected) if expected != found => {
@@ -318,14 +298,10 @@ fn check_size(
     }
 }
 
-/// Bits of 16-bit images that are in use, the same for all cameras, and what is to be said of it.
-fn depth_of(root: &Path, rows: &[Vec<ImageRow>]) -> (Depth, Option<Defect>) {
+/// Bits of 16-bit images that are in use, the same for all cameras.
+fn depth_of(root: &Path, rows: &[Vec<ImageRow>]) -> Depth {
     let looked_at = |(camera, rows): (usize, &Vec<ImageRow>)| {
         files::largest_value(&camera_folder(root, camera).join("data"), rows)
     };
-    let largest: Vec<(u16, usize)> = rows.iter().enumerate().filter_map(looked_at).collect();
-    let Some(value) = largest.iter().map(|(value, _)| *value).max() else { return (Depth::FULL, None) };
-    let seen = largest.iter().map(|(_, seen)| *seen as u64).sum();
-    let depth = Depth::of_largest(value);
-    (depth, defects::shallow(root, depth, value, seen))
+    rows.iter().enumerate().filter_map(looked_at).max().map_or(Depth::FULL, Depth::of_largest)
 }

@@ -30,8 +30,6 @@ pub(crate) struct Order {
     pub(crate) steps_back: u64,
     /// Largest of these steps, ns.
     pub(crate) longest_step_back_ns: u64,
-    /// Rows with the stamp 0 in a recording of another time, dropped.
-    pub(crate) unstamped: u64,
     /// Stamp before the largest step.
     pub(crate) step_at: Timestamp,
 }
@@ -69,7 +67,6 @@ impl Order {
             disordered: self.disordered + other.disordered,
             repeated: self.repeated + other.repeated,
             steps_back: self.steps_back + other.steps_back,
-            unstamped: self.unstamped + other.unstamped,
             ..*larger
         }
     }

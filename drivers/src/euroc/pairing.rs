@@ -85,7 +85,7 @@ pub(crate) fn paired<F>(
     }
     let message =
         format!("no left image has a partner within {tolerance_s} s; {cure} (driver.pair_tolerance_s)");
-    Err(DriverError::malformed(path, message))
+    Err(DriverError::refused(path, message))
 }
 
 /// Frames of a single camera.

@@ -50,7 +50,7 @@ impl PictureDecoder {
             self.jpeg = Some((size, LumaDecoder::new(size.0, size.1)));
         }
         let (_, decoder) = self.jpeg.as_mut()?;
-        image.pixels_mut().copy_from_slice(decoder.decode(file).ok()?);
+        image.pixels_mut().copy_from_slice(decoder.decode(file)?);
         Some(())
     }
 }

@@ -1,11 +1,11 @@
-//! Parts of a recording that are handed out: frames within the bounds that were asked for, and the inertial samples among them.
+//! The inertial samples that are handed out: those among the frames.
 
-use super::EurocOptions;
-use super::imu::ImuRecord;
-use super::pairing::FrameEntry;
+use super::defects::{Defect, uncovered};
+use super::frames::{Frames, frames_span};
+use super::imu::{EurocImu, ImuRecord};
+use super::table::Table;
 use crate::DriverError;
-use plumbline_config::Timestamp;
-use std::ops::Range;
+use plumbline_config::{ImuSample, Timestamp};
 use std::path::Path;
 
 /// Inertial samples are handed out from this long before the first frame, s: enough to level the IMU by.
@@ -17,61 +17,30 @@ const IMU_AFTER_S: f64 = 0.1;
 /// A ratio of stamps within this share of a thousand or a million is that of their units.
 const UNIT_TOLERANCE: f64 = 0.2;
 
-/// The frames within both bounds of `options`; never none.
-pub(crate) fn chosen_frames<F>(
-    root: &Path,
-    options: &EurocOptions,
-    frames: &[FrameEntry<F>],
-) -> Result<Range<usize>, DriverError> {
-    let (first, last) = frames_span(frames);
-    let count_before = |s: f64| frames.partition_point(|f| f.stamp.seconds_since(first) < s);
-    let within_s = count_before(options.seconds.start)..count_before(options.seconds.end);
-    if within_s.is_empty() {
-        let Range { start, end } = options.seconds;
-        let part = match end.is_finite() {
-            true => format!("{start} to {end} s"),
-            false => format!("what comes after {start} s"),
-        };
-        let length_s = last.seconds_since(first);
-        let message = format!("has {length_s:.3} s of frames, of which {part} holds none; choose others");
-        return Err(DriverError::refused(root, message));
-    }
-    let wanted = options.frames.clone().unwrap_or(within_s.clone());
-    let chosen = wanted.start.max(within_s.start)..wanted.end.min(within_s.end);
-    if chosen.is_empty() {
-        let message = format!(
-            "has frames 0..{}, of which {}..{} holds none; choose others",
-            frames.len(),
-            wanted.start,
-            if wanted.end == usize::MAX { String::new() } else { wanted.end.to_string() }
-        );
-        return Err(DriverError::refused(root, message));
-    }
-    Ok(chosen)
-}
-
-pub(crate) fn frames_span<F>(frames: &[FrameEntry<F>]) -> (Timestamp, Timestamp) {
-    let stamp = |frame: Option<&FrameEntry<F>>| frame.map_or(Timestamp::default(), |f| f.stamp);
-    (stamp(frames.first()), stamp(frames.last()))
-}
-
-/// The part of the inertial stream that belongs to `frames`; `file` names it in messages.
-pub(crate) fn imu_range<F>(
+/// The part of the inertial stream that belongs to the frames to be handed out, and where it does not cover all frames; `file`
+/// names it in messages.
+///
+/// # Errors
+/// When there is none.
+pub(crate) fn imu_of<F: Clone>(
     file: &Path,
-    imu: &ImuRecord,
-    frames: &[FrameEntry<F>],
-) -> Result<Range<usize>, DriverError> {
-    let (first, last) = frames_span(frames);
-    if !imu.range(first, last).is_empty() {
-        return Ok(imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S)));
+    table: Table<ImuSample>,
+    frames: &Frames<F>,
+) -> Result<(EurocImu, Vec<Defect>), DriverError> {
+    let imu = ImuRecord::new(table);
+    let (first, last) = frames_span(frames.rest());
+    if imu.range(first, last).is_empty() {
+        let (imu_first, imu_last) = imu.span().unwrap_or_default();
+        let advice = other_unit(imu_last, last).unwrap_or_else(|| "do the files belong together?".into());
+        let message = format!(
+            "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
+             sample among them; {advice}"
+        );
+        return Err(DriverError::refused(file, message));
     }
-    let (imu_first, imu_last) = imu.span().unwrap_or_default();
-    let advice = other_unit(imu_last, last).unwrap_or_else(|| "do the files belong together?".into());
-    let message = format!(
-        "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
-         sample among them; {advice}"
-    );
-    Err(DriverError::malformed(file, message))
+    let defects = uncovered(file, &imu, frames.all());
+    let range = imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S));
+    Ok((EurocImu::new(imu, range), defects))
 }
 
 /// Advice where the stamps of one sensor are in another unit than those of the other.

@@ -8,7 +8,6 @@ use super::order::{Order, not_stamped};
 use crate::DriverError;
 use crate::text_lines::{BoundedLines, unpacked};
 use plumbline_config::{Timestamp, median_by};
-use std::fmt;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -78,20 +77,6 @@ fn quoted(text: &str) -> String {
     format!("'{shown}'")
 }
 
-/// The first row that could not be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct BadRow {
-    line: u64,
-    why: String,
-    is_in_seconds: bool,
-}
-
-impl fmt::Display for BadRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.why)
-    }
-}
-
 /// A row that has a time.
 pub(crate) trait Stamped {
     /// Time of the row.
@@ -108,15 +93,15 @@ pub(crate) struct Table<T> {
     /// Order in which the rows were written.
     pub(crate) order: Order,
     /// The first row that could not be read.
-    pub(crate) first_bad: Option<BadRow>,
+    pub(crate) first_bad: Option<String>,
 }
 
 impl<T: Stamped> Table<T> {
     /// `rows` in order, of which `corrupt` more could not be read.
     pub(crate) fn of(rows: Vec<T>, corrupt: u64) -> Self {
         let mut table = Self { rows, corrupt, order: Order::default(), first_bad: None };
-        let unstamped = drop_far_stamps(&mut table);
-        put_in_order(&mut table, unstamped);
+        drop_far_stamps(&mut table);
+        put_in_order(&mut table);
         table
     }
 }
@@ -159,22 +144,18 @@ pub(crate) fn read_rows<T: Stamped>(
             Err(_) if at_top && is_header(first) => {}
             Err(fault) => {
                 table.corrupt += 1;
-                let is_in_seconds = fault == RowFault::Seconds;
-                table.first_bad.get_or_insert_with(|| BadRow {
-                    line: bytes.position().map_or(0, |position| position.line()),
-                    why: fault.describe(&text),
-                    is_in_seconds,
-                });
+                let line = bytes.position().map_or(0, |position| position.line());
+                table.first_bad.get_or_insert_with(|| format!("line {line}: {}", fault.describe(&text)));
             }
         }
         at_top = false;
     }
-    let unstamped = drop_far_stamps(&mut table);
+    drop_far_stamps(&mut table);
     check_share(path, columns, &table)?;
-    put_in_order(&mut table, unstamped);
+    put_in_order(&mut table);
     if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
         let message = not_stamped("the table", "rows", table.order.rows, row.stamp());
-        return Err(DriverError::malformed(path, message));
+        return Err(DriverError::refused(path, message));
     }
     Ok(table)
 }
@@ -199,42 +180,35 @@ fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), Dr
     let (good, corrupt) = (table.rows.len() as u64, table.corrupt);
     let example = table.first_bad.as_ref().map_or_else(String::new, |bad| format!("; the first is {bad}"));
     let expected = format!("expected columns: {columns}");
-    // Another unit is another file than the one that is meant; torn rows are a file that has suffered.
-    let error = |message: String| match &table.first_bad {
-        Some(BadRow { is_in_seconds: true, .. }) => DriverError::refused(path, message),
-        _ => DriverError::malformed(path, message),
-    };
     if good == 0 {
         let what = match corrupt {
             0 => format!("has no rows; {expected}"),
             1 => format!("its only row is not readable{example}; {expected}"),
             _ => format!("none of {corrupt} rows is readable{example}; {expected}"),
         };
-        return Err(error(what));
+        return Err(DriverError::refused(path, what));
     }
     // One torn line, as a recorder leaves it when the power goes, is no reason to refuse a short file.
     if corrupt > 1 && corrupt * CORRUPT_ROWS_ONE_IN > good + corrupt {
         let message = format!("{corrupt} of {} rows are corrupt{example}; {expected}", good + corrupt);
-        return Err(error(message));
+        return Err(DriverError::refused(path, message));
     }
     Ok(())
 }
 
-/// Drops rows whose stamps are no times of the recording, and returns how many of them have the stamp 0.
-fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) -> u64 {
+/// Drops rows whose stamps are no times of the recording.
+fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) {
     let mut stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
-    let Some(median) = median_by(&mut stamps, Ord::cmp) else { return 0 };
+    let Some(median) = median_by(&mut stamps, Ord::cmp) else { return };
     let is_far = |stamp: Timestamp| stamp.nanos_since(median).saturating_abs() > MAX_SPAN_NS;
-    let unstamped = stamps.iter().filter(|stamp| stamp.as_nanos() == 0 && is_far(**stamp)).count();
     let before = table.rows.len();
     table.rows.retain(|row| !is_far(row.stamp()));
     table.corrupt += (before - table.rows.len()) as u64;
-    unstamped as u64
 }
 
-fn put_in_order<T: Stamped>(table: &mut Table<T>, unstamped: u64) {
+fn put_in_order<T: Stamped>(table: &mut Table<T>) {
     let stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
-    table.order = Order { unstamped, ..Order::of(&stamps) };
+    table.order = Order::of(&stamps);
     table.rows.sort_by_key(Stamped::stamp);
     table.rows.dedup_by_key(|row| row.stamp());
 }

@@ -34,22 +34,6 @@ pub struct WriteInputs<'a> {
     pub truth: &'a mut dyn Iterator<Item = TruthState>,
 }
 
-/// Options of writing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct WriteOptions {
-    /// Replace the `mav0` of a directory that is not empty. Other files in it are left alone.
-    pub overwrite: bool,
-}
-
-/// Progress of the writing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WriteProgress {
-    /// Frames written.
-    pub frames: u64,
-    /// Frames there will be, where that is known.
-    pub expected_frames: Option<u64>,
-}
-
 /// Counts of what was written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
@@ -63,17 +47,18 @@ pub struct Written {
     pub truth_rows: u64,
 }
 
-/// Writes the inputs to `out/mav0`, calling `progress` after each frame. On failure nothing of it is left.
+/// Writes the inputs to `out/mav0`, calling `progress` after each frame with their number so far. With `overwrite` it replaces
+/// the `mav0` of a directory that is not empty, whose other files are left alone. On failure nothing of it is left.
 ///
 /// # Errors
 /// When `out` is not empty and not to be overwritten, a source fails, or the disk does.
 pub fn write(
     out: &Path,
     inputs: WriteInputs<'_>,
-    options: WriteOptions,
-    progress: &mut dyn FnMut(WriteProgress),
+    overwrite: bool,
+    progress: &mut dyn FnMut(u64),
 ) -> Result<Written, DriverError> {
-    let partial = Partial::begin(out, options)?;
+    let partial = Partial::begin(out, overwrite)?;
     let mut written = Written::default();
     let cameras = &inputs.config.camera;
     write_images(&partial.folder, cameras, inputs.stereo, &mut written, progress)?;
@@ -92,11 +77,11 @@ struct Partial {
 }
 
 impl Partial {
-    fn begin(out: &Path, options: WriteOptions) -> Result<Self, DriverError> {
+    fn begin(out: &Path, overwrite: bool) -> Result<Self, DriverError> {
         let created_out = !out.exists();
-        if !created_out && !options.overwrite && holds_anything(out)? {
+        if !created_out && !overwrite && holds_anything(out)? {
             let message = "exists and is not empty; choose another directory, or replace what is there with --overwrite";
-            return Err(DriverError::Refused { path: out.into(), message: message.into() });
+            return Err(DriverError::refused(out, message));
         }
         let folder = out.join(PARTIAL);
         remove_if_there(&folder)?;
@@ -169,7 +154,7 @@ fn write_images(
     cameras: &[CameraConfig],
     source: &mut dyn StereoSource,
     written: &mut Written,
-    progress: &mut dyn FnMut(WriteProgress),
+    progress: &mut dyn FnMut(u64),
 ) -> Result<(), DriverError> {
     let mut tables = Vec::new();
     let mut sizes_px = [(0, 0); 2];
@@ -182,7 +167,6 @@ fn write_images(
         tables.push((folder.join("data"), table));
         *size = (calibration.width_px, calibration.height_px);
     }
-    let expected_frames = source.expected_frames();
     let mut frame = StereoFrame::new(sizes_px);
     while source.next_frame(&mut frame)? {
         for (camera, (folder, table)) in tables.iter_mut().enumerate() {
@@ -199,7 +183,7 @@ fn write_images(
             written.images += 1;
         }
         written.frames += 1;
-        progress(WriteProgress { frames: written.frames, expected_frames });
+        progress(written.frames);
     }
     tables.into_iter().try_for_each(|(_, table)| table.finish())
 }

@@ -3,9 +3,8 @@
 //! `iio:device0` is whichever was there first. What stays is the name that its driver gives (`bmi270`), the label of the
 //! device tree, and where it is attached.
 
-use super::attribute;
 use super::layout::Quantity;
-use crate::DriverError;
+use crate::{DriverError, sysfs};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -93,11 +92,11 @@ fn device_at(folder: &Path) -> Option<IioDeviceInfo> {
     (has_gyro || has_accel).then(|| IioDeviceInfo {
         name: String::new(),
         device,
-        driver_name: attribute::text(&folder.join("name")).unwrap_or_default(),
-        label: attribute::text(&folder.join("label")).filter(|label| !label.is_empty()),
+        driver_name: sysfs::text(&folder.join("name")).unwrap_or_default(),
+        label: sysfs::text(&folder.join("label")).filter(|label| !label.is_empty()),
         has_gyro,
         has_accel,
-        rate_hz: attribute::first_number(folder, &RATES),
+        rate_hz: sysfs::first_number(folder, &RATES),
         rates_hz: rates_of(folder),
         folder: folder.to_owned(),
     })
@@ -105,7 +104,7 @@ fn device_at(folder: &Path) -> Option<IioDeviceInfo> {
 
 /// Rates that a device offers.
 fn rates_of(folder: &Path) -> Vec<f64> {
-    let offered = |name: &&str| attribute::text(&folder.join(format!("{name}_available")));
+    let offered = |name: &&str| sysfs::text(&folder.join(format!("{name}_available")));
     let text = RATES.iter().find_map(offered).unwrap_or_default();
     // `[least step most]` is a range, which is told by its ends.
     let is_range = text.starts_with('[');

@@ -5,9 +5,7 @@ use super::layout::{Quantity, ScanValues};
 use super::merge::Merge;
 use super::unit::{Unit, UnitFigures, Wanted};
 use crate::clock::monotonic_ns;
-use crate::inertial::{
-    FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, SampleVerdict, SampleWatch,
-};
+use crate::inertial::{FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, SampleWatch};
 use crate::{DriverError, Faults, ImuReading, ImuSource, StopFlag};
 use nalgebra::Vector3;
 use plumbline_config::options::{ImuConfig, ImuDriverConfig, ImuEndpoint};
@@ -123,27 +121,22 @@ impl IioImu {
     /// The next reading of what was read.
     fn take(&mut self) -> Option<ImuReading> {
         loop {
-            let (stamp_ns, gyro, accel, temperature_c) = match &mut self.accel {
+            let (stamp_ns, gyro, accel) = match &mut self.accel {
                 None => {
-                    let ScanValues { stamp_ns, gyro, accel, temperature_c } = self.gyro.next()?;
-                    (stamp_ns, gyro?, accel?, temperature_c)
+                    let ScanValues { stamp_ns, gyro, accel } = self.gyro.next()?;
+                    (stamp_ns, gyro?, accel?)
                 }
                 Some((unit, merge)) => {
-                    let mut temperature_c = None;
                     while let Some(scan) = self.gyro.next() {
-                        temperature_c = scan.temperature_c;
                         merge.gyro((scan.stamp_ns, scan.gyro?));
                     }
                     while let Some(scan) = unit.next() {
                         merge.accel((scan.stamp_ns, scan.accel?));
                     }
                     let ((stamp_ns, gyro), accel) = merge.next()?;
-                    (stamp_ns, gyro, accel, temperature_c)
+                    (stamp_ns, gyro, accel)
                 }
             };
-            if let Some(temperature_c) = temperature_c {
-                self.watch.temperature(temperature_c, stamp_ns);
-            }
             if let Some(reading) = self.reading(stamp_ns, gyro, accel) {
                 return Some(reading);
             }
@@ -151,7 +144,7 @@ impl IioImu {
     }
 
     fn reading(&mut self, stamp_ns: i64, gyro: Vector3<f64>, accel: Vector3<f64>) -> Option<ImuReading> {
-        if self.watch.look(&gyro, &accel, false) == SampleVerdict::Drop {
+        if !self.watch.look(&gyro, &accel, false) {
             return None;
         }
         self.samples += 1;

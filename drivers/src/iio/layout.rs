@@ -3,7 +3,7 @@
 //! Elements lie in the order of their index, each at a multiple of its own size; a scan is as long as a multiple of its
 //! largest. `le:s16/32>>4` is little-endian, signed, 16 bits in 32, shifted left by 4.
 
-use super::attribute;
+use crate::sysfs;
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
@@ -126,8 +126,6 @@ pub struct ScanValues {
     pub gyro: Option<Vector3<f64>>,
     /// m/s².
     pub accel: Option<Vector3<f64>>,
-    /// Degrees Celsius.
-    pub temperature_c: Option<f64>,
 }
 
 /// Layout of the scans of a device.
@@ -138,7 +136,6 @@ pub struct Layout {
     stamp: Element,
     gyro: Option<Axes>,
     accel: Option<Axes>,
-    temperature: Option<Element>,
 }
 
 impl Layout {
@@ -154,23 +151,11 @@ impl Layout {
         };
         let axes = |quantity: Quantity| axes_of(folder, quantity, &find);
         let (storage, place) = find("in_timestamp").ok_or("it has no timestamps")?;
-        let temperature = ["in_temp", "in_temp0"].iter().find_map(|name| {
-            let (storage, place) = find(name)?;
-            let number = |what: &str| attribute::number(&folder.join(format!("{name}_{what}")));
-            // The ABI has thousandths of a degree.
-            Some(Element {
-                storage,
-                place,
-                offset: number("offset").unwrap_or(0.0),
-                scale: number("scale")? * 1e-3,
-            })
-        });
         Ok(Self {
             bytes,
             stamp: Element { storage, place, offset: 0.0, scale: 1.0 },
             gyro: axes(Quantity::Gyro)?,
             accel: axes(Quantity::Accel)?,
-            temperature,
         })
     }
 
@@ -182,7 +167,6 @@ impl Layout {
             stamp_ns: storage.read(&scan[place..place + storage.bytes]),
             gyro: self.gyro.map(|axes| axes.value(scan)),
             accel: self.accel.map(|axes| axes.value(scan)),
-            temperature_c: self.temperature.map(|element| element.value(scan)),
         }
     }
 }
@@ -193,7 +177,7 @@ type Placed = (Vec<(String, Storage, usize)>, usize);
 fn placed(folder: &Path) -> Result<Placed, String> {
     let mut channels = Vec::new();
     for name in enabled(folder) {
-        let of = |what: &str| attribute::text(&folder.join(format!("{name}_{what}")));
+        let of = |what: &str| sysfs::text(&folder.join(format!("{name}_{what}")));
         let index: u32 = of("index")
             .and_then(|text| text.parse().ok())
             .ok_or_else(|| format!("{name}_index is not a number"))?;
@@ -222,7 +206,7 @@ fn enabled(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = listed
         .flatten()
         .filter_map(|entry| entry.file_name().to_str()?.strip_suffix("_en").map(str::to_owned))
-        .filter(|name| attribute::text(&folder.join(format!("{name}_en"))).as_deref() == Some("1"))
+        .filter(|name| sysfs::text(&folder.join(format!("{name}_en"))).as_deref() == Some("1"))
         .collect();
     names.sort();
     names
@@ -238,8 +222,8 @@ fn axes_of(
     let found = ["x", "y", "z"].map(|axis| Some((axis, find(&format!("{channel}_{axis}"))?)));
     let [Some(x), Some(y), Some(z)] = found else { return Ok(None) };
     let number = |axis: &str, what: &str| {
-        attribute::number(&folder.join(format!("{channel}_{axis}_{what}")))
-            .or_else(|| attribute::number(&folder.join(format!("{channel}_{what}"))))
+        sysfs::number(&folder.join(format!("{channel}_{axis}_{what}")))
+            .or_else(|| sysfs::number(&folder.join(format!("{channel}_{what}"))))
     };
     let element = |(axis, (storage, place)): (&str, (Storage, usize))| {
         let scale = number(axis, "scale").filter(|scale| *scale != 0.0);
@@ -254,7 +238,7 @@ fn axes_of(
 fn mount_of(folder: &Path, channel: &str) -> Result<Matrix3<f64>, String> {
     let own = format!("{channel}_mount_matrix");
     let names = [own.as_str(), "in_mount_matrix", "mount_matrix"];
-    let Some((name, text)) = names.iter().find_map(|name| Some((name, attribute::text(&folder.join(name))?)))
+    let Some((name, text)) = names.iter().find_map(|name| Some((name, sysfs::text(&folder.join(name))?)))
     else {
         return Ok(Matrix3::identity());
     };

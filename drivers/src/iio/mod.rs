@@ -10,7 +10,6 @@
 //!
 //! Source: `Documentation/ABI/testing/sysfs-bus-iio` of the kernel.
 
-mod attribute;
 pub mod devices;
 mod imu;
 pub mod layout;

@@ -1,9 +1,9 @@
 //! Has a device measure what we need into its buffer.
 
-use super::attribute::{number, text, write};
 use super::devices::{IioDeviceInfo, IioRoots, RATES};
 use super::layout::{Layout, Quantity};
 use crate::DriverError;
+use crate::sysfs::{number, text, write};
 use std::path::Path;
 
 /// Scans that the kernel holds for us: a quarter of a second at 1 kHz.
@@ -51,7 +51,7 @@ pub fn stop(folder: &Path) {
     let _ = write(&folder.join("buffer/enable"), "0");
 }
 
-/// Switches on the axes that are wanted, the stamp and the temperature, and all else off.
+/// Switches on the axes that are wanted and the stamp, and all else off.
 fn channels(folder: &Path, wanted: &[Quantity]) -> Result<(), DriverError> {
     let elements = folder.join("scan_elements");
     let listed = std::fs::read_dir(&elements).map_err(|error| DriverError::io(&elements, error))?;
@@ -65,7 +65,7 @@ fn channels(folder: &Path, wanted: &[Quantity]) -> Result<(), DriverError> {
             let axis = channel.strip_prefix(quantity.channel());
             matches!(axis, Some("_x" | "_y" | "_z"))
         };
-        let is_on = wanted.iter().any(is_axis) || matches!(channel, "in_timestamp" | "in_temp" | "in_temp0");
+        let is_on = wanted.iter().any(is_axis) || channel == "in_timestamp";
         write(&file, if is_on { "1" } else { "0" })?;
     }
     Ok(())

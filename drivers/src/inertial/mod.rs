@@ -8,4 +8,4 @@ mod watch;
 pub(crate) use figures::Post;
 pub use figures::{FramingFigures, ImuFigures, ImuMonitor, LinkFigures};
 pub use numbering::{LossFigures, Numbering};
-pub use watch::{SampleVerdict, SampleWatch, WatchFigures};
+pub use watch::{SampleWatch, WatchFigures};

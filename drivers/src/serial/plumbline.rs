@@ -36,7 +36,6 @@ impl Plumbline {
             counter: Some(u64::from(imu.sequence)),
             gyro,
             accel,
-            temperature_c: imu.temperature_c.map(f64::from),
             is_saturated: imu.flags.gyro_saturated || imu.flags.accel_saturated,
             is_failed: imu.flags.sensor_failed,
         })
@@ -84,17 +83,16 @@ impl Protocol for Plumbline {
                 }),
                 _ => Content::Other,
             },
-            Ok(Message::Trigger(trigger)) => Content::Trigger(trigger),
-            Ok(Message::Hello(hello)) => {
+            Ok(Message::Hello(_)) => {
                 // One that says hello of its own accord was started anew, and knows nothing.
                 (self.is_known, self.is_set) = (true, self.is_set && !self.is_known);
-                Content::Hello(hello)
+                Content::Other
             }
-            Ok(Message::Settings(settings)) => {
+            Ok(Message::Settings(_)) => {
                 self.is_set = true;
-                Content::Settings(settings)
+                Content::Other
             }
-            // What the host says, heard back, and types of later versions.
+            // Triggers of the cameras, what the host says, heard back, and types of later versions.
             Ok(_) | Err(FrameError::Unknown) => Content::Other,
             Err(_) => Content::Malformed,
         }
@@ -182,10 +180,10 @@ mod tests {
         let stream =
             [&[1; 300][..], &framed(&imu(1)), &[9; 5], &framed(&Message::Trigger(trigger)), &framed(&imu(2))];
         let found = contents(&mut Plumbline::new(Settings::default()), &stream.concat());
-        let [Content::Sample(first), Content::Trigger(second), Content::Sample(third)] = found[..] else {
+        let [Content::Sample(first), Content::Other, Content::Sample(third)] = found[..] else {
             panic!("{found:?}")
         };
-        assert_eq!((first.counter, first.ticks, second, third.counter), (Some(1), 5, trigger, Some(2)));
+        assert_eq!((first.counter, first.ticks, third.counter), (Some(1), 5, Some(2)));
         assert!(first.is_saturated && !first.is_failed);
     }
 

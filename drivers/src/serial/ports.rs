@@ -3,12 +3,11 @@
 //! `/dev/ttyACM0` is whichever device was plugged in first. udev keeps links that stay: `/dev/serial/by-id` names the device,
 //! `/dev/serial/by-path` the socket that it is plugged into. Ports of the board itself have no links: their names are fixed.
 
+use crate::sysfs::{entries, text};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Ports that are listed at most.
-const MAX_PORTS: usize = 256;
 /// Levels above a port's device where its USB device may be.
 const LEVELS: usize = 4;
 
@@ -54,14 +53,6 @@ fn serial_ports_below(dev: &Path, sys: &Path) -> Vec<SerialPortInfo> {
     ports
 }
 
-/// Entries of a folder, sorted; none if it does not exist.
-fn entries(folder: &Path) -> Vec<PathBuf> {
-    let Ok(listed) = std::fs::read_dir(folder) else { return Vec::new() };
-    let mut paths: Vec<PathBuf> = listed.flatten().map(|entry| entry.path()).take(MAX_PORTS * 4).collect();
-    paths.sort();
-    paths
-}
-
 /// The links of a folder by the device that they lead to.
 fn links(folder: &Path) -> BTreeMap<PathBuf, PathBuf> {
     entries(folder).into_iter().filter_map(|link| Some((std::fs::canonicalize(&link).ok()?, link))).collect()
@@ -71,7 +62,7 @@ fn links(folder: &Path) -> BTreeMap<PathBuf, PathBuf> {
 /// does not have.
 fn driver_of(port: &Path) -> Option<String> {
     let driver = std::fs::read_link(port.join("device/driver")).ok()?;
-    let is_absent = std::fs::read_to_string(port.join("type")).is_ok_and(|kind| kind.trim() == "0");
+    let is_absent = text(&port.join("type")).as_deref() == Some("0");
     (!is_absent).then(|| driver.file_name().map(|name| name.to_string_lossy().into_owned()))?
 }
 
@@ -79,10 +70,9 @@ fn driver_of(port: &Path) -> Option<String> {
 fn product_of(port: &Path) -> Option<String> {
     let device = std::fs::canonicalize(port.join("device")).ok()?;
     device.ancestors().take(LEVELS).find_map(|folder| {
-        let read =
-            |name: &str| std::fs::read_to_string(folder.join(name)).ok().map(|text| text.trim().to_owned());
-        let product = read("product")?;
-        Some(read("manufacturer").map_or(product.clone(), |maker| format!("{maker} {product}")))
+        let product = text(&folder.join("product"))?;
+        let maker = text(&folder.join("manufacturer"));
+        Some(maker.map_or(product.clone(), |maker| format!("{maker} {product}")))
     })
 }
 

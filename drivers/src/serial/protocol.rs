@@ -2,7 +2,7 @@
 
 use super::framing::Scan;
 use nalgebra::Vector3;
-use plumbline_protocol::{Hello, MAX_FRAME, Settings, Trigger};
+use plumbline_protocol::MAX_FRAME;
 
 /// A protocol of a serial line.
 pub trait Protocol: Send {
@@ -57,12 +57,6 @@ pub enum Content {
     Sample(DeviceSample),
     /// The answer to a question for the time.
     Answer(TimeAnswer),
-    /// The cameras were triggered.
-    Trigger(Trigger),
-    /// The device says who it is.
-    Hello(Hello),
-    /// The device says what it does.
-    Settings(Settings),
     /// Nothing that concerns us.
     Other,
     /// A frame of the right kind that lacks what a sample needs, in words.
@@ -82,21 +76,10 @@ pub struct DeviceSample {
     pub gyro: Vector3<f64>,
     /// Specific force, m/s².
     pub accel: Vector3<f64>,
-    /// Temperature of the sensor, degrees Celsius.
-    pub temperature_c: Option<f64>,
     /// The device says that a range was exceeded.
     pub is_saturated: bool,
     /// The device says that its sensor failed.
     pub is_failed: bool,
-}
-
-impl DeviceSample {
-    /// True if every number is finite.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        let numbers = self.gyro.iter().chain(&self.accel).chain(&self.temperature_c);
-        numbers.into_iter().all(|number| number.is_finite())
-    }
 }
 
 /// The answer to a question for the time: the host's time of the question, and when the device received it and answered by

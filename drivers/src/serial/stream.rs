@@ -4,7 +4,7 @@ use super::framing::Deframer;
 use super::protocol::{Content, DeviceSample, Outgoing, Protocol, TimeAnswer};
 use crate::ImuReading;
 use crate::clock::{DeviceClock, RoundTrip, StampPace, Stamped, Unwrap};
-use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, SampleWatch};
+use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleWatch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 
@@ -71,7 +71,7 @@ impl Stream {
                 Content::Answer(answer) => self.answer(&answer, arrival_ns),
                 Content::Lacking(what) => self.figures.lacking = Some(what),
                 Content::Malformed => self.figures.malformed += 1,
-                Content::Trigger(_) | Content::Hello(_) | Content::Settings(_) | Content::Other => {}
+                Content::Other => {}
             }
         }
     }
@@ -118,14 +118,11 @@ impl Stream {
             }
             Stamped::Refused => return None,
         };
-        if let Some(temperature_c) = sample.temperature_c {
-            self.watch.temperature(temperature_c, stamp_ns);
+        if sample.is_failed {
+            self.watch.failed();
+            return None;
         }
-        let verdict = match sample.is_failed {
-            true => self.watch.failed(),
-            false => self.watch.look(&sample.gyro, &sample.accel, sample.is_saturated),
-        };
-        if verdict == SampleVerdict::Drop {
+        if !self.watch.look(&sample.gyro, &sample.accel, sample.is_saturated) {
             return None;
         }
         self.figures.samples += 1;

@@ -99,13 +99,7 @@ fn a_clean_line_has_no_faults() {
         let brought = play(device, Trouble { seed: 2, noise: 0.0, hit: 0.0 }, 2400, 0);
         assert_eq!(brought.figures.faults(), crate::Faults::default(), "{which:?}");
         assert_eq!(brought.figures.framing.passed_over, 0, "{which:?}");
-        assert_eq!(
-            brought.figures.watch,
-            crate::inertial::WatchFigures {
-                temperature_c: (which == ImuProtocol::Plumbline).then_some(30.0),
-                ..Default::default()
-            }
-        );
+        assert_eq!(brought.figures.watch, crate::inertial::WatchFigures::default());
         assert!((brought.figures.loss.rate_hz - 200.0).abs() < 1.0);
         assert!((brought.figures.clock.skew_ppm - 80.0).abs() < 3.0, "{:?}", brought.figures.clock);
     }

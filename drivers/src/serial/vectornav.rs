@@ -110,7 +110,6 @@ struct Values {
     time_ns: Option<u64>,
     gyro: [Option<[f64; 3]>; 2],
     accel: [Option<[f64; 3]>; 2],
-    temperature_c: Option<f64>,
     saturation: u16,
 }
 
@@ -125,12 +124,9 @@ impl Values {
             (0, 8) | (2, 9) => self.accel[1] = reals(bytes, 0),
             // Imu: accelerometer before gyroscope.
             (0, 9) => (self.accel[0], self.gyro[0]) = (reals(bytes, 0), reals(bytes, 12)),
-            // MagPres: temperature after the magnetometer.
-            (0, 10) => self.temperature_c = real(bytes, 12),
-            // UncompAccel; UncompGyro; Temp; SensSat.
+            // UncompAccel; UncompGyro; SensSat.
             (2, 2) => self.accel[0] = reals(bytes, 0),
             (2, 3) => self.gyro[0] = reals(bytes, 0),
-            (2, 4) => self.temperature_c = real(bytes, 0),
             (2, 11) => self.saturation = word(bytes, 0).unwrap_or(0),
             _ => {}
         }
@@ -153,7 +149,6 @@ impl Values {
             ticks,
             gyro,
             accel,
-            temperature_c: self.temperature_c.filter(|c| c.is_finite()),
             is_saturated: self.saturation & SATURATED != 0,
             ..DeviceSample::default()
         })
@@ -284,7 +279,7 @@ mod tests {
         let fields = [(1, 1), (2, 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11), (4, 1 << 1)];
         let Content::Sample(sample) = only(&frame(&fields, &values)) else { panic!() };
         assert_eq!((sample.ticks, sample.accel.y, sample.gyro.y), (9, 5.0, 2.0));
-        assert_eq!((sample.temperature_c, sample.is_saturated), (Some(36.5), true));
+        assert!(sample.is_saturated);
     }
 
     #[test]

@@ -50,7 +50,6 @@ struct Values {
     ticks: Option<u64>,
     gyro: Option<[f64; 3]>,
     accel: Option<[f64; 3]>,
-    temperature_c: Option<f64>,
     status: u32,
 }
 
@@ -66,7 +65,6 @@ impl Values {
             // RateOfTurn, RateOfTurnHR; Acceleration, AccelerationHR.
             0x8020 | 0x8040 => return put(&mut self.gyro, reals(number, value)),
             0x4020 | 0x4040 => return put(&mut self.accel, reals(number, value)),
-            0x0810 => return put(&mut self.temperature_c, real(number, value)),
             0x1020 | 0x1060 | 0xE020 => return false,
             _ => {}
         }
@@ -88,7 +86,6 @@ impl Values {
             counter: self.counter,
             gyro,
             accel,
-            temperature_c: self.temperature_c.filter(|c| c.is_finite()),
             is_saturated: self.status & CLIPPED != 0,
             is_failed: false,
         })
@@ -250,7 +247,6 @@ mod tests {
         }
         let samples = CAPTURED.map(|(payload, ..)| sample(&hex(payload)));
         assert_eq!(samples.map(|s| s.is_saturated), [false, false, true]);
-        assert_eq!(samples.map(|s| s.temperature_c), [None, Some(37.625), None]);
     }
 
     #[test]

@@ -195,7 +195,7 @@ impl Camera {
     pub(crate) fn hand_out(&mut self, images: &mut [GrayImage]) -> Option<(Waiting, bool)> {
         let Held { filled, image } = self.held.pop_front()?;
         let Stream { queue, converter, .. } = self.stream.as_mut()?;
-        let is_whole = converter.convert(queue.bytes(&filled), images).is_ok();
+        let is_whole = converter.convert(queue.bytes(&filled), images).is_some();
         self.figures.corrupt += u64::from(!is_whole);
         self.give_back(filled);
         Some((image, is_whole))

@@ -163,11 +163,13 @@ fn number(bytes: &[u8]) -> u32 {
 /// # Errors
 /// When it cannot be opened, or does not take them.
 pub fn set_controls(path: &Path, controls: &[String]) -> Result<(), DriverError> {
-    let fd = node::open(path).map_err(|error| DriverError::device(path, extension::unopened(error)))?;
+    let fd = node::open(path).map_err(|error| DriverError::refused(path, extension::unopened(error)))?;
     let options = V4l2Config { controls: controls.to_vec(), ..V4l2Config::default() };
     apply(fd.as_fd(), &options).map_err(|error| match error {
-        ControlError::Refused(message) => DriverError::device(path, message),
-        ControlError::Device(error) => DriverError::device(path, format!("a control cannot be set: {error}")),
+        ControlError::Refused(message) => DriverError::refused(path, message),
+        ControlError::Device(error) => {
+            DriverError::refused(path, format!("a control cannot be set: {error}"))
+        }
     })
 }
 

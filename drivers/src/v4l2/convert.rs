@@ -2,9 +2,8 @@
 //! first.
 
 use super::format::{Arrangement, PixelFormat};
-use super::jpeg::{JpegDamage, LumaDecoder};
+use super::jpeg::LumaDecoder;
 use plumbline_config::GrayImage;
-use thiserror::Error;
 
 /// Format of a device's images: their encoding and their layout in a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,30 +18,6 @@ pub struct RawLayout {
     pub height_px: usize,
     /// Bytes from the beginning of a row to that of the next; without meaning for JPEG.
     pub stride: usize,
-}
-
-/// Reason why no image could be made of a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Damage {
-    /// The buffer holds less than an image.
-    #[error("{bytes} of {needed} bytes")]
-    Short {
-        /// Bytes that there are.
-        bytes: usize,
-        /// Bytes that an image has.
-        needed: usize,
-    },
-    /// The driver's stride is less than a row.
-    #[error("a stride of {stride} bytes for rows of {row}")]
-    Stride {
-        /// Bytes from row to row.
-        stride: usize,
-        /// Bytes of a row.
-        row: usize,
-    },
-    /// The data are no readable JPEG image.
-    #[error("JPEG: {0}")]
-    Jpeg(#[from] JpegDamage),
 }
 
 impl RawLayout {
@@ -86,12 +61,11 @@ impl Converter {
     /// Writes the images that `bytes` hold into `images`: one, or left and right. Images of another size than the
     /// layout says are made anew, and everything else but JPEG without allocating.
     ///
-    /// # Errors
-    /// When the bytes are no image; what the images hold is then of no use.
+    /// `None` when the bytes are no image; what the images hold is then of no use.
     ///
     /// # Panics
     /// When there are not as many images as the layout has.
-    pub fn convert(&mut self, bytes: &[u8], images: &mut [GrayImage]) -> Result<(), Damage> {
+    pub fn convert(&mut self, bytes: &[u8], images: &mut [GrayImage]) -> Option<()> {
         let layout = self.layout;
         for image in images.iter_mut() {
             if (image.width(), image.height()) != (layout.width_px, layout.height_px) {
@@ -105,14 +79,16 @@ impl Converter {
             }
             None => (layout, bytes),
         };
-        check(&layout, bytes)?;
+        if layout.stride < layout.row_bytes() || bytes.len() < layout.needed() {
+            return None;
+        }
         match (layout.arrangement, images) {
             (Arrangement::Single, [image]) => single(&layout, bytes, image),
             (Arrangement::SideBySide, [left, right]) => halves(&layout, bytes, left, right),
             (Arrangement::Interleaved, [left, right]) => interleaved(&layout, bytes, left, right),
             (arrangement, images) => panic!("{} images for {arrangement:?}", images.len()),
         }
-        Ok(())
+        Some(())
     }
 }
 
@@ -156,19 +132,7 @@ fn interleaved(layout: &RawLayout, bytes: &[u8], left: &mut GrayImage, right: &m
     }
 }
 
-/// Checks that all rows are there.
-fn check(layout: &RawLayout, bytes: &[u8]) -> Result<(), Damage> {
-    let (row, stride) = (layout.row_bytes(), layout.stride);
-    if stride < row {
-        return Err(Damage::Stride { stride, row });
-    }
-    match layout.needed() {
-        needed if bytes.len() < needed => Err(Damage::Short { bytes: bytes.len(), needed }),
-        _ => Ok(()),
-    }
-}
-
-/// The rows of a buffer that [`check`] has found whole, without padding.
+/// The rows of a buffer that is whole, without padding.
 fn rows<'a>(layout: &RawLayout, bytes: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + use<'a> {
     let (row, stride, height) = (layout.row_bytes(), layout.stride, layout.height_px);
     (0..height).map(move |y| &bytes[y * stride..][..row])

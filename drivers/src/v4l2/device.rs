@@ -57,7 +57,7 @@ impl OpenError {
     fn from_errno(wanted: &Wanted, doing: &str, error: Errno) -> Self {
         let path = wanted.path.display();
         let key = wanted.key;
-        let refused = |message: &str| Self::Refused(DriverError::device(&wanted.path, message));
+        let refused = |message: &str| Self::Refused(DriverError::refused(&wanted.path, message));
         match error {
             Errno::NOENT | Errno::NODEV | Errno::NXIO | Errno::NOTDIR => Self::Absent(format!(
                 "{path}: there is no such device now; plug the camera in, or let `{key}` name another of \
@@ -89,7 +89,7 @@ pub(crate) fn open(wanted: &Wanted) -> Result<Stream, OpenError> {
     let layout = set_format(wanted, fd.as_fd(), kind)?;
     set_rate(wanted, fd.as_fd(), kind, &layout)?;
     controls::apply(fd.as_fd(), &wanted.options).map_err(|error| match error {
-        ControlError::Refused(message) => OpenError::Refused(DriverError::device(&wanted.path, message)),
+        ControlError::Refused(message) => OpenError::Refused(DriverError::refused(&wanted.path, message)),
         ControlError::Device(error) => failed("setting a control")(error),
     })?;
     let probe = ExposureProbe::new(fd.as_fd(), &wanted.options);
@@ -98,7 +98,7 @@ pub(crate) fn open(wanted: &Wanted) -> Result<Stream, OpenError> {
 }
 
 fn capture_kind(wanted: &Wanted, fd: BorrowedFd<'_>) -> Result<u32, OpenError> {
-    let refused = |message: &str| OpenError::Refused(DriverError::device(&wanted.path, message));
+    let refused = |message: &str| OpenError::Refused(DriverError::refused(&wanted.path, message));
     let capability = match calls::capability(fd) {
         Err(Errno::NOTTY | Errno::INVAL) => {
             return Err(refused("is no video device; `plumbline devices` lists those that are there"));
@@ -137,7 +137,7 @@ fn set_format(wanted: &Wanted, fd: BorrowedFd<'_>, kind: u32) -> Result<Granted,
             return Ok(Granted { fourcc, raw });
         }
     }
-    Err(OpenError::Refused(DriverError::device(&wanted.path, no_format(wanted, fd, kind))))
+    Err(OpenError::Refused(DriverError::refused(&wanted.path, no_format(wanted, fd, kind))))
 }
 
 /// Asks for a format; its stride where the driver grants it as it is.
@@ -208,7 +208,7 @@ fn set_rate(wanted: &Wanted, fd: BorrowedFd<'_>, kind: u32, granted: &Granted) -
             size.1,
             wanted.rate_hz
         );
-        return Err(OpenError::Refused(DriverError::device(&wanted.path, message)));
+        return Err(OpenError::Refused(DriverError::refused(&wanted.path, message)));
     }
     Ok(())
 }

@@ -79,13 +79,6 @@ impl V4l2Monitor {
         self.trouble.read()
     }
 
-    /// Length of the left camera's exposure, ns, where its driver tells it, or it was asked for.
-    #[must_use]
-    pub fn exposure_ns(&self) -> Option<i64> {
-        let exposure_ms = self.figures().cameras[0].exposure_ms;
-        (exposure_ms > 0.0).then_some((exposure_ms * 1e6).round() as i64)
-    }
-
     /// Shows these from now on; where somebody is reading at the moment, the next ones.
     pub(super) fn show(&self, figures: &V4l2Figures) {
         self.figures.show(|| *figures);

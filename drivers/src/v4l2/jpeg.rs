@@ -7,7 +7,6 @@
 //! components that are sent one after the other. Therefore images are put together anew before they are decoded: the first
 //! scan alone, of a frame that has luma alone where the scan has, and [`NO_CODE`] behind its data. Reading on is an error.
 
-use thiserror::Error;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -23,31 +22,9 @@ const NO_CODE: [[u8; 2]; 16] = [[0xff, 0]; 16];
 const HUFFMAN: u8 = 0xc4;
 const SCAN: u8 = 0xda;
 
-/// Reason why a JPEG image cannot be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum JpegDamage {
-    /// It does not begin as one, or a segment makes no sense.
-    #[error("no JPEG segments")]
-    Segments,
-    /// It is one that cameras do not send: progressive, arithmetic, lossless or of 12 bits.
-    #[error("not baseline JPEG, which is the only supported kind")]
-    Kind,
-    /// It has another size than the camera was set to.
-    #[error("the image has {width} x {height} px")]
-    Size {
-        /// Width, px.
-        width: usize,
-        /// Height, px.
-        height: usize,
-    },
-    /// A table is missing, a code is impossible, or the data end before the image does.
-    #[error("the data are damaged, or end early")]
-    Data,
-}
-
 /// Width and height of the JPEG image in `bytes`, px; `None` for one that is not read.
 pub(crate) fn size_of(bytes: &[u8]) -> Option<(usize, usize)> {
-    Parts::of(bytes).ok().map(|parts| parts.size())
+    Parts::of(bytes).map(|parts| parts.size())
 }
 
 /// Number of components of an image; 0 where it is none that is read.
@@ -68,8 +45,8 @@ struct Parts<'a> {
 }
 
 impl<'a> Parts<'a> {
-    fn of(bytes: &'a [u8]) -> Result<Self, JpegDamage> {
-        let body = bytes.strip_prefix(&START_OF_IMAGE).ok_or(JpegDamage::Segments)?;
+    fn of(bytes: &'a [u8]) -> Option<Self> {
+        let body = bytes.strip_prefix(&START_OF_IMAGE)?;
         let (mut at, mut frame) = (0, None);
         loop {
             match body[at..] {
@@ -77,23 +54,22 @@ impl<'a> Parts<'a> {
                 [0xff, 0xff, ..] => at += 1,
                 [0xff, marker @ 0xc0..=0xfe, high, low, ref rest @ ..] => {
                     let length = usize::from(u16::from_be_bytes([high, low]));
-                    let payload = length.checked_sub(2).and_then(|length| rest.get(..length));
-                    let payload = payload.ok_or(JpegDamage::Segments)?;
+                    let payload = rest.get(..length.checked_sub(2)?)?;
                     let end = at + 2 + length;
                     match (marker, payload, &frame) {
                         (0xc0 | 0xc1, [8, _, _, _, _, 1..=4, ..], None) => frame = Some((at, payload, end)),
                         (SCAN, [scanned, ..], Some((start, frame, frame_end))) => {
                             let scan = &body[*frame_end..end + data_length(&body[end..])];
-                            return Ok(Self { before: &body[..*start], frame, scan, scanned: *scanned });
+                            return Some(Self { before: &body[..*start], frame, scan, scanned: *scanned });
                         }
                         (HUFFMAN | 0xc8 | 0xcc, ..) => {}
-                        (0xc0..=0xcf, ..) => return Err(JpegDamage::Kind),
-                        (SCAN, ..) => return Err(JpegDamage::Segments),
+                        // Progressive, arithmetic, lossless, or of 12 bits: cameras send none of these.
+                        (0xc0..=0xcf | SCAN, ..) => return None,
                         _ => {}
                     }
                     at = end;
                 }
-                _ => return Err(JpegDamage::Segments),
+                _ => return None,
             }
         }
     }
@@ -109,12 +85,12 @@ impl<'a> Parts<'a> {
     }
 
     /// Writes the image as it is decoded: luma alone where the scan has nothing else, in blocks that then follow each other.
-    fn write(&self, data: &mut Vec<u8>) -> Result<(), JpegDamage> {
+    fn write(&self, data: &mut Vec<u8>) -> Option<()> {
         let is_alone = self.scanned == 1;
         let components = if is_alone { 1 } else { self.frame[5] };
-        let list = self.frame.get(6..6 + 3 * usize::from(components)).ok_or(JpegDamage::Segments)?;
+        let list = self.frame.get(6..6 + 3 * usize::from(components))?;
         if self.scanned != components {
-            return Err(JpegDamage::Kind);
+            return None;
         }
         let segment = [0xff, 0xc0, 0, 8 + list.len() as u8];
         data.clear();
@@ -134,7 +110,7 @@ impl<'a> Parts<'a> {
             data[sampling] = 0x11;
         }
         data.extend_from_slice(NO_CODE.as_flattened());
-        Ok(())
+        Some(())
     }
 }
 
@@ -162,15 +138,12 @@ impl LumaDecoder {
         Self { width, height, data: Vec::new(), luma: Vec::new() }
     }
 
-    /// Luma of an image, row by row. One of another size is refused before anything is allocated.
-    ///
-    /// # Errors
-    /// When the bytes are no such image.
-    pub fn decode(&mut self, bytes: &[u8]) -> Result<&[u8], JpegDamage> {
+    /// Luma of an image, row by row; `None` when the bytes are none that is read. One of another size is refused before
+    /// anything is allocated.
+    pub fn decode(&mut self, bytes: &[u8]) -> Option<&[u8]> {
         let parts = Parts::of(bytes)?;
-        match parts.size() {
-            size if size == (self.width, self.height) => {}
-            (width, height) => return Err(JpegDamage::Size { width, height }),
+        if parts.size() != (self.width, self.height) {
+            return None;
         }
         parts.write(&mut self.data)?;
         let (wanted, channels) = if parts.is_tall() { (ColorSpace::YCbCr, 3) } else { (ColorSpace::Luma, 1) };
@@ -179,9 +152,9 @@ impl LumaDecoder {
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(self.data.as_slice()), limits);
         let pixels = self.width * self.height;
         self.luma.resize(channels * pixels, 0);
-        decoder.decode_into(&mut self.luma).map_err(|_| JpegDamage::Data)?;
+        decoder.decode_into(&mut self.luma).ok()?;
         (0..pixels).filter(|_| channels > 1).for_each(|k| self.luma[k] = self.luma[channels * k]);
-        Ok(&self.luma[..pixels])
+        Some(&self.luma[..pixels])
     }
 }
 

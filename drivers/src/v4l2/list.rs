@@ -5,6 +5,7 @@ use super::format::{PixelFormat, fourcc_text};
 use super::node;
 use super::offers::{SizeInfo, fourccs, size_list};
 use super::sys::calls;
+use crate::sysfs::entries;
 use rustix::fd::AsFd as _;
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -49,13 +50,6 @@ pub fn cameras() -> Vec<CameraInfo> {
         .collect();
     numbers.sort_unstable();
     numbers.into_iter().filter_map(|number| camera(&PathBuf::from(format!("/dev/video{number}")))).collect()
-}
-
-fn entries(folder: &Path) -> Vec<PathBuf> {
-    let listed = std::fs::read_dir(folder).into_iter().flatten();
-    let mut paths: Vec<PathBuf> = listed.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    paths.sort();
-    paths
 }
 
 /// Description of a node; `None` if it brings no images or cannot be opened.

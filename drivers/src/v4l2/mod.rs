@@ -29,10 +29,10 @@ mod stereo;
 mod sys;
 
 pub use controls::{ControlInfo, set_controls};
-pub use convert::{Converter, Damage, RawLayout};
+pub use convert::{Converter, RawLayout};
 pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};
 pub use format::{Arrangement, PixelFormat};
-pub use jpeg::{JpegDamage, LumaDecoder};
+pub use jpeg::LumaDecoder;
 pub use list::{CameraInfo, FormatInfo, cameras};
 pub use offers::{FrameRates, SizeInfo};
 pub use stereo::{V4l2Options, V4l2Stereo};

@@ -10,6 +10,8 @@ use super::{Plane, Pyramid};
 const STEP: usize = 4;
 /// Values from which on they are counted as one.
 const MOST: usize = 256;
+/// Values that are worked out together.
+const BLOCK: usize = 64;
 /// A quarter of the values of a normal distribution lies within this many standard deviations.
 const QUARTER_SIGMAS: f32 = 0.3186;
 /// Standard deviation of the mask's values in white noise of one grey level.
@@ -59,17 +61,32 @@ pub fn noise_sigma(plane: &Plane<'_>) -> f32 {
     let (columns, rim) = (plane.columns, plane.origin);
     let mut counts = [0u32; MOST];
     let mut all = 0;
+    // Each pixel that is looked at with those beside it and one more: a word.
+    let words = columns.saturating_sub(2 * rim + 2).div_ceil(STEP);
     for y in (rim + 1..plane.rows.saturating_sub(rim + 1)).step_by(STEP) {
-        let row = |dy: usize| &plane.pixels[(y + dy - 1) * columns..][..columns];
-        let [above, here, below] = [row(0), row(1), row(2)];
-        for x in (rim + 1..columns.saturating_sub(rim + 1)).step_by(STEP) {
-            let second = |row: &[u8]| i32::from(row[x - 1]) - 2 * i32::from(row[x]) + i32::from(row[x + 1]);
-            let value = second(above) - 2 * second(here) + second(below);
-            counts[(value.unsigned_abs() as usize).min(MOST - 1)] += 1;
-            all += 1;
+        let rows = [y - 1, y, y + 1].map(|y| &plane.pixels[y * columns + rim..][..STEP * words]);
+        let [above, here, below] = rows.map(|row| row.as_chunks::<STEP>().0.chunks(BLOCK));
+        for ((above, here), below) in above.zip(here).zip(below) {
+            let mut values = [0u8; BLOCK];
+            let n = above.len().min(BLOCK);
+            let (here, below) = (&here[..n], &below[..n]);
+            for i in 0..n {
+                let [above, here, below] = [above[i], here[i], below[i]].map(second);
+                values[i] = (above - 2 * here + below).unsigned_abs().min(MOST as u32 - 1) as u8;
+            }
+            values[..n].iter().for_each(|value| counts[usize::from(*value)] += 1);
+            all += n as u32;
         }
     }
     quantile(&counts, all / 4) / (QUARTER_SIGMAS * GAIN)
+}
+
+/// Second difference of the first three of four pixels.
+#[inline(always)]
+fn second(pixels: [u8; STEP]) -> i32 {
+    let word = u32::from_le_bytes(pixels);
+    let [left, middle, right] = [0, 8, 16].map(|shift| (word >> shift & 0xFF) as i32);
+    left - 2 * middle + right
 }
 
 /// The value below which `wanted` of the counted lie, between whole numbers by the share of the one that it falls into.

@@ -120,39 +120,30 @@ pub fn sample_upright<const N: usize>(
     }
     let (column, row) = (whole(x), whole(y));
     let (fx, fy) = (x - column as f32, y - row as f32);
-    let mut from = row as usize * plane.columns + column as usize;
-    let mut last = [0.0; N];
+    let from = row as usize * plane.columns + column as usize;
+    let mut rows = plane.pixels[from..].chunks(plane.columns).map_while(<[u8]>::first_chunk::<{ WIDE + 1 }>);
+    let Some(first) = rows.next() else { return false };
+    let mut above: [f32; N] = interpolated(first, fx);
     for line in out.iter_mut() {
-        if !interpolate_row(plane, from, fx, line) {
-            return false;
+        let Some(row) = rows.next() else { return false };
+        let below = interpolated(row, fx);
+        for i in 0..N {
+            line[i] = above[i] + fy * (below[i] - above[i]);
         }
-        from += plane.columns;
-    }
-    if !interpolate_row(plane, from, fx, &mut last) {
-        return false;
-    }
-    // Each row with the one below, which is still as it was.
-    let flat = out.as_flattened_mut();
-    for i in 0..N * (N - 1) {
-        flat[i] += fy * (flat[i + N] - flat[i]);
-    }
-    for (above, below) in flat[N * (N - 1)..].iter_mut().zip(last) {
-        *above += fy * (below - *above);
+        above = below;
     }
     true
 }
 
-/// Values between neighbours from the pixel `from` on; `false` where the plane ends.
+/// Values between neighbours of a row.
 #[inline(always)]
-fn interpolate_row<const N: usize>(plane: &Plane<'_>, from: usize, fx: f32, out: &mut [f32; N]) -> bool {
-    let Some(row) = plane.pixels.get(from..).and_then(|p| p.first_chunk::<{ WIDE + 1 }>()) else {
-        return false;
-    };
+fn interpolated<const N: usize>(row: &[u8; WIDE + 1], fx: f32) -> [f32; N] {
+    let mut out = [0.0; N];
     for i in 0..N {
         let a = f32::from(row[i]);
         out[i] = a + fx * (f32::from(row[i + 1]) - a);
     }
-    true
+    out
 }
 
 /// As [`sample_upright`], with the grid's offsets `d` from the centre taken to the offsets `warp * d`.

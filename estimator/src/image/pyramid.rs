@@ -91,7 +91,7 @@ impl Smoothing {
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     levels: Vec<Level>,
-    /// One vertically filtered row, with the filter's reach on both sides.
+    /// One vertically filtered row, with the filter's reach on both sides; even before odd columns where every second pixel is wanted.
     filtered: Vec<u16>,
 }
 
@@ -188,40 +188,50 @@ fn filter_row(filtered: &[u16], out: &mut [u8]) {
 }
 
 fn decimate(fine: &Level, coarse: &mut Level, filtered: &mut [u16]) {
-    let span = fine.width + 2 * REACH;
+    let pairs = coarse.width + REACH;
+    let (even, odd) = filtered.split_at_mut(pairs);
     for y in 0..coarse.height {
-        filter_columns(rows_around(fine, 2 * y as isize, span), &mut filtered[..span]);
-        filter_row_at_even(&filtered[..span], coarse.row_mut(y));
+        filter_columns_apart(rows_around(fine, 2 * y as isize, 2 * pairs), even, &mut odd[..pairs]);
+        filter_row_at_even([even, odd], coarse.row_mut(y));
     }
+}
+
+/// A sum by the weights of the filter.
+#[inline(always)]
+fn weigh([a, b, c, d, e]: [u16; 5]) -> u16 {
+    a + e + 4 * (b + d) + 6 * c
 }
 
 /// The vertical half of the filter: sums of at most `16 * 255`.
 fn filter_columns(rows: [&[u8]; 5], out: &mut [u16]) {
     let n = out.len();
-    let [a, b, c, d, e] = rows.map(|r| &r[..n]);
+    let rows = rows.map(|r| &r[..n]);
     for i in 0..n {
-        let outer = u16::from(a[i]) + u16::from(e[i]);
-        let inner = u16::from(b[i]) + u16::from(d[i]);
-        out[i] = outer + 4 * inner + 6 * u16::from(c[i]);
+        out[i] = weigh(rows.map(|row| u16::from(row[i])));
     }
 }
 
-/// The horizontal half at every second pixel; `filtered[0]` lies [`REACH`] pixels left of the first.
-fn filter_row_at_even(filtered: &[u16], out: &mut [u8]) {
-    const HALF: u16 = 128;
-    let pairs = filtered.as_chunks::<2>().0;
-    let n = out.len();
-    // The last window of an odd width ends with a lone value: it has no pair.
-    let whole = n.min(pairs.len().saturating_sub(2));
-    let (p0, p1, p2) = (&pairs[..whole], &pairs[1..whole + 1], &pairs[2..whole + 2]);
-    for i in 0..whole {
-        let sum = p0[i][0] + p2[i][0] + 4 * (p0[i][1] + p1[i][1]) + 6 * p1[i][0];
-        // At most 256 * 255 + 128, which a u16 holds.
-        out[i] = ((sum + HALF) >> 8) as u8;
+/// The vertical half of the filter, even and odd columns apart: the horizontal half then adds whole registers.
+fn filter_columns_apart(rows: [&[u8]; 5], even: &mut [u16], odd: &mut [u16]) {
+    let n = even.len();
+    let odd = &mut odd[..n];
+    let rows = rows.map(|row| &row.as_chunks::<2>().0[..n]);
+    for i in 0..n {
+        let pairs = rows.map(|row| u16::from_le_bytes(row[i]));
+        even[i] = weigh(pairs.map(|pair| pair & 0xFF));
+        odd[i] = weigh(pairs.map(|pair| pair >> 8));
     }
-    for i in whole..n {
-        let f = &filtered[2 * i..2 * i + 5];
-        out[i] = ((f[0] + f[4] + 4 * (f[1] + f[3]) + 6 * f[2] + HALF) >> 8) as u8;
+}
+
+/// The horizontal half at every second pixel, the first of which is [`REACH`] pixels from the first of the even ones.
+fn filter_row_at_even([even, odd]: [&[u16]; 2], out: &mut [u8]) {
+    const HALF: u16 = 128;
+    let n = out.len();
+    let [a, c, e] = [0, 1, 2].map(|k| &even[k..k + n]);
+    let [b, d] = [0, 1].map(|k| &odd[k..k + n]);
+    for i in 0..n {
+        // At most 256 * 255 + 128, which a u16 holds.
+        out[i] = ((weigh([a[i], b[i], c[i], d[i], e[i]]) + HALF) >> 8) as u8;
     }
 }
 

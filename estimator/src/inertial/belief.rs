@@ -5,7 +5,7 @@
 //! an angular rate the last one within the range stands in, since a wild one would throw the images' predictions off. Between two samples that are far apart the motion is taken for steady; what
 //! it may have been otherwise grows with their distance, and has nothing to do with the noise of the sensor.
 
-use super::{ImuNoise, Unmeasured};
+use super::{ImuNoise, Sensors, Unmeasured};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable};
@@ -26,36 +26,13 @@ const CHANGE_OF_FORCE_M_S3: f64 = 50.0;
 const MAX_RATE_ERROR_RAD_S: f64 = 2.0;
 const MAX_FORCE_ERROR_M_S2: f64 = 8.0;
 
-/// Saturated readings of a sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Saturation {
-    /// The angular rate.
-    pub gyro: bool,
-    /// The specific force.
-    pub accel: bool,
-}
-
-impl Saturation {
-    /// True if either sensor is saturated.
-    #[must_use]
-    pub fn is_any(self) -> bool {
-        self.gyro || self.accel
-    }
-
-    /// Union of both.
-    #[must_use]
-    pub fn or(self, other: Self) -> Self {
-        Self { gyro: self.gyro || other.gyro, accel: self.accel || other.accel }
-    }
-}
-
 /// A sample as it is believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BelievedSample {
     /// The readings, believed or not; that of before where the gyroscope was saturated.
     pub sample: ImuSample,
-    /// Saturated readings.
-    pub saturated: Saturation,
+    /// Sensors whose readings were saturated.
+    pub saturated: Sensors,
     /// Sensors that did not measure at all: see [`super::stuck`].
     pub unmeasured: Unmeasured,
 }
@@ -82,16 +59,14 @@ pub struct SensorLimits {
 }
 
 impl SensorLimits {
-    /// Limits of a sensor of `rate_hz` with the given ranges, rad/s and m/s².
-    #[must_use]
-    pub fn new(rate_hz: f64, gyro_range: f64, accel_range: f64) -> Self {
-        Self { period_s: 1.0 / rate_hz, gyro_range, accel_range }
-    }
-
     /// Limits of a configured sensor.
     #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
-        Self::new(imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
+        Self {
+            period_s: 1.0 / imu.rate_hz,
+            gyro_range: imu.gyro_range_rad_s,
+            accel_range: imu.accel_range_m_s2,
+        }
     }
 
     /// Nominal time between samples, s.
@@ -103,7 +78,7 @@ impl SensorLimits {
     /// Belief in a sample that follows `last`.
     #[must_use]
     pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {
-        let saturated = Saturation {
+        let saturated = Sensors {
             gyro: sample.gyro.amax() > SATURATED_SHARE * self.gyro_range,
             accel: sample.accel.amax() > SATURATED_SHARE * self.accel_range,
         };
@@ -130,13 +105,7 @@ impl SensorLimits {
     /// The noise of a step of `dt_s` seconds, which lies `apart_s` from the samples that it goes by or as far between two of
     /// them, and at whose ends something is `saturated`; that of the sensor, `noise`, where all is well.
     #[must_use]
-    pub fn noise_of_step(
-        &self,
-        noise: &ImuNoise,
-        dt_s: f64,
-        apart_s: f64,
-        saturated: Saturation,
-    ) -> ImuNoise {
+    pub fn noise_of_step(&self, noise: &ImuNoise, dt_s: f64, apart_s: f64, saturated: Sensors) -> ImuNoise {
         let mut of_step = *noise;
         // A mean over the step that is off by sigma has the density sigma sqrt(dt).
         let mut add = |gyro_sigma: f64, accel_sigma: f64| {
@@ -175,48 +144,42 @@ mod tests {
     fn a_rate_at_the_end_of_its_range_is_the_last_one_within_it_and_a_force_stays() {
         let before = LIMITS.believe(&sample(1.0, 9.8), None);
         let spun = LIMITS.believe(&sample(-9.95, 12.0), Some(&before));
-        assert_eq!(
-            (spun.sample, spun.saturated),
-            (sample(1.0, 12.0), Saturation { gyro: true, accel: false })
-        );
+        assert_eq!((spun.sample, spun.saturated), (sample(1.0, 12.0), Sensors { gyro: true, accel: false }));
         let hit = LIMITS.believe(&sample(-3.0, 100.0), Some(&spun));
-        assert_eq!(
-            (hit.sample, hit.saturated),
-            (sample(-3.0, 100.0), Saturation { gyro: false, accel: true })
-        );
+        assert_eq!((hit.sample, hit.saturated), (sample(-3.0, 100.0), Sensors { gyro: false, accel: true }));
     }
 
     #[test]
     fn a_reading_beyond_all_measure_is_cut_off() {
         let wild = LIMITS.believe(&sample(-1e300, 1e300), None);
         assert_eq!(wild.sample, sample(-100.0, 1000.0));
-        assert_eq!(wild.saturated, Saturation { gyro: true, accel: true });
+        assert_eq!(wild.saturated, Sensors { gyro: true, accel: true });
     }
 
     #[test]
     fn where_all_is_well_the_noise_is_that_of_the_sensor_bit_for_bit() {
-        assert_eq!(LIMITS.noise_of_step(&NOISE, 0.005, 0.005, Saturation::default()), NOISE);
+        assert_eq!(LIMITS.noise_of_step(&NOISE, 0.005, 0.005, Sensors::default()), NOISE);
     }
 
     #[test]
     fn what_was_not_measured_is_as_uncertain_as_a_vehicle_is_agile_whatever_the_sensors_noise() {
         for dt_s in [0.05_f64, 0.2] {
-            let of_gap = LIMITS.noise_of_step(&NOISE, dt_s, dt_s, Saturation::default());
+            let of_gap = LIMITS.noise_of_step(&NOISE, dt_s, dt_s, Sensors::default());
             // Standard deviations of the turn and of the change of velocity over the gap.
             let turn = of_gap.gyro_density * dt_s.sqrt();
             let gain = of_gap.accel_density * dt_s.sqrt();
             assert!((turn - 5.0 * dt_s * dt_s).abs() < 1e-3 && (gain - 25.0 * dt_s * dt_s).abs() < 1e-2);
         }
-        let long = LIMITS.noise_of_step(&NOISE, 10.0, 10.0, Saturation::default());
+        let long = LIMITS.noise_of_step(&NOISE, 10.0, 10.0, Sensors::default());
         assert!((long.gyro_density * 10.0_f64.sqrt() - 20.0).abs() < 1e-6);
         // A short step long after the last sample goes by a reading that is as old.
-        let late = LIMITS.noise_of_step(&NOISE, 0.05, 0.5, Saturation::default());
+        let late = LIMITS.noise_of_step(&NOISE, 0.05, 0.5, Sensors::default());
         assert!((late.gyro_density / 0.05_f64.sqrt() - 2.0).abs() < 1e-3);
     }
 
     #[test]
     fn a_saturated_step_is_uncertain_by_half_the_range() {
-        let saturated = Saturation { gyro: true, accel: false };
+        let saturated = Sensors { gyro: true, accel: false };
         let noise = LIMITS.noise_of_step(&NOISE, 0.005, 0.005, saturated);
         assert!((noise.gyro_density / 0.005_f64.sqrt() - 5.0).abs() < 1e-3);
         assert_eq!(noise.accel_density.to_bits(), NOISE.accel_density.hypot(0.0).to_bits());

@@ -48,23 +48,15 @@ pub struct ImuBuffer {
 }
 
 impl ImuBuffer {
-    /// Room for [`IMU_MEMORY_S`] of a sensor's samples.
+    /// Room for [`IMU_MEMORY_S`] of a sensor's samples. Saturated readings are kept as [`super::belief`] says.
     #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
-        let buffer = Self::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2);
-        Self { watch: StuckWatch::of(imu), ..buffer }
-    }
-
-    /// Room for `seconds` of samples at `rate_hz`; saturated readings are kept as [`super::belief`] says. Readings that repeat
-    /// are believed.
-    #[must_use]
-    pub fn new(seconds: f64, rate_hz: f64, gyro_range_rad_s: f64, accel_range_m_s2: f64) -> Self {
-        let capacity = (seconds * rate_hz).ceil() as usize + 2;
+        let capacity = (IMU_MEMORY_S * imu.rate_hz).ceil() as usize + 2;
         Self {
             samples: VecDeque::with_capacity(capacity),
             capacity,
-            limits: SensorLimits::new(rate_hz, gyro_range_rad_s, accel_range_m_s2),
-            watch: StuckWatch::new(0.0),
+            limits: SensorLimits::of(imu),
+            watch: StuckWatch::of(imu),
             stuck: Unmeasured::default(),
             distrusted: Unmeasured::default(),
             accused_since: None,
@@ -161,11 +153,6 @@ impl ImuBuffer {
         self.revised_since.take()
     }
 
-    /// The samples, oldest first.
-    pub fn iter(&self) -> impl Iterator<Item = &ImuSample> {
-        self.samples.iter().map(|believed| &believed.sample)
-    }
-
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.samples.clear();
@@ -180,8 +167,7 @@ impl ImuBuffer {
     pub fn mean(&self, from: Timestamp, to: Timestamp) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         let mut count = 0.0;
-        let first = self.samples.partition_point(|s| s.sample.stamp < from);
-        for believed in self.samples.range(first..).take_while(|s| s.sample.stamp <= to) {
+        for believed in self.within(from, to) {
             sum.0 += believed.gyro();
             sum.1 += believed.sample.accel;
             count += 1.0;
@@ -192,10 +178,8 @@ impl ImuBuffer {
     /// Mean of the angular rates that were measured in `[from, to]`, rad/s, bias included; `None` where none was.
     #[must_use]
     pub fn mean_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
-        let first = self.samples.partition_point(|s| s.sample.stamp < from);
-        let samples = self.samples.range(first..).take_while(|s| s.sample.stamp <= to);
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-        for believed in samples.filter(|s| !s.unmeasured.gyro) {
+        for believed in self.within(from, to).filter(|s| !s.unmeasured.gyro) {
             sum += believed.sample.gyro;
             count += 1.0;
         }
@@ -211,10 +195,14 @@ impl ImuBuffer {
     /// Vibration in the samples up to `to`.
     #[must_use]
     pub fn vibration(&self, to: Timestamp) -> Vibration {
-        let from = to.plus_seconds(-vibration::SPAN_S);
+        let samples = self.within(to.plus_seconds(-vibration::SPAN_S), to);
+        Vibration::of(samples.map(|believed| &believed.sample))
+    }
+
+    /// The samples in `[from, to]`.
+    fn within(&self, from: Timestamp, to: Timestamp) -> impl Iterator<Item = &BelievedSample> {
         let first = self.samples.partition_point(|s| s.sample.stamp < from);
-        let samples = self.samples.range(first..).map(|believed| &believed.sample);
-        Vibration::of(samples.take_while(|s| s.stamp <= to))
+        self.samples.range(first..).take_while(move |s| s.sample.stamp <= to)
     }
 
     /// Preintegrates `[from, to]` with the given biases. Samples at the ends are interpolated; where
@@ -244,11 +232,15 @@ impl ImuBuffer {
         (result, coverage)
     }
 
+    /// The last sample before `stamp`, and the first that is not.
+    fn around(&self, stamp: Timestamp) -> (Option<&BelievedSample>, Option<&BelievedSample>) {
+        let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
+        (next.checked_sub(1).and_then(|k| self.samples.get(k)), self.samples.get(next))
+    }
+
     /// Interval between the two samples around `stamp`, s; 0 at a sample, and outside of them.
     fn hole_around(&self, stamp: Timestamp) -> f64 {
-        let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
-        let before = next.checked_sub(1).and_then(|k| self.samples.get(k));
-        match (before, self.samples.get(next)) {
+        match self.around(stamp) {
             (Some(before), Some(after)) if after.sample.stamp > stamp => {
                 after.sample.stamp.seconds_since(before.sample.stamp)
             }
@@ -298,10 +290,7 @@ impl ImuBuffer {
 
     /// The sample at `stamp`: interpolated inside, the nearest one outside.
     fn at(&self, stamp: Timestamp) -> Option<BelievedSample> {
-        let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
-        let after = self.samples.get(next);
-        let before = if next > 0 { self.samples.get(next - 1) } else { None };
-        let (before, after) = match (before, after) {
+        let (before, after) = match self.around(stamp) {
             (Some(a), Some(b)) => (a, b),
             (Some(s), None) | (None, Some(s)) => {
                 return Some(BelievedSample { sample: ImuSample { stamp, ..s.sample }, ..*s });

@@ -10,8 +10,18 @@ fn sample(nanos: i64, rate: f64) -> ImuSample {
     }
 }
 
+/// A buffer for a sensor whose readings may repeat.
+fn empty() -> ImuBuffer {
+    ImuBuffer::of(&ImuConfig {
+        gyro_range_rad_s: 10.0,
+        accel_range_m_s2: 100.0,
+        stuck_after_s: 0.0,
+        ..ImuConfig::with_noise(200.0, (1e-3, 1e-5), (1e-2, 1e-4))
+    })
+}
+
 fn buffer() -> ImuBuffer {
-    let mut buffer = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+    let mut buffer = empty();
     for k in 0..100 {
         assert!(buffer.push(&sample(k * 5_000_000, k as f64 * 0.01)));
     }
@@ -23,7 +33,8 @@ fn a_sample_takes_the_place_of_those_that_are_not_earlier() {
     let mut buffer = buffer();
     assert!(buffer.push(&sample(3_600_000_000_000, 0.5)));
     assert!(buffer.push(&sample(98 * 5_000_000, 0.25)));
-    let newest: Vec<_> = buffer.iter().skip(97).map(|s| (s.stamp.as_nanos(), s.gyro.z)).collect();
+    let newest: Vec<_> =
+        buffer.samples.iter().skip(97).map(|s| (s.sample.stamp.as_nanos(), s.sample.gyro.z)).collect();
     assert_eq!(newest, [(97 * 5_000_000, 0.97), (98 * 5_000_000, 0.25)]);
 }
 
@@ -53,7 +64,7 @@ fn the_mean_is_that_of_the_samples_in_the_interval() {
 
 #[test]
 fn missing_samples_are_told_and_cost_certainty() {
-    let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+    let mut holed = empty();
     for k in (0..20).chain(30..60) {
         holed.push(&sample(k * 5_000_000, 0.0));
     }
@@ -68,7 +79,7 @@ fn missing_samples_are_told_and_cost_certainty() {
 
 #[test]
 fn a_gap_is_as_uncertain_with_a_quiet_sensor_as_with_a_noisy_one() {
-    let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+    let mut holed = empty();
     (0..20).chain(60..100).for_each(|k| _ = holed.push(&sample(k * 5_000_000, 0.0)));
     let (from, to) = (Timestamp::from_nanos(0), Timestamp::from_nanos(400_000_000));
     let zero = Vector3::zeros();
@@ -90,7 +101,7 @@ fn a_gap_is_as_uncertain_with_a_quiet_sensor_as_with_a_noisy_one() {
 
 #[test]
 fn what_lies_within_a_hole_is_as_uncertain_as_the_hole_is_long_however_short_it_is() {
-    let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+    let mut holed = empty();
     (0..20).chain(200..240).for_each(|k| _ = holed.push(&sample(k * 5_000_000, 0.0)));
     let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, ..ImuNoise::NONE };
     let zero = Vector3::zeros();
@@ -143,7 +154,7 @@ fn readings_that_were_distrusted_count_again_if_they_prove_right_and_not_if_they
 fn saturated_readings_cost_certainty_and_do_not_count() {
     let at_an_end = |k: i64| if k % 2 == 0 { 10.0 } else { -10.0 };
     let fill = |is_hit: fn(i64) -> bool| {
-        let mut buffer = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        let mut buffer = empty();
         for k in 0..100 {
             buffer.push(&sample(k * 5_000_000, if is_hit(k) { at_an_end(k / 3) } else { 0.1 }));
         }
@@ -168,7 +179,7 @@ fn saturated_readings_cost_certainty_and_do_not_count() {
 
 #[test]
 fn a_sample_that_is_no_number_is_refused_and_harms_nothing() {
-    let mut poisoned = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+    let mut poisoned = empty();
     let mut refused = 0;
     for k in 0..100 {
         let mut bad = sample(k * 5_000_000 + 1_000_000, 0.0);

@@ -7,8 +7,8 @@ pub mod preintegration;
 pub mod stuck;
 pub mod vibration;
 
-pub use belief::{BelievedSample, Saturation, SensorLimits};
+pub use belief::{BelievedSample, SensorLimits};
 pub use buffer::ImuBuffer;
 pub use preintegration::{ImuNoise, Preintegration};
-pub use stuck::{StuckWatch, Unmeasured};
+pub use stuck::{Sensors, StuckWatch, Unmeasured};
 pub use vibration::Vibration;

@@ -106,7 +106,7 @@ pub struct Preintegration {
     pub ends_variance_s2: f64,
 }
 
-/// `dp`, `dR`, `dv` at other biases than those of integration.
+/// `dp`, `dR`, `dv` at some biases.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedDelta {
     /// `dp`, m.
@@ -199,6 +199,12 @@ impl Preintegration {
         self.by_bias = a * self.by_bias + b;
     }
 
+    /// The increments at the biases of integration.
+    #[must_use]
+    pub fn delta(&self) -> CorrectedDelta {
+        CorrectedDelta { p: self.delta_p, rot: self.delta_rot, v: self.delta_v }
+    }
+
     /// The increments at the biases given, to first order.
     #[must_use]
     pub fn corrected(&self, bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> CorrectedDelta {
@@ -239,12 +245,25 @@ impl Preintegration {
     #[must_use]
     pub fn transition(&self, next: &Self) -> (SMatrix<f64, 9, 9>, SMatrix<f64, 9, 9>) {
         let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
-        let rot = self.delta_rot.to_rotation_matrix().into_inner();
+        delta.transition(&self.delta_rot, next.dt_s)
+    }
+}
+
+impl CorrectedDelta {
+    /// Transition matrices of the errors of a state of attitude `rot` (first), and of this motion of `dt_s` from there
+    /// (second), into those of the state at its end.
+    #[must_use]
+    pub fn transition(
+        &self,
+        rot: &UnitQuaternion<f64>,
+        dt_s: f64,
+    ) -> (SMatrix<f64, 9, 9>, SMatrix<f64, 9, 9>) {
+        let rot = rot.to_rotation_matrix().into_inner();
         let mut a = SMatrix::<f64, 9, 9>::identity();
-        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rot * skew(&delta.p)));
-        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * next.dt_s));
-        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&delta.rot.inverse().to_rotation_matrix().into_inner());
-        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(-rot * skew(&delta.v)));
+        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rot * skew(&self.p)));
+        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * dt_s));
+        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.rot.inverse().to_rotation_matrix().into_inner());
+        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(-rot * skew(&self.v)));
         let mut b = SMatrix::<f64, 9, 9>::zeros();
         b.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
         b.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());

@@ -30,26 +30,29 @@ const UNMEASURED_GYRO_DENSITY: f64 = 0.7;
 /// Density of a force that nothing measured, m/s/sqrt(s): 6 m/s² for an eighth of a second.
 const UNMEASURED_ACCEL_DENSITY: f64 = 2.0;
 
-/// Sensors that did not measure.
+/// Some of the two inertial sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Unmeasured {
+pub struct Sensors {
     /// The gyroscope.
     pub gyro: bool,
     /// The accelerometer.
     pub accel: bool,
 }
 
-impl Unmeasured {
-    /// Neither sensor measured.
+/// Sensors that did not measure.
+pub type Unmeasured = Sensors;
+
+impl Sensors {
+    /// Both of them.
     pub const BOTH: Self = Self { gyro: true, accel: true };
 
-    /// True if either sensor did not measure.
+    /// True if it is one of them at least.
     #[must_use]
     pub fn is_any(self) -> bool {
         self.gyro || self.accel
     }
 
-    /// The sensors that did not measure in either of two samples.
+    /// Those of either.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self { gyro: self.gyro || other.gyro, accel: self.accel || other.accel }

@@ -20,8 +20,8 @@ use crate::work_budget::WorkBudget;
 use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{ImageView, Portable};
 
-/// One ridge may be probed for so many visits of the budget.
-const VISITS_PER_PROBED: usize = 2;
+/// Visits of the budget for each ridge that may be a seed.
+const VISITS_PER_SEED: usize = 2;
 /// A segment has at least this share of edge pixels between its ends.
 const MIN_DENSITY: f32 = 0.7;
 /// At half the resolution noise is half: as much contrast as this share of the least gradient is enough to look closer.
@@ -43,7 +43,7 @@ pub struct ExtractionFigures {
     pub merged: u32,
     /// Edge pixels visited.
     pub visits: u32,
-    /// The budget was spent before the last ridge was probed or the last seed grown.
+    /// The budget was spent before the last ridge was a seed or the last seed grown.
     pub is_cut_short: bool,
 }
 
@@ -98,7 +98,7 @@ impl LineExtractor {
             validation: Validation::new(width, height, ALIGNED_BY_CHANCE),
             merger: Merger::new(options),
             refiner: Refiner::new(width, height),
-            seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_PROBED),
+            seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_SEED),
             raw: Vec::with_capacity(options.max_raw),
             candidates: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
@@ -126,18 +126,6 @@ impl LineExtractor {
     #[must_use]
     pub fn gradients(&self) -> &Gradients {
         &self.gradients
-    }
-
-    /// Segments of the last image as they were found at half the resolution, strongest seed first.
-    #[must_use]
-    pub fn raw(&self) -> &[Segment] {
-        &self.raw
-    }
-
-    /// Segments of the last image that are long enough, as they lie in the whole image, clearest first.
-    #[must_use]
-    pub fn kept(&self) -> &[Segment] {
-        &self.kept
     }
 
     /// Segments of the last image after filter and merging, clearest first.
@@ -176,11 +164,7 @@ impl LineExtractor {
 
     /// Finds the clearest of those that are long enough in the whole image.
     fn keep(&mut self, image: &ImageView<'_>) {
-        let filtered = match self.options.length_filter {
-            true => filter::min_length_px(self.raw.len(), image.width(), image.height()),
-            false => 0.0,
-        };
-        let least = filtered.at_least(self.options.min_raw_length_px as f32);
+        let least = self.least_length_px(self.raw.len());
         self.candidates.clear();
         self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
         filter::clearest_first(&mut self.candidates);
@@ -198,6 +182,15 @@ impl LineExtractor {
         filter::clearest_first(&mut self.kept);
     }
 
+    /// Least length of a segment among `raw` of them, which is the greater the more there are.
+    fn least_length_px(&self, raw: usize) -> f32 {
+        let filtered = match self.options.length_filter {
+            true => filter::min_length_px(raw, self.width, self.height),
+            false => 0.0,
+        };
+        filtered.at_least(self.options.min_raw_length_px as f32)
+    }
+
     fn threshold(&self) -> i16 {
         (SHARE_AT_HALF * self.options.min_gradient as f32 * SCALE).at_most(f32::from(i16::MAX)) as i16
     }
@@ -211,15 +204,16 @@ impl LineExtractor {
             ExtractionFigures { is_cut_short: self.seeds.is_cut_short(), ..ExtractionFigures::default() };
         for k in 0..self.seeds.ordered().len() {
             let seed = self.seeds.ordered()[k];
-            let pixel = self.gradients.pixels()[seed as usize];
-            if pixel.is_taken() || pixel.is_tried() {
+            let (x, y) = seed.place();
+            let pixel = self.gradients.pixels()[y * self.gradients.width() + x];
+            if pixel.is_taken() || pixel.is_tried() || !seed.is_promising(&self.gradients, threshold) {
                 continue;
             }
             if self.growth.visits() >= self.max_visits || self.raw.len() == self.options.max_raw {
                 self.figures.is_cut_short = true;
                 break;
             }
-            match self.segment_at(seed, threshold) {
+            match self.segment_at((x, y), threshold) {
                 Some(segment) => self.raw.push(segment),
                 None => self.growth.reject(&mut self.gradients),
             }
@@ -227,13 +221,16 @@ impl LineExtractor {
         self.figures.visits = self.growth.visits() as u32;
     }
 
-    fn segment_at(&mut self, seed: u32, threshold: i16) -> Option<Segment> {
+    fn segment_at(&mut self, seed: (usize, usize), threshold: i16) -> Option<Segment> {
         let grown = self.growth.grow(&mut self.gradients, seed, threshold);
         let is_dense = grown.support as f32 >= MIN_DENSITY * grown.steps as f32;
         if !is_dense || !self.validation_at_half.is_meaningful(grown.steps, grown.support) {
             return None;
         }
-        Some(Segment::through(self.growth.places(), &grown.direction)?.whole())
+        // What will be left out needs no nodes; with a hair for the rounding.
+        let least = self.least_length_px(self.raw.len() + 1) - MAY_GAIN_PX;
+        let nodes_from_px = least / REDUCTION as f32 - 0.01;
+        Some(Segment::through(self.growth.places(), &grown.direction, nodes_from_px)?.whole())
     }
 }
 

@@ -4,7 +4,9 @@
 //! bright side tells the two edges of a bar apart.
 
 use super::measurement::ImageLine;
-use nalgebra::{Rotation3, Vector2, Vector3};
+use crate::points::rig::Baseline;
+use crate::points::stereo::NEAREST_M;
+use nalgebra::{Vector2, Vector3};
 use plumbline_config::Portable;
 
 /// Cosine of the largest angle between a prediction and a segment (10 degrees).
@@ -17,21 +19,6 @@ const MIN_OVERLAP: f64 = 0.3;
 const MIN_EPIPOLAR_SINE: f64 = 0.1;
 /// Rays that part by less than this are parallel within noise, 1/m.
 const INVERSE_DEPTH_MARGIN: f64 = 0.02;
-
-/// A segment that is compared with many: what all comparisons have in common is worked out once.
-#[derive(Clone, Copy, Debug)]
-pub struct SegmentCandidate {
-    ends_xy: [Vector2<f64>; 2],
-    direction: Vector2<f64>,
-}
-
-impl SegmentCandidate {
-    /// A segment, ready to be compared.
-    #[must_use]
-    pub fn of(line: &ImageLine) -> Self {
-        Self { ends_xy: line.ends_xy, direction: line.direction() }
-    }
-}
 
 /// Expected place of an edge.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +47,7 @@ impl Expected {
 
     /// True if a segment may be the edge.
     #[must_use]
-    pub fn admits(&self, segment: &SegmentCandidate) -> bool {
+    pub fn admits(&self, segment: &ImageLine) -> bool {
         self.direction.dot(&segment.direction) > MIN_COS
             && self.offset_of(&segment.ends_xy).abs() <= self.gate
             && overlap(&self.start, &self.direction, self.length, &segment.ends_xy) >= MIN_OVERLAP
@@ -85,7 +72,7 @@ pub struct StereoExpected {
 /// A right segment, ready to be compared.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoCandidate {
-    segment: SegmentCandidate,
+    segment: ImageLine,
     /// Unit normal of the plane through the segment and the camera.
     plane: Vector3<f64>,
     /// Component of the baseline along it, m.
@@ -94,15 +81,11 @@ pub struct StereoCandidate {
     is_aslant: bool,
 }
 
-/// The way from the left camera to the right.
+/// The way from the left camera to the right, and what may be seen over it.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoGate {
-    /// `R_C1C0`: takes directions from the left camera to the right.
-    pub rotation: Rotation3<f64>,
-    /// Position of the left camera in the right, m.
-    pub translation: Vector3<f64>,
-    /// Largest inverse depth, 1/m.
-    pub max_inverse_depth: f64,
+    /// From the left to the right.
+    pub baseline: Baseline,
     /// Largest distance across epipolar lines of a segment along them, normalized coordinates.
     pub gate: f64,
 }
@@ -111,7 +94,7 @@ impl StereoGate {
     /// A left segment, ready to be compared; `None` behind the right camera.
     #[must_use]
     pub fn expect(&self, line: &ImageLine) -> Option<StereoExpected> {
-        let far = line.ends_xy.map(|xy| self.rotation * Vector3::new(xy.x, xy.y, 1.0));
+        let far = line.ends_xy.map(|xy| self.baseline.rotation * Vector3::new(xy.x, xy.y, 1.0));
         if far.iter().any(|q| q.z < 0.1) {
             return None;
         }
@@ -124,9 +107,9 @@ impl StereoGate {
     pub fn candidate(&self, line: &ImageLine) -> StereoCandidate {
         let [a, b] = line.ends_xy.map(|xy| Vector3::new(xy.x, xy.y, 1.0));
         let plane = a.cross(&b).normalize();
-        let baseline = self.translation.dot(&plane);
-        let is_aslant = (baseline / self.translation.norm()).abs() > MIN_EPIPOLAR_SINE;
-        StereoCandidate { segment: SegmentCandidate::of(line), plane, baseline, is_aslant }
+        let baseline = self.baseline.translation.dot(&plane);
+        let is_aslant = (baseline / self.baseline.translation.norm()).abs() > MIN_EPIPOLAR_SINE;
+        StereoCandidate { segment: *line, plane, baseline, is_aslant }
     }
 
     /// True if a right segment may be the same edge: the planes of both meet in front of the cameras, where
@@ -147,10 +130,10 @@ impl StereoGate {
             } else {
                 return false;
             };
-            if !(-INVERSE_DEPTH_MARGIN..=self.max_inverse_depth).contains(&rho) {
+            if !(-INVERSE_DEPTH_MARGIN..=1.0 / NEAREST_M).contains(&rho) {
                 return false;
             }
-            let met = q + self.translation * rho;
+            let met = q + self.baseline.translation * rho;
             if met.z < 0.1 {
                 return false;
             }
@@ -165,15 +148,16 @@ impl StereoGate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Rotation3;
 
     fn line(a: (f64, f64), b: (f64, f64)) -> ImageLine {
-        ImageLine { ends_xy: [Vector2::new(a.0, a.1), Vector2::new(b.0, b.1)], px_per_unit: [450.0; 2] }
+        ImageLine::between([Vector2::new(a.0, a.1), Vector2::new(b.0, b.1)], [450.0; 2])
     }
 
     #[test]
     fn an_edge_is_expected_where_it_was_and_in_its_sense() {
         let expected = Expected::new(&[Vector2::new(0.0, 0.0), Vector2::new(0.0, 0.4)], 0.03);
-        let admits = |line: &ImageLine| expected.admits(&SegmentCandidate::of(line));
+        let admits = |line: &ImageLine| expected.admits(line);
         assert!(admits(&line((0.01, 0.05), (0.02, 0.5))));
         assert!(!admits(&line((0.01, 0.5), (0.02, 0.05))), "the other edge of the bar");
         assert!(!admits(&line((0.05, 0.05), (0.05, 0.5))), "too far off");
@@ -183,12 +167,9 @@ mod tests {
 
     #[test]
     fn views_of_one_edge_at_a_possible_depth_are_admitted() {
-        let gate = StereoGate {
-            rotation: Rotation3::identity(),
-            translation: Vector3::new(-0.11, 0.0, 0.0),
-            max_inverse_depth: 5.0,
-            gate: 0.005,
-        };
+        let translation = Vector3::new(-0.11, 0.0, 0.0);
+        let gate =
+            StereoGate { baseline: Baseline { rotation: Rotation3::identity(), translation }, gate: 0.005 };
         let admits = |l: &ImageLine, r: &ImageLine| {
             gate.expect(l).is_some_and(|e| gate.admits(&e, &gate.candidate(r)))
         };

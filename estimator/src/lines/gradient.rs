@@ -24,10 +24,8 @@ pub const BORDER: usize = 2;
 pub const REDUCTION: usize = 2;
 /// One in this many ridges of an edge is a seed: a segment is much longer than that.
 const SEED_STEP: usize = 8;
-/// Ridge flags of eight pixels from column `BORDER + 8 k` on: those of steep edges, and those of flat ones at
-/// every [`SEED_STEP`]th column.
-const STEEP: u64 = 0x0101_0101_0101_0101;
-const FLAT_SEEDS: u64 = 0x0000_0002_0000_0000;
+/// First column that is looked at for seeds of flat edges.
+const FIRST_COLUMN: usize = BORDER + SEED_STEP / 2;
 
 /// The gradient of a pixel; the lowest bit of either component holds a mark of the growth instead.
 #[derive(Clone, Copy, Debug, Default)]
@@ -120,10 +118,6 @@ pub struct Gradients {
     sums: [Vec<i16>; 2],
     /// Magnitudes of all pixels: of most that growth looks at it asks for nothing else.
     magnitudes: Vec<i16>,
-    /// Flags of a mostly horizontal gradient, of the last three rows; 1 or 0, as wide as a magnitude, so that
-    /// the operands of a comparison fill one register.
-    is_horizontal: [Vec<i16>; 3],
-    is_ridge: Vec<u8>,
 }
 
 impl Gradients {
@@ -140,9 +134,6 @@ impl Gradients {
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
-            is_horizontal: std::array::from_fn(|_| vec![0; width]),
-            // In whole words; what is beyond the inner pixels stays zero.
-            is_ridge: vec![0; width.next_multiple_of(8)],
         }
     }
 
@@ -220,7 +211,7 @@ impl Gradients {
                 combine_rows(rows, sum, difference);
                 let span = centre * width..(centre + 1) * width;
                 let (pixels, magnitudes) = (&mut self.pixels[span.clone()], &mut self.magnitudes[span]);
-                differentiate(sum, difference, pixels, magnitudes, &mut self.is_horizontal[centre % 3]);
+                differentiate(sum, difference, pixels, magnitudes);
             }
             // Ridges of row `y - 3` need the magnitudes up to `y - 2`.
             if let Some(centre) = y.checked_sub(3).filter(|&c| c >= BORDER && c + BORDER < height) {
@@ -229,27 +220,26 @@ impl Gradients {
         }
     }
 
-    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
+    /// Hands ridges of row `y` to `found`: those of steep edges in one row of [`SEED_STEP`], of flat ones in one column of so many.
+    fn find_ridges(&self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
         let width = self.width;
-        let inner = BORDER..width - BORDER;
         let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.magnitudes[k * width..(k + 1) * width]);
-        let around = [
-            &row[BORDER - 1..width - BORDER - 1],
-            &row[BORDER + 1..width - BORDER + 1],
-            &up[inner.clone()],
-            &down[inner.clone()],
-        ];
-        let out = &mut self.is_ridge[..inner.len()];
-        mark_ridges(&row[inner.clone()], &self.is_horizontal[y % 3][inner], around, threshold, out);
-        // Seeds are every fourth ridge of a steep edge by its row, of a flat one by its column.
-        let wanted = if y.is_multiple_of(SEED_STEP) { FLAT_SEEDS | STEEP } else { FLAT_SEEDS };
-        for (chunk, eight) in self.is_ridge.as_chunks::<8>().0.iter().enumerate() {
-            let mut bits = u64::from_le_bytes(*eight) & wanted;
-            while bits != 0 {
-                let k = bits.trailing_zeros() as usize / 8;
-                bits &= bits - 1;
-                let x = BORDER + chunk * 8 + k;
-                found(x, y, row[x]);
+        let pixels = &self.pixels[y * width..(y + 1) * width];
+        let is_whole = y.is_multiple_of(SEED_STEP);
+        let (first, step) = if is_whole { (BORDER, 1) } else { (FIRST_COLUMN, SEED_STEP) };
+        for x in (first..width - BORDER).step_by(step) {
+            let m = row[x];
+            if m <= threshold {
+                continue;
+            }
+            let (gx, gy) = pixels[x].gradient();
+            // Of two equal ones the first is the ridge.
+            let is_seed = match gx.abs() >= gy.abs() {
+                true => is_whole && m > row[x - 1] && m >= row[x + 1],
+                false => (x - BORDER) % SEED_STEP == FIRST_COLUMN - BORDER && m > up[x] && m >= down[x],
+            };
+            if is_seed {
+                found(x, y, m);
             }
         }
     }
@@ -308,39 +298,16 @@ fn combine_rows(rows: [&[i16]; 3], sum: &mut [i16], difference: &mut [i16]) {
 }
 
 /// Horizontal parts, and the magnitude; the outermost pixels have none.
-fn differentiate(
-    sum: &[i16],
-    difference: &[i16],
-    out: &mut [Pixel],
-    magnitudes: &mut [i16],
-    is_horizontal: &mut [i16],
-) {
+fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], magnitudes: &mut [i16]) {
     let inner = sum.len() - 2;
     let (left, right) = (&sum[..inner], &sum[2..2 + inner]);
     let (a, b, c) = (&difference[..inner], &difference[1..1 + inner], &difference[2..2 + inner]);
     let out = &mut out[1..1 + inner];
     let magnitudes = &mut magnitudes[1..1 + inner];
-    let is_horizontal = &mut is_horizontal[1..1 + inner];
     for i in 0..inner {
         let (gx, gy) = ((right[i] - left[i]) & !1, (a[i] + 2 * b[i] + c[i]) & !1);
-        let (ax, ay) = (gx.abs(), gy.abs());
         out[i] = Pixel { gx, gy };
-        magnitudes[i] = magnitude(ax, ay);
-        is_horizontal[i] = i16::from(ax >= ay);
-    }
-}
-
-/// 1 where the gradient is mostly horizontal and the pixel a ridge, 2 where it is mostly vertical, else 0.
-/// `around` are the pixels to the left, right, above and below; of two equal ones the first is the ridge.
-fn mark_ridges(m: &[i16], is_horizontal: &[i16], around: [&[i16]; 4], threshold: i16, out: &mut [u8]) {
-    let n = out.len();
-    let (m, is_horizontal) = (&m[..n], &is_horizontal[..n]);
-    let [left, right, up, down] = around.map(|row| &row[..n]);
-    for i in 0..n {
-        let is_above = m[i] > threshold;
-        let in_row = i16::from(is_above & (m[i] > left[i]) & (m[i] >= right[i])) & is_horizontal[i];
-        let in_column = i16::from(is_above & (m[i] > up[i]) & (m[i] >= down[i])) & (is_horizontal[i] ^ 1);
-        out[i] = (in_row | (in_column << 1)) as u8;
+        magnitudes[i] = magnitude(gx.abs(), gy.abs());
     }
 }
 

@@ -8,6 +8,7 @@
 use super::fit::LineMoments;
 use super::gradient::{BORDER, Gradients, SCALE};
 use super::segment::Place;
+use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
@@ -141,15 +142,14 @@ impl Growth {
         &self.places
     }
 
-    /// Follows the edge at `seed` (index of a pixel) both ways, as long as the gradient exceeds `threshold` steps.
+    /// Follows the edge at `seed` (column and row) both ways, as long as the gradient exceeds `threshold` steps.
     /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
-    pub fn grow(&mut self, gradients: &mut Gradients, seed: u32, threshold: i16) -> Grown {
+    pub fn grow(&mut self, gradients: &mut Gradients, (x, y): (usize, usize), threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
         let width = gradients.width();
-        let (x, y) = (seed as usize % width, seed as usize / width);
         self.pixels.clear();
         self.moments = LineMoments::default();
-        self.gradient = gradients.pixels()[seed as usize].vector();
+        self.gradient = gradients.pixels()[y * width + x].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
@@ -271,9 +271,9 @@ impl<const STEEP: bool> Following<'_, STEEP> {
     }
 
     /// First coordinate beyond the image along the minor axis.
-    fn limit_minor(&self) -> isize {
+    fn limit_minor(&self) -> usize {
         let side = if STEEP { self.gradients.width() } else { self.gradients.height() };
-        (side - BORDER) as isize
+        side - BORDER
     }
 
     /// Distance in memory of neighbours across the segment at hand.
@@ -281,30 +281,29 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         if STEEP { 1 } else { self.gradients.width() }
     }
 
-    fn index(&self, major: isize, minor: isize) -> usize {
-        let (x, y) = if STEEP { (minor, major) } else { (major, minor) };
-        y as usize * self.gradients.width() + x as usize
+    fn index(&self, major: isize, minor: usize) -> usize {
+        let (x, y) = if STEEP { (minor, major as usize) } else { (major as usize, minor) };
+        y * self.gradients.width() + x
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
     fn look(&self, line: &Line, major: isize) -> Option<Ridge> {
-        let predicted = line.at(major);
-        let nearest = (predicted + 0.5).floor() as isize;
-        if nearest < BORDER as isize || nearest >= self.limit_minor() {
+        let (predicted, limit) = (line.at(major), self.limit_minor());
+        let nearest = whole((predicted + 0.5).at_least(0.0).at_most(limit as f32)) as usize;
+        if nearest < BORDER || nearest >= limit {
             return None;
         }
         let magnitudes = self.gradients.magnitudes();
         let across = self.across();
-        let first = self.index(major, nearest) - 2 * across;
-        let at = |k: usize| magnitudes[first + k * across];
-        let (low, mid, high) = (at(1), at(2), at(3));
-        let (peak, before, top, after) = match (mid >= low && mid >= high, low > high) {
-            (true, _) => (2, low, mid, high),
-            (false, true) => (1, at(0), low, mid),
-            (false, false) => (3, mid, high, at(4)),
-        };
-        let index = first + peak * across;
+        let at = self.index(major, nearest);
+        let around = |index: usize| [index - across, index, index + across].map(|k| magnitudes[k]);
+        let [low, mid, high] = around(at);
+        // The greatest of the three without a branch: which one it is is anybody's guess.
+        let is_mid = (mid >= low) & (mid >= high);
+        let peak = usize::from(is_mid) + 2 * usize::from(!is_mid & (low <= high));
+        let index = at - across + peak * across;
+        let [before, top, after] = around(index);
         let pixel = self.gradients.pixels()[index];
         if top <= self.threshold || before > top || after > top || pixel.is_taken() {
             return None;
@@ -317,7 +316,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
         let curvature = a - 2.0 * b + c;
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
-        let minor = (nearest + peak as isize - 2) as f32 + shift;
+        let minor = (nearest + peak - 1) as f32 + shift;
         if (minor - predicted).abs() > line.tolerance {
             return None;
         }

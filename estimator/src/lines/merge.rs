@@ -102,7 +102,7 @@ impl Merger {
         for &(other, _) in members {
             add_places(&segments[other], &mut self.places);
         }
-        Segment::through(&self.places, &segments[k].direction())
+        Segment::through(&self.places, &segments[k].direction(), 0.0)
     }
 }
 

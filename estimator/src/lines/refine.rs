@@ -8,6 +8,7 @@
 
 use super::segment::{Place, Segment};
 use crate::image::mask::ImageMask;
+use crate::image::patch::whole;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use plumbline_config::{ImageView, Portable};
 
@@ -105,7 +106,7 @@ impl Refiner {
         }
         self.places.clear();
         self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
-        Segment::through(&self.places, &coarse.direction()).map(|segment| RefinedSegment {
+        Segment::through(&self.places, &coarse.direction(), 0.0).map(|segment| RefinedSegment {
             segment,
             tried,
             found,
@@ -220,11 +221,12 @@ impl<'a> Edge<'a> {
     }
 
     /// Crosses the edge at a pixel of the major axis, near to where `expected` has it.
+    #[inline(always)]
     fn cross(&self, expected: &Curve, major: isize) -> Option<Crossing> {
         let (width, height) = (self.image.width(), self.image.height());
         let (majors, minors) = if self.is_steep { (height, width) } else { (width, height) };
         let row = usize::try_from(major).ok().filter(|&m| m < majors)?;
-        let nearest = (expected.at(major as f32) + 0.5).at_least(0.0) as usize;
+        let nearest = whole((expected.at(major as f32) + 0.5).at_least(0.0).at_most(minors as f32)) as usize;
         let from = nearest.checked_sub(MIDDLE).filter(|from| from + PROFILE <= minors)?;
         let (offset, response) = if self.is_steep {
             let levels = &self.image.row(row)[from..from + PROFILE];

@@ -1,8 +1,8 @@
-//! Seeds of segments: ridges that look like a straight edge, strongest first.
+//! Seeds of segments: ridges, strongest first, and whether one looks like a straight edge.
 //!
 //! The order is that of LSD's pseudo-ordering: by gradient in whole grey levels per pixel, and row by row
-//! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;
-//! of an image with too many only the strongest are.
+//! where it is equal. Of an image with too many ridges only the strongest are seeds. Who grows segments probes
+//! a seed when its turn comes: by then a segment has taken most of those along an edge.
 
 use super::gradient::{Gradients, REDUCTION, SCALE, components};
 use crate::image::mask::ImageMask;
@@ -22,8 +22,9 @@ const MIN_PROBE_COS2: f32 = 0.75;
 /// Smallest gradient of a probe, as a share of the threshold.
 const MIN_PROBE_SHARE: f32 = 0.5;
 
-#[derive(Clone, Copy, Debug)]
-struct Seed {
+/// A ridge.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seed {
     x: u16,
     y: u16,
     magnitude: i16,
@@ -33,39 +34,67 @@ impl Seed {
     fn bucket(self) -> usize {
         (self.magnitude as usize / SCALE as usize).min(BUCKETS - 1)
     }
+
+    /// Column and row.
+    #[must_use]
+    pub fn place(self) -> (usize, usize) {
+        (usize::from(self.x), usize::from(self.y))
+    }
+
+    /// True if the gradients around a seed are those of a straight edge, above a share of `threshold` steps. This is far cheaper than
+    /// growing, and most seeds have none. All probes are made at once, in the lanes of the vector unit: that costs less than
+    /// the mispredicted branches of stopping early.
+    #[must_use]
+    pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
+        let (width, height) = (gradients.width(), gradients.height());
+        let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
+        let pixels = gradients.pixels();
+        let gradient = pixels[usize::from(self.y) * width + usize::from(self.x)].vector();
+        let squared_norm = gradient.norm_squared();
+        let direction =
+            Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().at_least(f32::MIN_POSITIVE);
+        let (x, y) = (f32::from(self.x) + 0.5, f32::from(self.y) + 0.5);
+        let mut places = [0; PROBES];
+        probe_places((x, direction.x, right), (y, direction.y, bottom), width as u32, &mut places);
+        let probes = places.map(|place| pixels[place as usize].word());
+        let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
+        components(&probes, &mut gx, &mut gy);
+        let mut is_alike = [0; PROBES];
+        compare(&gradient, [&gx, &gy], threshold, &mut is_alike);
+        is_alike.iter().sum::<u32>() >= MIN_ALIKE
+    }
 }
 
 /// The seeds of one image. Everything is allocated at construction.
 #[derive(Clone, Debug)]
 pub struct Seeds {
     found: Vec<Seed>,
-    ordered: Vec<u32>,
-    /// Most ridges that are probed.
-    max_probed: usize,
+    ordered: Vec<Seed>,
+    max_seeds: usize,
     is_cut_short: bool,
 }
 
 impl Seeds {
-    /// For images of `width` x `height`, at most `max_probed` of whose ridges are probed.
+    /// For images of `width` x `height`, at most `max_seeds` of each.
     #[must_use]
-    pub fn new(width: usize, height: usize, max_probed: usize) -> Self {
+    pub fn new(width: usize, height: usize, max_seeds: usize) -> Self {
         // Of two neighbours across the gradient at most one is a ridge of the halved image.
         let room = width * height / (2 * REDUCTION * REDUCTION) + 1;
         Self {
             found: Vec::with_capacity(room),
             ordered: Vec::with_capacity(room),
-            max_probed,
+            max_seeds,
             is_cut_short: false,
         }
     }
 
-    /// Indices of the seeds, strongest first.
+    /// The seeds, strongest first.
     #[must_use]
-    pub fn ordered(&self) -> &[u32] {
+    pub fn ordered(&self) -> &[Seed] {
         &self.ordered
     }
 
-    /// True if the last image had more ridges than are probed.
+    /// True if the last image had more ridges than seeds.
     #[must_use]
     pub fn is_cut_short(&self) -> bool {
         self.is_cut_short
@@ -91,72 +120,27 @@ impl Seeds {
             self.found.push(seed);
         });
         mask.iter().for_each(|mask| gradients.hide(mask));
-        self.is_cut_short = self.found.len() > self.max_probed;
-        let (weakest, mut quota) = self.cut(&counts);
-        self.found.retain(|seed| {
-            let is_strong = match seed.bucket().cmp(&weakest) {
-                std::cmp::Ordering::Greater => true,
-                std::cmp::Ordering::Equal if quota > 0 => {
-                    quota -= 1;
-                    true
-                }
-                _ => false,
-            };
-            is_strong && is_promising(gradients, seed, threshold)
-        });
-        self.order(gradients.width());
+        self.order(&counts);
     }
 
-    /// The weakest bucket that is still probed, and how many of its seeds are.
-    fn cut(&self, counts: &[usize; BUCKETS]) -> (usize, usize) {
-        let mut sum = 0;
+    /// Counting sort, strongest first, of as many as there may be; in a bucket the first count.
+    fn order(&mut self, counts: &[usize; BUCKETS]) {
+        let (mut next, mut ends, mut sum) = ([0; BUCKETS], [0; BUCKETS], 0);
         for k in (0..BUCKETS).rev() {
-            sum += counts[k];
-            if sum > self.max_probed {
-                return (k, counts[k] - (sum - self.max_probed));
+            next[k] = sum;
+            sum = (sum + counts[k]).min(self.max_seeds);
+            ends[k] = sum;
+        }
+        self.is_cut_short = self.found.len() > self.max_seeds;
+        self.ordered.resize(sum, Seed::default());
+        for seed in &self.found {
+            let (next, end) = (&mut next[seed.bucket()], ends[seed.bucket()]);
+            if *next < end {
+                self.ordered[*next] = *seed;
+                *next += 1;
             }
         }
-        (0, counts[0])
     }
-
-    /// Counting sort, strongest first.
-    fn order(&mut self, width: usize) {
-        let mut counts = [0; BUCKETS];
-        for seed in &self.found {
-            counts[seed.bucket()] += 1;
-        }
-        let mut at = [0; BUCKETS];
-        for k in (0..BUCKETS - 1).rev() {
-            at[k] = at[k + 1] + counts[k + 1];
-        }
-        self.ordered.resize(self.found.len(), 0);
-        for seed in &self.found {
-            let to = &mut at[seed.bucket()];
-            self.ordered[*to] = (usize::from(seed.y) * width + usize::from(seed.x)) as u32;
-            *to += 1;
-        }
-    }
-}
-
-/// True if the gradients around a seed are those of a straight edge. This is far cheaper than growing, and
-/// most seeds have none. All probes are made at once, in the lanes of the vector unit: that costs less than
-/// the mispredicted branches of stopping early.
-fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
-    let (width, height) = (gradients.width(), gradients.height());
-    let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
-    let pixels = gradients.pixels();
-    let gradient = pixels[usize::from(seed.y) * width + usize::from(seed.x)].vector();
-    let squared_norm = gradient.norm_squared();
-    let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().at_least(f32::MIN_POSITIVE);
-    let (x, y) = (f32::from(seed.x) + 0.5, f32::from(seed.y) + 0.5);
-    let mut places = [0; PROBES];
-    probe_places((x, direction.x, right), (y, direction.y, bottom), width as u32, &mut places);
-    let probes = places.map(|place| pixels[place as usize].word());
-    let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
-    components(&probes, &mut gx, &mut gy);
-    let mut is_alike = [0; PROBES];
-    compare(&gradient, [&gx, &gy], threshold, &mut is_alike);
-    is_alike.iter().sum::<u32>() >= MIN_ALIKE
 }
 
 // The steps of a probe, all lanes at once. They are functions of their own, whose results lie in memory: where they are many
@@ -189,13 +173,16 @@ mod tests {
     use super::*;
     use plumbline_config::GrayImage;
 
-    fn seeds_of(pixels: impl Fn(usize, usize) -> u8, max_probed: usize) -> Vec<u32> {
+    /// Columns of the promising seeds.
+    fn seeds_of(pixels: impl Fn(usize, usize) -> u8, max_seeds: usize) -> Vec<usize> {
         let (width, height) = (192, 160);
         let values = (0..width * height).map(|i| pixels(i % width, i / width)).collect();
         let image = GrayImage::from_pixels(width, height, values).expect("size");
-        let mut seeds = Seeds::new(width, height, max_probed);
-        seeds.find(&mut Gradients::new(width, height), &image.view(), 500, None);
-        seeds.ordered().to_vec()
+        let mut seeds = Seeds::new(width, height, max_seeds);
+        let mut gradients = Gradients::new(width, height);
+        seeds.find(&mut gradients, &image.view(), 500, None);
+        let promising = seeds.ordered().iter().filter(|seed| seed.is_promising(&gradients, 500));
+        promising.map(|seed| seed.place().0).collect()
     }
 
     #[test]
@@ -207,16 +194,15 @@ mod tests {
             (60.., _) => 200,
             _ => 40,
         };
-        let seeds = seeds_of(image, 1000);
-        let columns: Vec<usize> = seeds.iter().map(|s| *s as usize % 96).collect();
+        let columns = seeds_of(image, 1000);
         assert!(!columns.is_empty() && columns.iter().all(|x| [14, 15, 29, 30].contains(x)), "{columns:?}");
         assert!(columns.windows(2).all(|pair| pair[0] >= pair[1]), "strong before weak");
     }
 
     #[test]
-    fn of_too_many_the_strongest_are_probed() {
+    fn of_too_many_ridges_the_strongest_are_seeds() {
         let image = |x: usize, _: usize| [40, 60, 200][usize::from(x >= 30) + usize::from(x >= 60)];
         let seeds = seeds_of(image, 8);
-        assert!((5..=8).contains(&seeds.len()) && seeds.iter().all(|s| *s % 96 > 25), "{seeds:?}");
+        assert!((5..=8).contains(&seeds.len()) && seeds.iter().all(|x| *x > 25), "{seeds:?}");
     }
 }

@@ -73,9 +73,9 @@ impl Segment {
     }
 
     /// The line through edge places by total least squares, from the first to the last of them along
-    /// `direction`. `None` for fewer than two places.
+    /// `direction`. `None` for fewer than two places. One shorter than `nodes_from_px` has no nodes.
     #[must_use]
-    pub fn through(places: &[Place], direction: &Vector2<f32>) -> Option<Self> {
+    pub fn through(places: &[Place], direction: &Vector2<f32>, nodes_from_px: f32) -> Option<Self> {
         let mut moments = LineMoments::default();
         let (mut strength, mut support) = (0.0, 0.0);
         for place in places {
@@ -96,7 +96,8 @@ impl Segment {
         }
         let mut nodes = [SegmentNode::default(); NODES];
         let nodes_per_px = NODES as f32 / length;
-        for place in places {
+        let with_nodes = if length >= nodes_from_px { places } else { &[] };
+        for place in with_nodes {
             let part = whole((along.dot(&(place.px - centroid)) - first) * nodes_per_px);
             let node = &mut nodes[(part as usize).min(NODES - 1)];
             node.px += place.px * place.weight;

@@ -6,11 +6,12 @@
 
 use super::descriptor::{Describer, LineDescriptor};
 use super::extractor::{ExtractionFigures, LineExtractor};
-use super::gates::{Expected, SegmentCandidate, StereoCandidate, StereoGate};
+use super::gates::{Expected, StereoCandidate, StereoGate};
 use super::matching::LineMatcher;
 use super::measurement::ImageLine;
 use super::segment::Segment;
 use crate::estimate::{Stage, StageProbe};
+use crate::points::rig::{Baseline, RigCamera};
 use crate::shutter::RowTurns;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
@@ -24,16 +25,12 @@ const GATE_NEW_PX: f64 = 25.0;
 const GATE_KNOWN_PX: f64 = 8.0;
 /// Segments along epipolar lines are looked for within this distance of them, px.
 const GATE_EPIPOLAR_PX: f64 = 2.5;
-/// Nearest depth at which both cameras can see an edge, m.
-const MIN_DEPTH_M: f64 = 0.3;
 
 /// One tracked line in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct LineObservation {
     /// Id of the track: unique since the tracker was made, never used again.
     pub track_id: u32,
-    /// Frames in which it has been seen, this one included.
-    pub age: u32,
     /// The segment in the left and right image, distorted as measured, where seen.
     pub segments: [Option<Segment>; 2],
     /// Segments in ideal normalized coordinates of each camera, where seen.
@@ -47,8 +44,6 @@ pub struct LineFigures {
     pub left: ExtractionFigures,
     /// Left segments that continue a track.
     pub matched: u32,
-    /// Left segments found in the right image.
-    pub stereo: u32,
     /// Images whose budget was spent before their last seed.
     pub cut_short: u32,
 }
@@ -56,14 +51,11 @@ pub struct LineFigures {
 /// One camera and the segments of its newest image.
 #[derive(Clone, Debug)]
 struct View {
-    model: CameraModel,
-    pose_b_c: Isometry3<f64>,
-    rows: RowTurns,
+    camera: RigCamera,
     extractor: LineExtractor,
     is_new: bool,
     segments: Vec<Segment>,
     lines: Vec<ImageLine>,
-    candidates: Vec<SegmentCandidate>,
     descriptors: Vec<LineDescriptor>,
 }
 
@@ -72,13 +64,10 @@ impl View {
         let room = options.max_segments;
         Self {
             extractor: LineExtractor::new(model.width_px, model.height_px, options),
-            model,
-            pose_b_c: Isometry3::identity(),
-            rows: RowTurns::default(),
+            camera: RigCamera::new(model),
             is_new: false,
             segments: Vec::with_capacity(room),
             lines: Vec::with_capacity(room),
-            candidates: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
         }
     }
@@ -86,15 +75,13 @@ impl View {
     fn extract(&mut self, image: Option<&ImageView<'_>>) {
         self.segments.clear();
         self.lines.clear();
-        self.candidates.clear();
         self.descriptors.clear();
         self.is_new = image.is_some_and(|i| self.extractor.extract(i).is_some());
         if self.is_new {
             for segment in self.extractor.segments() {
-                if let Some(line) = ImageLine::of(segment, &self.model, &self.rows) {
+                if let Some(line) = ImageLine::of(segment, &self.camera) {
                     self.segments.push(*segment);
                     self.lines.push(line);
-                    self.candidates.push(SegmentCandidate::of(&line));
                 }
             }
         }
@@ -104,17 +91,12 @@ impl View {
         let gradients = self.extractor.gradients();
         self.descriptors.extend(self.segments.iter().map(|s| describer.describe(gradients, s)));
     }
-
-    fn focal_px(&self) -> f64 {
-        0.5 * (self.model.focal_px.x + self.model.focal_px.y)
-    }
 }
 
 /// A line that is followed.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     id: u32,
-    age: u32,
     missed: u32,
     /// Ends in the left camera: seen, or expected while it is missed.
     ends_xy: [Vector2<f64>; 2],
@@ -176,7 +158,7 @@ impl LineTracker {
     /// Sets the extrinsics `T_BC` (camera to body coordinates) of each camera, as refined so far.
     pub fn set_extrinsics(&mut self, pose_b_c: &[Isometry3<f64>]) {
         for (view, pose) in self.views.iter_mut().zip(pose_b_c) {
-            view.pose_b_c = *pose;
+            view.camera.pose_b_c = *pose;
         }
     }
 
@@ -194,7 +176,7 @@ impl LineTracker {
 
     /// Sets how each camera turns between the rows of the next frame.
     pub fn set_rows(&mut self, rows: &[RowTurns; 2]) {
-        self.views.iter_mut().zip(rows).for_each(|(view, rows)| view.rows = *rows);
+        self.views.iter_mut().zip(rows).for_each(|(view, rows)| view.camera.rows = *rows);
     }
 
     /// Counts of the last frame.
@@ -254,9 +236,9 @@ impl LineTracker {
     /// Turns the tracks into this frame: where each is expected.
     fn expect(&mut self, rot_prev_cur: &UnitQuaternion<f64>) {
         let Some(left) = self.views.first() else { return };
-        let rot_b_c = left.pose_b_c.rotation;
+        let rot_b_c = left.camera.pose_b_c.rotation;
         let rot_cur_prev = (rot_b_c.inverse() * rot_prev_cur.inverse() * rot_b_c).to_rotation_matrix();
-        let focal_px = left.focal_px();
+        let focal_px = left.camera.focal_px();
         self.expected.clear();
         for track in &mut self.tracks {
             track.seen = None;
@@ -278,7 +260,7 @@ impl LineTracker {
         let Some(left) = views.first() else { return };
         is_taken.clear();
         is_taken.resize(left.segments.len(), false);
-        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.candidates[j]));
+        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.lines[j]));
         for &(i, j) in matcher.pairs(descriptors, &left.descriptors, admits) {
             let (i, j) = (usize::from(i), usize::from(j));
             let track = &mut tracks[i];
@@ -288,7 +270,6 @@ impl LineTracker {
             );
             track.ends_xy = line.ends_xy;
             track.seen = Some(j as u16);
-            track.age += 1;
             descriptors[i] = left.descriptors[j];
             is_taken[j] = true;
             figures.matched += 1;
@@ -315,7 +296,6 @@ impl LineTracker {
             }
             self.tracks.push(Track {
                 id: self.next_id,
-                age: 1,
                 missed: 0,
                 ends_xy: line.ends_xy,
                 drift: None,
@@ -329,17 +309,14 @@ impl LineTracker {
     /// Finds the left segments in the right image.
     #[inline(never)]
     fn pair(&mut self) {
-        let Self { views, matcher, candidates, partner, figures, .. } = self;
+        let Self { views, matcher, candidates, partner, .. } = self;
         let Some(left) = views.first() else { return };
         partner.clear();
         partner.resize(left.segments.len(), None);
         let Some(right) = views.get(1).filter(|v| v.is_new) else { return };
-        let pose_c1_c0 = right.pose_b_c.inverse() * left.pose_b_c;
         let gate = StereoGate {
-            rotation: pose_c1_c0.rotation.to_rotation_matrix(),
-            translation: pose_c1_c0.translation.vector,
-            max_inverse_depth: 1.0 / MIN_DEPTH_M,
-            gate: GATE_EPIPOLAR_PX / right.focal_px(),
+            baseline: Baseline::between(&left.camera, &right.camera),
+            gate: GATE_EPIPOLAR_PX / right.camera.focal_px(),
         };
         candidates.clear();
         candidates.extend(right.lines.iter().map(|line| gate.candidate(line)));
@@ -352,7 +329,6 @@ impl LineTracker {
         };
         for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
             partner[usize::from(i)] = Some(j);
-            figures.stereo += 1;
         }
     }
 
@@ -364,7 +340,6 @@ impl LineTracker {
             let Some(j) = track.seen.map(usize::from) else { continue };
             let mut seen = LineObservation {
                 track_id: track.id,
-                age: track.age,
                 segments: [Some(left.segments[j]), None],
                 lines: [Some(left.lines[j]), None],
             };

@@ -19,8 +19,9 @@ pub struct Validation {
     ln_factorial: Vec<f64>,
     /// Logarithm of the number of segments that the image could hold.
     ln_tests: f64,
-    /// Probability that a pixel of noise is aligned.
-    chance: f64,
+    /// Ratio of the probabilities that a pixel of noise is aligned and that it is not, and their logarithms.
+    odds: f64,
+    ln_chances: [f64; 2],
 }
 
 impl Validation {
@@ -33,7 +34,8 @@ impl Validation {
         }
         // From any pixel to any other; segments grown here have one width, where LSD counts several.
         let ln_tests = 2.0 * libm::log((width * height) as f64);
-        Self { ln_factorial, ln_tests, chance }
+        let ln_chances = [chance, 1.0 - chance].map(libm::log);
+        Self { ln_factorial, ln_tests, odds: chance / (1.0 - chance), ln_chances }
     }
 
     /// True if `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
@@ -46,13 +48,13 @@ impl Validation {
 
     /// Logarithm of the probability of `k` or more aligned pixels among `n`.
     fn ln_tail(&self, n: usize, k: usize) -> f64 {
-        let (p, q) = (self.chance, 1.0 - self.chance);
         let ln_choose = self.ln_factorial[n] - self.ln_factorial[k] - self.ln_factorial[n - k];
-        let first = ln_choose + k as f64 * libm::log(p) + (n - k) as f64 * libm::log(q);
+        let [aligned, other] = self.ln_chances;
+        let first = ln_choose + k as f64 * aligned + (n - k) as f64 * other;
         // Terms fall at least geometrically beyond the mean: their sum, relative to the first.
         let (mut sum, mut term) = (1.0, 1.0);
         for i in k..n {
-            term *= (n - i) as f64 / (i + 1) as f64 * (p / q);
+            term *= (n - i) as f64 / (i + 1) as f64 * self.odds;
             sum += term;
             if term < 1e-3 * sum {
                 break;

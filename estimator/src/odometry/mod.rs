@@ -50,6 +50,7 @@ use crate::inertial::{ImuBuffer, Preintegration, Vibration};
 use crate::shutter::readouts;
 use crate::window::Window;
 use crate::window::state::FrameTime;
+use crate::window::tracks::MIN_WITNESSES;
 use crate::work_budget::WorkBudget;
 use estimation::Estimation;
 use judge::{Belief, Case, Judge, Velocity, Verdict};
@@ -58,10 +59,6 @@ use nalgebra::Vector3;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use start::Start;
 use zero_velocity::ZeroVelocityDetector;
-
-/// Fewer points than these that are known from before do not prove where the vehicle is, after missing samples or against those
-/// that are there: a few false matches agree with any motion. As many as a start rests on.
-const MIN_WITNESSES: usize = 12;
 
 /// Options in the units of their use.
 #[derive(Clone, Debug)]

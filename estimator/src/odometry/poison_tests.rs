@@ -104,10 +104,10 @@ fn lines(world: &World, t: f64) -> Vec<LineObservation> {
                 let q = pose_c_o * nalgebra::Point3::from(*p);
                 (q.z > 0.5 && q.x.abs() < q.z).then(|| Vector2::new(q.x / q.z, q.y / q.z))
             };
-            Some(ImageLine { ends_xy: [see(&a)?, see(&b)?], px_per_unit: [450.0; 2] })
+            Some(ImageLine::between([see(&a)?, see(&b)?], [450.0; 2]))
         });
         if lines[0].is_some() {
-            seen.push(LineObservation { track_id, age: 1, segments: [None; 2], lines });
+            seen.push(LineObservation { track_id, segments: [None; 2], lines });
         }
     }
     seen

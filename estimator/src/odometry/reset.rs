@@ -60,18 +60,8 @@ impl Odometer {
         fresh.frames = self.frames;
         fresh.keeps_steps = self.keeps_steps;
         fresh.count_resets_from(before.wrapping_add(1));
-        fresh.start.go_on_from(newest_pose.map(nav_of).filter(NavState::is_finite));
+        fresh.start.go_on_from(newest_pose.map(NavState::of).filter(NavState::is_finite));
         fresh.start.give_reason(ResetReason::Fault);
         *self = fresh;
-    }
-}
-
-fn nav_of(estimate: &Estimate) -> NavState {
-    NavState {
-        p_o_b: estimate.pose_o_b.translation.vector,
-        rot_o_b: estimate.pose_o_b.rotation,
-        v_o_b: estimate.v_o_b,
-        bias_gyro: estimate.bias_gyro,
-        bias_accel: estimate.bias_accel,
     }
 }

@@ -27,39 +27,20 @@ const MAX_RETURN_PX: f32 = 0.7;
 const MAX_EPIPOLAR_PX: f64 = 1.5;
 /// Shorter than this, the image of the vertical says nothing about how a patch is turned: the camera looks along it.
 const MIN_VERTICAL: f32 = 0.25;
-
-/// Options of the extraction.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ExtractorOptions {
-    /// Features at most.
-    pub max_features: usize,
-    /// Side of the cells of which each gives at most one corner, px of the level.
-    pub cell_px: usize,
-    /// Least Shi-Tomasi score of a corner, as of the tracker.
-    pub min_corner_score: f32,
-    /// Radius of a patch in the world, m.
-    pub patch_m: f32,
-    /// Limits of the radius in the image, px; the middle one is that of a corner of unknown depth.
-    pub radius_px: [f32; 3],
-    /// Standard deviation of a corner's place on the finest level, px.
-    pub sigma_px: f32,
-    /// Standard deviation of the difference of its places in the two cameras, px.
-    pub sigma_disparity_px: f32,
-}
-
-impl Default for ExtractorOptions {
-    fn default() -> Self {
-        Self {
-            max_features: 400,
-            cell_px: 22,
-            min_corner_score: 12.0,
-            patch_m: 0.16,
-            radius_px: [16.0, 24.0, 48.0],
-            sigma_px: 1.0,
-            sigma_disparity_px: 0.35,
-        }
-    }
-}
+/// Side of the cells of which each gives at most one corner, px of the level.
+const CELL_PX: usize = 22;
+/// Corners keep this distance from the edge of the image, px of the level.
+const BORDER_PX: usize = 8;
+/// Least Shi-Tomasi score of a corner, as of the tracker.
+const MIN_CORNER_SCORE: f32 = 12.0;
+/// Radius of a patch in the world, m.
+const PATCH_M: f32 = 0.16;
+/// Limits of the radius in the image, px; the middle one is that of a corner of unknown depth.
+const RADIUS_PX: [f32; 3] = [16.0, 24.0, 48.0];
+/// Standard deviation of a corner's place on the finest level, px.
+const SIGMA_PX: f32 = 1.0;
+/// Standard deviation of the difference of its places in the two cameras, px.
+const SIGMA_DISPARITY_PX: f32 = 0.35;
 
 /// The images of one frame, and the cameras that took them.
 #[derive(Clone, Copy)]
@@ -68,14 +49,14 @@ pub struct View<'a> {
     pub left: (&'a RigCamera, &'a Pyramid),
     /// Right camera and image, where there is one.
     pub right: Option<(&'a RigCamera, &'a Pyramid)>,
-    /// Direction of up in the left camera, where gravity is known.
-    pub up_c: Option<Vector3<f64>>,
+    /// Direction of up in the left camera.
+    pub up_c: Vector3<f64>,
 }
 
 /// Extracts features. Everything is allocated at construction.
 #[derive(Clone, Debug)]
 pub struct Extractor {
-    options: ExtractorOptions,
+    max_features: usize,
     pattern: Pattern,
     detectors: Vec<CornerDetector>,
     found: Vec<(Vector2<f32>, usize)>,
@@ -83,19 +64,19 @@ pub struct Extractor {
 }
 
 impl Extractor {
-    /// An extractor for images of a size.
+    /// An extractor of at most `max_features` from images of a size.
     #[must_use]
-    pub fn new(width_px: usize, height_px: usize, options: &ExtractorOptions) -> Self {
+    pub fn new(width_px: usize, height_px: usize, max_features: usize) -> Self {
         let detector = |level: usize| {
             let (width, height) = (width_px.div_ceil(1 << level), height_px.div_ceil(1 << level));
-            CornerDetector::new(width, height, options.cell_px, 8, options.min_corner_score)
+            CornerDetector::new(width, height, CELL_PX, BORDER_PX, MIN_CORNER_SCORE)
         };
         Self {
-            options: options.clone(),
+            max_features,
             pattern: Pattern::new(),
             detectors: (0..LEVELS).map(detector).collect(),
-            found: Vec::with_capacity(options.max_features),
-            features: Vec::with_capacity(options.max_features),
+            found: Vec::with_capacity(max_features),
+            features: Vec::with_capacity(max_features),
         }
     }
 
@@ -126,8 +107,8 @@ impl Extractor {
 
     fn detect(&mut self, pyramid: &Pyramid) {
         self.found.clear();
-        let fine = (FINE_SHARE * self.options.max_features as f32) as usize;
-        let limits = [fine, self.options.max_features];
+        let fine = (FINE_SHARE * self.max_features as f32) as usize;
+        let limits = [fine, self.max_features];
         for (level, detector) in self.detectors.iter_mut().enumerate().take(pyramid.level_count()) {
             let room = limits[level].saturating_sub(self.found.len());
             let plane = pyramid.plane(level);
@@ -150,21 +131,20 @@ impl Extractor {
         let (camera, pyramid) = view.left;
         let xy = camera.model.unproject(&px.cast())?;
         let focal_px = camera.focal_px();
-        let (inverse_depth, sigma) = stereo
-            .and_then(|pair| depth(pair, px, &xy, f64::from(self.options.sigma_disparity_px)))
-            .unwrap_or((0.0, f64::INFINITY));
-        let [least, usual, most] = self.options.radius_px;
+        let (inverse_depth, sigma) =
+            stereo.and_then(|pair| depth(pair, px, &xy)).unwrap_or((0.0, f64::INFINITY));
+        let [least, usual, most] = RADIUS_PX;
         let radius_px = if inverse_depth > 0.0 {
-            (self.options.patch_m * (focal_px * inverse_depth) as f32).clamp(least, most)
+            (PATCH_M * (focal_px * inverse_depth) as f32).clamp(least, most)
         } else {
             usual
         };
-        let up = up_in_image(view.up_c.as_ref());
+        let up = up_in_image(&view.up_c);
         let descriptor = self.pattern.describe(pyramid, &PatchFrame { px: *px, radius_px, up })?;
         Some(Feature {
             descriptor,
             xy: xy.cast(),
-            sigma_xy: self.options.sigma_px * (1u32 << level) as f32 / focal_px as f32,
+            sigma_xy: SIGMA_PX * (1u32 << level) as f32 / focal_px as f32,
             inverse_depth: inverse_depth as f32,
             sigma_inverse_depth: sigma as f32,
         })
@@ -172,20 +152,20 @@ impl Extractor {
 }
 
 /// Inverse depth of a corner and its standard deviation, 1/m.
-fn depth(pair: &StereoPair<'_>, px: &Vector2<f32>, xy: &Vector2<f64>, sigma_px: f64) -> Option<(f64, f64)> {
+fn depth(pair: &StereoPair<'_>, px: &Vector2<f32>, xy: &Vector2<f64>) -> Option<(f64, f64)> {
     let found = pair.find(px, xy)?;
     let xy_right = pair.to.0.model.unproject(&found.px.cast())?;
     let focal_px = pair.to.0.focal_px();
     let geometry = pair.baseline.triangulate(xy, &xy_right, focal_px)?;
     let sound = geometry.epipolar_px < MAX_EPIPOLAR_PX && geometry.inverse_depth > 0.0;
-    sound.then(|| (geometry.inverse_depth, sigma_px / (focal_px * pair.baseline.translation.norm())))
+    let sigma = f64::from(SIGMA_DISPARITY_PX) / (focal_px * pair.baseline.translation.norm());
+    sound.then_some((geometry.inverse_depth, sigma))
 }
 
-/// Direction of the vertical in the image, the same for all of it; upright where it is not known.
-fn up_in_image(up_c: Option<&Vector3<f64>>) -> Vector2<f32> {
-    const UPRIGHT: Vector2<f32> = Vector2::new(0.0, -1.0);
-    let lifted = up_c.map_or(UPRIGHT, |up| up.xy().cast::<f32>());
-    if lifted.norm() < MIN_VERTICAL { UPRIGHT } else { lifted.normalize() }
+/// Direction of the vertical in the image, the same for all of it; upright where the image does not tell.
+fn up_in_image(up_c: &Vector3<f64>) -> Vector2<f32> {
+    let lifted = up_c.xy().cast::<f32>();
+    if lifted.norm() < MIN_VERTICAL { Vector2::new(0.0, -1.0) } else { lifted.normalize() }
 }
 
 /// The point that the gradients around a corner point to (Förstner and Gülch 1987): `sum g g^T (q - p) = 0`.

@@ -4,7 +4,7 @@
 use super::descriptor::Descriptor;
 use super::feature::Feature;
 use super::matching::Match;
-use super::refine::{PoseProblem, Refined, Viewpoint};
+use super::refine::{MIN_DEPTH_M, PoseProblem, Refined, Viewpoint};
 use nalgebra::{Point3, Vector2};
 use std::ops::Range;
 
@@ -14,10 +14,6 @@ const MAX_DISTANCE: u32 = 96;
 const ROUNDS: usize = 2;
 /// A feature is looked at when it lies within so many standard deviations, of both sides in sum.
 const REACH: f32 = 8.0;
-/// Points nearer than this to the camera's plane are not looked for, m.
-const MIN_DEPTH_M: f64 = 0.1;
-/// No point.
-const NONE: u32 = u32::MAX;
 
 /// Matches anew and refines. Allocated once.
 #[derive(Clone, Debug)]
@@ -27,7 +23,7 @@ pub struct Guide {
     /// Largest standard deviation of a feature's place.
     largest_sigma: f32,
     /// The point that each feature was given, and the bits in which they differ.
-    taken: Vec<(u32, u32)>,
+    taken: Vec<Option<(u32, u32)>>,
     matches: Vec<Match>,
 }
 
@@ -76,7 +72,7 @@ impl Guide {
 
     fn match_anew(&mut self, problem: &PoseProblem<'_>, descriptors: &[Descriptor], refined: &Refined) {
         self.taken.clear();
-        self.taken.resize(problem.query.len(), (NONE, u32::MAX));
+        self.taken.resize(problem.query.len(), None);
         let pose_c_m = (refined.pose_m_b * problem.pose_b_c).inverse();
         let here = Viewpoint::new(problem, &refined.pose_m_b);
         for (p, (point, stored)) in problem.points.iter().zip(descriptors).enumerate() {
@@ -92,23 +88,20 @@ impl Guide {
                     continue;
                 }
                 let distance = feature.descriptor.distance(stored);
-                if distance >= self.taken[i as usize].1 || distance > MAX_DISTANCE {
+                let is_nearest = self.taken[i as usize].is_none_or(|(_, nearest)| distance < nearest);
+                if !is_nearest || distance > MAX_DISTANCE {
                     continue;
                 }
-                let item = Match { query: i, point: p as u32, distance, ratio: 0.0 };
+                let item = Match { query: i, point: p as u32, ratio: 0.0 };
                 if here.gated_distance(&item).is_some_and(|d| d <= 1.0) {
-                    self.taken[i as usize] = (p as u32, distance);
+                    self.taken[i as usize] = Some((p as u32, distance));
                 }
             }
         }
-        let chosen = self.taken.iter().enumerate().filter(|(_, taken)| taken.0 != NONE);
+        let chosen =
+            self.taken.iter().enumerate().filter_map(|(i, taken)| Some((i as u32, taken.as_ref()?.0)));
         self.matches.clear();
-        self.matches.extend(chosen.map(|(i, &(point, distance))| Match {
-            query: i as u32,
-            point,
-            distance,
-            ratio: 0.0,
-        }));
+        self.matches.extend(chosen.map(|(query, point)| Match { query, point, ratio: 0.0 }));
     }
 
     /// Range of the features that may lie within reach of a point, by their first coordinate.

@@ -25,22 +25,11 @@ const PROBES: usize = WORD_BITS + 1;
 const MAX_COMPARED: usize = 512;
 /// Descriptors that differ in more bits are not alike.
 const MAX_VOTE_DISTANCE: u32 = 64;
-/// End of a chain.
-const NONE: u32 = u32::MAX;
-
-/// Choice of the bits of a descriptor that make its word.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct IndexOptions {
-    /// Seed by which they are drawn. The bits of a descriptor are comparisons at places drawn at random, so that no choice
-    /// is better than another one beforehand: what is found must not hang on it.
-    pub word_seed: u64,
-}
-
-impl Default for IndexOptions {
-    fn default() -> Self {
-        Self { word_seed: 1 }
-    }
-}
+/// Draws the bits of a descriptor that make its word. They are comparisons at places drawn at random, so that no choice is
+/// better than another one beforehand.
+const WORD_SEED: u64 = 1;
+/// No feature: the end of a chain.
+pub(super) const NONE: u32 = u32::MAX;
 
 /// A keyframe and how well it fits a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,10 +78,10 @@ impl Votes {
 impl Index {
     /// For `keyframes` of up to `features` each.
     #[must_use]
-    pub fn new(keyframes: usize, features: usize, options: &IndexOptions) -> Self {
+    pub fn new(keyframes: usize, features: usize) -> Self {
         Self {
             stride: features,
-            word_bits: draw_bits(options.word_seed),
+            word_bits: draw_bits(),
             heads: vec![NONE; 1 << WORD_BITS],
             next: vec![NONE; keyframes * features],
         }
@@ -207,9 +196,9 @@ impl Index {
     }
 }
 
-/// Different bits, drawn by a seed.
-fn draw_bits(seed: u64) -> [u8; WORD_BITS] {
-    let mut random = Random::new(seed);
+/// Different bits.
+fn draw_bits() -> [u8; WORD_BITS] {
+    let mut random = Random::new(WORD_SEED);
     let mut order: [u8; BITS] = std::array::from_fn(|i| i as u8);
     for i in 0..WORD_BITS {
         order.swap(i, i + random.below(BITS - i));
@@ -250,7 +239,7 @@ mod tests {
     #[test]
     fn the_keyframe_seen_again_comes_first_until_it_is_taken_out() {
         let keyframes: Vec<_> = (0..40).map(keyframe).collect();
-        let mut index = Index::new(40, FEATURES, &IndexOptions::default());
+        let mut index = Index::new(40, FEATURES);
         keyframes.iter().enumerate().for_each(|(slot, f)| index.insert(slot, f));
         let stored = keyframes.concat();
         let mut votes = Votes::new(40);

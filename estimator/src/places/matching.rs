@@ -5,6 +5,7 @@
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
+use super::index::NONE;
 use super::map::PlaceMap;
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,16 +17,10 @@ const MAX_RATIO: f32 = 0.88;
 const SAME_PLACE: f64 = 0.05;
 /// ... and those that the errors of their depths may have set apart, standard deviations.
 const DEPTH_DEVIATIONS: f64 = 2.5;
-/// No feature.
-const NONE: u32 = u32::MAX;
 
 /// A point of the map as a query sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct MapPoint {
-    /// Slot of its keyframe.
-    pub slot: u32,
-    /// Number within the keyframe.
-    pub feature: u32,
     /// Standard deviation of its place in the keyframe's image, normalized coordinates.
     pub sigma_xy: f32,
     /// Position in the map, m.
@@ -47,8 +42,6 @@ pub struct Match {
     pub query: u32,
     /// Number of the point among those gathered.
     pub point: u32,
-    /// Bits in which they differ.
-    pub distance: u32,
     /// Ratio of the distance to that of the nearest point of another place.
     pub ratio: f32,
 }
@@ -164,15 +157,13 @@ impl Matcher {
             let Some(keyframe) = map.keyframe(slot) else { continue };
             let pose_m_c = keyframe.pose_m_c();
             let rot = pose_m_c.rotation.to_rotation_matrix();
-            for (i, feature) in map.features(slot).iter().enumerate().filter(|(_, f)| f.is_point()) {
+            for feature in map.features(slot).iter().filter(|f| f.is_point()) {
                 if self.points.len() == self.points.capacity() {
                     return;
                 }
                 let position_c = feature.position_c();
                 self.descriptors.push(feature.descriptor);
                 self.points.push(MapPoint {
-                    slot: slot as u32,
-                    feature: i as u32,
                     sigma_xy: feature.sigma_xy,
                     position_m: (pose_m_c * nalgebra::Point3::from(position_c)).coords,
                     covariance_m: rot.matrix() * feature.covariance_c() * rot.matrix().transpose(),
@@ -194,8 +185,7 @@ impl Matcher {
             let ratio = nearest.distance as f32 / nearest.second.max(1) as f32;
             let mutual = nearest.point != NONE && self.nearest_query(nearest.point) == i as u32;
             if mutual && nearest.distance <= MAX_DISTANCE && ratio <= MAX_RATIO {
-                let (query, point) = (i as u32, nearest.point);
-                self.matches.push(Match { query, point, distance: nearest.distance, ratio });
+                self.matches.push(Match { query: i as u32, point: nearest.point, ratio });
             }
         }
         self.matches.sort_unstable_by(|a, b| a.ratio.total_cmp(&b.ratio).then(a.query.cmp(&b.query)));

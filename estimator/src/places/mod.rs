@@ -6,7 +6,7 @@
 //!    patch is turned by gravity and sized by depth;
 //! 2. [`index`]: hashed words of the descriptors vote for the keyframes that hold alike ones;
 //! 3. [`matching`]: one feature to one, between the frame and a keyframe with its neighbours;
-//! 4. [`ransac`]: a pose from three points ([`p3p`]), or from two where gravity is known ([`upright`]);
+//! 4. [`ransac`]: a pose from two points and gravity ([`upright`]);
 //! 5. [`refine`]: least squares over all inliers, with the covariance of the pose, and [`guide`]: matching anew with it;
 //! 6. [`locate`]: the whole, and what must hold before a pose is believed: precision comes before recall.
 //!
@@ -28,19 +28,16 @@ pub mod locate;
 pub mod map;
 pub mod mapper;
 pub mod matching;
-pub mod p3p;
-mod polynomial;
 pub mod ransac;
 pub mod refine;
 pub mod upright;
 
 pub use descriptor::Descriptor;
-pub use extractor::{Extractor, ExtractorOptions};
+pub use extractor::Extractor;
 pub use feature::Feature;
 pub use images::FrameImages;
-pub use index::IndexOptions;
 pub use line::MapLine;
-pub use locate::{Attempt, Doubt, Located, Locator, LocatorOptions, Query};
+pub use locate::{Located, Locator, LocatorOptions, Query};
 pub use map::{Keyframe, MapLimits, PlaceMap};
 pub use mapper::{MapEstimate, MapFollower, MapPath, MapUpdate, Mapper, PlaceJob};
 

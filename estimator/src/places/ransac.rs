@@ -5,12 +5,12 @@
 
 use super::matching::Match;
 use super::refine::{PoseProblem, Refined, Viewpoint};
-use super::{p3p, upright};
+use super::upright;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::Random;
 
-/// Samples at most, of three points and of two.
-const MAX_SAMPLES: [usize; 2] = [400, 150];
+/// Samples of two points at most.
+const MAX_SAMPLES: usize = 150;
 /// The first samples are drawn from so many of the best matches.
 const FIRST_POOL: usize = 10;
 /// The pool grows by one match after so many samples.
@@ -45,24 +45,20 @@ impl Ransac {
     /// The pose that most matches agree with.
     pub fn find(&mut self, problem: &PoseProblem<'_>, matches: &[Match], seed: u64) -> Option<Refined> {
         self.inliers.clear();
-        let sample_size = if problem.gravity.is_some() { 2 } else { 3 };
         if matches.len() < MIN_INLIERS {
             return None;
         }
-        let level = match &problem.gravity {
-            Some(gravity) => Some(UnitQuaternion::rotation_between(&gravity.up_b, &Vector3::z())?),
-            None => None,
-        };
+        let rot_l_b = UnitQuaternion::rotation_between(&problem.gravity.up_b, &Vector3::z())?;
         let mut random = Random::new(seed);
         let mut best: Option<(f64, Refined)> = None;
         // With fewer inliers than are a beginning the pose is of no use, so samples for those are not drawn.
-        let needed = samples_needed(MIN_INLIERS, matches.len(), sample_size);
-        let (mut needed, mut refinements, mut sample) = (needed.min(MAX_SAMPLES[3 - sample_size]), 0, 0);
+        let needed = samples_needed(MIN_INLIERS, matches.len());
+        let (mut needed, mut refinements, mut sample) = (needed.min(MAX_SAMPLES), 0, 0);
         while sample < needed {
             let pool = (FIRST_POOL + sample / SAMPLES_PER_MATCH).min(matches.len());
             sample += 1;
-            let Some(chosen) = draw(&mut random, pool, sample_size) else { continue };
-            for pose_m_b in solutions(problem, matches, level.as_ref(), &chosen[..sample_size]) {
+            let Some(chosen) = draw(&mut random, pool) else { continue };
+            for pose_m_b in solutions(problem, chosen.map(|i| &matches[i]), &rot_l_b) {
                 let least = best.as_ref().map_or(f64::INFINITY, |(least, _)| *least);
                 let cost = self.judge(problem, matches, &pose_m_b, least);
                 let better = cost < least;
@@ -74,7 +70,7 @@ impl Ransac {
                 if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                     best = Some((cost, refined));
                     self.inliers.clone_from(&self.candidates);
-                    needed = needed.min(samples_needed(self.inliers.len(), matches.len(), sample_size));
+                    needed = needed.min(samples_needed(self.inliers.len(), matches.len()));
                 }
             }
         }
@@ -126,44 +122,30 @@ impl Ransac {
     }
 }
 
-/// Different matches out of the first `pool`.
-fn draw(random: &mut Random, pool: usize, size: usize) -> Option<[usize; 3]> {
-    let chosen = [random.below(pool), random.below(pool), random.below(pool)];
-    let different =
-        chosen[0] != chosen[1] && (size < 3 || (chosen[0] != chosen[2] && chosen[1] != chosen[2]));
-    different.then_some(chosen)
+/// Two different matches out of the first `pool`.
+fn draw(random: &mut Random, pool: usize) -> Option<[usize; 2]> {
+    // A third number is drawn and left: recorded flights hold the samples that follow.
+    let [a, b, _] = [random.below(pool), random.below(pool), random.below(pool)];
+    (a != b).then_some([a, b])
 }
 
-/// Poses of the body that a sample allows; `level` turns the body until its z axis points up, where gravity is known.
+/// Poses of the body that two matches allow; `rot_l_b` turns the body until its z axis points up.
 fn solutions(
     problem: &PoseProblem<'_>,
-    matches: &[Match],
-    level: Option<&UnitQuaternion<f64>>,
-    chosen: &[usize],
-) -> p3p::Solutions {
-    let point = |i: usize| problem.points[matches[chosen[i]].point as usize].position_m;
-    let ray = |i: usize| problem.query[matches[chosen[i]].query as usize].ray_c();
+    chosen: [&Match; 2],
+    rot_l_b: &UnitQuaternion<f64>,
+) -> impl Iterator<Item = Isometry3<f64>> {
+    let points = chosen.map(|m| problem.points[m.point as usize].position_m);
+    let rays = chosen.map(|m| problem.query[m.query as usize].ray_c());
     let pose_c_b = problem.pose_b_c.inverse();
-    let mut poses = p3p::Solutions::new();
-    let mut add = |pose_c_m: &Isometry3<f64>| {
-        let _ = poses.push(pose_c_m.inverse() * pose_c_b);
-    };
-    match level {
-        Some(rot_l_b) => {
-            let rot_l_c = rot_l_b * problem.pose_b_c.rotation;
-            upright::solve(&[point(0), point(1)], &[ray(0), ray(1)], &rot_l_c).iter().for_each(&mut add);
-        }
-        None => {
-            p3p::solve(&[point(0), point(1), point(2)], &[ray(0), ray(1), ray(2)]).iter().for_each(&mut add);
-        }
-    }
-    poses
+    let poses_c_m = upright::solve(&points, &rays, &(rot_l_b * problem.pose_b_c.rotation));
+    poses_c_m.into_iter().map(move |pose_c_m| pose_c_m.inverse() * pose_c_b)
 }
 
-/// Samples after which one without an outlier is as good as certain.
-fn samples_needed(inliers: usize, matches: usize, size: usize) -> usize {
+/// Samples of two matches after which one without an outlier is as good as certain.
+fn samples_needed(inliers: usize, matches: usize) -> usize {
     let share = inliers as f64 / matches.max(1) as f64;
-    let sound = (0..size).fold(1.0, |p, _| p * share);
+    let sound = share * share;
     if sound >= 1.0 {
         return 1;
     }

@@ -10,8 +10,8 @@
 //! `beta` is the share that all inverse depths of a rig have in common, because its calibration is out: in units of
 //! the standard deviation, with a prior of `COMMON_SHARE`. It is what makes distant scenes as uncertain as they are:
 //! their depths are not wrong at random. Perturbation:
-//! position in `M`, attitude on the right (`R Exp(dtheta)`); `de/dp = -D R_CM`, `de/dtheta = D R_CB [b]x`. Where
-//! gravity is known, `R^T e_z` is measured too. Kernel: Cauchy on the Mahalanobis distance.
+//! position in `M`, attitude on the right (`R Exp(dtheta)`); `de/dp = -D R_CM`, `de/dtheta = D R_CB [b]x`.
+//! Gravity measures `R^T e_z`. Kernel: Cauchy on the Mahalanobis distance.
 
 use super::feature::Feature;
 use super::matching::{MapPoint, Match};
@@ -38,7 +38,7 @@ const UNKNOWNS: usize = 7;
 /// not look alike, and a mirrored wall would be the wall seen from behind.
 const MIN_COSINE: f64 = 0.26;
 /// Points nearer than this to the camera's plane are not seen, m.
-const MIN_DEPTH_M: f64 = 0.05;
+pub(super) const MIN_DEPTH_M: f64 = 0.05;
 
 /// Prior of the attitude by gravity.
 #[derive(Clone, Copy, Debug)]
@@ -58,8 +58,8 @@ pub struct PoseProblem<'a> {
     pub points: &'a [MapPoint],
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
-    /// The vertical, where it is known.
-    pub gravity: Option<Gravity>,
+    /// The vertical.
+    pub gravity: Gravity,
 }
 
 /// A pose and how well it is known.
@@ -175,7 +175,7 @@ impl<'a> Viewpoint<'a> {
 }
 
 impl PoseProblem<'_> {
-    /// Information and gradient of the matches, and of gravity, at a pose.
+    /// Information and gradient of the matches and of gravity at a pose.
     ///
     /// The common share stays at zero in the residuals: its gradient is solved for with the others, and what it would
     /// move is small beside their noise.
@@ -193,15 +193,13 @@ impl PoseProblem<'_> {
             h += weighted * residual.by_unknowns;
             g += weighted * residual.error;
         }
-        if let Some(gravity) = &self.gravity {
-            let up = pose_m_b.rotation.inverse() * Vector3::z();
-            let (error, by_theta) = (up - gravity.up_b, skew(&up));
-            let weighted = by_theta.transpose() / gravity.sigma_rad.squared();
-            let mut corner = h.fixed_view_mut::<3, 3>(3, 3);
-            corner += weighted * by_theta;
-            let mut lower = g.fixed_rows_mut::<3>(3);
-            lower += weighted * error;
-        }
+        let up = pose_m_b.rotation.inverse() * Vector3::z();
+        let (error, by_theta) = (up - self.gravity.up_b, skew(&up));
+        let weighted = by_theta.transpose() / self.gravity.sigma_rad.squared();
+        let mut corner = h.fixed_view_mut::<3, 3>(3, 3);
+        corner += weighted * by_theta;
+        let mut lower = g.fixed_rows_mut::<3>(3);
+        lower += weighted * error;
         (h, g)
     }
 
@@ -259,8 +257,6 @@ mod tests {
         let point = |share: f64| {
             let by_depth_m = Vector3::new(0.02, -0.05, 0.01);
             MapPoint {
-                slot: 0,
-                feature: 0,
                 sigma_xy: 0.002,
                 position_m: Vector3::new(0.7, 0.3, 2.9) + by_depth_m * share,
                 covariance_m: Matrix3::identity() * 1e-4,
@@ -271,10 +267,11 @@ mod tests {
         };
         let pose_b_c = Isometry3::new(Vector3::new(0.1, 0.02, -0.05), Vector3::new(0.1, -0.2, 0.05));
         let pose = Isometry3::new(Vector3::new(0.3, 0.1, -0.2), Vector3::new(-0.1, 0.15, 0.3));
-        let item = Match { query: 0, point: 0, distance: 0, ratio: 0.0 };
+        let item = Match { query: 0, point: 0, ratio: 0.0 };
         let residual = |pose: &Isometry3<f64>, share: f64| {
             let points = [point(share)];
-            let problem = PoseProblem { query: &query, points: &points, pose_b_c, gravity: None };
+            let gravity = Gravity { up_b: Vector3::z(), sigma_rad: 1.0 };
+            let problem = PoseProblem { query: &query, points: &points, pose_b_c, gravity };
             let mut found = Viewpoint::new(&problem, pose).residual(&item).unwrap();
             found.error.z += share * f64::from(query[0].sigma_inverse_depth);
             found

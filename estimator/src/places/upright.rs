@@ -10,8 +10,6 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 /// Most poses that two points allow.
 pub const MAX_SOLUTIONS: usize = 2;
-/// Rays this close to horizontal, both of them, leave the quadratic without its pivot.
-const MIN_SLOPE: f64 = 1e-3;
 
 /// Poses found.
 pub type Solutions = heapless::Vec<Isometry3<f64>, MAX_SOLUTIONS>;
@@ -30,9 +28,6 @@ pub fn solve(
     if f[0].z.abs() < f[1].z.abs() {
         f.swap(0, 1);
         p.swap(0, 1);
-    }
-    if f[0].z.abs() < MIN_SLOPE {
-        return solutions;
     }
     let d = p[0] - p[1];
     // s1 = a + b s2, so the horizontal difference is g + h s2.

@@ -157,7 +157,9 @@ impl TranslationTemplate {
     pub fn zncc_at(&self, plane: &Plane<'_>, px: &Vector2<f32>) -> Option<f32> {
         let mut current = Patch::ZERO;
         sample_patch(plane, px, &mut current).then_some(())?;
-        self.compare(&current).map(|(moments, _)| moments.zncc)
+        current.subtract(self.mean);
+        let [sum, square, correlation] = agreement(&current, &self.intensity);
+        Moments::new(sum, square, correlation, self.energy).map(|moments| moments.zncc)
     }
 
     /// Root mean square residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
@@ -183,6 +185,12 @@ impl TranslationTemplate {
             [v, v * v, v * self.gradient_x.0[i], v * self.gradient_y.0[i], v * self.intensity.0[i]]
         })
     }
+}
+
+/// Sums over a patch `v` and a template `T`: `v`, `v²`, `v T`.
+#[inline(never)]
+pub(super) fn agreement(v: &Patch, intensity: &Patch) -> [f32; 3] {
+    sums(|i| [v.0[i], v.0[i] * v.0[i], v.0[i] * intensity.0[i]])
 }
 
 /// Sums of `T gx`, `T gy`, `gx²`, `gx gy`, `gy²`.

@@ -24,8 +24,8 @@ const ROUNDING: f32 = 0.01;
 const POOR_SHARE: f32 = 0.6;
 /// New points keep this distance from others, in cells.
 const MIN_DISTANCE_CELLS: f32 = 0.4;
-/// Pixels worked on at a time: two AVX2 registers of whole numbers.
-const LANES: usize = 16;
+/// Pixels worked on at a time: an AVX2 register of whole numbers. With more of them more lie beyond a cell.
+const LANES: usize = 8;
 /// Empty cells looked at in a frame that has half of its points: bounds the work where much of the image is
 /// without texture and stays empty.
 const MIN_CELLS: usize = 40;

@@ -21,6 +21,11 @@ const MIN_COARSE_ZNCC: f32 = 0.6;
 /// frame and not with the scene.
 const MAX_OVERHANG_PX: f32 = 1.0;
 
+/// A last step longer than this at full resolution means no convergence, px.
+pub(super) const MAX_LAST_STEP_PX: f32 = 0.1;
+/// Places closer than this are one, px.
+pub(super) const SAME_PLACE_PX: f32 = 2.0;
+
 /// Work limit and levels of the flow of one patch.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowOptions {
@@ -70,6 +75,19 @@ pub fn track_patch(
     };
     prepare_at(from, 0, from_px, &to_from, &mut template).then_some(())?;
     template.align(&to.plane(0), &px, &limits)
+}
+
+/// True if the flow of what was `found` in one image by `warp` leads back to where it came from in the other, but for
+/// `max_return_px`.
+pub(super) fn returns(
+    found: (&Pyramid, &Vector2<f32>),
+    (from, px): (&Pyramid, &Vector2<f32>),
+    warp: &Matrix2<f32>,
+    options: &FlowOptions,
+    max_return_px: f32,
+) -> bool {
+    let back = warp.try_inverse().and_then(|back| track_patch(found, (from, px), &back, options));
+    back.is_some_and(|back| (back.px - px).norm() <= max_return_px)
 }
 
 /// True if a patch at `px` of `level` lies in the image but for [`MAX_OVERHANG_PX`].

@@ -30,7 +30,7 @@ mod witness;
 #[cfg(test)]
 mod tests;
 
-pub use tracker::{PointTracker, TrackerFigures, TrackerInput};
+pub use tracker::{PointTracker, TrackerInput};
 
 use nalgebra::{Matrix2, Vector2};
 

@@ -46,6 +46,8 @@ const CONFIRMED_ROUND_PX: [f64; 2] = [2.0, 1.5];
 struct Pair {
     previous: Vector3<f64>,
     current: Vector3<f64>,
+    /// Normal of the plane of the two, once the current one is turned.
+    normal: Vector3<f64>,
 }
 
 /// A motion: small rotation to be applied to the turned current bearings, and direction of translation.
@@ -98,7 +100,8 @@ impl OutlierFilter {
     /// Adds a point by its normalized coordinates in the previous and the current frame.
     pub fn add(&mut self, xy_previous: &Vector2<f64>, xy_current: &Vector2<f64>) {
         let bearing = |xy: &Vector2<f64>| Vector3::new(xy.x, xy.y, 1.0).normalize();
-        self.pairs.push(Pair { previous: bearing(xy_previous), current: bearing(xy_current) });
+        let [previous, current] = [xy_previous, xy_current].map(bearing);
+        self.pairs.push(Pair { previous, current, normal: Vector3::zeros() });
     }
 
     /// For each point, in the order of adding, whether to keep it. `rot_prev_cur` takes current to previous
@@ -118,6 +121,7 @@ impl OutlierFilter {
         }
         for pair in &mut self.pairs {
             pair.current = rot_prev_cur * pair.current;
+            pair.normal = pair.previous.cross(&pair.current);
         }
         if let Some(motion) = expected.and_then(|expected| self.confirmed(expected, focal_px)) {
             self.keep_what_fits(&motion, focal_px);
@@ -161,9 +165,10 @@ impl OutlierFilter {
         self.pairs.iter().filter(|p| motion.residual(p).abs() <= gate).count()
     }
 
-    /// Sum of squared residuals, each cut off at the gate (MSAC, Torr and Zisserman 2000).
-    fn cost(&self, motion: &Motion, gate: f64) -> f64 {
-        self.pairs.iter().map(|p| motion.residual(p).squared().at_most(gate * gate)).sum()
+    /// Sum of squared residuals of a motion without another rotation, each cut off at the gate (MSAC, Torr and Zisserman 2000).
+    fn cost(&self, direction: &Vector3<f64>, gate: f64) -> f64 {
+        let residual = |p: &Pair| direction.dot(&p.normal) / plane_norm(direction, &p.previous);
+        self.pairs.iter().map(|p| residual(p).squared().at_most(gate * gate)).sum()
     }
 
     /// The best of many pairs of points, refined.
@@ -173,10 +178,9 @@ impl OutlierFilter {
         for _ in 0..HYPOTHESES {
             let [i, j] = [draw(random, self.pairs.len()), draw(random, self.pairs.len())];
             let Some(direction) = self.direction_of(i, j) else { continue };
-            let motion = Motion { rotation: UnitQuaternion::identity(), direction };
-            let cost = self.cost(&motion, LOOSE_PX / focal_px);
+            let cost = self.cost(&direction, LOOSE_PX / focal_px);
             if cost < best.1 {
-                best = (motion, cost);
+                best = (Motion { direction, ..best.0 }, cost);
             }
         }
         self.refine_all(best.0, focal_px, ROTATION_SIGMA.0)
@@ -216,8 +220,7 @@ impl OutlierFilter {
 
     /// The direction of translation that two points agree on.
     fn direction_of(&self, i: usize, j: usize) -> Option<Vector3<f64>> {
-        let normal = |p: &Pair| p.previous.cross(&p.current);
-        normal(&self.pairs[i]).cross(&normal(&self.pairs[j])).try_normalize(1e-12)
+        self.pairs[i].normal.cross(&self.pairs[j].normal).try_normalize(1e-12)
     }
 }
 

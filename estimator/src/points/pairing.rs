@@ -1,20 +1,15 @@
 //! The position of a track in the other camera of the rig.
 
 use super::stereo::{MAX_DIVERGENCE_PX, NEAREST_M, StereoPair};
-use super::template::{ReferencePatch, RefineLimits};
-use super::temporal::is_recognised;
-use super::track::{Depth, StereoMemory, Track};
+use super::template::{ReferencePatch, RefineLimits, Refinement};
+use super::temporal::{MAX_CORRECTION_PX, is_recognised};
+use super::track::{Depth, RIVAL_SHARE, StereoMemory, Track};
 use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;
 
-/// Place in the other image, warp and covariance, px².
-type Found = (Vector2<f32>, Matrix2<f32>, Matrix2<f32>);
-
 /// Largest distance between the predicted and the found pixel of a known point, px.
 const MAX_KNOWN_MOVE_PX: f32 = 4.0;
-/// Largest correction of a new match by the reference, px.
-const MAX_NEW_MOVE_PX: f32 = 1.5;
 /// Largest difference of an entry of the warp from the last one, and of a new match from that of a plane
 /// facing the camera: surfaces are seen at a slant.
 const MAX_WARP_CHANGE: (f32, f32) = (0.2, 0.35);
@@ -28,8 +23,6 @@ const MAX_NEAR_STARTS: f64 = 6.0;
 const NEAR_REACH_PX: f32 = 2.0;
 /// A match lies this far beyond the ends of the search at most, px.
 const END_PX: f32 = 0.5;
-/// Share of the way to a rival within which a point is looked for.
-const RIVAL_SHARE: f32 = 0.45;
 /// The best place there is better than any other by this much.
 const NEAR_LEAD: f32 = 0.05;
 /// Standard deviation of a match that was not refined against the reference patch, px.
@@ -44,15 +37,15 @@ pub(super) struct Pairing<'a> {
     pub pair: StereoPair<'a>,
     pub max_epipolar_px: f64,
     pub border_px: f64,
-    /// Refine positions against the reference.
-    pub use_reference: bool,
     /// Pixels of the second camera that are not looked at.
     pub mask: Option<&'a ImageMask>,
 }
 
 /// Distance from its predicted place within which a known point is looked for, px.
 fn known_reach_px(track: &Track) -> f32 {
-    track.rival_px.map_or(MAX_KNOWN_MOVE_PX, |rival_px| MAX_KNOWN_MOVE_PX.at_most(RIVAL_SHARE * rival_px))
+    track
+        .rival_px
+        .map_or(MAX_KNOWN_MOVE_PX, |rival_px| MAX_KNOWN_MOVE_PX.at_most(RIVAL_SHARE as f32 * rival_px))
 }
 
 impl Pairing<'_> {
@@ -80,7 +73,7 @@ impl Pairing<'_> {
         let reach_px = known_reach_px(track).at_most(NEAR_REACH_PX);
         let starts = (length_px / NEAR_STEP_PX).ceil().at_least(1.0);
         (starts <= MAX_NEAR_STARTS).then_some(())?;
-        let mut best: Option<(f32, Found)> = None;
+        let mut best: Option<Refinement> = None;
         let mut rival = -1.0f32;
         for k in 0..starts as usize {
             let share = (k as f64 + 0.5) / starts;
@@ -88,39 +81,21 @@ impl Pairing<'_> {
             let Some(start) = self.pair.transfer(&xy, rho) else { continue };
             let Some(warp) = self.pair.warp_at(&xy, rho) else { continue };
             let warp = warp * track.warp[self.from];
-            let limits = RefineLimits {
-                max_iterations: self.pair.max_iterations,
-                max_linearizations: 3,
-                max_move_px: reach_px,
-                max_warp_change: MAX_WARP_CHANGE.1,
-            };
-            let Some(found) = reference.refine(self.pair.to.1, &start.cast(), &warp, &limits) else {
+            let found = self.refine(reference, &start.cast(), &warp, (reach_px, MAX_WARP_CHANGE.1));
+            let Some(found) = found.filter(|found| is_between(&found.px)) else { continue };
+            let Some(other) = best else {
+                best = Some(found);
                 continue;
             };
-            if !is_recognised(found.zncc, found.rms, found.last_step_px) || !is_between(&found.px) {
-                continue;
+            let (better, worse) = if found.zncc <= other.zncc { (other, found) } else { (found, other) };
+            if (better.px - worse.px).norm() >= 1.0 {
+                rival = rival.at_least(worse.zncc);
             }
-            let is_same = best.is_some_and(|(_, (px, ..))| (px - found.px).norm() < 1.0);
-            match best {
-                Some((zncc, _)) if found.zncc <= zncc => {
-                    if !is_same {
-                        rival = rival.at_least(found.zncc)
-                    }
-                }
-                _ => {
-                    if let Some((zncc, _)) = best
-                        && !is_same
-                    {
-                        rival = rival.at_least(zncc)
-                    }
-                    best = Some((found.zncc, (found.px, found.warp, found.covariance_px2)));
-                }
-            }
+            best = Some(better);
         }
-        let (zncc, found) = best?;
-        (zncc >= rival + NEAR_LEAD).then_some(())?;
+        let found = best.filter(|best| best.zncc >= rival + NEAR_LEAD)?;
         track.stereo = None;
-        self.accept(track, &xy, found)
+        self.accept(track, &xy, (found.px, found.warp, found.covariance_px2))
     }
 
     fn try_continue(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
@@ -135,43 +110,39 @@ impl Pairing<'_> {
             // Its last warp may have been wrong: once more from that of the first camera.
             self.refine(reference, &guess.cast(), &warp, (reach_px, MAX_WARP_CHANGE.1))
         })?;
-        self.accept(track, &xy, found)
+        self.accept(track, &xy, (found.px, found.warp, found.covariance_px2))
     }
 
     fn try_search(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let (px, xy) = (track.px[self.from]?, track.xy[self.from]?);
         let found = self.pair.find(&px.cast(), &xy)?;
         let warp = found.warp * track.warp[self.from];
+        let unrefined = (found.px, warp, Matrix2::identity() * (UNREFINED_SIGMA_PX * UNREFINED_SIGMA_PX));
         let found = self
-            .refine(reference, &found.px, &warp, (MAX_NEW_MOVE_PX, MAX_WARP_CHANGE.1))
-            .unwrap_or((found.px, warp, Matrix2::identity() * (UNREFINED_SIGMA_PX * UNREFINED_SIGMA_PX)));
+            .refine(reference, &found.px, &warp, (MAX_CORRECTION_PX, MAX_WARP_CHANGE.1))
+            .map_or(unrefined, |found| (found.px, found.warp, found.covariance_px2));
         track.stereo = None;
         self.accept(track, &xy, found)
     }
 
+    /// The reference seen again near `start`.
     fn refine(
         &self,
         reference: &ReferencePatch,
         start: &Vector2<f32>,
         warp: &Matrix2<f32>,
         (max_move_px, max_warp_change): (f32, f32),
-    ) -> Option<(Vector2<f32>, Matrix2<f32>, Matrix2<f32>)> {
-        self.use_reference.then_some(())?;
+    ) -> Option<Refinement> {
         let limits = RefineLimits {
             max_iterations: self.pair.max_iterations,
             max_linearizations: 3,
             max_move_px,
             max_warp_change,
         };
-        let refined = reference.refine(self.pair.to.1, start, warp, &limits)?;
-        is_recognised(refined.zncc, refined.rms, refined.last_step_px).then_some((
-            refined.px,
-            refined.warp,
-            refined.covariance_px2,
-        ))
+        reference.refine(self.pair.to.1, start, warp, &limits).filter(is_recognised)
     }
 
-    /// Takes a match when it lies on its epipolar line, before the cameras, and well within the image.
+    /// Takes a match (place, warp and covariance, px²) when it lies on its epipolar line, before the cameras, and well within the image.
     fn accept(
         &self,
         track: &mut Track,

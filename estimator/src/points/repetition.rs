@@ -8,7 +8,7 @@
 //! are not, so that few of them tell, even where the strongest corners are edges of things and the pattern is too fine to be seen far away.
 
 use super::align::TranslationTemplate;
-use super::flow::{FlowOptions, prepare_at, track_patch};
+use super::flow::{FlowOptions, MAX_LAST_STEP_PX, SAME_PLACE_PX, prepare_at, track_patch};
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2};
 
@@ -16,8 +16,6 @@ use nalgebra::{Matrix2, Vector2};
 const ALIKE_ZNCC: f32 = 0.78;
 /// Radius within which a corner is compared with its surroundings, px.
 const SURROUNDINGS_PX: i32 = 12;
-/// Offsets below this are the corner itself, px.
-const SAME_PLACE_PX: f32 = 2.0;
 /// Radius of the search in the next image, px: 1.5 m/s at a depth of 1.5 m, at 20 Hz in images of half the usual size.
 const SEARCH_PX: i32 = 14;
 /// Places of a search.
@@ -37,8 +35,6 @@ const MIN_SINE: f32 = 0.5;
 const RIVALS: Limits = Limits { remembered: 24, enough: 6, begins: 0.75, ends: 0.6 };
 /// Corners of which it is remembered whether they stand in a lattice (6 to 78 % on a fine pattern, none on others), and their limits.
 const LATTICES: Limits = Limits { remembered: 64, enough: 24, begins: 0.05, ends: 0.01 };
-/// A last step longer than this means no convergence, px.
-const MAX_LAST_STEP_PX: f32 = 0.1;
 
 /// Bounds of a running share.
 #[derive(Clone, Copy, Debug)]
@@ -100,14 +96,18 @@ impl RepetitionWatch {
     }
 }
 
+/// Correlation of the patch at `px` with that at an offset; `None` for a patch that can be compared with nothing.
+fn likeness(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<impl Fn(Vector2<f32>) -> f32> {
+    let mut template = TranslationTemplate::empty();
+    prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template).then(|| {
+        let plane = pyramid.plane(0);
+        move |offset| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0)
+    })
+}
+
 /// True if the patch at `px` is seen again at opposite places around it, in two directions.
 pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
-    let mut template = TranslationTemplate::empty();
-    if !prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template) {
-        return false;
-    }
-    let plane = pyramid.plane(0);
-    let zncc = |offset: Vector2<f32>| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0);
+    let Some(zncc) = likeness(pyramid, px) else { return false };
     let mut first: Option<Vector2<f32>> = None;
     for offset in offsets(SURROUNDINGS_PX).filter(|o| is_upper(o) && is_around(o)) {
         let is_new = first.is_none_or(|a| a.perp(&offset).abs() > MIN_SINE * a.norm() * offset.norm());
@@ -146,12 +146,7 @@ fn is_rival(zncc: &impl Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
 
 /// Distance from `px` to the nearest place around it where its patch is seen again, px; `None` for a corner of its own.
 pub(super) fn nearest_rival_px(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<f32> {
-    let mut template = TranslationTemplate::empty();
-    if !prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template) {
-        return None;
-    }
-    let plane = pyramid.plane(0);
-    let zncc = |offset: Vector2<f32>| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0);
+    let zncc = likeness(pyramid, px)?;
     let mut nearest: Option<f32> = None;
     for offset in offsets(SURROUNDINGS_PX).filter(is_around) {
         let far = offset.norm();

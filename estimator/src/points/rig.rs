@@ -71,7 +71,7 @@ impl RigCamera {
     }
 
     /// Normalized coordinates, at the time of the frame, of what is seen at `px`.
-    pub(super) fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
+    pub(crate) fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         let xy = self.model.unproject(px)?;
         self.rows.at_frame(&xy, px.y)
     }

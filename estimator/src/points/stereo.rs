@@ -6,7 +6,7 @@
 //! before the cameras.
 
 use super::align::TranslationTemplate;
-use super::flow::{FlowOptions, prepare_at, track_patch};
+use super::flow::{FlowOptions, MAX_LAST_STEP_PX, SAME_PLACE_PX, prepare_at, returns, track_patch};
 use super::rig::{Baseline, RigCamera, predict};
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -29,10 +29,6 @@ const MIN_ZNCC: f32 = 0.75;
 /// The winner's correlations on both scales exceed the other candidate's by this much in sum, unless they are
 /// one place.
 const MIN_LEAD: f32 = 0.08;
-/// A last step longer than this means no convergence, px.
-const MAX_LAST_STEP_PX: f32 = 0.1;
-/// Candidates closer than this are one place, px.
-const SAME_PLACE_PX: f32 = 2.0;
 
 /// A point found in the other camera.
 #[derive(Clone, Copy, Debug)]
@@ -72,8 +68,7 @@ impl StereoPair<'_> {
     #[must_use]
     pub fn find(&self, px: &Vector2<f32>, xy: &Vector2<f64>) -> Option<StereoMatch> {
         let warp = self.warp_at(xy, 0.0)?;
-        let mut best: Option<Candidate> = None;
-        let mut second: Option<Candidate> = None;
+        let mut best = [None; 2];
         for candidate in self.candidates(px, xy, &warp).into_iter().flatten() {
             let options = FlowOptions { top_level: self.search_level(), max_iterations: self.max_iterations };
             let found = track_patch((self.from.1, px), (self.to.1, &candidate.px), &warp, &options);
@@ -82,26 +77,16 @@ impl StereoPair<'_> {
                 continue;
             };
             // Both scales count: small patches repeat where their surroundings do not.
-            let new = Candidate { px: found.px, zncc: found.zncc + candidate.zncc };
-            if best.is_none_or(|b| new.zncc > b.zncc) {
-                second = best;
-                best = Some(new);
-            } else {
-                second = Some(new);
-            }
+            keep_best(&mut best, Candidate { px: found.px, zncc: found.zncc + candidate.zncc });
         }
+        let [best, second] = best;
         let best = best?;
         let rival = second.filter(|s| (s.px - best.px).norm() > SAME_PLACE_PX);
         let clear = rival.is_none_or(|r| best.zncc >= r.zncc + MIN_LEAD);
-        (clear && self.returns(px, &best.px, &warp)).then_some(StereoMatch { px: best.px, warp })
-    }
-
-    /// True if the flow from `found` back to the first image ends at `px`.
-    fn returns(&self, px: &Vector2<f32>, found: &Vector2<f32>, warp: &Matrix2<f32>) -> bool {
-        let Some(back) = warp.try_inverse() else { return false };
         let options = FlowOptions { top_level: 0, max_iterations: self.max_iterations };
-        track_patch((self.to.1, found), (self.from.1, px), &back, &options)
-            .is_some_and(|r| (r.px - px).norm() <= self.max_return_px)
+        let returns =
+            || returns((self.to.1, &best.px), (self.from.1, px), &warp, &options, self.max_return_px);
+        (clear && returns()).then_some(StereoMatch { px: best.px, warp })
     }
 
     /// The map of pixel offsets around `xy` (normalized) to the other camera, on a plane that faces the first at
@@ -172,6 +157,7 @@ impl StereoPair<'_> {
     }
 }
 
+/// Puts a candidate among the two best.
 fn keep_best(best: &mut [Option<Candidate>; 2], new: Candidate) {
     if best[0].is_none_or(|b| new.zncc > b.zncc) {
         *best = [Some(new), best[0]];

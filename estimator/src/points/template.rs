@@ -11,8 +11,8 @@
 //! `A <- (1 + dA)^-1 A` when the iterations are over.
 
 use super::affine_sums::{AffineMatrix, AffineVector, UNKNOWNS, gram, products};
-use super::align::Moments;
-use crate::image::patch::{AREA, FRAMED, HALF, Patch, sample_patch, sample_warped, split_framed, sums};
+use super::align::{Moments, agreement};
+use crate::image::patch::{AREA, FRAMED, HALF, Patch, sample_patch, sample_warped, split_framed};
 use crate::image::{Plane, Pyramid};
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;
@@ -101,9 +101,15 @@ impl ReferencePatch {
         let clamp = |v: isize, size: usize| v.clamp(0, size as isize - 1) as usize;
         for (r, stored) in self.pixels.chunks_exact_mut(STORED_SIDE).enumerate() {
             let row = clamp(corner.y as isize + r as isize, plane.rows);
+            let row = &plane.pixels[row * plane.columns..][..plane.columns];
+            if let Some(whole) = row.get(corner.x as usize..).and_then(<[u8]>::first_chunk::<STORED_SIDE>)
+                && corner.x >= 0.0
+            {
+                stored.copy_from_slice(whole);
+                continue;
+            }
             for (c, pixel) in stored.iter_mut().enumerate() {
-                *pixel =
-                    plane.pixels[row * plane.columns + clamp(corner.x as isize + c as isize, plane.columns)];
+                *pixel = row[clamp(corner.x as isize + c as isize, plane.columns)];
             }
         }
         true
@@ -244,7 +250,7 @@ impl AffineTemplate {
     /// The Gauss-Newton step from the current patch less the template's mean, and the correlation after the step to first
     /// order: `|r|^2 = 2 E (1 - zncc)` falls by `delta^T J^T r`.
     fn step(&self, centred: &Patch) -> Option<(AffineVector, f32)> {
-        let [sum, square, correlation] = self.sums(centred);
+        let [sum, square, correlation] = agreement(centred, &self.intensity);
         let moments = Moments::new(sum, square, correlation, self.energy)?;
         let projection = products(&self.gradient[0], &self.gradient[1], centred)
             - self.column_sums * (sum / AREA as f32)
@@ -253,12 +259,6 @@ impl AffineTemplate {
         let step = self.inverse_hessian * gradient;
         let zncc = moments.zncc + step.dot(&gradient) / (2.0 * self.energy);
         Some((step, zncc.at_most(1.0)))
-    }
-
-    /// Sums over a patch `v`: `v`, `v²`, `v T`.
-    #[inline(never)]
-    fn sums(&self, v: &Patch) -> [f32; 3] {
-        sums(|i| [v.0[i], v.0[i] * v.0[i], v.0[i] * self.intensity.0[i]])
     }
 }
 

@@ -1,10 +1,10 @@
 //! A track followed from one image of a camera to its next.
 
-use super::flow::{FlowOptions, track_patch};
+use super::flow::{FlowOptions, MAX_LAST_STEP_PX, returns, track_patch};
 use super::repetition::search;
 use super::rig::{Prediction, RigCamera, predict};
-use super::template::{ReferencePatch, RefineLimits};
-use super::track::Track;
+use super::template::{ReferencePatch, RefineLimits, Refinement};
+use super::track::{RIVAL_SHARE, Track};
 use super::witness::Witness;
 use crate::image::Pyramid;
 use crate::image::mask::ImageMask;
@@ -15,10 +15,8 @@ use plumbline_config::Portable;
 const MIN_FLOW_ZNCC: f32 = 0.7;
 /// Correlation of a reference that is looked for at the predicted place, without the flow's opinion.
 const SURE_ZNCC: f32 = 0.95;
-/// A last step longer than this at full resolution means no convergence, px.
-const MAX_LAST_STEP_PX: f32 = 0.1;
 /// The reference corrects the flow by no more than this, px: further away lies another feature.
-const MAX_CORRECTION_PX: f32 = 1.5;
+pub(super) const MAX_CORRECTION_PX: f32 = 1.5;
 /// Largest change of an entry of the warp between two frames, 0.7 px at the edge of the patch: a patch that is
 /// bent by more is not one surface.
 const MAX_WARP_CHANGE: f32 = 0.13;
@@ -32,28 +30,25 @@ const RETURN_TOP_LEVEL: usize = 1;
 /// Error of a place in the previous image, px.
 const PLACE_SIGMA_PX: f64 = 0.3;
 /// A place is predicted where it is certain to so many pixels.
-const MOST_SIGMA_PX: f64 = 2.0;
+pub(super) const MOST_SIGMA_PX: f64 = 2.0;
 /// A point with rivals is looked for within so many standard deviations, and within these bounds, px.
 const NEAR_SIGMAS: f64 = 2.0;
 const NEAR_PX: (f64, f64) = (1.0, 2.0);
 /// Or, where most were missed, within this, px.
 pub(super) const WIDE_PX: f64 = 3.0;
-/// Nor further than this share of the way to its rival.
-const RIVAL_SHARE: f64 = 0.45;
 /// Found beyond this share of the search, it is evidence against the prediction.
 const RIM_SHARE: f64 = 0.75;
 /// A place that is evidence of another turn is predicted to so many pixels.
 const WITNESS_SIGMA_PX: f64 = 0.6;
-/// Random walk of the flow from frame to frame, px.
-const FLOW_SIGMA_PX: f32 = 0.1;
 
 /// True if a patch is the reference seen again: correlated, or differing by no more than noise.
-pub(super) fn is_recognised(zncc: f32, rms: f32, last_step_px: f32) -> bool {
+pub(super) fn is_recognised(found: &Refinement) -> bool {
     /// Correlation of a patch with clear texture.
     const MIN_ZNCC: f32 = 0.85;
     /// Correlation of a faint patch, and its residual in grey levels.
     const FAINT: (f32, f32) = (0.7, 2.0);
-    last_step_px < MAX_LAST_STEP_PX && (zncc >= MIN_ZNCC || (zncc >= FAINT.0 && rms <= FAINT.1))
+    let is_alike = found.zncc >= MIN_ZNCC || (found.zncc >= FAINT.0 && found.rms <= FAINT.1);
+    found.last_step_px < MAX_LAST_STEP_PX && is_alike
 }
 
 /// Two images of one camera.
@@ -71,8 +66,6 @@ pub(super) struct Transition<'a> {
     pub max_iterations: usize,
     pub max_return_px: f32,
     pub border_px: f64,
-    /// Refine positions against the reference.
-    pub use_reference: bool,
     /// Keep points that are unique in their surroundings only, and search on the full image alone.
     pub is_unique_only: bool,
     /// Predicted motion of the camera, where it is known and the texture repeats itself.
@@ -107,34 +100,17 @@ impl Expected {
     }
 }
 
-/// Outcome of following a track.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Followed {
-    /// Found, and the reference agrees.
-    Refined,
-    /// Found by flow alone.
-    FlowOnly,
-    /// Found by flow alone, but no longer the point it was.
-    Changed,
-    /// Not found.
-    Lost,
-}
-
 impl Transition<'_> {
-    /// Moves the track to the current image, or marks it unseen there; what `mask` hides is unseen.
-    pub fn follow(
-        &self,
-        track: &mut Track,
-        reference: &ReferencePatch,
-        mask: Option<&ImageMask>,
-    ) -> Followed {
+    /// Moves the track to the current image, or marks it unseen there; what `mask` hides is unseen. `true` if it goes on: it
+    /// was found, and is still the point it was.
+    pub fn follow(&self, track: &mut Track, reference: &ReferencePatch, mask: Option<&ImageMask>) -> bool {
         let is_hidden = |px: Vector2<f64>| mask.is_some_and(|mask| mask.hides_px(&px));
-        let outcome =
-            self.try_follow(track, reference).filter(|_| !track.px[self.index].is_some_and(is_hidden));
-        if outcome.is_none() {
+        let found = self.try_follow(track, reference);
+        if found.is_none() || track.px[self.index].is_some_and(is_hidden) {
             track.unsee(self.index);
+            return false;
         }
-        outcome.unwrap_or(Followed::Lost)
+        track.strange < STRANGE_FRAMES
     }
 
     /// Where a track that was followed by this camera was predicted, and where it is; `None` if its place was not predicted well.
@@ -146,7 +122,7 @@ impl Transition<'_> {
         Some(Witness { expected: p.xy() / p.z, found: track.xy[self.index]?, rho: rho / p.z })
     }
 
-    fn try_follow(&self, track: &mut Track, reference: &ReferencePatch) -> Option<Followed> {
+    fn try_follow(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let c = self.index;
         let (px, xy) = (track.px[c]?, track.xy[c]?);
         let turned = predict(self.camera, self.camera, &xy, &self.rot_cur_prev, &Vector3::zeros())?;
@@ -156,12 +132,12 @@ impl Transition<'_> {
             let expected =
                 expected.filter(|e| NEAR_SIGMAS * e.sigma_px <= RIVAL_SHARE * f64::from(rival_px))?;
             track.was_predicted = Some(false);
-            let outcome = self.recognise_near(track, reference, &px, &expected, &turned)?;
+            self.recognise_near(track, reference, &px, &expected, &turned)?;
             let off_px = (track.px[c]? - expected.px).norm();
             track.was_predicted = Some(off_px <= RIM_SHARE * expected.reach_px(rival_px, self.is_wide));
-            return self.moved(track, &xy, &turned, outcome);
+            return self.moved(track, &xy, &turned);
         }
-        let outcome = self.recognise(track, reference, &guess, &turned).or_else(|| {
+        self.recognise(track, reference, &guess, &turned).or_else(|| {
             let flowed = self.flow(&px.cast(), &guess.cast(), &turned.warp).or_else(|| {
                 // The point may have stopped: once more without its own velocity.
                 let moved = track.flow_px[c].norm() > 1.0;
@@ -169,24 +145,18 @@ impl Transition<'_> {
             })?;
             self.settle(track, reference, &px, &flowed, &turned)
         })?;
-        self.moved(track, &xy, &turned, outcome)
+        self.moved(track, &xy, &turned)
     }
 
     /// Writes down where the track is now, and how it came there.
-    fn moved(
-        &self,
-        track: &mut Track,
-        xy: &Vector2<f64>,
-        turned: &Prediction,
-        outcome: Followed,
-    ) -> Option<Followed> {
+    fn moved(&self, track: &mut Track, xy: &Vector2<f64>, turned: &Prediction) -> Option<()> {
         let c = self.index;
         let now = track.px[c]?;
         self.camera.model.contains(&now, self.border_px).then_some(())?;
         track.xy[c] = Some(self.camera.unproject(&now)?);
         track.flow_px[c] = (now - turned.px) / f64::from(self.frames);
         track.came_by = Some((c, *xy));
-        Some(outcome)
+        Some(())
     }
 
     /// Place of a track by the predicted motion and its depth.
@@ -210,20 +180,16 @@ impl Transition<'_> {
         reference: &ReferencePatch,
         guess: &Vector2<f64>,
         turned: &Prediction,
-    ) -> Option<Followed> {
-        let is_steady =
-            self.use_reference && self.frames == 1 && track.stereo.is_some() && track.strange == 0;
-        is_steady.then_some(())?;
+    ) -> Option<()> {
+        (self.frames == 1 && track.stereo.is_some() && track.strange == 0).then_some(())?;
         let c = self.index;
         let warp = turned.warp * track.warp[c];
         let refined = reference.refine(self.current, &guess.cast(), &warp, &self.limits())?;
         let is_sure = refined.zncc >= SURE_ZNCC && refined.last_step_px < MAX_LAST_STEP_PX;
         is_sure.then(|| {
+            // The other camera turns with this one.
             track.warp[1 - c] = turned.warp * track.warp[1 - c];
-            track.px[c] = Some(refined.px.cast());
-            track.warp[c] = refined.warp;
-            track.covariance_px2[c] = refined.covariance_px2;
-            Followed::Refined
+            track.recognise(c, &refined);
         })
     }
 
@@ -235,21 +201,17 @@ impl Transition<'_> {
         px: &Vector2<f64>,
         expected: &Expected,
         turned: &Prediction,
-    ) -> Option<Followed> {
+    ) -> Option<()> {
         let c = self.index;
         let reach_px = expected.reach_px(track.rival_px?, self.is_wide) as f32;
         let warp = turned.warp * track.warp[c];
         let limits = RefineLimits { max_move_px: reach_px, ..self.limits() };
-        let refined = reference
-            .refine(self.current, &expected.px.cast(), &warp, &limits)
-            .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
+        let refined =
+            reference.refine(self.current, &expected.px.cast(), &warp, &limits).filter(is_recognised);
         track.warp[1 - c] = turned.warp * track.warp[1 - c];
         if let Some(refined) = refined {
-            track.px[c] = Some(refined.px.cast());
-            track.warp[c] = refined.warp;
-            track.covariance_px2[c] = refined.covariance_px2;
-            track.strange = 0;
-            return Some(Followed::Refined);
+            track.recognise(c, &refined);
+            return Some(());
         }
         let options = FlowOptions { top_level: 0, max_iterations: self.max_iterations };
         let found = track_patch(
@@ -260,11 +222,8 @@ impl Transition<'_> {
         )?;
         let is_near = (found.px.cast() - expected.px).norm() <= f64::from(reach_px);
         (is_near && found.zncc >= MIN_FLOW_ZNCC && found.last_step_px < MAX_LAST_STEP_PX).then_some(())?;
-        track.px[c] = Some(found.px.cast());
-        track.warp[c] = warp;
-        track.covariance_px2[c] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
-        track.strange += 1;
-        Some(if track.strange >= STRANGE_FRAMES { Followed::Changed } else { Followed::FlowOnly })
+        track.flow(c, &found.px, warp);
+        Some(())
     }
 
     fn limits(&self) -> RefineLimits {
@@ -295,40 +254,21 @@ impl Transition<'_> {
         px: &Vector2<f64>,
         flowed: &Vector2<f32>,
         turned: &Prediction,
-    ) -> Option<Followed> {
+    ) -> Option<()> {
         let c = self.index;
         let predicted_warp = turned.warp * track.warp[c];
-        // The other camera turns with this one.
         track.warp[1 - c] = turned.warp * track.warp[1 - c];
-        let refined = self
-            .use_reference
-            .then(|| reference.refine(self.current, flowed, &predicted_warp, &self.limits()))
-            .flatten()
-            .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
+        let refined =
+            reference.refine(self.current, flowed, &predicted_warp, &self.limits()).filter(is_recognised);
         if let Some(refined) = refined {
-            track.px[c] = Some(refined.px.cast());
-            track.warp[c] = refined.warp;
-            track.covariance_px2[c] = refined.covariance_px2;
-            track.strange = 0;
-            return Some(Followed::Refined);
+            track.recognise(c, &refined);
+            return Some(());
         }
-        self.returns(&px.cast(), flowed, &turned.warp).then_some(())?;
-        track.px[c] = Some(flowed.cast());
-        track.warp[c] = predicted_warp;
-        track.covariance_px2[c] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
-        track.strange += 1;
-        Some(if self.use_reference && track.strange >= STRANGE_FRAMES {
-            Followed::Changed
-        } else {
-            Followed::FlowOnly
-        })
-    }
-
-    /// True if the flow from `found` back to the previous image ends at `px`.
-    fn returns(&self, px: &Vector2<f32>, found: &Vector2<f32>, warp: &Matrix2<f32>) -> bool {
-        let Some(back) = warp.try_inverse() else { return false };
         let options = FlowOptions { top_level: RETURN_TOP_LEVEL, max_iterations: self.max_iterations };
-        track_patch((self.current, found), (self.previous, px), &back, &options)
-            .is_some_and(|r| (r.px - px).norm() <= self.max_return_px)
+        let there = (self.current, flowed);
+        returns(there, (self.previous, &px.cast()), &turned.warp, &options, self.max_return_px)
+            .then_some(())?;
+        track.flow(c, flowed, predicted_warp);
+        Some(())
     }
 }

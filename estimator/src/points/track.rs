@@ -1,8 +1,13 @@
 //! State of one tracked point.
 
-use super::template::ReferencePatch;
+use super::template::{ReferencePatch, Refinement};
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2};
+
+/// Share of the way to its rival within which a point is looked for.
+pub(super) const RIVAL_SHARE: f64 = 0.45;
+/// Random walk of the flow from frame to frame, px.
+const FLOW_SIGMA_PX: f32 = 0.1;
 
 /// Inverse depth of a track in the previous image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,6 +156,22 @@ impl Track {
     pub fn step_in(&self, camera: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
         let (by, before) = self.came_by?;
         (by == camera).then_some((before, self.xy[camera]?))
+    }
+
+    /// The point is where the reference is seen again.
+    pub fn recognise(&mut self, camera: usize, refined: &Refinement) {
+        self.px[camera] = Some(refined.px.cast());
+        self.warp[camera] = refined.warp;
+        self.covariance_px2[camera] = refined.covariance_px2;
+        self.strange = 0;
+    }
+
+    /// The point is where the flow leads, though the reference is not seen there.
+    pub fn flow(&mut self, camera: usize, px: &Vector2<f32>, warp: Matrix2<f32>) {
+        self.px[camera] = Some(px.cast());
+        self.warp[camera] = warp;
+        self.covariance_px2[camera] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
+        self.strange += 1;
     }
 
     /// Forgets where a camera saw the point.

@@ -54,25 +54,6 @@ pub struct TrackerInput<'a> {
     pub rot_prev_cur: UnitQuaternion<f64>,
 }
 
-/// Counts of one frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct TrackerFigures {
-    /// Tracks followed and agreeing with their reference patch.
-    pub refined: u32,
-    /// Tracks followed by flow alone.
-    pub flow_only: u32,
-    /// Tracks ended because they no longer agree with their reference patch.
-    pub changed: u32,
-    /// Tracks not found again.
-    pub lost: u32,
-    /// Tracks that contradicted the motion of the camera.
-    pub outliers: u32,
-    /// Tracks seen by both cameras.
-    pub stereo: u32,
-    /// Tracks begun.
-    pub new: u32,
-}
-
 /// The images of one camera.
 #[derive(Clone, Debug)]
 struct View {
@@ -145,7 +126,6 @@ impl View {
 #[derive(Clone, Debug)]
 pub struct PointTracker {
     options: PointsConfig,
-    use_reference: bool,
     rig: Vec<RigCamera>,
     views: Vec<View>,
     detectors: Vec<CornerDetector>,
@@ -153,8 +133,9 @@ pub struct PointTracker {
     filter: OutlierFilter,
     store: TrackStore,
     taken: Vec<Vector2<f32>>,
+    /// Places of older tracks, px.
+    older_px: Vec<Vector2<f64>>,
     observations: Vec<PointObservation>,
-    figures: TrackerFigures,
     frame: u64,
     limit: usize,
     motion: Option<PredictedMotion>,
@@ -181,7 +162,6 @@ impl PointTracker {
         };
         Self {
             options: options.clone(),
-            use_reference: true,
             rig: cameras.iter().map(|&c| RigCamera::new(c)).collect(),
             views: cameras.iter().map(|c| View::new(c, options.pyramid_levels, options.denoise)).collect(),
             detectors: cameras.iter().map(detector).collect(),
@@ -189,8 +169,8 @@ impl PointTracker {
             filter: OutlierFilter::new(options.max_points),
             store: TrackStore::new(options.max_points),
             taken: Vec::with_capacity(options.max_points),
+            older_px: Vec::with_capacity(options.max_points),
             observations: Vec::with_capacity(options.max_points),
-            figures: TrackerFigures::default(),
             frame: 0,
             limit: options.max_points,
             motion: None,
@@ -221,11 +201,6 @@ impl PointTracker {
     /// Sets how each camera turns between the rows of the next frame.
     pub fn set_rows(&mut self, rows: &[RowTurns; 2]) {
         self.rig.iter_mut().zip(rows).for_each(|(camera, rows)| camera.rows = *rows);
-    }
-
-    /// Switches the refinement against the reference patch off, to measure what it is good for.
-    pub fn set_use_reference(&mut self, use_reference: bool) {
-        self.use_reference = use_reference;
     }
 
     /// Tracks at most so many points from now on; the configuration may allow fewer.
@@ -276,12 +251,6 @@ impl PointTracker {
         [0, 1].map(|c| self.views.get(c).filter(shown).map(|view| &view.previous))
     }
 
-    /// Counts of the last frame.
-    #[must_use]
-    pub fn figures(&self) -> TrackerFigures {
-        self.figures
-    }
-
     /// Turn since the frame before by corners of their own, where it was looked for and they agree.
     #[must_use]
     pub fn turn(&self) -> Option<WitnessedTurn> {
@@ -309,7 +278,6 @@ impl PointTracker {
 
     fn take_frame(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
         self.frame += 1;
-        self.figures = TrackerFigures::default();
         self.observations.clear();
         self.turn = None;
         self.take_images(input, fork);
@@ -357,7 +325,6 @@ impl PointTracker {
                 self.filter.filter(&rotation, camera.focal_px(), self.frame, expected.as_ref()).iter();
             for track in self.store.tracks.iter_mut().filter(|t| t.step_in(c).is_some()) {
                 track.lost = !keep.next().is_none_or(|&k| k);
-                self.figures.outliers += u32::from(track.lost);
             }
         }
         self.store.sweep();
@@ -374,9 +341,8 @@ impl PointTracker {
         let mut searches = 0;
         let is_strict = self.is_strict();
         for (from, to) in [(0, 1), (1, 0)] {
-            let Some(pairing) =
-                pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, from, to)
-                    .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
+            let Some(pairing) = pairing(&self.rig, &self.views, &self.options, is_strict, [from, to])
+                .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
             else {
                 continue;
             };
@@ -405,13 +371,15 @@ impl PointTracker {
             }
         }
         let leading = self.leading();
-        for i in 1..self.store.tracks.len() {
-            let (older, rest) = self.store.tracks.split_at_mut(i);
-            let Some(px) = rest[0].px[leading] else { continue };
-            let close = |t: &Track| {
-                t.px[leading].is_some_and(|q| (q - px).norm_squared() < MIN_SEPARATION_PX.squared())
-            };
-            rest[0].lost |= older.iter().any(|t| !t.lost && close(t));
+        self.older_px.clear();
+        for track in &mut self.store.tracks {
+            let Some(px) = track.px[leading] else { continue };
+            // All of them, without an end at the first that is near: many at a time.
+            let is_near = |q: &Vector2<f64>| (q - px).norm_squared() < MIN_SEPARATION_PX.squared();
+            track.lost |= self.older_px.iter().fold(false, |near, q| near | is_near(q));
+            if !track.lost {
+                self.older_px.push(px);
+            }
         }
         self.store.sweep();
         self.store.tracks.iter_mut().for_each(|t| t.age += 1);
@@ -437,7 +405,6 @@ impl PointTracker {
                 (seen.px[c], seen.xy[c]) = (track.px[c], track.xy[c]);
             }
             if seen.px[0].is_some() || seen.px[1].is_some() {
-                self.figures.stereo += u32::from(seen.px[0].is_some() && seen.px[1].is_some());
                 self.observations.push(seen);
             }
         }
@@ -450,9 +417,7 @@ fn pairing<'a>(
     views: &'a [View],
     options: &PointsConfig,
     is_unique_only: bool,
-    use_reference: bool,
-    from: usize,
-    to: usize,
+    [from, to]: [usize; 2],
 ) -> Option<Pairing<'a>> {
     let (a, b) = (views.get(from)?, views.get(to)?);
     (a.is_new && b.is_new).then(|| Pairing {
@@ -468,7 +433,6 @@ fn pairing<'a>(
         },
         max_epipolar_px: f64::from(options.max_epipolar_px),
         border_px: options.border_px as f64,
-        use_reference,
         mask: None,
     })
 }

@@ -61,7 +61,7 @@ pub enum NoInstant {
     Ahead,
 }
 
-/// Estimate that others are carried on from.
+/// Estimate, or a state on its way from one to an instant.
 #[derive(Clone, Debug)]
 pub struct Base {
     /// Time of the state.
@@ -174,9 +174,9 @@ impl History {
         if samples.front().is_none_or(|first| first.sample.stamp.seconds_since(base.stamp) > STALE_S) {
             return Err(NoInstant::TooOld);
         }
-        let mut carried = Carried::from(base);
+        let mut carried = base.clone();
         carried.carry_until(stamp, samples, carrier);
-        let mut told = carried.told(base, samples);
+        let mut told = carried.told(samples);
         told.is_settled = self.reaches(stamp);
         let after = self.bases.get(next).filter(|after| {
             after.estimated == after.stamp
@@ -197,24 +197,7 @@ impl History {
     }
 }
 
-/// Estimate on its way to an instant.
-struct Carried {
-    nav: NavState,
-    covariance: GrowingCovariance,
-    stamp: Timestamp,
-    rate_b: Vector3<f64>,
-}
-
-impl Carried {
-    fn from(base: &Base) -> Self {
-        Self {
-            nav: base.nav.clone(),
-            covariance: base.covariance.clone(),
-            stamp: base.stamp,
-            rate_b: base.rate_b,
-        }
-    }
-
+impl Base {
     /// Carries it to `until`, or as far as the samples go.
     fn carry_until(&mut self, until: Timestamp, samples: &VecDeque<BelievedSample>, carrier: &Carrier) {
         let mut k = samples.partition_point(|s| s.sample.stamp <= self.stamp);
@@ -231,18 +214,18 @@ impl Carried {
     }
 
     /// State at the time that was reached.
-    fn told(&self, base: &Base, samples: &VecDeque<BelievedSample>) -> Instant {
-        let is_stale = self.stamp.seconds_since(base.estimated) > STALE_S;
+    fn told(&self, samples: &VecDeque<BelievedSample>) -> Instant {
+        let is_stale = self.stamp.seconds_since(self.estimated) > STALE_S;
         Instant {
             stamp: self.stamp,
             pose_o_b: self.nav.pose_o_b(),
             v_o_b: self.nav.v_o_b,
             angular_rate_b: self.rate(samples),
             covariance: self.covariance.nav,
-            state: if is_stale { TrackingState::Blind } else { base.state },
-            quality: if is_stale { base.quality.min(0) } else { base.quality },
-            reset_counter: base.reset_counter,
-            estimated: base.estimated,
+            state: if is_stale { TrackingState::Blind } else { self.state },
+            quality: if is_stale { self.quality.min(0) } else { self.quality },
+            reset_counter: self.reset_counter,
+            estimated: self.estimated,
             is_settled: false,
         }
     }

@@ -54,7 +54,7 @@ fn sample(ns: i64) -> ImuSample {
 
 /// Flies `seconds` at 200 Hz; every 50 ms an estimate with `error`, if it gives one.
 fn flown(seconds: i64, error: impl Fn(i64) -> Option<f64>) -> Propagator {
-    let mut propagator = Propagator::with_history(SETUP.setup());
+    let mut propagator = Propagator::new(SETUP.setup());
     for k in 0..=200 * seconds {
         propagator.tick(&sample(5 * k * MS));
         if k % 10 == 0
@@ -131,7 +131,7 @@ fn instants_without_a_state_are_refused_with_the_reason() {
     let long = flown(8, |_| Some(0.0));
     assert_eq!(long.at(stamp(1000 * MS)), Err(NoInstant::TooOld));
     assert!(long.at(stamp(5100 * MS)).is_ok());
-    assert_eq!(Propagator::new(SETUP.setup()).at(stamp(0)), Err(NoInstant::NoPose));
+    assert_eq!(Propagator::new(SETUP.setup()).at(stamp(0)), Err(NoInstant::Ahead));
 }
 
 #[test]
@@ -141,21 +141,4 @@ fn old_estimates_make_an_answer_blind_and_wide() {
     assert_eq!((at(1900).state, at(1900).quality), (TrackingState::Tracking, 90));
     assert_eq!((at(2900).state, at(2900).quality), (TrackingState::Blind, 0));
     assert!(at(2900).covariance[(0, 0)] > at(1900).covariance[(0, 0)]);
-}
-
-#[test]
-fn a_history_changes_no_bit_of_the_odometry() {
-    let mut with = Propagator::with_history(SETUP.setup());
-    let mut without = Propagator::new(SETUP.setup());
-    for k in 0..1600 {
-        let sample = sample(5 * k * MS);
-        assert_eq!(with.tick(&sample), without.tick(&sample), "{k}");
-        // Now and then one from longer ago than samples are kept for the odometry.
-        let late = if k % 400 == 390 { 320 } else { 8 };
-        if k % 10 == 0 && k > late {
-            let estimate = estimate(5 * (k - late) * MS, 0.001 * (k % 7) as f64);
-            with.correct(&estimate);
-            without.correct(&estimate);
-        }
-    }
 }

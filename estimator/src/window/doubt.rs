@@ -32,8 +32,8 @@ impl Window {
     pub fn is_newest_doubtful(&self) -> bool {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
         let problem = Problem::of_frames(rig, frames, manhattan, options);
-        let of_points = tracks::judge(points, &linearizer.poses, &problem);
-        of_points.and(tracks::judge(lines, &linearizer.poses, &problem)).is_mistrial()
+        let of_points = tracks::judge_within(points, &linearizer.poses, &problem, 1.0);
+        of_points.and(tracks::judge_within(lines, &linearizer.poses, &problem, 1.0)).is_mistrial()
     }
 
     /// Solves anew without the motion that leads to the newest frame, which its images contradict: the inertial sensor was

@@ -12,9 +12,8 @@
 
 use super::state::{FrameMatrix, NavState};
 use crate::estimate::{BiasVariances, NavCovariance};
-use crate::geometry::skew;
 use crate::inertial::{ImuNoise, Preintegration};
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::SMatrix;
 
 /// Covariance of a state that is carried forward, and of its biases.
 #[derive(Clone, Debug)]
@@ -62,7 +61,7 @@ impl GrowingCovariance {
 
     /// After the motion `step` from `nav`; the biases walk by `noise`.
     pub fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
-        let (f, g) = transition(nav, step);
+        let (f, g) = step.delta().transition(&nav.rot_o_b, step.dt_s);
         let by_bias = g * step.by_bias;
         let carried = f * self.with_biases;
         let mixed = carried * by_bias.transpose();
@@ -77,22 +76,6 @@ impl GrowingCovariance {
             self.biases[(3 + k, 3 + k)] += noise.accel_walk * noise.accel_walk * step.dt_s;
         }
     }
-}
-
-/// `F` and `G` of the motion `step` from `nav`.
-fn transition(nav: &NavState, step: &Preintegration) -> (NavCovariance, NavCovariance) {
-    let rot = nav.rot_o_b.to_rotation_matrix().into_inner();
-    let identity = Matrix3::identity();
-    let mut f = NavCovariance::identity();
-    f.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(rot * skew(&step.delta_p)));
-    f.fixed_view_mut::<3, 3>(0, 6).copy_from(&(identity * step.dt_s));
-    f.fixed_view_mut::<3, 3>(3, 3).copy_from(&step.delta_rot.inverse().to_rotation_matrix().into_inner());
-    f.fixed_view_mut::<3, 3>(6, 3).copy_from(&-(rot * skew(&step.delta_v)));
-    let mut g = NavCovariance::zeros();
-    g.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
-    g.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
-    g.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
-    (f, g)
 }
 
 #[cfg(test)]

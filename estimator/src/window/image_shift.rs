@@ -8,11 +8,11 @@ use super::epipolar::pair_in;
 use super::landmark::{Observation, PointLandmark};
 use super::reprojection::PointMeasurement;
 use super::state::Mount;
+use super::tracks::MIN_WITNESSES;
 use super::triangulate::Scene;
 use nalgebra::Vector2;
 
-/// Fewest landmarks that tell a shift, and as many as are looked at.
-const MIN_PAIRS: usize = 12;
+/// Landmarks that are looked at, at most.
 const MAX_PAIRS: usize = 128;
 
 /// Medians over the landmarks of how far they are seen from where they were expected, px.
@@ -64,11 +64,11 @@ impl Window {
             }
         }
         let (pairs, count) = (all[0].len(), of_left.len());
-        if count < MIN_PAIRS {
+        if count < MIN_WITNESSES {
             return None;
         }
         let px = |values| median(values) * self.options.focal_px;
-        let of_pair = (pairs >= MIN_PAIRS).then(|| {
+        let of_pair = (pairs >= MIN_WITNESSES).then(|| {
             let [left, right, x, y] = all.map(px);
             PairShifts { of_camera: [left, right], apart: Vector2::new(x, y) }
         });

@@ -47,20 +47,13 @@ pub struct LandmarkStore<F: Feature> {
     landmarks: Vec<Landmark<F>>,
     capacity: usize,
     by_track: Vec<(u32, u16)>,
-    /// Landmarks that found no room.
-    pub refused: u64,
 }
 
 impl<F: Feature> LandmarkStore<F> {
     /// Room for `capacity` landmarks.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
-        Self {
-            landmarks: Vec::with_capacity(capacity),
-            capacity,
-            by_track: Vec::with_capacity(capacity),
-            refused: 0,
-        }
+        Self { landmarks: Vec::with_capacity(capacity), capacity, by_track: Vec::with_capacity(capacity) }
     }
 
     /// All landmarks.
@@ -87,10 +80,9 @@ impl<F: Feature> LandmarkStore<F> {
         Some(usize::from(self.by_track[at].1))
     }
 
-    /// Adds a landmark of a track that has none; refused and counted when there is no room.
+    /// Adds a landmark of a track that has none, if there is room.
     pub fn insert(&mut self, landmark: Landmark<F>) {
         if self.landmarks.len() == self.capacity {
-            self.refused += 1;
             return;
         }
         if let Err(at) = self.by_track.binary_search_by_key(&landmark.track_id, |entry| entry.0) {

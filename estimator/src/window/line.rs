@@ -22,8 +22,8 @@
 use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
 use super::manhattan::{Axis, Manhattan};
-use super::manhattan_factor::{self, StructuralLine};
-use super::quad::quad;
+use super::manhattan_factor;
+use super::quad::{Quad, QuadMatrix, cross, quad};
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
@@ -192,13 +192,6 @@ impl HostedLine {
         let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
         Path { bt, ct }
     }
-
-    /// Normal and direction of the line in the observer's camera.
-    #[must_use]
-    pub fn seen_from(&self, view: &View<'_>) -> (Vector3<f64>, Vector3<f64>) {
-        let ct = self.path(view).ct;
-        (ct.n, ct.v)
-    }
 }
 
 /// A landmark in its host's camera and in `O`, from the pivot.
@@ -213,11 +206,12 @@ pub struct PlacedLine {
 
 impl PlacedLine {
     /// Derivative by the four parameters, where those by `n` and `v` in the host's camera are given.
-    fn by_parameters(&self, by_n: &Vector3<f64>, by_v: &Vector3<f64>) -> [f64; 4] {
+    #[inline]
+    fn by_parameters(&self, axes: &QuadMatrix, by_n: &Quad, by_v: &Quad) -> [f64; 4] {
         let (sin, cos) = self.sin_cos;
         // A turn of the axes by d moves u1 by d2 u3 - d3 u2 (with the other sign), u2 by d1 u3 - d3 u1.
-        let (n, v) = (self.axes.tr_mul(by_n), self.axes.tr_mul(by_v));
-        [v.z * sin, -n.z * cos, n.y * cos - v.x * sin, v.y * cos - n.x * sin]
+        let (n, v) = (axes.transpose_times(by_n), axes.transpose_times(by_v));
+        [v[2] * sin, -n[2] * cos, n[1] * cos - v[0] * sin, v[1] * cos - n[0] * sin]
     }
 }
 
@@ -296,19 +290,23 @@ impl Feature for HostedLine {
         let PlacedLine { h, o, .. } = placed;
         let c = o.moved_back(&target.rot_o_c, &target.p_o_c);
         let by_n = measured.distances_by_normal(&c.n)?;
-        let arm = host.p_o_c - target.p_o_c;
+        let axes = QuadMatrix::of(&placed.axes);
+        let [arm, p] = [host.p_o_c - target.p_o_c, target.p_o_c].map(|x| quad(&x));
+        let [h, o, c] = [h, o, &c].map(|line| [quad(&line.n), quad(&line.v)]);
+        let by_turn = |[n, v]: &[Quad; 2], by_n: &Quad, by_v: &Quad| {
+            let (by_n, by_v) = (cross(n, by_n), cross(v, by_v));
+            [0, 1, 2, 3].map(|k| by_n[k] + by_v[k])
+        };
         for d in 0..2 {
-            let by_c = by_n.row(d).transpose() * measured.weights[d];
-            let by_o = target.rot_o_c * by_c;
-            let by_o_v = target.p_o_c.cross(&by_o);
-            let by_h = host.rot_o_c.tr_mul(&by_o);
-            let by_h_v = host.rot_o_c.tr_mul(&by_o.cross(&arm));
-            let turn = o.n.cross(&by_o) + o.v.cross(&by_o_v);
-            j.camera[d] = [quad(&o.v.cross(&by_o)), quad(&turn)];
-            let turn = h.n.cross(&by_h) + h.v.cross(&by_h_v);
-            j.host[d] = [quad(&h.v.cross(&by_h)), quad(&turn)];
-            j.target[d] = [quad(&c.v.cross(&by_c)), quad(&c.n.cross(&by_c))];
-            for (k, by) in placed.by_parameters(&by_h, &by_h_v).into_iter().enumerate() {
+            let by_c = [0, 1, 2, 3].map(|k| if k < 3 { by_n[(d, k)] * measured.weights[d] } else { 0.0 });
+            let by_o = target.lanes.times(&by_c);
+            let by_o_v = cross(&p, &by_o);
+            let by_h = host.lanes.transpose_times(&by_o);
+            let by_h_v = host.lanes.transpose_times(&cross(&by_o, &arm));
+            j.camera[d] = [cross(&o[1], &by_o), by_turn(&o, &by_o, &by_o_v)];
+            j.host[d] = [cross(&h[1], &by_h), by_turn(&h, &by_h, &by_h_v)];
+            j.target[d] = [cross(&c[1], &by_c), cross(&c[0], &by_c)];
+            for (k, by) in placed.by_parameters(&axes, &by_h, &by_h_v).into_iter().enumerate() {
                 j.landmark[(d, k)] = by;
             }
             j.time_offset[d] = measured.weights[d] * measured.rates[d];
@@ -344,8 +342,7 @@ impl Feature for HostedLine {
         host: &CameraPose,
         linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
-        let line = StructuralLine { axes: &self.axes, axis: self.axis? };
-        manhattan_factor::residual(manhattan, line, host, linearization)
+        manhattan_factor::residual(manhattan, (&self.axes, self.axis?), host, linearization)
     }
 }
 

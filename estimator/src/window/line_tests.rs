@@ -150,7 +150,7 @@ proptest! {
 
     #[test]
     fn a_line_hosted_elsewhere_is_the_same_line(scene in scenes()) {
-        let (n, v) = scene.with_view(|view| scene.line.seen_from(view));
+        let Pluecker { n, v } = scene.with_view(|view| scene.line.path(view).ct);
         let moved = scene.with_view(|view| scene.line.hosted_by_target(view)).expect("is seen");
         let Pluecker { n: m, v: w } = moved.pluecker();
         prop_assert!(n.normalize().cross(&m.normalize()).norm() < 1e-9);
@@ -167,7 +167,7 @@ proptest! {
             let rot = moved.target.rot_o_b;
             moved.target.p_o_b += rot * v_b * dt;
             moved.target.rot_o_b = rot * exp_so3(&(rate_b * dt));
-            moved.with_view(|view| moved.measured.distances(&moved.line.seen_from(view).0).expect("is seen"))
+            moved.with_view(|view| moved.measured.distances(&moved.line.path(view).ct.n).expect("is seen"))
         };
         let (after, before) = (at(1e-6), at(-1e-6));
         for k in 0..2 {

@@ -80,9 +80,7 @@ impl FrameFactor {
         let target = target.map(|equations| (equations, index));
         match self {
             Self::Motion => motion(problem, index, target),
-            Self::ZeroVelocity => {
-                zero_velocity(&problem.frames[index], problem.options.still_sigma_m_s, target)
-            }
+            Self::ZeroVelocity => zero_velocity(&problem.frames[index], target),
         }
     }
 }

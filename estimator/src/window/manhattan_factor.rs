@@ -19,46 +19,37 @@ use super::manhattan::{Axis, Manhattan};
 use super::quad::quad;
 use nalgebra::{Matrix2x4, Matrix3, Vector2, Vector3};
 
-/// A landmark line along a direction of the Manhattan world.
-#[derive(Clone, Copy, Debug)]
-pub struct StructuralLine<'a> {
-    /// Its axes `U` in its host camera.
-    pub axes: &'a Matrix3<f64>,
-    /// The direction to which it belongs.
-    pub axis: Axis,
-}
-
-/// Residual of `line` against its direction, in standard deviations, and on request its Jacobians. `None` while that direction
-/// is unknown or not used.
+/// Residual of a landmark line against the direction `axis` to which it belongs, in standard deviations, and on request its
+/// Jacobians; `axes` are its `U` in its host camera. `None` while that direction is unknown or not used.
 #[must_use]
 pub fn residual(
     manhattan: &Manhattan,
-    line: StructuralLine<'_>,
+    (axes, axis): (&Matrix3<f64>, Axis),
     host: &CameraPose,
     linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
 ) -> Option<Vector2<f64>> {
-    let d_o = manhattan.direction_o(line.axis)?;
-    let sigma_rad = manhattan.sigma_rad(line.axis);
+    let d_o = manhattan.direction_o(axis)?;
+    let sigma_rad = manhattan.sigma_rad(axis);
     if let Some(request) = linearization {
-        linearize(line, (&d_o, sigma_rad), request.at, request.jacobians);
+        linearize(axes, (&d_o, sigma_rad), request.at, request.jacobians);
     }
-    let d_u = line.axes.tr_mul(&host.rot_o_c.tr_mul(&d_o));
+    let d_u = axes.tr_mul(&host.rot_o_c.tr_mul(&d_o));
     Some(Vector2::new(d_u.x, d_u.z) / sigma_rad)
 }
 
 /// Jacobians of the residual against the direction `d_o` of standard deviation `sigma_rad`.
 fn linearize(
-    line: StructuralLine<'_>,
+    axes: &Matrix3<f64>,
     (d_o, sigma_rad): (&Vector3<f64>, f64),
     host: &CameraPose,
     StructuralJacobians { feature: j, heading }: &mut StructuralJacobians<Jacobians<4>>,
 ) {
     let d_h = host.rot_o_c.tr_mul(d_o);
-    let d_u = line.axes.tr_mul(&d_h);
+    let d_u = axes.tr_mul(&d_h);
     *j = Jacobians::zeros();
     for (d, axis) in [0, 2].into_iter().enumerate() {
         // The axis in `O`: a motion of the host's camera turns it, and the position does not matter.
-        let by_h = line.axes.column(axis) / sigma_rad;
+        let by_h = axes.column(axis) / sigma_rad;
         let by_o = host.rot_o_c * by_h;
         j.camera[d] = [[0.0; 4], quad(&by_o.cross(d_o))];
         j.host[d] = [[0.0; 4], quad(&by_h.cross(&d_h))];

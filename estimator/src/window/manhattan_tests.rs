@@ -36,8 +36,8 @@ impl Scene {
     }
 }
 
-fn structural(line: &HostedLine) -> StructuralLine<'_> {
-    StructuralLine { axes: &line.axes, axis: line.axis.expect("is a structural line") }
+fn structural(line: &HostedLine) -> (&Matrix3<f64>, Axis) {
+    (&line.axes, line.axis.expect("is a structural line"))
 }
 
 fn options() -> ManhattanOptions {

@@ -28,7 +28,7 @@ impl Window {
     /// Removes frame `index` (not the newest), keeping its information about the others in the prior.
     pub fn remove_frame(&mut self, index: usize) {
         let newest_keyframe = self.newest_keyframe();
-        if self.options.keeps_landmarks {
+        if !self.options.first_estimates {
             self.pass_on_living(index);
         }
         let hosts =

@@ -144,7 +144,7 @@ fn with_one_camera_a_living_landmark_stays_with_another_host() {
         [true, false]
     }
     let mut window = Room { frames: 5, sees: left, disturbance: 0.0, ..Room::default() }.window();
-    window.options.keeps_landmarks = true;
+    window.options.begin_with(1);
     let (points, lines) = window.triangulated();
     assert!(points > 10 && lines > 5);
     let cost = window.cost();

@@ -69,7 +69,7 @@ mod test_room;
 #[cfg(test)]
 mod test_views;
 mod tiles;
-mod tracks;
+pub mod tracks;
 pub mod trail;
 pub mod trial;
 pub mod triangulate;
@@ -79,7 +79,6 @@ pub mod zero_velocity_factor;
 pub use calibration::{RigCovariance, RigEstimate};
 pub use fit::Fit;
 pub use options::Options;
-pub use rig_walk::rig_repeatability;
 pub use state::MAX_FRAMES;
 
 use crate::geometry::yaw_of;

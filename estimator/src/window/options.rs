@@ -6,16 +6,9 @@ use super::state::{RIG_DIM, Rig};
 use nalgebra::{SVector, Vector3};
 use plumbline_config::{Portable, ValidSetup};
 
-/// Depth known to a sixth of itself: within that, the reprojection is nearly linear in the inverse depth, and the
-/// prior's Jacobians may stay at this first estimate.
-const MIN_PARALLAX_SIGMAS: f64 = 6.0;
-/// Inverse depth known to 1/50 m, parallax or not: a point beyond 50 m has no depth, but a bearing as good as any.
-const MAX_SIGMA_RHO: f64 = 0.02;
 /// A point this close to where it is expected is no outlier however sharp its texture: after a gap in the samples the
 /// expectation is off by more than texture tells.
 const OUTLIER_PX: f64 = 2.4;
-/// Speed that the zero-velocity detector may overlook, m/s ([`crate::odometry::zero_velocity`]).
-const STILL_SIGMA_M_S: f64 = 0.01;
 
 /// Options of the window.
 #[derive(Clone, Debug)]
@@ -24,8 +17,6 @@ pub struct Options {
     pub keyframes: usize,
     /// Newest frames held beside the keyframes.
     pub recent_frames: usize,
-    /// Solver steps a frame.
-    pub max_iterations: usize,
     /// Smallest share of tracks linked to the window without a new keyframe.
     pub min_connected_ratio: f64,
     /// Longest time without a new keyframe, s.
@@ -36,10 +27,6 @@ pub struct Options {
     pub min_rho: f64,
     /// See `min_rho`.
     pub max_rho: f64,
-    /// A landmark is triangulated when its parallax exceeds this many standard deviations ...
-    pub min_parallax_sigmas: f64,
-    /// ... or its inverse depth is known this well, 1/m.
-    pub max_sigma_rho: f64,
     /// See [`super::feature::Feature::outlier_sigmas`], for points.
     pub point_outlier_sigmas: f64,
     /// See [`plumbline_config::options::WindowConfig::correct_stamps`].
@@ -54,15 +41,11 @@ pub struct Options {
     pub cameras: usize,
     /// A camera has a rolling shutter.
     pub is_rolling: bool,
-    /// Landmarks that are still seen get another host when theirs goes, since they would have to wait for parallax anew:
-    /// with one camera, or a start with one.
-    pub keeps_landmarks: bool,
-    /// Jacobians of frames in the prior stay at their first estimates.
+    /// Jacobians of frames in the prior stay at their first estimates. Else, with one camera or a start with one, landmarks that
+    /// are still seen get another host when theirs goes, since they would have to wait for parallax anew.
     pub first_estimates: bool,
     /// Gravity in the odometry frame, m/s².
     pub gravity_o: Vector3<f64>,
-    /// Standard deviation of the velocity in a zero-velocity update, m/s.
-    pub still_sigma_m_s: f64,
     /// Prior standard deviations of the rig.
     pub rig_sigmas: SVector<f64, RIG_DIM>,
     /// 1 for the rig's parameters that are refined, 0 for those held fixed.
@@ -80,14 +63,11 @@ impl Options {
         Self {
             keyframes: window.keyframes,
             recent_frames: window.recent_frames,
-            max_iterations: window.max_iterations,
             min_connected_ratio: window.min_connected_ratio,
             max_keyframe_interval_s: window.max_keyframe_interval_s,
             cauchy_scale: window.cauchy_scale,
             min_rho: 1.0 / window.max_depth_m,
             max_rho: 1.0 / window.min_depth_m,
-            min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
-            max_sigma_rho: MAX_SIGMA_RHO,
             point_outlier_sigmas: point_outlier_sigmas(config),
             correct_stamps: window.correct_stamps,
             max_moving_share: window.max_moving_share,
@@ -95,10 +75,8 @@ impl Options {
             outlier_px: point_outlier_sigmas(config) * config.estimator.points.sigma_px,
             cameras: config.camera.len(),
             is_rolling: config.camera.iter().any(|camera| camera.readout_s > 0.0),
-            keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
-            still_sigma_m_s: STILL_SIGMA_M_S,
             lenses: Lenses::of(config, &rig_sigmas),
             rig_sigmas,
             rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
@@ -114,7 +92,6 @@ impl Options {
     /// The estimate begins with depths from the baseline of so many cameras: from one camera's motion alone the scale of the
     /// first estimates is off by percents, and Jacobians must not stay there.
     pub fn begin_with(&mut self, cameras: usize) {
-        self.keeps_landmarks = cameras == 1;
         self.first_estimates = cameras > 1;
     }
 }

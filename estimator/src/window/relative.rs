@@ -9,90 +9,74 @@
 
 use super::Window;
 use super::state::{NavState, unknown_of_frame};
-use nalgebra::{Matrix4, SVector, Vector3};
+use nalgebra::{Matrix4, Vector3, Vector4};
 
-/// A row of `A`: by position and attitude of both frames.
-#[derive(Clone, Copy, Default)]
-struct Row {
-    by_from: [Vector3<f64>; 2],
-    by_to: [Vector3<f64>; 2],
-}
+/// A row of `A` by a frame: by its position and by its attitude.
+type Row = [Vector3<f64>; 2];
 
 impl Window {
     /// Covariance of position (0..3, m²) and yaw (3, rad²) of a frame in `O`, by the last factorization. `None` as of
     /// [`Self::relative_covariance`].
     pub fn covariance_in_o(&mut self, frame: usize) -> Option<Matrix4<f64>> {
-        let dim = unknown_of_frame(self.frames.len());
-        if self.factor.dim() != dim {
-            return None;
-        }
-        let up_b = self.frames.get(frame)?.nav.rot_o_b.inverse() * Vector3::z();
-        let (at_p, at_rot) = (unknown_of_frame(frame) + NavState::P, unknown_of_frame(frame) + NavState::ROT);
-        let mut covariance = Matrix4::zeros();
-        for column in 0..4 {
-            let solution = &mut self.solution[..dim];
-            solution.fill(0.0);
-            match column {
-                3 => solution[at_rot..at_rot + 3].copy_from_slice(up_b.as_slice()),
-                axis => solution[at_p + axis] = 1.0,
-            }
-            self.factor.solve(solution);
-            for axis in 0..3 {
-                covariance[(axis, column)] = solution[at_p + axis];
-                covariance[(3, column)] += up_b[axis] * solution[at_rot + axis];
-            }
-        }
-        let symmetric = (covariance + covariance.transpose()) * 0.5;
-        symmetric.iter().all(|x| x.is_finite()).then_some(symmetric)
+        let rows = pose_rows(&self.frames.get(frame)?.nav);
+        let covariance = self.covariance_of(rows.map(|row| [(frame, row)]))?;
+        covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 
     /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²) from frame `from` to frame `to`, by the last
     /// factorization. `None` before the first, for frames that are not there, and where it is none.
     pub fn relative_covariance(&mut self, from: usize, to: usize) -> Option<Matrix4<f64>> {
-        let count = self.frames.len();
-        let dim = unknown_of_frame(count);
-        if self.factor.dim() != dim || from == to {
+        let rows = step_rows(&self.frames.get(from)?.nav, &self.frames.get(to)?.nav);
+        let rows = rows.map(|[by_from, by_to]| [(from, by_from), (to, by_to)]);
+        let covariance = self.covariance_of(rows).filter(|_| from != to)?;
+        (0..4).all(|k| covariance[(k, k)] > 0.0 && covariance[(k, k)].is_finite()).then_some(covariance)
+    }
+
+    /// `A H^-1 A^T`, with the rows of `A` by the frames given.
+    fn covariance_of<const N: usize>(&mut self, rows: [[(usize, Row); N]; 4]) -> Option<Matrix4<f64>> {
+        let dim = unknown_of_frame(self.frames.len());
+        if self.factor.dim() != dim {
             return None;
         }
-        let rows = rows(&self.frames.get(from)?.nav, &self.frames.get(to)?.nav);
-        let (at_from, at_to) = (unknown_of_frame(from), unknown_of_frame(to));
-        let places = |row: &Row| {
-            [(at_from, row.by_from), (at_to, row.by_to)]
-                .map(|(at, [by_p, by_theta])| [(at + NavState::P, by_p), (at + NavState::ROT, by_theta)])
+        let places = |row: &[(usize, Row); N]| {
+            row.map(|(frame, [by_p, by_theta])| {
+                let at = unknown_of_frame(frame);
+                [(at + NavState::P, by_p), (at + NavState::ROT, by_theta)]
+            })
         };
         let mut covariance = Matrix4::zeros();
         for (column, row) in rows.iter().enumerate() {
-            self.solution[..dim].fill(0.0);
+            let solution = &mut self.solution[..dim];
+            solution.fill(0.0);
             for (at, by) in places(row).into_iter().flatten() {
-                self.solution[at..at + 3].copy_from_slice(by.as_slice());
+                solution[at..at + 3].copy_from_slice(by.as_slice());
             }
-            self.factor.solve(&mut self.solution[..dim]);
-            let of_row = |other: &Row| -> f64 {
-                let terms = places(other);
-                let dot = |(at, by): &(usize, Vector3<f64>)| -> f64 {
-                    by.iter().zip(&self.solution[*at..]).map(|(b, x)| b * x).sum()
-                };
-                terms.iter().flatten().map(dot).sum()
+            self.factor.solve(solution);
+            let of_row = |other: &[(usize, Row); N]| -> f64 {
+                let terms = places(other).into_iter().flatten();
+                terms.map(|(at, by)| by.iter().zip(&solution[at..]).map(|(b, x)| b * x).sum::<f64>()).sum()
             };
-            covariance.set_column(column, &SVector::from_fn(|i, _| of_row(&rows[i])));
+            covariance.set_column(column, &Vector4::from_fn(|i, _| of_row(&rows[i])));
         }
-        let symmetric: Matrix4<f64> = (covariance + covariance.transpose()) * 0.5;
-        (0..4).all(|k| symmetric[(k, k)] > 0.0 && symmetric[(k, k)].is_finite()).then_some(symmetric)
+        Some((covariance + covariance.transpose()) * 0.5)
     }
 }
 
-fn rows(from: &NavState, to: &NavState) -> [Row; 4] {
-    let yaw_by_theta = |nav: &NavState| nav.rot_o_b.inverse() * Vector3::z();
+/// Position and yaw by a frame.
+fn pose_rows(nav: &NavState) -> [Row; 4] {
+    let by_p = |axis: usize| [Vector3::ith(axis, 1.0), Vector3::zeros()];
+    [by_p(0), by_p(1), by_p(2), [Vector3::zeros(), nav.rot_o_b.inverse() * Vector3::z()]]
+}
+
+/// Way and turn by both frames.
+fn step_rows(from: &NavState, to: &NavState) -> [[Row; 2]; 4] {
+    let (of_from, of_to) = (pose_rows(from), pose_rows(to));
     let lever = Vector3::z().cross(&(to.p_o_b - from.p_o_b));
-    let (of_from, of_to) = (yaw_by_theta(from), yaw_by_theta(to));
-    let mut rows = [Row::default(); 4];
-    for (k, row) in rows.iter_mut().take(3).enumerate() {
-        row.by_to[0][k] = 1.0;
-        row.by_from[0][k] = -1.0;
-        row.by_from[1] = -of_from * lever[k];
-    }
-    rows[3] = Row { by_from: [Vector3::zeros(), -of_from], by_to: [Vector3::zeros(), of_to] };
-    rows
+    let [_, yaw_by_theta] = of_from[3];
+    std::array::from_fn(|k| match k {
+        3 => [of_from[3].map(|by| -by), of_to[3]],
+        axis => [[-of_from[axis][0], -yaw_by_theta * lever[axis]], of_to[axis]],
+    })
 }
 
 #[cfg(test)]
@@ -116,7 +100,7 @@ mod tests {
             let back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -turned(0, &now[0]));
             (back * (now[1].p_o_b - now[0].p_o_b)).push(turned(1, &now[1]) - turned(0, &now[0]))
         };
-        let analytic = rows(&states[0], &states[1]);
+        let analytic = step_rows(&states[0], &states[1]);
         for (which, kind, axis) in (0..12).map(|n| (n / 6, n / 3 % 2, n % 3)) {
             let moved = |step: f64| {
                 let mut now = states.clone();
@@ -129,8 +113,8 @@ mod tests {
             };
             let numeric = (moved(1e-6) - moved(-1e-6)) / 2e-6;
             for k in 0..4 {
-                let row = if which == 0 { analytic[k].by_from } else { analytic[k].by_to };
-                assert!((numeric[k] - row[kind][axis]).abs() < 1e-7, "row {k}, state {which} {kind} {axis}");
+                let analytic = analytic[k][which][kind][axis];
+                assert!((numeric[k] - analytic).abs() < 1e-7, "row {k}, state {which} {kind} {axis}");
             }
         }
     }

@@ -23,7 +23,7 @@ use super::seen_by_row::SeenByRow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
-const MIN_FORWARD: f64 = 0.02;
+pub(super) const MIN_FORWARD: f64 = 0.02;
 /// Landmarks stay within this inverse depth, 1/m.
 const MAX_INVERSE_DEPTH: f64 = 10.0;
 /// A little behind infinity is noise of a far point.
@@ -69,6 +69,37 @@ impl PlacedPoint {
             q[k] -= p[k] * self.rho;
         }
         target.lanes.transpose_times(&q)
+    }
+
+    /// In the axes of a camera a motion `(t, theta)` moves the landmark there by `rho t + theta x q`, as in `O`. A function of its own,
+    /// whose results lie in memory: among all that its caller holds in registers, the compiler takes values one by one.
+    #[inline(never)]
+    fn linearize(
+        &self,
+        CameraView { host, target }: CameraView<'_>,
+        weight: &Matrix2<f64>,
+        j: &mut Jacobians<3>,
+    ) -> Option<()> {
+        let Self { bearing, rho, q_o } = self;
+        let q_c = self.seen_from(target);
+        let [x, y, z, _] = q_c;
+        if z <= MIN_FORWARD {
+            return None;
+        }
+        let iz = 1.0 / z;
+        let arm = quad(&(host.p_o_c - target.p_o_c));
+        for d in 0..2 {
+            let (wx, wy) = (weight[(d, 0)] * iz, weight[(d, 1)] * iz);
+            let by_c = [wx, wy, -(wx * x + wy * y) * iz, 0.0];
+            let by_o = target.lanes.times(&by_c);
+            let by_h = host.lanes.transpose_times(&by_o);
+            j.camera[d] = [scaled(&by_o, *rho), cross(q_o, &by_o)];
+            j.host[d] = [scaled(&by_h, *rho), cross(bearing, &by_h)];
+            j.target[d] = [scaled(&by_c, *rho), cross(&q_c, &by_c)];
+            (j.landmark[(d, 0)], j.landmark[(d, 1)]) = (by_h[0], by_h[1]);
+            j.landmark[(d, 2)] = dot3(&by_o, &arm);
+        }
+        Some(())
     }
 }
 
@@ -172,35 +203,15 @@ impl Feature for InversePoint {
         Self::move_places(measured, shift);
     }
 
-    /// In the axes of a camera a motion `(t, theta)` moves the landmark there by `rho t + theta x q`, as in `O`.
     #[inline]
     fn linearize(
         placed: &PlacedPoint,
-        CameraView { host, target }: CameraView<'_>,
+        view: CameraView<'_>,
         measured: &PointMeasurement,
         j: &mut Jacobians<3>,
     ) -> Option<()> {
-        let PlacedPoint { bearing, rho, q_o } = placed;
-        let q_c = placed.seen_from(target);
-        let [x, y, z, _] = q_c;
-        if z <= MIN_FORWARD {
-            return None;
-        }
-        let iz = 1.0 / z;
-        let arm = quad(&(host.p_o_c - target.p_o_c));
-        for d in 0..2 {
-            let (wx, wy) = (measured.weight[(d, 0)] * iz, measured.weight[(d, 1)] * iz);
-            let by_c = [wx, wy, -(wx * x + wy * y) * iz, 0.0];
-            let by_o = target.lanes.times(&by_c);
-            let by_h = host.lanes.transpose_times(&by_o);
-            j.camera[d] = [scaled(&by_o, *rho), cross(q_o, &by_o)];
-            j.host[d] = [scaled(&by_h, *rho), cross(bearing, &by_h)];
-            j.target[d] = [scaled(&by_c, *rho), cross(&q_c, &by_c)];
-            (j.landmark[(d, 0)], j.landmark[(d, 1)]) = (by_h[0], by_h[1]);
-            j.landmark[(d, 2)] = dot3(&by_o, &arm);
-        }
         j.time_offset = measured.weight * measured.xy_rate;
-        Some(())
+        placed.linearize(view, &measured.weight, j)
     }
 
     /// `q_ct' = R_bc_t' (-w x q_bt - rho v)`.

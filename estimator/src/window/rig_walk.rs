@@ -24,7 +24,6 @@
 
 use super::Window;
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
-use nalgebra::SVector;
 use plumbline_config::{Portable, Timestamp};
 
 /// Parameters that walk alike.
@@ -52,15 +51,6 @@ const FLOORS: [Floor; 6] = [
     floor(Rig::TIME_OFFSET, 1, 3e-4, 1.0),
     floor(Rig::INTRINSICS, 2 * INTRINSICS_DIM, 1e-4, PAIR_MEMORY),
 ];
-
-/// Repeatability of a careful calibration, one standard deviation of each parameter of the rig.
-#[must_use]
-pub fn rig_repeatability() -> SVector<f64, RIG_DIM> {
-    let sigma = |k: usize| {
-        FLOORS.iter().find(|floor| (floor.unknowns.0..floor.unknowns.0 + floor.unknowns.1).contains(&k))
-    };
-    SVector::from_fn(|k, _| sigma(k).map_or(0.0, |floor| floor.sigma))
-}
 
 /// Distance of a parameter from its configured value up to which that has its full weight, in standard deviations.
 const REFUTED_SIGMAS: f64 = 2.5;
@@ -160,7 +150,7 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::{DMatrix, DVector, SVector};
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))

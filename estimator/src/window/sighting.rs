@@ -8,8 +8,9 @@ use super::Window;
 use super::feature::Feature;
 use super::inertial_factor::InertialFactor;
 use super::landmark::PointLandmark;
-use super::reprojection::InversePoint;
-use super::state::{Mount, NavState};
+use super::reprojection::{InversePoint, MIN_FORWARD};
+use super::state::{Mount, NavState, POSE_DIM};
+use super::tracks::MIN_WITNESSES;
 use crate::geometry::exp_so3;
 use crate::inertial::Preintegration;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
@@ -23,19 +24,14 @@ const NARROW: [f64; 3] = [5.0, 3.0, 3.0];
 const WIDE: [f64; 5] = [50.0, 15.0, 5.0, 3.0, 3.0];
 /// An observation this far from its landmark does not agree, in standard deviations.
 const AGREES_SIGMAS: f64 = 4.0;
-/// Fewest observations that agree, and their least share of all.
-const MIN_AGREEING: usize = 12;
 /// Factor of a pose's standard deviations for errors of the landmarks, which its solution takes for exact.
 const LANDMARK_SHARE: f64 = 1.5;
-/// Unknowns of a pose: three of its position, three of its attitude.
-const UNKNOWNS: usize = 6;
+/// Least share of the observations that agree.
 const MIN_SHARE: f64 = 0.6;
 /// Landmarks are known if they were hosted this long ago, s, and seen since: what has just come into view may be a crowd.
 const KNOWN_S: f64 = 0.2;
 /// A sighted position is not better than this, m.
 pub const LEAST_SIGHTING_M: f64 = 1e-3;
-/// Forward component of a ray, scaled by the inverse depth, below which it is not seen.
-const MIN_FORWARD: f64 = 0.02;
 
 /// Where the images of a frame place it among the landmarks.
 #[derive(Clone, Copy, Debug)]
@@ -104,7 +100,7 @@ impl Window {
     fn sight(&self, start: &NavState, of_known: bool) -> Option<Sighting> {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
         let rays = self.rays(&mounts, of_known);
-        if rays.len() < MIN_AGREEING {
+        if rays.len() < MIN_WITNESSES {
             return None;
         }
         let start = (start.rot_o_b, start.p_o_b);
@@ -231,11 +227,11 @@ fn solve(
             squares += squared;
         }
     }
-    if agreeing < MIN_AGREEING || (agreeing as f64) < MIN_SHARE * rays.len() as f64 {
+    if agreeing < MIN_WITNESSES || (agreeing as f64) < MIN_SHARE * rays.len() as f64 {
         return None;
     }
     let covariance = hessian.cholesky()?.inverse();
-    let fit = (squares / (2 * agreeing - UNKNOWNS) as f64).sqrt();
+    let fit = (squares / (2 * agreeing - POSE_DIM) as f64).sqrt();
     let scale = (LANDMARK_SHARE * fit).at_most(1.0);
     let block = |from: usize| covariance.fixed_view::<3, 3>(from, from) * scale.squared();
     let to_o = rot.to_rotation_matrix();

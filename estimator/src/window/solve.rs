@@ -61,12 +61,6 @@ impl Backup {
     }
 }
 
-/// Token for a saved backup of the current states; holds their cost. Restoring requires it, since the backup could
-/// otherwise be that of another window.
-struct Saved {
-    cost: f64,
-}
-
 impl Window {
     /// Improves all states by at most `max_iterations` steps of damped Gauss-Newton (Levenberg-Marquardt with the
     /// damping on the diagonal). Where the cost at the present states is no finite number, they stay as they are,
@@ -80,14 +74,15 @@ impl Window {
             self.factor.clear();
             return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
         }
-        let mut best = self.save(first);
+        self.save();
+        let mut best = first;
         let damping =
             if max_iterations > 0 { self.iterate(max_iterations, &mut best, &mut outcome) } else { 0.0 };
         let last = self.cost();
-        if last <= best.cost {
+        if last <= best {
             outcome.cost = last;
         } else {
-            self.restore(&best);
+            self.restore();
             outcome.cost = self.cost();
         }
         if damping > 0.0 || max_iterations == 0 {
@@ -99,20 +94,25 @@ impl Window {
         if self.options.first_estimates {
             let is_unfinished = damping > 0.0 && !outcome.is_not_positive_definite;
             self.unfinished = is_unfinished.then(|| self.remaining_step());
-            self.adapt_damping(damping, last <= best.cost);
+            self.adapt_damping(damping, last <= best);
         }
         self.follow_lenses();
         outcome
     }
 
-    /// The step of the newest frame that the equations last factored ask for.
-    fn remaining_step(&mut self) -> SVector<f64, COVARIANCE_DIM> {
+    /// Solves the equations last factored for the step that they ask for; returns the number of unknowns.
+    fn solve(&mut self) -> usize {
         let gradient = self.linearizer.equations.gradient();
-        let dim = gradient.len();
         for (x, g) in self.solution.iter_mut().zip(gradient) {
             *x = -g;
         }
-        self.factor.solve(&mut self.solution[..dim]);
+        self.factor.solve(&mut self.solution[..gradient.len()]);
+        gradient.len()
+    }
+
+    /// The step of the newest frame that the equations last factored ask for.
+    fn remaining_step(&mut self) -> SVector<f64, COVARIANCE_DIM> {
+        self.solve();
         let base = unknown_of_frame(self.frames.len() - 1);
         SVector::from_column_slice(&self.solution[base..base + COVARIANCE_DIM])
     }
@@ -127,9 +127,9 @@ impl Window {
         };
     }
 
-    /// Steps from the states just linearized and saved, at least one; returns the damping at the end. `best` are the
-    /// states of lowest cost before the last step.
-    fn iterate(&mut self, max_iterations: usize, best: &mut Saved, outcome: &mut Outcome) -> f64 {
+    /// Steps from the states just linearized and saved, at least one; returns the damping at the end. `best` is the lowest
+    /// cost before the last step, whose states are saved.
+    fn iterate(&mut self, max_iterations: usize, best: &mut f64, outcome: &mut Outcome) -> f64 {
         let mut damping = 0.0;
         // Linearizations are what costs time: a rejected step takes two of them.
         let mut linearizations = 1;
@@ -152,14 +152,15 @@ impl Window {
                 // The same states, more damping: no step was taken that the cost could speak for.
                 continue;
             }
-            if cost > best.cost || !cost.is_finite() {
+            if cost > *best || !cost.is_finite() {
                 linearizations += 1;
-                self.restore(best);
+                self.restore();
                 damping = self.more(damping);
                 let _ = self.linearize(damping);
             } else {
                 damping *= DAMPING_DECAY;
-                *best = self.save(cost);
+                self.save();
+                *best = cost;
             }
         }
     }
@@ -188,12 +189,8 @@ impl Window {
         if !self.factor.compute(&self.linearizer.equations, damping) {
             return None;
         }
+        let dim = self.solve();
         let gradient = self.linearizer.equations.gradient();
-        let dim = gradient.len();
-        for (x, g) in self.solution.iter_mut().zip(gradient) {
-            *x = -g;
-        }
-        self.factor.solve(&mut self.solution[..dim]);
         let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
 
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
@@ -213,7 +210,7 @@ impl Window {
         if damping == 0.0 { self.first_damping } else { damping * DAMPING_GROWTH }
     }
 
-    fn save(&mut self, cost: f64) -> Saved {
+    fn save(&mut self) {
         self.backup.rig.clone_from(&self.rig);
         self.backup.heading_rad = self.manhattan.heading_rad;
         self.backup.frames.clear();
@@ -222,10 +219,9 @@ impl Window {
         self.backup.points.extend(self.points.all().iter().map(|l| l.feature));
         self.backup.lines.clear();
         self.backup.lines.extend(self.lines.all().iter().map(|l| l.feature));
-        Saved { cost }
     }
 
-    fn restore(&mut self, _: &Saved) {
+    fn restore(&mut self) {
         self.rig.clone_from(&self.backup.rig);
         self.manhattan.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {

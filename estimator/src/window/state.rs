@@ -6,6 +6,7 @@
 //! ([`NavState::P`] and following). While landmarks are linearized, the unknowns are *motions*: of each camera on its
 //! mount, and of each frame in `O` ([`super::motions`]).
 
+use crate::estimate::Estimate;
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
@@ -79,6 +80,18 @@ impl NavState {
     pub const BIAS_GYRO: usize = 9;
     /// Offset of the accelerometer bias, m/s².
     pub const BIAS_ACCEL: usize = 12;
+
+    /// State of an estimate.
+    #[must_use]
+    pub fn of(estimate: &Estimate) -> Self {
+        Self {
+            p_o_b: estimate.pose_o_b.translation.vector,
+            rot_o_b: estimate.pose_o_b.rotation,
+            v_o_b: estimate.v_o_b,
+            bias_gyro: estimate.bias_gyro,
+            bias_accel: estimate.bias_accel,
+        }
+    }
 
     /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s².
     #[must_use]

@@ -4,7 +4,7 @@
 use super::manhattan::Axis;
 use super::{LineTrack, Window};
 
-/// Landmark lines that are vertical only together.
+/// Landmark lines that are vertical only together: a single one may be any edge that nearly is, and would tilt the whole window.
 const MIN_VERTICALS: usize = 2;
 /// Tilt known worse than this selects lines that agree with its error, rad: the gate of the plane of a vertical.
 const MAX_TILT_SIGMA_RAD: f64 = 0.006;
@@ -25,7 +25,7 @@ impl Window {
             landmark.feature.axis =
                 manhattan.axis_of(&landmark.feature.axes, landmark.feature.axis, &rot_o_c);
         }
-        if tilt_sigma_rad > MAX_TILT_SIGMA_RAD || !self.verticals_agree() {
+        if tilt_sigma_rad > MAX_TILT_SIGMA_RAD || self.verticals() < MIN_VERTICALS {
             self.forget(|axis| axis == Axis::Vertical);
         }
         self.manhattan.verticals = self.verticals();
@@ -35,24 +35,21 @@ impl Window {
         }
     }
 
-    /// True if more than one landmark line is vertical: a single one may be any edge that nearly is, and would tilt the whole
-    /// window.
-    fn verticals_agree(&self) -> bool {
-        self.verticals() >= MIN_VERTICALS
+    /// Directions of the Manhattan world along which the landmark lines lie.
+    fn axes(&self) -> impl Iterator<Item = Option<Axis>> {
+        self.lines.all().iter().filter(|l| l.is_triangulated).map(|l| l.feature.axis)
     }
 
     fn verticals(&self) -> usize {
-        let known = self.lines.all().iter().filter(|l| l.is_triangulated);
-        known.filter(|l| l.feature.axis == Some(Axis::Vertical)).count()
+        self.axes().filter(|axis| *axis == Some(Axis::Vertical)).count()
     }
 
     /// True if enough of the landmark lines that are not vertical lie along or across the heading: among edges of all headings
     /// a few always do.
     fn horizontals_agree(&self) -> bool {
-        let known = self.lines.all().iter().filter(|l| l.is_triangulated);
         let (mut members, mut others) = (0, 0);
-        for line in known {
-            match line.feature.axis {
+        for axis in self.axes() {
+            match axis {
                 Some(Axis::Vertical) => {}
                 Some(_) => members += 1,
                 None => others += 1,
@@ -90,7 +87,7 @@ impl Window {
     /// Number of structural lines: landmark lines along a direction of the Manhattan world.
     #[must_use]
     pub fn structural_lines(&self) -> usize {
-        self.lines.all().iter().filter(|l| l.is_triangulated && l.feature.axis.is_some()).count()
+        self.axes().flatten().count()
     }
 }
 

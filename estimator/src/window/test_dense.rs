@@ -2,7 +2,7 @@
 
 use super::Window;
 use super::dense::NormalEquations;
-use super::factor::{Linearization, cauchy};
+use super::factor::{Linearization, RobustSum};
 use super::feature::{Estimated, Jacobians, StructuralJacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
@@ -10,6 +10,7 @@ use super::motions::MotionEquations;
 use super::refined_lens::MovedLenses;
 use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
+use super::zero_velocity_factor;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, heading,
@@ -122,7 +123,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
                    r: &Vector2<f64>,
                    target: usize,
                    heading: Option<&Vector2<f64>>| {
-        let weight = cauchy(r.norm_squared(), window.options.cauchy_scale).1.sqrt();
+        let weight = RobustSum::new(window.options.cauchy_scale).add(r.norm_squared()).sqrt();
         for d in 0..2 {
             let row = |m: &[f64]| -> Vec<f64> { m.iter().map(|x| x * weight).collect() };
             let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
@@ -207,7 +208,7 @@ fn add_inertial(rows: &mut Rows, window: &Window) {
         }
         if frame.is_still {
             for d in 0..3 {
-                let sigma = window.options.still_sigma_m_s;
+                let sigma = zero_velocity_factor::SIGMA_M_S;
                 let at = unknown_of_frame(k) + NavState::V + d;
                 rows.add(frame.nav.v_o_b[d] / sigma, &[(at, &[1.0 / sigma])]);
             }

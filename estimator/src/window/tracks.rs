@@ -7,8 +7,9 @@ use super::poses::Poses;
 use super::problem::Problem;
 use super::triangulate::Triangulation;
 
-/// Observations of a frame by which it is judged as a whole, at least.
-const MIN_WITNESSES: usize = 12;
+/// Fewer points than these do not prove a pose, nor that a frame is wrong: a few false matches agree with any motion. As many as a
+/// start rests on.
+pub const MIN_WITNESSES: usize = 12;
 
 fn add_observations<F: Feature>(
     landmark: &mut Landmark<F>,
@@ -96,12 +97,7 @@ impl Verdict {
     }
 }
 
-/// Judges the observations of the newest frame.
-pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem: &Problem<'_>) -> Verdict {
-    judge_within(store, poses, problem, 1.0)
-}
-
-/// Judges them with gates that are `slack` times as wide.
+/// Judges the observations of the newest frame, with gates that are `slack` times as wide as those of outliers.
 pub(super) fn judge_within<F: Feature>(
     store: &LandmarkStore<F>,
     poses: &Poses,
@@ -118,16 +114,6 @@ pub(super) fn judge_within<F: Feature>(
         }
     }
     verdict
-}
-
-/// True if an observation lies within [`Feature::outlier_sigmas`] of its landmark.
-fn fits<F: Feature>(
-    poses: &Poses,
-    problem: &Problem<'_>,
-    placed: &F::Placed,
-    o: &Observation<F::Measurement>,
-) -> bool {
-    fits_within::<F>(poses, problem, placed, o, 1.0)
 }
 
 /// True if an observation lies within `slack` times [`Feature::outlier_sigmas`] of its landmark.
@@ -161,7 +147,7 @@ pub(super) fn remove_outliers<F: Feature>(
         let mut host_fits = true;
         observations.retain(|o| {
             let is_spared = spares_newest && o.frame == newest && *host != newest;
-            let stays = is_spared || fits::<F>(poses, problem, &placed, o);
+            let stays = is_spared || fits_within::<F>(poses, problem, &placed, o, 1.0);
             if !stays && o.frame == *host && o.camera == *host_camera {
                 host_fits = false;
             } else if !stays && o.frame == newest {

@@ -19,6 +19,12 @@ const MIN_FORWARD: f64 = 0.1;
 /// (less than 1 in 700 by chance) a wrong track.
 const MAX_BEHIND_SIGMAS: f64 = 3.0;
 
+/// Depth known to a sixth of itself: within that, the reprojection is nearly linear in the inverse depth, and the
+/// prior's Jacobians may stay at this first estimate.
+const MIN_PARALLAX_SIGMAS: f64 = 6.0;
+/// Inverse depth known to 1/50 m, parallax or not: a point beyond 50 m has no depth, but a bearing as good as any.
+const MAX_SIGMA_RHO: f64 = 0.02;
+
 /// Outcome of an attempt at triangulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Triangulation {
@@ -70,7 +76,7 @@ pub(super) fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector
 
 /// Finds the inverse depth along the host's bearing by linear least squares over all other views: in
 /// view `k` the landmark lies along `R_k b + rho t_k`, and both components across the measured bearing
-/// vanish. Needs a parallax of `options.min_parallax_sigmas` standard deviations. While poses are only
+/// vanish. Needs a parallax of [`MIN_PARALLAX_SIGMAS`] standard deviations. While poses are only
 /// guessed (`is_start`), views may contradict.
 pub fn triangulate(
     landmark: &mut PointLandmark,
@@ -111,7 +117,7 @@ pub fn triangulate(
     }
     let sigma_rho = den.sqrt().recip();
     let rho = num / den;
-    let is_wide = sigma_rho * options.min_parallax_sigmas < rho || sigma_rho < options.max_sigma_rho;
+    let is_wide = sigma_rho * MIN_PARALLAX_SIGMAS < rho || sigma_rho < MAX_SIGMA_RHO;
     if !is_wide {
         return Triangulation::Waiting;
     }

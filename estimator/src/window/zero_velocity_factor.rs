@@ -5,23 +5,21 @@ use super::frame::Frame;
 use super::state::{NavState, unknown_of_frame};
 use plumbline_config::Portable;
 
-/// Cost of the velocity of a frame at rest, in squared standard deviations, for a velocity of standard deviation
-/// `sigma_m_s`. On request its normal equations are added to `linearization`, the frame being that of the index
-/// given. A frame that moves costs nothing.
-pub fn zero_velocity(
-    frame: &Frame,
-    sigma_m_s: f64,
-    linearization: Option<(&mut NormalEquations, usize)>,
-) -> f64 {
+/// Speed that the zero-velocity detector may overlook, m/s ([`crate::odometry::zero_velocity`]).
+pub(super) const SIGMA_M_S: f64 = 0.01;
+
+/// Cost of the velocity of a frame at rest, in squared standard deviations. On request its normal equations are added to
+/// `linearization`, the frame being that of the index given. A frame that moves costs nothing.
+pub fn zero_velocity(frame: &Frame, linearization: Option<(&mut NormalEquations, usize)>) -> f64 {
     if !frame.is_still {
         return 0.0;
     }
     let v = &frame.nav.v_o_b;
     let Some((equations, index)) = linearization else {
         // Rounding differs from that below; the digests of recorded flights hold it.
-        return 0.5 * v.norm_squared() / sigma_m_s.squared();
+        return 0.5 * v.norm_squared() / SIGMA_M_S.squared();
     };
-    let information = 1.0 / (sigma_m_s * sigma_m_s);
+    let information = 1.0 / (SIGMA_M_S * SIGMA_M_S);
     let at = unknown_of_frame(index) + NavState::V;
     for k in 0..3 {
         equations.add(at + k, at + k, information);
@@ -56,10 +54,10 @@ mod tests {
     fn a_frame_at_rest_pulls_its_velocity_to_zero_and_nothing_else() {
         let mut equations = NormalEquations::new(unknown_of_frame(2));
         equations.reset(unknown_of_frame(2));
-        let cost = zero_velocity(&frame(true), 0.01, Some((&mut equations, 1)));
+        let cost = zero_velocity(&frame(true), Some((&mut equations, 1)));
         // (0.02² + 0.01² + 0.03²) / 0.01² / 2
         assert!((cost - 7.0).abs() < 1e-12);
-        assert!((cost - zero_velocity(&frame(true), 0.01, None)).abs() < 1e-12);
+        assert!((cost - zero_velocity(&frame(true), None)).abs() < 1e-12);
         let at = unknown_of_frame(1) + NavState::V;
         for k in 0..equations.dim() {
             let is_velocity = (at..at + 3).contains(&k);
@@ -72,7 +70,7 @@ mod tests {
     fn a_frame_in_motion_says_nothing() {
         let mut equations = NormalEquations::new(unknown_of_frame(1));
         equations.reset(unknown_of_frame(1));
-        assert_eq!(zero_velocity(&frame(false), 0.01, Some((&mut equations, 0))), 0.0);
+        assert_eq!(zero_velocity(&frame(false), Some((&mut equations, 0))), 0.0);
         assert!((0..equations.dim()).all(|k| equations.get(k, k) == 0.0));
     }
 }

@@ -33,7 +33,7 @@ pub struct Shot {
 impl Shot {
     pub fn query(&self, seed: u64) -> Query<'_> {
         let up_b = self.stop.pose_m_b.rotation.inverse() * Vector3::z();
-        let gravity = Some(Gravity { up_b, sigma_rad: 0.01 });
+        let gravity = Gravity { up_b, sigma_rad: 0.01 };
         Query { features: &self.features, pose_b_c: pose_b_c(), gravity, seed }
     }
 

@@ -1,11 +1,12 @@
 //! Features of real and of rendered stereo pairs, with their true poses.
 
+use super::building::FEATURES;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Config, import};
 use plumbline_drivers::tum::read_tum;
 use plumbline_drivers::{EurocDataset, EurocOptions, StereoFrame, StereoSource as _};
 use plumbline_estimator::image::Pyramid;
-use plumbline_estimator::places::extractor::{Extractor, ExtractorOptions, View};
+use plumbline_estimator::places::extractor::{Extractor, View};
 use plumbline_estimator::places::{Feature, Keyframe};
 use plumbline_estimator::points::rig::RigCamera;
 use std::path::Path;
@@ -30,7 +31,7 @@ pub struct Eyes {
 }
 
 impl Eyes {
-    fn new(config: &Config, sizes_px: [(usize, usize); 2], options: &ExtractorOptions) -> Self {
+    fn new(config: &Config, sizes_px: [(usize, usize); 2]) -> Self {
         let rig = config.camera.iter().map(|c| {
             let mut camera = RigCamera::new(c.model());
             camera.pose_b_c = c.pose_b_c();
@@ -40,7 +41,7 @@ impl Eyes {
         Self {
             rig: rig.collect(),
             pyramids: sizes_px.map(|(width, height)| Pyramid::new(width, height, LEVELS)),
-            extractor: Extractor::new(width, height, options),
+            extractor: Extractor::new(width, height, FEATURES),
         }
     }
 
@@ -52,7 +53,7 @@ impl Eyes {
     }
 
     /// The features of the frame looked at last.
-    pub fn features(&mut self, up_c: Option<Vector3<f64>>) -> &[Feature] {
+    pub fn features(&mut self, up_c: Vector3<f64>) -> &[Feature] {
         let right = self.rig.get(1).map(|camera| (camera, &self.pyramids[1]));
         self.extractor.extract(&View { left: (&self.rig[0], &self.pyramids[0]), right, up_c })
     }
@@ -65,24 +66,24 @@ impl Eyes {
     fn pair(&mut self, frame: &StereoFrame, pose_m_b: Isometry3<f64>) -> Pair {
         self.look(frame);
         let keyframe = Keyframe::new(0, frame.stamp, pose_m_b, self.rig[0].pose_b_c);
-        let features = self.features(Some(keyframe.up_c())).to_vec();
+        let features = self.features(keyframe.up_c()).to_vec();
         Pair { keyframe, features }
     }
 }
 
 /// A EuRoC folder without an IMU: its frames, and eyes for them.
-pub fn open(folder: &Path, options: &ExtractorOptions) -> (EurocDataset, Eyes) {
+pub fn open(folder: &Path) -> (EurocDataset, Eyes) {
     let config: Config = import::euroc_cameras_into(Config::preset("euroc").unwrap(), folder).unwrap().into();
     let euroc = EurocOptions { with_imu: false, ..EurocOptions::for_config(&config) };
     let dataset = EurocDataset::open(folder, &euroc).unwrap();
-    let eyes = Eyes::new(&config, dataset.sizes_px(), options);
+    let eyes = Eyes::new(&config, dataset.sizes_px());
     (dataset, eyes)
 }
 
 /// The stereo pairs of a EuRoC folder with poses.
-pub fn real(folder: &Path, options: &ExtractorOptions) -> Vec<Pair> {
+pub fn real(folder: &Path) -> Vec<Pair> {
     let poses = read_tum(&folder.join("poses.tum")).unwrap();
-    let (dataset, mut eyes) = open(folder, options);
+    let (dataset, mut eyes) = open(folder);
     let (mut stereo, mut frame) = (dataset.stereo(), dataset.new_frame());
     let mut pairs = Vec::new();
     while stereo.next_frame(&mut frame).unwrap() {

@@ -4,7 +4,7 @@ use super::building::{Building, FEATURES, tour};
 use super::flight::{KEYFRAMES, Mapper, shots};
 use super::images::open;
 use plumbline_drivers::StereoSource as _;
-use plumbline_estimator::places::{ExtractorOptions, Located};
+use plumbline_estimator::places::Located;
 use plumbline_test_support::shared;
 
 /// Asked of a map of 2,000 keyframes with 400 features each, of what finds in it, and of its pose graph.
@@ -52,13 +52,13 @@ fn nothing_is_allocated_after_construction() {
 #[test]
 fn features_are_made_without_an_allocation() {
     let Some(folder) = shared("euroc/V1_01_easy_clip") else { return };
-    let (dataset, mut eyes) = open(&folder, &ExtractorOptions::default());
+    let (dataset, mut eyes) = open(&folder);
     let (mut stereo, mut frame) = (dataset.stereo(), dataset.new_frame());
     for _ in 0..3 {
         assert!(stereo.next_frame(&mut frame).unwrap());
         eyes.look(&frame);
         let (mut count, up_c) = (0, eyes.usual_up_c());
-        let work = allocation_counter::measure(|| count = eyes.features(Some(up_c)).len());
+        let work = allocation_counter::measure(|| count = eyes.features(up_c).len());
         assert!(count > 100, "{count} features");
         assert_eq!((work.count_total, work.bytes_total), (0, 0));
     }

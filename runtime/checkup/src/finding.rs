@@ -22,6 +22,9 @@ pub struct Finding {
     /// Severity for the flight.
     #[serde(skip)]
     pub fitness: Fitness,
+    /// True if everything else that goes wrong with these data is a consequence.
+    #[serde(skip)]
+    pub explains_all: bool,
 }
 
 impl Finding {
@@ -38,6 +41,7 @@ impl Finding {
             cause: cause.into(),
             cure: cure.into(),
             fitness: Fitness::NotFit,
+            explains_all: false,
         }
     }
 

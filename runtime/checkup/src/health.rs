@@ -94,14 +94,18 @@ impl HealthTally {
         held
     }
 
-    /// Health of the flight in one line: median quality, each bit that held for more than 2 % of the frames, and what to do.
+    /// Health of the flight in one line: median quality, each bit that held for more than 2 % of the frames, and what to do; of
+    /// `known`, which explains all of these, instead.
     #[must_use]
-    pub fn line(&self) -> String {
+    pub fn line(&self, known: Option<&Finding>) -> String {
         let quality = match self.median_quality() {
             None => "no valid estimate".to_owned(),
             Some(quality) if quality < 0 => "without a valid estimate most of the time".to_owned(),
             Some(quality) => format!("quality {quality} % in the median"),
         };
+        if let Some(Finding { what, cure, .. }) = known {
+            return format!("{quality}; {what}: {cure}");
+        }
         let held = self.held(NAMED);
         let words = held
             .iter()
@@ -237,14 +241,19 @@ mod tests {
 
     #[test]
     fn the_line_names_quality_bits_counts_and_cure() {
-        assert_eq!(tally(100, &[], 98).line(), "quality 98 % in the median, no faults");
-        assert_eq!(HealthTally::default().line(), "no valid estimate, no faults");
+        assert_eq!(tally(100, &[], 98).line(None), "quality 98 % in the median, no faults");
+        assert_eq!(HealthTally::default().line(None), "no valid estimate, no faults");
         let rare = tally(100, &[(HealthBits::IMU_GAP, 2), (HealthBits::STATIONARY, 40)], 98);
-        assert_eq!(rare.line(), "quality 98 % in the median; stationary in 40 of 100 frames, no faults");
-        let late = tally(100, &[(HealthBits::IMAGES_LATE, 88), (HealthBits::DARK, 3)], 10).line();
+        assert_eq!(rare.line(None), "quality 98 % in the median; stationary in 40 of 100 frames, no faults");
+        let late = tally(100, &[(HealthBits::IMAGES_LATE, 88), (HealthBits::DARK, 3)], 10).line(None);
         assert!(
             late.starts_with("quality 10 % in the median; images late in 88 of 100 frames, dark in 3"),
             "{late}"
+        );
+        let units = Finding::new("another unit", "", "", "multiply it");
+        assert_eq!(
+            tally(100, &[], 98).line(Some(&units)),
+            "quality 98 % in the median; another unit: multiply it"
         );
         assert!(
             late.contains("rig.time_offset_s") && late.ends_with("run `plumbline doctor` on the data"),

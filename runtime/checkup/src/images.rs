@@ -37,7 +37,6 @@ struct Look {
     is_there: bool,
     brightest: f64,
     burnt: f64,
-    median: f64,
     change: f64,
     is_same: bool,
     is_combed: bool,
@@ -106,7 +105,6 @@ impl Eye {
             is_there: true,
             brightest: level(0.95),
             burnt: f64::from(burnt) / all,
-            median: level(0.5),
             change: change(&self.last, &pixels),
             is_same: self.last == pixels,
             is_combed: comb as f64 > COMB * smooth as f64,
@@ -171,10 +169,10 @@ impl ImageTests {
         }
     }
 
-    /// Faults of the images, and their exposure.
+    /// Faults of the images.
     pub(crate) fn judge(&self, samples: &[ImuSample], cameras: usize) -> Vec<Measure> {
         let sides: &[&str] = if cameras > 1 { &["left", "right"] } else { &["camera's"] };
-        let mut measures = vec![self.exposure(cameras)];
+        let mut measures = Vec::new();
         for (k, side) in sides.iter().enumerate() {
             let eye = &self.eyes[k];
             let of = |has: &dyn Fn(usize, &Look) -> bool| -> Vec<usize> {
@@ -282,30 +280,5 @@ impl ImageTests {
                 stands[k] && run(&mut (k..stands.len())) + run(&mut (0..k).rev()) >= STILL.1
             })
             .collect()
-    }
-
-    fn exposure(&self, cameras: usize) -> Measure {
-        const NAME: &str = "exposure";
-        let column = |camera: usize, value: &dyn Fn(&Look) -> f64| {
-            let looks = self.eyes[camera].looks.iter().filter(|look| look.is_there);
-            median(&looks.map(value).collect::<Vec<_>>())
-        };
-        let all = || 0..cameras.min(2);
-        let brightest =
-            all().map(|camera| column(camera, &|look| look.brightest)).fold(f64::INFINITY, f64::min);
-        if brightest.is_infinite() {
-            return Measure::missing(NAME, "no image arrived", "check the cameras");
-        }
-        let burnt = all().map(|camera| column(camera, &|look| look.burnt)).fold(0.0, f64::max);
-        let verdict = if brightest < DARK || burnt > BURNT.1 { Fitness::NotFit } else { Fitness::Good };
-        let levels: Vec<String> =
-            all().map(|camera| format!("{:.0}", column(camera, &|look| look.median))).collect();
-        let value = format!(
-            "brightest twentieth at {brightest:.0} of 255, {:.1} % burnt out, medians {}",
-            100.0 * burnt,
-            levels.join(" and ")
-        );
-        let cure = "dark: more light, gain or exposure; burnt out: shorten the exposure, or let the camera choose it";
-        Measure::new(NAME, verdict, value, cure, &[("brightest", brightest), ("burnt_share", burnt)])
     }
 }

@@ -2,7 +2,7 @@
 //! their range.
 
 use crate::finding::Finding;
-use crate::statistics::{mean_and_spread, quantile};
+use crate::statistics::mean_and_spread;
 use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
@@ -26,9 +26,6 @@ const ALIVE: f64 = 0.5;
 const AT_END: f64 = 0.995;
 /// Noise over the configured one: that of a vehicle in flight against a data sheet, and what tracking hardly bears.
 const NOISY: (f64, f64) = (3.0, 10.0);
-/// Blur by rotation, px, at a rate that is hardly ever exceeded.
-const BLUR_PX: (f64, f64) = (1.5, 6.0);
-const RATE_QUANTILE: f64 = 0.95;
 /// Share of samples at the end of the range.
 const SATURATED: (f64, f64) = (0.0, 0.002);
 
@@ -49,32 +46,6 @@ pub struct Rest {
     least_s: f64,
 }
 
-/// Consecutive pieces at rest in one attitude: their number, the sums of their means, and their end.
-#[derive(Clone, Copy)]
-struct Stand {
-    pieces: f64,
-    gyro: Vector3<f64>,
-    accel: Vector3<f64>,
-    gravity: f64,
-    end: Timestamp,
-}
-
-impl Stand {
-    /// Adds a piece; `false` where it is in another attitude.
-    fn extend(&mut self, (gyro, accel): (Vector3<f64>, Vector3<f64>), end: Timestamp) -> bool {
-        let is_same = (self.gyro / self.pieces - gyro).norm() < STILL.0
-            && (self.accel / self.pieces - accel).norm() < STILL.1;
-        if is_same {
-            self.pieces += 1.0;
-            self.gyro += gyro;
-            self.accel += accel;
-            self.gravity += accel.norm();
-            self.end = end;
-        }
-        is_same
-    }
-}
-
 /// The times in which the vehicle rests, by the samples alone.
 #[must_use]
 pub fn rest(samples: &[ImuSample]) -> Rest {
@@ -87,33 +58,47 @@ pub(crate) fn rest_seen(samples: &[ImuSample], moving: &[(Timestamp, Timestamp)]
 }
 
 fn rest_of(samples: &[ImuSample], moves: impl Fn(Timestamp, Timestamp) -> bool, least_s: f64) -> Rest {
-    let mut found = Rest { least_s, ..Rest::default() };
-    let mut stand: Option<Stand> = None;
+    let mut pieces = Vec::new();
     let mut from = 0;
     while let Some(first) = samples.get(from) {
         let end = first.stamp.plus_seconds(PIECE_S);
         let count = samples[from..].partition_point(|sample| sample.stamp < end).max(1);
-        let piece = still(&samples[from..from + count]).filter(|_| !moves(first.stamp, end));
+        pieces.push((end, still(&samples[from..from + count]).filter(|_| !moves(first.stamp, end))));
         from += count;
-        if let (Some(stand), Some(piece)) = (&mut stand, piece)
-            && stand.extend(piece, end)
-        {
+    }
+    let mut found = Rest { least_s, ..Rest::default() };
+    // In one attitude, and for more than a moment.
+    for stand in pieces.chunk_by(|(_, a), (_, b)| a.zip(*b).is_some_and(is_same_attitude)) {
+        let means: Vec<_> = stand.iter().filter_map(|(_, means)| *means).collect();
+        let seconds = means.len() as f64 * PIECE_S;
+        if seconds < MIN_STAND_S {
             continue;
         }
-        let next = piece.map(|(gyro, accel)| Stand { pieces: 1.0, gyro, accel, gravity: accel.norm(), end });
-        let ended = std::mem::replace(&mut stand, next);
-        ended.iter().for_each(|stand| found.add(stand));
-    }
-    stand.iter().for_each(|stand| found.add(stand));
-    if found.seconds > 0.0 {
-        found.gyro /= found.seconds;
-        found.gravity_m_s2 /= found.seconds;
+        if found.first_end.is_none() {
+            found.first_end = stand.last().map(|(end, _)| *end);
+            found.accel = means.iter().map(|(_, accel)| accel).sum::<Vector3<f64>>() / means.len() as f64;
+        }
+        let weight = PIECE_S / (found.seconds + seconds);
+        let (gyro, gravity) = means.iter().fold((Vector3::zeros(), 0.0), |(gyro, gravity), means| {
+            (gyro + means.0, gravity + means.1.norm())
+        });
+        let before = found.seconds / (found.seconds + seconds);
+        found.gyro = found.gyro * before + gyro * weight;
+        found.gravity_m_s2 = found.gravity_m_s2 * before + gravity * weight;
+        found.seconds += seconds;
     }
     found
 }
 
+/// Mean of the gyroscope and of the accelerometer.
+type Means = (Vector3<f64>, Vector3<f64>);
+
+fn is_same_attitude((a, b): (Means, Means)) -> bool {
+    (a.0 - b.0).norm() < STILL.0 && (a.1 - b.1).norm() < STILL.1
+}
+
 /// Means of gyroscope and accelerometer in a piece of time in which both scatter little.
-fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+fn still(piece: &[ImuSample]) -> Option<Means> {
     let span_s = piece.last()?.stamp.seconds_since(piece.first()?.stamp);
     let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
     let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
@@ -121,20 +106,6 @@ fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
 }
 
 impl Rest {
-    /// Adds the time in one attitude, unless it was a moment; the sums are divided at the end.
-    fn add(&mut self, stand: &Stand) {
-        if stand.pieces * PIECE_S < MIN_STAND_S {
-            return;
-        }
-        if self.first_end.is_none() {
-            self.first_end = Some(stand.end);
-            self.accel = stand.accel / stand.pieces;
-        }
-        self.seconds += stand.pieces * PIECE_S;
-        self.gyro += stand.gyro * PIECE_S;
-        self.gravity_m_s2 += stand.gravity * PIECE_S;
-    }
-
     /// True if the vehicle stood long enough for a verdict.
     #[must_use]
     pub(crate) fn is_enough(&self) -> bool {
@@ -261,27 +232,6 @@ pub(crate) fn noise(samples: &[ImuSample], imu: &ImuConfig) -> Vec<Measure> {
         of("vibration of the accelerometer", imu.accel_noise_density, &|sample| sample.accel),
         of("vibration of the gyroscope", imu.gyro_noise_density, &|sample| sample.gyro),
     ]
-}
-
-/// Blur by the rotation rates of the data, for the exposure that was told, s, or the configured one.
-pub(crate) fn blur(samples: &[ImuSample], config: &Config, told_s: Option<f64>) -> Measure {
-    const NAME: &str = "blur";
-    let rates: Vec<f64> = samples.iter().map(|sample| sample.gyro.norm()).collect();
-    let rate = quantile(&rates, RATE_QUANTILE);
-    let focal_px = config.camera.first().map_or(0.0, |c| 0.5 * (c.focal_px[0] + c.focal_px[1]));
-    let exposure_s = told_s.unwrap_or(1e-6 * config.driver.v4l2.exposure_us);
-    if exposure_s <= 0.0 || rate.is_nan() {
-        let cure = "set `driver.v4l2.exposure_us` for a known blur";
-        return Measure::missing(NAME, "exposure neither reported nor configured", cure);
-    }
-    let px = exposure_s * rate * focal_px;
-    Measure::new(
-        NAME,
-        Fitness::within(px, BLUR_PX.0, BLUR_PX.1),
-        format!("{px:.1} px at {rate:.2} rad/s and {:.1} ms of exposure", 1e3 * exposure_s),
-        "expose for a shorter time, with more light or gain; or turn more slowly",
-        &[("blur_px", px), ("rate_rad_s", rate)],
-    )
 }
 
 /// True if an axis repeats itself for `longest` samples in which another of its sensor does not.

@@ -31,10 +31,10 @@ pub mod verdict;
 #[cfg(test)]
 mod tests;
 
-pub use verdict::{CheckupReport, Fitness, Measure};
+pub use verdict::{Fitness, Measure};
 
 use images::ImageTests;
-use plausibility::inertial::Magnitudes;
+use plausibility::inertial::{nonsense, repeats};
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 use timing::{Arrivals, Sensor};
 use tracks::Tracker;
@@ -68,7 +68,6 @@ pub struct Checkup {
     seen: usize,
     images: ImageTests,
     tracker: Option<Tracker>,
-    exposure_s: Option<f64>,
     /// Troubles reported by the drivers of IMU and cameras.
     troubles: [Option<String>; 2],
     refused_samples: u64,
@@ -89,16 +88,10 @@ impl Checkup {
             seen: 0,
             images: ImageTests::default(),
             tracker: Tracker::new(config),
-            exposure_s: None,
             troubles: [None, None],
             refused_samples: 0,
             disordered: [0; 2],
         }
-    }
-
-    /// Takes note of the exposure that the cameras' driver tells, s: it counts, and not the configured one.
-    pub fn tell_exposure(&mut self, exposure_s: f64) {
-        self.exposure_s = Some(exposure_s).filter(|exposure_s| exposure_s.is_finite() && *exposure_s > 0.0);
     }
 
     /// Takes what the driver of a live sensor reports: why it is missing, or what is wrong with its stamps. Of several reports
@@ -161,23 +154,17 @@ impl Checkup {
 
     /// Measurements so far with their verdicts: first what is wrong.
     #[must_use]
-    pub fn report(&self) -> CheckupReport {
+    pub fn report(&self) -> Vec<Measure> {
         let config = &self.config;
-        let cameras = config.camera.len();
         let (imu, frames) = self.arrivals();
-        let mut magnitudes = Magnitudes::default();
-        self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let refused = inertial::refused(self.refused_samples, self.samples.len());
         let clocks = timing::two_clocks(&imu.stamps, &frames.stamps);
-        let wrong = magnitudes.nonsense().into_iter().chain(refused).chain(clocks);
+        let wrong = nonsense(&self.samples).into_iter().chain(refused).chain(clocks);
         let mut measures: Vec<Measure> = wrong.map(finding::Finding::into_measure).collect();
         let has_nonsense = !measures.is_empty();
         measures.extend(self.timing(&imu, &frames));
-        measures.extend(magnitudes.repeats().map(finding::Finding::into_measure));
-        let mut images = self.images.judge(&self.samples, cameras);
-        if self.frames.stamps.is_empty() {
-            images.iter_mut().for_each(Measure::spoil);
-        }
+        measures.extend(repeats(&self.samples).map(finding::Finding::into_measure));
+        let images = self.images.judge(&self.samples, config.camera.len());
         let is_bad = |measure: &Measure| measure.verdict == Fitness::NotFit;
         let is_spoilt = has_nonsense || measures.iter().chain(&images).any(is_bad);
         measures.extend(images);
@@ -190,7 +177,6 @@ impl Checkup {
         };
         of_samples.extend(inertial::at_rest(&rest, config));
         of_samples.extend(mounting::judge(&self.samples, &rest, config));
-        of_samples.push(inertial::blur(&self.samples, config, self.exposure_s));
         if has_nonsense || self.samples.is_empty() {
             of_samples.iter_mut().for_each(Measure::spoil);
         }
@@ -202,7 +188,7 @@ impl Checkup {
         measures.extend(fitted);
         // The images as they lie explain more than any calibration.
         measures.sort_by_key(|measure| measure.verdict != Fitness::NotFit);
-        CheckupReport { measures }
+        measures
     }
 
     /// Arrivals of samples and frames.
@@ -237,5 +223,5 @@ impl Checkup {
     }
 }
 
-/// Cure of a measure that something else makes worthless.
-pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
+/// Value and cure of a measure that something else makes worthless.
+pub(crate) const NAMED_ABOVE: (&str, &str) = ("not judged", "correct the problems above, then measure again");

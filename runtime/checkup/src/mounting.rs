@@ -158,10 +158,8 @@ fn unknown(rest: &Rest, nod: Option<Nod>, config: &Config) -> Measure {
     let is_needed = !config.autopilot.connect.is_empty() || config.ros.enabled;
     let verdict = if is_needed { Fitness::NotFit } else { Fitness::Mind };
     let up = rest.accel.normalize();
-    let mut figures = vec![("up_x", up.x), ("up_y", up.y), ("up_z", up.z)];
     let (value, cure) = match &nod {
         Some(nod) => {
-            figures.extend(angles(nod));
             let value = format!("unknown; measured at rest and by a nod of {:.0} degrees", nod.degrees);
             (value, format!("set {}", key(nod)))
         }
@@ -173,12 +171,7 @@ fn unknown(rest: &Rest, nod: Option<Nod>, config: &Config) -> Measure {
             (value, format!("{NOD}; {}", VehicleConfig::CURE))
         }
     };
-    Measure::new(NAME, verdict, value, cure, &figures)
-}
-
-fn angles(nod: &Nod) -> [(&'static str, f64); 3] {
-    let [roll, pitch, yaw] = Mounting::of_rotation(&nod.rot_v_b).degrees().unwrap_or_default();
-    [("measured_roll_deg", roll), ("measured_pitch_deg", pitch), ("measured_yaw_deg", yaw)]
+    Measure::new(NAME, verdict, value, cure, &[])
 }
 
 /// Roll and pitch against the configured mounting.
@@ -188,7 +181,6 @@ fn level(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measur
     // Attitude of the vehicle: right side down and nose up are positive.
     let roll = up_v.y.atan2(up_v.z).to_degrees();
     let pitch = up_v.x.atan2(up_v.z).to_degrees();
-    let figures = [("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)];
     let mut value = format!("at rest the vehicle is tilted by {tilt:.1} degrees");
     if tilt <= STEEP_DEG {
         value += &format!(" (roll {}, pitch {})", angle(roll, 1), angle(pitch, 1));
@@ -200,19 +192,17 @@ fn level(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measur
         ),
         None => "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`".into(),
     };
-    Measure::new(NAME, Fitness::within(tilt, TILT.0, TILT.1), value, cure, &figures)
+    Measure::new(NAME, Fitness::within(tilt, TILT.0, TILT.1), value, cure, &[("tilt_deg", tilt)])
 }
 
 /// Heading that a nod shows, against that of the configured mounting.
 fn heading(nod: &Nod, mounting: Option<&UnitQuaternion<f64>>) -> Measure {
-    let mut figures = angles(nod).to_vec();
     let Some(rot_v_b) = mounting else {
         let value = format!("shown by a nod of {:.0} degrees", nod.degrees);
-        return Measure::new(HEADING_NAME, Fitness::Good, value, "", &figures);
+        return Measure::new(HEADING_NAME, Fitness::Good, value, "", &[]);
     };
     let nose_v = rot_v_b * nod.rot_v_b.inverse() * Vector3::x();
     let heading = nose_v.y.atan2(nose_v.x).to_degrees();
-    figures.push(("nod_heading_deg", heading));
     let side = if heading.round() < 0.0 { "right" } else { "left" };
     let value = format!(
         "by a nod of {:.0} degrees the nose is {} degrees to the {side} of the configured one",
@@ -220,7 +210,7 @@ fn heading(nod: &Nod, mounting: Option<&UnitQuaternion<f64>>) -> Measure {
         angle(heading.abs(), 0)
     );
     let verdict = Fitness::within(heading.abs(), HEADING.0, HEADING.1);
-    Measure::new(HEADING_NAME, verdict, value, format!("on a level floor: set {}", key(nod)), &figures)
+    Measure::new(HEADING_NAME, verdict, value, format!("on a level floor: set {}", key(nod)), &[])
 }
 
 #[cfg(test)]

@@ -59,9 +59,10 @@ pub struct Arrivals {
 }
 
 impl Arrivals {
-    /// Takes the stamp of a sample whose number does not matter.
-    pub fn push_stamp(&mut self, stamp: Timestamp) {
-        self.stamps.push(stamp);
+    /// Samples whose numbers do not matter, by their stamps.
+    #[must_use]
+    pub fn of(stamps: Vec<Timestamp>) -> Self {
+        Self { stamps, ..Self::default() }
     }
 
     /// Takes a sample.
@@ -224,48 +225,43 @@ impl Trouble {
         let factor = rate_hz / nominal_hz;
         let is_near = |too_fast: f64| factor > too_fast / UNIT_FACTOR && factor < too_fast * UNIT_FACTOR;
         let unit = UNITS.iter().find(|(_, too_fast)| is_near(*too_fast));
-        match (self, unit) {
-            (Self::Rate, Some((unit, _))) => Finding::new(
+        let (what, cause, cure) = match (self, unit) {
+            (Self::Rate, Some((unit, _))) => (
                 format!("stamps of {device} are not in nanoseconds"),
-                value,
                 format!("that they are in {unit}"),
-                "write them in nanoseconds",
+                "write them in nanoseconds".to_owned(),
             ),
-            (Self::Rate, None) => Finding::new(
+            (Self::Rate, None) => (
                 format!("another rate of {device} than the configured one"),
-                value,
                 format!(
                     "that the sensor is set to another rate than {nominal_hz} Hz, or that its clock runs {:.3} times as fast as it should",
                     1.0 / factor
                 ),
                 format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
             ),
-            (Self::Loss, _) => Finding::new(
+            (Self::Loss, _) => (
                 format!("samples of {device} are missing"),
-                value,
-                "a cable, load or bandwidth",
+                "a cable, load or bandwidth".to_owned(),
                 format!("look at {device} and the driver: one of them may lose samples"),
             ),
-            (Self::Disorder, _) => Finding::new(
+            (Self::Disorder, _) => (
                 format!("stamps of {device} run backwards"),
-                value,
-                "a clock that was set while it recorded (NTP), or stamps of several clocks",
-                "stamp by one clock that is never set, such as CLOCK_MONOTONIC; two stretches of this recording are mixed into \
-                 each other",
+                "a clock that was set while it recorded (NTP), or stamps of several clocks".to_owned(),
+                "stamp by one clock that is never set, such as CLOCK_MONOTONIC; two stretches of this recording are mixed into each other"
+                    .to_owned(),
             ),
-            (Self::Bursts, _) => Finding::new(
+            (Self::Bursts, _) => (
                 format!("samples of {device} {BURSTS}"),
-                value,
-                "that several arrive together and are stamped on arrival",
-                "stamp each sample when it is measured: the sensor's own time, or its counter with the rate",
+                "that several arrive together and are stamped on arrival".to_owned(),
+                "stamp each sample when it is measured: the sensor's own time, or its counter with the rate".to_owned(),
             ),
-            (Self::Jitter, _) => Finding::new(
+            (Self::Jitter, _) => (
                 format!("stamps of {device} {JITTER_WORD}"),
-                value,
-                "stamps of the arrival, not of the measurement",
-                "use the sensor's own time or a trigger",
+                "stamps of the arrival, not of the measurement".to_owned(),
+                "use the sensor's own time or a trigger".to_owned(),
             ),
-        }
+        };
+        Finding::new(what, value, cause, cure)
     }
 }
 
@@ -301,7 +297,7 @@ pub fn judge_pairs(whole: u64, frames: usize) -> Measure {
         "stereo pairs",
         Fitness::within(share, HALF_FRAMES.0, HALF_FRAMES.1),
         format!("{whole} of {frames} frames have both images"),
-        "trigger both cameras together, or see why one of them loses images",
+        "trigger both cameras together, or see which images are missing (of a recording: cam0/data.csv and cam1/data.csv)",
         &[("frames", frames as f64), ("without_partner", half)],
     )
 }
@@ -321,10 +317,8 @@ mod tests {
             })
             .collect();
         stamps.sort_unstable();
-        let mut arrivals = Arrivals::default();
         let kept = stamps.into_iter().enumerate().filter(|(k, _)| k % without != without - 1);
-        kept.for_each(|(_, stamp)| arrivals.push_stamp(stamp));
-        arrivals
+        Arrivals::of(kept.map(|(_, stamp)| stamp).collect())
     }
 
     #[test]

@@ -83,7 +83,8 @@ impl Measure {
     /// Makes it worthless by something that is named above.
     pub(crate) fn spoil(&mut self) {
         self.verdict = Fitness::NotMeasured;
-        crate::NAMED_ABOVE.clone_into(&mut self.cure);
+        crate::NAMED_ABOVE.0.clone_into(&mut self.value);
+        crate::NAMED_ABOVE.1.clone_into(&mut self.cure);
     }
 
     /// Marks a measure without which no flight should begin, with the motion that shows it.
@@ -92,37 +93,15 @@ impl Measure {
         Self { motion, ..self }
     }
 
+    /// True if a flight needs it and the data do not show it.
+    #[must_use]
+    pub fn is_missing(&self) -> bool {
+        self.verdict <= Fitness::Uncertain && self.motion.is_some()
+    }
+
     /// The figure of this name.
     #[must_use]
     pub fn figure(&self, name: &str) -> Option<f64> {
         self.figures.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
-    }
-}
-
-/// Measures, in a fixed order.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CheckupReport {
-    /// The measures.
-    pub measures: Vec<Measure>,
-}
-
-impl CheckupReport {
-    /// True if nothing speaks against a flight.
-    #[must_use]
-    pub fn is_fit(&self) -> bool {
-        self.measures.iter().all(|measure| measure.verdict != Fitness::NotFit)
-    }
-
-    /// What a flight needs and the data do not show.
-    pub fn missing(&self) -> impl Iterator<Item = &Measure> {
-        self.measures
-            .iter()
-            .filter(|measure| measure.verdict <= Fitness::Uncertain && measure.motion.is_some())
-    }
-
-    /// The measure of this name.
-    #[must_use]
-    pub fn measure(&self, name: &str) -> Option<&Measure> {
-        self.measures.iter().find(|measure| measure.name == name)
     }
 }

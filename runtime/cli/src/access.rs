@@ -1,12 +1,12 @@
 //! Options that routers and ground stations share: who we are on the network, and whom we let in.
 
 use clap::Args;
-use plumbline_config::options::{LoginConfig, TlsConfig, is_certificate_name};
+use plumbline_config::options::{TlsConfig, is_certificate_name};
 use plumbline_link::net::Endpoints;
 use plumbline_link::net::certificate::{self, DEFAULT_VEHICLE};
 use std::path::{Path, PathBuf};
 
-/// Certificates, names and passwords.
+/// Certificates.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Access")]
 pub struct AccessArgs {
@@ -26,18 +26,6 @@ pub struct AccessArgs {
     /// Revoked certificate: operator.1, or operator for all operator certificates; may be repeated.
     #[arg(long, value_name = "NAME", requires = "authority", value_parser = certificate_name)]
     pub excluded: Vec<String>,
-    /// Own user name, for peers that require a password.
-    #[arg(long, requires = "password_file")]
-    pub user: Option<String>,
-    /// File with the own password on its first line.
-    #[arg(long, value_name = "FILE", requires = "user")]
-    pub password_file: Option<PathBuf>,
-    /// File with a line name:password for each user who may connect.
-    #[arg(long, value_name = "FILE")]
-    pub users_file: Option<PathBuf>,
-    /// Name in the users file of a user who may give commands; may be repeated.
-    #[arg(long, value_name = "NAME", requires = "users_file")]
-    pub operator: Vec<String>,
 }
 
 impl AccessArgs {
@@ -55,12 +43,6 @@ impl AccessArgs {
                 certificate: path(&self.certificate),
                 key: path(&self.key),
                 excluded: self.excluded.clone(),
-            },
-            login: LoginConfig {
-                user: self.user.clone().unwrap_or_default(),
-                password_file: path(&self.password_file),
-                users_file: path(&self.users_file),
-                operators: self.operator.clone(),
             },
             ..Endpoints::default()
         }

@@ -1,5 +1,6 @@
 //! Checks of arguments before anything is opened or flown.
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use rustix::fs::OFlags;
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -93,6 +94,17 @@ fn try_writing(file: &Path) -> std::io::Result<()> {
     }
     std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
     std::fs::remove_file(file)
+}
+
+/// Reads one of these names, each with what it is for and its value.
+pub fn choice<T: Clone + Send + Sync + 'static, const N: usize>(
+    known: [(&'static str, &'static str, T); N],
+) -> impl TypedValueParser<Value = T> {
+    let names = known.each_ref().map(|(name, about, _)| PossibleValue::new(*name).help(*about));
+    PossibleValuesParser::new(names).try_map(move |given| {
+        let found = known.iter().find(|(name, ..)| *name == given);
+        found.map(|(.., value)| value.clone()).ok_or("no such name")
+    })
 }
 
 /// `A..B`, both optional, as a pair.

@@ -54,8 +54,6 @@ pub enum Command {
     Simulate(super::simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(super::evaluate::EvaluateArgs),
-    /// Pack what is known of a flight into one archive, to send with a question: without keys, addresses, names and images.
-    Report(super::report::ReportArgs),
     /// Join maps, list their contents, or have a vehicle write its map.
     Map(super::map::MapArgs),
     /// Monitor vehicles over the network: a web page, and a view in the terminal.

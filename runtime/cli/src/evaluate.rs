@@ -1,8 +1,9 @@
 //! `plumbline evaluate`: a trajectory against its ground truth.
 
+use super::checks::choice;
 use super::say;
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use plumbline_lab::evaluate::{
     AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
 };
@@ -16,8 +17,8 @@ pub struct EvaluateArgs {
     /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
     pub truth: PathBuf,
     /// Degrees of freedom of the alignment.
-    #[arg(long, value_enum, default_value_t = Align::Se3)]
-    pub align: Align,
+    #[arg(long, value_parser = choice(AlignmentMode::NAMED), default_value = "se3")]
+    pub align: AlignmentMode,
     /// Interval of the relative errors, frames.
     #[arg(long, default_value_t = 1, conflicts_with = "delta_m")]
     pub delta_frames: usize,
@@ -43,33 +44,6 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|s: &f64| s.is_finite()).ok_or_else(|| "give a number of seconds".into())
 }
 
-/// Freedom of the alignment.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Align {
-    /// No alignment.
-    None,
-    /// Align the first poses.
-    Origin,
-    /// Position and yaw.
-    Yaw,
-    /// Position and attitude.
-    Se3,
-    /// Position, attitude and scale.
-    Sim3,
-}
-
-impl From<Align> for AlignmentMode {
-    fn from(align: Align) -> Self {
-        match align {
-            Align::None => Self::None,
-            Align::Origin => Self::Origin,
-            Align::Yaw => Self::Yaw,
-            Align::Se3 => Self::Se3,
-            Align::Sim3 => Self::Sim3,
-        }
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -78,7 +52,7 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
     let delta = args.delta_m.map_or(Delta::Frames(args.delta_frames), Delta::Metres);
     let options = EvaluateOptions {
         max_difference_s: args.max_difference,
-        alignment: args.align.into(),
+        alignment: args.align,
         delta,
         all_pairs: args.all_pairs,
         time_offset_s: args.time_offset,

@@ -81,12 +81,7 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         EvaluateError: |error| matches!(error, EvaluateError::Read(error) if is_usage(error));
         DriverError: |error| matches!(
             error,
-            DriverError::Scenario(_)
-                | DriverError::Malformed { .. }
-                | DriverError::Missing { .. }
-                | DriverError::Refused { .. }
-                | DriverError::Device { .. }
-                | DriverError::ImuAddress(_)
+            DriverError::Scenario(_) | DriverError::Refused { .. } | DriverError::ImuAddress(_)
         );
         RigError: |error| matches!(error, RigError::Flight(error) if is_usage(error));
         ImagesError: |error| match error {

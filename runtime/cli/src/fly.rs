@@ -101,15 +101,13 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let is_over = end.is_some_and(End::has_come);
     let report = Report::new(&flown).with(outputs).of_sensors(&sensors).warning_of(warnings(watch, &flown));
     say_within(PATIENCE, args.run.write(&flown, &report)?);
-    let learnt = args.run.write_learnt(&flown);
     let frames = report.frames;
     anyhow::ensure!(
         !is_over || report.completion > 0.0,
         "no pose was found in {frames} frames: {}; see `sensors` of the report",
         report.why_no_pose()
     );
-    check_recording(&report)?;
-    learnt
+    check_recording(&report)
 }
 
 fn config(args: &FlyArgs) -> Result<ValidConfig> {
@@ -188,6 +186,9 @@ fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
 /// All that is wrong with what was flown.
 fn warnings(watch: Watch, flown: &Flown) -> Vec<Finding> {
     let mut warnings = watch.finish();
+    if warnings.iter().any(|finding| finding.explains_all) {
+        return warnings;
+    }
     let (faults, frames) = (&flown.outcome.faults, flown.outcome.figures.frames);
     let of_faults = plausibility::of_faults(faults.imu, faults.cameras, None);
     for finding in

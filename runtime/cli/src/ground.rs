@@ -14,7 +14,7 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -138,7 +138,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         ground::wait(&is_over);
         Ok(())
     } else {
-        show(args, &fleet, &about, &is_over, &stop)
+        show(args, &fleet, &about, &is_over)
     };
     if let Some(path) = &args.report {
         ground::report::write(path, &lock(&fleet)).with_context(|| format!("{}", path.display()))?;
@@ -160,12 +160,11 @@ fn show(
     fleet: &Mutex<Fleet>,
     about: &str,
     is_over: &impl Fn() -> bool,
-    stop: &AtomicBool,
 ) -> std::io::Result<()> {
     if args.plain || !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return ground::print_lines(fleet, is_over);
     }
-    in_terminal::show(fleet, about, is_over, stop)
+    in_terminal::show(fleet, about, is_over)
 }
 
 /// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first

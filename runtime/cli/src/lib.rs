@@ -18,7 +18,6 @@ mod fly_status;
 mod ground;
 mod help;
 mod keys;
-mod learn;
 mod link;
 mod link_process;
 pub mod log;
@@ -32,7 +31,6 @@ mod paths;
 mod progress;
 mod remote;
 pub mod replay;
-pub mod report;
 mod reset;
 mod restart;
 mod router;
@@ -96,7 +94,6 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
-        Command::Report(args) => report::run(&args),
         Command::Map(args) => map::run(&args),
         Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),

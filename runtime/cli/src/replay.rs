@@ -66,9 +66,6 @@ pub struct ReplayArgs {
     /// Write the odometry at IMU rate (TUM format).
     #[arg(long, value_name = "OUT.tum")]
     pub odometry: Option<PathBuf>,
-    /// Write the 6x6 covariance of every pose (CSV).
-    #[arg(long, value_name = "OUT.csv")]
-    pub covariance: Option<PathBuf>,
     /// Write all values of the estimates, one row per frame (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub states: Option<PathBuf>,
@@ -91,7 +88,7 @@ pub struct ReplayArgs {
     /// Stop at this time, seconds into the data set, log or path.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache rendered frames here. Flights along one --path FILE share them.
+    /// Cache rendered frames here.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.
@@ -164,9 +161,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         rows.sort_by_key(|answer| answer.number);
         instants::write(path, &rows, &flown.poses)?;
     }
-    let learnt = args.run.write_learnt(&flown);
-    judge(args, &report, &flown)?;
-    learnt
+    judge(args, &report, &flown)
 }
 
 /// Checks the options before anything is opened; returns the instants that are asked for.
@@ -175,7 +170,7 @@ fn checked(args: &ReplayArgs, log: Option<&PathBuf>) -> Result<Option<Vec<plumbl
         return Err(Usage("--speed: give a positive number".into()).into());
     }
     let at_out = instants::file(args);
-    let of_states = [&args.odometry, &args.covariance, &args.states, &args.true_trajectory];
+    let of_states = [&args.odometry, &args.states, &args.true_trajectory];
     let others = [&args.final_trajectory, &args.map_trajectory, &at_out];
     check_outputs(args.run.files().chain(of_states.into_iter().chain(others).flatten()).chain(log))?;
     if at_out.is_some() && at_out == args.at {

@@ -1,9 +1,16 @@
 //! `plumbline reset`: starts the estimate of a vehicle anew, from afar.
 
+use super::checks::choice;
 use super::remote::RemoteArgs;
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use plumbline_ground::command::{self, ResetWords};
+
+/// Extents of a reset.
+const KINDS: [(&str, &str, ResetWords); 2] = [
+    ("soft", "Restart at the present pose", ResetWords::Soft),
+    ("hard", "Restart at the origin, in a new odometry frame", ResetWords::Hard),
+];
 
 /// Arguments of `plumbline reset`.
 #[derive(Debug, Args)]
@@ -12,17 +19,8 @@ pub struct ResetArgs {
     #[command(flatten)]
     pub remote: RemoteArgs,
     /// Kind of reset: soft keeps the pose; hard restarts at the origin.
-    #[arg(long, value_enum, default_value = "soft")]
-    pub kind: ResetArg,
-}
-
-/// Extent of a reset.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum ResetArg {
-    /// Restart at the present pose.
-    Soft,
-    /// Restart at the origin, in a new odometry frame.
-    Hard,
+    #[arg(long, value_parser = choice(KINDS), default_value = "soft")]
+    pub kind: ResetWords,
 }
 
 /// Runs the command.
@@ -30,9 +28,6 @@ pub enum ResetArg {
 /// # Errors
 /// When the vehicle refuses or does not answer.
 pub fn run(args: &ResetArgs) -> Result<()> {
-    let kind = match args.kind {
-        ResetArg::Soft => ResetWords::Soft,
-        ResetArg::Hard => ResetWords::Hard,
-    };
+    let kind = args.kind;
     args.remote.give(async |session, vehicle| command::reset(session, vehicle, kind).await)
 }

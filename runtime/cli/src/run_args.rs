@@ -1,13 +1,12 @@
 //! Options that `plumbline replay` and `plumbline fly` share, and the files that they name.
 
-use super::learn::write_learnt;
 use super::{Usage, check_maps};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::places::Mapper;
-use plumbline_flight::flight::{CausalPose, Flight, Flown, is_log};
+use plumbline_flight::flight::{Flight, Flown, PublishedState, is_log};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::report::Report;
 use plumbline_link::process::LinkOptions;
@@ -37,9 +36,6 @@ pub struct RunArgs {
     /// Write the causal trajectory (TUM): each pose as its frame arrived.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Write the configuration with the calibration as refined in flight.
-    #[arg(long, value_name = "OUT.toml")]
-    pub learn: Option<PathBuf>,
     /// Continue this map; poses come in its frame too, once it is seen.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
@@ -57,7 +53,7 @@ pub struct RunArgs {
 impl RunArgs {
     /// Files that are written at the end.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.trajectory, &self.save_map, &self.learn, &self.report].into_iter().flatten()
+        [&self.trajectory, &self.save_map, &self.report].into_iter().flatten()
     }
 
     /// File that the flight is recorded to.
@@ -93,7 +89,7 @@ impl RunArgs {
     /// When one cannot be written.
     pub fn write(&self, flown: &Flown, report: &Report) -> Result<String> {
         if let Some(path) = &self.trajectory {
-            let pose = |p: &CausalPose| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
+            let pose = |p: &PublishedState| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
             write_tum(path, &flown.poses.iter().map(pose).collect::<Vec<_>>())?;
         }
         if let (Some(path), Some(places)) = (&self.save_map, &flown.outcome.places) {
@@ -104,14 +100,6 @@ impl RunArgs {
             std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
         }
         Ok(if self.json { json } else { report.summary() })
-    }
-
-    /// Writes the calibration that `flown` has learnt, where that is asked for: last, since a flight that has taught nothing fails here.
-    ///
-    /// # Errors
-    /// When it has learnt nothing, or the file cannot be written.
-    pub fn write_learnt(&self, flown: &Flown) -> Result<()> {
-        self.learn.as_deref().map_or(Ok(()), |path| write_learnt(path, flown))
     }
 }
 

@@ -5,7 +5,7 @@ use super::{Usage, load_config, say};
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
-use plumbline_drivers::euroc::{WriteInputs, WriteOptions, write};
+use plumbline_drivers::euroc::{WriteInputs, write};
 use plumbline_flight::flight::{preset_for, scenario_config};
 use plumbline_simulator::Simulator;
 use plumbline_simulator::{InjectedFrames, InjectedImu};
@@ -63,8 +63,7 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
     let mut truth = simulator.truth();
     let inputs =
         WriteInputs { config: &written_config, stereo: &mut stereo, imu: &mut imu, truth: &mut truth };
-    let options = WriteOptions { overwrite: args.overwrite };
-    let written = write(&args.out_dir, inputs, options, &mut |p| bar.set_position(p.frames))?;
+    let written = write(&args.out_dir, inputs, args.overwrite, &mut |frames| bar.set_position(frames))?;
     bar.finish_and_clear();
     say(format_args!(
         "{}: {} frames, {} images, {} inertial samples, {} true states",

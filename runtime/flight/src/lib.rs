@@ -7,7 +7,6 @@
 //! - those who listen: [`log`] holds a run so that it can be executed again, [`autopilot`] sends it by MAVLink, [`local`]
 //!   serves other programs of this computer, the network process among them;
 //! - `sensor_board` holds the state of live sensors on its way to the local socket;
-//! - [`learnt`] makes a configuration of the calibration that a flight has refined;
 //! - [`places`] are maps on disk, made of data sets and searched;
 //! - a [`flight`] puts sources, run and listeners together. What else listens is handed in by the caller
 //!   ([`flight::Output`]).
@@ -18,7 +17,6 @@ pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
-pub mod learnt;
 pub mod local;
 pub mod log;
 pub mod pipeline;

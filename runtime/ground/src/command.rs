@@ -24,7 +24,7 @@ const MAX_WORDS: usize = 400;
 
 /// Error text when there is no reply.
 const SILENCE: &str = "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
-                       certificate or name)";
+                       certificate)";
 
 /// Extent of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]

@@ -1,4 +1,4 @@
-//! Records as JSON, by the names of their fields: what has no place of its own on the page is shown like this.
+//! Records as JSON, by the names of their fields.
 
 use plumbline_link::net::plain;
 use plumbline_record::fields::{About, Parts, Shape, Value as Field};

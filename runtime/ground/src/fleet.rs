@@ -39,7 +39,7 @@ pub struct Fleet {
     pub vehicles: BTreeMap<String, VehicleState>,
     /// Messages that could not be decoded.
     pub malformed: u64,
-    /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
+    /// Messages of vehicles with impossible names.
     pub refused: u64,
     /// Description of how the station tries to reach its vehicles, in plain words; empty while nothing is
     /// known of it.
@@ -69,25 +69,25 @@ impl Default for Fleet {
 }
 
 impl Fleet {
-    /// The vehicle that sent a message; `None`, and counted, if its name is impossible or no place is left.
+    /// The vehicle that sent a message; `None`, and counted, if its name is impossible.
     pub fn vehicle(&mut self, name: &str) -> Option<&mut VehicleState> {
         if !self.vehicles.contains_key(name) {
-            if !is_name(name) || !self.make_room() {
+            if !is_name(name) {
                 self.refused += 1;
                 return None;
             }
+            self.make_room();
             self.arrivals += 1;
             self.vehicles.insert(name.to_owned(), VehicleState::arrived(self.arrivals));
         }
         self.vehicles.get_mut(name)
     }
 
-    /// Makes room for another vehicle; `false` if there is none. The vehicle with the fewest received messages is
-    /// evicted, unless it is being recorded. A client that invents names has few messages under each, so it cannot lock
-    /// out a real vehicle that appears late.
-    fn make_room(&mut self) -> bool {
+    /// Makes room for another vehicle. The one with the fewest received messages is evicted: a client that invents names
+    /// has few messages under each, so it cannot lock out a real vehicle that appears late.
+    fn make_room(&mut self) {
         if self.vehicles.len() < MAX_VEHICLES {
-            return true;
+            return;
         }
         if !std::mem::replace(&mut self.is_full, true) {
             let words =
@@ -95,11 +95,10 @@ impl Fleet {
             tracing::warn!("{words}; start another station with --vehicle");
             self.announce(None, Severity::Warning, words);
         }
-        let others = self.vehicles.iter().filter(|(_, vehicle)| !vehicle.is_recording);
-        let least = others.min_by_key(|(_, vehicle)| (vehicle.heard(), vehicle.arrival));
-        let Some(name) = least.map(|(name, _)| name.clone()) else { return false };
-        self.vehicles.remove(&name);
-        true
+        let least = self.vehicles.iter().min_by_key(|(_, vehicle)| (vehicle.heard(), vehicle.arrival));
+        if let Some(name) = least.map(|(name, _)| name.clone()) {
+            self.vehicles.remove(&name);
+        }
     }
 
     /// Applies that the liveliness token of a vehicle appeared or disappeared.
@@ -388,14 +387,11 @@ mod tests {
     }
 
     #[test]
-    fn who_is_recorded_keeps_its_place() {
+    fn more_vehicles_than_places_are_told_once() {
         let mut fleet = Fleet::default();
-        fleet.alive("a", true);
-        fleet.vehicles.get_mut("a").unwrap().set_recording(true);
         (0..2 * MAX_VEHICLES).for_each(|k| fleet.alive(&format!("v{k}"), true));
-        assert!(fleet.vehicles.contains_key("a"));
         let told = texts(&fleet).iter().filter(|text| text.starts_with("more than 64 vehicles")).count();
-        assert_eq!(told, 1, "once");
+        assert_eq!((fleet.vehicles.len(), told), (MAX_VEHICLES, 1));
     }
 
     #[test]
@@ -405,20 +401,6 @@ mod tests {
             fleet.alive(name, true);
         }
         assert_eq!((fleet.vehicles.len(), fleet.refused), (0, 5));
-    }
-
-    #[test]
-    fn a_recording_holds_what_came_while_it_went_on() {
-        let (mut fleet, now) = (Fleet::default(), Instant::now());
-        for k in 0..30 {
-            if let Some(vehicle) = fleet.vehicles.get_mut("a") {
-                vehicle.set_recording((10..20).contains(&k));
-            }
-            fleet.odom("a", &odom(k, 0.0, 0), 100, now, 0);
-        }
-        let vehicle = &fleet.vehicles["a"];
-        assert!(!vehicle.is_recording);
-        assert_eq!(vehicle.recording.as_ref().unwrap().len(), 10);
     }
 
     #[test]

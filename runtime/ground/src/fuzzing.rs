@@ -1,11 +1,11 @@
 //! Input of a ground station from the fuzzers: messages of vehicles, and requests of pages.
 
 use super::clock::Exchange;
-use super::export::{ExportFormat, export};
 use super::fleet::Fleet;
 use super::fleet::lock;
 use super::foxglove;
 use super::listen::apply_numbered;
+use super::track::tum;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
 use plumbline_link::net::{read, security};
@@ -73,9 +73,7 @@ fn show(fleet: &Fleet) {
     for vehicle in fleet.vehicles.values() {
         let _ = vehicle.map.missing(100);
         let samples: Vec<_> = vehicle.poses.iter().copied().collect();
-        for format in [ExportFormat::Tum, ExportFormat::Csv] {
-            assert!(export(&samples, format).lines().count() >= samples.len());
-        }
+        assert_eq!(tum(&samples).lines().count(), samples.len());
     }
 }
 
@@ -88,8 +86,6 @@ pub fn web_socket(data: &[u8]) {
     let _ = socket::watched(text);
     let _ = foxglove::protocol::request(text);
     let _ = serde_json::from_str::<api::ResetRequest>(text);
-    let _ = serde_json::from_str::<api::RecordRequest>(text);
-    let _ = text.split_once('.').and_then(|(_, ending)| ExportFormat::of(ending));
     if guard::is_loopback(text) {
         assert!(text.contains("localhost") || text.contains("127.") || text.contains("::"), "{text:?}");
     }

@@ -11,7 +11,6 @@ pub mod command;
 pub mod connection;
 pub mod corrected;
 pub mod drawn;
-pub mod export;
 mod fields;
 pub mod fleet;
 pub mod foxglove;
@@ -90,9 +89,4 @@ fn print(lines: &[String], network: &str) -> io::Result<()> {
         writeln!(out, "{line}")?;
     }
     out.flush()
-}
-
-/// Ends the view when a key says so.
-fn quit(stop: &AtomicBool) {
-    stop.store(true, Ordering::Relaxed);
 }

@@ -1,6 +1,5 @@
 //! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
-use super::fields::fields;
 use super::fleet::{Fleet, is_name, lock};
 use super::vehicle::{VehicleState, state_words};
 use super::{READER_HAS_LEFT, recover};
@@ -9,10 +8,9 @@ use plumbline_estimator::{MapSnapshot, Odometry};
 use plumbline_link::net::outlet::key_of;
 use plumbline_link::net::read::{self, Heard};
 use plumbline_link::net::{Endpoints, NetError, ROOT, now_ns};
-use plumbline_record::messages::{Envelope, Health};
+use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::topics::Topic;
-use serde_json::Value;
 use std::io::Write;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -132,7 +130,8 @@ fn apply(
             taken(fleet, vehicle, heard, |v, heard| v.map.set_scene(&heard.message))
         }
         Topic::Picture => taken(fleet, vehicle, read::picture(bytes), VehicleState::show),
-        topic => taken(fleet, vehicle, other(topic, bytes), |v, text| _ = v.others.insert(topic, text)),
+        // No other is published.
+        _ => None,
     };
     if is_decoded.is_none() {
         lock(fleet).malformed();
@@ -151,13 +150,6 @@ fn taken<M>(
         take(vehicle, message);
     }
     Some(())
-}
-
-/// Message of a topic that has no place of its own on the page, as its fields.
-fn other(topic: Topic, bytes: &[u8]) -> Option<Value> {
-    let envelope = read::decode::<Envelope>(bytes).filter(|envelope| envelope.published_ns > 0)?;
-    let record = topic.row().decode?(&envelope.message).ok().filter(|record| read::is_sound(&**record))?;
-    Some(fields(&*record))
 }
 
 fn print_state(vehicle: &str, Heard { envelope, message }: &Heard<FullEstimate>) {

@@ -2,6 +2,7 @@
 
 use super::history::History;
 use nalgebra::{Isometry3, Vector3};
+use std::fmt::Write as _;
 
 /// Points of the path that are kept.
 pub const MAX_POINTS: usize = 20_000;
@@ -22,12 +23,22 @@ pub struct PoseSample {
     pub stamp_ns: i64,
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,
-    /// Velocity in the odometry frame, m/s.
-    pub v_o_b: Vector3<f64>,
-    /// -1 failed, else 0 to 100.
-    pub quality: i32,
-    /// Resets so far.
-    pub reset_counter: u32,
+}
+
+/// Poses in the TUM format: `t[s] x y z qx qy qz qw`.
+#[must_use]
+pub fn tum(poses: &[PoseSample]) -> String {
+    let mut text = String::new();
+    for PoseSample { stamp_ns, pose_o_b } in poses {
+        let (p, q) = (pose_o_b.translation.vector, pose_o_b.rotation.coords);
+        let (s, ns) = (stamp_ns.div_euclid(1_000_000_000), stamp_ns.rem_euclid(1_000_000_000));
+        let _ = writeln!(
+            text,
+            "{s}.{ns:09} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}",
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w
+        );
+    }
+    text
 }
 
 /// The path since the vehicle appeared, thinned for display.
@@ -92,18 +103,6 @@ impl Track {
     }
 }
 
-/// Samples in order.
-pub type Samples = History<PoseSample>;
-
-impl Samples {
-    /// Time from the first to the last, s.
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        let ends = self.oldest().zip(self.newest());
-        ends.map_or(0.0, |(first, last)| (last.stamp_ns - first.stamp_ns) as f64 * 1e-9)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +111,14 @@ mod tests {
         for k in seconds.start * 200..seconds.end * 200 {
             track.push(k * 5_000_000, &Vector3::new(k as f64 * 0.005, 0.0, 0.0));
         }
+    }
+
+    #[test]
+    fn text_keeps_every_nanosecond() {
+        let pose_o_b = Isometry3::translation(1.0, 0.5, -1.0);
+        let text = tum(&[PoseSample { stamp_ns: 1_403_715_273_262_142_976, pose_o_b }; 2]);
+        assert_eq!(text.lines().count(), 2);
+        assert!(text.starts_with("1403715273.262142976 1.000000000 0.500000000 -1.000000000 0.0"), "{text}");
     }
 
     #[test]

@@ -6,9 +6,10 @@ mod shown;
 use super::channel::{Channel, Delays, SequencePlace};
 use super::clock::ClockEstimate;
 use super::corrected::Corrected;
+use super::history::History;
 use super::map::Map;
 use super::news::StateNews;
-use super::track::{MAX_POSES, PoseSample, Samples, Track};
+use super::track::{MAX_POSES, PoseSample, Track};
 use motion::Motion;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_estimator::{Estimate, HealthBits, Odometry, TrackingState};
@@ -16,16 +17,11 @@ use plumbline_link::net::plain;
 use plumbline_link::net::read::Heard;
 use plumbline_record::messages::{Envelope, Health, PastPose, Picture as Shown};
 use plumbline_record::said::FullEstimate;
-use plumbline_record::topics::Topic;
-use serde_json::Value;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A vehicle without a message for so long is lost, even while its liveliness token is there.
 pub const LOST_AFTER: Duration = Duration::from_millis(1_500);
-/// Samples of a recording: an hour and a half at 200 Hz.
-const MAX_RECORDED: usize = 1_080_000;
 
 /// A camera image as it was received.
 #[derive(Clone, Debug)]
@@ -103,17 +99,11 @@ pub struct VehicleState {
     /// The count of resets at the start of the odometry frame is known.
     has_frame: bool,
     /// Poses.
-    pub poses: Samples,
+    pub poses: History<PoseSample>,
     /// Map.
     pub map: Map,
-    /// Newest message of each topic that has no place of its own.
-    pub others: BTreeMap<Topic, Value>,
     /// Newest picture.
     pub picture: Option<ReceivedPicture>,
-    /// The newest recording.
-    pub recording: Option<Samples>,
-    /// True while a recording goes on.
-    pub is_recording: bool,
 }
 
 impl VehicleState {
@@ -153,9 +143,6 @@ impl VehicleState {
         self.apply_motion(&message.pose_o_b, &message.v_o_b);
         self.rate_b = message.angular_rate_b;
         self.sigmas = std::array::from_fn(|k| message.covariance[(k, k)].max(0.0).sqrt());
-        if self.is_recording {
-            self.record();
-        }
     }
 
     /// Applies an estimate of `bytes`.
@@ -171,13 +158,7 @@ impl VehicleState {
         self.bits = estimate.health;
         self.estimate = Some(estimate.clone());
         if envelope.quality >= 0 {
-            let sample = PoseSample {
-                stamp_ns: envelope.stamp_ns,
-                pose_o_b: estimate.pose_o_b,
-                v_o_b: estimate.v_o_b,
-                quality: envelope.quality.into(),
-                reset_counter: envelope.reset_counter,
-            };
+            let sample = PoseSample { stamp_ns: envelope.stamp_ns, pose_o_b: estimate.pose_o_b };
             self.poses.push(sample, MAX_POSES);
         }
     }
@@ -241,25 +222,5 @@ impl VehicleState {
     pub fn show(&mut self, message: Heard<Shown>) {
         let version = self.picture.as_ref().map_or(0, |picture| picture.version) + 1;
         self.picture = Some(ReceivedPicture { message: Arc::new(message), version });
-    }
-
-    /// Starts a new recording, or ends the current one.
-    pub fn set_recording(&mut self, is_on: bool) {
-        if is_on && !self.is_recording {
-            self.recording = Some(Samples::default());
-        }
-        self.is_recording = is_on;
-    }
-
-    fn record(&mut self) {
-        let (Some(recording), Some(pose_o_b)) = (&mut self.recording, self.pose_o_b) else { return };
-        let sample = PoseSample {
-            stamp_ns: self.stamp_ns,
-            pose_o_b,
-            v_o_b: self.v_o_b,
-            quality: self.quality,
-            reset_counter: self.resets,
-        };
-        recording.push(sample, MAX_RECORDED);
     }
 }

@@ -1,130 +1,96 @@
-//! The fleet drawn in a terminal.
-
-mod keyboard;
+//! The fleet drawn in a terminal: rows of text in place of those before, until the command ends.
 
 use super::fleet::{Fleet, lock};
 use super::terminal::is_gone;
 use super::vehicle::VehicleState;
-use super::{NO_VEHICLE, REDRAW, quit};
-use crossterm::event::{self, Event, KeyCode, KeyModifiers};
-use keyboard::Keyboard;
-use ratatui::Frame;
-use ratatui::backend::Backend as _;
-use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::{Color, Modifier, Style};
-use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Paragraph, Wrap};
-use std::io;
+use super::{NO_VEHICLE, REDRAW};
+use rustix::termios::{Winsize, tcgetwinsize};
+use std::io::{self, Write as _};
 use std::sync::Mutex;
-use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Lines that one vehicle takes, border included.
-const VEHICLE_LINES: u16 = FIGURES + 2;
-/// Lines of numbers.
-const FIGURES: u16 = 6;
+/// Control sequences of xterm: another screen without a cursor, and back.
+const BEGIN: &str = "\x1b[?1049h\x1b[?25l";
+const END: &str = "\x1b[?25h\x1b[?1049l";
+/// Looks of rows, as parameters of SGR (ECMA-48, 8.3.117).
+const PLAIN: &str = "0";
+const DIM: &str = "2";
+const RED: &str = "1;31";
+const GREEN: &str = "1;32";
+const YELLOW: &str = "1;33";
 
-/// Shows the fleet until `is_over`, or q or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
-/// the log have to wait meanwhile.
+/// A row of text and its look.
+type Row = (&'static str, String);
+
+/// Shows the fleet until `is_over`, or the terminal is gone. `about` stands in the last row; lines of the log have to wait
+/// meanwhile.
 ///
 /// # Errors
 /// When the terminal cannot be used.
-pub fn show(
-    fleet: &Mutex<Fleet>,
-    about: &str,
-    is_over: &impl Fn() -> bool,
-    stop: &AtomicBool,
-) -> io::Result<()> {
-    let keyboard = Keyboard::open()?;
-    let mut terminal = ratatui::try_init()?;
-    let outcome = (|| -> io::Result<bool> {
-        terminal.hide_cursor()?;
+pub fn show(fleet: &Mutex<Fleet>, about: &str, is_over: &impl Fn() -> bool) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    let mut draw = || {
+        out.write_all(BEGIN.as_bytes())?;
         while !is_over() {
-            terminal.autoresize()?;
+            let size = tcgetwinsize(&out)?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
-            draw(&mut terminal.get_frame(), &lock(fleet), about, Instant::now());
-            terminal.flush()?;
-            terminal.swap_buffers();
-            terminal.backend_mut().flush()?;
-            if !keyboard.wait(REDRAW) {
-                return Ok(true);
-            }
-            obey_keys(stop)?;
+            let screen = screen(&lock(fleet), about, Instant::now(), size);
+            out.write_all(screen.as_bytes())?;
+            out.flush()?;
+            std::thread::sleep(REDRAW);
         }
-        Ok(false)
-    })();
-    let has_gone = match &outcome {
-        Ok(has_gone) => *has_gone,
-        Err(error) => is_gone(error),
+        out.write_all(END.as_bytes())?;
+        out.flush()
     };
-    if has_gone {
-        // Nothing is left to be restored, and nobody to be told so.
-        std::mem::forget(terminal);
-        quit(stop);
-        return Ok(());
+    match draw() {
+        Err(error) if is_gone(&error) => Ok(()),
+        outcome => outcome,
     }
-    let restored = ratatui::try_restore();
-    outcome.and(restored)
 }
 
-/// Takes the keys that were pressed.
-fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
-    while event::poll(Duration::ZERO)? {
-        let Event::Key(key) = event::read()? else { continue };
-        let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-        if interrupt || key.code == KeyCode::Char('q') {
-            quit(stop);
-        }
-    }
-    Ok(())
-}
-
-/// Draws the fleet as of `now`, the log below it, and `about` in the last line.
-pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, about: &str, now: Instant) {
-    let whole = frame.area();
-    let [upper, foot_area] = Layout::vertical([Constraint::Fill(1), Constraint::Length(1)]).areas(whole);
-    let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
-    rows.push(Constraint::Fill(1));
-    let areas = Layout::vertical(rows).split(upper);
-    if fleet.vehicles.is_empty() {
-        let words = [NO_VEHICLE, &fleet.network].join("\n");
-        let words = Paragraph::new(words).wrap(Wrap { trim: false });
-        frame.render_widget(words.block(Block::bordered()), areas[0]);
-    }
-    for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
-        draw_vehicle(frame, name, vehicle, now, *area);
-    }
+/// The whole screen as of `now`, for a terminal of this size: the vehicles, and what is counted in the last row.
+fn screen(fleet: &Fleet, about: &str, now: Instant, size: Winsize) -> String {
+    let (columns, height) = (usize::from(size.ws_col), usize::from(size.ws_row));
+    let mut rows = rows(fleet, now, columns);
+    rows.resize(height.saturating_sub(1), (PLAIN, String::new()));
     // What is counted comes last: a narrow terminal cuts it off.
     let about = if about.is_empty() { String::new() } else { format!("   {about}") };
-    let counts = format!("malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
-    let foot = format!(" q: quit{about}   {counts}");
-    frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), foot_area);
-}
-
-/// Draws the numbers of a vehicle.
-fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &VehicleState, now: Instant, area: Rect) {
-    let block = Block::bordered().title(title(name, vehicle, now));
-    let inner = block.inner(area);
-    frame.render_widget(block, area);
-    frame.render_widget(Paragraph::new(figures(vehicle, now)), inner);
-}
-
-fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Line<'static> {
-    let presence = vehicle.presence(now);
-    let (colour, use_words) = match presence {
-        "tracking" if vehicle.is_usable(now) => (Color::Green, ""),
-        "tracking" => (Color::Yellow, ", not for use"),
-        "initialising" | "blind" => (Color::Yellow, ""),
-        _ => (Color::Red, ""),
+    let (malformed, refused) = (fleet.malformed, fleet.refused);
+    let counts = format!("malformed messages: {malformed}   refused messages: {refused}");
+    rows.push((DIM, format!(" Ctrl-C: quit{about}   {counts}")));
+    let drawn = |(look, text): &Row| {
+        format!("\x1b[{look}m{}\x1b[0m\x1b[K", text.chars().take(columns).collect::<String>())
     };
-    Line::from(vec![
-        Span::raw(format!(" {name} ")),
-        Span::styled(format!("{presence}{use_words}"), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
-        Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(now), vehicle.resets)),
-    ])
+    format!("\x1b[H{}", rows.iter().map(drawn).collect::<Vec<_>>().join("\r\n"))
 }
 
-fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
+/// The rows of all vehicles; where there is none, what is tried to reach one, in rows of so many columns.
+fn rows(fleet: &Fleet, now: Instant, columns: usize) -> Vec<Row> {
+    if fleet.vehicles.is_empty() {
+        let words: Vec<char> = fleet.network.chars().collect();
+        let network = words.chunks(columns.max(1)).map(|row| (PLAIN, row.iter().collect()));
+        return [(PLAIN, NO_VEHICLE.to_owned())].into_iter().chain(network).collect();
+    }
+    let of_vehicle = |(name, vehicle): (&String, &VehicleState)| {
+        let blank = (PLAIN, String::new());
+        [title(name, vehicle, now)].into_iter().chain(figures(vehicle, now)).chain([blank])
+    };
+    fleet.vehicles.iter().flat_map(of_vehicle).collect()
+}
+
+fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Row {
+    let presence = vehicle.presence(now);
+    let (look, use_words) = match presence {
+        "tracking" if vehicle.is_usable(now) => (GREEN, ""),
+        "tracking" => (YELLOW, ", not for use"),
+        "initialising" | "blind" => (YELLOW, ""),
+        _ => (RED, ""),
+    };
+    let (quality, resets) = (vehicle.quality_words(now), vehicle.resets);
+    (look, format!("{name} {presence}{use_words}  quality {quality}  resets {resets}"))
+}
+
+fn figures(vehicle: &VehicleState, now: Instant) -> [Row; 6] {
     let v = vehicle.v_o_b;
     let velocity = match vehicle.pose_o_b {
         Some(_) => format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm()),
@@ -137,8 +103,6 @@ fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
         vehicle.odom.lost + vehicle.state.lost,
         vehicle.news.dropped
     );
-    let label =
-        |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     [
         ("position", vehicle.position_words()),
         ("attitude", vehicle.attitude_words()),
@@ -147,9 +111,7 @@ fn figures(vehicle: &VehicleState, now: Instant) -> Vec<Line<'static>> {
         ("health", health),
         ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
     ]
-    .into_iter()
-    .map(|(name, text)| Line::from(vec![label(name), Span::raw(text)]))
-    .collect()
+    .map(|(name, text)| (PLAIN, format!("{name:<10}{text}")))
 }
 
 #[cfg(test)]
@@ -159,21 +121,11 @@ mod tests {
     use plumbline_estimator::places::MapEstimate;
     use plumbline_estimator::{HealthBits, TrackingState};
     use plumbline_record::messages::Health;
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
-
-    /// A terminal of the usual width.
-    const COLUMNS: u16 = 80;
+    use std::time::Duration;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
-        terminal.draw(|frame| draw(frame, fleet, "page: http://127.0.0.1:8080", now)).unwrap();
-        let buffer = terminal.backend().buffer();
-        buffer
-            .content()
-            .chunks(COLUMNS.into())
-            .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
-            .collect()
+        let size = Winsize { ws_col: 80, ws_row: 20, ws_xpixel: 0, ws_ypixel: 0 };
+        screen(fleet, "page: http://127.0.0.1:8080", now, size)
     }
 
     #[test]

@@ -1,13 +1,13 @@
-//! Arrays of numpy, by its array interface: no ABI of numpy is linked, so any version of it will do.
+//! Arrays of numpy, made of bytes by its own functions: no ABI of numpy is linked, so any version of it will do.
 //!
-//! Arrays without copies: a [`Column`] owns numbers that an array views and keeps alive, and the arrays of an
-//! estimate view the estimate itself. Input is small and copied, except for [images](crate::image).
+//! Input is small and copied, except for [images](crate::image).
 
 use crate::errors::Class;
+use bytemuck::NoUninit;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyBytes, PyDict, PyFloat, PyList, PyTuple};
+use pyo3::types::{PyByteArray, PyBytes, PyFloat, PyList, PyTuple};
 
 /// Function of the module `numpy`.
 fn numpy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -22,136 +22,45 @@ pub fn ndarray<'py>(py: Python<'py>) -> PyResult<&'py Bound<'py, PyAny>> {
     Ok(NDARRAY.get_or_try_init(py, || numpy(py, "ndarray").map(Bound::unbind))?.bind(py))
 }
 
-/// A number that arrays hold, by its name in the array interface.
-pub trait Number: Copy + Send + Sync + 'static {
-    /// Kind and size.
-    const TYPE: &'static str;
+/// A number that arrays hold.
+pub trait Number: NoUninit {
+    /// Its dtype.
+    const DTYPE: &'static str;
 }
 
 impl Number for f64 {
-    const TYPE: &'static str = "<f8";
+    const DTYPE: &'static str = "f8";
 }
 impl Number for i64 {
-    const TYPE: &'static str = "<i8";
+    const DTYPE: &'static str = "i8";
 }
 impl Number for u64 {
-    const TYPE: &'static str = "<u8";
+    const DTYPE: &'static str = "u8";
 }
 impl Number for u32 {
-    const TYPE: &'static str = "<u4";
+    const DTYPE: &'static str = "u4";
 }
 impl Number for i8 {
-    const TYPE: &'static str = "|i1";
+    const DTYPE: &'static str = "i1";
 }
 impl Number for u8 {
-    const TYPE: &'static str = "|u1";
+    const DTYPE: &'static str = "u1";
 }
 impl Number for bool {
-    const TYPE: &'static str = "|b1";
-}
-
-/// Memory as numpy is told of it.
-struct Interface {
-    address: usize,
-    is_read_only: bool,
-    shape: Vec<usize>,
-    /// Bytes from element to element along each axis; `None` for rows without padding.
-    strides: Option<Vec<usize>>,
-    kind: &'static str,
-}
-
-impl Interface {
-    fn dictionary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let dictionary = PyDict::new(py);
-        dictionary.set_item("version", 3)?;
-        dictionary.set_item("data", (self.address, self.is_read_only))?;
-        dictionary.set_item("shape", PyTuple::new(py, &self.shape)?)?;
-        dictionary.set_item("typestr", self.kind)?;
-        match &self.strides {
-            Some(strides) => dictionary.set_item("strides", PyTuple::new(py, strides)?)?,
-            None => dictionary.set_item("strides", py.None())?,
-        }
-        Ok(dictionary)
-    }
-}
-
-/// Memory that an array views: numbers of its own, or those of an object that is kept alive and never changed or moved.
-#[pyclass(frozen, module = "plumbline._native")]
-pub struct Column {
-    interface: Interface,
-    /// Keeps the memory.
-    _owner: Owner,
-}
-
-/// Owner of the memory of a [`Column`].
-enum Owner {
-    Object(#[allow(dead_code)] Py<PyAny>),
-    Numbers(#[allow(dead_code)] Box<dyn std::any::Any + Send + Sync>),
-}
-
-#[pymethods]
-impl Column {
-    #[getter]
-    fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        self.interface.dictionary(py)
-    }
-}
-
-fn array(py: Python<'_>, column: Column) -> PyResult<Bound<'_, PyAny>> {
-    static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let asarray = ASARRAY.get_or_try_init(py, || numpy(py, "asarray").map(Bound::unbind))?;
-    asarray.bind(py).call1((column,))
+    const DTYPE: &'static str = "?";
 }
 
 /// Array of `numbers` in rows of the shape `row` (empty: one number each). It may be written.
-pub fn column<'py, T: Number>(
-    py: Python<'py>,
-    mut numbers: Vec<T>,
-    row: &[usize],
-) -> PyResult<Bound<'py, PyAny>> {
+pub fn column<'py, T: Number>(py: Python<'py>, numbers: &[T], row: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     let rows = numbers.len() / row.iter().product::<usize>().max(1);
-    let shape = std::iter::once(rows).chain(row.iter().copied()).collect();
-    shaped(py, &mut numbers, shape)
-        .and_then(|interface| array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) }))
+    let shape: Vec<usize> = std::iter::once(rows).chain(row.iter().copied()).collect();
+    block(py, numbers, &shape)
 }
 
 /// Array of `numbers` of exactly this shape. It may be written.
-pub fn block<'py, T: Number>(
-    py: Python<'py>,
-    mut numbers: Vec<T>,
-    shape: &[usize],
-) -> PyResult<Bound<'py, PyAny>> {
-    shaped(py, &mut numbers, shape.to_vec())
-        .and_then(|interface| array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) }))
-}
-
-fn shaped<T: Number>(py: Python<'_>, numbers: &mut [T], shape: Vec<usize>) -> PyResult<Interface> {
-    if shape.iter().product::<usize>() != numbers.len() {
-        return Err(Class::Run.error(py, "an array does not fill its shape"));
-    }
-    // The numbers stay where they are when their vector is moved, and nothing but the array looks at them.
-    let address = numbers.as_mut_ptr().expose_provenance();
-    Ok(Interface { address, is_read_only: false, shape, strides: None, kind: T::TYPE })
-}
-
-/// Read-only array that views `numbers` inside `owner`, an object whose class is frozen: its content is neither changed nor
-/// moved as long as it lives. `strides` are in numbers.
-pub fn view<'py>(
-    owner: &Bound<'py, PyAny>,
-    numbers: &[f64],
-    shape: &[usize],
-    strides: Option<&[usize]>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let strides = strides.map(|strides| strides.iter().map(|stride| stride * size_of::<f64>()).collect());
-    let address = numbers.as_ptr().expose_provenance();
-    let interface = Interface {
-        address,
-        is_read_only: true,
-        shape: shape.to_vec(),
-        strides,
-        kind: <f64 as Number>::TYPE,
-    };
-    array(owner.py(), Column { interface, _owner: Owner::Object(owner.clone().unbind()) })
+pub fn block<'py, T: Number>(py: Python<'py>, numbers: &[T], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    let bytes = PyByteArray::new(py, bytemuck::cast_slice(numbers));
+    numpy(py, "frombuffer")?.call1((bytes, T::DTYPE))?.call_method1("reshape", (PyTuple::new(py, shape)?,))
 }
 
 /// An integer number of nanoseconds.

@@ -1,6 +1,6 @@
-//! Output of the estimator as objects whose arrays view it.
+//! Output of the estimator as objects.
 
-use crate::arrays::view;
+use crate::arrays::block;
 use nalgebra::{Isometry3, SMatrix, Vector3};
 use plumbline_estimator::estimate::{FrameFigures, TrackingState};
 use plumbline_estimator::{Estimate, Odometry};
@@ -8,22 +8,20 @@ use plumbline_record::fields::Record as _;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Numbers of an array that views an object, with its shape.
-pub(crate) fn vector<'py>(owner: &Bound<'py, PyAny>, numbers: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
-    view(owner, numbers.as_slice(), &[3], None)
+pub(crate) fn vector<'py>(py: Python<'py>, numbers: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
+    block(py, numbers.as_slice(), &[3])
 }
 
-pub(crate) fn orientation<'py>(
-    owner: &Bound<'py, PyAny>,
-    pose: &Isometry3<f64>,
+pub(crate) fn orientation<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
+    block(py, pose.rotation.coords.as_slice(), &[4])
+}
+
+/// Matrix, row by row.
+pub(crate) fn matrix<'py, const N: usize>(
+    py: Python<'py>,
+    matrix: &SMatrix<f64, N, N>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    view(owner, pose.rotation.coords.as_slice(), &[4], None)
-}
-
-/// 4x4 matrix of a pose, row by row.
-pub(crate) fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyAny>> {
-    let rows: SMatrix<f64, 4, 4> = pose.to_homogeneous().transpose();
-    crate::arrays::block(py, rows.as_slice().to_vec(), &[4, 4])
+    block(py, matrix.transpose().as_slice(), &[N, N])
 }
 
 /// Methods of a class of states: its own, and those that all have, of the state in this field.
@@ -59,32 +57,31 @@ macro_rules! state_methods {
 
             /// Position of B in O, m, shape (3,).
             #[getter]
-            fn position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-                $crate::estimate::vector(slf.as_any(), &slf.get().$field.pose_o_b.translation.vector)
+            fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::vector(py, &self.$field.pose_o_b.translation.vector)
             }
 
             /// Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,).
             #[getter]
-            fn orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-                $crate::estimate::orientation(slf.as_any(), &slf.get().$field.pose_o_b)
+            fn orientation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::orientation(py, &self.$field.pose_o_b)
             }
 
             /// Velocity of B in O, m/s, shape (3,).
             #[getter]
-            fn velocity<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-                $crate::estimate::vector(slf.as_any(), &slf.get().$field.v_o_b)
+            fn velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::vector(py, &self.$field.v_o_b)
             }
 
             /// Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9).
             #[getter]
-            fn covariance<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-                // It lies by columns.
-                $crate::arrays::view(slf.as_any(), slf.get().$field.covariance.as_slice(), &[9, 9], Some(&[1, 9]))
+            fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+                $crate::estimate::matrix(py, &self.$field.covariance)
             }
 
             /// Pose of B in O as a matrix, shape (4, 4), m.
             fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-                $crate::estimate::matrix(py, &self.$field.pose_o_b)
+                $crate::estimate::matrix(py, &self.$field.pose_o_b.to_homogeneous())
             }
         }
     };
@@ -108,7 +105,7 @@ pub const fn has_pose(state: TrackingState) -> bool {
 }
 
 /// Estimate at the time of one frame. `O` is the odometry frame: z up along gravity, origin at the first pose. `B` is the
-/// body, the frame of the IMU. Arrays are read-only views of the object.
+/// body, the frame of the IMU.
 #[pyclass(frozen, name = "Estimate", module = "plumbline")]
 pub struct PyEstimate {
     pub estimate: Estimate,
@@ -130,32 +127,32 @@ state_methods! {
 
         /// Bias of the gyroscope, rad/s, shape (3,).
         #[getter]
-        fn gyro_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            vector(slf.as_any(), &slf.get().estimate.bias_gyro)
+        fn gyro_bias<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            vector(py, &self.estimate.bias_gyro)
         }
 
         /// Bias of the accelerometer, m/s^2, shape (3,).
         #[getter]
-        fn accel_bias<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            vector(slf.as_any(), &slf.get().estimate.bias_accel)
+        fn accel_bias<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            vector(py, &self.estimate.bias_accel)
         }
 
         /// Variances of the biases: gyroscope (0:3, rad^2/s^2) and accelerometer (3:6, m^2/s^4), shape (6,).
         #[getter]
-        fn bias_variances<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            view(slf.as_any(), slf.get().estimate.bias_variances.as_slice(), &[6], None)
+        fn bias_variances<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            block(py, self.estimate.bias_variances.as_slice(), &[6])
         }
 
         /// Position of the left camera in B, refined online, m, shape (3,).
         #[getter]
-        fn camera_position<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            vector(slf.as_any(), &slf.get().estimate.pose_b_c0.translation.vector)
+        fn camera_position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            vector(py, &self.estimate.pose_b_c0.translation.vector)
         }
 
         /// Rotation that takes coordinates from the left camera to B, refined online: quaternion x y z w, shape (4,).
         #[getter]
-        fn camera_orientation<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            orientation(slf.as_any(), &slf.get().estimate.pose_b_c0)
+        fn camera_orientation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            orientation(py, &self.estimate.pose_b_c0)
         }
 
         /// Time of the IMU minus time of the cameras, refined online, s.
@@ -211,8 +208,7 @@ state_methods! {
     }
 }
 
-/// State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`. Arrays are read-only views
-/// of the object.
+/// State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`.
 #[pyclass(frozen, name = "Odometry", module = "plumbline")]
 pub struct PyOdometry {
     pub odometry: Odometry,
@@ -234,8 +230,8 @@ state_methods! {
 
         /// Angular rate of B in B, bias removed, rad/s, shape (3,).
         #[getter]
-        fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            vector(slf.as_any(), &slf.get().odometry.angular_rate_b)
+        fn angular_rate<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            vector(py, &self.odometry.angular_rate_b)
         }
 
         /// Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit.

@@ -2,6 +2,7 @@
 
 use crate::arrays::{numbers, stamps};
 use crate::errors::{Class, of_evaluation};
+use crate::estimate::{matrix, vector};
 use crate::table;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
@@ -28,17 +29,11 @@ pub struct EvaluateArguments {
 
 impl EvaluateArguments {
     fn checked(&self, py: Python<'_>) -> PyResult<EvaluateOptions> {
-        let alignment = match self.align.as_str() {
-            "none" => AlignmentMode::None,
-            "origin" => AlignmentMode::Origin,
-            "yaw" => AlignmentMode::Yaw,
-            "se3" => AlignmentMode::Se3,
-            "sim3" => AlignmentMode::Sim3,
-            other => {
-                let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{other}'");
-                return Err(Class::Argument.error(py, message));
-            }
-        };
+        let known = AlignmentMode::NAMED.iter().find(|(name, ..)| *name == self.align);
+        let alignment = known.map(|(.., mode)| *mode).ok_or_else(|| {
+            let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{}'", self.align);
+            Class::Argument.error(py, message)
+        })?;
         let time_offset_s = self.time_offset_s;
         if !time_offset_s.is_finite() {
             let message = format!("time_offset: expected a number of seconds, got {time_offset_s}");
@@ -109,11 +104,8 @@ pub fn evaluate_trajectories<'py>(
     let values = PyDict::new(py);
     let json = serde_json::to_string(&evaluation).map_err(|error| Class::Run.error(py, error.to_string()))?;
     values.set_item("figures", json)?;
-    values.set_item("rotation", table::rotation(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
-    values.set_item(
-        "translation",
-        crate::arrays::block(py, similarity.translation.as_slice().to_vec(), &[3])?,
-    )?;
+    values.set_item("rotation", matrix(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
+    values.set_item("translation", vector(py, &similarity.translation)?)?;
     values.set_item("scale", similarity.scale)?;
     Ok(values)
 }

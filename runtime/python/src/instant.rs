@@ -4,7 +4,7 @@ use crate::estimate::{state_methods, state_name, vector};
 use plumbline_estimator::Instant;
 use pyo3::prelude::*;
 
-/// State at an instant that was asked for. Frames as in `Estimate`. Arrays are read-only views of the object.
+/// State at an instant that was asked for. Frames as in `Estimate`.
 #[pyclass(frozen, name = "Instant", module = "plumbline")]
 pub struct PyInstant {
     pub instant: Instant,
@@ -26,8 +26,8 @@ state_methods! {
 
         /// Angular rate of B in B, bias removed, rad/s, shape (3,).
         #[getter]
-        fn angular_rate<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-            vector(slf.as_any(), &slf.get().instant.angular_rate_b)
+        fn angular_rate<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+            vector(py, &self.instant.angular_rate_b)
         }
 
         fn __repr__(&self) -> String {

@@ -99,8 +99,8 @@ pub fn read_log(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     values.set_item("map", table::map(py, &content.map)?)?;
     values.set_item("imu", table::imu(py, &content.imu)?)?;
     let (sequences, stamps) = content.frames.iter().copied().unzip::<u64, i64, Vec<_>, Vec<_>>();
-    values.set_item("frame", crate::arrays::column(py, sequences, &[])?)?;
-    values.set_item("frame_stamp_ns", crate::arrays::column(py, stamps, &[])?)?;
+    values.set_item("frame", crate::arrays::column(py, &sequences, &[])?)?;
+    values.set_item("frame_stamp_ns", crate::arrays::column(py, &stamps, &[])?)?;
     values.set_item("events", content.events)?;
     values.set_item("ending", ending)?;
     values.set_item("damage", damage)?;

@@ -42,7 +42,7 @@ impl Recording {
 }
 
 fn pixels<'py>(py: Python<'py>, image: &GrayImage) -> PyResult<Bound<'py, PyAny>> {
-    block(py, image.pixels().to_vec(), &[image.height(), image.width()])
+    block(py, image.pixels(), &[image.height(), image.width()])
 }
 
 #[pymethods]

@@ -135,7 +135,8 @@ pub fn replay<'py>(
 
 fn result(py: Python<'_>, replayed: Replayed) -> PyResult<Bound<'_, PyDict>> {
     let Replayed { flown, estimates, odometry, report } = replayed;
-    let causal = |p: &plumbline_flight::flight::CausalPose| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
+    let causal =
+        |p: &plumbline_flight::flight::PublishedState| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
     let stamps: Vec<_> = flown.poses.iter().map(|p| causal(p).stamp).collect();
     let json = serde_json::to_string(&report).map_err(|error| Class::Run.error(py, error.to_string()))?;
     let values = PyDict::new(py);

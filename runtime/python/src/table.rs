@@ -2,7 +2,7 @@
 
 use crate::arrays::{Number, column};
 use crate::estimate::has_pose;
-use nalgebra::{Isometry3, SMatrix, SVector};
+use nalgebra::{Isometry3, SVector};
 use plumbline_config::ImuSample;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::places::MapEstimate;
@@ -24,12 +24,12 @@ impl<'py> Columns<'py> {
 
     /// Adds a column of one number a row.
     fn put<T: Number>(&self, name: &str, values: impl Iterator<Item = T>) -> PyResult<()> {
-        self.0.set_item(name, column(self.0.py(), values.collect(), &[])?)
+        self.0.set_item(name, column(self.0.py(), &values.collect::<Vec<T>>(), &[])?)
     }
 
     /// Adds a column of `N` real numbers a row.
     fn put_rows<const N: usize>(&self, name: &str, rows: impl Iterator<Item = [f64; N]>) -> PyResult<()> {
-        self.0.set_item(name, column(self.0.py(), rows.flatten().collect(), &[N])?)
+        self.0.set_item(name, column(self.0.py(), rows.collect::<Vec<_>>().as_flattened(), &[N])?)
     }
 
     /// Adds the columns of a field; real numbers are NaN in rows of which `is_known` says so.
@@ -51,7 +51,7 @@ impl<'py> Columns<'py> {
                     _ => numbers.resize(numbers.len() + width, f64::NAN),
                 }
             }
-            self.0.set_item(name, column(self.0.py(), numbers, shape)?)
+            self.0.set_item(name, column(self.0.py(), &numbers, shape)?)
         };
         match field.about.shape {
             Shape::Uint64 => self.put(first, whole().map(|n| n as u64)),
@@ -158,9 +158,4 @@ pub fn imu<'py>(py: Python<'py>, rows: &[ImuSample]) -> PyResult<Bound<'py, PyDi
     columns.put_rows("gyro", rows.iter().map(|s| numbers(&s.gyro)))?;
     columns.put_rows("accel", rows.iter().map(|s| numbers(&s.accel)))?;
     Ok(columns.0)
-}
-
-/// Rotation as a matrix, row by row.
-pub fn rotation<'py>(py: Python<'py>, rotation: &SMatrix<f64, 3, 3>) -> PyResult<Bound<'py, PyAny>> {
-    crate::arrays::block(py, rotation.transpose().as_slice().to_vec(), &[3, 3])
 }

@@ -1,9 +1,7 @@
 //! Time of line extraction per image: ours and OpenCV's detectors on the same real images, in one run.
 //!
-//! Besides Criterion's report a table is printed. An iteration is all images; the time of an image is the
-//! median over iterations, and the table has the median over images.
+//! A round is all images; the time of an image is the median over rounds, and the table has the median over images.
 
-use criterion::{BenchmarkGroup, Criterion, SamplingMode, measurement::WallTime};
 use plumbline_config::GrayImage;
 use plumbline_config::options::LinesConfig;
 use plumbline_estimator::lines::descriptor::Describer;
@@ -15,9 +13,10 @@ use plumbline_oracle::lines::{Detector, median, quantile};
 use plumbline_tests::shared;
 use std::error::Error;
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const CLIP: &str = "euroc/V1_01_easy_clip";
+const ROUNDS: usize = 20;
 
 /// A row of the table.
 struct Row {
@@ -40,31 +39,19 @@ fn detectors(size: (usize, usize)) -> opencv::Result<Vec<Detector>> {
     ])
 }
 
-fn measure(
-    group: &mut BenchmarkGroup<'_, WallTime>,
-    detector: &mut Detector,
-    images: &[GrayImage],
-) -> opencv::Result<Row> {
+fn measure(detector: &mut Detector, images: &[GrayImage]) -> opencv::Result<Row> {
     let mut count = 0;
     for image in images {
         count += detector.detect(image)?.len();
     }
     let mut times_ms = vec![Vec::new(); images.len()];
-    group.bench_function(detector.name, |bencher| {
-        bencher.iter_custom(|iterations| {
-            let mut total = Duration::ZERO;
-            for _ in 0..iterations {
-                for (image, times_ms) in images.iter().zip(&mut times_ms) {
-                    let begin = Instant::now();
-                    let _ = black_box(detector.detect(black_box(image)));
-                    let took = begin.elapsed();
-                    times_ms.push(took.as_secs_f64() * 1e3);
-                    total += took;
-                }
-            }
-            total
-        });
-    });
+    for _ in 0..ROUNDS {
+        for (image, times_ms) in images.iter().zip(&mut times_ms) {
+            let begin = Instant::now();
+            let _ = black_box(detector.detect(black_box(image)));
+            times_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+        }
+    }
     let over_images =
         |of: fn(&[f64]) -> f64| median(&times_ms.iter().map(|times_ms| of(times_ms)).collect::<Vec<_>>());
     Ok(Row {
@@ -88,12 +75,21 @@ fn print(rows: &[Row], images: usize) {
     }
 }
 
+/// Median time of `work`, ms.
+fn timed<T>(mut work: impl FnMut() -> T) -> f64 {
+    let times_ms: Vec<f64> = (0..ROUNDS)
+        .map(|_| {
+            let begin = Instant::now();
+            black_box(work());
+            begin.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    median(&times_ms)
+}
+
 /// Describing and matching of the 100 clearest segments of consecutive images; geometry admits every pair,
 /// which is the worst that can happen.
-fn measure_description(
-    group: &mut BenchmarkGroup<'_, WallTime>,
-    images: &[GrayImage],
-) -> Result<(), Box<dyn Error>> {
+fn measure_description(images: &[GrayImage]) -> Result<(), Box<dyn Error>> {
     let [first, second] = images.first_chunk::<2>().ok_or("two images are needed")?;
     let options = unfiltered(false);
     let mut extractor = LineExtractor::new(first.width(), first.height(), &options);
@@ -106,33 +102,23 @@ fn measure_description(
         let describe_all =
             || -> Vec<_> { clearest.iter().map(|s| describer.describe(gradients, s)).collect() };
         described.push(describe_all());
-        if described.len() == 2 {
-            group.bench_function(format!("description of {}", clearest.len()), |b| b.iter(describe_all));
-        }
+        println!("description of {}: {:.3} ms", clearest.len(), timed(describe_all));
     }
     let mut matcher = LineMatcher::new(&options, 2 * options.max_segments);
-    group.bench_function("matching, every pair admitted", |b| {
-        b.iter(|| matcher.pairs(&described[0], &described[1], |_, _| true).len());
-    });
+    let matching_ms = timed(|| matcher.pairs(&described[0], &described[1], |_, _| true).len());
+    println!("matching, every pair admitted: {matching_ms:.3} ms");
     Ok(())
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut criterion = Criterion::default().configure_from_args();
     let Some(shared) = shared(CLIP) else { return Ok(()) };
     opencv::core::set_num_threads(1)?;
     let images = left_images(&shared.join(CLIP))?;
     let size = images.first().map_or((0, 0), |image| (image.width(), image.height()));
-    let mut group = criterion.benchmark_group("lines");
-    group.sample_size(10).sampling_mode(SamplingMode::Flat);
-    group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(5));
-    let mut rows = Vec::new();
-    for detector in &mut detectors(size)? {
-        rows.push(measure(&mut group, detector, &images)?);
-    }
-    measure_description(&mut group, &images)?;
-    group.finish();
+    let mut detectors = detectors(size)?;
+    let rows =
+        detectors.iter_mut().map(|detector| measure(detector, &images)).collect::<Result<Vec<_>, _>>()?;
+    measure_description(&images)?;
     print(&rows, images.len());
-    criterion.final_summary();
     Ok(())
 }

@@ -1,9 +1,14 @@
 //! Maps from stereo images with known poses, and images located in them.
 
 use super::frames::RecordedFrames;
+use nalgebra::Vector3;
 use plumbline_config::Timestamp;
 use plumbline_drivers::{DriverError, StampedPose};
+use plumbline_estimator::places::refine::Gravity;
 use plumbline_estimator::places::{Keyframe, Located, Locator, LocatorOptions, MapLimits, PlaceMap, Query};
+
+/// Uncertainty of the vertical, rad.
+const SIGMA_VERTICAL_RAD: f64 = 0.01;
 
 /// Makes a map of the frames, each of which has a pose.
 pub fn build(
@@ -17,7 +22,7 @@ pub fn build(
         let pose_m_b = poses.iter().find(|p| p.stamp == stamp).expect("each image has a pose").pose;
         let keyframe = Keyframe::new(0, stamp, pose_m_b, pose_b_c);
         let up_c = keyframe.up_c();
-        map.add(keyframe, frames.features(Some(up_c)));
+        map.add(keyframe, frames.features(up_c));
     }
     Ok(map)
 }
@@ -28,21 +33,21 @@ pub struct LocatedFrame {
     pub located: Option<Located>,
 }
 
-/// Locates every frame by itself, without an IMU: the rig is taken to be held as it was when the map was made, for the
-/// turn of the patches, and nothing is assumed of it for the pose.
+/// Locates every frame by itself; `up_b` says which way is up in the body.
 pub fn locate(
     frames: &mut RecordedFrames,
     map: &PlaceMap,
-    options: &LocatorOptions,
-    max_features: usize,
+    up_b: impl Fn(Timestamp) -> Vector3<f64>,
     mut each: impl FnMut(LocatedFrame),
 ) -> Result<(), DriverError> {
-    let mut locator = Locator::new(options, map.limits().keyframes, max_features);
-    let up_c = map.usual_up_c();
+    let limits = map.limits();
+    let mut locator = Locator::new(&LocatorOptions::default(), limits.keyframes, limits.features);
     let pose_b_c = frames.left().pose_b_c;
     while let Some(stamp) = frames.advance()? {
-        let features = frames.features(up_c);
-        let query = Query { features, pose_b_c, gravity: None, seed: stamp.as_nanos() as u64 };
+        let up_b = up_b(stamp);
+        let features = frames.features(pose_b_c.rotation.inverse() * up_b);
+        let gravity = Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD };
+        let query = Query { features, pose_b_c, gravity, seed: stamp.as_nanos() as u64 };
         each(LocatedFrame { stamp, located: locator.locate(map, &query, |_| true) });
     }
     Ok(())

@@ -7,7 +7,7 @@ use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoFrame, StereoSource};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::places::Feature;
-use plumbline_estimator::places::extractor::{Extractor, ExtractorOptions, View};
+use plumbline_estimator::places::extractor::{Extractor, View};
 use plumbline_estimator::points::rig::RigCamera;
 use std::path::Path;
 
@@ -29,12 +29,7 @@ pub struct RecordedFrames {
 
 impl RecordedFrames {
     /// Every `every`th frame of a EuRoC data set without an IMU, from number `offset` on.
-    pub fn open(
-        path: &Path,
-        every: usize,
-        offset: usize,
-        options: &ExtractorOptions,
-    ) -> Result<Self, DriverError> {
+    pub fn open(path: &Path, every: usize, offset: usize, max_features: usize) -> Result<Self, DriverError> {
         let config = euroc_cameras_into(Config::preset("euroc").unwrap(), path).unwrap();
         let dataset =
             EurocDataset::open(path, &EurocOptions { with_imu: false, ..EurocOptions::for_config(&config) })?;
@@ -51,7 +46,7 @@ impl RecordedFrames {
             pyramids: sizes.map(|(width, height)| Pyramid::new(width, height, LEVELS)),
             built: [false; 2],
             rig: rig.collect(),
-            extractor: Extractor::new(sizes[0].0, sizes[0].1, options),
+            extractor: Extractor::new(sizes[0].0, sizes[0].1, max_features),
             every,
             offset,
             number: 0,
@@ -81,7 +76,7 @@ impl RecordedFrames {
     }
 
     /// The features of this frame; patches are turned by `up_c`, the direction of up in the left camera.
-    pub fn features(&mut self, up_c: Option<Vector3<f64>>) -> &[Feature] {
+    pub fn features(&mut self, up_c: Vector3<f64>) -> &[Feature] {
         let right = self.rig.get(1).filter(|_| self.built[1]).map(|camera| (camera, &self.pyramids[1]));
         self.extractor.extract(&View { left: (&self.rig[0], &self.pyramids[0]), right, up_c })
     }

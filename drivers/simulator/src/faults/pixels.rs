@@ -74,7 +74,7 @@ impl Jpeg {
         self.file.clear();
         let encoder = Encoder::new(&mut self.file, quality.round().clamp(1.0, 100.0) as u8);
         if encoder.encode(image.pixels(), width, height, ColorType::Luma).is_ok()
-            && let Ok(pixels) = self.decoder.decode(&self.file)
+            && let Some(pixels) = self.decoder.decode(&self.file)
         {
             image.pixels_mut().copy_from_slice(pixels);
         }

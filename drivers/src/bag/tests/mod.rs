@@ -201,7 +201,7 @@ fn expected_frames() -> Vec<(i64, u64, [Option<u8>; 2])> {
 fn check_whole(path: &Path) {
     let bag = BagDataset::open(path, &BagTopics::default(), &options()).unwrap();
     assert_eq!(frames(&bag), expected_frames(), "{}", path.display());
-    assert_eq!((bag.cameras(), bag.image_faults.disordered, bag.is_truncated()), (2, 2, false));
+    assert_eq!((bag.cameras(), bag.frames.faults.disordered, bag.is_truncated()), (2, 2, false));
     let samples = read_bag_imu(path, &BagTopics::default()).unwrap();
     assert_eq!((samples.len(), samples[0].stamp.as_nanos()), (90, BEGIN));
     assert_eq!(samples[0].gyro, Vector3::new(0.0, 1.0, 2.0));
@@ -421,11 +421,6 @@ fn ten_bits_in_sixteen_are_scaled_over_the_whole_bag() {
         BagDataset::open(&path, &BagTopics::default(), &options()).unwrap()
     };
     let ten = bag(1023);
-    assert!(
-        ten.defects().iter().any(|defect| defect.what.contains("lower 10 of their 16 bits")),
-        "{:?}",
-        ten.defects()
-    );
     assert_eq!(frames(&ten)[4].2, [Some(100), Some(16)]);
     let all = bag(0x8000);
     assert_eq!((all.defects().len(), frames(&all)[4].2), (0, [Some(1), Some(0)]));

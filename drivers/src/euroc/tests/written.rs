@@ -22,7 +22,7 @@ impl StereoSource for Frames {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         let i = self.next;
         if i == self.fail_at {
-            return Err(DriverError::malformed("camera", "unplugged"));
+            return Err(DriverError::refused("camera", "unplugged"));
         }
         self.next += 1;
         frame.stamp = Timestamp::from_nanos(frame_ns(i as i64) + i as i64 % 3);
@@ -120,7 +120,7 @@ fn write_to(out: &Path, fail_at: u64, overwrite: bool) -> Result<Written, Driver
         imu: &mut imu,
         truth: &mut truth().into_iter(),
     };
-    write(out, inputs, WriteOptions { overwrite }, &mut |_| {})
+    write(out, inputs, overwrite, &mut |_| {})
 }
 
 #[test]

@@ -240,7 +240,7 @@ fn sample(message: &MavMessage) -> Content {
     macro_rules! scaled {
         ($imu:ident, $ticks:expr) => {{
             let gyro = [$imu.xgyro, $imu.ygyro, $imu.zgyro];
-            scaled($ticks, gyro, [$imu.xacc, $imu.yacc, $imu.zacc], $imu.temperature)
+            scaled($ticks, gyro, [$imu.xacc, $imu.yacc, $imu.zacc])
         }};
     }
     match message {
@@ -256,7 +256,7 @@ fn sample(message: &MavMessage) -> Content {
 /// Bits of HIGHRES_IMU's `fields_updated` for all axes of accelerometer and gyroscope.
 const UPDATED: u16 = 0b11_1111;
 
-/// HIGHRES_IMU: accelerometer and gyroscope in SI, temperature, and what is new since the message before.
+/// HIGHRES_IMU: accelerometer and gyroscope in SI, and what is new since the message before.
 fn highres(imu: &HIGHRES_IMU_DATA) -> Content {
     let updated = imu.fields_updated.bits();
     // Some senders leave the field empty.
@@ -266,19 +266,16 @@ fn highres(imu: &HIGHRES_IMU_DATA) -> Content {
     let accel = vector([imu.xacc, imu.yacc, imu.zacc].map(f64::from));
     let gyro = vector([imu.xgyro, imu.ygyro, imu.zgyro].map(f64::from));
     let (Some(accel), Some(gyro)) = (accel, gyro) else { return Content::Malformed };
-    let temperature_c = Some(f64::from(imu.temperature)).filter(|c| c.is_finite() && *c != 0.0);
-    let ticks = imu.time_usec;
-    Content::Sample(DeviceSample { ticks, gyro, accel, temperature_c, ..DeviceSample::default() })
+    Content::Sample(DeviceSample { ticks: imu.time_usec, gyro, accel, ..DeviceSample::default() })
 }
 
-/// RAW_IMU and SCALED_IMU*: thousandths of rad/s and of g, hundredths of a degree (0 for none).
-fn scaled(ticks: u64, gyro: [i16; 3], accel: [i16; 3], hundredths: i16) -> Content {
+/// RAW_IMU and SCALED_IMU*: thousandths of rad/s and of g.
+fn scaled(ticks: u64, gyro: [i16; 3], accel: [i16; 3]) -> Content {
     let thousandths = |value: i16| f64::from(value) * 1e-3;
     Content::Sample(DeviceSample {
         ticks,
         gyro: gyro.map(thousandths).into(),
         accel: accel.map(|value| thousandths(value) * G_M_S2).into(),
-        temperature_c: (hundredths != 0).then(|| f64::from(hundredths) * 0.01),
         ..DeviceSample::default()
     })
 }

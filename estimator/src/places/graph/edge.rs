@@ -2,6 +2,11 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3, Vector4};
 
+/// Drift of the odometry, m per root of a metre of path.
+pub const DRIFT_M: f64 = 0.02;
+/// Drift of the odometry's heading, rad per root of a metre of way.
+pub const DRIFT_RAD: f64 = 0.002;
+
 /// A keyframe in the graph.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
@@ -38,6 +43,11 @@ impl Node {
     #[must_use]
     pub fn pose_m_b(&self) -> Isometry3<f64> {
         Isometry3::from_parts(self.p_m_b.into(), turn(self.yaw) * self.pose_o_b.rotation)
+    }
+
+    /// Way to another node in the odometry frame of this one, m, and the turn of its odometry frame against that, rad.
+    pub(super) fn way_to(&self, to: &Self) -> (Vector3<f64>, f64) {
+        (turn(-self.yaw) * (to.p_m_b - self.p_m_b), wrapped(to.yaw - self.yaw))
     }
 
     /// Pose of the odometry frame in the map, as this keyframe has it.
@@ -118,24 +128,31 @@ impl Edge {
         Self { from, to, way, turn, information, kind: EdgeKind::Loop { supporters: 0 }, weight: 0.0 }
     }
 
+    /// What it says, with its covariance.
+    #[must_use]
+    pub(super) fn known_way(&self) -> Option<Way> {
+        let covariance = self.information.cholesky()?.inverse();
+        Some(Way { way: self.way, turn: self.turn, covariance })
+    }
+
+    /// The edge that says `way` from node `from` to node `to`.
+    fn saying(&self, way: &Way, [from, to]: [usize; 2]) -> Option<Self> {
+        let information = way.covariance.cholesky()?.inverse();
+        Some(Self { from, to, way: way.way, turn: way.turn, information, ..*self })
+    }
+
     /// This edge and then the next: what is known from the first node to the last.
     #[must_use]
     pub(super) fn followed_by(&self, next: &Self) -> Option<Self> {
-        let way = turn(self.turn) * next.way;
-        let covariance = chained(&self.covariance()?, &way, &next.covariance()?);
-        let information = covariance.cholesky()?.inverse();
-        let turn = wrapped(self.turn + next.turn);
-        Some(Self { to: next.to, way: self.way + way, turn, information, ..*self })
+        self.saying(&self.known_way()?.then(&next.known_way()?), [self.from, next.to])
     }
 
     /// Returns the edge in the other direction, with its ends where the graph has them now.
     #[must_use]
-    pub(super) fn reversed(&self, nodes: &[Node]) -> Self {
-        let (from, to) = (&nodes[self.to], &nodes[self.from]);
-        let way = turn(-from.yaw) * (to.p_m_b - from.p_m_b);
-        let back = wrapped(to.yaw - from.yaw);
-        let information = reversed(&self.information, &way, back);
-        Self { from: self.to, to: self.from, way, turn: back, information, ..*self }
+    pub(super) fn reversed(&self, nodes: &[Node]) -> Option<Self> {
+        let (way, turn) = nodes[self.from].way_to(&nodes[self.to]);
+        let forth = Way { way, turn, ..self.known_way()? };
+        self.saying(&forth.reversed(), [self.to, self.from])
     }
 
     /// A loop that ends at the node from which `to_heir` leads away, moved to where that leads to.
@@ -145,20 +162,20 @@ impl Edge {
         let moved = if self.to == gone {
             self.followed_by(to_heir)
         } else if self.from == gone {
-            to_heir.reversed(nodes).followed_by(self)
+            to_heir.reversed(nodes).and_then(|from_heir| from_heir.followed_by(self))
         } else {
-            return *self;
+            None
         };
         moved.map_or(*self, |moved| Self { kind: self.kind, weight: self.weight, ..moved })
     }
 
-    /// Covariance of way and turn.
+    /// True if most of it counts in the graph.
     #[must_use]
-    pub fn covariance(&self) -> Option<Matrix4<f64>> {
-        self.information.cholesky().map(|c| c.inverse())
+    pub fn counts(&self) -> bool {
+        self.weight > 0.5
     }
 
-    /// True if it counts: a loop without supporters does not.
+    /// True if it may count: a loop without supporters does not.
     #[must_use]
     pub fn is_supported(&self) -> bool {
         self.kind != EdgeKind::Loop { supporters: 0 }
@@ -172,8 +189,8 @@ impl Edge {
     }
 
     pub(super) fn error(&self, from: &Node, to: &Node) -> Vector4<f64> {
-        let way = turn(-from.yaw) * (to.p_m_b - from.p_m_b) - self.way;
-        way.push(wrapped(to.yaw - from.yaw - self.turn))
+        let (way, turn) = from.way_to(to);
+        (way - self.way).push(wrapped(turn - self.turn))
     }
 
     pub(super) fn linearize(&self, nodes: &[Node]) -> Linearized {
@@ -191,6 +208,41 @@ impl Edge {
     }
 }
 
+/// Way and turn from one node to another, with their covariance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Way {
+    /// In the odometry frame of the first, m.
+    pub way: Vector3<f64>,
+    /// Yaw of the second's odometry frame relative to that of the first, rad.
+    pub turn: f64,
+    pub covariance: Matrix4<f64>,
+}
+
+impl Way {
+    /// This way and then the next.
+    pub fn then(&self, next: &Self) -> Self {
+        let way = turn(self.turn) * next.way;
+        let rotation = turned_axes(self.turn);
+        let second = rotation * next.covariance * rotation.transpose();
+        let covariance = chained(&self.covariance, &way, &second);
+        Self { way: self.way + way, turn: wrapped(self.turn + next.turn), covariance }
+    }
+
+    /// Returns the way back, with its covariance.
+    pub fn reversed(&self) -> Self {
+        let mut by_error = -Matrix4::identity();
+        by_error.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&self.way));
+        let by_error = turned_axes(-self.turn) * by_error;
+        let covariance = by_error * self.covariance * by_error.transpose();
+        Self { way: -(turn(-self.turn) * self.way), turn: -self.turn, covariance }
+    }
+}
+
+/// Turns the way in errors of way and turn.
+fn turned_axes(yaw: f64) -> Matrix4<f64> {
+    turn(yaw).to_rotation_matrix().to_homogeneous()
+}
+
 /// Covariance of way and turn over two steps, each known by its own; `way` is that of the second, m, in the axes of the
 /// first: an error of the first turn swings it.
 #[must_use]
@@ -198,17 +250,6 @@ pub fn chained(first: &Matrix4<f64>, way: &Vector3<f64>, second: &Matrix4<f64>) 
     let mut by_first = Matrix4::identity();
     by_first.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(way));
     by_first * first * by_first.transpose() + second
-}
-
-/// Information about way and turn of an edge, made that about the same edge the other way round, whose way is `way` and
-/// whose turn is `back`, rad: the forward way is `-Rz(-back) way`, and turns with an error of `back`.
-fn reversed(information: &Matrix4<f64>, way: &Vector3<f64>, back: f64) -> Matrix4<f64> {
-    let forward: Matrix3<f64> = *turn(-back).to_rotation_matrix().matrix();
-    let mut by_back = Matrix4::zeros();
-    by_back.fixed_view_mut::<3, 3>(0, 0).copy_from(&-forward);
-    by_back.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(forward * way)));
-    by_back[(3, 3)] = -1.0;
-    by_back.transpose() * information * by_back
 }
 
 /// Rotation about the vertical.

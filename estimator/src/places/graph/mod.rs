@@ -52,17 +52,6 @@ pub enum LoopRefused {
     Contradicted,
 }
 
-impl std::fmt::Display for LoopRefused {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::NoRoom => "there is no room for the loop, or no such node",
-            Self::Contradicted => "the odometry speaks against the loop",
-        })
-    }
-}
-
-impl std::error::Error for LoopRefused {}
-
 /// Result of a call of [`PoseGraph::optimize`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OptimizationProgress {
@@ -70,7 +59,7 @@ pub struct OptimizationProgress {
     pub steps: usize,
     /// True if the optimization has finished.
     pub is_done: bool,
-    /// Loops with a weight of more than a half.
+    /// Loops that count.
     pub loops_used: usize,
 }
 
@@ -132,15 +121,8 @@ impl PoseGraph {
         fits
     }
 
-    /// True if the odometry contradicts a loop beyond its possible drift. The work is that of a walk along
-    /// all edges.
-    #[must_use]
-    pub fn contradicts(&self, edge: &Edge) -> bool {
-        self.joins_nodes(edge) && drift::contradicts(&self.nodes, &self.edges, edge)
-    }
-
     /// Square of the Mahalanobis distance between a loop and the way along the odometry; `None` where no odometry leads
-    /// from end to end.
+    /// from end to end. The work is that of a walk along all edges.
     #[must_use]
     pub fn odometry_distance2(&self, edge: &Edge) -> Option<f64> {
         self.joins_nodes(edge).then(|| drift::distance2(&self.nodes, &self.edges, edge)).flatten()
@@ -154,7 +136,9 @@ impl PoseGraph {
         if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
             return Err(LoopRefused::NoRoom);
         }
-        if self.contradicts(&edge) {
+        // A distance that is no number is refused too.
+        let is_possible = self.odometry_distance2(&edge).is_none_or(|distance2| distance2 <= drift::GATE);
+        if !is_possible {
             return Err(LoopRefused::Contradicted);
         }
         let mut edge = Edge { weight: 0.0, kind: EdgeKind::Loop { supporters: 0 }, ..edge };
@@ -216,7 +200,7 @@ impl PoseGraph {
         }
         // The edge to the heir, from the node that goes.
         let to_heir = match (before, after) {
-            (Some(before), _) => Some(self.edges[before].reversed(&self.nodes)),
+            (Some(before), _) => self.edges[before].reversed(&self.nodes),
             (None, Some(after)) => Some(self.edges[after]),
             (None, None) => None,
         };
@@ -272,7 +256,7 @@ impl PoseGraph {
             self.sharpness = if is_sharp { self.sharpness } else { self.sharpness * SHARPENING };
         }
         progress.is_done = self.is_done;
-        progress.loops_used = self.loops.iter().filter(|l| self.edges[**l].weight > 0.5).count();
+        progress.loops_used = self.loops.iter().filter(|l| self.edges[**l].counts()).count();
         progress
     }
 
@@ -290,12 +274,6 @@ impl PoseGraph {
                 (GATE * mu * (mu + 1.0) / distance).sqrt() - mu
             };
         }
-    }
-
-    /// Correction of a node: `T_MO`, which takes poses of the odometry into the map.
-    #[must_use]
-    pub fn correction(&self, node: usize) -> Option<Isometry3<f64>> {
-        self.nodes.get(node).map(Node::pose_m_o)
     }
 }
 

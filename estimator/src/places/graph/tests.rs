@@ -326,7 +326,7 @@ fn an_edge_the_other_way_round_says_as_much_about_where_its_ends_are() {
     let mut edge = *graph.edges().last().unwrap();
     let error = edge.error(&nodes[edge.from], &nodes[edge.to]);
     edge = Edge { way: edge.way + error.xyz(), turn: edge.turn + error.w, information, ..edge };
-    let back = edge.reversed(&nodes);
+    let back = edge.reversed(&nodes).unwrap();
     assert!(back.distance2(&nodes) < 1e-12);
     let mut moved = nodes;
     moved[edge.to].p_m_b += Vector3::new(1e-4, -2e-4, 3e-4);

@@ -1,4 +1,4 @@
-//! Pose that was found, with its evidence, and the reason why it was not believed.
+//! Pose that was found, with its evidence.
 
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Portable;
@@ -17,94 +17,36 @@ pub struct Located {
     pub keyframe_id: u32,
     /// Matches that agree with it.
     pub inliers: usize,
-    /// Matches before guiding.
-    pub matches: usize,
     /// Matches before guiding that agree with the pose.
     pub first_inliers: usize,
-    /// Fields of the grid over the image with inliers.
-    pub spread: usize,
-    /// Mean square of the whitened residuals.
-    pub variance: f64,
 }
 
 impl Located {
     /// Evidence for the pose: inliers found without guidance, and a quarter of those found with it.
     #[must_use]
     pub fn evidence(&self) -> f64 {
-        evidence(self.first_inliers, self.inliers)
+        self.first_inliers as f64 + 0.25 * self.inliers as f64
     }
 
     /// Standard deviation of the position in its worst direction, m.
     #[must_use]
     pub fn sigma_m(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(0, 0).symmetric_eigenvalues().max().at_least(0.0).sqrt()
+        self.worst_sigma(0)
     }
 
     /// Standard deviation of the attitude about its worst axis, rad.
     #[must_use]
     pub fn sigma_rad(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max().at_least(0.0).sqrt()
-    }
-}
-
-/// Reason why a pose was not believed, or none was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doubt {
-    /// No pose agrees with enough matches.
-    NoPose,
-    /// The matches after guided matching do not determine a pose.
-    Undetermined,
-    /// Too few inliers.
-    Inliers,
-    /// Too few of the matches are inliers.
-    InlierShare,
-    /// Too few inliers were found without knowing where to look.
-    Evidence,
-    /// The inliers lie in a small part of the image.
-    Spread,
-    /// The position is not known well enough.
-    Position,
-    /// The attitude is not known well enough.
-    Attitude,
-    /// Another group speaks for another place, with nearly as much evidence.
-    Rival,
-}
-
-/// Result of verifying a group.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Attempt {
-    /// Number of its keyframe.
-    pub keyframe_id: u32,
-    /// Similarity to the frame.
-    pub score: f32,
-    /// Matches before guiding.
-    pub matches: usize,
-    /// Matches before guiding that agree with the pose.
-    pub first_inliers: usize,
-    /// Matches that agree with the pose after guiding.
-    pub inliers: usize,
-    /// The pose of the body in the map, where one was found.
-    pub pose_m_b: Option<Isometry3<f64>>,
-    /// Reason why it was not believed; `None` when it was.
-    pub doubt: Option<Doubt>,
-}
-
-impl Attempt {
-    /// Evidence for its pose.
-    #[must_use]
-    pub fn evidence(&self) -> f64 {
-        evidence(self.first_inliers, self.inliers)
+        self.worst_sigma(3)
     }
 
-    pub(super) fn agrees_with(&self, found: &Located) -> bool {
-        self.pose_m_b.is_some_and(|pose| {
-            (pose.translation.vector - found.pose_m_b.translation.vector).norm() <= SAME_POSE.0
-                && pose.rotation.angle_to(&found.pose_m_b.rotation) <= SAME_POSE.1
-        })
+    fn worst_sigma(&self, part: usize) -> f64 {
+        self.covariance.fixed_view::<3, 3>(part, part).symmetric_eigenvalues().max().at_least(0.0).sqrt()
     }
-}
 
-/// Inliers before guiding, and a quarter of those after it.
-fn evidence(first_inliers: usize, inliers: usize) -> f64 {
-    first_inliers as f64 + 0.25 * inliers as f64
+    /// True if it speaks for the same place as `other`.
+    pub(super) fn agrees_with(&self, other: &Self) -> bool {
+        (self.pose_m_b.translation.vector - other.pose_m_b.translation.vector).norm() <= SAME_POSE.0
+            && self.pose_m_b.rotation.angle_to(&other.pose_m_b.rotation) <= SAME_POSE.1
+    }
 }

@@ -9,13 +9,13 @@
 mod found;
 mod options;
 
-pub use found::{Attempt, Doubt, Located};
+pub use found::Located;
 pub use options::LocatorOptions;
 use plumbline_config::Portable;
 
 use super::feature::Feature;
 use super::guide::Guide;
-use super::index::{Candidate, Votes};
+use super::index::Votes;
 use super::map::{Keyframe, MAX_NEIGHBOUR_DISTANCE, PlaceMap, view_distance_within};
 use super::matching::{Match, Matcher};
 use super::ransac::Ransac;
@@ -36,8 +36,8 @@ pub struct Query<'a> {
     pub features: &'a [Feature],
     /// Pose of the left camera in the body.
     pub pose_b_c: Isometry3<f64>,
-    /// The vertical, where it is known.
-    pub gravity: Option<Gravity>,
+    /// The vertical.
+    pub gravity: Gravity,
     /// Seed of the samples: the number of the frame.
     pub seed: u64,
 }
@@ -51,35 +51,12 @@ pub struct Locator {
     matcher: Matcher,
     ransac: Ransac,
     guide: Guide,
-    groups: heapless::Vec<Group, MAX_GROUPS>,
-    attempts: heapless::Vec<Attempt, MAX_GROUPS>,
+    /// Poses of the present frame that are certain by themselves.
+    found: heapless::Vec<Located, MAX_GROUPS>,
 }
 
-/// A keyframe and those of its neighbours that share most with it, as slots.
-#[derive(Clone, Debug)]
-struct Group {
-    slots: heapless::Vec<usize, MAX_GROUP>,
-    score: f32,
-}
-
-impl Group {
-    fn of(map: &PlaceMap, candidate: &Candidate, allowed: &impl Fn(&Keyframe) -> bool) -> Self {
-        let mut slots = heapless::Vec::new();
-        let _ = slots.push(candidate.slot);
-        let neighbours = map.keyframe(candidate.slot).map_or(&[][..], |k| k.neighbours.as_slice());
-        let neighbours = neighbours.iter().map(|n| usize::from(*n));
-        slots.extend(neighbours.filter(|n| map.keyframe(*n).is_some_and(allowed)).take(MAX_GROUP - 1));
-        Self { slots, score: candidate.score }
-    }
-
-    /// True if the group shows the view from a pose that was found: it would say the same, and is no rival.
-    fn is_near(&self, map: &PlaceMap, found: &Located, query: &Query<'_>) -> bool {
-        let pose_m_c = found.pose_m_b * query.pose_b_c;
-        let keyframe = self.slots.first().and_then(|slot| map.keyframe(*slot));
-        keyframe
-            .is_some_and(|k| view_distance_within(&k.pose_m_c(), &pose_m_c, MAX_NEIGHBOUR_DISTANCE).is_some())
-    }
-}
+/// Slots of a keyframe and of those of its neighbours that share most with it.
+type Group = heapless::Vec<usize, MAX_GROUP>;
 
 impl Locator {
     /// For maps of up to `keyframes` and frames of up to `features`; what a frame has more is not looked at.
@@ -92,8 +69,7 @@ impl Locator {
             matcher: Matcher::new(features, options.max_points),
             ransac: Ransac::new(features),
             guide: Guide::new(features),
-            groups: heapless::Vec::new(),
-            attempts: heapless::Vec::new(),
+            found: heapless::Vec::new(),
         }
     }
 
@@ -106,97 +82,70 @@ impl Locator {
     ) -> Option<Located> {
         let features = &query.features[..query.features.len().min(self.max_features)];
         let query = Query { features, ..*query };
-        self.attempts.clear();
-        self.rank(map, &query, &allowed);
+        self.found.clear();
         self.guide.begin(features);
-        let mut best = None;
-        let mut put_off: heapless::Vec<usize, MAX_GROUPS> = heapless::Vec::new();
-        for index in 0..self.groups.len() {
-            if best.as_ref().is_some_and(|best| self.groups[index].is_near(map, best, &query)) {
-                let _ = put_off.push(index);
+        let groups = self.rank(map, &query, &allowed);
+        let mut put_off = heapless::Vec::<&Group, MAX_GROUPS>::new();
+        for group in &groups {
+            if self.best().is_some_and(|best| shows_view(map, group, &(best.pose_m_b * query.pose_b_c))) {
+                let _ = put_off.push(group);
             } else {
-                best = self.try_for_better(map, &query, index, best);
+                self.verify(map, &query, group);
             }
         }
         // Where places contradict each other, all that speaks for each is heard.
-        if best.as_ref().is_some_and(|best| self.has_rival(best, 0.0)) {
-            for &index in &put_off {
-                best = self.try_for_better(map, &query, index, best);
-            }
+        if self.best().is_some_and(|best| self.has_rival(best, 0.0)) {
+            put_off.iter().for_each(|group| self.verify(map, &query, group));
         }
-        let best = best?;
-        if self.has_rival(&best, self.options.max_rival_share) {
-            self.attempts.iter_mut().filter(|a| a.doubt.is_none()).for_each(|a| a.doubt = Some(Doubt::Rival));
-            return None;
-        }
-        Some(best)
+        self.best().filter(|best| !self.has_rival(best, self.options.max_rival_share)).cloned()
     }
 
-    /// Verifies a group: what it says, or what was found before, whichever has more evidence.
-    fn try_for_better(
-        &mut self,
-        map: &PlaceMap,
-        query: &Query<'_>,
-        index: usize,
-        best: Option<Located>,
-    ) -> Option<Located> {
-        let group = self.groups[index].clone();
-        match (best, self.try_group(map, query, &group)) {
-            (Some(a), Some(b)) => Some(if b.evidence() > a.evidence() { b } else { a }),
-            (a, b) => a.or(b),
-        }
+    /// The pose with the most evidence.
+    fn best(&self) -> Option<&Located> {
+        self.found.iter().reduce(|a, b| if b.evidence() > a.evidence() { b } else { a })
     }
 
     /// True if a group speaks for another place, with at least this share of the evidence of the best.
     fn has_rival(&self, best: &Located, share: f64) -> bool {
         let limit = share * best.evidence();
-        self.attempts.iter().any(|a| a.doubt.is_none() && !a.agrees_with(best) && a.evidence() >= limit)
+        self.found.iter().any(|found| !found.agrees_with(best) && found.evidence() >= limit)
     }
 
-    /// The groups that were verified in the last call, the most alike first, and what became of them.
-    #[must_use]
-    pub fn attempts(&self) -> &[Attempt] {
-        &self.attempts
-    }
-
-    /// The groups to be verified: those of the keyframes that look most like the query. A keyframe that is in the
-    /// group of a better one has no group of its own.
-    fn rank(&mut self, map: &PlaceMap, query: &Query<'_>, allowed: &impl Fn(&Keyframe) -> bool) {
+    /// The groups to be verified: those of the keyframes that look most like the query, the most alike first. A keyframe
+    /// that is in the group of a better one has no group of its own.
+    fn rank(
+        &mut self,
+        map: &PlaceMap,
+        query: &Query<'_>,
+        allowed: &impl Fn(&Keyframe) -> bool,
+    ) -> heapless::Vec<Group, MAX_GROUPS> {
         let candidates = map.query(query.features, allowed, &mut self.votes);
-        self.groups.clear();
+        let mut groups = heapless::Vec::<Group, MAX_GROUPS>::new();
         let best = candidates.first().map_or(0.0, |c| c.score);
         let alike = candidates.iter().take_while(|c| c.score >= self.options.min_relative_score * best);
         for candidate in alike {
-            if self.groups.len() >= self.options.max_candidates || self.groups.is_full() {
+            if groups.len() >= self.options.max_candidates || groups.is_full() {
                 break;
             }
-            if !self.groups.iter().any(|g| g.slots.contains(&candidate.slot)) {
-                let _ = self.groups.push(Group::of(map, candidate, allowed));
+            if !groups.iter().any(|group| group.contains(&candidate.slot)) {
+                let _ = groups.push(group_of(map, candidate.slot, allowed));
             }
+        }
+        groups
+    }
+
+    /// Looks for the pose of the frame among the points of a group, and keeps it if it is certain.
+    fn verify(&mut self, map: &PlaceMap, query: &Query<'_>, group: &Group) {
+        self.matcher.gather(map, group);
+        self.matcher.match_features(query.features);
+        let keyframe = group.first().and_then(|slot| map.keyframe(*slot));
+        if let Some(located) = keyframe.and_then(|keyframe| self.pose(query, keyframe.id)) {
+            let _ = self.found.push(located);
         }
     }
 
-    /// Verifies a group, and writes down what became of it.
-    fn try_group(&mut self, map: &PlaceMap, query: &Query<'_>, group: &Group) -> Option<Located> {
-        let keyframe = map.keyframe(*group.slots.first()?)?;
-        self.matcher.gather(map, &group.slots);
-        let found = self.verify(query, keyframe.id);
-        let doubt = found.as_ref().map_or_else(|doubt| Some(*doubt), |located| self.doubt(located));
-        let _ = self.attempts.push(Attempt {
-            keyframe_id: keyframe.id,
-            score: group.score,
-            matches: self.matcher.matches().len(),
-            first_inliers: self.ransac.inliers().len(),
-            inliers: found.as_ref().map_or(0, |l| l.inliers),
-            pose_m_b: found.as_ref().ok().map(|l| l.pose_m_b),
-            doubt,
-        });
-        found.ok().filter(|_| doubt.is_none())
-    }
-
-    /// A pose from the points gathered.
-    fn verify(&mut self, query: &Query<'_>, keyframe_id: u32) -> Result<Located, Doubt> {
-        self.matcher.match_features(query.features);
+    /// A pose from the matches; `None` if it is not certain.
+    fn pose(&mut self, query: &Query<'_>, keyframe_id: u32) -> Option<Located> {
         let matches = self.matcher.matches();
         let problem = PoseProblem {
             query: query.features,
@@ -204,20 +153,25 @@ impl Locator {
             pose_b_c: query.pose_b_c,
             gravity: query.gravity,
         };
-        let first = self.ransac.find(&problem, matches, query.seed).ok_or(Doubt::NoPose)?;
-        let refined = self.guide.refine(&problem, self.matcher.descriptors(), &first);
-        let refined = refined.ok_or(Doubt::Undetermined)?;
-        let inliers = self.guide.matches();
-        Ok(Located {
+        let first = self.ransac.find(&problem, matches, query.seed)?;
+        let refined = self.guide.refine(&problem, self.matcher.descriptors(), &first)?;
+        let (first_inliers, inliers) = (self.ransac.inliers(), self.guide.matches());
+        let found = Located {
             pose_m_b: refined.pose_m_b,
             covariance: self.with_map_errors(&refined),
             keyframe_id,
             inliers: inliers.len(),
-            matches: matches.len(),
-            first_inliers: self.ransac.inliers().len(),
-            spread: spread(query.features, inliers),
-            variance: refined.variance,
-        })
+            first_inliers: first_inliers.len(),
+        };
+        let options = &self.options;
+        // Written so that a NaN is doubted.
+        let is_certain = inliers.len() >= options.min_inliers
+            && first_inliers.len() as f64 >= options.min_inlier_share * matches.len() as f64
+            && found.evidence() >= options.min_evidence
+            && spread(query.features, inliers) >= options.min_spread
+            && found.sigma_m() <= options.max_sigma_m
+            && found.sigma_rad() <= options.max_sigma_rad;
+        is_certain.then_some(found)
     }
 
     /// The covariance of what was found, the errors of the map itself included. Residuals larger than they should be
@@ -232,24 +186,20 @@ impl Locator {
         }
         covariance
     }
+}
 
-    /// Doubt about the pose, if any.
-    fn doubt(&self, found: &Located) -> Option<Doubt> {
-        let options = &self.options;
-        // Written so that a NaN is doubted.
-        let held = [
-            (found.inliers >= options.min_inliers, Doubt::Inliers),
-            (
-                found.first_inliers as f64 >= options.min_inlier_share * found.matches as f64,
-                Doubt::InlierShare,
-            ),
-            (found.evidence() >= options.min_evidence, Doubt::Evidence),
-            (found.spread >= options.min_spread, Doubt::Spread),
-            (found.sigma_m() <= options.max_sigma_m, Doubt::Position),
-            (found.sigma_rad() <= options.max_sigma_rad, Doubt::Attitude),
-        ];
-        held.iter().find(|(holds, _)| !holds).map(|(_, doubt)| *doubt)
-    }
+/// The group of the keyframe in `slot`.
+fn group_of(map: &PlaceMap, slot: usize, allowed: &impl Fn(&Keyframe) -> bool) -> Group {
+    let neighbours = map.keyframe(slot).map_or(&[][..], |k| k.neighbours.as_slice());
+    let neighbours = neighbours.iter().map(|n| usize::from(*n));
+    let allowed = neighbours.filter(|n| map.keyframe(*n).is_some_and(allowed));
+    std::iter::once(slot).chain(allowed.take(MAX_GROUP - 1)).collect()
+}
+
+/// True if a group shows the view from the pose of a left camera: it would say the same, and is no rival.
+fn shows_view(map: &PlaceMap, group: &Group, pose_m_c: &Isometry3<f64>) -> bool {
+    let keyframe = group.first().and_then(|slot| map.keyframe(*slot));
+    keyframe.is_some_and(|k| view_distance_within(&k.pose_m_c(), pose_m_c, MAX_NEIGHBOUR_DISTANCE).is_some())
 }
 
 /// Fields of a grid over the image that hold inliers. The grid spans the features of the frame.

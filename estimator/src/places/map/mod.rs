@@ -10,7 +10,7 @@
 mod links;
 
 use super::feature::Feature;
-use super::index::{Candidate, Index, IndexOptions, Votes};
+use super::index::{Candidate, Index, Votes};
 use super::line::MapLine;
 use links::UNCOVERED;
 use nalgebra::{Isometry3, Vector3};
@@ -22,7 +22,7 @@ pub const MAX_NEIGHBOURS: usize = 6;
 pub const MAX_LINES: usize = 48;
 /// A turn of this angle changes a view as much as a metre does: 30 degrees, as its cosine would be too slow, rad/m.
 const TURN_PER_METRE: f64 = 0.52;
-/// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
+/// Keyframes further than this from each other, by [`view_distance_within`], share nothing that could be matched, m.
 pub(super) const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
 
 /// Limits of a map.
@@ -74,13 +74,8 @@ impl Keyframe {
     }
 }
 
-/// Distance between the views of two keyframes: translation and rotation, as a length in metres.
-#[must_use]
-pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
-    view_distance_within(&a.pose_m_c(), &b.pose_m_c(), f64::INFINITY).unwrap_or(f64::INFINITY)
-}
-
-/// The view distance of two poses of left cameras, if it is less than `limit`.
+/// Distance between the views of two left cameras, if it is less than `limit`: translation and rotation, as a length in
+/// metres.
 pub(super) fn view_distance_within(a: &Isometry3<f64>, b: &Isometry3<f64>, limit: f64) -> Option<f64> {
     let moved = (a.translation.vector - b.translation.vector).norm();
     // The turn only adds to it, and is the slower to find.
@@ -117,12 +112,6 @@ impl PlaceMap {
     /// An empty map; its whole memory is allocated here.
     #[must_use]
     pub fn new(limits: MapLimits) -> Self {
-        Self::with_index(limits, &IndexOptions::default())
-    }
-
-    /// An empty map with an index of its own kind.
-    #[must_use]
-    pub fn with_index(limits: MapLimits, options: &IndexOptions) -> Self {
         let keyframes = limits.keyframes.min(usize::from(u16::MAX));
         let features = limits.features.min(usize::from(u16::MAX));
         let empty = Feature {
@@ -140,7 +129,7 @@ impl PlaceMap {
             features: vec![empty; keyframes * features],
             line_counts: vec![0; keyframes],
             lines: vec![MapLine::default(); keyframes * MAX_LINES],
-            index: Index::new(keyframes, features, options),
+            index: Index::new(keyframes, features),
             covered: vec![UNCOVERED; keyframes],
             linked_at: vec![Isometry3::identity(); keyframes],
             next_tended: 0,
@@ -238,14 +227,6 @@ impl PlaceMap {
         }
     }
 
-    /// Changes the inverse depth of a feature, as more views of it refine it.
-    pub fn set_depth(&mut self, slot: usize, feature: usize, inverse_depth: f32, sigma: f32) {
-        if feature < usize::from(self.counts[slot]) {
-            let feature = &mut self.features[slot * self.limits.features + feature];
-            (feature.inverse_depth, feature.sigma_inverse_depth) = (inverse_depth, sigma);
-        }
-    }
-
     /// Keyframes that look like a query, best first.
     pub fn query<'a>(
         &self,
@@ -255,13 +236,6 @@ impl PlaceMap {
     ) -> &'a [Candidate] {
         let allowed = |slot: usize| self.keyframe(slot).is_some_and(&allowed);
         self.index.query(features, &self.features, &self.counts, allowed, votes)
-    }
-
-    /// Mean direction of up in the left cameras: how the rig is usually held.
-    #[must_use]
-    pub fn usual_up_c(&self) -> Option<Vector3<f64>> {
-        let sum = self.keyframes().fold(Vector3::zeros(), |sum, (_, k)| sum + k.up_c());
-        sum.try_normalize(0.1 * self.len as f64)
     }
 
     /// Takes a keyframe out.

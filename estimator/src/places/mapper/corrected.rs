@@ -1,7 +1,7 @@
 //! A causal trajectory, corrected by what the graph knows at the end.
 
 use super::Mapper;
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 
 /// A pose on the way of the body, as it was known when its frame came.
@@ -22,7 +22,7 @@ struct Correction {
 }
 
 impl Mapper {
-    /// Pose of the body in the map; `None` where it is not known. `None` where that is not known. Between two keyframes their
+    /// Pose of the body in the map; `None` where it is not known. Between two keyframes their
     /// corrections are blended, before the first and after the last of a segment the nearest one holds.
     #[must_use]
     pub fn corrected(&self, passing: &Passing) -> Option<Isometry3<f64>> {
@@ -45,18 +45,10 @@ impl Mapper {
         match (before, after) {
             (Some(a), Some(b)) => {
                 let share = passing.stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
-                Some(blended(&here(&a), &here(&b), share))
+                here(&a).try_lerp_slerp(&here(&b), share, f64::EPSILON)
             }
             (Some(only), None) | (None, Some(only)) => Some(here(&only)),
             (None, None) => None,
         }
     }
-}
-
-/// Between two poses that are nearly alike.
-fn blended(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
-    let turn = (a.rotation.inverse() * b.rotation).scaled_axis();
-    let rotation = a.rotation * UnitQuaternion::from_scaled_axis(turn * share);
-    let shift = a.translation.vector.lerp(&b.translation.vector, share);
-    Isometry3::from_parts(shift.into(), rotation)
 }

@@ -37,14 +37,8 @@ impl PlaceJob {
 /// A place seen again.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Number of the keyframe that was seen again.
-    pub keyframe_id: u32,
-    /// Time of the keyframe.
+    /// Time of the keyframe that was seen again.
     pub keyframe_stamp: Timestamp,
-    /// Matches that agree.
-    pub inliers: u32,
-    /// Standard deviation of the position found, in its worst direction, m.
-    pub sigma_m: f64,
     /// Pose of the body in that of the keyframe.
     pub pose_k_b: Isometry3<f64>,
 }

@@ -24,10 +24,10 @@ pub use follower::{MapEstimate, MapFollower};
 pub use job::{MapUpdate, PlaceJob, Sighting};
 pub use path::MapPath;
 
-use super::extractor::{Extractor, ExtractorOptions, View};
+use super::extractor::{Extractor, View};
 use super::graph::{GraphLimits, Node, PoseGraph};
 use super::locate::{Locator, LocatorOptions, Query};
-use super::map::{Keyframe, MapLimits, PlaceMap, view_distance};
+use super::map::{Keyframe, MapLimits, PlaceMap, view_distance_within};
 use super::refine::Gravity;
 use crate::exchange::SolvedFrame;
 use crate::points::rig::RigCamera;
@@ -81,14 +81,12 @@ impl Mapper {
     pub fn new(setup: &ValidSetup, known: Option<PlaceMap>) -> Self {
         let options = setup.estimator.places.clone();
         let limits = Self::limits(setup);
-        let extractor_options =
-            ExtractorOptions { max_features: options.max_features, ..ExtractorOptions::default() };
         let (width_px, height_px) = (setup.left().width_px, setup.left().height_px);
         let map = known.unwrap_or_else(|| PlaceMap::new(limits));
         let nodes = limits.keyframes + EXTRA_NODES;
         let mut mapper = Self {
             rig: setup.camera.iter().map(|c| RigCamera::new(c.model())).collect(),
-            extractor: Extractor::new(width_px, height_px, &extractor_options),
+            extractor: Extractor::new(width_px, height_px, limits.features),
             locator: Locator::new(&locator_options(), limits.keyframes, limits.features),
             first_session: map.keyframes().map(|(_, k)| k.session + 1).max().unwrap_or(0),
             map,
@@ -202,7 +200,7 @@ impl Mapper {
     /// Pose of the odometry frame in the map, as the newest node has it.
     fn pose_m_o(&self) -> Option<Isometry3<f64>> {
         self.segment.filter(|s| s.is_placed)?;
-        self.graph.correction(self.graph.nodes().len() - 1)
+        self.graph.nodes().last().map(Node::pose_m_o)
     }
 
     /// The segment of a frame: the present one, or a new one after a reset.
@@ -234,8 +232,8 @@ impl Mapper {
         if info.reset_counter != segment.reset_counter {
             return true;
         }
-        let view = |pose: &Isometry3<f64>| Keyframe::new(0, solved.stamp, *pose, self.rig[0].pose_b_c);
-        view_distance(&view(&node.pose_o_b), &view(pose_o_b)) >= self.options.spacing_m
+        let [before, now] = [&node.pose_o_b, pose_o_b].map(|pose| pose * self.rig[0].pose_b_c);
+        view_distance_within(&before, &now, self.options.spacing_m).is_none()
     }
 
     /// Makes a keyframe of a frame: looks where it was seen before, and adds it to map and graph.
@@ -253,12 +251,12 @@ impl Mapper {
         let up_b = pose_o_b.rotation.inverse() * Vector3::z();
         let left = (&self.rig[0], job.images.image(0)?);
         let right = self.rig.get(1).and_then(|camera| Some((camera, job.images.image(1)?)));
-        let up_c = Some(pose_b_c.rotation.inverse() * up_b);
+        let up_c = pose_b_c.rotation.inverse() * up_b;
         let features = self.extractor.extract(&View { left, right, up_c });
         let query = Query {
             features,
             pose_b_c,
-            gravity: Some(Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD }),
+            gravity: Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD },
             seed: solved.sequence,
         };
         let session = self.first_session + segment.number;
@@ -278,7 +276,7 @@ impl Mapper {
         let keyframe = Keyframe::new(session, solved.stamp, pose_m_b, pose_b_c);
         // With one camera there is no depth, and so nothing to be located by; a view that the map has needs no other.
         if job.images.image(1).is_some()
-            && !located.as_ref().is_some_and(|found| self.has_view(found, &keyframe))
+            && !located.as_ref().is_some_and(|found| self.has_view(found, &pose_b_c))
             && let Some(slot) = self.map.add(keyframe, self.extractor.features())
         {
             if let Some(forgotten) = self.infos.iter().position(|i| i.slot == Some(slot)) {

@@ -38,7 +38,7 @@ impl Mapper {
         let before = self.infos.len().checked_sub(1).filter(|_| continues);
         let waiting = Isometry3::translation(WAITING_ROOM_M, 0.0, 0.0);
         let pose_m_o = match before.filter(|_| segment.is_placed) {
-            Some(before) => self.graph.correction(before)?,
+            Some(before) => self.graph.nodes()[before].pose_m_o(),
             None if segment.is_placed => Isometry3::identity(),
             None => waiting,
         };

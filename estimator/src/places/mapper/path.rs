@@ -6,9 +6,6 @@ use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_fields::Record;
 
-/// A loop counts when its weight is more than this.
-const COUNTS: f64 = 0.5;
-
 /// A keyframe on the corrected path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Record)]
 #[record("PathPose")]
@@ -94,7 +91,7 @@ impl Mapper {
         }
         let counting = || {
             let loops = self.graph.edges().iter().filter(|e| e.kind != EdgeKind::Sequential);
-            loops.filter(|e| e.weight > COUNTS).filter_map(|e| {
+            loops.filter(|e| e.counts()).filter_map(|e| {
                 Some(LoopEnds { seen: self.loop_end(e.from)?, seen_by: self.loop_end(e.to)? })
             })
         };

@@ -2,14 +2,12 @@
 
 use crate::exchange::SolvedFrame;
 use crate::places::graph::Node;
-use crate::places::graph::edge::chained;
+use crate::places::graph::edge::{DRIFT_M, DRIFT_RAD, chained};
 use nalgebra::{Isometry3, Matrix4, Vector4};
 use plumbline_config::{Portable, Timestamp};
 
-/// Drift assumed of the odometry where the window gave none: m per root of a metre, and least.
-const DRIFT_M: (f64, f64) = (0.02, 0.005);
-/// Assumed drift of the heading where the window reported none, rad per root of a metre, and least.
-const DRIFT_RAD: (f64, f64) = (0.002, 0.001);
+/// Least error of a way of which the window gave none, m and rad.
+const LEAST: (f64, f64) = (0.005, 0.001);
 
 /// The segment that is being flown.
 #[derive(Clone, Copy, Debug)]
@@ -42,13 +40,12 @@ impl Segment {
 
     /// Information about the way since the node before; at least as uncertain as odometry is at best.
     pub(super) fn information_since_node(&self, before: &Node, pose_o_b: &Isometry3<f64>) -> Matrix4<f64> {
-        let known = self.since_node;
-        if let Some(information) = known.cholesky().map(|c| c.inverse()) {
-            return information;
+        if let Some(known) = self.since_node.cholesky() {
+            return known.inverse();
         }
         let length = (pose_o_b.translation.vector - before.pose_o_b.translation.vector).norm();
-        let sigma = |(per_root, least): (f64, f64)| least + per_root * length.sqrt();
-        let (position, heading) = (1.0 / sigma(DRIFT_M).squared(), 1.0 / sigma(DRIFT_RAD).squared());
+        let information = |least: f64, per_root: f64| 1.0 / (least + per_root * length.sqrt()).squared();
+        let (position, heading) = (information(LEAST.0, DRIFT_M), information(LEAST.1, DRIFT_RAD));
         Matrix4::from_diagonal(&Vector4::new(position, position, position, heading))
     }
 }

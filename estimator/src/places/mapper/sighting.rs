@@ -6,7 +6,7 @@ use super::{Mapper, Sighting};
 use crate::places::graph::edge::{turn, yaw_of};
 use crate::places::graph::{Edge, LoopRefused, Node};
 use crate::places::locate::Located;
-use crate::places::map::{Keyframe, view_distance};
+use crate::places::map::view_distance_within;
 use nalgebra::{Isometry3, Matrix4, SMatrix, UnitQuaternion, Vector3};
 
 /// Inliers, before guiding and in all, with which a sighting is beyond doubt: it needs no other to agree with it.
@@ -42,20 +42,17 @@ impl Mapper {
         let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k);
         let pose_m_k = seen.map_or_else(Isometry3::identity, |k| k.pose_m_b);
         Sighting {
-            keyframe_id: found.keyframe_id,
             keyframe_stamp: seen.map(|k| k.stamp).unwrap_or_default(),
             pose_k_b: pose_m_k.inverse() * found.pose_m_b,
-            inliers: found.inliers as u32,
-            sigma_m: found.sigma_m(),
         }
     }
 
     /// True if the map has nearly the same view from where a frame was located.
-    pub(super) fn has_view(&self, found: &Located, keyframe: &Keyframe) -> bool {
+    pub(super) fn has_view(&self, found: &Located, pose_b_c: &Isometry3<f64>) -> bool {
         let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id);
+        let here = found.pose_m_b * pose_b_c;
         seen.is_some_and(|(_, seen)| {
-            let here = Keyframe::new(0, keyframe.stamp, found.pose_m_b, keyframe.pose_b_c);
-            view_distance(seen, &here) < self.options.spacing_m
+            view_distance_within(&seen.pose_m_c(), &here, self.options.spacing_m).is_some()
         })
     }
 }

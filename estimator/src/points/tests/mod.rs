@@ -1,7 +1,5 @@
-//! Tests of the whole front-end: on rendered images with a known truth, and on recorded flights.
+//! Tests of the whole front-end on rendered images with a known truth.
 
-mod dataset;
-mod recorded;
 mod rendered;
 mod repeated;
 mod scene;

@@ -29,7 +29,7 @@ impl PointTracker {
         if is_predicted {
             self.take_depths_of_matches(c, before);
         }
-        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, self.use_reference, c, 1 - c)
+        let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, [c, 1 - c])
             .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
         let Some(pairing) = pairing else { return };
         self.store.iter_mut().skip(before).for_each(|(track, reference)| {
@@ -79,7 +79,6 @@ impl PointTracker {
             let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
             (track.px[c], track.xy[c]) = (Some(px), Some(xy));
             (track.rival_px, track.is_looked_at) = (rival_px, is_looked_at);
-            self.figures.new += 1;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Tracks from the previous images into the new ones.
 
 use super::PointTracker;
-use crate::points::temporal::{Followed, Shift, Transition};
+use crate::points::temporal::{Shift, Transition};
 use nalgebra::UnitQuaternion;
 
 /// A turn that moves the image by more than this, px, is not taken for granted.
@@ -44,14 +44,13 @@ impl PointTracker {
     /// many times as many: then the gyroscope is wrong.
     fn follow_without_turn(&mut self, found: usize) {
         let (motion, turn) = (self.motion.take(), self.turn);
-        let figures = std::mem::take(&mut self.figures);
         let mut turns = [UnitQuaternion::identity(); 2];
         self.exchange_turns(&mut turns);
         std::mem::swap(&mut self.before, &mut self.store.tracks);
         if (self.follow_all() as f64) < TIMES_AS_MANY * found.max(1) as f64 {
             std::mem::swap(&mut self.before, &mut self.store.tracks);
             self.exchange_turns(&mut turns);
-            (self.motion, self.turn, self.figures) = (motion, turn, figures);
+            (self.motion, self.turn) = (motion, turn);
         }
     }
 
@@ -73,27 +72,20 @@ impl PointTracker {
 
     /// Follows the tracks that have rivals, or those that have none.
     fn follow_those(&mut self, have_rivals: bool) -> usize {
-        let (mut tracks, mut figures, mut found) = (std::mem::take(&mut self.store.tracks), self.figures, 0);
+        let (mut tracks, mut found) = (std::mem::take(&mut self.store.tracks), 0);
         let transitions = self.transitions();
         for track in tracks.iter_mut().filter(|track| track.rival_px.is_some() == have_rivals) {
             track.came_by = None;
             track.was_predicted = None;
             let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
-            let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
+            let is_found = usable.min_by_key(|t| t.frames).is_some_and(|t| {
                 let mask = self.masks[t.index].as_ref();
                 t.follow(track, &self.store.references[track.slot], mask)
             });
-            let counter = match outcome {
-                Followed::Refined => &mut figures.refined,
-                Followed::FlowOnly => &mut figures.flow_only,
-                Followed::Changed => &mut figures.changed,
-                Followed::Lost => &mut figures.lost,
-            };
-            *counter += 1;
-            track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
-            found += usize::from(!track.lost);
+            track.lost = !is_found;
+            found += usize::from(is_found);
         }
-        (self.store.tracks, self.figures) = (tracks, figures);
+        self.store.tracks = tracks;
         found
     }
 
@@ -111,7 +103,6 @@ impl PointTracker {
                 max_iterations: self.options.max_iterations,
                 max_return_px: self.options.max_forward_backward_px,
                 border_px: self.options.border_px as f64,
-                use_reference: self.use_reference,
                 is_unique_only,
                 is_wide: false,
                 shift: self.motion.filter(|_| view.frames == 1).map(|motion| {

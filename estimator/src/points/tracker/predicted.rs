@@ -3,12 +3,11 @@
 use super::PointTracker;
 use crate::points::prediction::{KnownPoint, MATCH_SIGMA_PX, PredictedMotion, take_depths};
 use crate::points::rig::{Baseline, RigCamera};
+use crate::points::temporal::MOST_SIGMA_PX;
 use crate::points::track::Depth;
 use plumbline_config::Portable;
 
-/// Points are predicted while the way is known to this many pixels at [`PREDICTED_M`].
-const MOST_SIGMA_PX: f64 = 2.0;
-/// Distance at which the certainty of a way is judged, m.
+/// Distance at which a way is judged: points are predicted while it is known to [`MOST_SIGMA_PX`] there, m.
 const PREDICTED_M: f64 = 1.5;
 /// Frames for which predictions are refused once most points have missed one.
 const REFUSED_FRAMES: u32 = 10;

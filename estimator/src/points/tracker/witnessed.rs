@@ -1,6 +1,6 @@
 //! Turns that tracks tell where the predicted one is wrong ([`crate::points::witness`]).
 
-use super::{PointTracker, TrackerFigures};
+use super::PointTracker;
 use crate::points::prediction::{PredictedMotion, WitnessedTurn};
 use crate::points::temporal::{Transition, WIDE_PX};
 use crate::points::track::Track;
@@ -37,7 +37,6 @@ impl PointTracker {
             motion.pose_prev_cur_b.rotation = turn.rot_prev_cur_b;
         }
         std::mem::swap(&mut self.before, &mut self.store.tracks);
-        self.figures = TrackerFigures::default();
         self.follow_all();
     }
 

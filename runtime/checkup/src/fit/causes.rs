@@ -4,29 +4,23 @@
 //! segments, lowers the cost by `b' H^-1 b`. The change that lowers it most is the cause; what remains then is asked again.
 
 use super::Fitted;
-use super::parts::Part;
-use super::rig::{BIASES, CALIBRATION, Vector};
+use super::parts::{Course, Part};
+use super::rig::{BIASES, CALIBRATION, DELAY, Vector};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use plumbline_config::median;
 
 /// A change is real from so many standard deviations on.
 pub(crate) const SIGMAS: f64 = 3.0;
-/// Among changes that explain this share of what the best one does, the simplest is the cause.
-const AS_GOOD: f64 = 0.85;
+/// Among changes that explain this share of what the best one does, the simplest is the cause: of all, and then of its subject.
+const AS_GOOD: (f64, f64) = (0.95, 0.85);
+/// Share of what all causes explain that a further one explains at least.
+const LEAST_SHARE: f64 = 0.1;
 /// Causes that are looked for.
 const MAX_CAUSES: usize = 5;
 /// Median of a chi-square of one degree of freedom.
 const MEDIAN_CHI2: f64 = 0.455;
 /// Information of directions that the data do not hold.
 const FAINT: f64 = 1e-6;
-
-/// Over what a part changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
-pub(crate) enum Course {
-    Constant,
-    Thirds,
-    Pieces,
-}
 
 /// A change that explains something.
 #[derive(Clone, Debug)]
@@ -123,33 +117,39 @@ impl<'a> Causes<'a> {
         while causes.len() < MAX_CAUSES {
             let mut gains: Vec<(f64, usize, (usize, Course))> = Vec::new();
             for part in 0..self.parts.len() {
-                for course in [Course::Constant, Course::Thirds, Course::Pieces] {
-                    let columns = self.parts[part].basis.ncols();
-                    let subject = self.parts[part].subject;
+                let Part { subject, courses, .. } = self.parts[part];
+                for course in courses.iter().copied() {
                     let is_free = free
                         .iter()
                         .any(|(other, before)| self.parts[*other].subject == subject && *before >= course);
-                    let is_single = columns == 1 || course == Course::Constant;
-                    let is_whole = self.parts[part].counted == columns || course == Course::Constant;
-                    if is_free || !is_whole || (course == Course::Pieces && !is_single) {
+                    if is_free {
                         continue;
                     }
                     let (lowered, ..) = self.freed(&[&free[..], &[(part, course)]].concat());
-                    let count = columns * self.segments(course);
+                    let count = self.parts[part].basis.ncols() * self.segments(course);
                     let gain = (lowered - explained) / self.dispersion - SIGMAS * SIGMAS * count as f64;
                     gains.push((gain, count, (part, course)));
                 }
             }
             let Some(best) = gains.iter().map(|gain| gain.0).max_by(f64::total_cmp) else { break };
-            if best <= 0.0 {
+            let simplest = |least: f64, subject: Option<usize>| {
+                let of_subject = |gain: &&(f64, usize, (usize, Course))| {
+                    gain.0 >= least && subject.is_none_or(|subject| self.parts[gain.2.0].subject == subject)
+                };
+                gains.iter().filter(of_subject).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))
+            };
+            // First the subject, then the simplest change of it.
+            let subject = simplest(AS_GOOD.0 * best, None).map(|gain| self.parts[gain.2.0].subject);
+            let Some((gain, _, entry)) = simplest(AS_GOOD.1 * best, subject) else { break };
+            if *gain <= 0.0 {
                 break;
             }
-            let good = gains.iter().filter(|gain| gain.0 >= AS_GOOD * best);
-            let Some((_, _, entry)) = good.min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0))) else {
+            let lowered = self.freed(&[&free[..], &[*entry]].concat()).0;
+            // The rest of a first cause is no second one.
+            if !causes.is_empty() && lowered - explained < LEAST_SHARE * (lowered - none) {
                 break;
-            };
+            }
             free.push(*entry);
-            let (lowered, ..) = self.freed(&free);
             causes.push(Cause { part: entry.0, course: entry.1, share: lowered - explained });
             explained = lowered;
         }
@@ -166,7 +166,12 @@ impl<'a> Causes<'a> {
         causes: &[Cause],
     ) -> Vec<(DVector<f64>, DVector<f64>)> {
         let subject = self.parts[part].subject;
-        let others = causes.iter().filter(|cause| self.parts[cause.part].subject != subject);
+        // A delay that comes with another part would be free twice.
+        let is_delay = self.parts[part].basis[(DELAY, 0)] != 0.0;
+        let others = causes.iter().filter(|cause| {
+            let other = &self.parts[cause.part];
+            other.subject != subject && !(is_delay && other.counted < other.basis.ncols())
+        });
         let free: Vec<(usize, Course)> =
             [(part, course)].into_iter().chain(others.map(|c| (c.part, c.course))).collect();
         let (_, step, covariance) = self.freed(&free);

@@ -1,7 +1,7 @@
 //! Verdicts of a fit: each part of the calibration as measured against the configured one, the causes first.
 
-use super::causes::{Cause, Causes, Course, SIGMAS};
-use super::parts::{Part, parts};
+use super::causes::{Cause, Causes, SIGMAS};
+use super::parts::{Course, Part, parts};
 use super::rig::{ACCEL, GYRO};
 use super::{FirstLook, Fitted, fit, orientation};
 use crate::NAMED_ABOVE;
@@ -9,7 +9,6 @@ use crate::tracks::Tracks;
 use crate::verdict::{Fitness, Measure};
 use nalgebra::DVector;
 use plumbline_config::{Config, ImuSample};
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// A part is off for good from so many standard deviations on, those of a calibration and of the measurement together.
 const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
@@ -45,7 +44,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
         for cause in &found {
             let mut measure = of_cause(&causes, &parts, cause, &found, &fitted);
             measure.figures.push(("explains_share", cause.share));
-            if measure.verdict > Fitness::Good {
+            if measure.verdict > Fitness::Good && !told.contains(&parts[cause.part].subject) {
                 told.push(parts[cause.part].subject);
                 measures.push(measure);
             }
@@ -56,7 +55,10 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     {
         let mut measure = constant(&causes, k, part, &found);
         // What is off but explains nothing is a consequence.
-        measure.verdict = measure.verdict.min(Fitness::Good);
+        if measure.verdict > Fitness::Good {
+            measure.verdict = Fitness::Good;
+            measure.cure.clear();
+        }
         measures.push(measure);
     }
     measures
@@ -64,7 +66,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
 
 /// The parts of the calibration of a recording through which nothing can be fitted.
 pub(crate) fn spoilt(config: &Config) -> Vec<Measure> {
-    missing(&parts(config), "not fitted", NAMED_ABOVE)
+    missing(&parts(config), NAMED_ABOVE.0, NAMED_ABOVE.1)
 }
 
 fn missing(parts: &[Part], why: &str, cure: &str) -> Vec<Measure> {
@@ -108,7 +110,9 @@ fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Meas
     let measure = if poor > SIGMAS && worst == Fitness::Good {
         Measure::new(part.name, Fitness::Uncertain, value, part.motion.unwrap_or(HOLD), &figures)
     } else {
-        Measure::new(part.name, worst, format!("off by {value}"), part.cure, &figures)
+        let set = |before| format!("set `{} = {:.4}`", part.cure, before + values[0].0[0]);
+        let cure = part.configured.map_or_else(|| part.cure.to_owned(), set);
+        Measure::new(part.name, worst, format!("off by {value}"), cure, &figures)
     };
     measure.shown_by(part.motion)
 }
@@ -124,38 +128,27 @@ fn of_cause(causes: &Causes<'_>, parts: &[Part], cause: &Cause, found: &[Cause],
         return measure;
     }
     let values = causes.values(cause.part, cause.course, found);
-    let count = part.counted;
-    // The component that changes most.
-    let range = |i: usize| {
-        let of = values
-            .iter()
-            .map(|(value, sigma)| (value[i], sigma[i]))
-            .filter(|(_, s)| *s < FAULT_SIGMAS * part.worth);
-        let (low, high) = (
-            of.clone().map(|v| v.0).fold(f64::INFINITY, f64::min),
-            of.clone().map(|v| v.0).fold(f64::NEG_INFINITY, f64::max),
-        );
-        FRAC_1_SQRT_2 * (high - low) / part.worth.hypot(of.map(|v| v.1).fold(0.0, f64::max))
+    // The component that changes most: scatter in standard deviations, and from where to where.
+    let changes = |i: usize| {
+        let mean = values.iter().map(|(value, _)| value[i]).sum::<f64>() / values.len() as f64;
+        let off =
+            |(value, sigma): &(DVector<f64>, DVector<f64>)| (value[i] - mean) / part.worth.hypot(sigma[i]);
+        let scatter = (values.iter().map(|v| off(v).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
+        let known = values.iter().filter(|(_, sigma)| sigma[i] < FAULT_SIGMAS * part.worth);
+        let (low, high) = known.fold((0.0, 0.0), |(low, high), (v, _)| (v[i].min(low), v[i].max(high)));
+        (scatter, low, high)
     };
-    let most = (0..count).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
-    let thirds: Vec<String> = causes
-        .values(cause.part, Course::Thirds, found)
-        .iter()
-        .map(|(value, _)| format!("{:+.3}", value[most] * part.unit.1))
-        .collect();
+    let most = (0..part.counted).map(changes).max_by(|a, b| a.0.total_cmp(&b.0));
+    let (scatter, low, high) = most.unwrap_or_default();
     let cure = match part.subject {
         0 => "a lens with autofocus, or whose focus moves: fix it, and calibrate with that focus",
         4..=5 | 12..=13 => "the mount is loose: fasten cameras and IMU to each other",
         6 => "stamp samples and images by one clock, when they are measured: the delay between them changes",
         _ => part.cure,
     };
-    Measure::new(
-        part.name,
-        verdict(range(most)),
-        format!("changes over the recording: {} {} in its thirds", thirds.join(", "), part.unit.0),
-        cure,
-        &[("range_sigmas", range(most))],
-    )
+    let [low, high] = [low, high].map(|value: f64| value * part.unit.1);
+    let value = format!("changes over the recording, from {low:+.3} to {high:+.3} {}", part.unit.0);
+    Measure::new(part.name, verdict(scatter), value, cure, &[("scatter_sigmas", scatter)])
 }
 
 /// Columns that stand for x, y and z where they are not these.

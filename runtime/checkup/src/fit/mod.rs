@@ -20,7 +20,9 @@ use integral::{Reading, Sensors, reading_at};
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use piece::{Noise, Normal, Piece, View};
 use plumbline_config::{Config, ImuSample, Timestamp, median};
-use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
+use rig::{
+    ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, OF_LENS, P_B_C, P_PAIR,
+};
 use rig::{READOUT, RIGHT_LATE, ROT_B_C, ROT_PAIR, Rig, Vector};
 
 /// Keyframes of a piece: two seconds.
@@ -42,13 +44,15 @@ const LEAST_PX: f64 = 0.05;
 /// Noise falls by no more than this from one step to the next.
 const FALL: f64 = 0.2;
 /// Unknowns with what they may be off by at most and what is little of it, standard deviations.
-const PRIOR: [(usize, usize, f64, f64); 18] = [
+const PRIOR: [(usize, usize, f64, f64); 20] = [
     (LENSES[0], 2, 0.3, 1e-3),
     (LENSES[0] + 2, 2, 50.0, 0.5),
     (LENSES[0] + 4, 1, 0.3, 2e-3),
+    (LENSES[0] + 5, 2, 0.3, 1e-3),
     (LENSES[1], 2, 0.3, 1e-3),
     (LENSES[1] + 2, 2, 50.0, 0.5),
     (LENSES[1] + 4, 1, 0.3, 2e-3),
+    (LENSES[1] + 5, 2, 0.3, 1e-3),
     (ROT_B_C, 3, 0.5, 3e-3),
     (P_B_C, 3, 0.1, 3e-3),
     (ROT_PAIR, 3, 0.1, 1e-3),
@@ -115,6 +119,7 @@ impl Pieces {
         let readings: Vec<Reading> = samples.iter().map(reading).collect();
         let key = |(stamp, is_odd): &(Timestamp, bool)| Key {
             t_s: stamp.seconds_since(middle),
+            within_s: 0.0,
             parity: if *is_odd { 0.5 } else { -0.5 },
             pose_w_b: Isometry3::identity(),
             v_w: Vector3::zeros(),
@@ -178,13 +183,17 @@ impl Pieces {
         self.pieces.iter().map(of).filter(|square| square.is_finite()).sum()
     }
 
-    /// Share of the turning of the gyroscope that the images do not show, with what is lost.
+    /// Largest share of the turning about an axis that images and gyroscope do not agree on, with what is lost.
     fn disagreement(&self) -> f64 {
         let turns = self.turns();
-        let off: f64 = turns.iter().map(|(seen, turn)| (seen - turn).norm_squared()).sum();
-        let all: f64 = turns.iter().map(|(_, turn)| turn.norm_squared()).sum();
+        let of_axis = |k: usize| {
+            let sum = |of: &dyn Fn(&Turn) -> f64| turns.iter().map(|turn| of(turn).powi(2)).sum::<f64>();
+            let (off, all) = (sum(&|t| t.0[k] - t.1[k]), sum(&|t| t.0[k]).max(sum(&|t| t.1[k])));
+            let is_turning = all > LEAST_TURN_RAD * LEAST_TURN_RAD * turns.len() as f64;
+            if is_turning { off / all } else { 0.0 }
+        };
         let pieces = (self.lost + self.pieces.len()).max(1) as f64;
-        off / all.max(f64::MIN_POSITIVE) + self.lost as f64 / pieces
+        (0..3).map(of_axis).fold(0.0, f64::max) + self.lost as f64 / pieces
     }
 }
 
@@ -336,7 +345,7 @@ fn prior(steps: &Vector, is_sparse: bool, is_pair: bool) -> Vector {
         }
     }
     if !is_pair {
-        prior.rows_mut(LENSES[1], 5).fill(HELD);
+        prior.rows_mut(LENSES[1], OF_LENS).fill(HELD);
         prior.rows_mut(ROT_PAIR, 7).fill(HELD);
     }
     prior

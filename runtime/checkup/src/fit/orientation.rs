@@ -41,7 +41,7 @@ pub(super) fn judge(
 ) -> Option<Measure> {
     let sizes = [config.camera.first()?, config.camera.get(1)?]
         .map(|camera| Vector2::new(camera.width_px as f32 - 1.0, camera.height_px as f32 - 1.0));
-    if let Some(measure) = in_degrees(&first.turns).or_else(|| dead_axis(&first.turns)) {
+    if let Some(measure) = in_degrees(&first.turns) {
         return Some(measure);
     }
     let pieces = |tracks: &Tracks| Pieces::of(config, tracks, samples, &first.step, TRIED);
@@ -64,15 +64,16 @@ pub(super) fn judge(
     let exchanged = disagreement(&with(tracks, |sighting| sighting.px.swap(0, 1)));
     let all = ways.chain([("left and right image are exchanged".to_owned(), exchanged)]);
     let (words, left) = all.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (left < EXPLAINS).then(|| {
-        Measure::new(
-            "way the images lie",
-            Fitness::NotFit,
-            format!("{words}: {left:.2} of the motion disagrees then, {as_is:.2} as it is"),
-            "put it right in the driver (mirror, flip, rotation, order of the cameras), or calibrate with the images as they are",
-            &[("disagreement", as_is)],
-        )
-    })
+    if left >= EXPLAINS {
+        return dead_axis(&first.turns);
+    }
+    Some(Measure::new(
+        "way the images lie",
+        Fitness::NotFit,
+        format!("{words}: {left:.2} of the motion disagrees then, {as_is:.2} as it is"),
+        "put it right in the driver (mirror, flip, rotation, order of the cameras), or calibrate with the images as they are",
+        &[("disagreement", as_is)],
+    ))
 }
 
 /// A gyroscope in degrees a second.

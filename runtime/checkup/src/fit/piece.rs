@@ -92,6 +92,8 @@ impl Piece {
     ) -> Option<Self> {
         let sensors = Sensors::of(rig, &SVector::zeros());
         let (begin_s, end_s) = (rig.imu_time_s(keys.first()?), rig.imu_time_s(keys.last()?));
+        let middle_s = 0.5 * (keys.first()?.t_s + keys.last()?.t_s);
+        keys.iter_mut().for_each(|key| key.within_s = key.t_s - middle_s);
         let within =
             readings.partition_point(|r| r.t_s < begin_s)..readings.partition_point(|r| r.t_s < end_s);
         let force: Vector3<f64> = readings.get(within)?.iter().take(100).map(|r| sensors.force(r)).sum();
@@ -375,8 +377,9 @@ fn triangulated<'a>(
 ) -> Option<Point> {
     let (mut square, mut rays) = (Matrix4::zeros(), Vec::new());
     for view in views {
-        let (ray, centre) = rig.ray_b(view.camera, &view.px)?;
-        let pose = &keys[view.key].pose_w_b;
+        let key = &keys[view.key];
+        let (ray, centre) = rig.ray_b(key, view.camera, &view.px)?;
+        let pose = &key.pose_w_b;
         let ray = (pose.rotation * ray).normalize();
         let centre = (pose * nalgebra::Point3::from(centre)).coords;
         let plane = Matrix3::identity() - ray * ray.transpose();

@@ -9,24 +9,26 @@ use plumbline_config::{CameraModel, Config};
 use plumbline_estimator::geometry::{exp_so3, log_so3, skew};
 
 /// Unknowns of the calibration.
-pub(crate) const CALIBRATION: usize = 51;
+pub(crate) const CALIBRATION: usize = 55;
 /// The first of them, by which what is seen changes.
-pub(super) const OF_VIEWS: usize = 24;
-/// Place of each group of unknowns: five of each camera (logarithm of the focal length, of fx / fy, centre in px, cubic
-/// distortion).
-pub(crate) const LENSES: [usize; 2] = [0, 5];
-pub(crate) const ROT_B_C: usize = 10;
-pub(crate) const P_B_C: usize = 13;
-pub(crate) const ROT_PAIR: usize = 16;
-pub(crate) const P_PAIR: usize = 19;
-pub(crate) const RIGHT_LATE: usize = 22;
-pub(crate) const READOUT: usize = 23;
-pub(crate) const DELAY: usize = 24;
-pub(crate) const CLOCK_RATE: usize = 25;
-pub(crate) const ALTERNATING: usize = 26;
-pub(crate) const GYRO: usize = 27;
-pub(crate) const ACCEL: usize = 36;
-pub(crate) const BIASES: usize = 45;
+pub(super) const OF_VIEWS: usize = 28;
+/// Unknowns of a camera: logarithm of the focal length, of fx / fy, centre in px, cubic distortion, and how the first changes
+/// within a piece, 1/s and 1/s².
+pub(super) const OF_LENS: usize = 7;
+/// Place of each group of unknowns.
+pub(crate) const LENSES: [usize; 2] = [0, OF_LENS];
+pub(crate) const ROT_B_C: usize = 14;
+pub(crate) const P_B_C: usize = 17;
+pub(crate) const ROT_PAIR: usize = 20;
+pub(crate) const P_PAIR: usize = 23;
+pub(crate) const RIGHT_LATE: usize = 26;
+pub(crate) const READOUT: usize = 27;
+pub(crate) const DELAY: usize = 28;
+pub(crate) const CLOCK_RATE: usize = 29;
+pub(crate) const ALTERNATING: usize = 30;
+pub(crate) const GYRO: usize = 31;
+pub(crate) const ACCEL: usize = 40;
+pub(crate) const BIASES: usize = 49;
 
 /// Smallest cosine between a ray and the optical axis at which a point counts as seen.
 const MIN_COSINE: f64 = 0.05;
@@ -52,6 +54,8 @@ pub(crate) struct Rig {
 pub(super) struct Key {
     /// Stamp by the cameras' clock, s from the middle of the recording.
     pub(super) t_s: f64,
+    /// Stamp by the cameras' clock, s from the middle of its piece.
+    pub(super) within_s: f64,
     /// 0.5 for every other frame, -0.5 for those between.
     pub(super) parity: f64,
     pub(super) pose_w_b: Isometry3<f64>,
@@ -136,18 +140,23 @@ impl Rig {
         (Matrix3::identity() + change, self.values.fixed_rows::<3>(bias).into_owned())
     }
 
-    /// Direction in the body, and centre in the body, of a pixel.
-    pub(super) fn ray_b(&self, camera: usize, px: &Vector2<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    /// Direction in the body, and centre in the body, of a pixel at a keyframe.
+    pub(super) fn ray_b(
+        &self,
+        key: &Key,
+        camera: usize,
+        px: &Vector2<f64>,
+    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (model, lens) = (&self.models[camera], self.lens(camera));
         let relative = px - model.centre_px - Vector2::new(lens[2], lens[3]);
-        let undone = relative.component_div(&gains(lens)) + model.centre_px;
+        let undone = relative.component_div(&gains(lens, key)) + model.centre_px;
         let xy = model.unproject(&undone)?;
         let pose = if camera == 0 { self.poses[0] } else { self.poses[0] * self.poses[1] };
         Some((pose.rotation * xy.push(1.0), pose.translation.vector))
     }
 
     fn lens(&self, camera: usize) -> &[f64] {
-        &self.values.as_slice()[LENSES[camera]..LENSES[camera] + 5]
+        &self.values.as_slice()[LENSES[camera]..LENSES[camera] + OF_LENS]
     }
 
     /// Residual of a pixel in which a camera saw a point; `None` where the point cannot be seen.
@@ -177,7 +186,7 @@ impl Rig {
             by_pair = [skew(&ray), -across * rho];
             chain = across * chain;
         }
-        let (residual_px, by_ray, by_lens) = self.projected(camera, &ray, px)?;
+        let (residual_px, by_ray, by_lens) = self.projected(key, camera, &ray, px)?;
         let [a, b] = point.tangents();
         let by_q = by_ray * chain;
         let mut by_key = SMatrix::<f64, 2, 9>::zeros();
@@ -186,7 +195,7 @@ impl Rig {
         by_key.fixed_columns_mut::<3>(0).copy_from(&(by_q * skew(&q_b)));
         by_key.fixed_columns_mut::<3>(3).copy_from(&by_p);
         by_key.fixed_columns_mut::<3>(6).copy_from(&(by_p * late_s));
-        by_rig.fixed_columns_mut::<5>(LENSES[camera]).copy_from(&by_lens);
+        by_rig.fixed_columns_mut::<OF_LENS>(LENSES[camera]).copy_from(&by_lens);
         for k in 0..2 {
             by_rig.fixed_columns_mut::<3>(ROT_B_C + 3 * k).copy_from(&(by_ray * by_mount[k]));
             by_rig.fixed_columns_mut::<3>(ROT_PAIR + 3 * k).copy_from(&(by_ray * by_pair[k]));
@@ -202,10 +211,11 @@ impl Rig {
     /// Residual of the pixel of a ray, with its derivatives by the ray and by the lens.
     fn projected(
         &self,
+        key: &Key,
         camera: usize,
         ray: &Vector3<f64>,
         px: &Vector2<f64>,
-    ) -> Option<(Vector2<f64>, Matrix2x3<f64>, SMatrix<f64, 2, 5>)> {
+    ) -> Option<(Vector2<f64>, Matrix2x3<f64>, SMatrix<f64, 2, OF_LENS>)> {
         if ray.z.is_nan() || ray.z < MIN_COSINE * ray.norm() {
             return None;
         }
@@ -213,7 +223,7 @@ impl Rig {
         let xy = ray.xy() / ray.z;
         let (r2, cubic) = (xy.norm_squared(), lens[4]);
         let (ideal_px, by_bent) = model.project_normalized(&(xy * (1.0 + cubic * r2)));
-        let gain = Matrix2::from_diagonal(&gains(lens));
+        let gain = Matrix2::from_diagonal(&gains(lens, key));
         let relative = gain * (ideal_px - model.centre_px);
         let residual = relative + model.centre_px + Vector2::new(lens[2], lens[3]) - px;
         let by_bent = gain * by_bent;
@@ -221,12 +231,15 @@ impl Rig {
             by_bent * (Matrix2::identity() * (1.0 + cubic * r2) + xy * xy.transpose() * (2.0 * cubic));
         let by_ray = by_xy * Matrix2x3::new(1.0, 0.0, -xy.x, 0.0, 1.0, -xy.y) / ray.z;
         let by_aspect = Vector2::new(relative.x, -relative.y) * 0.5;
-        let columns = [relative, by_aspect, Vector2::x(), Vector2::y(), by_bent * xy * r2];
+        let moves = [relative * key.within_s, relative * key.within_s.powi(2)];
+        let columns =
+            [relative, by_aspect, Vector2::x(), Vector2::y(), by_bent * xy * r2, moves[0], moves[1]];
         Some((residual, by_ray, SMatrix::from_columns(&columns)))
     }
 }
 
 /// Factors of the pixels from the centre.
-fn gains(lens: &[f64]) -> Vector2<f64> {
-    Vector2::new((lens[0] + 0.5 * lens[1]).exp(), (lens[0] - 0.5 * lens[1]).exp())
+fn gains(lens: &[f64], key: &Key) -> Vector2<f64> {
+    let focal = lens[0] + (lens[5] + lens[6] * key.within_s) * key.within_s;
+    Vector2::new((focal + 0.5 * lens[1]).exp(), (focal - 0.5 * lens[1]).exp())
 }

@@ -11,14 +11,11 @@ pub use crate::finding::{Finding, UNITS_AND_COLUMNS};
 use crate::health::HealthTally;
 use crate::mounting;
 use crate::timing::{self, Arrivals, Sensor};
-use inertial::Magnitudes;
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 
 /// Frames after which a camera that never delivered is missed.
 const MISSED_AFTER: u64 = 40;
-/// A live flight that loses more than one frame in so many is told.
-const LOST_ONE_IN: u64 = 50;
 /// Resets whose reasons are told.
 const MAX_RESETS: usize = 16;
 /// Stamps that are looked at: twenty seconds at 200 Hz.
@@ -34,19 +31,14 @@ pub const GIVEN_UP: &str = "the estimate was discarded";
 
 /// Gathers what the data say, and judges it.
 pub struct Plausibility {
-    cameras: usize,
-    rates_hz: [f64; 2],
-    magnitudes: Magnitudes,
-    arrivals: [Arrivals; 2],
+    config: Config,
+    /// The first samples, in which the vehicle may rest, and the first stamps of frames.
+    samples: Vec<ImuSample>,
+    frames: Vec<Timestamp>,
     health: HealthTally,
-    lost_frames: u64,
-    last_sequence: Option<u64>,
     is_live: bool,
     right_images: u64,
     resets: Vec<Finding>,
-    /// The first samples, in which the vehicle may rest.
-    first: Vec<ImuSample>,
-    config: Config,
 }
 
 impl Plausibility {
@@ -54,124 +46,88 @@ impl Plausibility {
     #[must_use]
     pub fn new(config: &Config, is_live: bool) -> Self {
         Self {
-            cameras: config.camera.len(),
-            rates_hz: [config.imu.rate_hz, config.camera.first().map_or(0.0, |camera| camera.rate_hz)],
-            magnitudes: Magnitudes::default(),
-            arrivals: Default::default(),
+            config: config.clone(),
+            samples: Vec::with_capacity(MAX_STAMPS),
+            frames: Vec::with_capacity(MAX_STAMPS),
             health: HealthTally::default(),
-            lost_frames: 0,
-            last_sequence: None,
             is_live,
             right_images: 0,
             resets: Vec::new(),
-            first: Vec::with_capacity(MAX_STAMPS),
-            config: config.clone(),
         }
     }
 
     /// Takes an inertial sample.
     pub fn add_sample(&mut self, sample: &ImuSample) {
-        self.magnitudes.add(sample);
-        self.note(Sensor::Imu, sample.stamp);
-        if self.first.len() < MAX_STAMPS {
-            self.first.push(*sample);
+        if self.samples.len() < MAX_STAMPS && sample.is_finite() {
+            self.samples.push(*sample);
         }
     }
 
     /// Takes the stamp of a frame.
     pub fn add_frame(&mut self, stamp: Timestamp) {
-        self.note(Sensor::Cameras, stamp);
-    }
-
-    fn note(&mut self, sensor: Sensor, stamp: Timestamp) {
-        let arrivals = &mut self.arrivals[sensor as usize];
-        if arrivals.stamps.len() < MAX_STAMPS {
-            arrivals.push_stamp(stamp);
+        if self.frames.len() < MAX_STAMPS {
+            self.frames.push(stamp);
         }
     }
 
-    /// Takes what an estimate says of the frame with this sequence number.
-    pub fn add_estimate(&mut self, sequence: u64, health: HealthBits) {
+    /// Takes the health bits of a frame.
+    pub fn add_estimate(&mut self, health: HealthBits) {
         self.health.add(health);
-        let last = self.last_sequence.replace(sequence);
-        self.lost_frames += last.map_or(0, |last| sequence.saturating_sub(last.saturating_add(1)));
-        self.right_images += u64::from(self.cameras > 1 && !health.contains(HealthBits::RIGHT_MISSING));
+        self.right_images +=
+            u64::from(self.config.camera.len() > 1 && !health.contains(HealthBits::RIGHT_MISSING));
     }
 
     /// Takes the reason of a reset.
     pub fn add_reset(&mut self, reason: &str) {
         if self.resets.len() < MAX_RESETS {
-            self.resets.push(Finding::new(
+            let reset = Finding::new(
                 GIVEN_UP,
                 reason,
                 "a sensor or images that fail, or a motion that they do not support; soon after the start, wrong units or a wrong calibration",
                 "look at the other warnings, and run `plumbline doctor` on the data",
-            ));
+            );
+            self.resets.push(reset.mild());
         }
     }
 
     /// Stamps that cannot be right.
     fn stamp_findings(&self) -> Vec<Finding> {
-        let [samples, frames] = &self.arrivals;
-        let [imu_hz, camera_hz] = self.rates_hz;
-        let timing = [
-            timing::finding(Sensor::Imu, samples, imu_hz).filter(|_| samples.stamps.len() >= MIN_JUDGED),
-            timing::finding(Sensor::Cameras, frames, camera_hz),
-        ];
+        let stamps: Vec<Timestamp> = self.samples.iter().map(|sample| sample.stamp).collect();
         // In virtual time samples and frames are not handed out in step.
-        let clocks = timing::two_clocks(&samples.stamps, &frames.stamps).filter(|_| self.is_live);
-        timing.into_iter().flatten().chain(clocks).collect()
+        let clocks = timing::two_clocks(&stamps, &self.frames).filter(|_| self.is_live);
+        let [samples, frames] = [stamps, self.frames.clone()].map(Arrivals::of);
+        let camera_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);
+        let of_samples = timing::finding(Sensor::Imu, &samples, self.config.imu.rate_hz);
+        let of_samples = of_samples.filter(|_| self.samples.len() >= MIN_JUDGED);
+        let of_frames = timing::finding(Sensor::Cameras, &frames, camera_hz);
+        of_samples.into_iter().chain(of_frames).chain(clocks).collect()
     }
 
-    /// Findings by all data so far, the most probable cause first.
+    /// Findings by all data so far, or about the whole flight at its end, the most probable cause first.
     #[must_use]
-    pub fn findings(&self) -> Vec<Finding> {
-        self.findings_of(false)
-    }
-
-    /// Findings about the whole flight, at its end.
-    #[must_use]
-    pub fn final_findings(&self) -> Vec<Finding> {
-        self.findings_of(true)
-    }
-
-    fn findings_of(&self, is_over: bool) -> Vec<Finding> {
+    pub fn findings(&self, is_over: bool) -> Vec<Finding> {
         let mut findings = self.stamp_findings();
-        let are_stamps_wrong = !findings.is_empty();
+        let mut known = if findings.is_empty() { HealthBits::default() } else { GAPS };
         if findings.is_empty() {
-            findings = self.magnitudes.nonsense();
+            findings = inertial::nonsense(&self.samples);
+            // All that health bits and resets say then is a consequence.
+            if !findings.is_empty() {
+                return findings;
+            }
+            let at_rest = mounting::finding(&self.samples, &self.config);
+            findings.extend(
+                at_rest.or_else(|| inertial::upside_down(&self.samples, self.config.vehicle.rot_v_b())),
+            );
         }
-        if findings.is_empty() {
-            let at_rest = mounting::finding(&self.first, &self.config);
-            findings.extend(at_rest.or_else(|| self.magnitudes.upside_down(self.config.vehicle.rot_v_b())));
-        }
-        findings.extend(self.magnitudes.repeats());
-        let is_right_missing =
-            self.cameras > 1 && self.health.frames >= MISSED_AFTER && self.right_images == 0;
-        // A camera that never delivers is named below.
-        let mut known = HealthBits::default();
-        if is_right_missing {
+        findings.extend(inertial::repeats(&self.samples));
+        let frames = self.health.frames;
+        let is_missing = self.config.camera.len() > 1 && frames >= MISSED_AFTER && self.right_images == 0;
+        if is_missing {
+            let cure = if self.is_live { CONNECT } else { COPY };
+            findings.push(missing_camera(&format!("none in {frames} frames"), cure));
             known.insert(HealthBits::RIGHT_MISSING);
         }
-        if are_stamps_wrong {
-            known.insert(GAPS);
-        }
         findings.extend(self.health.findings(is_over, known));
-        if is_right_missing {
-            findings.push(missing_camera(
-                &format!("none in {} frames", self.health.frames),
-                if self.is_live { CONNECT } else { COPY },
-            ));
-        }
-        let all = self.health.frames + self.lost_frames;
-        if self.is_live && self.health.frames >= MISSED_AFTER && self.lost_frames * LOST_ONE_IN > all {
-            findings.push(Finding::new(
-                "frames are lost",
-                format!("{} of {all}", self.lost_frames),
-                "a renderer, disk or processor that does not keep up with the camera",
-                "take load off this computer, or give smaller images",
-            ));
-        }
         findings.extend(self.resets.iter().cloned());
         findings
     }

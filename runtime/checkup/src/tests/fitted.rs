@@ -1,7 +1,7 @@
 //! One part of a calibration is wrong: it is named first, with its size, and nothing beside it; a sound one is fit.
 
-use super::{ALL, Data, FlightPath, assert_found, measure, simulated, told};
-use crate::{CheckupReport, Fitness};
+use super::{ALL, Data, FlightPath, assert_found, is_fit, measure, missing, simulated, told};
+use crate::{Fitness, Measure};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::rows_from_isometry;
 
@@ -11,10 +11,10 @@ fn by_hand() -> Data {
 }
 
 #[track_caller]
-fn assert_first(report: &CheckupReport, name: &str) {
-    let first = &report.measures[0];
+fn assert_first(report: &[Measure], name: &str) {
+    let first = &report[0];
     assert!(first.name == name && first.verdict == Fitness::NotFit, "{}", told(report));
-    let others = report.measures[1..].iter().filter(|measure| measure.verdict == Fitness::NotFit);
+    let others = report[1..].iter().filter(|measure| measure.verdict == Fitness::NotFit);
     assert_eq!(others.count(), 0, "{}", told(report));
 }
 
@@ -22,7 +22,7 @@ fn assert_first(report: &CheckupReport, name: &str) {
 fn a_sound_flight_shows_every_essential() {
     let report = by_hand().report();
     println!("{}", told(&report));
-    assert!(report.is_fit() && report.missing().next().is_none(), "{}", told(&report));
+    assert!(is_fit(&report) && missing(&report).is_empty(), "{}", told(&report));
 }
 
 #[test]

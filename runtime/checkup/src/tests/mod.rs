@@ -6,7 +6,7 @@ mod faults;
 mod fitted;
 mod recorded;
 
-use crate::{Checkup, CheckupReport, Fitness, Frame};
+use crate::{Checkup, Fitness, Frame, Measure};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
 use plumbline_simulator::{FlightPath, Scenario, Simulator};
@@ -24,7 +24,7 @@ struct Data {
 }
 
 impl Data {
-    fn report(&self) -> CheckupReport {
+    fn report(&self) -> Vec<Measure> {
         self.checkup().report()
     }
 
@@ -106,20 +106,29 @@ pub(crate) fn rendered(simulator: &Simulator, scenario: &str, count: usize) -> V
 }
 
 /// The measure of this name, which is there.
-fn measure<'a>(report: &'a CheckupReport, name: &str) -> &'a crate::Measure {
-    report.measure(name).unwrap_or_else(|| panic!("{name} is looked at"))
+fn measure<'a>(report: &'a [Measure], name: &str) -> &'a Measure {
+    report.iter().find(|measure| measure.name == name).unwrap_or_else(|| panic!("{name} is looked at"))
 }
 
-fn told(report: &CheckupReport) -> String {
-    let line =
-        |m: &crate::Measure| format!("{:<13} {:<32} {} [{}]", m.verdict.to_string(), m.name, m.value, m.cure);
-    report.measures.iter().map(line).collect::<Vec<_>>().join("\n")
+/// True if nothing speaks against a flight.
+fn is_fit(report: &[Measure]) -> bool {
+    report.iter().all(|measure| measure.verdict != Fitness::NotFit)
+}
+
+/// Names of what a flight needs and the data do not show.
+fn missing(report: &[Measure]) -> Vec<&str> {
+    report.iter().filter(|measure| measure.is_missing()).map(|measure| measure.name).collect()
+}
+
+fn told(report: &[Measure]) -> String {
+    let line = |m: &Measure| format!("{:<13} {:<32} {} [{}]", m.verdict.to_string(), m.name, m.value, m.cure);
+    report.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// Asserts that a fault is found under this name, with these words in value or cure, and at least this
 /// severity.
 #[track_caller]
-fn assert_found(report: &CheckupReport, name: &str, at_least: Fitness, words: &str) {
+fn assert_found(report: &[Measure], name: &str, at_least: Fitness, words: &str) {
     let found = measure(report, name);
     let text = format!("{} [{}]", found.value, found.cure);
     assert!(found.verdict >= at_least && text.contains(words), "{}", told(report));

@@ -1,18 +1,20 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
 use super::output as written;
+use crate::checks::choice;
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
 use crate::{Usage, load_config, say};
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
+use plumbline_config::camera::Distortion;
 use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
 use plumbline_lab::calibrate::camera::recording::{read_bag, read_log};
 use plumbline_lab::calibrate::camera::{
-    Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
+    Calibration, Detector, LENSES, Pair, Target, calibrate, output, table,
 };
 use std::path::PathBuf;
 
@@ -50,8 +52,8 @@ pub struct CameraArgs {
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
     /// The model of the lenses.
-    #[arg(long, value_enum, default_value_t = Lens::Radtan)]
-    lens: Lens,
+    #[arg(long, value_parser = choice(LENSES), default_value = "radtan")]
+    lens: Distortion,
     /// Use the left camera only.
     #[arg(long)]
     mono: bool,
@@ -67,36 +69,6 @@ pub struct CameraArgs {
     /// Replace an existing file.
     #[arg(long)]
     overwrite: bool,
-}
-
-/// A model of distortion as it is named.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Lens {
-    /// Radial and tangential: lenses up to about 100 degrees.
-    Radtan,
-    /// Fisheye.
-    Equidistant,
-    /// OpenCV's rational model (eight coefficients): wide lenses up to about 130 degrees.
-    Rational,
-    /// Unified model with radial and tangential distortion (Kalibr's omni-radtan): fisheye.
-    Omni,
-    /// Enhanced unified model: fisheye, by two coefficients.
-    Eucm,
-    /// Double sphere: fisheye, by two coefficients.
-    DoubleSphere,
-}
-
-impl From<Lens> for LensKind {
-    fn from(lens: Lens) -> Self {
-        match lens {
-            Lens::Radtan => Self::RadialTangential,
-            Lens::Equidistant => Self::Equidistant,
-            Lens::Rational => Self::Rational,
-            Lens::Omni => Self::Omni,
-            Lens::Eucm => Self::Eucm,
-            Lens::DoubleSphere => Self::DoubleSphere,
-        }
-    }
 }
 
 /// Runs the command.
@@ -118,7 +90,6 @@ pub fn run(args: &CameraArgs) -> Result<()> {
     Config::from_toml_str(&text, &origin)?;
     std::fs::write(&args.out, &text).with_context(|| origin.clone())?;
     table::figures(&calibration).into_iter().for_each(say);
-    calibration.advice().iter().for_each(|advice| say(format_args!("advice     {advice}")));
     say(format_args!("{origin}: written, valid"));
     Ok(())
 }
@@ -181,7 +152,7 @@ fn calibrated(args: &CameraArgs, pairs: &[Pair], detector: &Detector) -> Result<
     let bar = ProgressBar::new(images as u64);
     let template = "{bar:32} {pos}/{len} images  {elapsed} (eta {eta})";
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let calibration = calibrate(pairs, &args.target, args.lens.into(), detector, &mut || bar.inc(1));
+    let calibration = calibrate(pairs, &args.target, args.lens, detector, &mut || bar.inc(1));
     bar.finish_and_clear();
     Ok(calibration?)
 }

@@ -1,8 +1,9 @@
 //! Check that the autopilot answers.
 
-use super::verdict::CheckVerdict;
+use super::Verdict;
 use mavlink::MavHeader;
 use mavlink::dialects::common::{MavMessage, MavState};
+use plumbline_checkup::Fitness;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint};
 use plumbline_flight::autopilot::inbox::{CHUNK, MavlinkInbox};
 use plumbline_flight::autopilot::link::AutopilotLink;
@@ -17,15 +18,15 @@ const PATIENCE_NS: i64 = 3_000_000_000;
 const HEARTBEAT_NS: i64 = 500_000_000;
 
 /// Listens for a message of the autopilot that is configured.
-pub(super) fn check(config: &AutopilotConfig) -> CheckVerdict {
+pub(super) fn check(config: &AutopilotConfig) -> Verdict {
     if config.connect.is_empty() {
-        return CheckVerdict::Fine("none configured".into());
+        return (Fitness::Good, "none configured".into());
     }
     let link = AutopilotEndpoint::parse(&config.connect)
         .and_then(|endpoint| AutopilotLink::open(&endpoint).map_err(|error| error.to_string()));
     match link {
         Ok(mut link) => judge(config, &heard(&mut link, config.system_id)),
-        Err(words) => CheckVerdict::NotFit(words),
+        Err(words) => (Fitness::NotFit, words),
     }
 }
 
@@ -61,20 +62,24 @@ fn heartbeat(system_id: u32) -> Vec<u8> {
     bytes
 }
 
-fn judge(config: &AutopilotConfig, heard: &BTreeSet<(u32, u8)>) -> CheckVerdict {
+fn judge(config: &AutopilotConfig, heard: &BTreeSet<(u32, u8)>) -> Verdict {
     let (address, system_id) = (&config.connect, config.system_id);
     if heard.contains(&(system_id, AUTOPILOT)) {
-        return CheckVerdict::Fine(format!("system {system_id} answers at {address}"));
+        return (Fitness::Good, format!("system {system_id} answers at {address}"));
     }
     if let Some((other, _)) = heard.iter().find(|(_, component)| *component == AUTOPILOT) {
-        return CheckVerdict::NotFit(format!(
-            "{address}: system {other} answers, not {system_id}; set autopilot.system_id = {other}"
-        ));
+        return (
+            Fitness::NotFit,
+            format!("{address}: system {other} answers, not {system_id}; set autopilot.system_id = {other}"),
+        );
     }
-    CheckVerdict::NotFit(format!(
-        "{address}: no message within {} s; check the wiring, the baud rate, and that MAVLink is enabled on that port",
-        PATIENCE_NS / 1_000_000_000
-    ))
+    (
+        Fitness::NotFit,
+        format!(
+            "{address}: no message within {} s; check the wiring, the baud rate, and that MAVLink is enabled on that port",
+            PATIENCE_NS / 1_000_000_000
+        ),
+    )
 }
 
 #[cfg(test)]
@@ -83,7 +88,7 @@ mod tests {
     use std::net::UdpSocket;
 
     /// An autopilot of this system that answers the first datagram, or none.
-    fn verdict(answers_as: Option<u32>) -> CheckVerdict {
+    fn verdict(answers_as: Option<u32>) -> Verdict {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let connect = format!("udp://{}", socket.local_addr().unwrap());
         let peer = std::thread::spawn(move || {
@@ -104,17 +109,15 @@ mod tests {
 
     #[test]
     fn an_autopilot_that_answers_is_named_and_another_system_too() {
-        assert!(matches!(verdict(Some(1)), CheckVerdict::Fine(words) if words.contains("system 1 answers")));
+        assert!(matches!(verdict(Some(1)), (Fitness::Good, words) if words.contains("system 1 answers")));
         assert!(
-            matches!(verdict(Some(7)), CheckVerdict::NotFit(words) if words.contains("autopilot.system_id = 7"))
+            matches!(verdict(Some(7)), (Fitness::NotFit, words) if words.contains("autopilot.system_id = 7"))
         );
     }
 
     #[test]
     fn silence_is_not_fit_and_no_autopilot_is_fine() {
-        assert!(
-            matches!(verdict(None), CheckVerdict::NotFit(words) if words.contains("no message within 3 s"))
-        );
-        assert!(matches!(check(&AutopilotConfig::default()), CheckVerdict::Fine(_)));
+        assert!(matches!(verdict(None), (Fitness::NotFit, words) if words.contains("no message within 3 s")));
+        assert!(matches!(check(&AutopilotConfig::default()), (Fitness::Good, _)));
     }
 }

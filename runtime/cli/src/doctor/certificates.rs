@@ -1,6 +1,7 @@
 //! Check that certificates and keys can be used, today and for a while.
 
-use super::verdict::CheckVerdict;
+use super::Verdict;
+use plumbline_checkup::Fitness;
 use plumbline_config::options::TlsConfig;
 use std::fs::File;
 use std::io::Read as _;
@@ -20,27 +21,27 @@ const MAX_BYTES: u64 = 65_536;
 const OTHERS: u32 = 0o077;
 
 /// Looks at the files that `network.tls` names.
-pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> CheckVerdict {
+pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> Verdict {
     if !tls.is_given() {
-        return CheckVerdict::Fine("none configured: links are not encrypted".into());
+        return (Fitness::Good, "none configured: links are not encrypted".into());
     }
     let now_s = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs() as i64);
     if let Err(words) = private_key(&tls.key) {
-        return CheckVerdict::NotFit(words);
+        return (Fitness::NotFit, words);
     }
     let mut least = (i64::MAX, &tls.certificate, RENEW);
     for (path, cure) in [(&tls.authority, BEGIN_ANEW), (&tls.certificate, RENEW)] {
         match days_left(path, now_s, cure) {
             Ok(days) if days < least.0 => least = (days, path, cure),
             Ok(_) => {}
-            Err(words) => return CheckVerdict::NotFit(words),
+            Err(words) => return (Fitness::NotFit, words),
         }
     }
     let (days, path, cure) = least;
     if days < SOON_DAYS {
-        return CheckVerdict::Poor(format!("{}: valid for {days} more days; {cure}", path.display()));
+        return (Fitness::Mind, format!("{}: valid for {days} more days; {cure}", path.display()));
     }
-    CheckVerdict::Fine(format!("valid for {days} more days"))
+    (Fitness::Good, format!("valid for {days} more days"))
 }
 
 /// A key that others may read is no secret.
@@ -111,28 +112,26 @@ mod tests {
         })
         .unwrap();
         let (tls, now) = (tls(folder.path()), SystemTime::now() + days(1) / 2);
-        assert!(matches!(check(&tls, now), CheckVerdict::Fine(words) if words.contains("89 more days")));
-        assert!(
-            matches!(check(&tls, now + days(70)), CheckVerdict::Poor(words) if words.contains("--renew"))
-        );
+        assert!(matches!(check(&tls, now), (Fitness::Good, words) if words.contains("89 more days")));
+        assert!(matches!(check(&tls, now + days(70)), (Fitness::Mind, words) if words.contains("--renew")));
         let expired = check(&tls, now + days(91));
         let is_of_vehicle = |words: &str| words.contains("vehicle.pem: expired") && words.contains("--renew");
-        assert!(matches!(&expired, CheckVerdict::NotFit(words) if is_of_vehicle(words)), "{expired:?}");
+        assert!(matches!(&expired, (Fitness::NotFit, words) if is_of_vehicle(words)), "{expired:?}");
         let ended = check(&tls, now + days(3660));
         let is_of_authority =
             |words: &str| words.contains("authority.pem: expired") && words.contains("NEW_FOLDER");
-        assert!(matches!(&ended, CheckVerdict::NotFit(words) if is_of_authority(words)), "{ended:?}");
+        assert!(matches!(&ended, (Fitness::NotFit, words) if is_of_authority(words)), "{ended:?}");
         let early = check(&tls, now - days(3));
-        assert!(matches!(&early, CheckVerdict::NotFit(words) if words.contains("clock")), "{early:?}");
+        assert!(matches!(&early, (Fitness::NotFit, words) if words.contains("clock")), "{early:?}");
         std::fs::set_permissions(&tls.key, Permissions::from_mode(0o644)).unwrap();
-        assert!(matches!(check(&tls, now), CheckVerdict::NotFit(words) if words.contains("chmod 600")));
+        assert!(matches!(check(&tls, now), (Fitness::NotFit, words) if words.contains("chmod 600")));
     }
 
     #[test]
     fn files_that_are_no_certificates_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let tls = tls(folder.path());
-        let is_named = |name: &str| matches!(check(&tls, SystemTime::now()), CheckVerdict::NotFit(words) if words.contains(name));
+        let is_named = |name: &str| matches!(check(&tls, SystemTime::now()), (Fitness::NotFit, words) if words.contains(name));
         assert!(is_named("vehicle.key"));
         std::fs::write(&tls.key, "").unwrap();
         std::fs::set_permissions(&tls.key, Permissions::from_mode(0o600)).unwrap();

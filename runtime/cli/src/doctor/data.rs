@@ -4,25 +4,20 @@ use super::super::simulated::simulated;
 use anyhow::{Result, anyhow};
 use plumbline_checkup::plausibility::Finding;
 use plumbline_checkup::timing::Sensor;
-use plumbline_checkup::{Checkup, CheckupReport, Fitness, Frame, Measure};
+use plumbline_checkup::{Checkup, Fitness, Frame, Measure};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::{BagTopics, DriverError, Faults, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
 use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors};
-use std::io::{IsTerminal as _, Write as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{ScopedJoinHandle, scope};
 use std::time::{Duration, Instant};
 
-/// The time that is left is looked at this often.
-const REDRAW: Duration = Duration::from_millis(500);
 /// Name of the measure of the files of a recording.
 const RECORDING: &str = "recording";
-/// Name of the measure of frames with both images.
-const PAIRS: &str = "stereo pairs";
 /// Share of images that may be unreadable.
 const MAX_UNREAD: f64 = 0.02;
 /// Frames that wait to be looked at.
@@ -86,6 +81,7 @@ pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
     let stop = StopFlag::new();
     let (flight, sensors) = open_sensors(config, &stop)?;
     let watch = SensorWatch::start(&sensors, None)?;
+    tracing::info!("listening to the sensors for {seconds} s");
     let live = Live { length: Duration::from_secs_f64(seconds), stop, sensors, watch: Some(watch) };
     Ok(Streams { live: Some(live), ..Streams::from(flight) })
 }
@@ -105,12 +101,12 @@ type Note = (u64, Timestamp, [bool; 2]);
 ///
 /// # Errors
 /// When a stream breaks off.
-pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
+pub(super) fn examine(streams: Streams) -> Result<Vec<Measure>> {
     let Streams { config, imu, stereo, mut live, findings, file_defects } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
-    let mut report = scope(|threads| {
+    let mut measures = scope(|threads| {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
         let troubles = look(&mut checkup, &receive, live.as_mut());
@@ -129,18 +125,15 @@ pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
         }
         anyhow::Ok(checkup.report())
     })?;
-    let frames = report.measure(PAIRS).and_then(|pairs| pairs.figure("frames")).unwrap_or(0.0);
+    let frames = measures.iter().find_map(|measure| measure.figure("frames")).unwrap_or(0.0);
     let unread = unread(&file_defects, frames);
-    let is_bad = |m: &&mut Measure| m.name == PAIRS && m.verdict > Fitness::Good;
-    if !is_live && let Some(pairs) = report.measures.iter_mut().find(is_bad) {
-        pairs.cure = match &unread {
-            Some(_) => "mend the images that are named above".into(),
-            None => "see which images the recording lacks (cam0/data.csv and cam1/data.csv)".into(),
-        };
+    let pairs = measures.iter_mut().find(|measure| measure.figure("without_partner").is_some());
+    if let Some(pairs) = pairs.filter(|_| unread.is_some()) {
+        pairs.cure = "mend the images that are named above".into();
     }
     let found = findings.into_iter().map(|finding| finding.into_measure_of(RECORDING));
-    report.measures.splice(0..0, found.chain(unread));
-    Ok(report)
+    measures.splice(0..0, found.chain(unread));
+    Ok(measures)
 }
 
 /// Rows and images that cannot be read, in a recording of which so many frames were looked at.
@@ -164,21 +157,17 @@ fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble;
         }
     }
     checkup.tell_refused(live.sensors.imu.monitor.read().watch.impossible);
-    if let Some(exposure_ns) = live.sensors.cameras.monitor.exposure_ns() {
-        checkup.tell_exposure(exposure_ns as f64 * 1e-9);
-    }
 }
 
 /// Looks at what comes until nothing comes any more. Live streams are ended when their time is over; returns what was wrong with
 /// their sensors until then.
 fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut Live>) -> [SensorTrouble; 2] {
     let begin = Instant::now();
-    let mut countdown = Countdown::new(live.is_some());
     let mut troubles = <[SensorTrouble; 2]>::default();
     loop {
         let seen = match &live {
             None => receive.recv().map_err(|_| RecvTimeoutError::Disconnected),
-            Some(live) => receive.recv_timeout(live.length.saturating_sub(begin.elapsed()).min(REDRAW)),
+            Some(live) => receive.recv_timeout(live.length.saturating_sub(begin.elapsed())),
         };
         if let Ok(seen) = &seen {
             let [left, right] = &seen.images;
@@ -186,10 +175,6 @@ fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut L
             checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
         }
         let is_over = matches!(seen, Err(RecvTimeoutError::Disconnected));
-        if let Some(listening) = &live {
-            let left = listening.length.saturating_sub(begin.elapsed());
-            countdown.draw(if is_over { Duration::ZERO } else { left });
-        }
         if let Some(ended) = live.take_if(|live| is_over || begin.elapsed() >= live.length) {
             // First: sensors that are stopped are missing.
             troubles = ended.watch.take().map(|watch| watch.troubles()).unwrap_or_default();
@@ -198,31 +183,6 @@ fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut L
         if is_over {
             return troubles;
         }
-    }
-}
-
-/// Line on a terminal that says for how long live sensors are still listened to.
-struct Countdown {
-    is_terminal: bool,
-    drawn_s: Option<u64>,
-}
-
-impl Countdown {
-    fn new(is_live: bool) -> Self {
-        Self { is_terminal: is_live && std::io::stderr().is_terminal(), drawn_s: None }
-    }
-
-    /// Draws the line where another number of seconds is left.
-    fn draw(&mut self, left: Duration) {
-        let left_s = left.as_secs_f64().ceil() as u64;
-        if self.is_terminal && self.drawn_s.replace(left_s) != Some(left_s) {
-            let _ = write!(std::io::stderr(), "\r{}\x1b[K", Self::words(left_s));
-        }
-    }
-
-    /// The line; empty at the end.
-    fn words(left_s: u64) -> String {
-        if left_s == 0 { String::new() } else { format!("listening, {left_s} s left") }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Check that a folder has room for recordings, and takes them as fast as they come.
 
-use super::verdict::CheckVerdict;
+use super::Verdict;
+use plumbline_checkup::Fitness;
 use plumbline_config::Config;
 use plumbline_config::options::{CameraConfig, ImageRecording};
 use std::fs::OpenOptions;
@@ -34,16 +35,16 @@ fn rate_mb_s(config: &Config) -> f64 {
 }
 
 /// Tries the folder.
-pub(super) fn check(config: &Config, folder: &Path) -> CheckVerdict {
+pub(super) fn check(config: &Config, folder: &Path) -> Verdict {
     let named = folder.display();
     let room_mb = match rustix::fs::statvfs(folder) {
         Ok(fs) => fs.f_bavail as f64 * fs.f_frsize as f64 / MB as f64,
-        Err(error) => return CheckVerdict::NotFit(format!("{named}: {error}; name a folder that is there")),
+        Err(error) => return (Fitness::NotFit, format!("{named}: {error}; name a folder that is there")),
     };
     let speed_mb_s = if room_mb > (2 * TRIAL_MB) as f64 {
         match speed_mb_s(folder) {
             Ok(speed) => speed,
-            Err(error) => return CheckVerdict::NotFit(format!("{named}: cannot be written ({error})")),
+            Err(error) => return (Fitness::NotFit, format!("{named}: cannot be written ({error})")),
         }
     } else {
         f64::NAN
@@ -52,31 +53,34 @@ pub(super) fn check(config: &Config, folder: &Path) -> CheckVerdict {
 }
 
 /// `limit_mb` is what a recording takes at most; the speed is not a number where there was no room to try it.
-fn judge(rate_mb_s: f64, limit_mb: f64, room_mb: f64, speed_mb_s: f64) -> CheckVerdict {
+fn judge(rate_mb_s: f64, limit_mb: f64, room_mb: f64, speed_mb_s: f64) -> Verdict {
     let minutes = room_mb / rate_mb_s / 60.0;
     let words = format!(
         "room for {minutes:.0} minutes ({:.1} GB), takes {speed_mb_s:.0} MB/s, a recording needs {rate_mb_s:.1}",
         room_mb * 1e-3
     );
     if room_mb < LEAST_S * rate_mb_s {
-        return CheckVerdict::NotFit(format!("{words}; make room"));
+        return (Fitness::NotFit, format!("{words}; make room"));
     }
     if speed_mb_s < rate_mb_s {
-        return CheckVerdict::NotFit(format!(
-            "{words}: frames would be lost; take a faster disk, or recorder.images = \"none\""
-        ));
+        return (
+            Fitness::NotFit,
+            format!("{words}: frames would be lost; take a faster disk, or recorder.images = \"none\""),
+        );
     }
     if speed_mb_s < RESERVE * rate_mb_s {
-        return CheckVerdict::Poor(format!(
-            "{words}: little reserve; a faster disk loses nothing when it stalls"
-        ));
+        return (
+            Fitness::Mind,
+            format!("{words}: little reserve; a faster disk loses nothing when it stalls"),
+        );
     }
     if room_mb < limit_mb {
-        return CheckVerdict::Poor(format!(
-            "{words}; recorder.max_total_mb = {limit_mb:.0} is more than there is room for"
-        ));
+        return (
+            Fitness::Mind,
+            format!("{words}; recorder.max_total_mb = {limit_mb:.0} is more than there is room for"),
+        );
     }
-    CheckVerdict::Fine(words)
+    (Fitness::Good, words)
 }
 
 /// Speed at which what is written reaches the disk, MB/s.
@@ -117,24 +121,20 @@ mod tests {
     fn a_folder_is_tried_and_left_as_it_was() {
         let folder = tempfile::tempdir().unwrap();
         let verdict = check(&Config::preset("sim").unwrap(), folder.path());
-        assert!(verdict.told().1.contains("room for"), "{verdict:?}");
+        assert!(verdict.1.contains("room for"), "{verdict:?}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         let nowhere = check(&Config::preset("sim").unwrap(), Path::new("/nowhere/at-all"));
-        assert!(matches!(&nowhere, CheckVerdict::NotFit(words) if words.contains("/nowhere/at-all")));
+        assert!(matches!(&nowhere, (Fitness::NotFit, words) if words.contains("/nowhere/at-all")));
     }
 
     #[test]
     fn room_and_speed_are_judged_by_what_a_recording_needs() {
         let verdict = |room_mb: f64, speed: f64| judge(10.0, 16_000.0, room_mb, speed);
-        assert!(matches!(verdict(20_000.0, 100.0), CheckVerdict::Fine(_)));
-        assert!(
-            matches!(verdict(5_000.0, 100.0), CheckVerdict::Poor(words) if words.contains("max_total_mb"))
-        );
-        assert!(matches!(verdict(20_000.0, 15.0), CheckVerdict::Poor(words) if words.contains("reserve")));
-        assert!(
-            matches!(verdict(20_000.0, 9.0), CheckVerdict::NotFit(words) if words.contains("faster disk"))
-        );
-        assert!(matches!(verdict(500.0, 100.0), CheckVerdict::NotFit(words) if words.contains("make room")));
-        assert!(matches!(verdict(100.0, f64::NAN), CheckVerdict::NotFit(_)));
+        assert!(matches!(verdict(20_000.0, 100.0), (Fitness::Good, _)));
+        assert!(matches!(verdict(5_000.0, 100.0), (Fitness::Mind, words) if words.contains("max_total_mb")));
+        assert!(matches!(verdict(20_000.0, 15.0), (Fitness::Mind, words) if words.contains("reserve")));
+        assert!(matches!(verdict(20_000.0, 9.0), (Fitness::NotFit, words) if words.contains("faster disk")));
+        assert!(matches!(verdict(500.0, 100.0), (Fitness::NotFit, words) if words.contains("make room")));
+        assert!(matches!(verdict(100.0, f64::NAN), (Fitness::NotFit, _)));
     }
 }

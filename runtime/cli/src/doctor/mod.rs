@@ -8,22 +8,18 @@ mod certificates;
 mod data;
 mod disk;
 mod host;
-mod verdict;
 
 use super::topics::TopicArgs;
 use super::{Usage, load_config, say};
 use anyhow::{Result, bail};
 use clap::Args;
-use plumbline_checkup::{CheckupReport, Fitness, Measure, NAMED_ABOVE};
+use plumbline_checkup::{Fitness, Measure};
 use plumbline_config::Config;
-use plumbline_config::ValidConfig;
-use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
-use verdict::Check;
 
 const EXAMPLES: &str = "Examples:
   plumbline doctor --config my.toml             check the host: priorities, memory, timer; certificates; autopilot
@@ -42,6 +38,11 @@ Exit status 1: something is not fit for a flight. Exit status 4: the data do not
 const SECONDS: f64 = 30.0;
 /// Longest time that may be asked for.
 const MAX_SECONDS: f64 = 3600.0;
+
+/// Verdict of a check of the host or its equipment, and what was found.
+type Verdict = (Fitness, String);
+/// A check by its name.
+type Check = (&'static str, Verdict);
 
 /// Arguments of `plumbline doctor`.
 #[derive(Debug, Args)]
@@ -120,58 +121,59 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     let config = with_overrides(&config, &args.overrides)?;
     // Opened first: what is wrong with the configuration of the sensors is told at once.
     let streams = args.live.then(|| data::open_live(&config, seconds)).transpose()?;
-    let report = streams.map(data::examine).transpose()?;
+    let sensors = streams.map(data::examine).transpose()?;
     let table = TaskTable::new(&config, 1.0);
     let mut checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
     checks.push(("certificates", certificates::check(&config.network.tls, SystemTime::now())));
     checks.extend(args.record.as_ref().map(|folder| ("disk", disk::check(&config, folder))));
     checks.push(("autopilot", autopilot::check(&config.autopilot)));
-    tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
+    let checks =
+        checks.into_iter().map(|(name, (verdict, words))| Measure::new(name, verdict, words, "", &[]));
+    let sensors = sensors.map(|measures| ("the configured sensors".to_owned(), measures));
+    tell(args, Some((checks.collect(), table)), sensors)
 }
 
-/// Findings about the data of a recording, in lines.
-///
-/// # Errors
-/// When the source cannot be used.
-pub(super) fn of_recording(
-    source: &str,
-    config: ValidConfig,
-    topics: &BagTopics,
-    seconds: f64,
-) -> Result<Vec<String>> {
-    let flight = data::open(source, Some(config), topics, seconds)?;
-    let name = flight.name.clone();
-    Ok(lines(&name, &data::examine(flight.into())?))
-}
-
-/// Lines of the findings about the host, and about the sensors of a source.
+/// Prints the measures of the host with the tasks of a flight, and those of the sensors of a source, and the verdict on all.
 fn tell(
     args: &DoctorArgs,
-    host: Option<(Vec<Check>, TaskTable)>,
-    sensors: Option<(String, CheckupReport)>,
+    host: Option<(Vec<Measure>, TaskTable)>,
+    sensors: Option<(String, Vec<Measure>)>,
 ) -> Result<()> {
     if args.json {
         say(serde_json::to_string_pretty(&as_json(host.as_ref(), sensors.as_ref()))?);
-    } else {
-        host.iter().for_each(|(checks, table)| print_host(checks, table));
-        sensors.iter().for_each(|(name, report)| print(name, report));
     }
-    let (checks, measures) = (all_checks(host.as_ref()), all_measures(sensors.as_ref()));
-    let checks_against = checks.iter().filter(|(_, verdict)| verdict.is_not_fit()).map(|(name, _)| *name);
-    let measures_against = measures.iter().filter(|m| m.verdict == Fitness::NotFit).map(|m| m.name);
-    let against: Vec<&str> = checks_against.chain(measures_against).collect();
+    if let Some((checks, table)) = host.as_ref().filter(|_| !args.json) {
+        lines("this host", checks).into_iter().for_each(say);
+        say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+    }
+    if let Some((name, measures)) = sensors.as_ref().filter(|_| !args.json) {
+        lines(name, measures).into_iter().for_each(say);
+    }
+    let names = |verdict: Fitness| {
+        let all = all(host.as_ref(), sensors.as_ref()).filter(|measure| measure.verdict == verdict);
+        all.map(|measure| measure.name).collect::<Vec<_>>().join(", ")
+    };
+    let against = names(Fitness::NotFit);
     if !against.is_empty() {
-        bail!("not fit to fly: {}", against.join(", "));
+        bail!("not fit to fly: {against}");
     }
-    let missing: Vec<&Measure> = sensors.iter().flat_map(|(_, report)| report.missing()).collect();
+    let missing: Vec<&Measure> = missing(sensors.as_ref()).collect();
     if !missing.is_empty() {
         return Err(NotShown::of(&missing).into());
     }
     if !args.json {
-        let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).map(|(name, _)| *name);
-        let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).map(|m| m.name);
-        let to_mend: Vec<&str> = poor.chain(to_mind).collect();
-        say(format_args!("\n{}", fit(&to_mend, host.is_some(), sensors.as_ref())));
+        let what = match (&host, &sensors) {
+            (Some(_), Some(_)) => "Fit to fly",
+            (Some(_), None) => "This host is fit to fly",
+            (None, _) => "The sensors are fit to fly",
+        };
+        let mend = match names(Fitness::Mind) {
+            names if names.is_empty() => names,
+            names => format!(", with these to mend: {names}"),
+        };
+        let aside = left_aside(host.is_some(), sensors.is_some()).join(", ");
+        let aside = if aside.is_empty() { aside } else { format!(" Not looked at: {aside}.") };
+        say(format_args!("\n{what}{mend}.{aside}"));
     }
     Ok(())
 }
@@ -193,104 +195,67 @@ impl NotShown {
     }
 }
 
-fn all_checks(host: Option<&(Vec<Check>, TaskTable)>) -> &[Check] {
-    host.map_or(&[], |(checks, _)| checks)
+/// All measures.
+fn all<'a>(
+    host: Option<&'a (Vec<Measure>, TaskTable)>,
+    sensors: Option<&'a (String, Vec<Measure>)>,
+) -> impl Iterator<Item = &'a Measure> {
+    let checks = host.into_iter().flat_map(|(checks, _)| checks);
+    checks.chain(sensors.into_iter().flat_map(|(_, measures)| measures))
 }
 
-fn all_measures(sensors: Option<&(String, CheckupReport)>) -> &[Measure] {
-    sensors.map_or(&[], |(_, report)| &report.measures)
-}
-
-/// The verdict, of what was looked at alone, and what was not.
-fn fit(to_mend: &[&str], has_host: bool, sensors: Option<&(String, CheckupReport)>) -> String {
-    let what = match (has_host, sensors) {
-        (true, Some(_)) => "Fit to fly",
-        (true, None) => "This host is fit to fly",
-        (false, _) => "The sensors are fit to fly",
-    };
-    let mend = match to_mend {
-        [] => String::new(),
-        [one] => format!(", with one thing to mend ({one})"),
-        several => format!(", with {} things to mend ({})", several.len(), several.join(", ")),
-    };
-    let aside = left_aside(has_host, sensors).join(", ");
-    let aside = if aside.is_empty() { String::new() } else { format!(" Not looked at: {aside}.") };
-    format!("{what}{mend}.{aside}")
+/// Measures that a flight needs and the data do not show.
+fn missing(sensors: Option<&(String, Vec<Measure>)>) -> impl Iterator<Item = &Measure> {
+    sensors.into_iter().flat_map(|(_, measures)| measures).filter(|measure| measure.is_missing())
 }
 
 /// Subjects that were not to be looked at.
-fn left_aside(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
+fn left_aside(has_host: bool, has_sensors: bool) -> Vec<&'static str> {
     let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
-    host.into_iter().chain(sensors.is_none().then_some("the sensors (--live)")).collect()
+    host.into_iter().chain((!has_sensors).then_some("the sensors (--live)")).collect()
 }
 
-fn print_host(checks: &[Check], table: &TaskTable) {
-    for (name, verdict) in checks {
-        let (mark, words) = verdict.told();
-        say(format_args!("{mark:<7}  {name:<19} {words}"));
-    }
-    say(format_args!("\nTasks of a flight at these rates:\n{table}"));
-}
-
-/// A line for each measure, and its cure below it; one for all that something else makes worthless.
-fn print(name: &str, report: &CheckupReport) {
-    lines(name, report).into_iter().for_each(say);
-}
-
-fn lines(name: &str, report: &CheckupReport) -> Vec<String> {
+/// A line for each measure, and its cure below it; one for all that were not measured for one reason.
+fn lines(name: &str, measures: &[Measure]) -> Vec<String> {
     let mut lines = vec![format!("{name}:")];
-    let (worthless, judged): (Vec<&Measure>, Vec<&Measure>) =
-        report.measures.iter().partition(|measure| measure.cure == NAMED_ABOVE);
     let mut told = Vec::new();
-    for measure in &judged {
-        let has_reason_of = |other: &&&Measure| {
-            measure.verdict == Fitness::NotMeasured
-                && (other.verdict, &other.value, &other.cure)
-                    == (measure.verdict, &measure.value, &measure.cure)
-        };
-        // What was not measured for one reason is told once.
-        let alike: Vec<&str> = judged.iter().filter(has_reason_of).map(|other| other.name).collect();
-        if told.contains(&measure.name) {
+    for measure in measures {
+        let Measure { name, verdict, value, cure, .. } = measure;
+        if told.contains(name) {
             continue;
         }
-        if let [_, others @ .., last] = alike.as_slice() {
-            lines.push(format!("{:<13} {}", measure.verdict, alike.join(", ")));
-            lines.push(format!("{:<13} {:<31} {}", "", "", measure.value));
-            told.extend(others.iter().chain([last]));
-        } else {
-            lines.push(format!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+        let is_alike = |m: &&Measure| (m.verdict, &m.value, &m.cure) == (Fitness::NotMeasured, value, cure);
+        let alike: Vec<&str> = measures.iter().filter(is_alike).map(|m| m.name).collect();
+        match alike.len() {
+            0 | 1 => lines.push(format!("{verdict:<13} {name:<31} {value}")),
+            _ => {
+                lines.push(format!("{verdict:<13} {}", alike.join(", ")));
+                lines.push(format!("{:<13} {:<31} {value}", "", ""));
+            }
         }
-        if !measure.cure.is_empty() {
-            lines.push(format!("{:<13} {:<31} -> {}", "", "", measure.cure));
+        if !cure.is_empty() {
+            lines.push(format!("{:<13} {:<31} -> {cure}", "", ""));
         }
-    }
-    if !worthless.is_empty() {
-        let names: Vec<&str> = worthless.iter().map(|measure| measure.name).collect();
-        lines.push(format!("{:<13} {}", Fitness::NotMeasured, names.join(", ")));
-        lines.push(format!("{:<13} {:<31} -> {NAMED_ABOVE}", "", ""));
+        told.extend(alike);
     }
     lines
 }
 
-fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, CheckupReport)>) -> Value {
-    let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
-    let mut all = json!({
-        "fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit() && report.missing().next().is_none()),
-        "not_looked_at": left_aside(host.is_some(), sensors),
-        "not_shown": sensors.iter().flat_map(|(_, report)| report.missing()).map(|m| m.name).collect::<Vec<_>>(),
+fn as_json(host: Option<&(Vec<Measure>, TaskTable)>, sensors: Option<&(String, Vec<Measure>)>) -> Value {
+    let is_fit = |measure: &Measure| measure.verdict != Fitness::NotFit && !measure.is_missing();
+    let mut json = json!({
+        "fit": all(host, sensors).all(is_fit),
+        "not_looked_at": left_aside(host.is_some(), sensors.is_some()),
+        "not_shown": missing(sensors).map(|measure| measure.name).collect::<Vec<_>>(),
     });
     if let Some((checks, _)) = host {
-        let checks = checks.iter().map(|(name, verdict)| {
-            let (mark, words) = verdict.told();
-            json!({"name": name, "verdict": mark, "value": words})
-        });
-        all["host"] = checks.collect();
+        json["host"] = checks.iter().map(measure_json).collect();
     }
-    if let Some((name, report)) = sensors {
-        all["source"] = json!(name);
-        all["measures"] = report.measures.iter().map(measure_json).collect();
+    if let Some((name, measures)) = sensors {
+        json["source"] = json!(name);
+        json["measures"] = measures.iter().map(measure_json).collect();
     }
-    all
+    json
 }
 
 fn measure_json(measure: &Measure) -> Value {

@@ -5,19 +5,13 @@ use plumbline_ground::fleet::Fleet;
 use plumbline_ground::view;
 use std::collections::VecDeque;
 use std::io::Write as _;
-use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lines of the log that wait for the end of the view.
 const MAX_LINES: usize = 200;
 
 /// Shows the view in the terminal. What is logged meanwhile is written to the terminal afterwards.
-pub fn show(
-    fleet: &Mutex<Fleet>,
-    about: &str,
-    is_over: &impl Fn() -> bool,
-    stop: &AtomicBool,
-) -> std::io::Result<()> {
+pub fn show(fleet: &Mutex<Fleet>, about: &str, is_over: &impl Fn() -> bool) -> std::io::Result<()> {
     let waiting = Arc::new(Mutex::new(VecDeque::<Vec<u8>>::new()));
     let lines = Arc::clone(&waiting);
     let redirected = log_lines::redirect(move |line| {
@@ -27,7 +21,7 @@ pub fn show(
         }
         lines.push_back(line.to_owned());
     });
-    let shown = view::show(fleet, about, is_over, stop);
+    let shown = view::show(fleet, about, is_over);
     drop(redirected);
     // A terminal that is gone takes no lines.
     let (mut stderr, waiting) =

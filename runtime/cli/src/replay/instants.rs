@@ -3,7 +3,7 @@
 use super::ReplayArgs;
 use anyhow::{Context as _, Result, ensure};
 use plumbline_config::Timestamp;
-use plumbline_flight::flight::{CausalPose, write_instants};
+use plumbline_flight::flight::{PublishedState, write_instants};
 use plumbline_record::InstantAnswer;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ pub(super) fn file(args: &ReplayArgs) -> Option<PathBuf> {
 ///
 /// # Errors
 /// When the file cannot be written, or no instant has a state.
-pub(super) fn write(path: &Path, rows: &[InstantAnswer], poses: &[CausalPose]) -> Result<()> {
+pub(super) fn write(path: &Path, rows: &[InstantAnswer], poses: &[PublishedState]) -> Result<()> {
     write_instants(path, rows).with_context(|| format!("{}", path.display()))?;
     let refused = || rows.iter().filter_map(|row| Some((row, row.outcome.refusal()?)));
     let count = refused().count();

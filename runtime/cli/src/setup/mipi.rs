@@ -51,7 +51,7 @@ pub fn run(args: &MipiArgs) -> Result<()> {
         "Left is left if a hand before the left lens darkens the left image; else give --swap.".to_owned(),
         "The media pipeline is set up by media-ctl after each start: docs/rigs/mipi.md.".to_owned(),
     ];
-    finish(&args.options, Found { device, is_detected: true, config, notes, settings: Vec::new() }, || Ok(()))
+    finish(&args.options, Found { device, config, notes, settings: Vec::new() }, || Ok(()))
 }
 
 /// Devices that were named, or the two receivers.

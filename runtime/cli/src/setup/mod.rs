@@ -6,7 +6,6 @@
 
 mod ask;
 mod mipi;
-mod oak_d;
 mod realsense;
 mod zed_mini;
 
@@ -45,8 +44,6 @@ enum Rig {
     ZedMini(zed_mini::ZedMiniArgs),
     /// Two MIPI cameras of the kernel, with the autopilot's IMU. Not tried on a device.
     Mipi(mipi::MipiArgs),
-    /// OAK-D for recorded data: it is no camera of the kernel. Not tried on a device.
-    OakD(oak_d::OakDArgs),
 }
 
 /// Options of every rig.
@@ -111,8 +108,6 @@ impl SetupOptions {
 struct Found {
     /// Name of the device, such as `RealSense D435i 123 (USB 3)`.
     device: String,
-    /// True if it was detected; a device that the kernel does not know cannot be.
-    is_detected: bool,
     /// Configuration of the rig.
     config: Config,
     /// Where the values come from, and what is left to do; a line each.
@@ -130,7 +125,6 @@ pub fn run(args: &SetupArgs) -> Result<()> {
         Rig::Realsense(args) => realsense::run(args),
         Rig::ZedMini(args) => zed_mini::run(args),
         Rig::Mipi(args) => mipi::run(args),
-        Rig::OakD(args) => oak_d::run(args),
     }
 }
 
@@ -142,13 +136,7 @@ fn finish(options: &SetupOptions, found: Found, apply: impl FnOnce() -> Result<(
     let text = format!("{}\n{}", header(&found.device, &found.notes), config.to_toml()?);
     // What is written is what will be read.
     let back = Config::from_toml_str(&text, &origin)?;
-    match found.is_detected {
-        true => say(format_args!("found       {}", found.device)),
-        false => say(format_args!(
-            "not found   {} is no camera of the kernel and cannot be detected; its preset is taken",
-            found.device
-        )),
-    }
+    say(format_args!("found       {}", found.device));
     if options.dry_run {
         say(format_args!("would write {origin}:\n\n{}", text.trim_end()));
         found.settings.iter().for_each(|setting| say(format_args!("would set   {setting}")));
@@ -167,10 +155,6 @@ fn finish(options: &SetupOptions, found: Found, apply: impl FnOnce() -> Result<(
 
 /// Runs the doctor with the configuration, if a flight could use it.
 fn examine(options: &SetupOptions, config: &ValidConfig, out: PathBuf) -> Result<()> {
-    if config.driver.v4l2.left.is_empty() {
-        say(format_args!("next        plumbline doctor RECORDING --config {}", out.display()));
-        return Ok(());
-    }
     let is_complete = config.unset_keys().is_empty();
     if options.no_doctor || !options.is_live() || !is_complete {
         say(format_args!("next        plumbline doctor --config {} --live", out.display()));

@@ -100,7 +100,6 @@ pub fn run(args: &RealsenseArgs) -> Result<()> {
     }
     let found = Found {
         device: format!("{} {} ({}x{} px)", camera.name, camera.serial, args.size.0, args.size.1),
-        is_detected: true,
         settings: settings(args),
         notes,
         config,

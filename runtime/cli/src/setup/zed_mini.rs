@@ -81,6 +81,5 @@ pub fn run(args: &ZedMiniArgs) -> Result<()> {
         )],
         false => Vec::new(),
     };
-    finish(&args.options, Found { device, is_detected: true, config, notes, settings }, || Ok(()))
-        .context("ZED Mini")
+    finish(&args.options, Found { device, config, notes, settings }, || Ok(())).context("ZED Mini")
 }

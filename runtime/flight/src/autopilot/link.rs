@@ -19,38 +19,12 @@ use std::os::fd::BorrowedFd;
 use thiserror::Error;
 use udp::UdpLink;
 
-/// Why there is no line to the autopilot.
+/// Why there is no line to the autopilot: the address or device, what is wrong with it, and the cure.
 #[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum LinkError {
-    /// The address is none, or its name is unknown.
-    #[error("autopilot at {address}: address not found ({reason}); check the name and the name service")]
-    Address {
-        /// As configured.
-        address: String,
-        /// Words of the system.
-        reason: String,
-    },
-    /// The socket cannot be had.
-    #[error(
-        "autopilot at {address}: no UDP socket ({source}); check that the port is free and the network up"
-    )]
-    Socket {
-        /// As configured.
-        address: String,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// The device cannot be used.
-    #[error(
-        "autopilot at {device}: the device cannot be used ({source}); check the path, its permissions (group dialout), and that no other program has it open"
-    )]
-    Device {
-        /// Path of the device.
-        device: String,
-        /// Error of the system.
-        source: std::io::Error,
-    },
+#[error("autopilot at {at}: {reason}")]
+pub struct LinkError {
+    at: String,
+    reason: String,
 }
 
 /// The line to the autopilot.

@@ -138,7 +138,7 @@ impl Sender {
             heard: None,
             is_heard: true,
             began: Monotonic::now(),
-            late_ms: Times::of_ms(),
+            late_ms: Times::default(),
             figures: BridgeFigures::default(),
             instants: None,
             host_ahead_ns: None,

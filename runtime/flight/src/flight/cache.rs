@@ -1,7 +1,7 @@
 //! Rendered frames on disk, raw: rendering takes far longer than estimating.
 //!
 //! A file holds, for each frame in order, the pixels of all cameras. Its name is a hash of everything the images depend
-//! on. Flights of any length once along a path of a file share one, which grows with the longest of them.
+//! on.
 
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -34,20 +34,12 @@ pub(super) fn frames(
         |source| FlightError::Cache { path, source }
     };
     let path = folder.join(format!("{}.raw", key(simulator, scenario)?));
-    let kept = kept_frames(&path, simulator)?;
-    let file = if kept >= simulator.frame_count() {
+    let file = if is_whole(&path, simulator)? {
         File::open(&path).map_err(failed(&path))?
     } else {
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
         remove_abandoned(folder);
-        let (partial, file) = render(&path, simulator, kept).map_err(failed(&path))?;
-        // Somebody else may have rendered more in the meantime.
-        match kept_frames(&path, simulator)? < simulator.frame_count() {
-            true => std::fs::rename(partial, &path),
-            false => std::fs::remove_file(partial),
-        }
-        .map_err(failed(&path))?;
-        file
+        render(&path, simulator).map_err(failed(&path))?
     };
     Ok(Box::new(CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 }))
 }
@@ -56,11 +48,6 @@ pub(super) fn frames(
 fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError> {
     let cameras = &simulator.config().camera;
     let mut sound = scenario.clone();
-    // Scene and light surround the path of a whole file. Built-in paths, and laps, are drawn through samples up to where the flight
-    // ends, and walls and furniture keep clear of what is flown.
-    if matches!(scenario.path, FlightPath::Tum(_)) && scenario.laps == 1 {
-        sound.duration_s = 0.0;
-    }
     let mut hash = Sha256::new();
     // What files hold counts, and not their names.
     let mut add = |file: &Path| {
@@ -89,20 +76,14 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError
     Ok(hash.finalize().iter().take(12).map(|b| format!("{b:02x}")).collect())
 }
 
-fn frame_bytes(simulator: &Simulator) -> u64 {
-    simulator.image_sizes().iter().map(|(width, height)| (width * height) as u64).sum()
-}
-
-/// Frames that the file at `path` holds; none if there is no such file.
-fn kept_frames(path: &Path, simulator: &Simulator) -> Result<u64, FlightError> {
-    let bytes = match std::fs::metadata(path) {
-        Ok(metadata) => metadata.len(),
-        Err(error) if error.kind() == ErrorKind::NotFound => 0,
-        Err(source) => return Err(FlightError::Cache { path: path.to_owned(), source }),
-    };
-    match bytes % frame_bytes(simulator) {
-        0 => Ok(bytes / frame_bytes(simulator)),
-        _ => Err(FlightError::CacheIncomplete { path: path.to_owned() }),
+/// Whether there is a file at `path`, which holds all frames then.
+fn is_whole(path: &Path, simulator: &Simulator) -> Result<bool, FlightError> {
+    let frame_bytes: usize = simulator.image_sizes().iter().map(|(width, height)| width * height).sum();
+    match std::fs::metadata(path) {
+        Ok(about) if about.len() == simulator.frame_count() * frame_bytes as u64 => Ok(true),
+        Ok(_) => Err(FlightError::CacheIncomplete { path: path.to_owned() }),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
+        Err(source) => Err(FlightError::Cache { path: path.to_owned(), source }),
     }
 }
 
@@ -119,8 +100,8 @@ fn remove_abandoned(folder: &Path) {
     }
 }
 
-/// Renders what the file at `path`, of `kept` frames, lacks: another file, complete, and open at its beginning.
-fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(PathBuf, File)> {
+/// Renders the file at `path`, open at its beginning.
+fn render(path: &Path, simulator: &Simulator) -> std::io::Result<File> {
     // Others may be rendering the same flight: each into a file of its own.
     static RENDERINGS: AtomicU64 = AtomicU64::new(0);
     let number = RENDERINGS.fetch_add(1, Ordering::Relaxed);
@@ -128,14 +109,11 @@ fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(Pat
     let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&partial)?;
     file.lock()?;
     let mut out = BufWriter::new(file);
-    if kept > 0 {
-        std::io::copy(&mut File::open(path)?.take(kept * frame_bytes(simulator)), &mut out)?;
-    }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut painters: Vec<_> =
         (0..threads).map(|_| (simulator.scratch(), StereoFrame::new(simulator.image_sizes()))).collect();
-    let progress = progress(simulator.frame_count() - kept);
-    let mut first = kept;
+    let progress = progress(simulator.frame_count());
+    let mut first = 0;
     while first < simulator.frame_count() {
         let count = (simulator.frame_count() - first).min(threads as u64) as usize;
         std::thread::scope(|scope| {
@@ -155,7 +133,8 @@ fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(Pat
     let mut file = out.into_inner()?;
     file.sync_all()?;
     file.rewind()?;
-    Ok((partial, file))
+    std::fs::rename(partial, path)?;
+    Ok(file)
 }
 
 fn progress(frames: u64) -> ProgressBar {
@@ -266,20 +245,17 @@ mod tests {
     }
 
     #[test]
-    fn along_a_file_a_longer_flight_serves_a_shorter_one_and_grows_for_one_that_is_longer_still() {
+    fn what_is_there_is_not_rendered_again() {
         let folder = tempfile::tempdir().unwrap();
         let cache = folder.path().join("cache");
-        let along = |name: &str, duration_s| scenario(path(folder.path(), name), duration_s);
-        assert_sound(&cache, &along("path.tum", 1.0));
+        let along = |name: &str| scenario(path(folder.path(), name), 0.5);
+        assert_sound(&cache, &along("path.tum"));
         let [(file, bytes)] = &files(&cache)[..] else { panic!("one file") };
         let written = file.metadata().unwrap().modified().unwrap();
-        assert_sound(&cache, &along("path.tum", 0.5));
         // The same path by another name.
-        assert_sound(&cache, &along("copy.tum", 1.0));
+        assert_sound(&cache, &along("copy.tum"));
         assert_eq!(files(&cache), [(file.clone(), *bytes)]);
         assert_eq!(file.metadata().unwrap().modified().unwrap(), written, "nothing was rendered");
-        assert_sound(&cache, &along("path.tum", 1.5));
-        assert_eq!(files(&cache), [(file.clone(), bytes / 2 * 3)]);
     }
 
     #[test]
@@ -291,9 +267,8 @@ mod tests {
             Scenario { seed: 2, ..base.clone() },
             Scenario { start_s: 0.5, ..base.clone() },
             Scenario { effects: dark, ..base.clone() },
+            Scenario { duration_s: 0.3, ..base.clone() },
             scenario(FlightPath::Demo, 0.2),
-            // Its path is drawn, and its room built, for as long as is flown.
-            scenario(FlightPath::Demo, 0.3),
         ];
         for other in std::iter::once(&base).chain(&others) {
             assert_sound(folder.path(), other);

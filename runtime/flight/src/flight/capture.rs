@@ -36,7 +36,7 @@ pub struct StreamFigures {
 }
 
 /// Counts and times a stream.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Meter {
     period_ns: f64,
     first: Option<Timestamp>,
@@ -50,21 +50,6 @@ struct Meter {
 }
 
 impl Meter {
-    fn new(rate_hz: f64) -> Self {
-        Self {
-            period_ns: 1e9 / rate_hz,
-            first: None,
-            last: None,
-            count: 0,
-            missing: 0,
-            gaps: 0,
-            longest_gap_ns: 0,
-            age_ms: Times::of_ms(),
-            allocations: 0,
-        }
-    }
-
-    /// Something was handed out, for which so much was allocated.
     fn take(&mut self, sequence: u64, stamp: Timestamp, allocations: u64) {
         let first = *self.first.get_or_insert(stamp);
         if let Some((last_sequence, last_stamp)) = self.last {
@@ -117,7 +102,10 @@ pub struct PairCounts {
 
 impl SharedMeter {
     fn new(rate_hz: f64) -> Self {
-        Self(Arc::new(Mutex::new((Meter::new(rate_hz), PairCounts::default()))))
+        Self(Arc::new(Mutex::new((
+            Meter { period_ns: 1e9 / rate_hz, ..Meter::default() },
+            PairCounts::default(),
+        ))))
     }
 
     fn lock(&self) -> MutexGuard<'_, (Meter, PairCounts)> {

@@ -1,6 +1,5 @@
 //! Errors of a flight that cannot be opened or flown.
 
-use super::truth::TruthError;
 use crate::autopilot::BridgeError;
 use crate::log::LogError;
 use crate::pipeline::RunError;
@@ -51,15 +50,6 @@ pub enum FlightError {
     /// The run ended early.
     #[error("{0}")]
     Run(#[from] RunError),
-}
-
-impl From<TruthError> for FlightError {
-    fn from(error: TruthError) -> Self {
-        match error {
-            TruthError::Table(error) => Self::Driver(error),
-            TruthError::Sensor(error) => Self::Config(error),
-        }
-    }
 }
 
 impl FlightError {

@@ -1,6 +1,6 @@
 //! A flight: what is flown, opened and ready to run ([`open`]), and the run of it with those who listen ([`run`]).
 //!
-//! The output is data: the outcome of the run and the causal trajectory. Reports are made of it further up. What a flight is
+//! The output is data: the outcome of the run and the published states. Reports are made of it further up. What a flight is
 //! handed to while it goes on (recorder, autopilot, what the caller adds) is put together in [`outputs`].
 
 mod cache;
@@ -35,7 +35,7 @@ pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_sensors};
-pub use trajectory::{CausalPose, CausalTrajectory, Kept, KeptOdometry, KeptStates, OdometryTrajectory};
+pub use trajectory::{Kept, KeptOdometry, KeptStates, OdometryTrajectory};
 pub use truth::{TrueState, Truth};
 
 use crate::log::KnownMap;

@@ -1,5 +1,5 @@
-//! Published states of a flight, kept to be judged by the truth: every estimate, every few samples of odometry, and the
-//! uncertainty of each relative to the one a second before.
+//! Published states of a flight, kept in memory: every estimate; and, where the truth judges the flight, every few samples of
+//! odometry, and the uncertainty of each estimate relative to the one a second before.
 
 use super::trajectory::{EntryStorage, Lent, MAX_RESERVED_FRAMES};
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
@@ -9,8 +9,9 @@ use plumbline_estimator::HealthBits;
 use plumbline_estimator::estimate::{NavCovariance, TrackingState};
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_record::Said;
-use plumbline_record::said::FullEstimate;
 
+/// Estimates of live sensors that are kept: half an hour at 20 Hz, longer than batteries last; 30 MB.
+const LIVE_FRAMES: usize = 36_000;
 /// Odometry is kept at about this rate, Hz. It is no fraction of 20 Hz, so that all ages of the last correction are met
 /// alike.
 const ODOMETRY_RATE_HZ: f64 = 28.0;
@@ -30,6 +31,8 @@ pub struct PublishedState {
     pub reset_counter: u32,
     /// Quality, 0 to 100.
     pub quality: i8,
+    /// Pose of the odometry frame in the map as it was known then, where it was.
+    pub pose_m_o: Option<Isometry3<f64>>,
 }
 
 /// Published status of a frame, with a pose or without.
@@ -43,8 +46,8 @@ pub struct FrameStatus {
     pub health: HealthBits,
 }
 
-impl PublishedState {
-    fn blank() -> Self {
+impl Default for PublishedState {
+    fn default() -> Self {
         Self {
             stamp: Timestamp::default(),
             pose_o_b: Isometry3::identity(),
@@ -52,6 +55,7 @@ impl PublishedState {
             covariance: NavCovariance::zeros(),
             reset_counter: 0,
             quality: 0,
+            pose_m_o: None,
         }
     }
 }
@@ -59,8 +63,6 @@ impl PublishedState {
 /// States that a flight published.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Published {
-    /// Estimates that had a pose, one a frame.
-    pub estimates: Vec<PublishedState>,
     /// Odometry that had a pose, every few samples.
     pub odometry: Vec<PublishedState>,
     /// Covariances of steps between estimates about a second apart.
@@ -78,35 +80,43 @@ pub struct PublishedStates {
     frames: EntryStorage<FrameStatus>,
     /// One of so many samples of odometry is kept.
     one_of: u64,
+    /// Estimates that are kept at most.
+    most: usize,
+    is_judged: bool,
 }
 
 impl PublishedStates {
-    /// With room for a flight of so many frames.
+    /// With room for the estimates of so many frames, resident from now on: a long flight does not grow. Of a flight whose length is
+    /// not known, the first [`LIVE_FRAMES`] are kept. The rest is kept `is_judged`.
     #[must_use]
-    pub fn with_room_for(frames: usize, config: &ValidConfig) -> Self {
-        let frames = frames.min(MAX_RESERVED_FRAMES);
+    pub fn with_room_for(frames: Option<usize>, config: &ValidConfig, is_judged: bool) -> Self {
+        let most = if frames.is_some() { usize::MAX } else { LIVE_FRAMES };
+        let room = frames.unwrap_or(LIVE_FRAMES).min(MAX_RESERVED_FRAMES);
+        let judged = if is_judged { room } else { 0 };
         let (imu_hz, camera_hz) = (config.imu.rate_hz, config.camera[0].rate_hz);
         let one_of = (imu_hz / ODOMETRY_RATE_HZ).round().max(1.0);
-        // Half of the frames may be missing, and neither rate is exact; nothing for a stream whose length is not known.
-        let kept = (frames as f64 * imu_hz / camera_hz / one_of * 2.1).ceil() as usize;
+        // Half of the frames may be missing, and neither rate is exact.
+        let odometry = (judged as f64 * imu_hz / camera_hz / one_of * 2.1).ceil() as usize;
         Self {
-            estimates: EntryStorage::with_room_for(frames, PublishedState::blank()),
-            odometry: EntryStorage::with_room_for(kept, PublishedState::blank()),
-            steps: EntryStorage::with_room_for(frames, StepCovariance::default()),
-            frames: EntryStorage::with_room_for(frames, FrameStatus::default()),
+            estimates: EntryStorage::with_room_for(room, PublishedState::default()),
+            odometry: EntryStorage::with_room_for(odometry, PublishedState::default()),
+            steps: EntryStorage::with_room_for(judged, StepCovariance::default()),
+            frames: EntryStorage::with_room_for(judged, FrameStatus::default()),
             one_of: one_of as u64,
+            most,
+            is_judged,
         }
     }
 
-    /// States kept, after the run.
+    /// Estimates that had a pose, one a frame, and what else is kept of a flight that is judged.
     #[must_use]
-    pub fn into_published(self) -> Published {
-        Published {
-            estimates: self.estimates.into_entries(),
+    pub fn into_kept(self) -> (Vec<PublishedState>, Option<Published>) {
+        let published = Published {
             odometry: self.odometry.into_entries(),
             steps: self.steps.into_entries(),
             frames: self.frames.into_entries(),
-        }
+        };
+        (self.estimates.into_entries(), self.is_judged.then_some(published))
     }
 }
 
@@ -115,44 +125,56 @@ impl Subscriber for PublishedStates {
         match producer {
             Producer::Window => Box::new(OfEstimates {
                 states: self.estimates.lend(),
-                steps: self.steps.lend(),
-                frames: self.frames.lend(),
+                most: self.most,
+                pose_m_o: None,
+                judged: self.is_judged.then(|| (self.steps.lend(), self.frames.lend())),
             }),
-            Producer::Tick => Box::new(OfOdometry { states: self.odometry.lend(), one_of: self.one_of }),
+            Producer::Tick if self.is_judged => {
+                Box::new(OfOdometry { states: self.odometry.lend(), one_of: self.one_of })
+            }
             _ => Box::new(()),
         }
     }
 }
 
+/// Joins what one thread says of a frame: first where the odometry lies in the map, then the estimate.
 struct OfEstimates {
     states: Lent<PublishedState>,
-    steps: Lent<StepCovariance>,
-    frames: Lent<FrameStatus>,
+    most: usize,
+    pose_m_o: Option<Isometry3<f64>>,
+    judged: Option<(Lent<StepCovariance>, Lent<FrameStatus>)>,
 }
 
 impl Listener for OfEstimates {
     fn keeps_steps(&self) -> bool {
-        true
+        self.judged.is_some()
     }
 
     fn shown(&mut self, view: ListenerView<'_>) {
-        if let ListenerView::Solved(solved) = view {
-            self.steps.entries.extend(solved.step);
+        if let (ListenerView::Solved(solved), Some((steps, _))) = (view, &mut self.judged) {
+            steps.entries.extend(solved.step);
         }
     }
 
     fn said(&mut self, said: &Said) {
-        let Said::Estimate(FullEstimate { estimate, .. }) = said else { return };
+        let estimate = match said {
+            Said::MapEstimate(map) => return self.pose_m_o = map.pose_m_o,
+            Said::Estimate(full) => &full.estimate,
+            _ => return,
+        };
         let (stamp, quality, health) = (estimate.stamp, estimate.quality, estimate.health);
-        self.frames.entries.push(FrameStatus { stamp, quality, health });
-        if estimate.has_pose() {
+        if let Some((_, frames)) = &mut self.judged {
+            frames.entries.push(FrameStatus { stamp, quality, health });
+        }
+        if estimate.has_pose() && self.states.entries.len() < self.most {
             self.states.entries.push(PublishedState {
-                stamp: estimate.stamp,
+                stamp,
                 pose_o_b: estimate.pose_o_b,
                 v_o_b: estimate.v_o_b,
                 covariance: estimate.covariance,
                 reset_counter: estimate.reset_counter,
                 quality,
+                pose_m_o: self.pose_m_o,
             });
         }
     }
@@ -175,6 +197,7 @@ impl Listener for OfOdometry {
                 covariance: odometry.covariance,
                 reset_counter: odometry.reset_counter,
                 quality: odometry.quality,
+                pose_m_o: None,
             });
         }
     }

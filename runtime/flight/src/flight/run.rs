@@ -1,7 +1,6 @@
 //! The run of a flight, from its first sample to its last.
 
-use super::published::{Published, PublishedStates};
-use super::trajectory::{CausalPose, CausalTrajectory, LIVE_FRAMES, MAX_RESERVED_FRAMES};
+use super::published::{Published, PublishedState, PublishedStates};
 use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
@@ -23,8 +22,8 @@ pub struct Flown {
     /// Times, counts and digests.
     pub outcome: RunOutcome,
     /// Every pose as it was known when its frame came; of live sensors the first 36,000.
-    pub poses: Vec<CausalPose>,
-    /// States as they were published, to be judged by the truth; of replayed and simulated flights whose truth is known.
+    pub poses: Vec<PublishedState>,
+    /// What else was published, to be judged by the truth; of replayed and simulated flights whose truth is known.
     pub published: Option<Published>,
     /// Faults that were injected.
     pub injected: Vec<InjectedFault>,
@@ -34,7 +33,8 @@ impl Flown {
     /// The poses in the map as they were known when their frames came, where they were.
     #[must_use]
     pub fn poses_in_map(&self) -> Vec<StampedPose> {
-        let in_map = |p: &CausalPose| Some(StampedPose { stamp: p.stamp, pose: p.pose_m_o? * p.pose_o_b });
+        let in_map =
+            |p: &PublishedState| Some(StampedPose { stamp: p.stamp, pose: p.pose_m_o? * p.pose_o_b });
         self.poses.iter().filter_map(in_map).collect()
     }
 
@@ -42,7 +42,7 @@ impl Flown {
     #[must_use]
     pub fn final_poses(&self) -> Vec<StampedPose> {
         let Some(places) = &self.outcome.places else { return Vec::new() };
-        let corrected = |p: &CausalPose| {
+        let corrected = |p: &PublishedState| {
             let passing = Passing { stamp: p.stamp, pose_o_b: p.pose_o_b, reset_counter: p.reset_counter };
             Some(StampedPose { stamp: p.stamp, pose: places.mapper.corrected(&passing)? })
         };
@@ -62,18 +62,16 @@ pub fn fly(
 ) -> Result<Flown, FlightError> {
     let Flight { config, imu, stereo, truth, name, map, stamps, first_reset_counter, injected, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
-    let mut trajectory = match stamps {
-        Stamps::OfHost => CausalTrajectory::of_first(LIVE_FRAMES),
-        Stamps::Replayed => CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES)),
-    };
     let is_judged = stamps == Stamps::Replayed && !matches!(truth, Truth::None);
-    let mut published = is_judged.then(|| PublishedStates::with_room_for(expected.unwrap_or(0), &config));
-    let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
-    everyone.extend(published.as_mut().map(|published| published as &mut dyn Subscriber));
+    let frames = match stamps {
+        Stamps::OfHost => None,
+        Stamps::Replayed => Some(expected.unwrap_or(0)),
+    };
+    let mut published = PublishedStates::with_room_for(frames, &config, is_judged);
+    let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut published];
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
     let streams = Streams { imu, stereo, map: map.map(|known| known.map), stamps, first_reset_counter };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
-    let published = published.map(PublishedStates::into_published);
-    let poses = trajectory.into_poses();
+    let (poses, published) = published.into_kept();
     Ok(Flown { name, config, truth, threads: options.threads, outcome, poses, published, injected })
 }

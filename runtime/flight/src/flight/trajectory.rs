@@ -1,11 +1,10 @@
-//! Listeners that keep what a run produces in memory: the causal trajectory with its covariances, whole states, and
-//! odometry.
+//! Listeners that keep what a run produces in memory: whole states, and odometry.
 //!
 //! The storage stands before the run and moves to the thread that fills it; when the run is over it comes back.
 
 use super::Flight;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use nalgebra::{Isometry3, Matrix6};
+use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
@@ -15,102 +14,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
 pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
-/// Poses of live sensors that are kept: half an hour at 20 Hz, longer than batteries last; 15 MB.
-pub(super) const LIVE_FRAMES: usize = 36_000;
-
 /// Odometry for which memory is allocated beforehand: half an hour at 200 Hz, 0.3 GB.
 const LIVE_READINGS: usize = 360_000;
-
-/// One pose as it was known when its frame came.
-#[derive(Clone, Debug)]
-pub struct CausalPose {
-    /// Time on the IMU's axis.
-    pub stamp: Timestamp,
-    /// Pose of the body in the odometry frame.
-    pub pose_o_b: Isometry3<f64>,
-    /// Covariance of position, m, and attitude, rad.
-    pub covariance: Matrix6<f64>,
-    /// Resets so far: a jump is no error of the estimate.
-    pub reset_counter: u32,
-    /// Pose of the odometry frame in the map as it was known then, where it was.
-    pub pose_m_o: Option<Isometry3<f64>>,
-}
-
-/// Keeps the pose of every frame.
-#[derive(Debug)]
-pub struct CausalTrajectory {
-    storage: EntryStorage<CausalPose>,
-    most: usize,
-}
-
-impl CausalTrajectory {
-    /// With room for the poses of so many frames, resident from now on: a long flight does not grow.
-    #[must_use]
-    pub fn with_room_for(frames: usize) -> Self {
-        let blank = CausalPose {
-            stamp: Timestamp::default(),
-            pose_o_b: Isometry3::identity(),
-            covariance: Matrix6::zeros(),
-            reset_counter: 0,
-            pose_m_o: None,
-        };
-        Self { storage: EntryStorage::with_room_for(frames, blank), most: usize::MAX }
-    }
-
-    /// Creates a trajectory that keeps the first `frames` poses of a flight of any length.
-    #[must_use]
-    pub fn of_first(frames: usize) -> Self {
-        Self { most: frames, ..Self::with_room_for(frames) }
-    }
-
-    /// The poses in order, after the run.
-    #[must_use]
-    pub fn into_poses(self) -> Vec<CausalPose> {
-        self.storage.into_entries()
-    }
-}
-
-impl Subscriber for CausalTrajectory {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match producer {
-            Producer::Window => {
-                Box::new(CausalListener { poses: self.storage.lend(), most: self.most, pose_m_o: None })
-            }
-            _ => Box::new(()),
-        }
-    }
-}
-
-/// Joins what one thread tells of a frame: first where the odometry lies in the map, then the estimate.
-struct CausalListener {
-    poses: Lent<CausalPose>,
-    most: usize,
-    pose_m_o: Option<Isometry3<f64>>,
-}
-
-impl Listener for CausalListener {
-    fn said(&mut self, said: &Said) {
-        match said {
-            Said::MapEstimate(map) => self.pose_m_o = map.pose_m_o,
-            Said::Estimate(full) => self.add(&full.estimate),
-            _ => {}
-        }
-    }
-}
-
-impl CausalListener {
-    fn add(&mut self, estimate: &Estimate) {
-        if estimate.has_pose() && self.poses.entries.len() < self.most {
-            self.poses.entries.push(CausalPose {
-                stamp: estimate.stamp,
-                pose_o_b: estimate.pose_o_b,
-                covariance: estimate.covariance.fixed_view::<6, 6>(0, 0).into_owned(),
-                reset_counter: estimate.reset_counter,
-                pose_m_o: self.pose_m_o,
-            });
-        }
-    }
-}
 
 /// Keeps what `take` finds in what one thread says, a row each.
 #[derive(Debug)]

@@ -1,10 +1,11 @@
 //! Ground truth: positions and velocities of the vehicle.
 
+use super::FlightError;
 use nalgebra::{Isometry3, Vector3};
+use plumbline_config::Timestamp;
 use plumbline_config::import::euroc_pose;
-use plumbline_config::{ConfigError, Timestamp};
 use plumbline_drivers::euroc::read_ground_truth;
-use plumbline_drivers::{DriverError, StampedPose, TruthState};
+use plumbline_drivers::{StampedPose, TruthState};
 use plumbline_simulator::Simulator;
 use std::path::Path;
 
@@ -34,23 +35,12 @@ impl From<StampedPose> for TrueState {
     }
 }
 
-/// Errors of a table of the truth that cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum TruthError {
-    /// The table cannot be read.
-    #[error(transparent)]
-    Table(#[from] DriverError),
-    /// The file that says where its sensor is on the body cannot be read.
-    #[error(transparent)]
-    Sensor(#[from] ConfigError),
-}
-
 /// Reads a table of the truth of a data set, as states of its body: the file `sensor.yaml` beside it says where on the body the
 /// markers of a motion capture are.
 ///
 /// # Errors
 /// When either cannot be read.
-pub fn read_truth(table: &Path) -> Result<Vec<TruthState>, TruthError> {
+pub fn read_truth(table: &Path) -> Result<Vec<TruthState>, FlightError> {
     let mut states = read_ground_truth(table)?;
     let sensor = table.with_file_name("sensor.yaml");
     // The batch estimate is one of the body.

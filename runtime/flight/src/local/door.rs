@@ -31,22 +31,23 @@ impl Door {
     /// be made.
     pub fn open(config: &LocalConfig) -> Result<Self, LocalError> {
         let path = PathBuf::from(&config.path);
-        let refused = |key, source| Refused(key, source);
         let mode = config.mode_bits().unwrap_or(0o660);
         refuse_others(&path)?;
         let mut group = None;
         let (listener, file) = SocketFile::listen(&path, mode, |new| {
             if !config.group.is_empty() {
-                let group = group_number(&config.group).map_err(|error| refused("local.group", error))?;
+                let group = group_number(&config.group).map_err(|error| Refused("local.group", error))?;
                 rustix::fs::chown(new, None, Some(Gid::from_raw(group)))
-                    .map_err(|error| refused("local.group", error.into()))?;
+                    .map_err(|error| Refused("local.group", error.into()))?;
             }
             group = Some(std::fs::symlink_metadata(new)?.gid());
             Ok::<_, Refused>(())
         })
-        .map_err(|Refused(key, source)| LocalError::Socket { path: path.clone(), key, source })?;
-        let refused = |key, source| LocalError::Socket { path: path.clone(), key, source };
-        listener.set_nonblocking(true).map_err(|error| refused("local.path", error))?;
+        .and_then(|opened| opened.0.set_nonblocking(true).map(|()| opened).map_err(Refused::from))
+        .map_err(|Refused(key, error)| {
+            let reason = format!("the socket cannot be made: {error} ({key})");
+            LocalError::Path { path: path.clone(), reason }
+        })?;
         let group = group.unwrap_or_default();
         Ok(Self { listener, _file: file, group, is_open_to_others: mode & OTHERS_CONNECT != 0 })
     }
@@ -75,14 +76,14 @@ impl From<io::Error> for Refused {
 /// Refuses a path where something else is; a socket that nobody listens on is left over, and is replaced.
 fn refuse_others(path: &Path) -> Result<(), LocalError> {
     let Ok(found) = std::fs::symlink_metadata(path) else { return Ok(()) };
-    let path = path.to_owned();
-    if !found.file_type().is_socket() {
-        return Err(LocalError::NoSocket { path });
-    }
-    if is_served(&path) {
-        return Err(LocalError::InUse { path });
-    }
-    Ok(())
+    let reason = if !found.file_type().is_socket() {
+        "exists and is not a socket; delete it, or set local.path to another path"
+    } else if is_served(path) {
+        "another process listens on it; stop it, or set local.path to another path"
+    } else {
+        return Ok(());
+    };
+    Err(LocalError::Path { path: path.to_owned(), reason: reason.into() })
 }
 
 /// Number of a group by its number or its name in `/etc/group`.
@@ -125,12 +126,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("local");
         let first = Door::open(&config(&path)).unwrap();
-        assert!(matches!(Door::open(&config(&path)), Err(LocalError::InUse { .. })));
+        assert!(Door::open(&config(&path)).err().unwrap().to_string().contains("another process listens"));
         drop(first);
         drop(UnixListener::bind(&path).unwrap());
         drop(Door::open(&config(&path)).unwrap());
         std::fs::write(&path, "notes").unwrap();
-        assert!(matches!(Door::open(&config(&path)), Err(LocalError::NoSocket { .. })));
+        assert!(Door::open(&config(&path)).err().unwrap().to_string().contains("is not a socket"));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "notes");
     }
 

@@ -36,27 +36,13 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LocalError {
-    /// The socket cannot be made.
-    #[error("{}: the socket cannot be made: {source} ({key})", path.display())]
-    Socket {
+    /// A path at which no socket can be opened.
+    #[error("{}: {reason}", path.display())]
+    Path {
         /// Path of the socket.
         path: PathBuf,
-        /// Key of the configuration that cannot be used.
-        key: &'static str,
-        /// Reason given by the system.
-        source: std::io::Error,
-    },
-    /// Something else is there.
-    #[error("{}: exists and is not a socket; delete it, or set local.path to another path", path.display())]
-    NoSocket {
-        /// Path of the socket.
-        path: PathBuf,
-    },
-    /// Another process listens there.
-    #[error("{}: another process listens on it; stop it, or set local.path to another path", path.display())]
-    InUse {
-        /// Path of the socket.
-        path: PathBuf,
+        /// Reason and cure.
+        reason: String,
     },
     /// The thread cannot be started, or there are no more file descriptors.
     #[error("cannot start the thread of the local socket: {0}")]

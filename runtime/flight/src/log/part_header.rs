@@ -15,8 +15,15 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [&str; 6] =
-    ["ros.link", "ros.landmarks", "ros.map", "ros.tracks", "ros.reset", "driver.imu.trigger_exposure"];
+const RETIRED: [&str; 7] = [
+    "ros.link",
+    "ros.landmarks",
+    "ros.map",
+    "ros.tracks",
+    "ros.reset",
+    "driver.imu.trigger_exposure",
+    "network.login",
+];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].

@@ -139,7 +139,7 @@ impl FrameKeeper for RecorderHandle {
 }
 
 /// Summary of a recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct RecorderSummary {
     /// The first file.
     pub path: PathBuf,
@@ -275,14 +275,9 @@ impl Recorder {
         }
         let failed = |reason: String| RecorderSummary {
             path: self.path.clone(),
-            parts: 0,
-            bytes: 0,
-            deleted_bytes: 0,
-            not_recorded: 0,
-            not_recorded_words: String::new(),
             ended_early: Some(reason),
             has_failed: true,
-            cpu_s: 0.0,
+            ..RecorderSummary::default()
         };
         let mut summary = match self.thread.is_finished() {
             true => self.thread.join().unwrap_or_else(|_| {
@@ -351,11 +346,10 @@ fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBu
         parts: writer.parts(),
         bytes: writer.bytes(),
         deleted_bytes: writer.deleted_bytes(),
-        not_recorded: 0,
-        not_recorded_words: String::new(),
         has_failed: failure.as_ref().is_some_and(|error| !matches!(error, LogError::Full { .. })),
         ended_early: failure.map(|error| error.to_string()),
         cpu_s: watch.elapsed_ms() * 1e-3,
+        ..RecorderSummary::default()
     }
 }
 

@@ -114,7 +114,7 @@ impl LogStereo {
 }
 
 fn malformed(cursor: &Cursor, error: &LogError) -> DriverError {
-    DriverError::Malformed { path: cursor.reader().path().to_owned(), message: error.to_string() }
+    DriverError::Refused { path: cursor.reader().path().to_owned(), message: error.to_string() }
 }
 
 impl ImuSource for LogImu {

@@ -5,6 +5,7 @@ use crate::schedule::times::{Percentiles, Times};
 use plumbline_checkup::health::HealthTally;
 use plumbline_config::Timestamp;
 use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
+use plumbline_record::fields::Record as _;
 
 /// Computation of a frame, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,16 +25,10 @@ impl Cost {
 }
 
 /// The time of each stage.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct StageTimes {
     running: [Option<Stopwatch>; Stage::ALL.len()],
     times: [Times; Stage::ALL.len()],
-}
-
-impl Default for StageTimes {
-    fn default() -> Self {
-        Self { running: [None; Stage::ALL.len()], times: std::array::from_fn(|_| Times::of_ms()) }
-    }
 }
 
 impl StageTimes {
@@ -93,47 +88,14 @@ pub struct Figures {
     pub handout_us: Times,
     /// Stages of a frame.
     pub stages: StageTimes,
-    /// Sums over frames of points tracked and landmarks in the window.
-    pub points: (u64, u64),
-    /// Sums over frames of line segments.
-    pub lines: LineCounts,
     /// Frames with each health bit, and qualities from the first pose on.
     pub health: HealthTally,
     /// Time offset at the end, s.
     pub time_offset_s: f64,
+    /// Sums over frames of the counts in [`FrameFigures`].
+    counts: [u64; FrameFigures::FIELDS.len()],
     first_frame: Option<Timestamp>,
     started: Stopwatch,
-}
-
-/// Sums over frames of the line segments of the left image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LineCounts {
-    /// Found.
-    pub raw: u64,
-    /// Long enough.
-    pub kept: u64,
-    /// After merging.
-    pub merged: u64,
-    /// Continuing a track.
-    pub matched: u64,
-    /// Line landmarks in the window.
-    pub in_window: u64,
-    /// Line landmarks in the window along a direction of the structure.
-    pub in_structure: u64,
-    /// Images, of both cameras, whose budget was spent.
-    pub cut_short: u64,
-}
-
-impl LineCounts {
-    fn add(&mut self, figures: &FrameFigures) {
-        self.raw += u64::from(figures.lines_raw);
-        self.kept += u64::from(figures.lines_kept);
-        self.merged += u64::from(figures.lines_merged);
-        self.matched += u64::from(figures.lines_matched);
-        self.in_window += u64::from(figures.lines_in_window);
-        self.in_structure += u64::from(figures.lines_in_structure);
-        self.cut_short += u64::from(figures.lines_cut_short);
-    }
 }
 
 impl Default for Figures {
@@ -149,14 +111,13 @@ impl Default for Figures {
             first_pose_s: None,
             span_s: 0.0,
             wall_s: 0.0,
-            frame_ms: Times::of_ms(),
-            frame_cpu_ms: Times::of_ms(),
+            frame_ms: Times::default(),
+            frame_cpu_ms: Times::default(),
             handout_us: Times::of_us(),
             stages: StageTimes::default(),
-            points: (0, 0),
-            lines: LineCounts::default(),
             health: HealthTally::default(),
             time_offset_s: 0.0,
+            counts: [0; FrameFigures::FIELDS.len()],
             first_frame: None,
             started: Stopwatch::start(),
         }
@@ -172,6 +133,15 @@ impl Figures {
     /// The run is over.
     pub fn finish(&mut self) {
         self.wall_s = self.started.elapsed_ms() * 1e-3;
+    }
+
+    /// Means per frame of the counts in [`FrameFigures`] whose names begin with `prefix`, by the rest of their names.
+    pub fn means(&self, prefix: &str) -> impl Iterator<Item = (&'static str, f64)> {
+        let frames = self.frames.max(1) as f64;
+        let counts = FrameFigures::FIELDS.iter().zip(self.counts);
+        counts.filter_map(move |(field, sum)| {
+            Some((field.about.name.strip_prefix(prefix)?, sum as f64 / frames))
+        })
     }
 
     /// One frame was estimated.
@@ -190,9 +160,9 @@ impl Figures {
         self.frame_cpu_ms.record(cost.cpu_ms);
         self.resets = estimate.reset_counter.wrapping_sub(self.first_reset_counter);
         self.time_offset_s = estimate.time_offset_s;
-        self.points.0 += u64::from(estimate.figures.points_tracked);
-        self.points.1 += u64::from(estimate.figures.points_in_window);
-        self.lines.add(&estimate.figures);
+        for (sum, field) in self.counts.iter_mut().zip(FrameFigures::FIELDS) {
+            *sum += (field.get)(&estimate.figures).whole() as u64;
+        }
         if estimate.has_pose() {
             self.poses += 1;
             self.first_pose_s.get_or_insert(stamp.seconds_since(first));

@@ -21,7 +21,7 @@ use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{PlaceJob, PlaceMap};
-use plumbline_estimator::{Estimate, Feedback, Fork, RigEstimate};
+use plumbline_estimator::{Estimate, Feedback, Fork};
 use plumbline_record::{InstantOrder, MapOrder, MapVerdict, ResetOrder};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -221,11 +221,6 @@ impl<'a> Machine<'a> {
     #[must_use]
     pub fn window(&self) -> &WindowStage {
         &self.window
-    }
-
-    /// The rig as refined so far.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        self.window.rig_estimate()
     }
 
     /// The odometry.

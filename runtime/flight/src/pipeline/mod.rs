@@ -39,7 +39,6 @@ use live::Live;
 use places::{PlacesFigures, PlacesStage};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
-use plumbline_estimator::RigEstimate;
 use plumbline_estimator::places::{Mapper, PlaceMap};
 use stages::WindowStage;
 use std::sync::Arc;
@@ -96,8 +95,6 @@ pub struct RunOutcome {
     pub faults: DriverFaults,
     /// The map; `None` where places are switched off.
     pub places: Option<PlacesEnd>,
-    /// The rig as refined at the end; `None` where the estimator was not running.
-    pub rig: Option<RigEstimate>,
     /// Figures of a live run only.
     pub live: Option<LiveFigures>,
 }

@@ -8,13 +8,14 @@
 use super::clock::Stopwatch;
 use super::effect::Effect;
 use super::listener::{Listener, ListenerView, Mapped};
-use crate::schedule::times::{Percentiles, Times};
+use crate::schedule::times::Times;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
 use plumbline_estimator::places::{MapFollower, MapUpdate, Mapper, PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback};
 use plumbline_record::digest::Digest;
 use plumbline_record::{MapOrder, MapVerdict, Said};
+use serde::Serialize;
 use std::collections::VecDeque;
 
 /// Frames from a keyframe to the first estimate that knows what was found with it: longer than the search takes.
@@ -42,11 +43,12 @@ impl PlaceChoice {
 }
 
 /// Counts and times of the stage.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct PlacesFigures {
     /// Computation of each call, ms of wall time.
+    #[serde(skip)]
     pub times_ms: Times,
-    /// Keyframes in the map, places seen again, and loops that count, at the end.
+    /// Keyframes in the map at the end.
     pub keyframes: u32,
     /// Places seen again.
     pub sightings: u32,
@@ -59,30 +61,8 @@ pub struct PlacesFigures {
     /// Updates that took effect later than the rule says.
     pub late: u64,
     /// SHA-256 over the bits of the pose of the odometry in the map, frame by frame.
+    #[serde(rename = "map_digest")]
     pub digest: String,
-}
-
-impl Default for PlacesFigures {
-    fn default() -> Self {
-        Self {
-            times_ms: Times::of_ms(),
-            keyframes: 0,
-            sightings: 0,
-            contradicted: 0,
-            loops_used: 0,
-            passed_over: 0,
-            late: 0,
-            digest: String::new(),
-        }
-    }
-}
-
-impl PlacesFigures {
-    /// Percentiles of the computation, ms.
-    #[must_use]
-    pub fn percentiles(&self) -> Percentiles {
-        self.times_ms.percentiles()
-    }
 }
 
 /// The map with its figures.
@@ -99,7 +79,7 @@ impl PlacesStage {
         config.estimator.places.enabled.then(|| Self {
             listener,
             mapper: Mapper::new(config.setup(), known),
-            times_ms: Times::of_ms(),
+            times_ms: Times::default(),
         })
     }
 

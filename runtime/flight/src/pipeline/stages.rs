@@ -12,9 +12,7 @@ use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
-use plumbline_estimator::{
-    Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, RigEstimate, Tracked,
-};
+use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
 use plumbline_record::digest::Digest;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::{Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Said, Severity, Verdict};
@@ -200,11 +198,6 @@ pub struct WindowStage {
 }
 
 impl WindowStage {
-    /// The rig as refined so far; `None` before the first pose.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        self.odometer.rig_estimate()
-    }
-
     /// Stage with everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {

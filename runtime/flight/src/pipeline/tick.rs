@@ -58,7 +58,7 @@ pub struct TickStage {
     listener: Box<dyn Listener>,
     /// The last odometry.
     last: Option<Odometry>,
-    /// History of the last seconds, if it is kept.
+    /// Answers requests for states at instants, if there may be any.
     desk: Option<InstantDesk>,
     /// States at instants so far.
     answers: u64,
@@ -67,7 +67,7 @@ pub struct TickStage {
 }
 
 impl TickStage {
-    /// Stage with everything allocated for the configuration. With `instants` it keeps the last seconds, and answers.
+    /// Stage with everything allocated for the configuration. With `instants` it answers requests for states of the last seconds.
     #[must_use]
     pub fn new(
         config: &ValidConfig,
@@ -78,10 +78,7 @@ impl TickStage {
         Self {
             listener,
             effect,
-            propagator: match instants {
-                Some(_) => Propagator::with_history(config.setup()),
-                None => Propagator::new(config.setup()),
-            },
+            propagator: Propagator::new(config.setup()),
             desk: instants.map(InstantDesk::new),
             answers: 0,
             pending: VecDeque::with_capacity(MAX_PENDING),

@@ -37,10 +37,9 @@ pub fn run(
     team.lead(|| machine.run(&mut orders, first_reset_counter))?;
     machine.finish_instants();
     let (estimate_digest, odometry_digest) = (machine.window().digest(), machine.tick().digest());
-    let rig = machine.rig_estimate();
     let (figures, places) = machine.into_end();
     let faults = DriverFaults { imu: orders.imu.faults(), cameras: orders.stereo.faults() };
-    Ok(RunOutcome { figures, estimate_digest, odometry_digest, faults, places, rig, live: None })
+    Ok(RunOutcome { figures, estimate_digest, odometry_digest, faults, places, live: None })
 }
 
 /// Next step of the run.

@@ -16,8 +16,6 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const MAGIC: [u8; 8] = *b"PLBMAP\r\n";
 /// Version of the format.
 pub const VERSION: u32 = 2;
-/// Version that had no lines; it is read too.
-const WITHOUT_LINES: u32 = 1;
 /// Kind of the descriptors: 256 comparisons of the fixed pattern.
 pub const DESCRIPTOR_KIND: u32 = 1;
 /// Keyframes of a map at most.
@@ -26,14 +24,12 @@ pub const MAX_KEYFRAMES: u32 = 20_000;
 pub const MAX_FEATURES: u32 = 4_096;
 /// Bytes before the keyframes.
 const HEADER_BYTES: usize = 32;
-/// Bytes of a keyframe before its features.
-const KEYFRAME_BYTES: usize = 4 + 8 + 2 * 56 + 4;
+/// Bytes of a keyframe without its features and lines.
+const KEYFRAME_BYTES: usize = 4 + 8 + 2 * 56 + 4 + 4;
 /// Bytes of a feature.
 const FEATURE_BYTES: usize = 32 + 5 * 4;
 /// Bytes of a line.
 const LINE_BYTES: usize = 6 * 4;
-/// Bytes of the count of a keyframe's lines.
-const LINE_COUNT_BYTES: usize = 4;
 /// Bytes of the checksum at the end.
 const CHECKSUM_BYTES: usize = 8;
 /// Defects of the bytes of a map.
@@ -145,12 +141,8 @@ impl MapContents {
 /// The bytes of a map.
 #[must_use]
 pub fn encode(map: &MapContents) -> Vec<u8> {
-    let counts = Counts {
-        version: VERSION,
-        keyframes: map.keyframes.len(),
-        features: map.feature_count(),
-        lines: map.line_count(),
-    };
+    let counts =
+        Counts { keyframes: map.keyframes.len(), features: map.feature_count(), lines: map.line_count() };
     let mut out = Writer(Vec::with_capacity(counts.encoded_bytes()));
     out.0.extend(MAGIC);
     out.u32(VERSION);
@@ -189,7 +181,7 @@ pub fn check_start(start: &[u8], length: u64) -> Result<(), MapDefect> {
     read_header(start, length).map(|_| ())
 }
 
-/// Version, kind of the descriptors and counts of a map of `length` bytes that begins with `start`; `None` in place of counts
+/// Kind of the descriptors, and counts of a map of `length` bytes that begins with `start`; `None` in place of counts
 /// that are more than a map can hold.
 fn read_header(start: &[u8], length: u64) -> Result<(u32, Option<Counts>), MapDefect> {
     if start.get(..MAGIC.len()) != Some(MAGIC.as_slice()) {
@@ -202,20 +194,18 @@ fn read_header(start: &[u8], length: u64) -> Result<(u32, Option<Counts>), MapDe
     };
     let mut header = Reader(header);
     let version = header.u32();
-    if !(WITHOUT_LINES..=VERSION).contains(&version) {
+    if version != VERSION {
         return Err(MapDefect::Version { found: version });
     }
     let kind = header.u32();
     let (keyframes, lines, features) = (header.u32(), header.u32(), header.u64());
     let possible = keyframes <= MAX_KEYFRAMES
         && features <= u64::from(keyframes) * u64::from(MAX_FEATURES)
-        && u64::from(lines) <= u64::from(keyframes) * MAX_LINES as u64
-        && (version != WITHOUT_LINES || lines == 0);
+        && u64::from(lines) <= u64::from(keyframes) * MAX_LINES as u64;
     if !possible {
         return Ok((kind, None));
     }
-    let counts =
-        Counts { version, keyframes: keyframes as usize, features: features as usize, lines: lines as usize };
+    let counts = Counts { keyframes: keyframes as usize, features: features as usize, lines: lines as usize };
     match counts.encoded_bytes() {
         bytes if bytes as u64 == length => Ok((kind, Some(counts))),
         bytes => Err(expected(bytes)),
@@ -258,7 +248,7 @@ fn decode_keyframes(mut reader: Reader<'_>, counts: Counts) -> Result<MapContent
         left.features = take(left.features, features, MAX_FEATURES as usize)
             .ok_or(MapDefect::Impossible("keyframes with more features than it has"))?;
         let features = (0..features).map(|_| reader.feature()).collect::<Result<_, _>>()?;
-        let lines = if counts.version == WITHOUT_LINES { 0 } else { reader.u32() };
+        let lines = reader.u32();
         left.lines = take(left.lines, lines, MAX_LINES)
             .ok_or(MapDefect::Impossible("keyframes with more lines than it has"))?;
         let lines = (0..lines).map(|_| reader.line()).collect::<Result<_, _>>()?;
@@ -279,7 +269,6 @@ fn take(left: usize, count: u32, most: usize) -> Option<usize> {
 /// Counts in the header of a file.
 #[derive(Clone, Copy)]
 struct Counts {
-    version: u32,
     keyframes: usize,
     features: usize,
     lines: usize,
@@ -287,9 +276,8 @@ struct Counts {
 
 impl Counts {
     fn encoded_bytes(self) -> usize {
-        let line_count = if self.version == WITHOUT_LINES { 0 } else { LINE_COUNT_BYTES };
         HEADER_BYTES
-            + self.keyframes * (KEYFRAME_BYTES + line_count)
+            + self.keyframes * KEYFRAME_BYTES
             + self.features * FEATURE_BYTES
             + self.lines * LINE_BYTES
             + CHECKSUM_BYTES
@@ -330,22 +318,6 @@ mod tests {
     }
 
     #[test]
-    fn a_map_of_version_1_is_one_without_lines() {
-        let mut without = contents();
-        without.keyframes.iter_mut().for_each(|k| k.lines.clear());
-        let new = encode(&without);
-        let (mut old, mut at) = (new[..HEADER_BYTES].to_vec(), HEADER_BYTES);
-        old[8] = 1;
-        for keyframe in &without.keyframes {
-            let end = at + KEYFRAME_BYTES + keyframe.features.len() * FEATURE_BYTES;
-            old.extend(&new[at..end]);
-            at = end + LINE_COUNT_BYTES;
-        }
-        old.extend([0; CHECKSUM_BYTES]);
-        assert_eq!(decode(&sealed(&old)), Ok(without));
-    }
-
-    #[test]
     fn what_is_read_is_what_was_written() {
         assert_eq!(decode(&encode(&contents())), Ok(contents()));
         assert_eq!(decode(&encode(&MapContents::default())), Ok(MapContents::default()));
@@ -377,7 +349,9 @@ mod tests {
 
     #[test]
     fn another_version_and_other_files_are_named_as_what_they_are() {
-        assert_eq!(forged(|b| b[8] = 3), Err(MapDefect::Version { found: 3 }));
+        for found in [1, 3] {
+            assert_eq!(forged(|b| b[8] = found), Err(MapDefect::Version { found: u32::from(found) }));
+        }
         assert_eq!(decode(b"\x89MCAP0\r\n"), Err(MapDefect::Foreign));
     }
 

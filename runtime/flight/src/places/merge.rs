@@ -38,7 +38,7 @@ pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<MapFit> {
         let query = Query {
             features: &keyframe.features,
             pose_b_c: keyframe.pose_b_c,
-            gravity: Some(Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD }),
+            gravity: Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD },
             seed: number as u64,
         };
         if let Some(found) = locator.locate(first, &query, |_| true) {

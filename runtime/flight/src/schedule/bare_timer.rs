@@ -32,7 +32,7 @@ pub fn run(
     let _ = pin(cpus);
     let start = Monotonic::now();
     let mut ticker = Ticker::new(start.plus_nanos(period.as_nanos() as i64), period);
-    let mut timer = BareTimer { late_ms: Times::of_ms(), missed: 0 };
+    let mut timer = BareTimer { late_ms: Times::default(), missed: 0 };
     while !stop.load(Ordering::Relaxed) {
         let release = ticker.wait();
         timer.late_ms.record(release.late_ms);

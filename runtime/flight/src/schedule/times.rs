@@ -31,17 +31,18 @@ pub struct Times {
     max: u64,
 }
 
+/// Histogram of times in milliseconds.
+impl Default for Times {
+    fn default() -> Self {
+        Self::new(MAX_US, 1e3)
+    }
+}
+
 impl Times {
     fn new(max: u64, per_unit: f64) -> Self {
         let histogram =
             Histogram::new_with_max(max, 3).unwrap_or_else(|_| unreachable!("three digits are allowed"));
         Self { histogram, per_unit, max }
-    }
-
-    /// Histogram of times in milliseconds.
-    #[must_use]
-    pub fn of_ms() -> Self {
-        Self::new(MAX_US, 1e3)
     }
 
     /// Histogram of times in microseconds.
@@ -93,7 +94,7 @@ mod tests {
 
     #[test]
     fn percentiles_are_those_of_the_times() {
-        let mut times = Times::of_ms();
+        let mut times = Times::default();
         (1..=100).for_each(|k| times.record(f64::from(k)));
         let p = times.percentiles();
         assert!((p.p50 - 50.0).abs() < 0.1 && (p.p99 - 99.0).abs() < 0.1 && (p.max - 100.0).abs() < 0.1);

@@ -11,7 +11,8 @@ pub mod protocol;
 
 use super::connection::StationSession;
 use super::fleet::Fleet;
-use super::web::{connections, guard};
+use super::web::connections::{self, ServeError};
+use super::web::guard;
 use axum::Router;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Request, State};
@@ -30,22 +31,6 @@ const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Origins of Foxglove's pages; its desktop program names a file, or nothing.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
-/// Reason why the server is not there.
-#[derive(Debug, thiserror::Error)]
-pub enum FoxgloveError {
-    /// The address cannot be had.
-    #[error("cannot serve Foxglove at {address}; give another address with --foxglove")]
-    Address {
-        /// Address on which it was to be served.
-        address: SocketAddr,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// The system refuses the socket.
-    #[error("cannot serve Foxglove")]
-    Socket(#[from] std::io::Error),
-}
-
 /// State shared by the clients.
 struct Server {
     fleet: Arc<Mutex<Fleet>>,
@@ -61,8 +46,8 @@ struct Server {
 ///
 /// # Errors
 /// When it is taken, or none of this host's.
-pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, FoxgloveError> {
-    connections::bind(address).map_err(|source| FoxgloveError::Address { address, source })
+pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
+    connections::bind("Foxglove", address, "give another address with --foxglove")
 }
 
 /// Serves Foxglove at a bound address until the runtime ends; returns that address. Other hosts may use an address of the
@@ -75,7 +60,7 @@ pub async fn serve(
     fleet: Arc<Mutex<Fleet>>,
     connection: StationSession,
     names: &[String],
-) -> Result<SocketAddr, FoxgloveError> {
+) -> Result<SocketAddr, ServeError> {
     let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
     let names = names.iter().cloned().chain(guard::own_names()).collect();

@@ -71,7 +71,5 @@ fn fuzz_seeds() {
     put("network_messages", "twice", &[messages.concat(), messages.concat()].concat());
     put("web_socket", "watch", br#"{"type":"watch","camera":["drone","other"]}"#);
     put("web_socket", "reset", br#"{"kind":"soft"}"#);
-    put("web_socket", "record", br#"{"on":true}"#);
     put("web_socket", "host", b"localhost:8080");
-    put("web_socket", "file", b"trajectory.tum");
 }

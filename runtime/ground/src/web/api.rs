@@ -1,9 +1,8 @@
-//! HTTP requests of the page: resets, recordings, downloads.
+//! HTTP requests of the page: resets and downloads.
 
 use super::super::command::{self, ResetWords};
-use super::super::export::{ExportFormat, export};
 use super::super::fleet::{Fleet, lock};
-use super::super::track::PoseSample;
+use super::super::track::{PoseSample, tum};
 use super::Station;
 use axum::Json;
 use axum::body::{Body, Bytes};
@@ -23,12 +22,6 @@ const SAMPLES_AT_A_TIME: usize = 20_000;
 #[derive(Deserialize)]
 pub struct ResetRequest {
     kind: ResetWords,
-}
-
-/// Body of a request to start or stop a recording.
-#[derive(Deserialize)]
-pub struct RecordRequest {
-    on: bool,
 }
 
 fn answer(status: StatusCode, is_ok: bool, text: &str) -> Response {
@@ -69,22 +62,6 @@ pub async fn reset(
     }
 }
 
-/// Starts or stops a recording.
-pub async fn record(
-    State(station): State<Arc<Station>>,
-    Path(vehicle): Path<String>,
-    Json(record): Json<RecordRequest>,
-) -> Response {
-    if !station.commands {
-        return off();
-    }
-    match lock(&station.fleet).vehicles.get_mut(&vehicle) {
-        Some(found) => found.set_recording(record.on),
-        None => return unknown(&vehicle),
-    }
-    answer(StatusCode::OK, true, if record.on { "recording started" } else { "recording stopped" })
-}
-
 /// A file on its way, and the place that it takes.
 struct Download {
     text: String,
@@ -97,61 +74,36 @@ impl AsRef<[u8]> for Download {
     }
 }
 
-/// A recording, or everything that is kept, as a file.
-pub async fn download(
-    State(station): State<Arc<Station>>,
-    Path((vehicle, file)): Path<(String, String)>,
-) -> Response {
-    let Some((what, format)) =
-        file.split_once('.').and_then(|(what, end)| Some((what, ExportFormat::of(end)?)))
-    else {
-        return answer(
-            StatusCode::NOT_FOUND,
-            false,
-            "available are trajectory and recording, each as .tum or .csv",
-        );
-    };
+/// The poses that are kept of a vehicle, as a TUM file.
+pub async fn download(State(station): State<Arc<Station>>, Path(vehicle): Path<String>) -> Response {
     // Held until the last byte is sent.
     let Ok(place) = Arc::clone(&station.downloads).try_acquire_owned() else {
         return answer(StatusCode::SERVICE_UNAVAILABLE, false, "other downloads are going on; try again");
     };
-    let (fleet, of, name) = (Arc::clone(&station.fleet), vehicle.clone(), what.to_owned());
+    let (fleet, of) = (Arc::clone(&station.fleet), vehicle.clone());
     // Megabytes are copied and written as text: not on a thread that serves others.
-    let made = tokio::task::spawn_blocking(move || {
-        let samples = copied(&fleet, &of, &name)?;
-        Some(export(&samples, format))
-    });
-    let Ok(Some(text)) = made.await else {
-        if !lock(&station.fleet).vehicles.contains_key(&vehicle) {
-            return unknown(&vehicle);
-        }
-        return answer(StatusCode::NOT_FOUND, false, "there is no recording yet");
-    };
+    let made = tokio::task::spawn_blocking(move || copied(&fleet, &of).map(|poses| tum(&poses)));
+    let Ok(Some(text)) = made.await else { return unknown(&vehicle) };
     // Names of vehicles come from the network: only plain characters go into the header.
     let plain: String = vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
-    let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());
+    let disposition = format!("attachment; filename=\"{plain}-trajectory.tum\"");
     let body = Body::from(Bytes::from_owner(Download { text, _place: place }));
-    ([(header::CONTENT_TYPE, format.mime().to_owned()), (header::CONTENT_DISPOSITION, disposition)], body)
-        .into_response()
+    let media = "text/plain; charset=utf-8".to_owned();
+    ([(header::CONTENT_TYPE, media), (header::CONTENT_DISPOSITION, disposition)], body).into_response()
 }
 
-/// Samples of a trajectory or a recording, copied a part at a time: vehicles go on being received meanwhile.
-fn copied(fleet: &Mutex<Fleet>, vehicle: &str, what: &str) -> Option<Vec<PoseSample>> {
+/// Poses of a vehicle, copied a part at a time: vehicles go on being received meanwhile.
+fn copied(fleet: &Mutex<Fleet>, vehicle: &str) -> Option<Vec<PoseSample>> {
     let mut copied: Option<(u64, Vec<PoseSample>)> = None;
     loop {
         let fleet = lock(fleet);
-        let found = fleet.vehicles.get(vehicle)?;
-        let samples = match what {
-            "trajectory" => &found.poses,
-            "recording" => found.recording.as_ref()?,
-            _ => return None,
-        };
-        let (next, all) = copied.get_or_insert((samples.first(), Vec::new()));
-        let part = samples.since(*next).take(SAMPLES_AT_A_TIME);
+        let poses = &fleet.vehicles.get(vehicle)?.poses;
+        let (next, all) = copied.get_or_insert((poses.first(), Vec::new()));
+        let part = poses.since(*next).take(SAMPLES_AT_A_TIME);
         if part.len() == 0 {
             return copied.map(|(_, all)| all);
         }
-        *next = samples.first().max(*next) + part.len() as u64;
+        *next = poses.first().max(*next) + part.len() as u64;
         all.extend(part.copied());
     }
 }
@@ -179,8 +131,7 @@ mod tests {
             names: Vec::new(),
             downloads: Arc::new(Semaphore::new(1)),
         });
-        let path = Path(("drone".to_owned(), "trajectory.csv".to_owned()));
-        let mut downloading = pin!(download(State(station), path));
+        let mut downloading = pin!(download(State(station), Path("drone".to_owned())));
         {
             let _taken = lock(&fleet);
             assert!(downloading.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());

@@ -25,12 +25,37 @@ const MAX_HEAD_BYTES: usize = 16 * 1024;
 /// Pause after a connection could not be accepted, for want of descriptors.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 
-/// Takes an address to serve.
+/// Reason why something is not served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// An address that cannot be listened at.
+    #[error("cannot serve {what} at {address}; {cure}")]
+    Address {
+        /// What was to be served.
+        what: &'static str,
+        /// Address on which it was to be served.
+        address: SocketAddr,
+        /// What to do about it.
+        cure: &'static str,
+        /// Error of the system.
+        source: std::io::Error,
+    },
+    /// The system refuses the socket.
+    #[error("cannot serve a socket")]
+    Socket(#[from] std::io::Error),
+}
+
+/// Takes an address to serve; what is to be served there, and the cure where it cannot be had, are for the error.
 ///
 /// # Errors
 /// When it is taken, or none of this host's.
-pub(crate) fn bind(address: SocketAddr) -> std::io::Result<std::net::TcpListener> {
-    let listener = std::net::TcpListener::bind(address)?;
+pub(crate) fn bind(
+    what: &'static str,
+    address: SocketAddr,
+    cure: &'static str,
+) -> Result<std::net::TcpListener, ServeError> {
+    let taken = |source| ServeError::Address { what, address, cure, source };
+    let listener = std::net::TcpListener::bind(address).map_err(taken)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
 }

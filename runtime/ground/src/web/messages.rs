@@ -9,10 +9,8 @@ use nalgebra::Isometry3;
 use plumbline_estimator::Estimate;
 use plumbline_link::net::read::Heard;
 use plumbline_record::messages::Picture;
-use plumbline_record::topics::Topic;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// A pose as x y z qx qy qz qw.
@@ -49,7 +47,6 @@ fn vehicle(name: &str, v: &VehicleState, now: Instant) -> Value {
         "position_m": largest(0), "attitude_deg": largest(3).to_degrees(), "velocity_m_s": largest(6),
     });
     let in_map = v.pose_m_o().zip(v.pose_o_b).map(|(pose_m_o, pose_o_b)| pose(&(pose_m_o * pose_o_b)));
-    let recording = v.recording.as_ref().map_or((0, 0.0), |r| (r.len(), r.duration_s()));
     json!({
         "name": name,
         "presence": v.presence(now),
@@ -77,8 +74,6 @@ fn vehicle(name: &str, v: &VehicleState, now: Instant) -> Value {
         "bias_accel": v.estimate.as_ref().map(|e| e.bias_accel.as_slice()),
         "link": link(v, now),
         "keyframes": {"have": v.map.len(), "total": v.map.announced},
-        "others": v.others.iter().map(|(topic, fields)| (key_name(*topic), fields)).collect::<BTreeMap<_, _>>(),
-        "recording": {"on": v.is_recording, "samples": recording.0, "seconds": recording.1},
     })
 }
 
@@ -174,11 +169,6 @@ pub fn picture(vehicle: &str, Heard { envelope, message }: &Heard<Picture>) -> V
     .to_string();
     let length = u32::try_from(header.len()).unwrap_or_default().to_le_bytes();
     [&length[..], header.as_bytes(), &message.jpeg].concat()
-}
-
-/// Name of the key of a topic.
-fn key_name(topic: Topic) -> &'static str {
-    topic.row().key.map_or("", |key| key.name)
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use super::connection::StationSession;
 use super::fleet::Fleet;
 use axum::Router;
 use axum::routing::{get, post};
+use connections::ServeError;
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
@@ -43,28 +44,13 @@ pub struct Station {
 /// Downloads at a time.
 const MAX_DOWNLOADS: usize = 2;
 
-/// Reason why the page is not served.
-#[derive(Debug, thiserror::Error)]
-pub enum ServeError {
-    /// The address cannot be had.
-    #[error("cannot serve the page at {address}; give another address with --http, or --no-http for none")]
-    Address {
-        /// Address on which it was to be served.
-        address: SocketAddr,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// The system refuses the socket.
-    #[error("cannot serve the page")]
-    Socket(#[from] std::io::Error),
-}
-
 /// Takes the address of the page.
 ///
 /// # Errors
 /// When it is taken, or none of this host's.
 pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
-    connections::bind(address).map_err(|source| ServeError::Address { address, source })
+    let cure = "give another address with --http, or --no-http for none";
+    connections::bind("the page", address, cure)
 }
 
 /// Serves the page at a bound address until the runtime ends; returns that address. Other hosts open it by an address of
@@ -95,8 +81,7 @@ fn router(station: Arc<Station>) -> Router {
     Router::new()
         .route("/ws", get(socket::upgrade))
         .route("/api/vehicles/{vehicle}/reset", post(api::reset))
-        .route("/api/vehicles/{vehicle}/recording", post(api::record))
-        .route("/api/vehicles/{vehicle}/{file}", get(api::download))
+        .route("/api/vehicles/{vehicle}/trajectory.tum", get(api::download))
         .fallback(get(assets::serve))
         .layer(axum::extract::DefaultBodyLimit::max(guard::MAX_BODY_BYTES))
         .layer(axum::middleware::from_fn_with_state(Arc::clone(&station), guard::check))

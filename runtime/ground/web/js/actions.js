@@ -1,7 +1,6 @@
-// Resets, recording and downloads of the selected vehicle.
+// Resets of the selected vehicle, and the download of its poses.
 
 import { byId, make, setAttribute, setText } from './dom.js';
-import { duration } from './format.js';
 
 const TIMEOUT_MS = 8000;
 
@@ -34,7 +33,6 @@ export class Actions {
     for (const kind of Object.keys(RESETS)) byId(`reset-${kind}`).addEventListener('click', () => this.ask(kind));
     byId('confirm-no').addEventListener('click', () => this.dialog.close());
     byId('confirm-yes').addEventListener('click', () => this.confirmed());
-    byId('record').addEventListener('click', () => this.toggleRecording());
   }
 
   update() {
@@ -47,17 +45,7 @@ export class Actions {
       const title = hello.commands ? '' : 'Commands are off at this station: it was started with --no-commands, or serves other hosts without --allow-commands.';
       if (button.title !== title) button.title = title;
     }
-    const recording = vehicle?.state.recording ?? {};
-    const record = byId('record');
-    record.disabled = !vehicle || !isOpen || isBusy || !hello.commands;
-    setAttribute(record, 'aria-pressed', recording.on === true);
-    setText(byId('record-text'), recording.on ? 'Stop recording' : 'Record');
-    setText(byId('recording-state'), recordingText(recording));
-    const base = vehicle ? `api/vehicles/${encodeURIComponent(vehicle.name)}` : null;
-    for (const format of ['tum', 'csv']) {
-      link(byId(`download-${format}`), recording.samples > 0 && base ? `${base}/recording.${format}` : null);
-      link(byId(`trajectory-${format}`), base && `${base}/trajectory.${format}`);
-    }
+    link(byId('trajectory'), vehicle && `api/vehicles/${encodeURIComponent(vehicle.name)}/trajectory.tum`);
   }
 
   ask(kind) {
@@ -75,13 +63,6 @@ export class Actions {
     this.dialog.close();
     const { name, kind } = this.asked;
     await this.send(name, 'reset', { kind }, `${kind} reset`);
-  }
-
-  async toggleRecording() {
-    const { vehicle } = this.store;
-    if (!vehicle) return;
-    const on = vehicle.state.recording?.on !== true;
-    await this.send(vehicle.name, 'recording', { on }, on ? 'recording' : 'end of recording');
   }
 
   // Sends a command and shows its outcome.
@@ -114,11 +95,6 @@ function link(anchor, href) {
     anchor.setAttribute('role', 'link');
     anchor.setAttribute('aria-disabled', 'true');
   }
-}
-
-function recordingText({ on, samples, seconds }) {
-  if (on) return `Recording ${duration(seconds)}`;
-  return samples > 0 ? `Recorded ${duration(seconds)}` : 'No recording.';
 }
 
 async function post(url, body) {

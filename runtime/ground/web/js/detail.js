@@ -101,7 +101,6 @@ export class Detail {
     this.horizon.update(vehicle ? attitudeOf(vehicle) : null, vehicle ? store.isCurrent(vehicle) : false);
     this.updateHealth(vehicle, presence, age);
     this.updateFault(vehicle, isUsable, presence);
-    this.updateOthers(vehicle);
   }
 
   // Banner of a fault with its cure: what the vehicle reports, or what its health bits say while its pose is not for use.
@@ -111,23 +110,6 @@ export class Detail {
     byId('fault').hidden = !faults.length;
     const more = faults.length > 1 ? ` (and ${faults.length - 1} more: see Health)` : '';
     if (faults.length) setText(byId('fault'), `${isUsable ? '' : 'Do not use the pose: '}${faults[0]}${more}`);
-  }
-
-  // Fields of what has no place of its own on the page.
-  updateOthers(vehicle) {
-    const rows = f.fieldRows(vehicle?.state.others);
-    byId('others-panel').hidden = !rows.length;
-    const list = byId('others');
-    while (list.children.length > rows.length) list.lastChild.remove();
-    while (list.children.length < rows.length) {
-      const row = make('div');
-      row.append(make('dt'), make('dd'));
-      list.append(row);
-    }
-    rows.forEach(([name, text], i) => {
-      setText(list.children[i].firstChild, name);
-      setText(list.children[i].lastChild, text);
-    });
   }
 
   updateHealth(vehicle, presence, age) {

@@ -66,17 +66,3 @@ export function stampSeconds(stamp) {
 export function bits(value) {
   return Number.isInteger(value) && value >= 0 ? `0x${value.toString(16).padStart(4, '0')}` : UNKNOWN;
 }
-
-// Names and texts of the fields of records, by the keys that they came on.
-export function fieldRows(records) {
-  const isRecord = (value) => typeof value === 'object' && value !== null && !Array.isArray(value);
-  if (!isRecord(records)) return [];
-  return Object.entries(records).slice(0, 16).flatMap(([key, fields]) =>
-    Object.entries(isRecord(fields) ? fields : {}).slice(0, 32).map(([name, value]) => [`${key} ${name}`, fieldText(value)]));
-}
-
-function fieldText(value) {
-  if (typeof value === 'number') return Number.isInteger(value) ? String(value) : significant(value);
-  if (Array.isArray(value) && value.every((x) => typeof x === 'number')) return value.slice(0, 9).map(significant).join(' ');
-  return value === null ? UNKNOWN : String(typeof value === 'object' ? JSON.stringify(value) : value).slice(0, 200);
-}

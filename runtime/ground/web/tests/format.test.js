@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { bits, count, degrees3, duration, fieldRows, number, ratio, signed, significant, stampSeconds, UNKNOWN, vector } from '../js/format.js';
+import { bits, count, degrees3, duration, number, ratio, signed, significant, stampSeconds, UNKNOWN, vector } from '../js/format.js';
 
 test('numbers have their digits, and no minus before zero', () => {
   assert.equal(number(1.005, 1), '1.0');
@@ -55,14 +55,4 @@ test('directions are three digits, and a full turn is zero', () => {
 test('signed numbers show their sign, zero a plus', () => {
   assert.deepEqual([1.26, -1.26, 0, -0.01].map((x) => signed(x, 1)), ['+1.3', '-1.3', '+0.0', '+0.0']);
   assert.equal(signed(NaN), UNKNOWN);
-});
-
-test('fields of other records are named by their key and bounded', () => {
-  assert.deepEqual(fieldRows(null), []);
-  assert.deepEqual(fieldRows({ wind: 7, gust: null }), []);
-  const rows = fieldRows({ wind: { speed_m_s: 1.234, from: [0, 1, 0.5], gusts: true, text: 'x'.repeat(999), none: null } });
-  assert.deepEqual(rows[0], ['wind speed_m_s', '1.23']);
-  assert.deepEqual(rows[1], ['wind from', '0 1.00 0.500']);
-  assert.deepEqual([rows[2][1], rows[3][1].length, rows[4][1]], ['true', 200, UNKNOWN]);
-  assert.equal(fieldRows({ many: Object.fromEntries(Array.from({ length: 99 }, (_, k) => [`f${k}`, k])) }).length, 32);
 });

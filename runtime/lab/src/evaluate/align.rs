@@ -27,6 +27,17 @@ pub enum AlignmentMode {
     Sim3,
 }
 
+impl AlignmentMode {
+    /// All alignments: name, description, value.
+    pub const NAMED: [(&'static str, &'static str, Self); 5] = [
+        ("none", "No alignment", Self::None),
+        ("origin", "Align the first poses", Self::Origin),
+        ("yaw", "Position and yaw", Self::Yaw),
+        ("se3", "Position and attitude", Self::Se3),
+        ("sim3", "Position, attitude and scale", Self::Sim3),
+    ];
+}
+
 /// `p -> scale * R p + t`, from the frame of the estimate to that of the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {

@@ -3,7 +3,7 @@
 use super::Delta;
 use plumbline_config::Timestamp;
 use plumbline_drivers::DriverError;
-use plumbline_flight::flight::truth::TruthError;
+use plumbline_flight::flight::FlightError;
 use thiserror::Error;
 
 /// Which of the two trajectories.
@@ -33,7 +33,7 @@ pub enum EvaluateError {
     Read(#[from] DriverError),
     /// The truth of a data set cannot be read.
     #[error(transparent)]
-    Truth(#[from] TruthError),
+    Truth(#[from] FlightError),
     /// A trajectory has no poses.
     #[error("the {0} contains no pose")]
     Empty(Side),

@@ -21,7 +21,7 @@ mod test_noise;
 
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
-pub use consistency::{Consistency, FlightConsistency, Nees, consistency, nees, pose_error};
+pub use consistency::{Consistency, FlightConsistency, Nees, nees, pose_error};
 pub use delta::Delta;
 pub use drift::{coverage, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
@@ -238,11 +238,11 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
         } else {
             "does not exist; give a trajectory file (TUM) or a data set with ground truth"
         };
-        return Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+        return Err(DriverError::Refused { path: path.into(), message: message.into() }.into());
     }
     if path.is_dir() {
         let missing =
-            |message: &str| Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+            |message: &str| Err(DriverError::Refused { path: path.into(), message: message.into() }.into());
         return match ground_truth_table(path) {
             Some(table) if is_of_positions(&table) => missing(
                 "has its ground truth in leica0/data.csv, which holds positions without attitudes; give a trajectory file (TUM) \

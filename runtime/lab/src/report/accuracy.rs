@@ -8,7 +8,7 @@ use crate::evaluate::{
 use nalgebra::Isometry3;
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
-use plumbline_flight::flight::{CausalPose, Truth};
+use plumbline_flight::flight::{PublishedState, Truth};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -35,10 +35,6 @@ pub struct Accuracy {
     /// Mean normalized squared error of the whole pose, as its covariance is published, over its expectation; the truth is
     /// brought to the first pose by position and yaw. [`crate::evaluate::FlightConsistency`] judges its parts.
     pub nees_ratio: Option<f64>,
-    /// Position error at the end with that alignment, m.
-    pub final_error_m: f64,
-    /// Its standard deviation by the covariance, m.
-    pub final_sigma_m: f64,
     /// Largest position error over its standard deviation.
     pub max_error_sigmas: f64,
 }
@@ -46,8 +42,8 @@ pub struct Accuracy {
 impl Accuracy {
     /// Compares poses with the truth; `None` where it is known for too few.
     #[must_use]
-    pub fn of(poses: &[CausalPose], truth: &Truth) -> Option<Self> {
-        let known: Vec<(&CausalPose, Isometry3<f64>)> =
+    pub fn of(poses: &[PublishedState], truth: &Truth) -> Option<Self> {
+        let known: Vec<(&PublishedState, Isometry3<f64>)> =
             poses.iter().filter_map(|p| Some((p, truth.pose_at(p.stamp)?))).collect();
         if known.len() < MIN_POSES {
             return None;
@@ -59,7 +55,7 @@ impl Accuracy {
         let errors = errors_m(&pairs)?;
         let ate_rmse_m = rms(&errors);
         let distance_m = path_length_m(&pairs.reference);
-        let consistency = Consistency::of(&known);
+        let (nees_ratio, max_error_sigmas) = against_covariance(&known);
         Some(Self {
             distance_m,
             ate_rmse_m,
@@ -68,10 +64,8 @@ impl Accuracy {
             scale_error_percent: scale_error_percent(&pairs),
             rpe_1s_m: relative_errors(&pairs, Delta::Seconds(1.0), true).ok().map(|e| e.translation_m.rmse),
             yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
-            nees_ratio: consistency.nees_ratio,
-            final_error_m: consistency.final_error_m,
-            final_sigma_m: consistency.final_sigma_m,
-            max_error_sigmas: consistency.max_error_sigmas,
+            nees_ratio,
+            max_error_sigmas,
         })
     }
 }
@@ -104,7 +98,7 @@ impl ForeignTruth {
     ///
     /// # Errors
     /// When it is of another time.
-    pub fn check(flight: &str, poses: &[CausalPose], truth: &Truth, file: &Path) -> Result<(), Self> {
+    pub fn check(flight: &str, poses: &[PublishedState], truth: &Truth, file: &Path) -> Result<(), Self> {
         let span = |stamps: &mut dyn Iterator<Item = Timestamp>| {
             stamps.fold(None, |span: Option<(Timestamp, Timestamp)>, stamp| {
                 let (first, last) = span.unwrap_or((stamp, stamp));
@@ -151,35 +145,22 @@ fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// Fit of the errors to the covariances, the truth brought to the first pose by position and yaw.
-struct Consistency {
-    nees_ratio: Option<f64>,
-    final_error_m: f64,
-    final_sigma_m: f64,
-    max_error_sigmas: f64,
-}
-
-impl Consistency {
-    fn of(known: &[(&CausalPose, Isometry3<f64>)]) -> Self {
-        let (first, truth) = &known[0];
-        let origin = frame_of(&first.pose_o_b, truth);
-        let mut result =
-            Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (pose, truth) in known {
-            let error = pose_error(&pose.pose_o_b, &(origin * truth));
-            let sigma_m = pose.covariance.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
-            result.final_error_m = error.fixed_rows::<3>(0).norm();
-            result.final_sigma_m = sigma_m;
-            result.max_error_sigmas = result.max_error_sigmas.max(result.final_error_m / sigma_m.max(1e-9));
-            if let Some(value) = nees(&error, &pose.covariance) {
-                sum += value / 6.0;
-                count += 1.0;
-            }
+/// Mean NEES over its expectation, and the largest position error in standard deviations, the truth brought to the first pose by
+/// position and yaw.
+fn against_covariance(known: &[(&PublishedState, Isometry3<f64>)]) -> (Option<f64>, f64) {
+    let (first, truth) = &known[0];
+    let origin = frame_of(&first.pose_o_b, truth);
+    let (mut sum, mut count, mut max_error_sigmas) = (0.0, 0.0, 0.0_f64);
+    for (pose, truth) in known {
+        let error = pose_error(&pose.pose_o_b, &(origin * truth));
+        let sigma_m = pose.covariance.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
+        max_error_sigmas = max_error_sigmas.max(error.fixed_rows::<3>(0).norm() / sigma_m.max(1e-9));
+        if let Some(value) = nees(&error, &pose.covariance.fixed_view::<6, 6>(0, 0).into_owned()) {
+            sum += value / 6.0;
+            count += 1.0;
         }
-        result.nees_ratio = (count > 0.0).then(|| sum / count);
-        result
     }
+    ((count > 0.0).then(|| sum / count), max_error_sigmas)
 }
 
 #[cfg(test)]
@@ -194,14 +175,8 @@ mod tests {
                 pose: Isometry3::translation(k as f64, 0.0, 0.0),
             })
         };
-        let flown: Vec<CausalPose> = poses(100)
-            .map(|p| CausalPose {
-                stamp: p.stamp,
-                pose_o_b: p.pose,
-                covariance: nalgebra::Matrix6::identity(),
-                reset_counter: 0,
-                pose_m_o: None,
-            })
+        let flown: Vec<PublishedState> = poses(100)
+            .map(|p| PublishedState { stamp: p.stamp, pose_o_b: p.pose, ..PublishedState::default() })
             .collect();
         let check = |from_s| {
             let truth = Truth::of_poses(&poses(from_s).collect::<Vec<_>>());

@@ -1,10 +1,10 @@
 //! Stamps of a flight whose clocks were set back or forward on purpose, on the clock of the truth.
 
 use plumbline_config::Timestamp;
-use plumbline_flight::flight::{CausalPose, Flown, Published};
+use plumbline_flight::flight::{Flown, Published, PublishedState};
 
 /// Poses and states of a flight with stamps on the clock of the truth; `None` if its clocks did not step.
-pub(super) fn on_true_clock(flown: &Flown) -> Option<(Vec<CausalPose>, Option<Published>)> {
+pub(super) fn on_true_clock(flown: &Flown) -> Option<(Vec<PublishedState>, Option<Published>)> {
     let (from_s, step_s) = flown.injected.iter().find_map(|fault| fault.clock_step_s())?;
     let mut poses = flown.poses.clone();
     let mut published = flown.published.clone();
@@ -16,7 +16,6 @@ pub(super) fn on_true_clock(flown: &Flown) -> Option<(Vec<CausalPose>, Option<Pu
     step.undo(poses.iter_mut().map(|pose| &mut pose.stamp));
     if let Some(published) = &mut published {
         step.undo(published.frames.iter_mut().map(|frame| &mut frame.stamp));
-        step.undo(published.estimates.iter_mut().map(|pose| &mut pose.stamp));
         step.undo(published.odometry.iter_mut().map(|pose| &mut pose.stamp));
         step.undo(published.steps.iter_mut().map(|step| &mut step.to));
         step.undo(published.steps.iter_mut().map(|step| &mut step.from));

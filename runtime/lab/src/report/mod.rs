@@ -70,9 +70,9 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensors: Option<SensorReport>,
     /// Points, means per frame.
-    pub points: Points,
+    pub points: BTreeMap<&'static str, f64>,
     /// Line segments of the left image, means per frame.
-    pub lines: Lines,
+    pub lines: BTreeMap<&'static str, f64>,
     /// Median quality from the first pose on; `null` without one.
     pub median_quality: Option<i8>,
     /// Number of frames with each health bit, by its name; bits that were never set are left out.
@@ -122,6 +122,9 @@ pub fn late_findings(
     files: &FileDefects,
     known: &[Finding],
 ) -> Vec<Finding> {
+    if known.iter().any(|finding| finding.explains_all) {
+        return Vec::new();
+    }
     let faults = &flown.outcome.faults;
     // Between bursts, and between stamps that scatter, a driver misses samples that were never there.
     let is_uneven = |finding: &Finding| finding.what.contains(BURSTS) || finding.what.ends_with(JITTER_WORD);
@@ -156,34 +159,6 @@ pub fn late_findings(
     of_drivers.into_iter().chain(of_stamps).chain(of_log).collect()
 }
 
-/// Points, means per frame.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Points {
-    /// Tracked in a frame.
-    pub tracked: f64,
-    /// Landmarks in the window.
-    pub in_window: f64,
-}
-
-/// Line segments, means per frame.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Lines {
-    /// Found in the left image.
-    pub raw: f64,
-    /// Long enough.
-    pub kept: f64,
-    /// After merging.
-    pub merged: f64,
-    /// Continuing a track.
-    pub matched: f64,
-    /// Line landmarks in the window.
-    pub in_window: f64,
-    /// Line landmarks in the window along a direction of the structure.
-    pub in_structure: f64,
-    /// Images in the whole run, of both cameras, whose budget of work was spent.
-    pub cut_short: u64,
-}
-
 impl Report {
     /// The report of a flight, compared with the truth where that is known.
     #[must_use]
@@ -197,13 +172,12 @@ impl Report {
         };
         let accuracy = Accuracy::of(poses, &flown.truth);
         let begin_s = flown.injected.iter().map(|fault| fault.span_s().start).reduce(f64::min);
-        let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
         Self {
             name: flown.name.clone(),
             frames: f.frames,
             frames_refused: f.frames_refused,
             first_pose_s: f.first_pose_s,
-            completion: per_frame(f.poses),
+            completion: f.poses as f64 / f.frames.max(1) as f64,
             realtime_factor: if f.wall_s > 0.0 { f.span_s / f.wall_s } else { 0.0 },
             peak_rss_mb: peak_rss_mb().unwrap_or(0.0),
             resets: f.resets,
@@ -218,16 +192,16 @@ impl Report {
             odometry_handout_us: f.handout_us.percentiles(),
             live: outcome.live.clone(),
             sensors: None,
-            points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
-            lines: lines_of(outcome),
+            points: f.means("points_").collect(),
+            lines: f.means("lines_").collect(),
             median_quality: f.health.median_quality(),
             health_frames: health_frames(outcome),
             health: f.health.clone(),
             cameras: flown.config.camera.len(),
             accuracy,
-            consistency: published.and_then(|p| FlightConsistency::of(p, &flown.truth)),
+            consistency: published.and_then(|p| FlightConsistency::of(poses, p, &flown.truth)),
             injected: flown.injected.iter().map(ToString::to_string).collect(),
-            honesty: published.and_then(|p| Honesty::of(p, &flown.truth, begin_s)),
+            honesty: published.and_then(|p| Honesty::of(poses, &p.frames, &flown.truth, begin_s)),
             time_offset_s: f.time_offset_s,
             faults: outcome.faults,
             imu_refused: f.imu_refused,
@@ -263,10 +237,9 @@ impl Report {
     /// Why there is no pose, and what to do: the first grave warning, and what the health bits tell.
     #[must_use]
     pub fn why_no_pose(&self) -> String {
-        let by_health = self.health.why_no_pose(self.cameras);
         match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
-            Some(warning) => format!("{}: {}; {by_health}", warning.what, warning.advice()),
-            None => by_health,
+            Some(warning) => format!("{}: {}", warning.what, warning.advice()),
+            None => self.health.why_no_pose(self.cameras),
         }
     }
 
@@ -304,7 +277,7 @@ impl Report {
         let (points, l) = (&self.points, &self.lines);
         lines.push(format!(
             "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
-            "features", points.tracked, points.in_window, l.merged, l.matched, l.in_window
+            "features", points["tracked"], points["in_window"], l["merged"], l["matched"], l["in_window"]
         ));
         let h = &self.odometry_handout_us;
         lines.push(format!(
@@ -317,33 +290,18 @@ impl Report {
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations
         ));
-        if let Some(recording) = &self.recording {
-            lines.push(format!("{:<18}{recording}", "recording"));
-        }
-        if let Some(autopilot) = &self.autopilot {
-            lines.push(format!("{:<18}{autopilot}", "autopilot"));
-        }
+        lines.extend(self.recording.iter().map(|recording| format!("{:<18}{recording}", "recording")));
+        lines.extend(self.autopilot.iter().map(|autopilot| format!("{:<18}{autopilot}", "autopilot")));
         if self.imu_to_vehicle_deg.is_none() {
             lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
-        lines.push(format!("{:<18}{}", "health", self.health.line()));
+        lines.push(format!(
+            "{:<18}{}",
+            "health",
+            self.health.line(self.warnings.iter().find(|warning| warning.explains_all))
+        ));
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
-    }
-}
-
-/// Means of the lines per frame.
-fn lines_of(outcome: &RunOutcome) -> Lines {
-    let f = &outcome.figures;
-    let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
-    Lines {
-        raw: per_frame(f.lines.raw),
-        kept: per_frame(f.lines.kept),
-        merged: per_frame(f.lines.merged),
-        matched: per_frame(f.lines.matched),
-        in_window: per_frame(f.lines.in_window),
-        in_structure: per_frame(f.lines.in_structure),
-        cut_short: f.lines.cut_short,
     }
 }
 
@@ -364,7 +322,7 @@ fn accuracy_lines(a: &Accuracy) -> [String; 2] {
 
 /// Every stage by its name, that of the map too.
 fn stages_ms(outcome: &RunOutcome) -> BTreeMap<&'static str, Percentiles> {
-    let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
+    let places = outcome.places.iter().map(|places| ("places", places.figures.times_ms.percentiles()));
     outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
 }
 
@@ -375,12 +333,11 @@ fn health_frames(outcome: &RunOutcome) -> BTreeMap<&'static str, u64> {
 }
 
 /// Consistency of estimates and odometry, for people.
-fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
+fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
     let line = |nees: &Nees| {
-        let figures = Nees::NAMES.iter().zip(nees.ratios()).enumerate();
-        let parts = figures.map(|(place, (name, ratio))| match ratio {
+        let parts = Nees::NAMES.iter().zip(nees.ratios()).map(|(name, ratio)| match ratio {
             Some(ratio) => format!("{name} {ratio:.2}"),
-            None => format!("{name} unknown ({})", nees.why_unknown(place)),
+            None => format!("{name} unknown"),
         });
         parts.collect::<Vec<_>>().join(", ")
     };
@@ -391,7 +348,6 @@ fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
             line(&consistency.estimates)
         ),
         format!("{:<18}that of the odometry: {}", "", line(&consistency.odometry)),
-        format!("{:<18}{}", "", consistency.estimates.largest),
     ]
 }
 

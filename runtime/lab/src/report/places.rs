@@ -2,50 +2,33 @@
 
 use super::accuracy::ate_rmse_m;
 use plumbline_flight::flight::Flown;
+use plumbline_flight::pipeline::places::PlacesFigures;
 use serde::Serialize;
 
 /// The map of a flight.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct PlacesReport {
-    /// Keyframes of the map at the end.
-    pub keyframes: u32,
-    /// Places seen again.
-    pub sightings: u32,
-    /// Places that looked like one seen before, and were not believed because the odometry speaks against it.
-    pub contradicted: u32,
-    /// Loops that count at the end.
-    pub loops_used: u32,
-    /// Frames that the map was not given, because it was not done with the one before.
-    pub passed_over: u64,
-    /// Number that was found later than the rule says.
-    pub late: u64,
+    /// Counts, and the digest.
+    #[serde(flatten)]
+    pub figures: PlacesFigures,
     /// Poses that were known in the map when their frames came, over all poses.
     pub localized: f64,
     /// Root mean square position error of the causal trajectory in the map, after SE(3) alignment, m.
     pub ate_map_rmse_m: Option<f64>,
     /// Root mean square position error of the trajectory by all that was known at the end, after SE(3) alignment, m.
     pub ate_final_rmse_m: Option<f64>,
-    /// SHA-256 over the bits of the pose of the odometry in the map, frame by frame.
-    pub map_digest: String,
 }
 
 impl PlacesReport {
     /// Figures of a flight; `None` if places are switched off.
     #[must_use]
     pub fn of(flown: &Flown) -> Option<Self> {
-        let figures = &flown.outcome.places.as_ref()?.figures;
         let in_map = flown.poses_in_map();
         Some(Self {
-            keyframes: figures.keyframes,
-            sightings: figures.sightings,
-            contradicted: figures.contradicted,
-            loops_used: figures.loops_used,
-            passed_over: figures.passed_over,
-            late: figures.late,
+            figures: flown.outcome.places.as_ref()?.figures.clone(),
             localized: in_map.len() as f64 / flown.poses.len().max(1) as f64,
             ate_map_rmse_m: ate_rmse_m(&in_map, &flown.truth),
             ate_final_rmse_m: ate_rmse_m(&flown.final_poses(), &flown.truth),
-            map_digest: figures.digest.clone(),
         })
     }
 
@@ -60,12 +43,12 @@ impl PlacesReport {
         let mut line = format!(
             "{:<18}{}, {}, {}",
             "map",
-            counted(self.keyframes, "keyframe", "keyframes"),
-            counted(self.sightings, "place seen again", "places seen again"),
-            counted(self.loops_used, "loop", "loops")
+            counted(self.figures.keyframes, "keyframe", "keyframes"),
+            counted(self.figures.sightings, "place seen again", "places seen again"),
+            counted(self.figures.loops_used, "loop", "loops")
         );
         let ates = [(self.ate_map_rmse_m, "as flown"), (self.ate_final_rmse_m, "as known at the end")];
-        for (ate, when) in ates.into_iter().filter(|_| self.keyframes > 0) {
+        for (ate, when) in ates.into_iter().filter(|_| self.figures.keyframes > 0) {
             line += &ate.map_or_else(String::new, |m| format!("; ATE in the map {when} {m:.4} m"));
         }
         line

@@ -23,12 +23,8 @@ pub async fn serve(
     commands: Arc<CommandRelay>,
 ) {
     let (mut sequence, mut looked, mut was_watched) = (0, None::<Instant>, false);
-    let bell = match shared.picture_bell.listen() {
-        Ok(bell) => bell,
-        Err(error) => return tracing::error!("cannot publish pictures: {error}"),
-    };
     loop {
-        let _ = tokio::time::timeout(LOOK_PERIOD, bell.rung()).await;
+        let _ = tokio::time::timeout(LOOK_PERIOD, shared.picture_bell.notified()).await;
         if looked.is_none_or(|looked| looked.elapsed() >= LOOK_PERIOD) {
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());

@@ -4,14 +4,13 @@
 //! reaches [`record`] by way of its log messages ([`super::audit`]); [`explain`] puts it into words, and
 //! [`report_failures`] logs each cause once in a while.
 
-use super::access::Told;
 use super::error::NetError;
 use super::security;
-use crossbeam_queue::ArrayQueue;
-use std::io::{ErrorKind, Read as _, Write as _};
-use std::net::{TcpListener, TcpStream, ToSocketAddrs as _};
+use std::collections::{BTreeMap, VecDeque};
+use std::io::ErrorKind;
+use std::net::TcpListener;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Protocols that this build can speak.
@@ -21,10 +20,10 @@ const PROTOCOLS: [&str; 2] = ["tcp", "tls"];
 const SETTINGS: [&str; 5] = ["iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp"];
 /// Failed attempts that wait to be logged.
 const MAX_WAITING: usize = 64;
-/// The other side has this long to show that it speaks TLS.
-const PROBE_TIMEOUT: Duration = Duration::from_millis(700);
-/// First byte of a TLS alert record (RFC 8446, section 5.1).
-const TLS_ALERT: u8 = 0x15;
+/// A message that is repeated is logged again after this time.
+const AGAIN_AFTER: Duration = Duration::from_mins(5);
+/// Messages that are remembered as logged; as long as there are so many, no new one is logged.
+const MAX_TOLD: usize = 200;
 
 /// Refuses an endpoint that cannot work: its form, its protocol, certificates that are missing.
 ///
@@ -96,24 +95,18 @@ pub fn check_listener(endpoint: &str) -> Result<(), NetError> {
 /// Message of Zenoh without the places in its sources: `words at /path/file.rs:12. - Caused by ...`.
 #[must_use]
 pub fn plain_words(message: &str) -> String {
-    let mut words = String::new();
-    let mut rest = message;
-    while let Some(at) = rest.find(" at ") {
-        let place = &rest[at + 4..];
-        let end = place.find(' ').unwrap_or(place.len());
-        let (file, after) = place.split_at(end);
-        words.push_str(&rest[..at]);
-        let is_source = file
-            .rsplit_once(".rs:")
-            .is_some_and(|(_, line)| line.trim_end_matches(['.', ',']).bytes().all(|b| b.is_ascii_digit()));
-        if !is_source {
-            words.push_str(" at ");
-            words.push_str(file);
+    let is_source = |word: &str| {
+        let line = word.rsplit_once(".rs:").map(|(_, line)| line.trim_end_matches(['.', ',']));
+        line.is_some_and(|line| line.bytes().all(|b| b.is_ascii_digit()))
+    };
+    let mut words = Vec::new();
+    for word in message.split_whitespace() {
+        match words.last() {
+            Some(&"at") if is_source(word) => drop(words.pop()),
+            _ => words.push(word),
         }
-        rest = after;
     }
-    words.push_str(rest);
-    words.replace(" - Caused by ", ": ").split_whitespace().collect::<Vec<_>>().join(" ")
+    words.join(" ").replace(" - Caused by ", ": ")
 }
 
 /// Causes of failed attempts by words of what Zenoh says of them, in small letters, with their cures. `{address}` stands for the
@@ -172,12 +165,9 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     let says = |parts: &[&str]| parts.iter().any(|part| lower.contains(part));
     let known = CAUSES.iter().find(|(parts, _)| says(parts)).map(|(_, cure)| *cure);
     let cure = known.unwrap_or_else(|| {
-        if endpoint.starts_with("tcp/") && speaks_tls(endpoint) {
-            "it speaks TLS and lets in who has a certificate; connect to tls/{address} with --authority, --certificate and \
-             --key"
-        } else if !says(&["timeout", "timed out", "elapsed"]) {
-            "it ends the connection ({words}); does it ask for a name and password, or for certificates, or are all of \
-             its places for sessions taken?"
+        if !says(&["timeout", "timed out", "elapsed"]) {
+            "it ends the connection ({words}); does it ask for certificates (tls/), or are all \
+             of its places for sessions taken?"
         } else if endpoint.starts_with("tls/") {
             "it does not answer in time; check the network, firewalls and the port; or it does not speak TLS: try tcp/"
         } else {
@@ -187,23 +177,42 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     cure.replace("{address}", address_of(endpoint)).replace("{words}", &words)
 }
 
-/// True if the endpoint answers a byte that is no TLS with a TLS alert.
-fn speaks_tls(endpoint: &str) -> bool {
-    let probe = || {
-        let address = address_of(endpoint).to_socket_addrs().ok()?.next()?;
-        let mut stream = TcpStream::connect_timeout(&address, PROBE_TIMEOUT).ok()?;
-        stream.set_read_timeout(Some(PROBE_TIMEOUT)).ok()?;
-        stream.write_all(&[0; 8]).ok()?;
-        let mut first = [0];
-        stream.read_exact(&mut first).ok()?;
-        Some(first[0])
-    };
-    probe() == Some(TLS_ALERT)
+/// Messages that were logged, each of which is logged again only after [`AGAIN_AFTER`].
+#[derive(Debug, Default)]
+pub struct Told(BTreeMap<String, Instant>);
+
+impl Told {
+    /// No message yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(BTreeMap::new())
+    }
+
+    /// True if a message is to be logged now; it is then remembered.
+    pub fn is_due(&mut self, message: &str, now: Instant) -> bool {
+        self.0.retain(|_, at| now.saturating_duration_since(*at) < AGAIN_AFTER);
+        let is_due = self.0.len() < MAX_TOLD && !self.0.contains_key(message);
+        if is_due {
+            self.0.insert(message.to_owned(), now);
+        }
+        is_due
+    }
 }
 
-fn waiting() -> &'static ArrayQueue<(String, String)> {
-    static WAITING: OnceLock<ArrayQueue<(String, String)>> = OnceLock::new();
-    WAITING.get_or_init(|| ArrayQueue::new(MAX_WAITING))
+/// Attempts to connect that failed.
+struct Attempts {
+    /// Endpoints and reasons that wait to be logged.
+    waiting: VecDeque<(String, String)>,
+    told: Told,
+    /// The newest cause.
+    newest: Option<String>,
+}
+
+static ATTEMPTS: Mutex<Attempts> =
+    Mutex::new(Attempts { waiting: VecDeque::new(), told: Told::new(), newest: None });
+
+fn attempts() -> MutexGuard<'static, Attempts> {
+    ATTEMPTS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Where another session has the identifier of this one, or of the other side: what Zenoh says of it.
@@ -232,65 +241,32 @@ pub fn record(endpoint: &str, reason: &str) {
             refused.store(true, Ordering::Relaxed);
         }
     }
-    waiting().force_push((security::as_given(endpoint).to_owned(), reason.to_owned()));
+    let mut attempts = attempts();
+    if attempts.waiting.len() == MAX_WAITING {
+        attempts.waiting.pop_front();
+    }
+    attempts.waiting.push_back((security::as_given(endpoint).to_owned(), reason.to_owned()));
 }
 
 /// Message of Zenoh about the newest attempt to connect to `endpoint` that waits to be logged.
 #[must_use]
 pub fn newest_attempt(endpoint: &str) -> Option<String> {
-    let mut newest = None;
-    for _ in 0..waiting().len() {
-        let Some(attempt) = waiting().pop() else { break };
-        if attempt.0 == endpoint {
-            newest = Some(attempt.1.clone());
-        }
-        waiting().force_push(attempt);
-    }
-    newest
+    let attempts = attempts();
+    let newest = attempts.waiting.iter().rev().find(|(other, _)| other == endpoint);
+    newest.map(|(_, reason)| reason.clone())
 }
 
-/// Attempts and causes that were logged, and the newest cause.
-#[derive(Default)]
-struct Logged {
-    told: Told,
-    newest: Option<String>,
-}
-
-fn logged() -> std::sync::MutexGuard<'static, Logged> {
-    static LOGGED: OnceLock<Mutex<Logged>> = OnceLock::new();
-    LOGGED.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Logs why attempts to connect failed since the last call, each cause once in a while. Returns at once: to find a cause may
-/// take a moment, and is done on a thread of its own.
+/// Logs why attempts to connect failed since the last call, each cause once in a while.
 pub fn report_failures() {
-    static IS_BUSY: AtomicBool = AtomicBool::new(false);
-    if waiting().is_empty() || IS_BUSY.swap(true, Ordering::Relaxed) {
-        return;
-    }
-    let report = || {
-        while let Some((endpoint, reason)) = waiting().pop() {
-            report_failure(&endpoint, &reason);
-        }
-        IS_BUSY.store(false, Ordering::Relaxed);
-    };
-    if std::thread::Builder::new().name("diagnosis".into()).spawn(report).is_err() {
-        IS_BUSY.store(false, Ordering::Relaxed);
-    }
-}
-
-fn report_failure(endpoint: &str, reason: &str) {
     let now = Instant::now();
-    if !logged().told.is_due(&format!("{endpoint} {}", plain_words(reason)), now) {
-        return;
+    let mut attempts = attempts();
+    while let Some((endpoint, reason)) = attempts.waiting.pop_front() {
+        let words = format!("{endpoint}: {}", explain(&endpoint, &reason));
+        if attempts.told.is_due(&words, now) {
+            tracing::warn!("{words}; trying again");
+        }
+        attempts.newest = Some(words);
     }
-    let words = format!("{endpoint}: {}", explain(endpoint, reason));
-    let mut logged = logged();
-    // Another reason may have the same cause.
-    if logged.told.is_due(&words, now) {
-        tracing::warn!("{words}; trying again");
-    }
-    logged.newest = Some(words);
 }
 
 /// Link states of peers that a router dropped, which it reports once.
@@ -314,7 +290,7 @@ impl DroppedRoutes {
 /// Reason of the last failed attempt, if one failed.
 #[must_use]
 pub fn newest_failure() -> Option<String> {
-    logged().newest.clone()
+    attempts().newest.clone()
 }
 
 #[cfg(test)]

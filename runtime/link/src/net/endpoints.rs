@@ -1,6 +1,6 @@
 //! Role, endpoints and credentials of a session.
 
-use plumbline_config::options::{CommandAccess, Link, LoginConfig, NetworkConfig, TlsConfig};
+use plumbline_config::options::{CommandAccess, Link, NetworkConfig, TlsConfig};
 
 /// Role of a session in the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,8 +42,6 @@ pub struct Endpoints {
     pub commands: CommandAccess,
     /// Certificates.
     pub tls: TlsConfig,
-    /// Names and passwords.
-    pub login: LoginConfig,
 }
 
 impl Default for Endpoints {
@@ -69,7 +67,6 @@ impl Endpoints {
             max_memory_mb: config.max_memory_mb,
             commands: config.commands,
             tls: config.tls.clone(),
-            login: config.login.clone(),
         }
     }
 

@@ -42,39 +42,19 @@ pub enum KeysError {
         /// Error of the system.
         error: std::io::Error,
     },
-    /// There is a certificate already.
-    #[error("{path}: exists; renew it with --renew, or name another folder")]
-    Exists {
-        /// The file.
+    /// What is in the folder, or is not, forbids what is asked.
+    #[error("{path}: {message}")]
+    Refused {
+        /// The file, or the folder.
         path: PathBuf,
-    },
-    /// There is nothing to renew.
-    #[error("{path}: does not exist, so it cannot be renewed; leave out --renew to create it")]
-    NothingToRenew {
-        /// The file, or the folder without any.
-        path: PathBuf,
-    },
-    /// The certificates of the folder are signed by an authority whose key is elsewhere.
-    #[error(
-        "{path}: does not exist, so nothing can be signed; bring the authority's key back, or name another folder"
-    )]
-    NoAuthorityKey {
-        /// File of the key.
-        path: PathBuf,
+        /// Reason and cure.
+        message: String,
     },
     /// A name that cannot be part of a file's name and of a key.
     #[error("--vehicle {name}: give letters, digits, - and _, at most {MAX_NAME}")]
     Name {
         /// The name.
         name: String,
-    },
-    /// There are as many of a holder as are told apart.
-    #[error(
-        "{path}: has the last certificate number, {MAX_NUMBER}; create a new authority in another folder"
-    )]
-    UsedUp {
-        /// The file.
-        path: PathBuf,
     },
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
@@ -86,6 +66,7 @@ pub enum KeysError {
     },
 }
 
+const NOTHING_TO_RENEW: &str = "does not exist, so it cannot be renewed; leave out --renew to create it";
 /// Longest name of a vehicle, characters.
 pub const MAX_NAME: usize = 40;
 
@@ -154,15 +135,18 @@ pub fn make(request: &KeysRequest<'_>) -> Result<Vec<PathBuf>, KeysError> {
     for holder in &holders {
         let certificate = path(&format!("{}.pem", holder.stem()));
         match (request.renew, certificate.exists()) {
-            (true, false) => return Err(KeysError::NothingToRenew { path: certificate }),
-            (false, true) => return Err(KeysError::Exists { path: certificate }),
+            (true, false) => return Err(refused(&certificate, NOTHING_TO_RENEW)),
+            (false, true) => {
+                return Err(refused(&certificate, "exists; renew it with --renew, or name another folder"));
+            }
             _ => {}
         }
     }
     std::fs::create_dir_all(request.folder).map_err(|error| file_error(request.folder, error))?;
     if !path(AUTHORITY_KEY).exists() {
         if request.renew || path(AUTHORITY).exists() {
-            return Err(KeysError::NoAuthorityKey { path: path(AUTHORITY_KEY) });
+            let cure = "does not exist, so nothing can be signed; bring the authority's key back, or name another folder";
+            return Err(refused(&path(AUTHORITY_KEY), cure));
         }
         let (certificate, key) = authority().map_err(about("the authority"))?;
         written.push(write(&path(AUTHORITY_KEY), &key, 0o600)?);
@@ -206,7 +190,7 @@ fn holders(request: &KeysRequest<'_>) -> Result<Vec<Holder>, KeysError> {
     }
     holders.sort_by_key(Holder::stem);
     if holders.is_empty() {
-        return Err(KeysError::NothingToRenew { path: request.folder.to_owned() });
+        return Err(refused(request.folder, NOTHING_TO_RENEW));
     }
     Ok(holders)
 }
@@ -216,7 +200,10 @@ fn number(holder: &Holder, path: &Path) -> Result<u32, KeysError> {
     let name = certificate::name_in(path).unwrap_or_default();
     let before = certificate::parse(&name).filter(|(other, _)| *other == holder.name());
     match before.map_or(1, |(_, number)| number.saturating_add(1)) {
-        number if number > MAX_NUMBER => Err(KeysError::UsedUp { path: path.to_owned() }),
+        number if number > MAX_NUMBER => {
+            let words = "has the last certificate number";
+            Err(refused(path, &format!("{words}, {MAX_NUMBER}; create a new authority in another folder")))
+        }
         number => Ok(number),
     }
 }
@@ -256,6 +243,10 @@ fn hosts_of(pem: &[u8]) -> Option<Vec<String>> {
 fn about(what: &str) -> impl Fn(rcgen::Error) -> KeysError {
     let about = what.to_owned();
     move |error| KeysError::Certificate { about: about.clone(), error }
+}
+
+fn refused(path: &Path, message: &str) -> KeysError {
+    KeysError::Refused { path: path.to_owned(), message: message.to_owned() }
 }
 
 fn file_error(path: &Path, error: std::io::Error) -> KeysError {
@@ -371,12 +362,12 @@ mod tests {
         let hawk = strings(&["hawk"]);
         let added = request(folder.path(), &[], &hawk);
         for refused in [KeysRequest { renew: true, ..request(folder.path(), &[], &[]) }, added] {
-            assert!(matches!(make(&refused), Err(KeysError::NoAuthorityKey { .. })));
+            assert!(make(&refused).unwrap_err().to_string().contains("nothing can be signed"));
             assert_eq!(files(), before);
         }
         std::fs::remove_file(folder.path().join(AUTHORITY)).unwrap();
         let renewed = KeysRequest { renew: true, ..request(folder.path(), &[], &[]) };
-        assert!(matches!(make(&renewed), Err(KeysError::NoAuthorityKey { .. })));
+        assert!(make(&renewed).unwrap_err().to_string().contains("nothing can be signed"));
     }
 
     #[test]
@@ -421,7 +412,7 @@ mod tests {
         for _ in 1..MAX_NUMBER {
             make(&renewed).unwrap();
         }
-        assert!(matches!(make(&renewed), Err(KeysError::UsedUp { .. })));
+        assert!(make(&renewed).unwrap_err().to_string().contains("the last certificate number"));
     }
 
     #[test]
@@ -441,6 +432,6 @@ mod tests {
         assert_eq!(hosts_of(&read("vehicle-hawk.pem")).unwrap(), hosts);
         let viewer = strings(&["viewer"]);
         let error = make(&KeysRequest { renew: true, ..request(folder.path(), &viewer, &[]) }).unwrap_err();
-        assert!(matches!(error, KeysError::NothingToRenew { .. }), "{error}");
+        assert!(error.to_string().contains("it cannot be renewed"), "{error}");
     }
 }

@@ -5,7 +5,6 @@
 //! own sends odometry ([`odometry`]). Commands go back to the flight ([`commands`]). [`read`] reads messages, or refuses them. Who
 //! may connect is in [`security`], who may do what in [`roles`]; why a connection cannot be made, in [`diagnosis`].
 
-pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod camera;
@@ -29,7 +28,6 @@ pub mod relay;
 pub mod roles;
 pub mod security;
 mod session;
-pub mod task_bell;
 pub mod threads;
 pub mod vehicle;
 

@@ -37,17 +37,13 @@ impl OdometryPublisher {
         mut waiting: LaneReader<(Odometry, i64)>,
     ) -> JoinHandle<()> {
         ZRuntime::TX.spawn(async move {
-            let bell = match shared.odometry_bell.listen() {
-                Ok(bell) => bell,
-                Err(error) => return tracing::error!("cannot publish odometry: {error}"),
-            };
             loop {
                 let is_last = shared.stop.load(Ordering::Relaxed);
                 self.empty(&mut waiting).await;
                 if is_last {
                     return;
                 }
-                bell.rung().await;
+                shared.odometry_bell.notified().await;
             }
         })
     }

@@ -63,7 +63,7 @@ impl Publisher {
         } else if let Some(exposure) = security::exposure(endpoints) {
             tracing::warn!("{exposure}");
         }
-        let (feed, waiting, shared) = Feed::new(rates.hz(Topic::Picture))?;
+        let (feed, waiting, shared) = Feed::new(rates.hz(Topic::Picture));
         let (ready, wait) = sync_channel(1);
         let (theirs, endpoints) = (Arc::clone(&shared), endpoints.clone());
         let start = Start { endpoints, vehicle, rates, is_patient, ready };

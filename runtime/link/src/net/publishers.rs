@@ -119,12 +119,8 @@ impl Publishers {
             let commands = Arc::clone(&self.commands);
             tokio::spawn(camera::serve(camera, Arc::clone(shared), pictures, self.rates, commands))
         });
-        let bell = shared.bell.listen();
         while !shared.stop.load(Ordering::Relaxed) {
-            match &bell {
-                Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
-                Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
-            }
+            let _ = tokio::time::timeout(CHORES_PERIOD, shared.bell.notified()).await;
             self.empty(shared, &mut records).await;
             self.do_chores().await;
         }
@@ -133,7 +129,7 @@ impl Publishers {
         if let Some(pictures) = pictures {
             pictures.abort();
         }
-        shared.odometry_bell.ring();
+        shared.odometry_bell.notify_one();
         if let Some(odometry) = odometry {
             let _ = odometry.await;
         }

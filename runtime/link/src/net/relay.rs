@@ -1,7 +1,6 @@
 //! Records of a flight on their way to the tasks that send them. Nothing blocks; who is slow forgets the oldest.
 
 use super::pace::Pace;
-use super::task_bell::TaskBell;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::local::content::LocalRecord;
 use plumbline_record::local::picture::Shot;
@@ -10,6 +9,7 @@ use plumbline_record::said::FullEstimate;
 use plumbline_rings::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use tokio::sync::Notify;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY: usize = 50;
@@ -53,11 +53,11 @@ pub struct FeedReaders {
 #[derive(Debug)]
 pub struct RelayState {
     /// Wakes the task that sends odometry.
-    pub odometry_bell: TaskBell,
+    pub odometry_bell: Notify,
     /// Wakes the task that sends other records.
-    pub bell: TaskBell,
+    pub bell: Notify,
     /// Wakes the task that sends pictures.
-    pub picture_bell: TaskBell,
+    pub picture_bell: Notify,
     /// The flight is over.
     pub stop: AtomicBool,
     /// Records that the flight dropped since this process was too slow.
@@ -67,17 +67,14 @@ pub struct RelayState {
 
 impl Feed {
     /// A feed with pictures at this rate, and its other end.
-    ///
-    /// # Errors
-    /// When the system has no more file descriptors.
-    pub fn new(pictures_hz: f64) -> std::io::Result<(Self, FeedReaders, Arc<RelayState>)> {
+    pub fn new(pictures_hz: f64) -> (Self, FeedReaders, Arc<RelayState>) {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY);
         let (records_in, records, record_losses) = lane(RECORDS);
         let (pictures_in, pictures, _) = lane(PICTURES);
         let shared = Arc::new(RelayState {
-            odometry_bell: TaskBell::new()?,
-            bell: TaskBell::new()?,
-            picture_bell: TaskBell::new()?,
+            odometry_bell: Notify::new(),
+            bell: Notify::new(),
+            picture_bell: Notify::new(),
             stop: AtomicBool::new(false),
             lost_before: AtomicU64::new(0),
             losses: [odometry_losses, record_losses],
@@ -89,7 +86,7 @@ impl Feed {
             pictures: pictures_in,
             picture_pace: Pace::new(pictures_hz),
         };
-        Ok((feed, FeedReaders { odometry, records, pictures }, shared))
+        (feed, FeedReaders { odometry, records, pictures }, shared)
     }
 
     /// Takes a record with its message.
@@ -98,7 +95,7 @@ impl Feed {
             LocalRecord::Odometry(odometry, handed_over_ns) => self.odometry(*odometry, handed_over_ns),
             LocalRecord::Picture(shot) if self.picture_pace.admits(shot.stamp) => {
                 self.pictures.push(shot);
-                self.shared.picture_bell.ring();
+                self.shared.picture_bell.notify_one();
             }
             LocalRecord::Lost(count) => self.shared.lost_before.store(count, Ordering::Relaxed),
             LocalRecord::Picture(_)
@@ -110,7 +107,7 @@ impl Feed {
             | LocalRecord::End => {}
             record => {
                 self.records.push(Relayed { record, message: message.to_vec() });
-                self.shared.bell.ring();
+                self.shared.bell.notify_one();
             }
         }
     }
@@ -118,7 +115,7 @@ impl Feed {
     /// Takes odometry that the run handed over at this time, ns since 1970.
     pub fn odometry(&mut self, odometry: Odometry, handed_over_ns: i64) {
         self.odometry.push((odometry, handed_over_ns));
-        self.shared.odometry_bell.ring();
+        self.shared.odometry_bell.notify_one();
     }
 
     /// Takes an estimate, and the computation of its frame, ms.
@@ -132,8 +129,8 @@ impl RelayState {
     /// Ends the flight: the tasks send what is left, and end.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
-        self.odometry_bell.ring();
-        self.bell.ring();
+        self.odometry_bell.notify_one();
+        self.bell.notify_one();
     }
 
     /// Records dropped because the network was slower than the vehicle.

@@ -70,24 +70,16 @@ impl Keys {
     }
 }
 
-/// The access control of a session with certificates or passwords.
+/// The access control of a session with certificates.
 #[must_use]
 pub fn access(endpoints: &Endpoints) -> Value {
     let mut table = Table::default();
-    // Allows nothing there is. It has Zenoh tell of what a peer without any other right attempts (`super::access`).
+    // Allows nothing there is: a peer without any other right is a subject of the rules as well.
     let nothing = [format!("{ROOT}/-/nothing")];
     table.grant("anybody", json!({}), &[from(ASK, &nothing)]);
     let keys = Keys::of(endpoints);
-    if endpoints.tls.is_given() {
-        grant_certificates(&mut table, endpoints, &keys);
-        grant_this_host(&mut table, endpoints, &keys);
-    } else {
-        table.grant("known by password", json!({}), &passing(endpoints, &keys));
-    }
-    if !endpoints.login.operators.is_empty() {
-        let operators = json!({"usernames": endpoints.login.operators});
-        table.grant("operators by password", operators, &[from(ASK, &keys.commands)]);
-    }
+    grant_certificates(&mut table, endpoints, &keys);
+    grant_this_host(&mut table, endpoints, &keys);
     table.settings()
 }
 

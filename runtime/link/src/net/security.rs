@@ -13,51 +13,28 @@ use super::roles;
 use plumbline_config::options::CommandAccess;
 use serde_json::{Value, json};
 use std::fs::File;
-use std::io::Read as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-/// Longest password file that is read, bytes.
-const MAX_PASSWORD_BYTES: u64 = 4_096;
-
-/// Settings of Zenoh for certificates, passwords and access; empty when there are none.
+/// Settings of Zenoh for certificates and access; empty when there are none.
 ///
 /// # Errors
 /// When a file cannot be read, others may read a secret one, or the certificate is not this vehicle's.
 pub fn settings(endpoints: &Endpoints) -> Result<Vec<(&'static str, String)>, NetError> {
-    let mut settings = Vec::new();
-    let (tls, login) = (&endpoints.tls, &endpoints.login);
-    if tls.is_given() {
-        readable("network.tls.authority", &tls.authority)?;
-        readable("network.tls.certificate", &tls.certificate)?;
-        secret("network.tls.key", &tls.key)?;
-        check_name(endpoints)?;
-        settings.push(("transport/link/tls", tls_settings(endpoints).to_string()));
+    let tls = &endpoints.tls;
+    if !tls.is_given() {
+        return Ok(Vec::new());
+    }
+    readable("network.tls.authority", &tls.authority)?;
+    readable("network.tls.certificate", &tls.certificate)?;
+    secret("network.tls.key", &tls.key)?;
+    check_name(endpoints)?;
+    Ok(vec![
+        ("transport/link/tls", tls_settings(endpoints).to_string()),
         // Whoever is connected could have us connect to others, over plain TCP and to this host too.
-        settings.push(("scouting/gossip/autoconnect", "[]".into()));
-    }
-    let mut usrpwd = serde_json::Map::new();
-    if !login.user.is_empty() {
-        secret("network.login.password_file", &login.password_file)?;
-        let password = first_line("network.login.password_file", &login.password_file)?;
-        usrpwd.insert("user".into(), json!(login.user));
-        usrpwd.insert("password".into(), json!(password));
-    }
-    if has_users(endpoints) {
-        secret("network.login.users_file", &login.users_file)?;
-        usrpwd.insert("dictionary_file".into(), json!(login.users_file));
-    }
-    if !usrpwd.is_empty() {
-        settings.push(("transport/auth/usrpwd", Value::Object(usrpwd).to_string()));
-    }
-    if tls.is_given() || has_users(endpoints) {
-        settings.push(("access_control", roles::access(endpoints).to_string()));
-    }
-    Ok(settings)
-}
-
-fn has_users(endpoints: &Endpoints) -> bool {
-    !endpoints.login.users_file.as_os_str().is_empty()
+        ("scouting/gossip/autoconnect", "[]".into()),
+        ("access_control", roles::access(endpoints).to_string()),
+    ])
 }
 
 fn tls_settings(endpoints: &Endpoints) -> Value {
@@ -203,20 +180,11 @@ fn secret(key: &'static str, path: &Path) -> Result<(), NetError> {
     Err(file_error(key, path, &message))
 }
 
-fn first_line(key: &'static str, path: &Path) -> Result<String, NetError> {
-    let mut text = String::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_PASSWORD_BYTES).read_to_string(&mut text))
-        .map_err(|error| file_error(key, path, &format!("cannot be read: {error}")))?;
-    let line = text.lines().next().unwrap_or_default().trim_end().to_owned();
-    if line.is_empty() { Err(file_error(key, path, "holds no password on its first line")) } else { Ok(line) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::net::keys::{self, KeysRequest};
-    use plumbline_config::options::{LoginConfig, TlsConfig};
+    use plumbline_config::options::TlsConfig;
     use std::os::unix::fs::PermissionsExt as _;
 
     fn listening_on(endpoint: &str) -> Endpoints {
@@ -253,17 +221,12 @@ mod tests {
     }
 
     #[test]
-    fn certificates_open_the_way_for_commands_and_passwords_over_plain_tcp_do_not() {
+    fn certificates_open_the_way_for_commands_and_not_over_plain_tcp() {
         let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
         let closed = Endpoints { tls: tls.clone(), ..listening_on("tls/0.0.0.0:7447") };
         assert_eq!(refusal(CommandAccess::Authenticated, &closed), None);
         let half = Endpoints { tls, ..listening_on("tcp/0.0.0.0:7447") };
         assert!(refusal(CommandAccess::Authenticated, &half).is_some());
-        let login = LoginConfig { users_file: "u".into(), user: "anna".into(), ..LoginConfig::default() };
-        for endpoints in [listening_on("tcp/0.0.0.0:7447"), connecting_to("tcp/10.0.0.1:7447")] {
-            let named = Endpoints { login: login.clone(), ..endpoints };
-            assert!(refusal(CommandAccess::Authenticated, &named).is_some());
-        }
     }
 
     #[test]

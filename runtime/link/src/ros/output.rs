@@ -2,7 +2,6 @@
 
 use super::identity::Identity;
 use super::publisher::{LOOK_PERIOD, RosPublisher};
-use crate::net::task_bell::TaskBell;
 use crate::net::{CommandRelay, NetError};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
@@ -15,6 +14,7 @@ use plumbline_rings::lane::{LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use tokio::sync::Notify;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
@@ -32,7 +32,7 @@ pub struct RosOutput {
 
 #[derive(Debug)]
 struct RosOutputState {
-    bell: TaskBell,
+    bell: Notify,
     stop: AtomicBool,
 }
 
@@ -48,7 +48,7 @@ impl RosOutput {
         stamps: Stamps,
         commands: Arc<CommandRelay>,
     ) -> Result<(Self, RosFeed), NetError> {
-        let shared = Arc::new(RosOutputState { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
+        let shared = Arc::new(RosOutputState { bell: Notify::new(), stop: AtomicBool::new(false) });
         let (feed, waiting) = rings(&shared);
         let identity = Identity {
             options: config.ros.clone(),
@@ -73,7 +73,7 @@ impl RosOutput {
 
     fn end(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        self.shared.bell.ring();
+        self.shared.bell.notify_one();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -103,10 +103,6 @@ fn rings(shared: &Arc<RosOutputState>) -> (RosFeed, Waiting) {
 }
 
 async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &RosOutputState) {
-    let bell = match shared.bell.listen() {
-        Ok(bell) => bell,
-        Err(error) => return tracing::error!("cannot publish to ROS 2: {error}"),
-    };
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
         publisher.look().await;
@@ -122,7 +118,7 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
         if is_last {
             return publisher.stop().await;
         }
-        let _ = tokio::time::timeout(LOOK_PERIOD, bell.rung()).await;
+        let _ = tokio::time::timeout(LOOK_PERIOD, shared.bell.notified()).await;
     }
 }
 
@@ -144,6 +140,6 @@ impl RosFeed {
             LocalRecord::MapEstimate(newest) => return self.map.push(newest.clone()),
             _ => return,
         }
-        self.shared.bell.ring();
+        self.shared.bell.notify_one();
     }
 }

@@ -75,7 +75,7 @@ class Config:
 @final
 class Estimate:
     """Estimate at the time of one frame. `O` is the odometry frame: z up along gravity, origin at the first pose. `B` is the
-    body, the frame of the IMU. Arrays are read-only views of the object."""
+    body, the frame of the IMU."""
 
     @property
     def frame(self) -> int:
@@ -142,8 +142,7 @@ class Estimate:
 
 @final
 class Odometry:
-    """State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`. Arrays are read-only views
-    of the object."""
+    """State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`."""
 
     @property
     def sequence(self) -> int:
@@ -186,7 +185,7 @@ class Odometry:
 
 @final
 class Instant:
-    """State at an instant that was asked for. Frames as in `Estimate`. Arrays are read-only views of the object."""
+    """State at an instant that was asked for. Frames as in `Estimate`."""
 
     @property
     def stamp_ns(self) -> int:

@@ -10,7 +10,7 @@ use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
 use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
-use plumbline_estimator::shutter::RowTurns;
+use plumbline_estimator::points::rig::RigCamera;
 use plumbline_oracle::lines::detectors::unfiltered;
 use plumbline_oracle::lines::{Detector, Line};
 use plumbline_simulator::{Scene, Simulator};
@@ -171,7 +171,7 @@ impl Ours {
         self.merger.merge(&kept, &mut merged);
         let line = |segment: &Segment| {
             let [start, end] =
-                ImageLine::of(segment, model, &RowTurns::default())?.ends_xy.map(|xy| straight(model, &xy));
+                ImageLine::of(segment, &RigCamera::new(*model))?.ends_xy.map(|xy| straight(model, &xy));
             Some(Line { start, end })
         };
         [merged, kept].map(|segments| segments.iter().filter_map(line).collect())

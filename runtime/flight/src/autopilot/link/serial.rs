@@ -27,8 +27,13 @@ pub struct SerialLink {
 
 impl SerialLink {
     pub(super) fn open(device: &str, baud: u32) -> Result<Self, LinkError> {
-        let file = open_device(device, baud)
-            .map_err(|source| LinkError::Device { device: device.to_owned(), source })?;
+        let file = open_device(device, baud).map_err(|source| {
+            let reason = format!(
+                "the device cannot be used ({source}); check the path, its permissions (group dialout), and that no other program has \
+                 it open"
+            );
+            LinkError { at: device.to_owned(), reason }
+        })?;
         let rest = Vec::with_capacity(CHUNK);
         let device = device.to_owned();
         Ok(Self { device, baud, file: Some(file), tried: Monotonic::now(), rest, news: None })

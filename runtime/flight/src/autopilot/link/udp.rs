@@ -46,9 +46,13 @@ impl UdpLink {
         address: &str,
         learned: Option<Learned>,
     ) -> Result<Self, LinkError> {
-        socket
-            .and_then(|socket| socket.set_nonblocking(true).map(|()| Self { socket, learned }))
-            .map_err(|source| LinkError::Socket { address: address.to_owned(), source })
+        socket.and_then(|socket| socket.set_nonblocking(true).map(|()| Self { socket, learned })).map_err(
+            |source| {
+                let reason =
+                    format!("no UDP socket ({source}); check that the port is free and the network up");
+                LinkError { at: address.to_owned(), reason }
+            },
+        )
     }
 
     pub(super) fn read(&mut self, into: &mut [u8; CHUNK], now: Monotonic) -> usize {
@@ -97,7 +101,10 @@ impl UdpLink {
 }
 
 fn resolve(address: &str) -> Result<SocketAddr, LinkError> {
-    let failed = |reason: String| LinkError::Address { address: address.to_owned(), reason };
+    let failed = |why: String| {
+        let reason = format!("address not found ({why}); check the name and the name service");
+        LinkError { at: address.to_owned(), reason }
+    };
     let mut found = address.to_socket_addrs().map_err(|error| failed(error.to_string()))?;
     found.next().ok_or_else(|| failed("it resolves to nothing".into()))
 }

@@ -29,7 +29,7 @@ const JUDGED_EVERY: u64 = 100;
 enum Item {
     Sample(ImuSample),
     Frame(Timestamp),
-    Estimate(u64, HealthBits),
+    Estimate(HealthBits),
     Reset(heapless::String<MAX_EVENT_BYTES>),
 }
 
@@ -123,7 +123,7 @@ impl Listener for Ear {
         match said {
             Said::Imu(reading) => self.0.offer(Item::Sample(reading.sample)),
             Said::Estimate(FullEstimate { estimate, .. }) => {
-                self.0.offer(Item::Estimate(estimate.frame_sequence, estimate.health));
+                self.0.offer(Item::Estimate(estimate.health));
             }
             Said::Event(event) if event.severity == Severity::Error => {
                 self.0.offer(Item::Reset(event.text.clone()));
@@ -154,11 +154,11 @@ fn look(
         while let Some(item) = shared.items.pop() {
             match item {
                 Item::Sample(sample) => plausibility.add_sample(&sample),
-                Item::Estimate(sequence, health) => {
-                    plausibility.add_estimate(sequence, health);
+                Item::Estimate(health) => {
+                    plausibility.add_estimate(health);
                     frames += 1;
                     if frames % JUDGED_EVERY == 0 {
-                        told.tell(plausibility.findings());
+                        told.tell(plausibility.findings(false));
                     }
                 }
                 Item::Reset(reason) => plausibility.add_reset(&reason),
@@ -166,7 +166,7 @@ fn look(
             }
         }
         if is_over {
-            told.tell(plausibility.final_findings());
+            told.tell(plausibility.findings(true));
             return told.findings;
         }
         std::thread::sleep(POLL);

@@ -26,6 +26,7 @@ const GRACE_FRAMES: u32 = 20;
 const SAMPLE_NAPS: u32 = 6;
 
 /// Counts and times of the task.
+#[derive(Default)]
 pub struct FrontEndFigures {
     /// Frames refused because a newer one was there.
     pub shed: u64,
@@ -138,20 +139,7 @@ impl FrontEndTask {
             newest_taken: None,
             is_down: false,
             is_renewal_due: false,
-            figures: FrontEndFigures {
-                shed: 0,
-                passed_over: 0,
-                short_of_samples: 0,
-                lost: 0,
-                renewals: 0,
-                places_passed_over: 0,
-                on_rung: [0; Rung::ALL.len()],
-                steps_down: 0,
-                steps_up: 0,
-                response_ms: Times::of_ms(),
-                deepest_samples: 0,
-                deepest_frames: 0,
-            },
+            figures: FrontEndFigures::default(),
         }
     }
 

@@ -189,9 +189,7 @@ impl Ended {
         figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
         let passed_over = self.front_end.figures.places_passed_over;
         let places = self.places.take();
-        let rig = self.window.stage.rig_estimate();
         RunOutcome {
-            rig,
             places: places.map(|places| PlacesEnd::new(places, &self.window.stage, passed_over)),
             estimate_digest: self.window.stage.digest(),
             odometry_digest: self.tick.stage.digest(),

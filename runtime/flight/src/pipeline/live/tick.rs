@@ -20,6 +20,7 @@ const PHASE_NS: i64 = 150_000;
 const BEFORE_RELEASE: Duration = Duration::from_micros(300);
 
 /// Counts and times of the task.
+#[derive(Default)]
 pub struct TickTaskFigures {
     /// Releases.
     pub ticks: u64,
@@ -62,15 +63,7 @@ pub struct TickRings {
 
 impl TickTask {
     pub fn new(stage: TickStage, rings: TickRings) -> Self {
-        let figures = TickTaskFigures {
-            ticks: 0,
-            missed: 0,
-            deadline_misses: 0,
-            late_ms: Times::of_ms(),
-            latency_ms: Times::of_ms(),
-            deepest: 0,
-        };
-        Self { stage, rings, arrived: Monotonic::now(), figures }
+        Self { stage, rings, arrived: Monotonic::now(), figures: TickTaskFigures::default() }
     }
 
     /// Ticks until the readings end.

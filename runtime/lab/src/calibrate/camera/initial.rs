@@ -6,10 +6,10 @@
 //! fisheye lenses.
 
 use super::adjust::{Cameras, Corner};
-use super::lens::LensKind;
 use super::plane::pose_of_board;
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::CameraModel;
+use plumbline_config::camera::Distortion;
 
 /// Focal lengths that are tried, in widths of the image: lenses of 150 to 12 degrees.
 const SHORTEST: f64 = 0.2;
@@ -19,23 +19,22 @@ const TRIED: usize = 60;
 /// A first guess of a camera of `size_px`; `None` when no view has a pose under any.
 #[must_use]
 pub fn first_guess(
-    kind: LensKind,
+    lens: Distortion,
     size_px: (usize, usize),
     points_m: &[Vector2<f64>],
     views: &[&[Corner]],
 ) -> Option<CameraModel> {
     let guess = |k: usize| {
         let ratio = SHORTEST * (LONGEST / SHORTEST).powf(k as f64 / (TRIED - 1) as f64);
-        camera(kind, size_px, ratio * size_px.0 as f64)
+        camera(lens, size_px, ratio * size_px.0 as f64)
     };
     let guesses = (0..TRIED).map(guess);
     let judged = guesses.filter_map(|model| Some((misfit_px(&model, points_m, views)?, model)));
     judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, model)| model)
 }
 
-fn camera(kind: LensKind, (width_px, height_px): (usize, usize), focal_px: f64) -> CameraModel {
+fn camera(distortion: Distortion, (width_px, height_px): (usize, usize), focal_px: f64) -> CameraModel {
     let middle = |side: usize| 0.5 * (side as f64 - 1.0);
-    let distortion = kind.initial();
     // The focal length is that of the pinhole that the lens is near its axis.
     let paraxial = distortion.distort(&Vector2::zeros()).1.m11;
     CameraModel {
@@ -87,6 +86,7 @@ pub fn pose_between(poses: &[(Isometry3<f64>, Isometry3<f64>)]) -> Option<Isomet
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::camera::lens::lens_named;
     use nalgebra::Vector3;
 
     fn views(model: &CameraModel, points: &[Vector2<f64>]) -> Vec<Vec<Corner>> {
@@ -106,26 +106,27 @@ mod tests {
     fn the_focal_length_is_guessed_to_a_fifth_for_every_lens() {
         let points: Vec<Vector2<f64>> =
             (0..48).map(|k| Vector2::new(f64::from(k % 8) * 0.08, f64::from(k / 8) * 0.08)).collect();
-        let lenses: [(LensKind, f64, &[f64]); 7] = [
-            (LensKind::RadialTangential, 458.0, &[-0.28, 0.07]),
-            (LensKind::RadialTangential, 1400.0, &[0.05]),
-            (LensKind::Equidistant, 290.0, &[-0.01, 0.02]),
-            (LensKind::Rational, 400.0, &[0.3, -0.1, 0.0, 0.0, 0.02, 0.6, 0.1, 0.03]),
-            (LensKind::Omni, 290.0, &[1.4, -0.1]),
-            (LensKind::Eucm, 290.0, &[0.6, 1.1]),
-            (LensKind::DoubleSphere, 290.0, &[-0.2, 0.6]),
+        let lenses: [(&str, f64, &[f64]); 7] = [
+            ("radtan", 458.0, &[-0.28, 0.07]),
+            ("radtan", 1400.0, &[0.05]),
+            ("equidistant", 290.0, &[-0.01, 0.02]),
+            ("rational", 400.0, &[0.3, -0.1, 0.0, 0.0, 0.02, 0.6, 0.1, 0.03]),
+            ("omni", 290.0, &[1.4, -0.1]),
+            ("eucm", 290.0, &[0.6, 1.1]),
+            ("double-sphere", 290.0, &[-0.2, 0.6]),
         ];
-        for (kind, focal_px, k) in lenses {
-            let mut model = camera(kind, (752, 480), focal_px);
-            model.distortion = kind.distortion(k);
+        for (name, focal_px, k) in lenses {
+            let lens = lens_named(name);
+            let mut model = camera(lens, (752, 480), focal_px);
+            model.distortion = lens.with_coefficients(k);
             // As many pixels to a radian near the axis.
             model.focal_px = Vector2::repeat(focal_px / model.distortion.distort(&Vector2::zeros()).1.m11);
             let views = views(&model, &points);
             let views: Vec<&[Corner]> = views.iter().map(Vec::as_slice).collect();
-            let guess = first_guess(kind, (752, 480), &points, &views).unwrap();
+            let guess = first_guess(lens, (752, 480), &points, &views).unwrap();
             let near_axis = guess.focal_px.x * guess.distortion.distort(&Vector2::zeros()).1.m11;
             let ratio = near_axis / focal_px;
-            assert!((0.8..1.25).contains(&ratio), "{kind:?} {focal_px}: {ratio}");
+            assert!((0.8..1.25).contains(&ratio), "{name} {focal_px}: {ratio}");
         }
     }
 

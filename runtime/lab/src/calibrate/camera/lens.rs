@@ -14,62 +14,35 @@ const INTRINSICS: usize = 4;
 /// Closest point that has a pixel, m.
 const MIN_DEPTH_M: f64 = 1e-3;
 
-/// Which model of distortion is calibrated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LensKind {
-    /// Radial and tangential distortion: lenses up to some 100 degrees.
-    RadialTangential,
-    /// Fisheye lenses.
-    Equidistant,
-    /// OpenCV's rational model: wide lenses up to some 130 degrees.
-    Rational,
-    /// Unified model with radial and tangential distortion: fisheye and mirrors.
-    Omni,
-    /// Enhanced unified model: fisheye lenses, by two coefficients.
-    Eucm,
-    /// Double sphere: fisheye lenses, by two coefficients.
-    DoubleSphere,
-}
-
-impl LensKind {
-    /// All of them.
-    pub const ALL: [Self; 6] = [
-        Self::RadialTangential,
-        Self::Equidistant,
-        Self::Rational,
-        Self::Omni,
-        Self::Eucm,
-        Self::DoubleSphere,
-    ];
-
-    /// The lens from which a calibration begins.
-    #[must_use]
-    pub fn initial(self) -> Distortion {
-        match self {
-            Self::RadialTangential => Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
-            Self::Equidistant => Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },
-            Self::Rational => Distortion::Rational {
-                k1: 0.0,
-                k2: 0.0,
-                p1: 0.0,
-                p2: 0.0,
-                k3: 0.0,
-                k4: 0.0,
-                k5: 0.0,
-                k6: 0.0,
-            },
-            Self::Omni => Distortion::Omni { xi: 1.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
-            Self::Eucm => Distortion::Eucm { alpha: 0.5, beta: 1.0 },
-            Self::DoubleSphere => Distortion::DoubleSphere { xi: 0.0, alpha: 0.5 },
-        }
-    }
-
-    /// The model with these coefficients, in the order of [`Distortion::coefficients`]; those that are not given are 0.
-    #[must_use]
-    pub fn distortion(self, coefficients: impl AsRef<[f64]>) -> Distortion {
-        self.initial().with_coefficients(coefficients.as_ref())
-    }
-}
+/// Lenses that can be calibrated: name, what it is for, and the distortion from which its calibration begins.
+pub const LENSES: [(&str, &str, Distortion); 6] = [
+    (
+        "radtan",
+        "Radial and tangential: lenses up to about 100 degrees",
+        Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+    ),
+    ("equidistant", "Fisheye", Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 }),
+    (
+        "rational",
+        "OpenCV's rational model (eight coefficients): wide lenses up to about 130 degrees",
+        Distortion::Rational { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
+    ),
+    (
+        "omni",
+        "Unified model with radial and tangential distortion (Kalibr's omni-radtan): fisheye",
+        Distortion::Omni { xi: 1.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+    ),
+    (
+        "eucm",
+        "Enhanced unified model: fisheye, by two coefficients",
+        Distortion::Eucm { alpha: 0.5, beta: 1.0 },
+    ),
+    (
+        "double-sphere",
+        "Double sphere: fisheye, by two coefficients",
+        Distortion::DoubleSphere { xi: 0.0, alpha: 0.5 },
+    ),
+];
 
 /// Names of the unknowns of a camera.
 #[must_use]
@@ -136,6 +109,12 @@ pub fn project(model: &CameraModel, p_c: &Vector3<f64>) -> Option<Projection> {
     Some(Projection { px, by_point: by_xy * xy_by_point, by_lens })
 }
 
+/// The distortion from which the calibration of a lens of [`LENSES`] begins.
+#[cfg(test)]
+pub(super) fn lens_named(name: &str) -> Distortion {
+    LENSES.iter().find(|(known, ..)| *known == name).map(|(.., distortion)| *distortion).expect("is known")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,13 +129,13 @@ mod tests {
             &[0.6, 1.1],
             &[-0.2, 0.6],
         ];
-        for (kind, k) in LensKind::ALL.into_iter().zip(coefficients) {
+        for ((name, _, initial), k) in LENSES.into_iter().zip(coefficients) {
             let model = CameraModel {
                 width_px: 640,
                 height_px: 480,
                 focal_px: Vector2::new(410.0, 405.0),
                 centre_px: Vector2::new(311.0, 245.0),
-                distortion: kind.distortion(k),
+                distortion: initial.with_coefficients(k),
             };
             for p_c in
                 [Vector3::new(0.3, -0.4, 1.1), Vector3::new(-0.7, 0.2, 0.9), Vector3::new(0.0, 1e-3, 2.0)]
@@ -168,14 +147,14 @@ mod tests {
                     step[k] = 1e-6;
                     let px = |s: &SVector<f64, LENS>| project(&stepped(&model, s), &p_c).unwrap().px;
                     let numeric = (px(&step) - px(&-step)) / 2e-6;
-                    assert!((numeric - at.by_lens.column(k)).norm() < 1e-5, "{kind:?} {}", names(&model)[k]);
+                    assert!((numeric - at.by_lens.column(k)).norm() < 1e-5, "{name} {}", names(&model)[k]);
                 }
                 for axis in 0..3 {
                     let mut step = Vector3::zeros();
                     step[axis] = 1e-6;
                     let px = |s: &Vector3<f64>| project(&model, &(p_c + s)).unwrap().px;
                     let numeric = (px(&step) - px(&-step)) / 2e-6;
-                    assert!((numeric - at.by_point.column(axis)).norm() < 1e-4, "{kind:?} {axis}");
+                    assert!((numeric - at.by_point.column(axis)).norm() < 1e-4, "{name} {axis}");
                 }
             }
         }
@@ -183,7 +162,7 @@ mod tests {
 
     #[test]
     fn what_is_behind_the_camera_has_no_pixel() {
-        let distortion = LensKind::RadialTangential.distortion([0.0; 4]);
+        let distortion = lens_named("radtan");
         let (focal_px, centre_px) = (Vector2::repeat(400.0), Vector2::repeat(300.0));
         let model = CameraModel { width_px: 600, height_px: 600, focal_px, centre_px, distortion };
         assert!(project(&model, &Vector3::new(0.0, 0.0, -1.0)).is_none());

@@ -25,7 +25,7 @@ pub mod target;
 pub use adjust::{Cameras, Corner, Sight};
 pub use detector::Detector;
 pub use images::{Images, ImagesError};
-pub use lens::LensKind;
+pub use lens::LENSES;
 pub use result::Calibration;
 pub use target::{Target, TargetError};
 
@@ -34,6 +34,7 @@ use detect::FirstSight;
 use detector::{Fault, Marker};
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::GrayImage;
+use plumbline_config::camera::Distortion;
 
 /// Rounds of second look and adjustment.
 const ROUNDS: usize = 3;
@@ -64,88 +65,33 @@ pub struct Pair {
     pub images: [Option<GrayImage>; 2],
 }
 
-/// Why there is no calibration.
+/// Why there is no calibration, and the cure.
 #[derive(Debug, thiserror::Error)]
-pub enum CalibrateError {
-    /// The detector failed.
-    #[error("{image}: the detector failed ({fault})")]
-    Detector {
-        /// The image.
-        image: String,
-        /// Its words.
-        fault: Fault,
-    },
-    /// Images of one camera differ in size.
-    #[error("{image}: is {}x{} px where others of cam{camera} are {}x{}; take all images at one size", found.0, found.1, expected.0, expected.1)]
-    Size {
-        /// The image.
-        image: String,
-        /// Its camera.
-        camera: usize,
-        /// Its size, px.
-        found: (usize, usize),
-        /// Size of the first image, px.
-        expected: (usize, usize),
-    },
-    /// The board is not to be seen, or another one.
-    #[error("cam{camera}: no board {target} in {images} images; {hint}")]
-    NoBoard {
-        /// The camera.
-        camera: usize,
-        /// The board that was looked for.
-        target: Target,
-        /// Number of images that were looked at.
-        images: usize,
-        /// Finds instead, and the cure.
-        hint: String,
-    },
-    /// The board is to be seen too seldom.
-    #[error(
-        "cam{camera}: the board {target} is in {views} of {images} images; at least {MIN_VIEWS} are needed, 20 to 40 are good"
-    )]
-    TooFewViews {
-        /// The camera.
-        camera: usize,
-        /// The board that was looked for.
-        target: Target,
-        /// Images with the board.
-        views: usize,
-        /// Images.
-        images: usize,
-    },
-    /// No image of one camera shows the board together with the other's.
-    #[error(
-        "both cameras never see the board at the same time; hold it where both see it, or give --mono to use the left one only"
-    )]
-    NothingShared,
-    /// The corners are not those of the board.
-    #[error("the corners are {misfit_px:.1} px from those of {target}; {cure}")]
-    NoFit {
-        /// The board that was looked for.
-        target: Target,
-        /// Root of the mean squared distance, px.
-        misfit_px: f64,
-        /// Place to look at.
-        cure: &'static str,
-    },
-    /// The views do not tell the camera.
-    #[error(
-        "the views do not determine the cameras; add views with the board tilted by 30 to 45 degrees about both axes, near and far"
-    )]
-    Undetermined,
+#[error("{0}")]
+pub struct CalibrateError(String);
+
+impl CalibrateError {
+    fn undetermined() -> Self {
+        Self(
+            "the views do not determine the cameras; add views with the board tilted by 30 to 45 degrees about both axes, near and \
+             far"
+                .into(),
+        )
+    }
+
+    fn of_detector(camera: usize, pair: &Pair, fault: &Fault) -> Self {
+        Self(format!("cam{camera}/{}: the detector failed ({fault})", pair.name))
+    }
 }
 
-const MISFIT_CURE: &str =
-    "check the numbers of --target and that the board is flat; for a fisheye lens give --lens equidistant";
-
-/// Calibrates the cameras that took `pairs`; `seen` hears of every image that was looked at.
+/// Calibrates the cameras that took `pairs`, from the distortion of `lens` on; `seen` hears of every image that was looked at.
 ///
 /// # Errors
 /// When the board is not seen often enough, or does not fit what is seen.
 pub fn calibrate(
     pairs: &[Pair],
     target: &Target,
-    kind: LensKind,
+    lens: Distortion,
     detector: &Detector,
     seen: &mut dyn FnMut(),
 ) -> Result<Calibration, CalibrateError> {
@@ -153,7 +99,7 @@ pub fn calibrate(
     let mut sights = first_sights(pairs, target, detector, seen)?;
     let points = target.corners_m();
     turn_alike(target, &mut sights);
-    let (cameras, mut poses) = start(target, &points, kind, &sizes, &sights)?;
+    let (cameras, mut poses) = start(target, &points, lens, &sizes, &sights)?;
     let fit = Fit { points: &points, target: *target };
     let mut cameras = fit.trimmed(&mut sights, &cameras, &mut poses, FIRST_TRIM)?;
     for _ in 0..ROUNDS {
@@ -165,7 +111,7 @@ pub fn calibrate(
     }
     let last = fit.adjusted(&sights, &cameras, &mut poses)?;
     let (used, kept) = used(&sights, &poses);
-    let covariance = adjust::covariance(&points, &kept, &last).ok_or(CalibrateError::Undetermined)?;
+    let covariance = adjust::covariance(&points, &kept, &last).ok_or_else(CalibrateError::undetermined)?;
     let names = used.iter().map(|k| pairs[*k].name.clone()).collect();
     let unused =
         pairs.iter().enumerate().filter(|(k, _)| !used.contains(k)).map(|(_, p)| p.name.clone()).collect();
@@ -180,7 +126,11 @@ fn sizes(pairs: &[Pair]) -> Result<Vec<(usize, usize)>, CalibrateError> {
         let mut images = images.map(|(name, image)| (name, (image.width(), image.height())));
         let Some((_, expected)) = images.next() else { continue };
         if let Some((image, found)) = images.find(|(_, size)| *size != expected) {
-            return Err(CalibrateError::Size { image: image.clone(), camera, found, expected });
+            let [(wide, high), (others_wide, others_high)] = [found, expected];
+            return Err(CalibrateError(format!(
+                "{image}: is {wide}x{high} px where others of cam{camera} are {others_wide}x{others_high}; take all images at one \
+                 size"
+            )));
         }
         sizes.push(expected);
     }
@@ -216,9 +166,8 @@ fn each_image<T>(
         let mut both = [None, None];
         for (camera, image) in pair.images.iter().enumerate() {
             let Some(image) = image else { continue };
-            let fault =
-                |fault| CalibrateError::Detector { image: format!("cam{camera}/{}", pair.name), fault };
-            both[camera] = Some(look(image).map_err(fault)?);
+            let failed = |fault| CalibrateError::of_detector(camera, pair, &fault);
+            both[camera] = Some(look(image).map_err(failed)?);
             seen();
         }
         all.push(both);
@@ -261,7 +210,9 @@ fn check_views(
         return Ok(());
     }
     if views > 0 && 2 * strange < views {
-        return Err(CalibrateError::TooFewViews { camera, target: *target, views, images });
+        return Err(CalibrateError(format!(
+            "cam{camera}: the board {target} is in {views} of {images} images; at least {MIN_VIEWS} are needed, 20 to 40 are good"
+        )));
     }
     let strangers = sights().flat_map(|sight| &sight.strangers).max();
     let most = sights().map(|sight| sight.markers).max().unwrap_or(0);
@@ -271,7 +222,7 @@ fn check_views(
             "at most {most} of its markers were seen; check --target, hold it still, near and evenly lit"
         ),
     };
-    Err(CalibrateError::NoBoard { camera, target: *target, images, hint })
+    Err(CalibrateError(format!("cam{camera}: no board {target} in {images} images; {hint}")))
 }
 
 /// Gives the corners of chessboards in the right images the order of those in the left ones: a board that looks the same
@@ -302,7 +253,7 @@ fn turn_alike(target: &Target, sights: &mut [Sight]) {
 fn start(
     target: &Target,
     points: &[Vector2<f64>],
-    kind: LensKind,
+    lens: Distortion,
     sizes: &[(usize, usize)],
     sights: &[Sight],
 ) -> Result<(Cameras, Poses), CalibrateError> {
@@ -310,7 +261,8 @@ fn start(
     for (camera, size) in sizes.iter().enumerate() {
         let views: Vec<&[Corner]> =
             sights.iter().map(|s| s[camera].as_slice()).filter(|v| !v.is_empty()).collect();
-        let guess = initial::first_guess(kind, *size, points, &views).ok_or(CalibrateError::Undetermined)?;
+        let guess =
+            initial::first_guess(lens, *size, points, &views).ok_or_else(CalibrateError::undetermined)?;
         let alone: Vec<Sight> = views.iter().map(|view| [view.to_vec(), Vec::new()]).collect();
         let mut poses: Vec<_> = views.iter().map(|view| initial::pose(&guess, points, view)).collect();
         let fit = Fit { points, target: *target };
@@ -322,7 +274,9 @@ fn start(
     let both: Vec<_> = sights.iter().filter_map(|s| Some((pose(0, s)?, pose(1, s)?))).collect();
     let between = initial::pose_between(&both);
     if models.len() == 2 && between.is_none() {
-        return Err(CalibrateError::NothingShared);
+        let reason = "both cameras never see the board at the same time; hold it where both see it, or give --mono to use the left \
+                      one only";
+        return Err(CalibrateError(reason.into()));
     }
     let pose_c1_c0 = between.unwrap_or_else(Isometry3::identity);
     let from_right = |sight: &Sight| Some(pose_c1_c0.inverse() * pose(1, sight)?);
@@ -358,7 +312,8 @@ impl Fit<'_> {
     ) -> Result<Adjusted, CalibrateError> {
         let (used, kept) = used(sights, poses);
         let start: Vec<Isometry3<f64>> = used.iter().filter_map(|k| poses[*k]).collect();
-        let adjusted = adjust(self.points, &kept, cameras, &start).ok_or(CalibrateError::Undetermined)?;
+        let adjusted =
+            adjust(self.points, &kept, cameras, &start).ok_or_else(CalibrateError::undetermined)?;
         for (k, pose) in used.into_iter().zip(&adjusted.poses_c0_t) {
             poses[k] = Some(*pose);
         }
@@ -384,7 +339,11 @@ impl Fit<'_> {
         errors.sort_by(f64::total_cmp);
         let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::INFINITY);
         if median.is_nan() || median > MOST_MISFIT_PX {
-            return Err(CalibrateError::NoFit { target: self.target, misfit_px: median, cure: MISFIT_CURE });
+            return Err(CalibrateError(format!(
+                "the corners are {median:.1} px from those of {}; check the numbers of --target and that the board is flat; for a \
+                 fisheye lens give --lens equidistant",
+                self.target
+            )));
         }
         let limit = trim.px.max(trim.medians * median);
         for (sight, pose) in sights.iter_mut().zip(poses.iter()) {
@@ -416,10 +375,9 @@ fn second_sights(
         let Some(pose) = pose else { continue };
         for (camera, image) in pair.images.iter().enumerate().take(cameras.models.len()) {
             let Some(image) = image else { continue };
-            let fault =
-                |fault| CalibrateError::Detector { image: format!("cam{camera}/{}", pair.name), fault };
+            let failed = |fault| CalibrateError::of_detector(camera, pair, &fault);
             let corners =
-                second_look::look(detector, target, &image.view(), cameras, camera, pose).map_err(fault)?;
+                second_look::look(detector, target, &image.view(), cameras, camera, pose).map_err(failed)?;
             sight[camera] = if corners.len() < fewest { Vec::new() } else { corners };
         }
     }

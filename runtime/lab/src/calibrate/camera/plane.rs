@@ -89,7 +89,7 @@ pub fn pose_of_board(model: &CameraModel, seen: &[(Vector2<f64>, Vector2<f64>)])
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::camera::lens::LensKind;
+    use crate::calibrate::camera::lens::lens_named;
 
     #[test]
     fn the_pose_of_a_board_is_found_from_its_points() {
@@ -98,7 +98,7 @@ mod tests {
             height_px: 480,
             focal_px: Vector2::new(458.0, 457.0),
             centre_px: Vector2::new(367.0, 248.0),
-            distortion: LensKind::RadialTangential.distortion([-0.28, 0.07, 0.0, 0.0]),
+            distortion: lens_named("radtan").with_coefficients(&[-0.28, 0.07, 0.0, 0.0]),
         };
         let points: Vec<Vector2<f64>> =
             (0..20).map(|k| Vector2::new(f64::from(k % 5) * 0.1, f64::from(k / 5) * 0.1)).collect();

@@ -1,4 +1,4 @@
-//! Finds of a calibration, how sure it is of them, and what to do better next time.
+//! Finds of a calibration, and how sure it is of them.
 
 use super::adjust::{Adjusted, Cameras, PAIR, SharedMatrix, Sight};
 use super::lens::{LENS, project};
@@ -7,16 +7,7 @@ use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 use plumbline_config::CameraModel;
 
 /// Cells of the image in which corners are counted, across and down.
-pub const CELLS: [usize; 2] = [8, 6];
-/// Beyond these a calibration is told to be a poor one.
-const MOST_RMS_PX: f64 = 0.5;
-const LEAST_COVERAGE: f64 = 0.7;
-const LEAST_VIEWS: usize = 12;
-const MOST_FOCAL_SIGMA: f64 = 0.002;
-const MOST_CENTRE_SIGMA_PX: f64 = 1.0;
-const MOST_BASELINE_SIGMA: f64 = 0.005;
-/// A board that is tilted by less tells little of the focal length.
-pub const LEAST_TILT_DEG: f64 = 20.0;
+const CELLS: [usize; 2] = [8, 6];
 
 /// Where a corner was seen, and how far from where it is projected to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,60 +113,6 @@ impl Calibration {
             corners: adjusted.corners,
         }
     }
-
-    /// Weak points, each with the cure; none of a good one.
-    #[must_use]
-    pub fn advice(&self) -> Vec<String> {
-        let mut advice = Vec::new();
-        if self.rms_px > MOST_RMS_PX {
-            advice.push(format!(
-                "the corners lie {:.2} px off: is the board flat, were the images sharp, is it the right lens model?",
-                self.rms_px
-            ));
-        }
-        for (index, camera) in self.cameras.iter().enumerate() {
-            camera_advice(index, camera, &mut advice);
-        }
-        let tilted = self.views.iter().filter(|view| view.tilt_deg > LEAST_TILT_DEG).count();
-        if 3 * tilted < self.views.len() {
-            advice.push(format!(
-                "the board is tilted by more than {LEAST_TILT_DEG:.0} degrees in {tilted} of {} views: tilt it more",
-                self.views.len()
-            ));
-        }
-        if let Some(pair) = self.pair.filter(|p| p.baseline_sigma_m > MOST_BASELINE_SIGMA * p.baseline_m) {
-            advice.push(format!(
-                "the baseline is known to {:.2} % only: take more views that both cameras share, also near ones",
-                100.0 * pair.baseline_sigma_m / pair.baseline_m
-            ));
-        }
-        advice
-    }
-}
-
-fn camera_advice(index: usize, camera: &CameraResult, advice: &mut Vec<String>) {
-    let mut tell = |what: String| advice.push(format!("cam{index}: {what}"));
-    if camera.views < LEAST_VIEWS {
-        tell(format!("{} views are few: take 20 to 40", camera.views));
-    }
-    if camera.coverage < LEAST_COVERAGE {
-        let percent = 100.0 * camera.coverage;
-        tell(format!(
-            "corners cover {percent:.0} % of the image: hold the board into its corners and edges too"
-        ));
-    }
-    let focal = camera.sigmas[0].max(camera.sigmas[1]);
-    let centre = camera.sigmas[2].max(camera.sigmas[3]);
-    if focal > MOST_FOCAL_SIGMA * camera.model.focal_px.x {
-        tell(format!(
-            "the focal length is known to {focal:.1} px only: tilt the board more, and bring it nearer"
-        ));
-    }
-    if centre > MOST_CENTRE_SIGMA_PX {
-        tell(format!(
-            "the principal point is known to {centre:.1} px only: turn the board by a quarter in some views"
-        ));
-    }
 }
 
 fn sigma(covariance: &SharedMatrix, k: usize) -> f64 {
@@ -210,36 +147,28 @@ fn camera_result<'a>(
     views: impl Iterator<Item = &'a [Residual]> + Clone,
 ) -> CameraResult {
     let residuals: Vec<Residual> = views.clone().flatten().copied().collect();
-    let counts = cell_counts(model, &residuals);
-    let covered = counts.iter().filter(|count| **count > 0).count();
     CameraResult {
         model: *model,
         sigmas,
         rms_px: rms(&residuals).unwrap_or(0.0),
         views: views.filter(|view| !view.is_empty()).count(),
-        coverage: covered as f64 / counts.len() as f64,
+        coverage: coverage(model, &residuals),
         residuals,
     }
 }
 
-/// Number of corners seen in each of the [`CELLS`], row by row.
-#[must_use]
-pub fn cell_counts(model: &CameraModel, residuals: &[Residual]) -> Vec<usize> {
-    let mut counts = vec![0; CELLS[0] * CELLS[1]];
-    for Residual { px, .. } in residuals {
-        counts[cell_of(px, (model.width_px, model.height_px))] += 1;
-    }
-    counts
-}
-
-/// Which of the [`CELLS`] of an image of this size a place is in, px, counted row by row.
-#[must_use]
-pub fn cell_of(px: &Vector2<f64>, size_px: (usize, usize)) -> usize {
+/// Share of the [`CELLS`] of an image in which corners were seen.
+fn coverage(model: &CameraModel, residuals: &[Residual]) -> f64 {
     let [across, down] = CELLS;
+    let mut is_seen = vec![false; across * down];
     // A float to usize saturates, at 0 too.
-    let cell = |at: f64, size: usize, cells: usize| ((at + 0.5) / size as f64 * cells as f64) as usize;
-    let (x, y) = (cell(px.x, size_px.0, across), cell(px.y, size_px.1, down));
-    y.min(down - 1) * across + x.min(across - 1)
+    let cell = |at: f64, size: usize, cells: usize| {
+        (((at + 0.5) / size as f64 * cells as f64) as usize).min(cells - 1)
+    };
+    for Residual { px, .. } in residuals {
+        is_seen[cell(px.y, model.height_px, down) * across + cell(px.x, model.width_px, across)] = true;
+    }
+    is_seen.iter().filter(|seen| **seen).count() as f64 / is_seen.len() as f64
 }
 
 fn pair_result(cameras: &Cameras, covariance: &SharedMatrix) -> PairResult {

@@ -1,4 +1,4 @@
-//! A calibration as text: a row for each view, the figures of each camera, and advice.
+//! A calibration as text: a row for each view, and the figures of each camera.
 
 use super::lens::names;
 use super::result::{Calibration, CameraResult, PairResult, ViewResult};

@@ -94,7 +94,6 @@ pub struct FoundRig {
 
 /// Why there is no calibration.
 #[derive(Debug, Error)]
-#[non_exhaustive]
 pub enum RigError {
     /// The recording cannot be opened or read.
     #[error(transparent)]
@@ -102,62 +101,19 @@ pub enum RigError {
     /// The configuration is refused.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// There is nothing to be seen in so short a recording.
-    #[error(
-        "the recording has {span_s:.1} s, but only {pieces} pieces of {piece_s} s are usable; record a minute, with \
-         texture in view all the time ({lost} pieces lost tracking)"
-    )]
-    TooShort {
-        /// Its length, s.
-        span_s: f64,
-        /// Pieces that were sound.
-        pieces: usize,
-        /// Length of a piece, s.
-        piece_s: f64,
-        /// Pieces that were not.
-        lost: usize,
-    },
-    /// The rig was not turned enough.
-    #[error(
-        "the motion does not determine the rig: it lacks rotation about {missing} (rates about x y z of the IMU: {rates}); turn it \
-         about all axes, by 20 degrees and more to both sides, once a second or two"
-    )]
-    NotTurned {
-        /// The axes, in words.
-        missing: String,
-        /// The rates, in words.
-        rates: String,
-    },
-    /// Something remained uncertain all the same.
-    #[error(
-        "the motion does not determine the rig well enough: {what} is known to {sigma} only; turn it faster, most of all about \
-         {weakest}, and for longer"
-    )]
-    NotSeen {
-        /// Place, attitude or time offset.
-        what: &'static str,
-        /// Its standard deviation.
-        sigma: String,
-        /// The axis that was turned about least.
-        weakest: String,
-    },
-    /// The costs have no lowest place.
-    #[error(
-        "the recording does not determine the readout of the shutter: how well it fits does not depend on it; move the rig faster, \
-         with texture in all rows of the images"
-    )]
-    NoReadout,
-    /// It went on and on.
-    #[error(
-        "the calibration does not converge in {passes} passes: it still changes by {sigmas:.1} standard deviations; is the \
-         calibration of the cameras that of this rig, and does the recording begin at rest?"
-    )]
-    NotSettled {
-        /// Passes made.
-        passes: usize,
-        /// The largest step of the last one, standard deviations.
-        sigmas: f64,
-    },
+    /// The recording does not show the rig.
+    #[error("{0}")]
+    Unseen(String),
+}
+
+impl RigError {
+    /// Too few pieces of a recording are usable.
+    fn too_short(span_s: f64, pieces: usize, piece_s: f64, lost: usize) -> Self {
+        Self::Unseen(format!(
+            "the recording has {span_s:.1} s, but only {pieces} pieces of {piece_s} s are usable; record a minute, with texture in \
+             view all the time ({lost} pieces lost tracking)"
+        ))
+    }
 }
 
 /// Calibrates the rig of `config`. `open` opens the recording from its beginning, each time anew; `progress` is told pass and
@@ -214,7 +170,11 @@ pub fn calibrate(
             });
         }
     }
-    Err(RigError::NotSettled { passes: options.max_passes, sigmas: largest })
+    Err(RigError::Unseen(format!(
+        "the calibration does not converge in {} passes: it still changes by {largest:.1} standard deviations; is the calibration of \
+         the cameras that of this rig, and does the recording begin at rest?",
+        options.max_passes
+    )))
 }
 
 /// The configuration to estimate with: the rig free, points alone.
@@ -243,7 +203,7 @@ fn all_samples(flight: Flight) -> Result<Vec<ImuSample>, FlightError> {
 /// Turning of the rig, if that is enough.
 fn turned(samples: &[ImuSample], config: &ValidConfig) -> Result<Excitation, RigError> {
     let Some(excitation) = Excitation::of(samples) else {
-        return Err(RigError::TooShort { span_s: 0.0, pieces: 0, piece_s: 0.0, lost: 0 });
+        return Err(RigError::too_short(0.0, 0, 0.0, 0));
     };
     if excitation.is_enough() {
         return Ok(excitation);
@@ -251,8 +211,14 @@ fn turned(samples: &[ImuSample], config: &ValidConfig) -> Result<Excitation, Rig
     let pose_b_c = config.setup().left().pose_b_c();
     let missing: Vec<_> = excitation.missing().iter().map(|axis| axis_words(axis, &pose_b_c)).collect();
     let rates = excitation.body_rates_rad_s.map(f64::to_degrees);
-    let rates = format!("{:.0} {:.0} {:.0} deg/s", rates.x, rates.y, rates.z);
-    Err(RigError::NotTurned { missing: missing.join(" and about "), rates })
+    Err(RigError::Unseen(format!(
+        "the motion does not determine the rig: it lacks rotation about {} (rates about x y z of the IMU: {:.0} {:.0} {:.0} deg/s); \
+         turn it about all axes, by 20 degrees and more to both sides, once a second or two",
+        missing.join(" and about "),
+        rates.x,
+        rates.y,
+        rates.z
+    )))
 }
 
 fn put_together(
@@ -263,12 +229,7 @@ fn put_together(
 ) -> Result<Fused, RigError> {
     let sigmas = Rig::sigmas(&config.rig, &config.camera);
     let fused = if found.pieces.len() < LEAST_PIECES { None } else { fuse(&found.pieces, start, &sigmas) };
-    fused.ok_or(RigError::TooShort {
-        span_s: found.span_s,
-        pieces: found.pieces.len(),
-        piece_s: options.piece_s,
-        lost: found.lost,
-    })
+    fused.ok_or_else(|| RigError::too_short(found.span_s, found.pieces.len(), options.piece_s, found.lost))
 }
 
 /// `start` with the step applied.
@@ -312,7 +273,7 @@ fn check_seen(fused: &Fused, excitation: &Excitation, rig: &Rig) -> Result<(), R
     let sigma =
         |range: std::ops::Range<usize>| range.map(|k| fused.covariance[(k, k)].sqrt()).fold(0.0, f64::max);
     let [place, attitude, time] = [sigma(0..3), sigma(3..6), sigma(6..7)];
-    let what = if place > MOST_SIGMAS[0] {
+    let (what, sigma) = if place > MOST_SIGMAS[0] {
         ("the place of the cameras", format!("{:.1} mm", 1e3 * place))
     } else if attitude > MOST_SIGMAS[1] {
         ("the attitude of the cameras", format!("{:.2} degrees", attitude.to_degrees()))
@@ -322,7 +283,10 @@ fn check_seen(fused: &Fused, excitation: &Excitation, rig: &Rig) -> Result<(), R
         return Ok(());
     };
     let weakest = axis_words(&excitation.axes_b[2], &rig.pose_b_c0);
-    Err(RigError::NotSeen { what: what.0, sigma: what.1, weakest })
+    Err(RigError::Unseen(format!(
+        "the motion does not determine the rig well enough: {what} is known to {sigma} only; turn it faster, most of all about \
+         {weakest}, and for longer"
+    )))
 }
 
 impl FoundRig {

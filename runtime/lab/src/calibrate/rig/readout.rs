@@ -23,6 +23,9 @@ const NONE_S: f64 = 0.001;
 /// Fewest parabolas whose scatter says something.
 const LEAST_PIECES: usize = 3;
 
+const NO_READOUT: &str = "the recording does not determine the readout of the shutter: how well it fits does not depend on it; move the \
+                          rig faster, with texture in all rows of the images";
+
 /// The readout that was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FoundReadout {
@@ -46,12 +49,7 @@ pub(super) fn find(
         let found =
             pass(open(&config)?, config.setup(), options.piece_s, &mut |frames| progress(number, frames))?;
         if found.pieces.len() < LEAST_PIECES {
-            return Err(RigError::TooShort {
-                span_s: found.span_s,
-                pieces: found.pieces.len(),
-                piece_s: options.piece_s,
-                lost: found.lost,
-            });
+            return Err(RigError::too_short(found.span_s, found.pieces.len(), options.piece_s, found.lost));
         }
         Ok(found.costs)
     };
@@ -71,7 +69,7 @@ pub(super) fn find(
                 Some(vertex([(*before.get(k)?)?, at[k]?, (*after.get(k)?)?])? * step_s + middle_s)
             })
             .collect();
-        found = mean(&vertices).ok_or(RigError::NoReadout)?;
+        found = mean(&vertices).ok_or_else(|| RigError::Unseen(NO_READOUT.into()))?;
         middle_s = found.readout_s;
     }
     if found.readout_s < NONE_S.max(NONE_SIGMAS * found.sigma_s) {

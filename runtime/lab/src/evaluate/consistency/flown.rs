@@ -1,18 +1,15 @@
 //! Consistency of a whole flight: the five figures of the estimates, and those of the odometry at the rate of the IMU.
 
+use super::Consistency;
 use super::errors::{Claim, since_start, step, tilt, velocity};
-use super::{Consistency, consistency};
 use plumbline_config::Timestamp;
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_flight::flight::{Published, PublishedState, TrueState, Truth};
 use serde::Serialize;
-use std::fmt;
 
 /// Position and yaw are judged from this long after the start of their frame, s: at the start the error is zero by
 /// definition, and the first poses differ from it by little more than rounding.
 const SETTLED_S: f64 = 1.0;
-/// Length of the beginning whose velocity is judged apart, s.
-const BEGINNING_S: f64 = 1.0;
 /// Odometry belongs to the frame of a step if it is at most this far from it, s.
 const NEAR_S: f64 = 0.02;
 
@@ -39,47 +36,11 @@ pub struct Nees {
     pub velocity: Option<Consistency>,
     /// Way and turn about the vertical over about one second.
     pub steps: Option<Consistency>,
-    /// Velocity in the body in the first second after each start.
-    pub velocity_at_start: Option<Consistency>,
-    /// Largest errors later than that second.
-    pub largest: LargestErrors,
-    /// Errors without a positive definite covariance, in the order of [`Self::NAMES`]: they are in no figure.
-    pub without_covariance: [usize; 5],
-}
-
-/// Largest errors of a flight from one second after each start on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct LargestErrors {
-    /// Angle between estimated and true vertical, degrees.
-    pub tilt_deg: f64,
-    /// Velocity in the body, m/s; `None` where the truth has no velocity.
-    pub velocity_m_s: Option<f64>,
-}
-
-impl fmt::Display for LargestErrors {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { tilt_deg, velocity_m_s } = self;
-        write!(
-            f,
-            "largest errors after one second: tilt {tilt_deg:.3} degrees, velocity {}",
-            velocity_m_s.map_or_else(|| "unknown (the truth has none)".to_owned(), |v| format!("{v:.3} m/s"))
-        )
-    }
 }
 
 impl Nees {
     /// Names of the five figures of [`Self::ratios`].
     pub const NAMES: [&str; 5] = ["position", "tilt", "yaw", "velocity", "steps"];
-
-    /// Why the figure of this place in [`Self::NAMES`] is unknown.
-    #[must_use]
-    pub fn why_unknown(&self, place: usize) -> String {
-        match (self.without_covariance.get(place).copied(), Self::NAMES.get(place)) {
-            (Some(count @ 1..), _) => format!("no positive definite covariance for any of {count} errors"),
-            (_, Some(&"velocity")) => "the truth has none".to_owned(),
-            _ => "too few poses with a truth".to_owned(),
-        }
-    }
 
     /// The five mean ratios, in the order of [`Self::NAMES`].
     #[must_use]
@@ -89,25 +50,14 @@ impl Nees {
     }
 }
 
-impl LargestErrors {
-    fn take(&mut self, tilt: &Claim<2>, velocity: Option<&Claim<3>>) {
-        self.tilt_deg = self.tilt_deg.max(tilt.error.norm().to_degrees());
-        if let Some(claim) = velocity {
-            let error_m_s = claim.error.norm();
-            self.velocity_m_s = Some(self.velocity_m_s.map_or(error_m_s, |largest| largest.max(error_m_s)));
-        }
-    }
-}
-
 impl FlightConsistency {
-    /// Judges what was published by the truth; `None` where no truth is known.
+    /// Judges estimates, and what else was published, by the truth; `None` where no truth is known.
     #[must_use]
-    pub fn of(published: &Published, truth: &Truth) -> Option<Self> {
-        let Published { estimates, odometry, steps, frames: _ } = published;
-        let (estimates, odometry) = (known(estimates, truth), known(odometry, truth));
+    pub fn of(estimates: &[PublishedState], published: &Published, truth: &Truth) -> Option<Self> {
+        let (estimates, odometry) = (known(estimates, truth), known(&published.odometry, truth));
         (!estimates.is_empty()).then(|| Self {
-            estimates: judged(&estimates, steps, 0.0),
-            odometry: judged(&odometry, steps, NEAR_S),
+            estimates: judged(&estimates, &published.steps, 0.0),
+            odometry: judged(&odometry, &published.steps, NEAR_S),
         })
     }
 }
@@ -118,48 +68,27 @@ fn known(poses: &[PublishedState], truth: &Truth) -> Vec<(PublishedState, TrueSt
 }
 
 fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_s: f64) -> Nees {
-    let mut position = Sum::<3>::default();
-    let mut yaw = Sum::<1>::default();
-    let (mut tilts, mut speeds, mut beginning) =
-        (Sum::<2>::default(), Sum::<3>::default(), Sum::<3>::default());
-    let mut largest = LargestErrors::default();
+    let (mut position, mut yaw) = (Sum::<3>::default(), Sum::<1>::default());
+    let (mut tilts, mut speeds) = (Sum::<2>::default(), Sum::<3>::default());
     // Each reset begins a new odometry frame.
     for frame in poses.chunk_by(|(a, _), (b, _)| a.reset_counter == b.reset_counter) {
         let Some((first, true_first)) = frame.first() else { continue };
         for (pose, truth) in frame {
-            let age_s = pose.stamp.seconds_since(first.stamp);
-            let (of_tilt, of_velocity) = (tilt(pose, truth), velocity(pose, truth));
-            tilts.add(&of_tilt);
-            if let Some(claim) = &of_velocity {
-                speeds.add(claim);
-                if age_s <= BEGINNING_S {
-                    beginning.add(claim);
-                }
-            }
-            if age_s >= SETTLED_S {
-                largest.take(&of_tilt, of_velocity.as_ref());
+            tilts.add(&tilt(pose, truth));
+            velocity(pose, truth).iter().for_each(|claim| speeds.add(claim));
+            if pose.stamp.seconds_since(first.stamp) >= SETTLED_S {
                 let claim = since_start((first, true_first), (pose, truth));
                 position.add(&part::<3>(&claim, 0));
                 yaw.add(&part::<1>(&claim, 3));
             }
         }
     }
-    let of_steps = judged_steps(poses, steps, near_s);
     Nees {
-        without_covariance: [
-            position.without_covariance,
-            tilts.without_covariance,
-            yaw.without_covariance,
-            speeds.without_covariance,
-            of_steps.without_covariance,
-        ],
         position: position.figure(),
         tilt: tilts.figure(),
         yaw: yaw.figure(),
         velocity: speeds.figure(),
-        steps: of_steps.figure(),
-        velocity_at_start: beginning.figure(),
-        largest,
+        steps: judged_steps(poses, steps, near_s).figure(),
     }
 }
 
@@ -195,23 +124,23 @@ fn part<const N: usize>(claim: &Claim<4>, first: usize) -> Claim<N> {
     }
 }
 
-/// NEES values of errors of `N` components.
+/// Sum of the NEES of errors of `N` components; those without a positive definite covariance are not in it.
 #[derive(Default)]
 struct Sum<const N: usize> {
-    values: Vec<f64>,
-    without_covariance: usize,
+    nees: f64,
+    count: usize,
 }
 
 impl<const N: usize> Sum<N> {
     fn add(&mut self, claim: &Claim<N>) {
-        match claim.nees() {
-            Some(value) => self.values.push(value),
-            None => self.without_covariance += 1,
+        if let Some(value) = claim.nees() {
+            self.nees += value;
+            self.count += 1;
         }
     }
 
     fn figure(&self) -> Option<Consistency> {
-        let figure = consistency(&self.values, N)?;
-        Some(Consistency { without_covariance: self.without_covariance, ..figure })
+        let Self { nees, count } = *self;
+        (count > 0).then(|| Consistency { mean_ratio: nees / (count * N) as f64, count })
     }
 }

@@ -85,6 +85,7 @@ fn flight(
             covariance: own + by * of_frame * by.transpose(),
             reset_counter: counter,
             quality: 100,
+            pose_m_o: None,
         });
         // Exactly, not to first order: the frame moves and turns as a whole.
         let p = poses[k].translation.vector + error.fixed_rows::<3>(0);
@@ -115,16 +116,16 @@ fn flight(
 
 fn judged(frame_sigma: f64, deviations: f64) -> FlightConsistency {
     let mut noise = Noise::new(11);
-    let mut published = Published::default();
+    let (mut estimates, mut published) = (Vec::new(), Published::default());
     let mut truth = Vec::new();
     for counter in 0..FLIGHTS {
         let (states, truths, known) = flight(&mut noise, counter, frame_sigma, deviations);
-        published.estimates.extend(states.clone());
+        estimates.extend(states.clone());
         published.odometry.extend(states);
         published.steps.push(known);
         truth.extend(truths);
     }
-    FlightConsistency::of(&published, &Truth::Recorded(truth)).unwrap()
+    FlightConsistency::of(&estimates, &published, &Truth::Recorded(truth)).unwrap()
 }
 
 #[test]
@@ -140,7 +141,6 @@ fn errors_drawn_from_the_covariance_have_a_ratio_of_one() {
                 let count = f64::from(degrees) * (FLIGHTS as usize * poses) as f64;
                 let off = (figure.mean_ratio - 1.0).abs();
                 assert!(off < 1.5 * 1.96 * (2.0 / count).sqrt(), "frame {frame_sigma}: {degrees} {figure:?}");
-                assert!((figure.within_95 - 0.95).abs() < 0.025, "{figure:?}");
                 assert_eq!(figure.count, FLIGHTS as usize * poses);
             }
         }
@@ -157,35 +157,15 @@ fn twice_the_error_has_four_times_the_ratio() {
 }
 
 #[test]
-fn the_largest_errors_are_those_after_the_first_second() {
-    let mut noise = Noise::new(5);
-    let (mut states, truths, known) = flight(&mut noise, 0, 1e-3, 0.0);
-    // The first pose is 30 degrees off, the later one 2, and its velocity by 0.4 m/s across it.
-    let lean = |degrees: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), degrees.to_radians());
-    states[0].pose_o_b.rotation = lean(30.0) * states[0].pose_o_b.rotation;
-    states[1].pose_o_b.rotation = lean(2.0) * states[1].pose_o_b.rotation;
-    states[1].v_o_b = lean(2.0) * states[1].v_o_b;
-    let across = states[1].v_o_b.cross(&Vector3::new(1.0, 2.0, 3.0)).normalize();
-    states[1].v_o_b += across * 0.4;
-    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
-    let largest =
-        FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap().estimates.largest;
-    assert!(
-        (largest.tilt_deg - 2.0).abs() < 1e-6 && (largest.velocity_m_s.unwrap() - 0.4).abs() < 1e-6,
-        "{largest:?}"
-    );
-}
-
-#[test]
 fn without_a_true_velocity_none_is_judged() {
     let mut noise = Noise::new(3);
     let (states, mut truths, known) = flight(&mut noise, 0, 1e-3, 1.0);
     truths.iter_mut().for_each(|truth| truth.v_w_b = None);
-    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
-    let result = FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap();
+    let published = Published { steps: vec![known], ..Published::default() };
+    let result = FlightConsistency::of(&states, &published, &Truth::Recorded(truths.to_vec())).unwrap();
     assert!(result.estimates.velocity.is_none() && result.estimates.tilt.is_some());
     assert!(result.odometry.tilt.is_none());
-    assert!(FlightConsistency::of(&published, &Truth::None).is_none());
+    assert!(FlightConsistency::of(&states, &published, &Truth::None).is_none());
 }
 
 #[test]
