@@ -1,7 +1,7 @@
 //! A contradiction between gyroscope and images that lasts: which of them is wrong, and when it is over.
 
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
-use super::lag::delay;
+use super::lag::{Delay, delay};
 use crate::estimate::HealthBits;
 use heapless::Deque;
 use nalgebra::Vector3;
@@ -84,6 +84,8 @@ pub(super) struct Contradiction {
     pub(super) culprit: Culprit,
     /// The bias before it, rad/s.
     pub(super) bias_gyro: Vector3<f64>,
+    /// True while a delay would explain much of it.
+    is_delay_suspected: bool,
     /// Frames on end that agree.
     agreeing: f64,
     /// Frames so far, at most as many as turns are kept, and the mean over them of the squared excess.
@@ -110,6 +112,7 @@ impl Contradiction {
             since,
             culprit: Culprit::Unknown,
             bias_gyro,
+            is_delay_suspected: false,
             agreeing: 0.0,
             frames: 0,
             mean_excess_squared: 0.0,
@@ -151,8 +154,9 @@ impl Contradiction {
     pub(super) fn settle(&mut self, newest: &NewestTurn, evidence: &Evidence<'_>) -> bool {
         self.count(newest, evidence);
         if self.is_open() {
-            let delay_s = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
-            if let Some(lag_s) = delay_s {
+            let delay = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
+            self.is_delay_suspected = delay == Delay::Suspected;
+            if let Delay::Found(lag_s) = delay {
                 self.culprit = if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if newest.turn.to.seconds_since(self.since) > DISPUTE_S {
                 self.culprit = Culprit::Disputed;
@@ -202,14 +206,14 @@ impl Contradiction {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, errors
+    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of it, errors
     /// of stamps do not explain most of it, and the images do turn.
     fn is_gyro_named(&self, Evidence { angles, turns }: &Evidence<'_>) -> bool {
         if self.plain >= PLAIN_FRAMES {
             return true;
         }
         let is_lasting = self.mean_excess_squared >= MEAN_EXCESS_SQUARED || self.is_off_in_sum;
-        if !self.is_open() || !self.may_name_gyro || !is_lasting {
+        if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }
         let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0);
