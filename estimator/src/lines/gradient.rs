@@ -36,32 +36,27 @@ pub struct Pixel {
 
 impl Pixel {
     /// The gradient, in steps.
-    #[must_use]
     pub fn gradient(self) -> (i16, i16) {
         (self.gx & !1, self.gy & !1)
     }
 
     /// The gradient as a vector, in steps.
-    #[must_use]
     pub fn vector(self) -> Vector2<f32> {
         let (gx, gy) = self.gradient();
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
     /// All of it in one word, for [`components`]: x in the lower half.
-    #[must_use]
     pub fn word(self) -> u32 {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
     }
 
     /// True if the pixel belongs to a segment, or lies beside one that does.
-    #[must_use]
     pub fn is_taken(self) -> bool {
         self.gx & 1 != 0
     }
 
     /// True if the growth of a segment was tried here and failed.
-    #[must_use]
     pub fn is_tried(self) -> bool {
         self.gy & 1 != 0
     }
@@ -91,13 +86,11 @@ pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut 
 }
 
 /// A place of the halved image, px, in the image.
-#[must_use]
 pub fn whole_px(px: &Vector2<f32>) -> Vector2<f32> {
     px.map(|v| REDUCTION as f32 * v + 0.5 * (REDUCTION as f32 - 1.0))
 }
 
 /// A place of the image, px, in the halved image: the inverse of [`whole_px`].
-#[must_use]
 pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
     px.map(|v| (v - 0.5 * (REDUCTION as f32 - 1.0)) / REDUCTION as f32)
 }
@@ -122,7 +115,6 @@ pub struct Gradients {
 
 impl Gradients {
     /// For images of `width` x `height` px, at least `4 BORDER` of each.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let (width, height) = (width / REDUCTION, height / REDUCTION);
         Self {
@@ -138,31 +130,26 @@ impl Gradients {
     }
 
     /// Width of the halved image, px.
-    #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height of the halved image, px.
-    #[must_use]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// Gradient at index `y * width + x`, in steps of 1 / [`SCALE`] grey levels per pixel.
-    #[must_use]
     pub fn at(&self, index: usize) -> (i16, i16) {
         self.pixels[index].gradient()
     }
 
     /// Magnitudes of the gradients, row by row, in steps.
-    #[must_use]
     pub fn magnitudes(&self) -> &[i16] {
         &self.magnitudes
     }
 
     /// All pixels, row by row.
-    #[must_use]
     pub fn pixels(&self) -> &[Pixel] {
         &self.pixels
     }

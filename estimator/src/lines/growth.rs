@@ -111,7 +111,6 @@ struct Following<'a, const STEEP: bool> {
 
 impl Growth {
     /// For images of `width` x `height`.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let longest = width + height;
         Self {
@@ -130,7 +129,6 @@ impl Growth {
     }
 
     /// Pixels looked at, and what beginning segments cost, since [`Self::begin`].
-    #[must_use]
     pub fn visits(&self) -> usize {
         self.visits
     }

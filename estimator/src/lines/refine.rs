@@ -67,7 +67,6 @@ struct Crossing {
 
 impl Refiner {
     /// For images of `width` x `height` px.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let room = width.max(height) + 2 * MAX_BEYOND;
         Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }

@@ -36,7 +36,6 @@ impl Seed {
     }
 
     /// Column and row.
-    #[must_use]
     pub fn place(self) -> (usize, usize) {
         (usize::from(self.x), usize::from(self.y))
     }
@@ -44,7 +43,6 @@ impl Seed {
     /// True if the gradients around a seed are those of a straight edge, above a share of `threshold` steps. This is far cheaper than
     /// growing, and most seeds have none. All probes are made at once, in the lanes of the vector unit: that costs less than
     /// the mispredicted branches of stopping early.
-    #[must_use]
     pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
         let (width, height) = (gradients.width(), gradients.height());
         let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
@@ -76,7 +74,6 @@ pub struct Seeds {
 
 impl Seeds {
     /// For images of `width` x `height`, at most `max_seeds` of each.
-    #[must_use]
     pub fn new(width: usize, height: usize, max_seeds: usize) -> Self {
         // Of two neighbours across the gradient at most one is a ridge of the halved image.
         let room = width * height / (2 * REDUCTION * REDUCTION) + 1;
@@ -89,13 +86,11 @@ impl Seeds {
     }
 
     /// The seeds, strongest first.
-    #[must_use]
     pub fn ordered(&self) -> &[Seed] {
         &self.ordered
     }
 
     /// True if the last image had more ridges than seeds.
-    #[must_use]
     pub fn is_cut_short(&self) -> bool {
         self.is_cut_short
     }

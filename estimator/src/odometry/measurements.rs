@@ -58,7 +58,6 @@ const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {
     /// For these cameras and features; allocates all it needs.
-    #[must_use]
     pub fn new(cameras: Vec<CameraModel>, points: &PointsConfig, lines: &LinesConfig) -> Self {
         let capacity = points.max_points;
         Self {
@@ -76,7 +75,6 @@ impl Measurer {
     }
 
     /// Returns the measurer for cameras with these readouts.
-    #[must_use]
     pub fn with_readouts(self, readouts: [Readout; 2]) -> Self {
         Self { readouts, ..self }
     }
@@ -90,13 +88,11 @@ impl Measurer {
     }
 
     /// The points of the newest frame.
-    #[must_use]
     pub fn points(&self) -> &[PointTrack] {
         &self.measurements
     }
 
     /// The lines of the newest frame.
-    #[must_use]
     pub fn lines(&self) -> &[LineTrack] {
         &self.lines
     }
@@ -162,7 +158,6 @@ impl Measurer {
     }
 
     /// Number of points of the newest frame that `camera` measured.
-    #[must_use]
     pub fn count(&self, camera: usize) -> usize {
         self.measurements.iter().filter(|track| track.measured[camera].is_some()).count()
     }
@@ -174,7 +169,6 @@ impl Measurer {
     }
 
     /// Motion of the points in the images since the frame before; call before [`Self::remember`].
-    #[must_use]
     pub fn motion(&mut self, observations: &[PointObservation]) -> ImageMotion {
         let Self { previous, flow, ways_px, .. } = self;
         flow.iter_mut().chain(ways_px.iter_mut()).for_each(Vec::clear);
@@ -198,7 +192,6 @@ impl Measurer {
     /// Epipolar moments of the points of the frame before, by their motion in the right image from the one before that to this one, which took
     /// `span_s`: rates that share no noise with the distances. `None` where too few points were seen throughout. Call before
     /// [`Self::remember`].
-    #[must_use]
     pub fn epipolar_moments(
         &self,
         observations: &[PointObservation],
@@ -215,7 +208,6 @@ impl Measurer {
     }
 
     /// Median depth of the measured points, m, each in the camera that hosts it; infinite where too few have one.
-    #[must_use]
     pub fn median_depth_m(&mut self, landmarks: &LandmarkStore<InversePoint>) -> f64 {
         let Self { measurements, flow: [inverse_depths, _], .. } = self;
         inverse_depths.clear();

@@ -29,7 +29,6 @@ pub struct Guide {
 
 impl Guide {
     /// For frames of up to `features`.
-    #[must_use]
     pub fn new(features: usize) -> Self {
         Self {
             by_x: Vec::with_capacity(features),
@@ -40,7 +39,6 @@ impl Guide {
     }
 
     /// The matches over which the pose was refined last.
-    #[must_use]
     pub fn matches(&self) -> &[Match] {
         &self.matches
     }

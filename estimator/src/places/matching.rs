@@ -120,7 +120,6 @@ pub struct Matcher {
 
 impl Matcher {
     /// For queries of `query_features` against up to `points` of the map.
-    #[must_use]
     pub fn new(query_features: usize, points: usize) -> Self {
         Self {
             points: Vec::with_capacity(points),
@@ -132,19 +131,16 @@ impl Matcher {
     }
 
     /// The points gathered.
-    #[must_use]
     pub fn points(&self) -> &[MapPoint] {
         &self.points
     }
 
     /// Their descriptors.
-    #[must_use]
     pub fn descriptors(&self) -> &[Descriptor] {
         &self.descriptors
     }
 
     /// The matches, those first that differ least from their point against its rivals (ties: by number).
-    #[must_use]
     pub fn matches(&self) -> &[Match] {
         &self.matches
     }

@@ -31,13 +31,11 @@ pub struct Ransac {
 
 impl Ransac {
     /// For so many matches at most.
-    #[must_use]
     pub fn new(matches: usize) -> Self {
         Self { candidates: Vec::with_capacity(matches), inliers: Vec::with_capacity(matches) }
     }
 
     /// The inliers of the pose found last.
-    #[must_use]
     pub fn inliers(&self) -> &[Match] {
         &self.inliers
     }

@@ -28,7 +28,6 @@ pub struct KnownRig {
 
 impl KnownRig {
     /// A rig known by its standard deviations; 0 is held fixed.
-    #[must_use]
     pub fn within(sigmas: &SVector<f64, RIG_DIM>) -> Self {
         let information = sigmas.map(|sigma| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 });
         Self { information: RigCovariance::from_diagonal(&information), gradient: SVector::zeros() }

@@ -18,13 +18,11 @@ pub struct CameraPose {
 
 impl CameraPose {
     /// The camera that `mount` holds to `body`.
-    #[must_use]
     pub fn of(body: &BodyPose, mount: &Mount, pivot_o: &Vector3<f64>) -> Self {
         Self::new(body.rot_o_b * mount.rot_b_c, body.rot_o_b * mount.p_b_c + (body.p_o_b - pivot_o))
     }
 
     /// The camera at `p_o_c` that `rot_o_c` takes coordinates from.
-    #[must_use]
     pub fn new(rot_o_c: Matrix3<f64>, p_o_c: Vector3<f64>) -> Self {
         Self { rot_o_c, p_o_c, lanes: QuadMatrix::of(&rot_o_c) }
     }

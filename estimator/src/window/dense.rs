@@ -16,13 +16,11 @@ pub struct NormalEquations {
 
 impl NormalEquations {
     /// Room for `capacity` unknowns; all of them free and without information.
-    #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { dim: 0, stride: capacity, h: vec![0.0; capacity * capacity], b: vec![0.0; capacity] }
     }
 
     /// Number of unknowns in use.
-    #[must_use]
     pub fn dim(&self) -> usize {
         self.dim
     }
@@ -63,7 +61,6 @@ impl NormalEquations {
     }
 
     /// Row `i` from the diagonal to the end.
-    #[must_use]
     pub fn row(&self, i: usize) -> &[f64] {
         &self.h[i * self.stride + i..i * self.stride + self.dim]
     }
@@ -74,7 +71,6 @@ impl NormalEquations {
     }
 
     /// `H[i][j]`, either triangle.
-    #[must_use]
     pub fn get(&self, i: usize, j: usize) -> f64 {
         let (i, j) = if i <= j { (i, j) } else { (j, i) };
         self.h[i * self.stride + j]
@@ -87,7 +83,6 @@ impl NormalEquations {
     }
 
     /// The gradient `b`.
-    #[must_use]
     pub fn gradient(&self) -> &[f64] {
         &self.b[..self.dim]
     }

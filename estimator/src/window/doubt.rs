@@ -28,7 +28,6 @@ impl Window {
 
     /// True if most observations of the newest frame contradict its pose, at the poses last linearized or costed. If one
     /// observation does not fit, the observation is wrong; if most do not, the pose is.
-    #[must_use]
     pub fn is_newest_doubtful(&self) -> bool {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
         let problem = Problem::of_frames(rig, frames, manhattan, options);

@@ -38,7 +38,6 @@ impl<const D: usize> Eliminated<D> {
     }
 
     /// The landmark's step, given those of the motions, with a one for the residual.
-    #[must_use]
     pub fn step(&self, motions: &MotionRow) -> SVector<f64, D> {
         let ((start, end), globals) = (self.frames, self.globals);
         let mut x = SVector::<f64, D>::zeros();

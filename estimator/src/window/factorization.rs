@@ -24,20 +24,17 @@ pub struct Factor {
 
 impl Factor {
     /// Room for `capacity` unknowns, at most [`MAX_UNKNOWNS`].
-    #[must_use]
     pub fn new(capacity: usize) -> Self {
         let u = vec![[0.0; COLUMNS]; capacity.next_multiple_of(LANES)];
         Self { dim: 0, u, order: Vec::with_capacity(capacity), held: 0..0 }
     }
 
     /// Holds these unknowns at zero, whatever the equations say of them.
-    #[must_use]
     pub fn holding(self, held: std::ops::Range<usize>) -> Self {
         Self { held, ..self }
     }
 
     /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
-    #[must_use]
     pub fn dim(&self) -> usize {
         self.dim
     }
@@ -49,7 +46,6 @@ impl Factor {
 
     /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
     /// matrix is not positive definite: then nothing is factored, and [`Self::dim`] is 0.
-    #[must_use]
     pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
         self.dim = 0;
         self.load(equations, damping);
@@ -101,7 +97,6 @@ impl Factor {
 
     /// Covariance of the last `N` unknowns, the last block of the inverse of `H`; `None` where there are fewer. It needs
     /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
-    #[must_use]
     pub fn last_covariance<const N: usize>(&self) -> Option<SMatrix<f64, N, N>> {
         let first = self.factored().checked_sub(N)?;
         let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
@@ -114,7 +109,6 @@ impl Factor {
 
     /// Variance of unknown `k` (below [`Self::dim`]); `memory` has room for all unknowns. It is the squared norm of
     /// `U'⁻¹ e_k`.
-    #[must_use]
     pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
         let x = &mut memory[..self.factored()];
         x.fill(0.0);

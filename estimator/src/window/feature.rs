@@ -29,7 +29,6 @@ pub struct View<'a> {
 
 impl View<'_> {
     /// Poses of the host's and the observer's camera, from a pivot.
-    #[must_use]
     pub fn cameras(&self, pivot_o: &Vector3<f64>) -> [CameraPose; 2] {
         [(self.host, self.host_mount), (self.target, self.target_mount)]
             .map(|(body, mount)| CameraPose::of(body, mount, pivot_o))
@@ -57,7 +56,6 @@ pub struct Jacobians<const D: usize> {
 
 impl<const D: usize> Jacobians<D> {
     /// All zero, to be filled by a factor.
-    #[must_use]
     pub fn zeros() -> Self {
         let zero = [[[0.0; 4]; 2]; 2];
         Self {
@@ -183,6 +181,5 @@ pub trait Feature: Copy + Debug + PartialEq {
 /// A feature of `D` degrees of freedom.
 pub trait Estimated<const D: usize>: Feature<Jacobians = Jacobians<D>> {
     /// The feature with the step `d` applied.
-    #[must_use]
     fn plus(&self, d: &SVector<f64, D>) -> Self;
 }

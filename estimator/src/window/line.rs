@@ -59,19 +59,16 @@ pub struct LineMeasurement {
 
 impl LineMeasurement {
     /// Normal of the plane through the camera and the measured segment, not of unit length.
-    #[must_use]
     pub fn normal(&self) -> Vector3<f64> {
         ray(&self.ends_xy[0]).cross(&ray(&self.ends_xy[1]))
     }
 
     /// Angle between the end points, rad.
-    #[must_use]
     pub fn angle_rad(&self) -> f64 {
         ray(&self.ends_xy[0]).angle(&ray(&self.ends_xy[1]))
     }
 
     /// The measurement with the rates of a far line in a camera that turns with `rate_c`, rad/s.
-    #[must_use]
     pub fn turning(self, rate_c: &Vector3<f64>) -> Self {
         let n = self.normal();
         let rates = self.rates_of(&n, &-rate_c.cross(&n));
@@ -160,7 +157,6 @@ impl HostedLine {
         Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0, axis: None };
 
     /// The line with these Pluecker coordinates, of any scale; `None` through the camera.
-    #[must_use]
     pub fn of(n: &Vector3<f64>, v: &Vector3<f64>) -> Option<Self> {
         let u1 = n.try_normalize(1e-12)?;
         // Errors may have left a part of `v` along `n`.
@@ -177,7 +173,6 @@ impl HostedLine {
 
     /// Distance of the point that the host sees at `xy`, along its optical axis, m; negative behind.
     /// Infinite for a line at infinity.
-    #[must_use]
     pub fn depth_at(&self, xy: &Vector2<f64>) -> f64 {
         let Pluecker { n, v } = self.pluecker();
         // x = depth * ray lies on the line: depth (ray x v) = n.

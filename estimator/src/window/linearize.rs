@@ -136,7 +136,6 @@ pub struct Linearizer {
 
 impl Linearizer {
     /// Room for `unknowns`, `points` and `lines`.
-    #[must_use]
     pub fn new(unknowns: usize, points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             equations: NormalEquations::new(unknowns),

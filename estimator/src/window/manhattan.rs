@@ -41,7 +41,6 @@ pub struct ManhattanOptions {
 
 impl ManhattanOptions {
     /// The options that a configuration asks for.
-    #[must_use]
     pub fn of(lines: &LinesConfig) -> Self {
         Self {
             verticals: lines.use_verticals,
@@ -64,13 +63,11 @@ pub struct Manhattan {
 
 impl Manhattan {
     /// No horizontal direction as yet.
-    #[must_use]
     pub fn new(options: ManhattanOptions) -> Self {
         Self { options, heading_rad: None, verticals: 0 }
     }
 
     /// Unit vector of a direction in `O`; `None` where it is unknown or not used.
-    #[must_use]
     pub fn direction_o(&self, axis: Axis) -> Option<Vector3<f64>> {
         if axis == Axis::Vertical {
             return self.options.verticals.then(Vector3::z);
@@ -84,7 +81,6 @@ impl Manhattan {
 
     /// Standard deviation of a line from the direction `axis`, rad. Walls lean together: all verticals weigh as much as one
     /// edge. The heading takes up what horizontal edges have in common.
-    #[must_use]
     pub fn sigma_rad(&self, axis: Axis) -> f64 {
         let sharing = if axis == Axis::Vertical { self.verticals.max(1) } else { 1 };
         self.options.sigma_rad * (sharing as f64).sqrt()
@@ -100,7 +96,6 @@ impl Manhattan {
     /// The direction to which a line with a depth belongs, given its axes `U` ([`super::line`]) in its host camera,
     /// the attitude `rot_o_c` of that camera in `O`, and the direction `held` to which it has belonged. That one
     /// holds it within twice the gates.
-    #[must_use]
     pub fn axis_of(&self, axes: &Matrix3<f64>, held: Option<Axis>, rot_o_c: &Matrix3<f64>) -> Option<Axis> {
         let is_level = (rot_o_c * axes.column(0)).xy().norm() < MIN_TILT;
         let passes = |axis: &Axis, scale: f64| {

@@ -21,7 +21,6 @@ use nalgebra::{Matrix2x4, Matrix3, Vector2, Vector3};
 
 /// Residual of a landmark line against the direction `axis` to which it belongs, in standard deviations, and on request its
 /// Jacobians; `axes` are its `U` in its host camera. `None` while that direction is unknown or not used.
-#[must_use]
 pub fn residual(
     manhattan: &Manhattan,
     (axes, axis): (&Matrix3<f64>, Axis),

@@ -18,48 +18,48 @@
 //!   without images
 
 mod bias_walk;
-pub mod calibration;
-pub mod camera_poses;
+pub(crate) mod calibration;
+pub(crate) mod camera_poses;
 mod camera_sums;
-pub mod dense;
+pub(crate) mod dense;
 mod doubt;
-pub mod eliminate;
-pub mod epipolar;
-pub mod factor;
-pub mod factorization;
-pub mod feature;
+pub(crate) mod eliminate;
+pub(crate) mod epipolar;
+pub(crate) mod factor;
+pub(crate) mod factorization;
+pub(crate) mod feature;
 mod fit;
-pub mod frame;
-pub mod growth;
+pub(crate) mod frame;
+pub(crate) mod growth;
 mod heading_votes;
-pub mod image_shift;
-pub mod inertial_factor;
-pub mod keyframes;
-pub mod landmark;
+pub(crate) mod image_shift;
+pub(crate) mod inertial_factor;
+pub(crate) mod keyframes;
+pub(crate) mod landmark;
 mod landmark_sums;
-pub mod lens;
-pub mod line;
-pub mod linearize;
-pub mod manhattan;
-pub mod manhattan_factor;
-pub mod marginalize;
-pub mod motions;
+pub(crate) mod lens;
+pub(crate) mod line;
+pub(crate) mod linearize;
+pub(crate) mod manhattan;
+pub(crate) mod manhattan_factor;
+pub(crate) mod marginalize;
+pub(crate) mod motions;
 mod moving;
 #[cfg(test)]
 mod null_space_tests;
-pub mod options;
-pub mod poses;
-pub mod prior;
-pub mod problem;
+pub(crate) mod options;
+pub(crate) mod poses;
+pub(crate) mod prior;
+pub(crate) mod problem;
 mod quad;
 mod refined_lens;
-pub mod relative;
-pub mod reprojection;
+pub(crate) mod relative;
+pub(crate) mod reprojection;
 mod rig_walk;
-pub mod seen_by_row;
-pub mod sighting;
+pub(crate) mod seen_by_row;
+pub(crate) mod sighting;
 pub mod snapshot;
-pub mod solve;
+pub(crate) mod solve;
 pub mod state;
 mod structural_lines;
 #[cfg(test)]
@@ -69,12 +69,12 @@ mod test_room;
 #[cfg(test)]
 mod test_views;
 mod tiles;
-pub mod tracks;
+pub(crate) mod tracks;
 pub mod trail;
-pub mod trial;
-pub mod triangulate;
-pub mod triangulate_line;
-pub mod zero_velocity_factor;
+pub(crate) mod trial;
+pub(crate) mod triangulate;
+pub(crate) mod triangulate_line;
+pub(crate) mod zero_velocity_factor;
 
 pub use calibration::{RigCovariance, RigEstimate};
 pub use fit::Fit;
@@ -196,7 +196,6 @@ impl Outliers {
 
 impl Window {
     /// An empty window with everything allocated.
-    #[must_use]
     pub fn new(config: &ValidSetup) -> Self {
         let options = Options::of(config);
         let rig = Rig::of(config);
@@ -429,7 +428,6 @@ impl Window {
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].
-    #[must_use]
     pub fn outliers(&self) -> &Outliers {
         &self.outliers
     }
@@ -441,13 +439,11 @@ impl Window {
     }
 
     /// Observations of all points that have a depth.
-    #[must_use]
     pub fn observation_count(&self) -> usize {
         self.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum()
     }
 
     /// Points and lines that have a depth.
-    #[must_use]
     pub fn triangulated(&self) -> (usize, usize) {
         let points = self.points.all().iter().filter(|l| l.is_triangulated).count();
         (points, self.lines.all().iter().filter(|l| l.is_triangulated).count())

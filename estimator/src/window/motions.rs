@@ -44,19 +44,16 @@ pub type MotionRow = [f64; MAX_MOTIONS];
 const EXTRINSICS_DIM: usize = Rig::TIME_OFFSET;
 
 /// Place of the motion of camera 0 or 1 on its mount.
-#[must_use]
 pub const fn motion_of_camera(camera: usize) -> usize {
     POSE_DIM * camera
 }
 
 /// Place of the intrinsics of camera 0 or 1.
-#[must_use]
 pub const fn motion_of_lens(camera: usize) -> usize {
     POSED + LENS * camera
 }
 
 /// Columns before those of the frames that are in use.
-#[must_use]
 pub const fn globals_in_use(has_lenses: bool) -> usize {
     if has_lenses { GLOBALS } else { POSED }
 }
@@ -67,7 +64,6 @@ fn lens_unknowns() -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Place of the motion of frame `index`.
-#[must_use]
 pub const fn motion_of_frame(index: usize) -> usize {
     GLOBALS + POSE_DIM * index
 }
@@ -150,7 +146,6 @@ impl Lifts {
     }
 
     /// The motions of a step of all unknowns, with a one for the residual.
-    #[must_use]
     pub fn motions_of(&self, step: &[f64]) -> MotionRow {
         let mut motions = [0.0; MAX_MOTIONS];
         for (to, row) in motions.iter_mut().zip(&self.by_rig) {
@@ -244,13 +239,11 @@ impl MotionEquations {
     }
 
     /// Columns in use.
-    #[must_use]
     pub fn dim(&self) -> usize {
         self.dim
     }
 
     /// True if intrinsics take part.
-    #[must_use]
     pub fn has_lenses(&self) -> bool {
         self.has_lenses
     }

@@ -99,7 +99,6 @@ impl Window {
     }
 
     /// True if something has moved in view a moment ago.
-    #[must_use]
     pub fn is_motion_in_sight(&self) -> bool {
         let newest = self.frames.last().zip(self.last_motion);
         newest.is_some_and(|(newest, last)| newest.stamp.seconds_since(last) <= REMEMBERED_S)

@@ -27,7 +27,6 @@ pub struct Poses {
 
 impl Poses {
     /// Room for any window with this rig.
-    #[must_use]
     pub fn new(rig: &Rig) -> Self {
         let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
         let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
@@ -81,7 +80,6 @@ impl Poses {
 
     /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations. `None` where the
     /// observer cannot see it.
-    #[must_use]
     #[inline]
     pub fn residual<F: Feature>(
         &self,
@@ -136,7 +134,6 @@ impl Poses {
 
     /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request
     /// its Jacobians.
-    #[must_use]
     #[inline]
     pub fn structural_residual<'a, F: Feature>(
         &'a self,

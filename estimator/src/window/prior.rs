@@ -56,7 +56,6 @@ pub struct AnchorSigmas {
 
 impl Prior {
     /// No information about anything; `capacity` unknowns at most.
-    #[must_use]
     pub fn new(capacity: usize, rig: &Rig) -> Self {
         let mut equations = NormalEquations::new(capacity);
         equations.reset(GLOBAL_DIM);
@@ -64,7 +63,6 @@ impl Prior {
     }
 
     /// Number of frames in the prior (the first ones of the window).
-    #[must_use]
     pub fn frames(&self) -> usize {
         (self.equations.dim() - GLOBAL_DIM) / FRAME_DIM
     }

@@ -28,7 +28,6 @@ pub struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     /// The problem without its landmarks.
-    #[must_use]
     pub fn of_frames(
         rig: &'a Rig,
         frames: &'a [Frame],

@@ -136,7 +136,6 @@ impl InversePoint {
     }
 
     /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
-    #[must_use]
     pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
         let [x, y, z, _] = self.placed(view.host).seen_from(view.target);
         (z > MIN_FORWARD).then(|| Vector2::new(x / z, y / z))

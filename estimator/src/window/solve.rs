@@ -49,7 +49,6 @@ pub struct Backup {
 
 impl Backup {
     /// Room for `points` and `lines`.
-    #[must_use]
     pub fn new(points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             rig: rig.clone(),
@@ -239,7 +238,6 @@ impl Window {
     /// m/s in `O`), and variance of the time offset (s²), by the last factorization. Where a solution ended before its time,
     /// what it still asked for counts as one standard deviation. `None` before the first, where that
     /// failed, after a cost that was no finite number, and where it is none itself.
-    #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
         let of_frame = self.covariance_of_newest()?;
         let mut covariance = of_frame.fixed_view::<COVARIANCE_DIM, COVARIANCE_DIM>(0, 0).into_owned();
@@ -251,7 +249,6 @@ impl Window {
     }
 
     /// Variances of the biases of the newest frame by the last factorization; `None` as of [`Self::newest_covariance`].
-    #[must_use]
     pub fn newest_bias_variances(&self) -> Option<BiasVariances> {
         let of_frame = self.covariance_of_newest()?;
         let variances = BiasVariances::from_fn(|k, _| of_frame[(COVARIANCE_DIM + k, COVARIANCE_DIM + k)]);

@@ -85,7 +85,6 @@ impl Window {
     }
 
     /// Number of structural lines: landmark lines along a direction of the Manhattan world.
-    #[must_use]
     pub fn structural_lines(&self) -> usize {
         self.axes().flatten().count()
     }

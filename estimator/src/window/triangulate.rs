@@ -142,7 +142,6 @@ pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) 
 
 /// Returns the track hosted by frame `heir`, with its observations from there on; it must be triangulated again. `None`
 /// if `heir` has not observed it, or no frame has since.
-#[must_use]
 pub fn moved_to<F: Feature>(landmark: &Landmark<F>, heir: usize) -> Option<Landmark<F>> {
     let heir = u8::try_from(heir).ok()?;
     let seen = landmark.observations.iter().find(|o| o.frame == heir)?;
