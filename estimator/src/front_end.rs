@@ -6,7 +6,6 @@ use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, KnownState, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
-use crate::image::condition::{Condition, ConditionWatch};
 use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise, Preintegration};
@@ -44,7 +43,6 @@ pub struct FrontEnd {
     distrusts_imu: bool,
     untracked_camera: Option<usize>,
     frozen: FrozenWatch,
-    condition: ConditionWatch,
     reset_counter: u32,
     asked_reset: Option<ResetKind>,
     had_lines: bool,
@@ -93,7 +91,6 @@ impl FrontEnd {
             distrusts_imu: false,
             untracked_camera: None,
             frozen: FrozenWatch::new(setup),
-            condition: ConditionWatch::default(),
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
@@ -249,8 +246,6 @@ impl FrontEnd {
                 );
             }
         }
-        let condition = self.condition.update(self.points.newest_images());
-        report_condition(condition, &mut tracked.health);
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         tracked.is_repeating = self.points.is_repeating();
@@ -450,15 +445,6 @@ fn is_blank(image: &ImageView<'_>) -> bool {
     let count = count.max(1) as f64;
     let mean = sum as f64 / count;
     squares as f64 / count - mean * mean < BLANK_SPREAD * BLANK_SPREAD
-}
-
-/// Says in `health` how poor the images are.
-fn report_condition(condition: Condition, health: &mut HealthBits) {
-    let Condition { is_dark, is_plain, is_blocked } = condition;
-    let bits = [HealthBits::DARK, HealthBits::LITTLE_TEXTURE, HealthBits::VIEW_BLOCKED];
-    for (bit, _) in bits.into_iter().zip([is_dark, is_plain, is_blocked]).filter(|(_, is_so)| *is_so) {
-        health.insert(bit);
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! Images as the trackers want them: 8-bit pyramids and interpolated patches.
 
-pub(crate) mod condition;
 pub(crate) mod frozen;
 pub mod mask;
 pub(crate) mod noise;
