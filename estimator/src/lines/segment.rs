@@ -56,11 +56,6 @@ impl Segment {
         self.length() * self.strength.sqrt()
     }
 
-    /// Middle, px.
-    pub fn middle(&self) -> Vector2<f32> {
-        (self.start + self.end) * 0.5
-    }
-
     /// Unit vector from start to end.
     pub fn direction(&self) -> Vector2<f32> {
         let d = self.end - self.start;

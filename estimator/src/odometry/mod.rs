@@ -251,8 +251,6 @@ impl Odometer {
         window.triangulate(false);
         window.predict_rates();
         judge.judge_pair(estimation, &verdict, &mut case);
-        let tilt_sigma_rad = estimation.tilt_sigma_rad();
-        estimation.window.update_manhattan(estimation.measurer.lines(), tilt_sigma_rad);
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = estimation.window.optimize(max_iterations);
         let is_witnessed = connected >= MIN_WITNESSES;

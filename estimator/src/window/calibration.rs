@@ -1,7 +1,7 @@
 //! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
-use super::state::{GLOBAL_DIM, RIG_DIM, Rig};
+use super::state::{RIG_DIM, Rig};
 use nalgebra::{SMatrix, SVector};
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
@@ -67,7 +67,7 @@ impl Window {
     /// The rig and its covariance by the last factorization. `None` before the first, and where it is no covariance.
     pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
         let dim = self.factor.dim();
-        if dim < GLOBAL_DIM {
+        if dim < RIG_DIM {
             return None;
         }
         let mut covariance = RigCovariance::zeros();

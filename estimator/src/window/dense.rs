@@ -214,7 +214,7 @@ impl NormalEquations {
     }
 }
 
-/// Largest number of unknowns of any system here: rig, heading and [`MAX_FRAMES`] frames.
+/// Largest number of unknowns of any system here: rig and [`MAX_FRAMES`] frames.
 pub const MAX_UNKNOWNS: usize = unknown_of_frame(MAX_FRAMES);
 
 #[cfg(test)]

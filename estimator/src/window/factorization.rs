@@ -1,7 +1,7 @@
 //! Factorization of dense symmetric systems in fixed memory, their solution, and what it tells of covariances.
 
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
-use super::state::{FRAME_DIM, GLOBAL_DIM, POSE_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, POSE_DIM, RIG_DIM, unknown_of_frame};
 use super::tiles::{LANES, add_times, dot, subtract_products};
 use nalgebra::SMatrix;
 
@@ -165,12 +165,12 @@ impl Factor {
 
 /// Unknowns in the order in which they are factored; the last frame's come last. What is no window of frames keeps its order.
 fn order_of(dim: usize) -> impl Iterator<Item = usize> {
-    let frames = dim.saturating_sub(GLOBAL_DIM) / FRAME_DIM;
+    let frames = dim.saturating_sub(RIG_DIM) / FRAME_DIM;
     let before = if dim == unknown_of_frame(frames) { frames.saturating_sub(1) } else { 0 };
     let parts =
         |from: usize, to: usize| (0..before).map(unknown_of_frame).flat_map(move |at| at + from..at + to);
     let moving = parts(POSE_DIM, FRAME_DIM);
-    moving.chain(0..GLOBAL_DIM.min(dim)).chain(parts(0, POSE_DIM)).chain(unknown_of_frame(before)..dim)
+    moving.chain(0..RIG_DIM.min(dim)).chain(parts(0, POSE_DIM)).chain(unknown_of_frame(before)..dim)
 }
 
 /// True if four pivots meet a tile of columns.
@@ -227,7 +227,7 @@ pub(super) mod tests {
 
     #[test]
     fn unknowns_of_a_window_are_factored_in_an_order_of_their_own() {
-        for dim in [3, GLOBAL_DIM, 20, unknown_of_frame(1), unknown_of_frame(3), unknown_of_frame(4) + 1] {
+        for dim in [3, RIG_DIM, 20, unknown_of_frame(1), unknown_of_frame(3), unknown_of_frame(4) + 1] {
             let mut order: Vec<usize> = order_of(dim).collect();
             let newest = order[dim.saturating_sub(FRAME_DIM)..].to_vec();
             assert_eq!(

@@ -1,13 +1,10 @@
 //! Common parts of every kind of landmark: parameters in the camera that hosts it, seen from another.
 //!
-//! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`],
-//! [`super::line`]). A line along a direction of the Manhattan world has one more factor
-//! ([`super::manhattan_factor`]).
+//! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`], [`super::line`]).
 
 use super::OUTLIER_SIGMAS;
 use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
-use super::manhattan::Manhattan;
 use super::options::Options;
 use super::quad::Quad;
 use super::state::{BodyPose, Mount};
@@ -68,19 +65,8 @@ impl<const D: usize> Jacobians<D> {
     }
 }
 
-/// Derivatives of a residual against a direction of the Manhattan world.
-#[derive(Clone, Debug)]
-pub struct StructuralJacobians<J> {
-    /// By the host's camera and the line; no observer takes part.
-    pub feature: J,
-    /// By the heading of the Manhattan world.
-    pub heading: Vector2<f64>,
-}
-
 /// A request for the Jacobians of an observation, to be taken as seen from a view.
 pub type ViewLinearization<'a, J> = Linearization<'a, CameraView<'a>, J>;
-/// A request for the Jacobians against a direction, to be taken at a pose of the host's camera.
-pub type StructuralLinearization<'a, J> = Linearization<'a, &'a CameraPose, StructuralJacobians<J>>;
 
 /// Parameters of a landmark in its host camera.
 pub trait Feature: Copy + Debug + PartialEq {
@@ -91,9 +77,6 @@ pub trait Feature: Copy + Debug + PartialEq {
 
     /// Where a landmark is in `O`, and what else its observations have in common.
     type Placed: Debug;
-
-    /// Forgets to which direction of the Manhattan world the landmark belongs: nothing, for a point.
-    fn forget_structure(&mut self) {}
 
     /// Distance of an observation from its landmark beyond which it is an outlier, in standard deviations.
     fn outlier_sigmas(_options: &Options) -> f64 {
@@ -165,17 +148,6 @@ pub trait Feature: Copy + Debug + PartialEq {
 
     /// Returns the landmark hosted by the observer instead; `None` if the observer cannot see it.
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
-
-    /// Difference from the direction of the Manhattan world along which it lies, in standard deviations, and on
-    /// request its Jacobians. `None` for what lies along no direction, as most features do.
-    fn structural_residual(
-        &self,
-        _manhattan: &Manhattan,
-        _host: &CameraPose,
-        _linearization: Option<StructuralLinearization<'_, Self::Jacobians>>,
-    ) -> Option<Vector2<f64>> {
-        None
-    }
 }
 
 /// A feature of `D` degrees of freedom.

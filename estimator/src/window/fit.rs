@@ -20,9 +20,9 @@ impl Window {
     /// Fit of the newest frame's observations of points with a depth. An observation that was dropped costs as much as the gate
     /// allows.
     pub fn newest_fit(&mut self) -> Fit {
-        let Self { rig, manhattan, frames, points, linearizer, options, outliers, .. } = self;
+        let Self { rig, frames, points, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem::of_frames(rig, frames, options);
         let newest = frames.len().saturating_sub(1) as u8;
         let gate = InversePoint::outlier_sigmas(options);
         let mut costs = RobustSum::new(options.cauchy_scale);

@@ -20,9 +20,7 @@
 //! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` and on its mount ([`super::motions`]).
 
 use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
-use super::manhattan::{Axis, Manhattan};
-use super::manhattan_factor;
+use super::feature::{Estimated, Feature, Jacobians, View};
 use super::quad::{Quad, QuadMatrix, cross, quad};
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
@@ -39,8 +37,6 @@ pub struct HostedLine {
     pub axes: Matrix3<f64>,
     /// `phi`, rad.
     pub phi: f64,
-    /// The direction of the Manhattan world to which the line belongs.
-    pub axis: Option<Axis>,
 }
 
 /// Measurement of a line by a camera.
@@ -61,11 +57,6 @@ impl LineMeasurement {
     /// Normal of the plane through the camera and the measured segment, not of unit length.
     pub fn normal(&self) -> Vector3<f64> {
         ray(&self.ends_xy[0]).cross(&ray(&self.ends_xy[1]))
-    }
-
-    /// Angle between the end points, rad.
-    pub fn angle_rad(&self) -> f64 {
-        ray(&self.ends_xy[0]).angle(&ray(&self.ends_xy[1]))
     }
 
     /// The measurement with the rates of a far line in a camera that turns with `rate_c`, rad/s.
@@ -154,7 +145,7 @@ struct Path {
 impl HostedLine {
     /// Stands for a line that waits for its triangulation.
     pub const UNKNOWN: Self =
-        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0, axis: None };
+        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0 };
 
     /// The line with these Pluecker coordinates, of any scale; `None` through the camera.
     pub fn of(n: &Vector3<f64>, v: &Vector3<f64>) -> Option<Self> {
@@ -163,7 +154,7 @@ impl HostedLine {
         let across = v - u1 * u1.dot(v);
         let u2 = across.try_normalize(1e-12)?;
         let axes = Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]);
-        Some(Self { axes, phi: libm::atan2(across.norm(), n.norm()), axis: None })
+        Some(Self { axes, phi: libm::atan2(across.norm(), n.norm()) })
     }
 
     fn pluecker(&self) -> Pluecker {
@@ -214,10 +205,6 @@ impl Feature for HostedLine {
     type Measurement = LineMeasurement;
     type Jacobians = Jacobians<4>;
     type Placed = PlacedLine;
-
-    fn forget_structure(&mut self) {
-        self.axis = None;
-    }
 
     fn placed(&self, host: &CameraPose) -> PlacedLine {
         let (sin, cos) = libm::sincos(self.phi);
@@ -328,16 +315,7 @@ impl Feature for HostedLine {
 
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
         let ct = self.path(view).ct;
-        Some(Self { axis: self.axis, ..Self::of(&ct.n, &ct.v)? })
-    }
-
-    fn structural_residual(
-        &self,
-        manhattan: &Manhattan,
-        host: &CameraPose,
-        linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
-    ) -> Option<Vector2<f64>> {
-        manhattan_factor::residual(manhattan, (&self.axes, self.axis?), host, linearization)
+        Self::of(&ct.n, &ct.v)
     }
 }
 
@@ -347,7 +325,7 @@ impl Estimated<4> for HostedLine {
         // Rounding must not add up: the columns are made orthonormal again.
         let u1 = turned.column(0).normalize();
         let u2 = (turned.column(1) - u1 * u1.dot(&turned.column(1))).normalize();
-        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3], axis: self.axis }
+        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3] }
     }
 }
 

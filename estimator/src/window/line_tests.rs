@@ -41,7 +41,7 @@ impl Scene {
             let request = Linearization { at: view, jacobians: &mut jacobians };
             self.line.residual(view, &self.measured, self.step_s(), Some(request))
         });
-        let poses = (&self.host, Some(&self.target));
+        let poses = (&self.host, &self.target);
         let lifted = Lifted::of(&jacobians, &self.rig, poses, self.cameras);
         (residual.expect("is seen"), jacobians, lifted)
     }
@@ -182,7 +182,7 @@ fn a_line_through_the_camera_or_at_infinity_is_told_apart() {
     let v = Vector3::new(1.0, 0.0, 0.0);
     assert!(HostedLine::of(&Vector3::zeros(), &v).is_none(), "through the camera it has no plane");
     // At infinity it is a direction of planes: no distance, but a trace.
-    let far = HostedLine { axes: Matrix3::identity(), phi: 0.0, axis: None };
+    let far = HostedLine { axes: Matrix3::identity(), phi: 0.0 };
     assert!(
         far.depth_at(&Vector2::new(0.1, 0.2)).is_nan() || far.depth_at(&Vector2::new(0.1, 0.2)).is_infinite()
     );

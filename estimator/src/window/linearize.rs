@@ -10,7 +10,7 @@ use super::camera_sums::CameraSums;
 use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::factor::{Linearization, RobustSum};
-use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
+use super::feature::{Estimated, Feature, Jacobians};
 use super::landmark::{Landmark, MAX_OBSERVATIONS};
 use super::landmark_sums::{LandmarkSums, Rows};
 use super::motions::{Lifts, MotionEquations};
@@ -19,7 +19,7 @@ use super::prior::Prior;
 use super::problem::Problem;
 use super::state::{FRAME_DIM, FrameMatrix, Rig, unknown_of_frame};
 use super::zero_velocity_factor::zero_velocity;
-use nalgebra::{SMatrix, Vector2};
+use nalgebra::SMatrix;
 
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
@@ -228,9 +228,6 @@ impl Linearizer {
                     costs.add(r.norm_squared());
                 }
             }
-            if let Some(r) = self.poses.structural_residual(problem, landmark, None) {
-                costs.add(r.norm_squared());
-            }
         }
     }
 }
@@ -303,35 +300,17 @@ impl LandmarkEquations {
             rows.set(&j, &r, cameras, host == target);
             let by_lens = poses.by_lens::<F>(problem, &first, (observation, scale));
             self.cameras.add(target, &rows.by_camera, by_lens.as_ref());
-            sums.add(&rows, Some(frame), entry);
+            sums.add(&rows, frame, entry);
             if let Some(by_lens) = &by_lens {
                 sums.add_lens(&rows, by_lens, usize::from(observation.camera));
             }
         }
-        self.add_structural(entry, &mut sums, poses, problem, landmark);
         let mut own = sums.finish(entry, usize::from(landmark.host));
         own += SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
         for k in 0..D {
             own[(k, k)] *= 1.0 + damping;
         }
         entry.eliminate(&mut self.motions, own, span);
-    }
-
-    /// Adds that a landmark lies along a direction of the Manhattan world, if it does.
-    fn add_structural<F: Estimated<D>, const D: usize>(
-        &mut self,
-        entry: &mut Eliminated<D>,
-        sums: &mut LandmarkSums<D>,
-        poses: &Poses,
-        problem: &Problem<'_>,
-        landmark: &Landmark<F>,
-    ) {
-        let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-        let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return };
-        let scale = self.costs.add(r.norm_squared()).sqrt();
-        let rows = Rows::structural(&j, &r, scale, landmark.host_camera);
-        self.cameras.add_structural(&rows.by_camera);
-        sums.add(&rows, None, entry);
     }
 }
 

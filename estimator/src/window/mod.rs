@@ -6,10 +6,9 @@
 //! preintegrated IMU between consecutive frames, and robust reprojection terms.
 //!
 //! - [`state`], [`frame`], [`landmark`], [`feature`]: what is estimated
-//! - [`reprojection`], [`mod@line`], [`inertial_factor`], [`zero_velocity_factor`], [`manhattan_factor`], [`prior`]: the
+//! - [`reprojection`], [`mod@line`], [`inertial_factor`], [`zero_velocity_factor`], [`prior`]: the
 //!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
-//! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
 //! - [`problem`], [`poses`], [`camera_poses`], [`motions`], [`linearize`] with `camera_sums` and `landmark_sums`,
 //!   [`eliminate`], [`dense`], [`factorization`], [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
@@ -31,7 +30,6 @@ pub(crate) mod feature;
 mod fit;
 pub(crate) mod frame;
 pub(crate) mod growth;
-mod heading_votes;
 pub(crate) mod image_shift;
 pub(crate) mod inertial_factor;
 pub(crate) mod keyframes;
@@ -40,8 +38,6 @@ mod landmark_sums;
 pub(crate) mod lens;
 pub(crate) mod line;
 pub(crate) mod linearize;
-pub(crate) mod manhattan;
-pub(crate) mod manhattan_factor;
 pub(crate) mod marginalize;
 pub(crate) mod motions;
 mod moving;
@@ -61,7 +57,6 @@ pub(crate) mod sighting;
 pub mod snapshot;
 pub(crate) mod solve;
 pub mod state;
-mod structural_lines;
 #[cfg(test)]
 mod test_dense;
 #[cfg(test)]
@@ -84,12 +79,10 @@ pub use state::MAX_FRAMES;
 use crate::geometry::yaw_of;
 use crate::inertial::{ImuNoise, Preintegration};
 use frame::Frame;
-use heading_votes::HeadingVotes;
 use inertial_factor::InertialFactor;
 use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::Linearizer;
-use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
 use prior::{AnchorSigmas, AnchorState, Prior};
@@ -109,8 +102,6 @@ const RIG_SIGMAS: f64 = 4.0;
 pub struct Window {
     /// Calibration.
     pub rig: Rig,
-    /// The Manhattan world.
-    pub manhattan: Manhattan,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
     /// Points.
@@ -124,8 +115,6 @@ pub struct Window {
     /// Noise of the inertial factors to come: as stated, or as it shows.
     pub imu_noise: ImuNoise,
     anchor: Option<Anchor>,
-    heading_votes: HeadingVotes,
-    is_manhattan_in_sight: bool,
     linearizer: Linearizer,
     factor: factorization::Factor,
     backup: solve::Backup,
@@ -202,9 +191,6 @@ impl Window {
         let unknowns = unknown_of_frame(MAX_FRAMES);
         let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
-            manhattan: Manhattan::new(ManhattanOptions::of(&config.estimator.lines)),
-            heading_votes: HeadingVotes::default(),
-            is_manhattan_in_sight: false,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: LandmarkStore::new(points),
             lines: LandmarkStore::new(lines),
@@ -247,9 +233,6 @@ impl Window {
         self.last_motion = None;
         self.unfinished = None;
         self.first_damping = solve::FIRST_DAMPING;
-        self.manhattan.heading_rad = None;
-        self.heading_votes = HeadingVotes::default();
-        self.is_manhattan_in_sight = false;
         self.rig_walk.clear();
         self.refer_lenses();
         self.prior.start(&self.rig, &self.known_rig);
@@ -283,10 +266,8 @@ impl Window {
     /// yaw `yaw_rad`.
     pub fn move_newest_to(&mut self, p_o_b: &Vector3<f64>, yaw_rad: f64) {
         let Some(newest) = self.frames.last() else { return };
-        let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad - yaw_of(&newest.nav.rot_o_b));
         let pivot = newest.nav.p_o_b;
-        self.manhattan.turn(turn_rad);
         for frame in &mut self.frames {
             frame.nav.p_o_b = turn * (frame.nav.p_o_b - pivot) + p_o_b;
             frame.nav.rot_o_b = turn * frame.nav.rot_o_b;
@@ -404,8 +385,8 @@ impl Window {
     }
 
     fn remove_what_does_not_fit(&mut self, spares: bool) {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let problem = Problem::of_frames(rig, frames, options);
         tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
         tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
     }

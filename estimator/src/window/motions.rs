@@ -18,7 +18,7 @@
 
 use super::dense::NormalEquations;
 use super::state::{
-    BodyPose, HEADING, INTRINSICS_DIM, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
+    BodyPose, INTRINSICS_DIM, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
 };
 use super::tiles::{LANES, add_times};
 use crate::geometry::skew;
@@ -26,10 +26,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Place of the time offset: after the motions of both cameras.
 pub const TIME_OFFSET: usize = 2 * POSE_DIM;
-/// Place of the heading of the Manhattan world.
-pub const WORLD_HEADING: usize = TIME_OFFSET + 1;
 /// Place of the residual.
-pub const RESIDUAL: usize = WORLD_HEADING + 1;
+pub const RESIDUAL: usize = TIME_OFFSET + 1;
 /// Columns before those of the intrinsics: a multiple of the vector width.
 pub const POSED: usize = 16;
 /// Columns of the intrinsics of a camera: the vector width.
@@ -152,7 +150,6 @@ impl Lifts {
             *to = row.iter().zip(step).map(|(by, x)| by * x).sum();
         }
         motions[TIME_OFFSET] = self.by_time_offset * step[Rig::TIME_OFFSET];
-        motions[WORLD_HEADING] = step[HEADING];
         motions[RESIDUAL] = 1.0;
         for (motion, unknown) in lens_unknowns() {
             motions[motion] = step[unknown];
@@ -171,7 +168,7 @@ impl Lifts {
         motions
     }
 
-    /// A row by motions as one by extrinsics, time offset, heading and poses, in the same places.
+    /// A row by motions as one by extrinsics, time offset and poses, in the same places.
     fn lift_columns(&self, row: &mut [f64], from: usize) {
         if from < EXTRINSICS_DIM {
             let mut lifted = [0.0; EXTRINSICS_DIM];
@@ -349,7 +346,6 @@ impl MotionEquations {
 fn unknown_of_motion(motion: usize) -> usize {
     match motion.checked_sub(GLOBALS) {
         Some(k) => unknown_of_frame(k / POSE_DIM) + k % POSE_DIM,
-        None if motion == WORLD_HEADING => HEADING,
         None => motion,
     }
 }
@@ -387,7 +383,6 @@ pub(super) mod test_lifts {
         }
         by.column_mut(Rig::P_C0_C1).fill(0.0);
         by[(TIME_OFFSET, Rig::TIME_OFFSET)] = 1.0;
-        by[(WORLD_HEADING, HEADING)] = 1.0;
         for (motion, unknown) in lens_unknowns() {
             by[(motion, unknown)] = 1.0;
         }

@@ -81,9 +81,9 @@ impl Window {
 
     /// Judges what the newest frame sees from where it is now.
     fn verdict_within(&mut self, slack: f64) -> Verdict {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
+        let Self { rig, frames, points, lines, linearizer, options, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem::of_frames(rig, frames, options);
         let poses = &linearizer.poses;
         tracks::judge_within(points, poses, &problem, slack)
             .and(tracks::judge_within(lines, poses, &problem, slack))
@@ -105,9 +105,9 @@ impl Window {
     }
 
     fn forget_moving(&mut self, slack: f64) {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem::of_frames(rig, frames, options);
         let poses = &linearizer.poses;
         forget(points, poses, &problem, slack, &mut outliers.points);
         forget(lines, poses, &problem, slack, &mut outliers.lines);

@@ -3,8 +3,7 @@
 
 use super::camera_poses::{CameraPose, CameraView};
 use super::camera_sums::LensRows;
-use super::factor::Linearization;
-use super::feature::{Feature, StructuralJacobians, View};
+use super::feature::{Feature, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
 use super::motions::Lifts;
@@ -130,22 +129,6 @@ impl Poses {
         let moved = problem.moved_lenses.moved::<F>(observation);
         let measured = F::weighed(moved.as_ref().unwrap_or(&observation.measured), scale);
         F::linearize(placed, view, &measured, jacobians)
-    }
-
-    /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request
-    /// its Jacobians.
-    #[inline]
-    pub fn structural_residual<'a, F: Feature>(
-        &'a self,
-        problem: &Problem<'_>,
-        landmark: &Landmark<F>,
-        jacobians: Option<&'a mut StructuralJacobians<F::Jacobians>>,
-    ) -> Option<Vector2<f64>> {
-        let (host, camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
-        let at = &self.cameras_first[host][camera];
-        let linearization = jacobians.map(|jacobians| Linearization { at, jacobians });
-        let now = &self.cameras_now[host][camera];
-        landmark.feature.structural_residual(problem.manhattan, now, linearization)
     }
 
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular

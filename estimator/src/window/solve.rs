@@ -9,7 +9,7 @@ use super::linearize::Purpose;
 use super::motions::MotionRow;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
-use super::state::{FRAME_DIM, FrameMatrix, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameMatrix, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame};
 use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
 use plumbline_config::Portable;
@@ -41,7 +41,6 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Backup {
     rig: Rig,
-    heading_rad: Option<f64>,
     frames: Vec<NavState>,
     points: Vec<InversePoint>,
     lines: Vec<HostedLine>,
@@ -52,7 +51,6 @@ impl Backup {
     pub fn new(points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             rig: rig.clone(),
-            heading_rad: None,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: Vec::with_capacity(points),
             lines: Vec::with_capacity(lines),
@@ -176,8 +174,8 @@ impl Window {
 
     /// Every factor at the present states; returns the cost.
     pub(super) fn evaluate(&mut self, purpose: Purpose) -> f64 {
-        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
-        let frames = Problem::of_frames(rig, frames, manhattan, options);
+        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
+        let frames = Problem::of_frames(rig, frames, options);
         let problem = Problem { points: points.all(), lines: lines.all(), ..frames };
         linearizer.evaluate(&problem, prior, purpose)
     }
@@ -193,7 +191,6 @@ impl Window {
         let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
 
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
-        self.manhattan.turn(self.solution[HEADING]);
         for (k, frame) in self.frames.iter_mut().enumerate() {
             let at = unknown_of_frame(k);
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
@@ -211,7 +208,6 @@ impl Window {
 
     fn save(&mut self) {
         self.backup.rig.clone_from(&self.rig);
-        self.backup.heading_rad = self.manhattan.heading_rad;
         self.backup.frames.clear();
         self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
         self.backup.points.clear();
@@ -222,7 +218,6 @@ impl Window {
 
     fn restore(&mut self) {
         self.rig.clone_from(&self.backup.rig);
-        self.manhattan.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
             frame.nav.clone_from(nav);
         }

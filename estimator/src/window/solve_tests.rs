@@ -5,11 +5,10 @@ use super::*;
 use crate::geometry::log_so3;
 use nalgebra::{DMatrix, Vector2};
 
-/// Rig, heading, navigation states and landmarks as they are.
-fn states(window: &Window) -> (Rig, Option<f64>, Vec<NavState>, Vec<InversePoint>, Vec<HostedLine>) {
+/// Rig, navigation states and landmarks as they are.
+fn states(window: &Window) -> (Rig, Vec<NavState>, Vec<InversePoint>, Vec<HostedLine>) {
     (
         window.rig.clone(),
-        window.manhattan.heading_rad,
         window.frames.iter().map(|f| f.nav.clone()).collect(),
         window.points.all().iter().map(|l| l.feature).collect(),
         window.lines.all().iter().map(|l| l.feature).collect(),

@@ -55,32 +55,21 @@ pub struct Lifted {
 }
 
 impl Lifted {
-    /// Lifted derivatives that follow from `j` by motions; without an observer (`None`) the host's alone.
+    /// Lifted derivatives that follow from `j` by motions.
     pub fn of<const D: usize>(
         j: &Jacobians<D>,
         rig: &Rig,
-        (host, target): (&NavState, Option<&NavState>),
+        (host, target): (&NavState, &NavState),
         cameras: (usize, usize),
     ) -> Self {
-        let time_offset = &j.time_offset;
+        let time_offset = j.time_offset;
         let by_frame = |nav: &NavState| frame_motion(&BodyPose::of(nav), &PIVOT_O);
         let by_rig = |camera: usize| on_mount(&Mount::of(rig, camera));
         let j = [&j.camera, &j.host, &j.target]
             .map(|by| SMatrix::<f64, 2, 6>::from_fn(|d, k| by[d][k / 3][k % 3]));
-        let mut lifted =
-            Self { host: j[0] * by_frame(host), target: SMatrix::zeros(), rig: SMatrix::zeros() };
-        lifted.rig.fixed_columns_mut::<12>(0).copy_from(&(j[1] * by_rig(cameras.0)));
-        if let Some(target) = target {
-            lifted.target = -j[0] * by_frame(target);
-            let mut to = lifted.rig.fixed_columns_mut::<12>(0);
-            to -= j[2] * by_rig(cameras.1);
-        }
-        lifted.rig.set_column(Rig::TIME_OFFSET, time_offset);
-        lifted
-    }
-
-    /// Poses of the cameras as in [`with_cameras`].
-    pub fn camera(rig: &Rig, nav: &NavState, camera: usize) -> CameraPose {
-        CameraPose::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O)
+        let mut by_all = SMatrix::<f64, 2, RIG_DIM>::zeros();
+        by_all.fixed_columns_mut::<12>(0).copy_from(&(j[1] * by_rig(cameras.0) - j[2] * by_rig(cameras.1)));
+        by_all.set_column(Rig::TIME_OFFSET, &time_offset);
+        Self { host: j[0] * by_frame(host), target: -j[0] * by_frame(target), rig: by_all }
     }
 }
