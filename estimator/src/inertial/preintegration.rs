@@ -40,16 +40,6 @@ pub struct ImuNoise {
 }
 
 impl ImuNoise {
-    /// A perfect sensor.
-    pub const NONE: Self = Self {
-        gyro_density: 0.0,
-        accel_density: 0.0,
-        gyro_walk: 0.0,
-        accel_walk: 0.0,
-        gyro_scale: 0.0,
-        accel_scale: 0.0,
-    };
-
     /// The noise model that a configuration describes.
     ///
     /// A coloured error of standard deviation `sigma` and correlation time `tau` (Gauss-Markov) changes within `t << tau` by
@@ -80,6 +70,19 @@ impl ImuNoise {
             (self.accel_density * self.accel_density + relative(self.accel_scale, force)) / dt,
         )
     }
+}
+
+#[cfg(test)]
+impl ImuNoise {
+    /// A perfect sensor.
+    pub const NONE: Self = Self {
+        gyro_density: 0.0,
+        accel_density: 0.0,
+        gyro_walk: 0.0,
+        accel_walk: 0.0,
+        gyro_scale: 0.0,
+        accel_scale: 0.0,
+    };
 }
 
 /// The motion between two times as the IMU measured it, independent of the state at either.

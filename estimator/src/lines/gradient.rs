@@ -98,9 +98,12 @@ pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
 /// Gradients of one image at half its resolution, and the memory that computing them needs.
 #[derive(Clone, Debug)]
 pub struct Gradients {
-    width: usize,
-    height: usize,
-    pixels: Vec<Pixel>,
+    /// Width of the halved image, px.
+    pub(super) width: usize,
+    /// Height of the halved image, px.
+    pub(super) height: usize,
+    /// All pixels, row by row.
+    pub(super) pixels: Vec<Pixel>,
     /// One row of the halved image: sums of four pixels.
     halved: Vec<u16>,
     /// The last three rows, smoothed horizontally.
@@ -109,8 +112,8 @@ pub struct Gradients {
     smooth: [Vec<i16>; 3],
     /// Vertical sums and differences of the three.
     sums: [Vec<i16>; 2],
-    /// Magnitudes of all pixels: of most that growth looks at it asks for nothing else.
-    magnitudes: Vec<i16>,
+    /// Magnitudes of all pixels, in steps: of most that growth looks at it asks for nothing else.
+    pub(super) magnitudes: Vec<i16>,
 }
 
 impl Gradients {
@@ -127,36 +130,6 @@ impl Gradients {
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
         }
-    }
-
-    /// Width of the halved image, px.
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    /// Height of the halved image, px.
-    pub fn height(&self) -> usize {
-        self.height
-    }
-
-    /// Gradient at index `y * width + x`, in steps of 1 / [`SCALE`] grey levels per pixel.
-    pub fn at(&self, index: usize) -> (i16, i16) {
-        self.pixels[index].gradient()
-    }
-
-    /// Magnitudes of the gradients, row by row, in steps.
-    pub fn magnitudes(&self) -> &[i16] {
-        &self.magnitudes
-    }
-
-    /// All pixels, row by row.
-    pub fn pixels(&self) -> &[Pixel] {
-        &self.pixels
-    }
-
-    /// All pixels, row by row, to be marked.
-    pub fn pixels_mut(&mut self) -> &mut [Pixel] {
-        &mut self.pixels
     }
 
     /// Makes everything flat that `mask` hides, at half the resolution: no edge leads there.
@@ -333,7 +306,11 @@ mod tests {
             let (width, height) = (width / 2, height / 2);
             for y in 1..height - 1 {
                 for x in 1..width - 1 {
-                    assert_eq!(gradients.at(y * width + x), reference(&image, x, y), "at {x}, {y}");
+                    assert_eq!(
+                        gradients.pixels[y * width + x].gradient(),
+                        reference(&image, x, y),
+                        "at {x}, {y}"
+                    );
                 }
             }
         }
@@ -347,9 +324,9 @@ mod tests {
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
         gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
-        let at_edge = gradients.magnitudes()[10 * width / 2 + 15];
+        let at_edge = gradients.magnitudes[10 * width / 2 + 15];
         assert!(f32::from(at_edge) / SCALE > 60.0);
-        assert!(gradients.magnitudes().iter().all(|&m| m >= 0));
+        assert!(gradients.magnitudes.iter().all(|&m| m >= 0));
         assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 15));
     }
 }

@@ -41,7 +41,8 @@ pub struct Growth {
     gradient: Vector2<f32>,
     /// Distance in memory of neighbours across the segment at hand.
     across: usize,
-    visits: usize,
+    /// Pixels looked at in an image, and what beginning segments cost.
+    pub(super) visits: usize,
 }
 
 /// A pixel of the segment at hand.
@@ -123,16 +124,6 @@ impl Growth {
         }
     }
 
-    /// Begins with an image.
-    pub fn begin(&mut self) {
-        self.visits = 0;
-    }
-
-    /// Pixels looked at, and what beginning segments cost, since [`Self::begin`].
-    pub fn visits(&self) -> usize {
-        self.visits
-    }
-
     /// Edge of the last segment, in no order.
     pub fn places(&mut self) -> &[Place] {
         self.places.clear();
@@ -144,10 +135,10 @@ impl Growth {
     /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
     pub fn grow(&mut self, gradients: &mut Gradients, (x, y): (usize, usize), threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
-        let width = gradients.width();
+        let width = gradients.width;
         self.pixels.clear();
         self.moments = LineMoments::default();
-        self.gradient = gradients.pixels()[y * width + x].vector();
+        self.gradient = gradients.pixels[y * width + x].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
@@ -241,7 +232,7 @@ impl Growth {
         self.gradient += gradient;
         self.moments.add(&place.px.cast(), 1.0);
         let marked = [index - course.across(), index, index + course.across()].map(|k| {
-            let pixel = &mut course.gradients.pixels_mut()[k];
+            let pixel = &mut course.gradients.pixels[k];
             let is_new = !pixel.is_taken();
             pixel.take();
             is_new
@@ -254,7 +245,7 @@ impl Growth {
         for pixel in &self.pixels[from..] {
             let three = [pixel.index - self.across, pixel.index, pixel.index + self.across];
             for (k, _) in three.iter().zip(pixel.marked).filter(|(_, marked)| *marked) {
-                gradients.pixels_mut()[*k].give_back();
+                gradients.pixels[*k].give_back();
             }
         }
         self.pixels.truncate(from);
@@ -264,24 +255,24 @@ impl Growth {
 impl<const STEEP: bool> Following<'_, STEEP> {
     /// First coordinate beyond the image along the major axis.
     fn limit_major(&self) -> isize {
-        let side = if STEEP { self.gradients.height() } else { self.gradients.width() };
+        let side = if STEEP { self.gradients.height } else { self.gradients.width };
         (side - BORDER) as isize
     }
 
     /// First coordinate beyond the image along the minor axis.
     fn limit_minor(&self) -> usize {
-        let side = if STEEP { self.gradients.width() } else { self.gradients.height() };
+        let side = if STEEP { self.gradients.width } else { self.gradients.height };
         side - BORDER
     }
 
     /// Distance in memory of neighbours across the segment at hand.
     fn across(&self) -> usize {
-        if STEEP { 1 } else { self.gradients.width() }
+        if STEEP { 1 } else { self.gradients.width }
     }
 
     fn index(&self, major: isize, minor: usize) -> usize {
         let (x, y) = if STEEP { (minor, major as usize) } else { (major as usize, minor) };
-        y * self.gradients.width() + x
+        y * self.gradients.width + x
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
@@ -292,7 +283,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         if nearest < BORDER || nearest >= limit {
             return None;
         }
-        let magnitudes = self.gradients.magnitudes();
+        let magnitudes = self.gradients.magnitudes;
         let across = self.across();
         let at = self.index(major, nearest);
         let around = |index: usize| [index - across, index, index + across].map(|k| magnitudes[k]);
@@ -302,7 +293,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         let peak = usize::from(is_mid) + 2 * usize::from(!is_mid & (low <= high));
         let index = at - across + peak * across;
         let [before, top, after] = around(index);
-        let pixel = self.gradients.pixels()[index];
+        let pixel = self.gradients.pixels[index];
         if top <= self.threshold || before > top || after > top || pixel.is_taken() {
             return None;
         }

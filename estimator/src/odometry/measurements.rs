@@ -3,7 +3,7 @@
 
 use crate::lines::{ImageLine, LineObservation, Segment};
 use crate::points::PointObservation;
-use crate::shutter::Readout;
+use crate::shutter::{Readout, readouts};
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
@@ -12,8 +12,7 @@ use crate::window::seen_by_row::SeenByRow;
 use crate::window::state::Rig;
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
-use plumbline_config::options::{LinesConfig, PointsConfig};
-use plumbline_config::{CameraModel, Portable};
+use plumbline_config::{CameraModel, Portable, ValidSetup};
 
 /// Fewest points by which whether the image stands still is judged, and how far away it is.
 const MIN_FLOW_POINTS: usize = 12;
@@ -57,12 +56,13 @@ pub struct MedianFlow {
 const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {
-    /// For these cameras and features; allocates all it needs.
-    pub fn new(cameras: Vec<CameraModel>, points: &PointsConfig, lines: &LinesConfig) -> Self {
+    /// For the cameras and features of a setup; allocates all it needs.
+    pub fn new(setup: &ValidSetup) -> Self {
+        let (points, lines) = (&setup.estimator.points, &setup.estimator.lines);
         let capacity = points.max_points;
         Self {
-            cameras,
-            readouts: [Readout::default(); 2],
+            cameras: setup.camera.iter().map(|c| c.model()).collect(),
+            readouts: readouts(setup),
             sigma_px: points.sigma_px,
             line_sigma_px: lines.sigma_px,
             lines: Vec::with_capacity(2 * lines.max_segments),
@@ -72,11 +72,6 @@ impl Measurer {
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
             ways_px: [Vec::with_capacity(capacity), Vec::with_capacity(capacity)],
         }
-    }
-
-    /// Returns the measurer for cameras with these readouts.
-    pub fn with_readouts(self, readouts: [Readout; 2]) -> Self {
-        Self { readouts, ..self }
     }
 
     /// Forgets the frame before.

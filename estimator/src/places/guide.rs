@@ -24,7 +24,8 @@ pub struct Guide {
     largest_sigma: f32,
     /// The point that each feature was given, and the bits in which they differ.
     taken: Vec<Option<(u32, u32)>>,
-    matches: Vec<Match>,
+    /// The matches over which the pose was refined last.
+    pub(super) matches: Vec<Match>,
 }
 
 impl Guide {
@@ -36,11 +37,6 @@ impl Guide {
             taken: Vec::with_capacity(features),
             matches: Vec::with_capacity(features),
         }
-    }
-
-    /// The matches over which the pose was refined last.
-    pub fn matches(&self) -> &[Match] {
-        &self.matches
     }
 
     /// Takes the features of a frame.

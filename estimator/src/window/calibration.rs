@@ -66,7 +66,7 @@ impl Window {
 
     /// The rig and its covariance by the last factorization. `None` before the first, and where it is no covariance.
     pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        let dim = self.factor.dim();
+        let dim = self.factor.dim;
         if dim < RIG_DIM {
             return None;
         }
@@ -102,7 +102,7 @@ mod tests {
         assert!(window.factor.compute(&window.linearizer.equations, 0.0));
         let found = window.rig_estimate().unwrap();
         let equations = &window.linearizer.equations;
-        let dim = window.factor.dim();
+        let dim = window.factor.dim;
         let dense = DMatrix::from_fn(dim, dim, |i, j| {
             let (i, j) = (i.min(j), i.max(j));
             equations.row(i)[j - i]

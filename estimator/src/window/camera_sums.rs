@@ -136,7 +136,7 @@ impl CameraSums {
     /// Adds all sums to `equations`.
     pub(super) fn finish(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
         self.flush(lifts, equations);
-        let dim = equations.dim().next_multiple_of(LANES);
+        let dim = equations.dim.next_multiple_of(LANES);
         for (camera, rows) in self.rows[..lifts.in_o.len()].iter().enumerate() {
             let at = motion_of_frame(camera / lifts.cameras);
             for (k, row) in rows.iter().enumerate() {
@@ -144,7 +144,7 @@ impl CameraSums {
                 for global in [TIME_OFFSET, RESIDUAL] {
                     equations.rows[global][at + k] += row[global];
                 }
-                if equations.has_lenses() {
+                if equations.has_lenses {
                     for (lens, sum) in equations.rows[POSED..GLOBALS].iter_mut().zip(&row[POSED..GLOBALS]) {
                         lens[at + k] += sum;
                     }
@@ -171,7 +171,7 @@ impl CameraSums {
                 if target != host {
                     add_pair(rows, [host, target], products, lifts);
                 }
-                if equations.has_lenses() {
+                if equations.has_lenses {
                     let (at, lens) = (motion_of_lens(target % lifts.cameras), &mut lenses[target]);
                     lens.move_to(equations, at);
                     // A motion of the observer has the opposite sign of one of the host.

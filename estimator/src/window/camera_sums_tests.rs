@@ -72,7 +72,7 @@ fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
     let (lifts, _) = lifts();
     let mut equations = MotionEquations::default();
     equations.reset(FRAMES, true);
-    let dim = equations.dim();
+    let dim = equations.dim;
     let mut full = Full { h: DMatrix::zeros(dim + 3, dim + 3), dim };
     let mut cameras = CameraSums::default();
     cameras.reset(FRAMES, CAMERAS);

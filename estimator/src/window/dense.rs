@@ -99,23 +99,9 @@ impl NormalEquations {
         column: usize,
         block: &nalgebra::SMatrix<f64, R, C>,
     ) {
-        if row == column {
-            for i in 0..R {
-                for j in i..C {
-                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
-                }
-            }
-        } else if row < column {
-            for i in 0..R {
-                for j in 0..C {
-                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
-                }
-            }
-        } else {
-            for j in 0..C {
-                for i in 0..R {
-                    self.h[(column + j) * self.stride + row + i] += block[(i, j)];
-                }
+        for i in 0..R {
+            for j in if row == column { i } else { 0 }..C {
+                self.add(row + i, column + j, block[(i, j)]);
             }
         }
     }

@@ -14,7 +14,8 @@ const COLUMNS: usize = MAX_UNKNOWNS.next_multiple_of(LANES);
 /// So they are factored first, then what meets everything. The newest frame comes last, whole: its covariance is asked for.
 #[derive(Clone, Debug)]
 pub struct Factor {
-    dim: usize,
+    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
+    pub(super) dim: usize,
     u: Vec<[f64; COLUMNS]>,
     /// Unknowns in the order in which they are factored.
     order: Vec<usize>,
@@ -23,29 +24,14 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Room for `capacity` unknowns, at most [`MAX_UNKNOWNS`].
-    pub fn new(capacity: usize) -> Self {
+    /// Room for `capacity` unknowns, at most [`MAX_UNKNOWNS`]. Those of `held` stay at zero, whatever the equations say of them.
+    pub fn new(capacity: usize, held: std::ops::Range<usize>) -> Self {
         let u = vec![[0.0; COLUMNS]; capacity.next_multiple_of(LANES)];
-        Self { dim: 0, u, order: Vec::with_capacity(capacity), held: 0..0 }
-    }
-
-    /// Holds these unknowns at zero, whatever the equations say of them.
-    pub fn holding(self, held: std::ops::Range<usize>) -> Self {
-        Self { held, ..self }
-    }
-
-    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// Forgets what was factored.
-    pub fn clear(&mut self) {
-        self.dim = 0;
+        Self { dim: 0, u, order: Vec::with_capacity(capacity), held }
     }
 
     /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
-    /// matrix is not positive definite: then nothing is factored, and [`Self::dim`] is 0.
+    /// matrix is not positive definite: then nothing is factored, and `dim` is 0.
     pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
         self.dim = 0;
         self.load(equations, damping);
@@ -107,7 +93,7 @@ impl Factor {
         Some(inverse * inverse.transpose())
     }
 
-    /// Variance of unknown `k` (below [`Self::dim`]); `memory` has room for all unknowns. It is the squared norm of
+    /// Variance of unknown `k` (below `dim`); `memory` has room for all unknowns. It is the squared norm of
     /// `U'⁻¹ e_k`.
     pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
         let x = &mut memory[..self.factored()];
@@ -205,7 +191,7 @@ pub(super) mod tests {
     use super::*;
 
     pub(in crate::window) fn solution(eq: &NormalEquations) -> Vec<f64> {
-        let mut factor = Factor::new(eq.dim());
+        let mut factor = Factor::new(eq.dim(), 0..0);
         assert!(factor.compute(eq, 0.0));
         let mut x: Vec<f64> = eq.gradient().iter().map(|b| -b).collect();
         factor.solve(&mut x);
@@ -245,16 +231,16 @@ pub(super) mod tests {
     fn an_indefinite_matrix_is_a_value_not_a_panic() {
         let mut eq = system(5);
         eq.add(2, 2, -10.0);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
+        assert!(!Factor::new(8, 0..0).compute(&eq, 0.0));
         eq.add(2, 2, f64::NAN);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
+        assert!(!Factor::new(8, 0..0).compute(&eq, 0.0));
     }
 
     #[test]
     fn covariances_are_those_of_the_inverse() {
         for dim in [20, unknown_of_frame(3)] {
             let eq = system(dim);
-            let mut factor = Factor::new(dim + 10);
+            let mut factor = Factor::new(dim + 10, 0..0);
             assert!(factor.last_covariance::<6>().is_none());
             assert!(factor.compute(&eq, 0.0));
             let covariance = factor.last_covariance::<6>().unwrap();

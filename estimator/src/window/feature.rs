@@ -24,14 +24,6 @@ pub struct View<'a> {
     pub target_mount: &'a Mount,
 }
 
-impl View<'_> {
-    /// Poses of the host's and the observer's camera, from a pivot.
-    pub fn cameras(&self, pivot_o: &Vector3<f64>) -> [CameraPose; 2] {
-        [(self.host, self.host_mount), (self.target, self.target_mount)]
-            .map(|(body, mount)| CameraPose::of(body, mount, pivot_o))
-    }
-}
-
 /// Derivative by a motion ([`super::motions`]): for both components, by position and by attitude, each with a lane more.
 pub type MotionJacobian = [[Quad; 2]; 2];
 

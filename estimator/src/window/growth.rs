@@ -16,7 +16,7 @@ use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::SMatrix;
 
 /// Covariance of a state that is carried forward, and of its biases.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct GrowingCovariance {
     /// Covariance of position, attitude and velocity.
     pub nav: NavCovariance,

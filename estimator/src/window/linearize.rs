@@ -271,7 +271,7 @@ impl LandmarkEquations {
         landmark: &Landmark<F>,
         damping: f64,
     ) {
-        entry.reset(self.motions.dim());
+        entry.reset(self.motions.dim);
         if !landmark.is_triangulated {
             return;
         }

@@ -197,7 +197,7 @@ impl Window {
             prior: Prior::new(unknowns, &rig),
             anchor: None,
             linearizer: Linearizer::new(unknowns, points, lines, &rig),
-            factor: factorization::Factor::new(unknowns).holding(options.held_unknowns()),
+            factor: factorization::Factor::new(unknowns, options.held_unknowns()),
             backup: solve::Backup::new(points, lines, &rig),
             solution: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),

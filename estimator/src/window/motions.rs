@@ -212,9 +212,10 @@ pub(super) fn frame_motion(body: &BodyPose, pivot_o: &Vector3<f64>) -> SMatrix<f
 /// The normal equations of motions, the gradient in the column of the residual. Of the symmetric matrix the upper triangle counts.
 #[derive(Clone, Debug)]
 pub struct MotionEquations {
-    dim: usize,
+    /// Columns in use.
+    pub(super) dim: usize,
     /// True if intrinsics take part.
-    has_lenses: bool,
+    pub(super) has_lenses: bool,
     pub(super) rows: Vec<MotionRow>,
 }
 
@@ -233,16 +234,6 @@ impl MotionEquations {
         for row in &mut self.rows[..self.dim] {
             row[..self.dim.next_multiple_of(LANES)].fill(0.0);
         }
-    }
-
-    /// Columns in use.
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// True if intrinsics take part.
-    pub fn has_lenses(&self) -> bool {
-        self.has_lenses
     }
 
     /// Adds them to those of all unknowns. They are used up.

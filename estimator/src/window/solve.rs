@@ -68,7 +68,7 @@ impl Window {
         let mut outcome = Outcome::default();
         let first = self.linearize(0.0);
         if !first.is_finite() {
-            self.factor.clear();
+            self.factor.dim = 0;
             return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
         }
         self.save();
@@ -252,7 +252,7 @@ impl Window {
 
     /// Covariance of the newest frame's state: its unknowns are the last of all.
     pub(crate) fn covariance_of_newest(&self) -> Option<FrameMatrix> {
-        let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
+        let is_whole = self.factor.dim == unknown_of_frame(self.frames.len());
         self.factor.last_covariance().filter(|_| is_whole && !self.frames.is_empty())
     }
 }

@@ -37,7 +37,7 @@ pub const fn unknown_of_frame(index: usize) -> usize {
 }
 
 /// Position, attitude, velocity and biases of the body at one time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavState {
     /// Position of `B` in `O`, m.
     pub p_o_b: Vector3<f64>,
@@ -49,19 +49,6 @@ pub struct NavState {
     pub bias_gyro: Vector3<f64>,
     /// Accelerometer bias, m/s².
     pub bias_accel: Vector3<f64>,
-}
-
-impl Default for NavState {
-    fn default() -> Self {
-        let zero = Vector3::zeros();
-        Self {
-            p_o_b: zero,
-            rot_o_b: UnitQuaternion::identity(),
-            v_o_b: zero,
-            bias_gyro: zero,
-            bias_accel: zero,
-        }
-    }
 }
 
 impl NavState {

@@ -221,7 +221,7 @@ fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
 
 /// The normal equations of motions as a full matrix, the gradient in the row and the column of the residual.
 pub fn full_motions(equations: &MotionEquations) -> DMatrix<f64> {
-    let dim = equations.dim();
+    let dim = equations.dim;
     DMatrix::from_fn(dim, dim, |i, k| equations.rows[i.min(k)][i.max(k)])
 }
 

@@ -39,8 +39,9 @@ pub fn with_cameras<T>(
     cameras: (usize, usize),
     use_it: impl FnOnce(CameraView<'_>) -> T,
 ) -> T {
-    let [host, target] = with_view(rig, (host, target), cameras, |view| view.cameras(&PIVOT_O));
-    use_it(CameraView { host: &host, target: &target })
+    let pose =
+        |nav: &NavState, camera: usize| CameraPose::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O);
+    use_it(CameraView { host: &pose(host, cameras.0), target: &pose(target, cameras.1) })
 }
 
 /// Pivot of the cameras of random views.
