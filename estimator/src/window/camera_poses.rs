@@ -36,3 +36,20 @@ pub struct CameraView<'a> {
     /// The camera that observes it.
     pub target: &'a CameraPose,
 }
+
+/// Motion of a camera in its own axes.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraMotion {
+    /// Angular rate, rad/s.
+    pub rate_c: Vector3<f64>,
+    /// Velocity, m/s.
+    pub v_c: Vector3<f64>,
+}
+
+impl CameraMotion {
+    /// Motion of the camera that `mount` holds to a body of this angular rate and velocity, both in its axes.
+    pub fn of(mount: &Mount, rate_b: &Vector3<f64>, v_b: &Vector3<f64>) -> Self {
+        let to_camera = |v: &Vector3<f64>| mount.rot_b_c.tr_mul(v);
+        Self { rate_c: to_camera(rate_b), v_c: to_camera(&(v_b + rate_b.cross(&mount.p_b_c))) }
+    }
+}

@@ -3,26 +3,12 @@
 //! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`], [`super::line`]).
 
 use super::OUTLIER_SIGMAS;
-use super::camera_poses::{CameraPose, CameraView};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
 use super::factor::Linearization;
 use super::options::Options;
 use super::quad::Quad;
-use super::state::{BodyPose, Mount};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2};
 use std::fmt::Debug;
-
-/// From which body and camera a landmark is looked at, and from which it is hosted.
-#[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
-    /// Pose of the host's body.
-    pub host: &'a BodyPose,
-    /// Extrinsics of the host's camera.
-    pub host_mount: &'a Mount,
-    /// Pose of the observer's body.
-    pub target: &'a BodyPose,
-    /// Extrinsics of the observer's camera.
-    pub target_mount: &'a Mount,
-}
 
 /// Derivative by a motion ([`super::motions`]): for both components, by position and by attitude, each with a lane more.
 pub type MotionJacobian = [[Quad; 2]; 2];
@@ -128,18 +114,16 @@ pub trait Feature: Copy + Debug + PartialEq {
         Self::residual_of(&self.placed(view.host), view.target, measured, time_offset_step_s)
     }
 
-    /// The measurement with its rate of change as an observer with angular rate `rate_b` (rad/s) and
-    /// velocity `v_b` (m/s), both in its body frame, would see it.
+    /// The measurement with its rate of change as an observing camera of this motion would see it.
     fn with_rate(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &Self::Measurement,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
+        motion: &CameraMotion,
     ) -> Option<Self::Measurement>;
 
     /// Returns the landmark hosted by the observer instead; `None` if the observer cannot see it.
-    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
+    fn hosted_by_target(&self, view: CameraView<'_>) -> Option<Self>;
 }
 
 /// A feature of `D` degrees of freedom.

@@ -19,8 +19,8 @@
 //!
 //! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` and on its mount ([`super::motions`]).
 
-use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Estimated, Feature, Jacobians, View};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
+use super::feature::{Estimated, Feature, Jacobians};
 use super::quad::{Quad, QuadMatrix, cross, quad};
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
@@ -136,12 +136,6 @@ impl Pluecker {
     }
 }
 
-/// The line in the observer's body and camera.
-struct Path {
-    bt: Pluecker,
-    ct: Pluecker,
-}
-
 impl HostedLine {
     /// Stands for a line that waits for its triangulation.
     pub const UNKNOWN: Self =
@@ -170,14 +164,6 @@ impl HostedLine {
         let side = ray(xy).cross(&v);
         n.dot(&side) / side.norm_squared()
     }
-
-    fn path(&self, view: &View<'_>) -> Path {
-        let bh = self.pluecker().moved(&view.host_mount.rot_b_c, &view.host_mount.p_b_c);
-        let o = bh.moved(&view.host.rot_o_b, &(view.host.p_o_b - view.target.p_o_b));
-        let bt = o.moved_back(&view.target.rot_o_b, &Vector3::zeros());
-        let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
-        Path { bt, ct }
-    }
 }
 
 /// A landmark in its host's camera and in `O`, from the pivot.
@@ -191,6 +177,11 @@ pub struct PlacedLine {
 }
 
 impl PlacedLine {
+    /// The line in the observer's camera.
+    fn seen_from(&self, target: &CameraPose) -> Pluecker {
+        self.o.moved_back(&target.rot_o_c, &target.p_o_c)
+    }
+
     /// Derivative by the four parameters, where those by `n` and `v` in the host's camera are given.
     #[inline]
     fn by_parameters(&self, axes: &QuadMatrix, by_n: &Quad, by_v: &Quad) -> [f64; 4] {
@@ -270,7 +261,7 @@ impl Feature for HostedLine {
         j: &mut Jacobians<4>,
     ) -> Option<()> {
         let PlacedLine { h, o, .. } = placed;
-        let c = o.moved_back(&target.rot_o_c, &target.p_o_c);
+        let c = placed.seen_from(target);
         let by_n = measured.distances_by_normal(&c.n)?;
         let axes = QuadMatrix::of(&placed.axes);
         let [arm, p] = [host.p_o_c - target.p_o_c, target.p_o_c].map(|x| quad(&x));
@@ -296,26 +287,22 @@ impl Feature for HostedLine {
         Some(())
     }
 
-    /// In the body frame `n' = -w x n - velocity x v` and `v' = -w x v`.
+    /// In the axes of the camera `n' = -w x n - velocity x v`.
     fn with_rate(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &LineMeasurement,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
+        CameraMotion { rate_c, v_c }: &CameraMotion,
     ) -> Option<LineMeasurement> {
-        let Path { bt, ct } = self.path(view);
-        let rate = Pluecker { n: -rate_b.cross(&bt.n) - v_b.cross(&bt.v), v: -rate_b.cross(&bt.v) };
-        let n_rate = rate.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c).n;
-        let rates = measured.rates_of(&ct.n, &n_rate)?;
-        let v_camera_b = v_b + rate_b.cross(&view.target_mount.p_b_c);
-        let n_by_way = -view.target_mount.rot_b_c.tr_mul(&v_camera_b).cross(&ct.v);
-        Some(LineMeasurement { rates, ends_xy: measured.ends_at_frame(&ct.n, &n_by_way), ..*measured })
+        let Pluecker { n, v } = self.placed(view.host).seen_from(view.target);
+        let n_by_way = -v_c.cross(&v);
+        let rates = measured.rates_of(&n, &(n_by_way - rate_c.cross(&n)))?;
+        Some(LineMeasurement { rates, ends_xy: measured.ends_at_frame(&n, &n_by_way), ..*measured })
     }
 
-    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
-        let ct = self.path(view).ct;
-        Self::of(&ct.n, &ct.v)
+    fn hosted_by_target(&self, view: CameraView<'_>) -> Option<Self> {
+        let Pluecker { n, v } = self.placed(view.host).seen_from(view.target);
+        Self::of(&n, &v)
     }
 }
 

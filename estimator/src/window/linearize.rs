@@ -45,44 +45,25 @@ pub enum Purpose {
     },
 }
 
-/// Factor of a frame, or of a frame and the one before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum FrameFactor {
-    /// Inertial factor that leads to the frame.
-    Motion,
-    /// The vehicle stands still in the frame.
-    ZeroVelocity,
-}
-
-impl FrameFactor {
-    /// Factors of a frame in the order in which they are added, which the last bits of the sums depend on.
-    const fn all(purpose: Purpose) -> [Self; 2] {
-        match purpose {
-            Purpose::Leaving { .. } => [Self::ZeroVelocity, Self::Motion],
-            Purpose::Cost | Purpose::Equations { .. } => [Self::Motion, Self::ZeroVelocity],
-        }
+/// Cost of the factors of frame `index` that `purpose` needs; their normal equations are added to `target`, if there is one.
+fn evaluate_frame(
+    problem: &Problem<'_>,
+    index: usize,
+    purpose: Purpose,
+    mut target: Option<&mut NormalEquations>,
+) -> f64 {
+    let (needs_motion, needs_rest) = match purpose {
+        Purpose::Leaving { frame } => (index == frame || index == frame + 1, index == frame),
+        Purpose::Cost | Purpose::Equations { .. } => (true, true),
+    };
+    let mut cost = 0.0;
+    if needs_motion {
+        cost += motion(problem, index, target.as_deref_mut().map(|equations| (equations, index)));
     }
-
-    /// True if `purpose` needs the factor of frame `index`.
-    fn is_wanted(self, index: usize, purpose: Purpose) -> bool {
-        let first = match self {
-            Self::Motion => index.saturating_sub(1),
-            Self::ZeroVelocity => index,
-        };
-        match purpose {
-            Purpose::Leaving { frame } => (first..=index).contains(&frame),
-            Purpose::Cost | Purpose::Equations { .. } => true,
-        }
+    if needs_rest {
+        cost += zero_velocity(&problem.frames[index], target.map(|equations| (equations, index)));
     }
-
-    /// Cost of the factor of frame `index`; its normal equations are added to `target`, if there is one.
-    fn evaluate(self, problem: &Problem<'_>, index: usize, target: Option<&mut NormalEquations>) -> f64 {
-        let target = target.map(|equations| (equations, index));
-        match self {
-            Self::Motion => motion(problem, index, target),
-            Self::ZeroVelocity => zero_velocity(&problem.frames[index], target),
-        }
-    }
+    cost
 }
 
 /// Cost of the inertial factor that leads to frame `index`, if there is one, in squared standard deviations. On request its
@@ -169,22 +150,16 @@ impl Linearizer {
             self.begin(problem);
         }
         let target = (!is_cost).then_some(&mut self.equations);
-        let prior = prior.evaluate(problem.rig, problem.frames, target);
-        let landmarks = self.evaluate_landmarks(problem, purpose);
-        // The digests of recorded flights hold this order of the sums.
-        let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };
+        let mut cost = prior.evaluate(problem.rig, problem.frames, target);
         for index in 0..problem.frames.len() {
-            for factor in FrameFactor::all(purpose) {
-                if factor.is_wanted(index, purpose) {
-                    let target = (!is_cost).then_some(&mut self.equations);
-                    cost += factor.evaluate(problem, index, target);
-                }
-            }
+            let target = (!is_cost).then_some(&mut self.equations);
+            cost += evaluate_frame(problem, index, purpose, target);
         }
+        cost += self.evaluate_landmarks(problem, purpose);
         if !is_cost {
             self.lift_landmarks();
         }
-        cost + rest
+        cost
     }
 
     /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.

@@ -1,9 +1,9 @@
 //! Poses of bodies and cameras as matrices, at the present states and at those of the Jacobians, and what follows
 //! from them for the landmarks.
 
-use super::camera_poses::{CameraPose, CameraView};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
 use super::camera_sums::LensRows;
-use super::feature::{Feature, View};
+use super::feature::Feature;
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
 use super::motions::Lifts;
@@ -15,7 +15,6 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// Poses and extrinsics of the window, refreshed whenever its states have changed.
 #[derive(Clone, Debug)]
 pub struct Poses {
-    now: Vec<BodyPose>,
     first: Vec<BodyPose>,
     mounts: [Mount; 2],
     /// Position in `O` that those of the cameras are relative to, m.
@@ -31,7 +30,6 @@ impl Poses {
         let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
         let cameras = [0, 1].map(|k| CameraPose::of(&body, &mounts[k], &Vector3::zeros()));
         Self {
-            now: vec![body.clone(); MAX_FRAMES],
             first: vec![body; MAX_FRAMES],
             mounts,
             pivot_o: Vector3::zeros(),
@@ -43,15 +41,12 @@ impl Poses {
     /// Takes over the states of rig and frames; Jacobians are taken at first estimates or at the present states.
     pub fn refresh(&mut self, rig: &Rig, frames: &[Frame], first_estimates: bool) {
         self.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
-        for (k, frame) in frames.iter().enumerate() {
-            self.now[k] = BodyPose::of(&frame.nav);
-            self.first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
-        }
         self.pivot_o = frames.last().map_or_else(Vector3::zeros, |frame| frame.nav.p_o_b);
-        let Self { now, first, mounts, pivot_o, cameras_now, cameras_first } = self;
+        let Self { first, mounts, pivot_o, cameras_now, cameras_first } = self;
         let of = |body: &BodyPose| [0, 1].map(|k| CameraPose::of(body, &mounts[k], pivot_o));
-        for k in 0..frames.len() {
-            cameras_now[k] = of(&now[k]);
+        for (k, frame) in frames.iter().enumerate() {
+            first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
+            cameras_now[k] = of(&BodyPose::of(&frame.nav));
             cameras_first[k] = of(&first[k]);
         }
     }
@@ -144,6 +139,7 @@ impl Poses {
         self.refresh(rig, frames, false);
         let rate_b = frames[index].rate_b();
         let v_b = frames[index].nav.rot_o_b.inverse() * frames[index].nav.v_o_b;
+        let motions = self.mounts.each_ref().map(|mount| CameraMotion::of(mount, &rate_b, &v_b));
         for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
             for k in (0..landmark.observations.len()).rev() {
                 let observation = landmark.observations[k];
@@ -152,8 +148,9 @@ impl Poses {
                     frame if frame < index => break,
                     _ => {}
                 }
-                let view = self.view(&self.now, landmark, index, observation.camera);
-                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, &rate_b, &v_b) {
+                let view = self.view(landmark, &observation);
+                let motion = &motions[usize::from(observation.camera)];
+                if let Some(m) = landmark.feature.with_rate(view, &observation.measured, motion) {
                     landmark.observations[k].measured = m;
                 }
             }
@@ -179,8 +176,9 @@ impl Poses {
             let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
                 continue;
             };
-            let view = self.view(&self.now, landmark, usize::from(heir.frame), heir.camera);
-            let Some(feature) = landmark.feature.hosted_by_target(&view) else { continue };
+            let Some(feature) = landmark.feature.hosted_by_target(self.view(landmark, &heir)) else {
+                continue;
+            };
             landmark.feature = feature;
             landmark.host = heir.frame;
             landmark.host_camera = heir.camera;
@@ -188,19 +186,16 @@ impl Poses {
         }
     }
 
-    #[inline]
-    fn view<'a, F: Feature>(
-        &'a self,
-        bodies: &'a [BodyPose],
+    /// Present poses of the cameras that host a landmark and make an observation of it.
+    fn view<F: Feature>(
+        &self,
         landmark: &Landmark<F>,
-        frame: usize,
-        camera: u8,
-    ) -> View<'a> {
-        View {
-            host: &bodies[usize::from(landmark.host)],
-            host_mount: &self.mounts[usize::from(landmark.host_camera)],
-            target: &bodies[frame],
-            target_mount: &self.mounts[usize::from(camera)],
+        observation: &Observation<F::Measurement>,
+    ) -> CameraView<'_> {
+        let pose = |frame: u8, camera: u8| &self.cameras_now[usize::from(frame)][usize::from(camera)];
+        CameraView {
+            host: pose(landmark.host, landmark.host_camera),
+            target: pose(observation.frame, observation.camera),
         }
     }
 }

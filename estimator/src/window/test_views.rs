@@ -1,7 +1,7 @@
 //! Random poses and views for the tests of the factors.
 
 use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Jacobians, View};
+use super::feature::Jacobians;
 use super::motions::{frame_motion, on_mount};
 use super::state::{BodyPose, Mount, NavState, RIG_DIM, Rig};
 use crate::geometry::exp_so3;
@@ -15,21 +15,6 @@ pub fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
 pub fn isometry(p_scale: f64, angle: f64) -> impl Strategy<Value = Isometry3<f64>> {
     (vector(p_scale), vector(angle))
         .prop_map(|(p, phi)| Isometry3::from_parts(Translation3::from(p), exp_so3(&phi)))
-}
-
-/// Hands the view from a camera of the host to one of the target to `use_it`.
-pub fn with_view<T>(
-    rig: &Rig,
-    (host, target): (&NavState, &NavState),
-    cameras: (usize, usize),
-    use_it: impl FnOnce(&View<'_>) -> T,
-) -> T {
-    use_it(&View {
-        host: &BodyPose::of(host),
-        host_mount: &Mount::of(rig, cameras.0),
-        target: &BodyPose::of(target),
-        target_mount: &Mount::of(rig, cameras.1),
-    })
 }
 
 /// Calls `use_it` with the view as poses of the cameras, from a pivot some way off.
