@@ -17,7 +17,7 @@ const TOLERANCE_PX: f32 = 0.6;
 /// Squared cosine of the largest angle between the gradient and the normal of the line (22.5 degrees).
 const MIN_COS2: f32 = 0.853_553_4;
 /// Longest gap, px.
-const MAX_GAP: usize = 2;
+pub(super) const MAX_GAP: usize = 2;
 /// Longest gap before the line is fitted, px.
 const MAX_EARLY_GAP: usize = 1;
 /// The line is fitted from this many pixels on; before it follows the mean gradient.
@@ -283,7 +283,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         if nearest < BORDER || nearest >= limit {
             return None;
         }
-        let magnitudes = self.gradients.magnitudes;
+        let magnitudes = &self.gradients.magnitudes;
         let across = self.across();
         let at = self.index(major, nearest);
         let around = |index: usize| [index - across, index, index + across].map(|k| magnitudes[k]);

@@ -46,7 +46,7 @@ impl Seed {
     pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
         let (width, height) = (gradients.width, gradients.height);
         let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
-        let pixels = gradients.pixels;
+        let pixels = &gradients.pixels;
         let gradient = pixels[usize::from(self.y) * width + usize::from(self.x)].vector();
         let squared_norm = gradient.norm_squared();
         let direction =

@@ -10,12 +10,10 @@ use crate::window::line::LineMeasurement;
 use crate::window::reprojection::{InversePoint, PointMeasurement};
 use crate::window::seen_by_row::SeenByRow;
 use crate::window::state::Rig;
+use crate::window::tracks::MIN_WITNESSES;
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::{CameraModel, Portable, ValidSetup};
-
-/// Fewest points by which whether the image stands still is judged, and how far away it is.
-const MIN_FLOW_POINTS: usize = 12;
 
 /// Turns the points of one frame into measurements, remembering those of the frame before.
 #[derive(Clone, Debug)]
@@ -233,10 +231,10 @@ impl Measurer {
     }
 }
 
-/// The middle one of enough values.
+/// The middle one of enough values: of so many points that a few false ones do not move it.
 fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
-    (values.len() >= MIN_FLOW_POINTS).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    (values.len() >= MIN_WITNESSES).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn find(sorted: &[PointObservation], track_id: u32) -> Option<&PointObservation> {

@@ -16,13 +16,12 @@ use super::landmark::LandmarkStore;
 use super::poses::Poses;
 use super::problem::Problem;
 use super::sighting::Votes;
-use super::tracks::{self, Verdict};
+use super::tracks::{self, MIN_WITNESSES, Verdict};
 use super::trial::{Crowd, Trial};
 
 /// Observations that agree with the motion, at least: by chance hardly any would.
 const MIN_AGREEING: usize = 6;
-/// With so many that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
-const WITNESSES: usize = 12;
+/// With [`MIN_WITNESSES`] that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
 const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
@@ -73,7 +72,7 @@ impl Window {
         }
         self.forget_moving(slack);
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
-        if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
+        if verdict.seen >= verdict.wrong + MIN_WITNESSES && !is_slip {
             self.last_motion = self.frames.last().map(|newest| newest.stamp);
         }
         Some(self.known_in_newest())
