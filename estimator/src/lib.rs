@@ -88,7 +88,6 @@ pub use propagator::Propagator;
 pub use propagator::history::{Instant, NoInstant};
 pub use window::snapshot::MapSnapshot;
 pub use window::trail::{Trail, TrailState};
-pub use window::{Fit, RigCovariance, RigEstimate};
 pub use work_budget::{Fork, InTurn, WorkBudget};
 
 /// The example of the README is compiled.

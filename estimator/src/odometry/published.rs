@@ -6,7 +6,6 @@ use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};
 use crate::exchange::Tracked;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FrameMatrix, NavState};
-use crate::window::{Fit, RigEstimate};
 use plumbline_config::Portable;
 
 impl Odometer {
@@ -45,16 +44,6 @@ impl Odometer {
         self.estimation.covariance = self.start.inherited().added_to(of_nav, &newest.nav);
         self.estimation.bias_variances =
             predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
-    }
-
-    /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        (self.phase == Phase::Running).then(|| self.estimation.window.rig_estimate()).flatten()
-    }
-
-    /// Fit of the newest frame ([`Fit`]); `None` while there is no pose.
-    pub fn newest_fit(&mut self) -> Option<Fit> {
-        (self.phase == Phase::Running).then(|| self.estimation.window.newest_fit())
     }
 
     fn tracking_state(&self) -> TrackingState {

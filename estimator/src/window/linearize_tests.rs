@@ -48,7 +48,7 @@ fn intrinsics_held_fixed_have_no_part_in_the_problem() {
     assert!(h < 1e-9 && b < 1e-9, "J'J differs by {h}, J'r by {b}");
     assert!(!window.optimize(3).is_not_positive_definite);
     assert!(window.rig.intrinsics.iter().all(|step| step.norm() == 0.0));
-    assert!(window.rig_estimate().is_some() && window.newest_covariance().is_some());
+    assert!(window.rig_covariance().is_some() && window.newest_covariance().is_some());
 }
 
 #[test]

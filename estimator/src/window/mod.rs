@@ -27,7 +27,6 @@ pub(crate) mod epipolar;
 pub(crate) mod factor;
 pub(crate) mod factorization;
 pub(crate) mod feature;
-mod fit;
 pub(crate) mod frame;
 pub(crate) mod growth;
 pub(crate) mod image_shift;
@@ -71,8 +70,6 @@ pub(crate) mod triangulate;
 pub(crate) mod triangulate_line;
 pub(crate) mod zero_velocity_factor;
 
-pub use calibration::{RigCovariance, RigEstimate};
-pub use fit::Fit;
 pub use options::Options;
 pub use state::MAX_FRAMES;
 

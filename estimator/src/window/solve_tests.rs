@@ -195,6 +195,6 @@ fn there_is_no_covariance_of_equations_that_could_not_be_factored() {
     spoil(&mut window);
     for iterations in [0, 2] {
         assert!(window.optimize(iterations).is_not_positive_definite);
-        assert!(window.newest_covariance().is_none() && window.rig_estimate().is_none(), "{iterations}");
+        assert!(window.newest_covariance().is_none() && window.rig_covariance().is_none(), "{iterations}");
     }
 }
