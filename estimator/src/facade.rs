@@ -9,9 +9,9 @@ use crate::front_end::FrontEnd;
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
+use crate::points::PointObservation;
 use crate::propagator::Propagator;
 use crate::propagator::history::{Instant, NoInstant};
-use crate::window::{Fit, RigEstimate};
 use crate::work_budget::{InTurn, WorkBudget};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
@@ -136,15 +136,9 @@ impl Estimator {
         estimate
     }
 
-    /// The rig's calibration as refined by the frames so far, with its covariance: for who calibrates. `None` while there is
-    /// no pose.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        self.odometer.rig_estimate()
-    }
-
-    /// Fit of the newest frame to the calibration; `None` while there is no pose.
-    pub fn newest_fit(&mut self) -> Option<Fit> {
-        self.odometer.newest_fit()
+    /// The points seen in the last frame.
+    pub fn point_observations(&self) -> &[PointObservation] {
+        &self.tracked.points
     }
 
     /// The lines seen in the last frame, for display.

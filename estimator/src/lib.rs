@@ -55,24 +55,24 @@
 
 pub mod admission;
 pub mod estimate;
-pub mod exchange;
-pub mod facade;
-pub mod front_end;
+mod exchange;
+mod facade;
+mod front_end;
 pub mod geometry;
 pub mod health;
 pub mod image;
-pub mod inertial;
+mod inertial;
 pub mod initial;
-pub mod input;
+mod input;
 pub mod lines;
 pub mod odometry;
-pub mod origin;
+mod origin;
 pub mod places;
 pub mod points;
 pub mod propagator;
-pub mod shutter;
+mod shutter;
 pub mod window;
-pub mod work_budget;
+mod work_budget;
 
 pub use estimate::{
     BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, Stage, StageProbe,
@@ -88,7 +88,6 @@ pub use propagator::Propagator;
 pub use propagator::history::{Instant, NoInstant};
 pub use window::snapshot::MapSnapshot;
 pub use window::trail::{Trail, TrailState};
-pub use window::{Fit, RigCovariance, RigEstimate};
 pub use work_budget::{Fork, InTurn, WorkBudget};
 
 /// The example of the README is compiled.

@@ -18,21 +18,6 @@ pub struct LinesConfig {
     /// Shortest raw segment, px.
     #[key(default = 22.0, range = 8.0..=500.0, unit = PIXELS, experiment)]
     pub min_raw_length_px: f64,
-    /// Apply the adaptive length threshold.
-    #[key(default = true, experiment)]
-    pub length_filter: bool,
-    /// Join broken segments.
-    #[key(default = true, experiment)]
-    pub merge: bool,
-    /// Widening of a segment's outer rectangle across the segment for joining, px.
-    #[key(default = 1.0, range = 0.0..=50.0, unit = PIXELS, experiment)]
-    pub merge_across_px: f64,
-    /// Widening of a segment's outer rectangle along the segment for joining, px.
-    #[key(default = 10.0, range = 0.0..=200.0, unit = PIXELS, experiment)]
-    pub merge_along_px: f64,
-    /// Smallest angle threshold for joining, degrees.
-    #[key(default = 2.0, range = 0.0..=45.0, unit = DEGREES, experiment)]
-    pub merge_angle_deg: f64,
     /// Largest number of edge pixels visited in an image. At this limit, the strongest segments found so far are used.
     #[key(default = 24_000, range = 1000..=100_000_000)]
     pub max_visits: usize,
@@ -56,13 +41,4 @@ pub struct LinesConfig {
     /// simulated ones.
     #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
-    /// Constrain vertical lines to the direction of gravity.
-    #[key(default = true, experiment)]
-    pub use_verticals: bool,
-    /// Constrain horizontal lines to common headings. They are parallel or perpendicular to each other.
-    #[key(default = true)]
-    pub use_vanishing_directions: bool,
-    /// Standard deviation of the angle between a line and its structure.
-    #[key(default = 0.1, range = 0.01..=10.0, unit = DEGREES)]
-    pub structure_sigma_deg: f64,
 }

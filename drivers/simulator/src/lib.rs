@@ -60,7 +60,7 @@ pub use faults::{InjectedFault, InjectedFrames, InjectedImu};
 pub use imu::ImuEffects;
 pub use named::{Dose, ImuError, Named, SimulatedCondition};
 pub use samples::{Inertial, recorded_along};
-pub use scenario::{FlightPath, IntrinsicsError, People, Scenario, USUAL_DURATION_S, scaled_config};
+pub use scenario::{FlightPath, IntrinsicsError, People, Scenario, USUAL_DURATION_S};
 pub use scenes::{Scene, Surroundings};
 pub use stereo::SimulatedStereo;
 pub use trajectory::{MotionState, Trajectory};

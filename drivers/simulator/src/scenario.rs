@@ -263,7 +263,7 @@ impl Scenario {
 
 /// `config` with images `scale` times as large, intrinsics to match (pixel centres at whole numbers).
 #[must_use]
-pub fn scaled_config(config: &Config, scale: f64) -> Config {
+fn scaled_config(config: &Config, scale: f64) -> Config {
     let mut scaled = config.clone();
     if scale == 1.0 {
         return scaled;

@@ -37,7 +37,6 @@ pub struct Gathering {
 
 impl Gathering {
     /// Frames of `points` each, at most.
-    #[must_use]
     pub fn new(points: usize) -> Self {
         Self {
             frames: Vec::with_capacity(GATHERED_FRAMES),
@@ -88,13 +87,11 @@ impl Gathering {
     }
 
     /// The frames in order of time.
-    #[must_use]
     pub fn frames(&self) -> &[GatheredFrame] {
         &self.frames
     }
 
     /// Time from the first to the newest frame, s.
-    #[must_use]
     pub fn span_s(&self) -> f64 {
         match &self.frames[..] {
             [first, .., last] => last.time.stamp.seconds_since(first.time.stamp),
@@ -104,7 +101,6 @@ impl Gathering {
 }
 
 /// The measurement of a track in a frame; `None` where it was not seen.
-#[must_use]
 pub fn find_track(frame: &GatheredFrame, track_id: u32) -> Option<&PointTrack> {
     frame.tracks.binary_search_by_key(&track_id, |t| t.track_id).ok().map(|k| &frame.tracks[k])
 }

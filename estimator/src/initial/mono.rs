@@ -22,8 +22,6 @@ use plumbline_config::Portable;
 
 /// Rounds of re-weighting by the lengths of the ways, and on the tangent of the sphere of gravity.
 const ROUNDS: usize = 12;
-/// Standard deviation of the length of gravity, m/s²: it changes by that over 300 m of height.
-const GRAVITY_SIGMA_M_S2: f64 = 1e-3;
 
 /// Velocity, gravity, and step of the accelerometer's bias.
 type Nine = SVector<f64, 9>;
@@ -31,7 +29,6 @@ type Nine = SVector<f64, 9>;
 /// Solves for velocity, gravity and accelerometer bias by pairs of frames that `motions` lead to from the first, at some biases; that of the
 /// accelerometer is known by `sigma_m_s2`, a direction by `sigma_bearing`, rad. Returns the state of the first frame, at the origin with a
 /// yaw of zero; `None` when the pairs do not determine it. `pose_b_c` are the extrinsics `T_BC` of both cameras.
-#[must_use]
 pub fn align(
     bearings: &[Bearing],
     motions: &[Preintegration],
@@ -68,10 +65,12 @@ pub fn align(
             g[k] += at[k] / sigma_m_s2.squared();
         }
         if solution.is_some() {
+            // The length of gravity is known to 1 mm/s²: it changes by that over 300 m of height.
+            let gravity = at.fixed_rows::<3>(3).into_owned();
             let mut along = Nine::zeros();
-            along.fixed_rows_mut::<3>(3).copy_from(&(at.fixed_rows::<3>(3).normalize() / GRAVITY_SIGMA_M_S2));
+            along.fixed_rows_mut::<3>(3).copy_from(&(gravity.normalize() / 1e-3));
             h += along * along.transpose();
-            g += along * ((at.fixed_rows::<3>(3).norm() - gravity_m_s2) / GRAVITY_SIGMA_M_S2);
+            g += along * ((gravity.norm() - gravity_m_s2) / 1e-3);
         }
         solution = Some(at - h.cholesky()?.solve(&g)).filter(|s| s.iter().all(|x| x.is_finite()));
     }

@@ -95,7 +95,6 @@ pub struct TimingWorkspace {
 
 impl TimingWorkspace {
     /// Room for `frames` of `points` each, whose directions have the standard deviation `sigma_bearing`, rad.
-    #[must_use]
     pub fn new(frames: usize, points: usize, sigma_bearing: f64) -> Self {
         Self {
             bearings: Vec::with_capacity(frames * points),
@@ -132,7 +131,6 @@ impl TimingWorkspace {
     }
 
     /// The values at which the epipolar geometry of the pairs agrees best; `None` without enough common points.
-    #[must_use]
     pub fn estimate(&mut self, turns: &Turns, known: &Known) -> Option<Timing> {
         let (mut held, mut free, mut least) = (*known, *known, f64::INFINITY);
         (held.sigmas[DELAY], held.sigmas[READOUT]) = (1e-9, 1e-9);
@@ -252,7 +250,6 @@ impl Sums {
 }
 
 /// Robust weight of a residual, in standard deviations.
-#[must_use]
 pub fn weight(e: f64) -> f64 {
     1.0 / (1.0 + e.squared() / ROBUST_SIGMAS.squared())
 }

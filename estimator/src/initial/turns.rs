@@ -28,7 +28,6 @@ pub struct Turns(Vec<Turned>);
 
 impl Turns {
     /// Room for so many samples.
-    #[must_use]
     pub fn new(samples: usize) -> Self {
         Self(Vec::with_capacity(samples))
     }
@@ -44,7 +43,6 @@ impl Turns {
     }
 
     /// Attitude at `stamp`; `None` where there are no samples around it.
-    #[must_use]
     pub fn at(&self, stamp: Timestamp) -> Option<Turned> {
         let next = self.0.partition_point(|turned| turned.stamp <= stamp);
         let (before, after) = (self.0.get(next.checked_sub(1)?)?, self.0.get(next)?);

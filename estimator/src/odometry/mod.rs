@@ -261,8 +261,6 @@ impl Odometer {
         window.triangulate(false);
         window.predict_rates();
         judge.judge_pair(estimation, &verdict, &mut case);
-        let tilt_sigma_rad = estimation.tilt_sigma_rad();
-        estimation.window.update_manhattan(estimation.measurer.lines(), tilt_sigma_rad);
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = estimation.window.optimize(max_iterations);
         let is_witnessed = connected >= MIN_WITNESSES;
@@ -304,7 +302,7 @@ impl Odometer {
     /// were known before.
     fn enter(&mut self, time: FrameTime, motion: Preintegration, case: &mut Case<'_>) -> (usize, Verdict) {
         let Self { estimation, judge, .. } = self;
-        let (motion, prediction) = judge.expect(estimation, motion, case);
+        let (motion, prediction) = judge.expect(estimation, motion);
         let gyro_b = estimation.rate_b + prediction.nav.bias_gyro;
         let Estimation { window, measurer, .. } = estimation;
         window.push_frame(time, prediction.nav.clone(), Some(motion), self.zero_velocity.is_still());

@@ -6,7 +6,6 @@ use crate::estimate::{Estimate, FrameFigures, HealthBits, TrackingState};
 use crate::exchange::Tracked;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FrameMatrix, NavState};
-use crate::window::{Fit, RigEstimate};
 use plumbline_config::Portable;
 
 impl Odometer {
@@ -47,16 +46,6 @@ impl Odometer {
             predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
     }
 
-    /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        (self.phase == Phase::Running).then(|| self.estimation.window.rig_estimate()).flatten()
-    }
-
-    /// Fit of the newest frame ([`Fit`]); `None` while there is no pose.
-    pub fn newest_fit(&mut self) -> Option<Fit> {
-        (self.phase == Phase::Running).then(|| self.estimation.window.newest_fit())
-    }
-
     fn tracking_state(&self) -> TrackingState {
         let is_running = self.phase == Phase::Running;
         match self.judge.velocity() {
@@ -95,7 +84,6 @@ impl Odometer {
             figures: FrameFigures {
                 points_in_window: points as u32,
                 lines_in_window: lines as u32,
-                lines_in_structure: window.structural_lines() as u32,
                 keyframes: window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
                 iterations: solved.iterations,
                 is_keyframe: solved.is_keyframe,

@@ -62,7 +62,7 @@ pub enum NoInstant {
 }
 
 /// Estimate, or a state on its way from one to an instant.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Base {
     /// Time of the state.
     pub stamp: Timestamp,
@@ -206,24 +206,28 @@ impl Base {
         {
             let last = k.checked_sub(1).and_then(|k| samples.get(k)).unwrap_or(next);
             let to = next.sample.stamp.min(until);
-            let state = (&mut self.nav, &mut self.covariance);
-            carrier.carry(state, (self.stamp, to), (last, next), &self.rate_b);
-            self.stamp = to;
+            carrier.carry(self, to, (last, next));
             k += 1;
         }
     }
 
+    /// Tracking state and quality to be published; it is blind if the estimate is old.
+    pub(super) fn trust(&self) -> (TrackingState, i8) {
+        let is_stale = self.stamp.seconds_since(self.estimated) > STALE_S;
+        if is_stale { (TrackingState::Blind, self.quality.min(0)) } else { (self.state, self.quality) }
+    }
+
     /// State at the time that was reached.
     fn told(&self, samples: &VecDeque<BelievedSample>) -> Instant {
-        let is_stale = self.stamp.seconds_since(self.estimated) > STALE_S;
+        let (state, quality) = self.trust();
         Instant {
             stamp: self.stamp,
             pose_o_b: self.nav.pose_o_b(),
             v_o_b: self.nav.v_o_b,
             angular_rate_b: self.rate(samples),
             covariance: self.covariance.nav,
-            state: if is_stale { TrackingState::Blind } else { self.state },
-            quality: if is_stale { self.quality.min(0) } else { self.quality },
+            state,
+            quality,
             reset_counter: self.reset_counter,
             estimated: self.estimated,
             is_settled: false,

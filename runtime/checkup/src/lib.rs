@@ -11,11 +11,14 @@
 //! | [`inertial`] | gravity and bias at rest, noise, stuck and saturated axes |
 //! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | `fit` | everything that a calibration consists of, by one fit of images and samples (points by `tracks`) |
+//! | [`camera_imu`] | pose of the cameras on the IMU and time offset, to be written into a configuration |
 //! | [`health`] | the health bits of a flight: a line at its end, and warnings |
 //!
 //! What stamps, units or images alone show to be wrong is named first, and nothing is fitted through it. A quantity that the data do
 //! not hold is reported as not measured. There is no clock and no random number here: the same data give the same report.
 
+pub mod camera_imu;
+pub mod excitation;
 pub mod finding;
 mod fit;
 pub mod health;

@@ -65,6 +65,11 @@ impl Tracks {
     }
 }
 
+/// Frames from one keyframe to the next.
+pub(crate) fn frames_to_a_key(rate_hz: f64) -> u64 {
+    2 * (rate_hz * KEY_S / 2.0) as u64 + 1
+}
+
 /// A point that is being followed.
 struct Live {
     track: usize,
@@ -111,7 +116,7 @@ impl Tracker {
             right: right
                 .map(|right| Pyramid::new(right.width_px, right.height_px, level.max(FLOW.top_level) + 1)),
             level,
-            every: 2 * (left.rate_hz * KEY_S / 2.0) as u64 + 1,
+            every: frames_to_a_key(left.rate_hz),
             frames: 0,
             live: Vec::new(),
             found: Tracks::default(),

@@ -17,7 +17,6 @@ use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
-use plumbline_lab::calibrate::rig::RigError;
 use plumbline_lab::evaluate::EvaluateError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
@@ -83,7 +82,6 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
             error,
             DriverError::Scenario(_) | DriverError::Refused { .. } | DriverError::ImuAddress(_)
         );
-        RigError: |error| matches!(error, RigError::Flight(error) if is_usage(error));
         ImagesError: |error| match error {
             ImagesError::Layout { .. } => true,
             ImagesError::Io { source, .. } => is_usage(source),

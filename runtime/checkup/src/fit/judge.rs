@@ -28,7 +28,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     }
     let first = first.filter(FirstLook::turns_enough);
     // By how much more than it says a calibration is uncertain, only several pieces show.
-    let fitted = first.and_then(|first| fit(config, tracks, samples, &first));
+    let fitted = first.and_then(|first| fit(config, tracks, samples, &first, &|_| true));
     let Some(fitted) = fitted.filter(|fitted| fitted.pieces.len() > 1) else {
         return missing(
             &parts,

@@ -20,18 +20,17 @@ use integral::{Reading, Sensors, reading_at};
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use piece::{Noise, Normal, Piece, View};
 use plumbline_config::{Config, ImuSample, Timestamp, median};
-use rig::{
-    ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, OF_LENS, P_B_C, P_PAIR,
-};
+use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
 use rig::{READOUT, RIGHT_LATE, ROT_B_C, ROT_PAIR, Rig, Vector};
 
 /// Keyframes of a piece: two seconds.
 const KEYS: usize = 14;
 /// Keyframes further apart than this end a piece, s.
 const MAX_KEY_GAP_S: f64 = 0.5;
-/// Steps with the calibration held, and in all.
+/// Steps with the calibration held, and in all at most: they end when the noise falls by less than this share.
 const HELD_STEPS: usize = 3;
-const STEPS: usize = 16;
+const STEPS: usize = 60;
+const SETTLED: f64 = 0.02;
 /// Damping of the states at first; it falls by a third with each step.
 const DAMPING: f64 = 1e-2;
 /// A median absolute value times this is a standard deviation; of the length of two components, times the other.
@@ -254,14 +253,16 @@ fn correlation(pairs: &[(f64, f64)]) -> f64 {
     }
 }
 
-/// Fits a recording; `None` where no piece holds together.
+/// Fits a recording by these unknowns of the calibration; `None` where no piece holds together.
 pub(crate) fn fit(
     config: &Config,
     tracks: &Tracks,
     samples: &[ImuSample],
     first: &FirstLook,
+    is_free: &dyn Fn(usize) -> bool,
 ) -> Option<Fitted> {
-    let is_pair = config.camera.len() > 1;
+    let is_of_right = |k: usize| (LENSES[1]..ROT_B_C).contains(&k) || (ROT_PAIR..READOUT).contains(&k);
+    let is_free = |k: usize| is_free(k) && (config.camera.len() > 1 || !is_of_right(k));
     let found = Pieces::of(config, tracks, samples, &first.step, usize::MAX)?;
     let Pieces { mut rig, readings, mut pieces, span_s, .. } = found;
     let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
@@ -275,14 +276,18 @@ pub(crate) fn fit(
         let step = if round < HELD_STEPS {
             Vector::zeros()
         } else {
-            step(&normals, &rig, &prior(&rig.steps(), round >= SPARSE_STEP, is_pair))?
+            step(&normals, &rig, &prior(&rig.steps(), round >= SPARSE_STEP, &is_free))?
         };
         for (piece, normal) in pieces.iter_mut().zip(&normals) {
             piece.apply(normal, &step);
         }
         rig = rig.plus(&step);
         if round >= HELD_STEPS {
+            let before = noise;
             noise = measured(&normals, &pieces, &noise, config);
+            if round > SPARSE_STEP && noise.has_settled_from(&before, SETTLED) {
+                break;
+            }
         }
         damping *= 0.3;
     }
@@ -334,19 +339,16 @@ fn step(normals: &[Normal], rig: &Rig, prior: &Vector) -> Option<Vector> {
     Some(-information.cholesky()?.solve(&gradient))
 }
 
-/// Information of the prior; what one camera cannot show is held. Where steps explain the data alike, the sparsest wins: a step that
+/// Information of the prior; what is not free is held. Where steps explain the data alike, the sparsest wins: a step that
 /// is large already may be.
-fn prior(steps: &Vector, is_sparse: bool, is_pair: bool) -> Vector {
+fn prior(steps: &Vector, is_sparse: bool, is_free: &dyn Fn(usize) -> bool) -> Vector {
     let mut prior = Vector::zeros();
     for (at, count, wide, little) in PRIOR {
         for k in at..at + count {
             let own = steps[k] * steps[k] + little * little;
-            prior[k] = 1.0 / if is_sparse { own.min(wide * wide) } else { wide * wide };
+            let free = 1.0 / if is_sparse { own.min(wide * wide) } else { wide * wide };
+            prior[k] = if is_free(k) { free } else { HELD };
         }
-    }
-    if !is_pair {
-        prior.rows_mut(LENSES[1], OF_LENS).fill(HELD);
-        prior.rows_mut(ROT_PAIR, 7).fill(HELD);
     }
     prior
 }

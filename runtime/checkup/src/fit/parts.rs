@@ -38,6 +38,12 @@ pub(crate) struct Part {
     pub(crate) is_listed: bool,
 }
 
+/// Names of parts that a calibration of the cameras on the IMU frees.
+pub(crate) const CAMERA_IMU_ROTATION: &str = "camera-IMU rotation";
+pub(crate) const CAMERA_IMU_POSITION: &str = "camera-IMU position";
+pub(crate) const TIME_OFFSET: &str = "time offset";
+pub(crate) const READOUT_TIME: &str = "readout";
+
 const COURSES: [Course; 3] = [Course::Constant, Course::Thirds, Course::Pieces];
 const TURN: &str = "turn it by hand about all three axes for ten seconds, with texture in view";
 const SHAKE: &str = "move it to and fro along all three axes by half a metre, once a second, for ten seconds";
@@ -100,16 +106,16 @@ pub(crate) fn parts(config: &Config) -> Vec<Part> {
         part("focal length by fx / fy", 1, vec![both(1)], 2.0 * focal, share, CAMERAS, None),
         part("lens model", 2, vec![both(4)], 5e-3, cubic, LENS, None),
         part("principal point", 3, vec![both(2), both(3)], 2.0 * centre, px, CAMERAS, None),
-        part("camera-IMU rotation", 4, span(ROT_B_C, 3), rotation, mrad, MOUNT, Some(TURN)),
-        part("camera-IMU position", 5, span(P_B_C, 3), 2.0 * place, mm, MOUNT, None),
+        part(CAMERA_IMU_ROTATION, 4, span(ROT_B_C, 3), rotation, mrad, MOUNT, Some(TURN)),
+        part(CAMERA_IMU_POSITION, 5, span(P_B_C, 3), 2.0 * place, mm, MOUNT, None),
         key(
             sigmas.time_offset_s,
-            part("time offset", 6, one(DELAY), offset_s, ms, "rig.time_offset_s", Some(TURN)),
+            part(TIME_OFFSET, 6, one(DELAY), offset_s, ms, "rig.time_offset_s", Some(TURN)),
         ),
         // Two crystals differ by 100 ppm at most (data sheets: 50 ppm each over temperature).
         with_delay(part("clock rate", 7, one(CLOCK_RATE), 5e-5, ppm, CLOCKS, None)),
         with_delay(part("even and odd frames", 8, one(ALTERNATING), 1e-3, ms, IN_TURN, None)),
-        key(readout_s, part("readout", 9, one(READOUT), 2e-3, ms, "camera.readout_s", None)),
+        key(readout_s, part(READOUT_TIME, 9, one(READOUT), 2e-3, ms, "camera.readout_s", None)),
         part("gyroscope scale", 10, diagonal(GYRO), scales[0], share, COLUMNS, None),
         part("gyroscope axes", 10, span(GYRO, 9), 3.0 * scales[0], share, COLUMNS, None),
         part("accelerometer scale", 11, diagonal(ACCEL), scales[1], share, COLUMNS, Some(SHAKE)),

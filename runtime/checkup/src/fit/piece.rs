@@ -50,6 +50,14 @@ pub(crate) struct Noise {
     pub(crate) biases: [f64; 2],
 }
 
+impl Noise {
+    /// True if no part of it fell by more than `share`.
+    pub(super) fn has_settled_from(&self, before: &Self, share: f64) -> bool {
+        let parts = |n: &Self| [n.px, n.gyro, n.accel, n.biases[0], n.biases[1]];
+        parts(self).iter().zip(parts(before)).all(|(now, before)| *now >= before * (1.0 - share))
+    }
+}
+
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
     pub(super) keys: Vec<Key>,

@@ -1,6 +1,7 @@
 //! Every fault that a rig can have, put into a simulated flight, is found by its name; the flight as it is, and a real
 //! recording, are fit.
 
+mod camera_imu;
 mod drawn;
 mod faults;
 mod fitted;

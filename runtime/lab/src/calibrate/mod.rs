@@ -1,7 +1,3 @@
-//! Calibration of the sensors: numbers of the configuration, measured from recordings.
-//!
-//! - [`camera`]: intrinsics, and the pose between two cameras, by images of a board.
-//! - [`rig`]: where the cameras sit on the IMU and how far their clocks are apart, of a recording in motion.
+//! Calibration of the cameras by images of a board.
 
 pub mod camera;
-pub mod rig;

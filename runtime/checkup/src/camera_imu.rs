@@ -1,0 +1,330 @@
+//! Calibration of the cameras on the IMU: pose of the left camera in the body, and time offset, by a recording in which the rig is
+//! turned and moved by hand.
+//!
+//! The estimator follows points through the recording; the fit of the checkup (`fit`) holds all of the calibration but the wanted part as
+//! it is configured. What the motion does not show ([`excitation`](super::excitation)) is refused by name.
+
+use crate::excitation::{Excitation, axis_words};
+use crate::fit::causes::{Causes, SIGMAS};
+use crate::fit::parts::{CAMERA_IMU_POSITION, CAMERA_IMU_ROTATION, Course, READOUT_TIME, TIME_OFFSET, parts};
+use crate::fit::rig::BIASES;
+use crate::fit::{FirstLook, fit};
+use crate::tracks::{Sighting, Tracks, frames_to_a_key};
+use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, UnitQuaternion, Vector3};
+use plumbline_config::options::rows_from_isometry;
+use plumbline_config::{ConfigError, ImuSample, Timestamp, ValidConfig};
+use plumbline_estimator::{Estimator, FrameInput};
+use std::collections::BTreeMap;
+use std::fmt::{self, Write as _};
+
+/// Fewest pieces of two seconds whose scatter tells how sure they are: 20 s.
+const LEAST_PIECES: usize = 10;
+/// Standard deviations that a calibration is worth its name with: m, rad, s.
+const MOST_SIGMAS: [f64; 3] = [0.015, 0.0052, 0.001];
+/// A readout that is shorter is none, s.
+const LEAST_READOUT_S: f64 = 0.001;
+
+/// Parts of a calibration that place the cameras on the IMU, in the order of the unknowns.
+const RIG: [&str; 3] = [CAMERA_IMU_POSITION, CAMERA_IMU_ROTATION, TIME_OFFSET];
+
+/// Unknowns: position of the left camera (m, body), its attitude (rad, camera), time offset (s).
+pub const DIM: usize = 7;
+/// Vector of the unknowns.
+pub type Step = SVector<f64, DIM>;
+/// Covariance of the unknowns.
+pub type Covariance = SMatrix<f64, DIM, DIM>;
+
+/// Calibration of the cameras on the IMU.
+#[derive(Clone, Debug)]
+pub struct FoundRig {
+    /// Initial configuration with the calibration in it, and its standard deviations in `[rig]`.
+    pub config: ValidConfig,
+    /// Change from the initial configuration.
+    pub step: Step,
+    /// Covariance of the calibration.
+    pub covariance: Covariance,
+    /// Pieces of two seconds that it comes from.
+    pub pieces: usize,
+    /// Length of the recording, s.
+    pub span_s: f64,
+    /// Turning of the rig.
+    pub excitation: Excitation,
+}
+
+/// Readout of rolling shutters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Readout {
+    /// Time from the first to the last row, s; 0 for a global shutter.
+    pub readout_s: f64,
+    /// Its standard deviation, s.
+    pub sigma_s: f64,
+}
+
+impl fmt::Display for Readout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [readout_ms, sigma_ms] = [self.readout_s, self.sigma_s].map(|s| 1e3 * s);
+        match self.readout_s {
+            0.0 => write!(f, "readout        none: a global shutter (one sigma {sigma_ms:.2} ms)"),
+            _ => write!(f, "readout        {readout_ms:.2} ms, one sigma {sigma_ms:.2} ms"),
+        }
+    }
+}
+
+/// Reason why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The calibration is refused by the configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The recording does not show the rig.
+    #[error("{0}")]
+    Unseen(String),
+}
+
+/// Recording of a rig that is moved by hand.
+pub struct ByHand {
+    config: ValidConfig,
+    estimator: Estimator,
+    samples: Vec<ImuSample>,
+    span: Option<(Timestamp, Timestamp)>,
+    frames: u64,
+    tracks: Tracks,
+    /// Place in `tracks` of each point of the estimator.
+    places: BTreeMap<u32, usize>,
+}
+
+impl ByHand {
+    /// Empty recording of the rig of `config`.
+    #[must_use]
+    pub fn new(config: &ValidConfig) -> Self {
+        Self {
+            config: config.clone(),
+            estimator: Estimator::new(config.setup()),
+            samples: Vec::new(),
+            span: None,
+            frames: 0,
+            tracks: Tracks::default(),
+            places: BTreeMap::new(),
+        }
+    }
+
+    /// True if a frame of this stamp needs further samples before it is added.
+    #[must_use]
+    pub fn needs_samples(&self, stamp: Timestamp) -> bool {
+        let needed = self.estimator.imu_needed_until(stamp);
+        self.samples.last().is_none_or(|sample| sample.stamp < needed)
+    }
+
+    /// Takes an inertial sample.
+    pub fn add_sample(&mut self, sample: &ImuSample) {
+        self.estimator.add_imu(sample);
+        self.samples.push(*sample);
+    }
+
+    /// Takes a frame.
+    pub fn add_frame(&mut self, frame: &FrameInput<'_>) {
+        let first = self.span.map_or(frame.stamp, |(first, _)| first);
+        self.span = Some((first, frame.stamp));
+        self.estimator.add_frame(frame);
+        let rate_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);
+        if self.frames.is_multiple_of(frames_to_a_key(rate_hz)) {
+            self.add_key(frame.stamp);
+        }
+        self.frames += 1;
+    }
+
+    fn add_key(&mut self, stamp: Timestamp) {
+        let Self { tracks: Tracks { keys, tracks }, places, .. } = self;
+        for point in self.estimator.point_observations() {
+            let at = *places.entry(point.track_id).or_insert(tracks.len());
+            if at == tracks.len() {
+                tracks.push(Vec::new());
+            }
+            tracks[at].push(Sighting { key: keys.len(), px: point.px.map(|px| Some(px?.cast())) });
+        }
+        keys.push((stamp, self.frames % 2 == 1));
+    }
+
+    /// Calibration that the recording shows.
+    ///
+    /// # Errors
+    /// When the motion does not determine it; the message says what it lacks.
+    pub fn calibrate(&self) -> Result<FoundRig, RigError> {
+        let excitation = self.turned()?;
+        let (pieces, moved, covariance) = self.freed(&RIG)?;
+        let step = moved.fixed_rows::<DIM>(0).into_owned();
+        let covariance = covariance.fixed_view::<DIM, DIM>(0, 0).into_owned();
+        let config = calibrated(&self.config, &step, &covariance)?;
+        check_seen(&covariance, &excitation, &config)?;
+        Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s(), excitation })
+    }
+
+    /// Configuration with the readout that the recording shows, to calibrate by; 0 where it does not differ from that of a global shutter.
+    ///
+    /// # Errors
+    /// When the motion does not determine it; the message says what it lacks.
+    pub fn with_readout(&self) -> Result<(ValidConfig, Readout), RigError> {
+        self.turned()?;
+        let [position, rotation, offset] = RIG;
+        let (_, moved, covariance) = self.freed(&[READOUT_TIME, position, rotation, offset])?;
+        let found_s = self.config.camera.first().map_or(0.0, |camera| camera.readout_s) + moved[0];
+        let sigma_s = covariance[(0, 0)].sqrt();
+        let is_none = found_s < LEAST_READOUT_S.max(SIGMAS * sigma_s);
+        let readout = Readout { readout_s: if is_none { 0.0 } else { found_s }, sigma_s };
+        let config = self.config.with("calibrate rig", |config| {
+            config.camera.iter_mut().for_each(|camera| camera.readout_s = readout.readout_s);
+        })?;
+        Ok((config, readout))
+    }
+
+    fn span_s(&self) -> f64 {
+        self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
+    }
+
+    /// Turning of the rig, if that is enough.
+    fn turned(&self) -> Result<Excitation, RigError> {
+        let excitation = Excitation::of(&self.samples).ok_or_else(|| self.too_short(0))?;
+        if excitation.is_enough() {
+            return Ok(excitation);
+        }
+        let pose_b_c = self.config.setup().left().pose_b_c();
+        let missing: Vec<_> = excitation.missing().iter().map(|axis| axis_words(axis, &pose_b_c)).collect();
+        let rates = excitation.body_rates_rad_s.map(f64::to_degrees);
+        Err(RigError::Unseen(format!(
+            "the motion does not determine the rig: it lacks rotation about {} (rates about x y z of the IMU: {:.0} {:.0} {:.0} deg/s); \
+             turn it about all axes, by 20 degrees and more to both sides, once a second or two",
+            missing.join(" and about "),
+            rates.x,
+            rates.y,
+            rates.z
+        )))
+    }
+
+    /// Number of pieces, and change of the parts of these names that fits the recording best, with its covariance, in their order.
+    fn freed(&self, names: &[&str]) -> Result<(usize, DVector<f64>, DMatrix<f64>), RigError> {
+        let parts = parts(&self.config);
+        let named = |name: &&str| parts.iter().position(|part| part.name == *name);
+        let free: Vec<usize> = names.iter().filter_map(named).collect();
+        let is_free =
+            |k: usize| k >= BIASES || free.iter().any(|part| parts[*part].basis.row(k).amax() > 0.0);
+        let first = FirstLook::at(&self.config, &self.tracks, &self.samples);
+        let fitted = first.and_then(|first| fit(&self.config, &self.tracks, &self.samples, &first, &is_free));
+        let pieces = fitted.as_ref().map_or(0, |fitted| fitted.pieces.len());
+        let fitted = fitted.filter(|_| pieces >= LEAST_PIECES).ok_or_else(|| self.too_short(pieces))?;
+        let free: Vec<_> = free.into_iter().map(|part| (part, Course::Constant)).collect();
+        let (_, moved, covariance) = Causes::new(&fitted, &parts).freed(&free);
+        let is_known = moved.iter().chain(&covariance).all(|x| x.is_finite());
+        is_known.then_some((pieces, moved, covariance)).ok_or_else(|| {
+            let words =
+                "images and samples hold no motion together; is the calibration of the cameras theirs?";
+            RigError::Unseen(words.into())
+        })
+    }
+
+    fn too_short(&self, pieces: usize) -> RigError {
+        RigError::Unseen(format!(
+            "the recording has {:.1} s, but only {pieces} pieces of two seconds are usable; record a minute, with texture in view all \
+             the time",
+            self.span_s()
+        ))
+    }
+}
+
+/// The configuration with this change of both cameras, whose pose to each other stays, and how well it is known.
+fn calibrated(
+    config: &ValidConfig,
+    step: &Step,
+    covariance: &Covariance,
+) -> Result<ValidConfig, ConfigError> {
+    let left = config.setup().left().pose_b_c();
+    let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());
+    let place = left.translation.vector + step.fixed_rows::<3>(0);
+    let moved = Isometry3::from_parts(place.into(), left.rotation * turn);
+    let [place, attitude, time] = sigmas(covariance);
+    config.with("calibrate rig", |config| {
+        for camera in &mut config.camera {
+            camera.pose_b_c = rows_from_isometry(&(moved * (left.inverse() * camera.pose_b_c())));
+        }
+        config.rig.time_offset_s += step[6];
+        config.rig.camera_imu_translation_sigma_m = place;
+        config.rig.camera_imu_rotation_sigma_rad = attitude;
+        config.rig.time_offset_sigma_s = time;
+    })
+}
+
+/// Largest standard deviations of position, attitude and time offset.
+fn sigmas(covariance: &Covariance) -> [f64; 3] {
+    [0..3, 3..6, 6..7].map(|range| range.map(|k| covariance[(k, k)].sqrt()).fold(0.0, f64::max))
+}
+
+/// Refuses what the motion did not show.
+fn check_seen(
+    covariance: &Covariance,
+    excitation: &Excitation,
+    config: &ValidConfig,
+) -> Result<(), RigError> {
+    let sigmas = sigmas(covariance);
+    let Some(which) = (0..3).find(|k| sigmas[*k] > MOST_SIGMAS[*k]) else { return Ok(()) };
+    let known = [
+        format!("the position of the cameras is known to {:.1} mm", 1e3 * sigmas[0]),
+        format!("the attitude of the cameras is known to {:.2} degrees", sigmas[1].to_degrees()),
+        format!("the time offset is known to {:.2} ms", 1e3 * sigmas[2]),
+    ];
+    let weakest = axis_words(&excitation.axes_b[2], &config.setup().left().pose_b_c());
+    Err(RigError::Unseen(format!(
+        "the motion does not determine the rig well enough: {} only; turn it faster, most of all about {weakest}, and for longer",
+        known[which]
+    )))
+}
+
+impl FoundRig {
+    /// The figures, a line each.
+    #[must_use]
+    pub fn table(&self) -> Vec<String> {
+        let three = |from: usize, scale: f64, decimals: usize| {
+            let sigma = Vector3::from_fn(|k, _| self.covariance[(from + k, from + k)].sqrt() * scale);
+            let moved = self.step.fixed_rows::<3>(from) * scale;
+            (words(&moved, decimals), words(&sigma, decimals))
+        };
+        let degrees = 1.0_f64.to_degrees();
+        let place = self.config.setup().left().pose_b_c().translation.vector * 1e3;
+        let ((moved, place_sigma), (turned, attitude_sigma)) = (three(0, 1e3, 2), three(3, degrees, 4));
+        let mut lines = vec![
+            format!("left camera    at ({}) mm in the body, one sigma ({place_sigma})", words(&place, 2)),
+            format!("               moved by ({moved}) mm"),
+            format!("attitude       one sigma ({attitude_sigma}) deg about its x, y and z"),
+            format!("               turned by ({turned}) deg"),
+            format!(
+                "time offset    {:.3} ms (t_imu - t_camera), one sigma {:.3}, moved by {:.3} ms",
+                1e3 * self.config.rig.time_offset_s,
+                1e3 * self.covariance[(6, 6)].sqrt(),
+                1e3 * self.step[6]
+            ),
+        ];
+        lines.push(format!(
+            "of             {} pieces of two seconds in {:.1} s; turned by {} deg/s about x y z of the IMU",
+            self.pieces,
+            self.span_s,
+            words(&(self.excitation.body_rates_rad_s * degrees), 0)
+        ));
+        lines
+    }
+
+    /// The covariance as comments of a file: rows of position (m), attitude (rad) and time offset (s).
+    #[must_use]
+    pub fn covariance_comment(&self) -> String {
+        let mut text = String::from(
+            "# Covariance of position x y z in the body (m), attitude about x y z of the left camera (rad), time offset (s):\n",
+        );
+        for row in self.covariance.row_iter() {
+            let values: Vec<String> = row.iter().map(|value| format!("{value:.3e}")).collect();
+            let _ = writeln!(text, "#   {}", values.join(" "));
+        }
+        text
+    }
+}
+
+/// Three numbers.
+fn words(v: &Vector3<f64>, decimals: usize) -> String {
+    format!("{:.*} {:.*} {:.*}", decimals, v.x, decimals, v.y, decimals, v.z)
+}
