@@ -85,6 +85,7 @@ impl Window {
 mod tests {
     use super::super::test_room::Room;
     use super::*;
+    use crate::window::Rig;
     use nalgebra::DMatrix;
 
     #[test]

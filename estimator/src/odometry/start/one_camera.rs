@@ -39,8 +39,8 @@ pub enum Missing {
     /// Points in view.
     #[error("{0} points in view, too few: show more texture, or move more slowly")]
     Points(usize),
-    /// Parallax of a pair of frames beside that of the turn, in standard deviations.
-    #[error("moved the view by {0:.1} sigmas beside the turn, {CERTAIN_SIGMAS:.1} needed: move sideways")]
+    /// Parallax beside that of the turn, of a pair of frames or of all, in standard deviations.
+    #[error("moved the view by {0:.1} sigmas beside the turn: move sideways, and further")]
     Way(f64),
     /// Time offset and readout that were found, s: what comes is stamped by them.
     #[error("found `rig.time_offset_s` = {0:.3} and `camera.0.readout_s` = {1:.3}")]
@@ -251,20 +251,26 @@ impl Start {
         if variance > MAX_MEAN_COST {
             return Err(Missing::Consistency(variance));
         }
-        let share = scale_sigma(&mut estimation.window) * variance.at_least(1.0).sqrt();
-        if share > MAX_SCALE_SIGMA { Err(Missing::Acceleration(share)) } else { Ok(()) }
+        let (sigma, way_m) = scale_sigma(&mut estimation.window).unwrap_or((f64::INFINITY, 0.0));
+        let share = sigma * variance.at_least(1.0).sqrt();
+        if share > MAX_SCALE_SIGMA {
+            return Err(Missing::Acceleration(share));
+        }
+        // Depths are to be known twice as well as the scale.
+        let depth_m = estimation.measurer.median_depth_m(&estimation.window.points);
+        let parallax = way_m / depth_m / self.one_camera.timing.sigma_bearing;
+        if parallax * MAX_SCALE_SIGMA < 2.0 { Err(Missing::Way(parallax)) } else { Ok(()) }
     }
 }
 
-/// Uncertainty of the scale of the settled window, as a share of it: of the longest way to its newest frame, along that. One camera has the
-/// scale from changes of the velocity alone: at constant velocity any fits, with a bias to match, and the covariance shows that.
-fn scale_sigma(window: &mut Window) -> f64 {
-    let Some(newest) = window.frames.len().checked_sub(1) else { return f64::INFINITY };
+/// Uncertainty of the scale of the settled window, as a share of it: of the longest way to its newest frame, along that; and that way, m. One
+/// camera has the scale from changes of the velocity alone: at constant velocity any fits, with a bias to match, and the covariance shows that.
+fn scale_sigma(window: &mut Window) -> Option<(f64, f64)> {
+    let newest = window.frames.len().checked_sub(1)?;
     let way_o = |window: &Window, k: usize| window.frames[newest].nav.p_o_b - window.frames[k].nav.p_o_b;
-    let farthest = (0..newest).max_by(|a, b| way_o(window, *a).norm().total_cmp(&way_o(window, *b).norm()));
-    let Some(from) = farthest else { return f64::INFINITY };
-    let Some(covariance) = window.relative_covariance(from, newest) else { return f64::INFINITY };
+    let from = (0..newest).max_by(|a, b| way_o(window, *a).norm().total_cmp(&way_o(window, *b).norm()))?;
+    let covariance = window.relative_covariance(from, newest)?;
     let way_o = way_o(window, from);
     let along = way_o.dot(&(covariance.fixed_view::<3, 3>(0, 0) * way_o)).at_least(0.0).sqrt();
-    along / way_o.norm_squared()
+    Some((along / way_o.norm_squared(), way_o.norm()))
 }
