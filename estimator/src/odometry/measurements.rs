@@ -150,11 +150,6 @@ impl Measurer {
         (&mut self.measurements, &mut self.lines)
     }
 
-    /// Number of points of the newest frame that `camera` measured.
-    pub fn count(&self, camera: usize) -> usize {
-        self.measurements.iter().filter(|track| track.measured[camera].is_some()).count()
-    }
-
     /// Leaves out what `camera` measured of the newest frame.
     pub fn leave_out(&mut self, camera: usize) {
         self.measurements.retain_mut(|track| track.leave_out(camera));

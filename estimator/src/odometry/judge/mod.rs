@@ -3,11 +3,10 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A force set in suddenly and did not act ([`sudden_force`]), a reading jumped
-//!    ([`sudden_sample`]): the published state is uncertain.
+//! 1. A reading jumped ([`sudden_sample`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
-//! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
+//! 4. A camera jumped or is late ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
@@ -34,7 +33,6 @@ mod pair;
 mod scale_watch;
 mod stamp;
 mod stopped_view;
-mod sudden_force;
 mod sudden_sample;
 mod tracking;
 mod trial;
@@ -65,7 +63,6 @@ use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stopped_view::{Stop, StoppedView};
-use sudden_force::SuddenForce;
 use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
@@ -82,7 +79,6 @@ pub(super) struct Judge {
     pair: Pair,
     gyroscope: RotationWatch,
     forces: ForceWatch,
-    sudden_force: SuddenForce,
     sudden_sample: SuddenSample,
     unfelt_force: UnfeltForce,
     scale: ScaleWatch,
@@ -119,7 +115,6 @@ impl Judge {
             pair: Pair::new(setup),
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
-            sudden_force: SuddenForce::new(),
             sudden_sample: SuddenSample::default(),
             unfelt_force: UnfeltForce::default(),
             scale: ScaleWatch::default(),
@@ -153,20 +148,19 @@ impl Judge {
         }
     }
 
-    /// Takes the epipolar moments of the frame of `stamp`, which waits for a start.
-    pub(super) fn see_gathered(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>) {
-        self.pair.add_gathered(stamp, moments);
+    /// Takes the epipolar moments of a frame that waits for a start.
+    pub(super) fn see_gathered(&mut self, moments: Option<EpipolarMoments>) {
+        self.pair.add_gathered(moments);
     }
 
-    /// Judges the images of the frame of `stamp`, which waits for a start; returns the camera that is left out.
+    /// Judges the images of a frame that waits for a start; returns the camera that is left out.
     pub(super) fn judge_gathered(
         &mut self,
         estimation: &mut Estimation,
-        stamp: Timestamp,
         health: &mut HealthBits,
     ) -> Option<usize> {
         self.view.leave_out(estimation, health);
-        self.pair.judge_gathered(estimation, stamp, health)
+        self.pair.judge_gathered(estimation, health)
     }
 
     /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
@@ -186,18 +180,11 @@ impl Judge {
 
     /// Takes the `motion` from the newest frame to the one that comes, and predicts that: both as uncertain as stamps are.
     pub(super) fn expect(
-        &mut self,
+        &self,
         estimation: &Estimation,
         motion: Preintegration,
-        case: &Case<'_>,
     ) -> (Preintegration, Prediction) {
-        let from = estimation.window.frames.last();
-        let (taken, nav) = from.map(|last| (last.taken, last.nav.clone())).unwrap_or_default();
-        if case.coverage.is_measured() {
-            self.sudden_force.update([taken, case.stamp], &nav.rot_o_b, &motion);
-        } else {
-            self.sudden_force.forget_forces();
-        }
+        let nav = estimation.window.frames.last().map(|last| last.nav.clone()).unwrap_or_default();
         let time_variance = 2.0 * self.gyroscope.stamp_sigma_s().squared();
         let motion = estimation.with_uncertain_ends(motion, &nav, &estimation.rate_b, time_variance);
         let prediction = self.noise.predict(&estimation.window, &nav, &motion);
@@ -215,10 +202,10 @@ impl Judge {
             self.pair.stops(camera);
         }
         let (prediction, known) = self.correct_stamp(estimation, prediction, case.coverage);
-        let is_pair_judged = self.pair.is_doubtful(estimation, case.stamp, case.health);
+        let is_pair_judged = self.pair.is_doubtful(estimation);
         if is_pair_judged {
             estimation.window.predict_rates();
-            self.pair.judge(estimation, case.stamp, case.health);
+            self.pair.judge(estimation, case.health);
         }
         let known = known.filter(|_| !is_pair_judged);
         let tried = if self.may_try(estimation, case) {
@@ -228,7 +215,7 @@ impl Judge {
                 &mut estimation.window,
                 &prediction,
                 known,
-                &self.sudden_force,
+                &self.sudden_sample,
                 wrong_m_s2,
                 stamp_sigma_s,
             );
@@ -244,7 +231,7 @@ impl Judge {
     /// Judges the images of the newest frame against each other once its image rates are known, unless one is left out already.
     pub(super) fn judge_pair(&mut self, estimation: &mut Estimation, verdict: &Verdict, case: &mut Case<'_>) {
         if !verdict.is_pair_judged {
-            self.pair.judge(estimation, case.stamp, case.health);
+            self.pair.judge(estimation, case.health);
         }
     }
 
@@ -259,7 +246,6 @@ impl Judge {
     ) -> bool {
         if outcome.is_not_positive_definite {
             case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
-            self.gyroscope.prolong_suspicion(case.stamp);
             self.leaning.prolong_suspicion(case.stamp);
         }
         let window = &mut estimation.window;
@@ -321,7 +307,6 @@ impl Judge {
         self.leaning = Leaning::default();
         self.gyroscope.forget_turns();
         self.forces.clear();
-        self.sudden_force = SuddenForce::new();
         self.unfelt_force = UnfeltForce::default();
         // A start takes the stamps of its frames as they are.
         self.stamps = StampErrors::default();
@@ -353,7 +338,7 @@ impl Judge {
             errors: &mut self.stamps,
             estimation,
             noise: &self.noise,
-            sudden_force: &self.sudden_force,
+            sudden_sample: &self.sudden_sample,
             begun: self.tracking.begun(),
             is_distrusting: self.gyroscope.is_distrusting(),
             is_force_contradicted: self.forces.is_contradicted(),

@@ -1,7 +1,7 @@
 //! Treatment of a pair of images that do not belong together: one of them is left out.
 //!
-//! A camera that jumps against the other is found by [`shift`], one that is late or has repeated an image by
-//! [`time`], cameras that see different things by [`sight`].
+//! A camera that jumps against the other is found by [`shift`], one that is late by [`time`]. Cameras that see different things are reported by
+//! [`sight`].
 
 mod shift;
 mod sight;
@@ -15,9 +15,6 @@ use plumbline_config::{Timestamp, ValidSetup};
 use shift::{LEFT, PairShift, is_probe};
 use sight::PairWatch;
 use time::{PairTime, RIGHT};
-
-/// Points that the left camera must see for the right one to be left out because it sees other things.
-const MIN_LEFT: usize = 12;
 
 /// The images of a pair against each other.
 #[derive(Clone, Debug)]
@@ -61,24 +58,22 @@ impl Pair {
     }
 
     /// Takes the moments of a frame that waits for a start, if it has any.
-    pub(super) fn add_gathered(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>) {
-        self.time.add(stamp, moments, self.frame_period_s);
+    pub(super) fn add_gathered(&mut self, moments: Option<EpipolarMoments>) {
+        self.time.add(moments, self.frame_period_s);
     }
 
-    /// Judges the pair of a frame that waits for a start, that of `stamp`, and leaves one of its images out if it is doubtful: no start rests on
+    /// Judges the pair of a frame that waits for a start, and leaves one of its images out if it is doubtful: no start rests on
     /// a camera that is late or has jumped. Returns that camera.
     pub(super) fn judge_gathered(
-        &mut self,
+        &self,
         estimation: &mut Estimation,
-        stamp: Timestamp,
         health: &mut HealthBits,
     ) -> Option<usize> {
         if estimation.window.options.cameras < 2 {
             return None;
         }
-        self.note(stamp, health);
         self.report(health);
-        let camera = self.distrusted_camera(estimation, stamp)?;
+        let camera = self.distrusted_camera()?;
         estimation.measurer.leave_out(camera);
         Some(camera)
     }
@@ -100,33 +95,13 @@ impl Pair {
         self.time.is_out_of_step()
     }
 
-    /// True if an image of the frame of `stamp` is left out: a camera has jumped against the other, repeated an
-    /// image, is late, or sees other things.
-    pub(super) fn is_doubtful(
-        &mut self,
-        estimation: &mut Estimation,
-        stamp: Timestamp,
-        health: &HealthBits,
-    ) -> bool {
+    /// True if an image of the newest frame is left out: a camera has jumped against the other, or is late.
+    pub(super) fn is_doubtful(&mut self, estimation: &Estimation) -> bool {
         if estimation.window.options.cameras < 2 {
             return false;
         }
-        let begins_to_disagree = self.note(stamp, health);
         self.shift.add(estimation.window.image_shifts());
-        if begins_to_disagree && left_sees(estimation) && self.shift.jumped().is_none() {
-            estimation.window.forget_images(RIGHT);
-        }
-        self.distrusted_camera(estimation, stamp).is_some()
-    }
-
-    /// Takes what the bits of the frame of `stamp` say of the pair; returns whether its cameras begin to see different things.
-    fn note(&mut self, stamp: Timestamp, health: &HealthBits) -> bool {
-        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
-            [true, false] => self.time.begin_probation(stamp, 0),
-            [false, true] => self.time.begin_probation(stamp, RIGHT),
-            _ => {}
-        }
-        health.contains(HealthBits::CAMERAS_DISAGREE) && self.time.disagree(stamp)
+        self.distrusted_camera().is_some()
     }
 
     fn report(&self, health: &mut HealthBits) {
@@ -138,9 +113,9 @@ impl Pair {
         }
     }
 
-    /// Camera whose image of the frame of `stamp` is not used.
-    fn distrusted_camera(&self, estimation: &Estimation, stamp: Timestamp) -> Option<usize> {
-        self.shift.jumped().or_else(|| self.time.distrusted_at(stamp, left_sees(estimation)))
+    /// Camera whose image is not used.
+    fn distrusted_camera(&self) -> Option<usize> {
+        self.shift.jumped().or_else(|| self.time.late_camera())
     }
 
     /// The image of `camera` stops, and the other one does not.
@@ -148,23 +123,18 @@ impl Pair {
         self.shift.jump(camera);
     }
 
-    /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
-    pub(super) fn judge(&mut self, estimation: &mut Estimation, stamp: Timestamp, health: &mut HealthBits) {
+    /// Judges whether both images of the newest frame are of the same moment, and leaves one of them out if it is doubtful.
+    pub(super) fn judge(&mut self, estimation: &mut Estimation, health: &mut HealthBits) {
         let was_out_of_step = self.time.is_out_of_step();
         let moments = estimation.window.epipolar_moments().filter(|_| !estimation.is_repeating);
-        self.time.add(stamp, moments, self.frame_period_s);
+        self.time.add(moments, self.frame_period_s);
         let is_out_of_step = self.time.is_out_of_step();
         self.report(health);
-        let Some(camera) = self.distrusted_camera(estimation, stamp) else { return };
+        let Some(camera) = self.distrusted_camera() else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == RIGHT && is_out_of_step && !was_out_of_step {
             estimation.window.forget_images(camera);
         }
         estimation.leave_out_image(camera);
     }
-}
-
-/// True if the left camera sees enough to go on without the right one.
-fn left_sees(estimation: &Estimation) -> bool {
-    estimation.measurer.count(0) >= MIN_LEFT
 }
