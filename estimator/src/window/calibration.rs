@@ -1,10 +1,10 @@
 //! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
-use super::state::{RIG_DIM, Rig};
+use super::state::RIG_DIM;
 use nalgebra::{SMatrix, SVector};
 
-/// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
+/// Covariance of the rig's error state, in the order and units of [`super::state::Rig::P_B_C0`] and following.
 pub type RigCovariance = SMatrix<f64, RIG_DIM, RIG_DIM>;
 
 /// Growth of the variances of a rig that outlives a reset: whatever led to it may have misled the calibration too.
