@@ -105,7 +105,6 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
-    use super::super::state::Rig;
     use super::super::test_room::Room;
     use super::*;
     use nalgebra::DMatrix;

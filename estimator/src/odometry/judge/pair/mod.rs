@@ -17,8 +17,8 @@ use shift::{LEFT, PairShift, is_probe};
 use sight::PairWatch;
 use time::{PairTime, RIGHT};
 
-/// The calibration of a pair is refuted from so many standard deviations on, until the estimate has taken its weight. Of sound flights with recorded sensors and
-/// real images the worst reach 3.2; about three axes once a second it is one false alarm in 160 hours of flight.
+/// The configured attitude of the pair is contradicted from so many standard deviations on, until that takes its weight. Sound flights, recorded
+/// sensors and real images among them, reach 3.2; about three axes once a second, 5 are one false alarm in 160 hours.
 const BENT_SIGMAS: f64 = 5.0;
 
 /// The images of a pair against each other.
