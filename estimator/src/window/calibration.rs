@@ -3,6 +3,7 @@
 use super::Window;
 use super::state::{RIG_DIM, Rig};
 use nalgebra::{SMatrix, SVector};
+use plumbline_config::Portable;
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
 pub type RigCovariance = SMatrix<f64, RIG_DIM, RIG_DIM>;
@@ -99,7 +100,7 @@ impl Window {
             let seen = self.configured_variance(k) - self.solution[k];
             if seen > 0.0 { offset[k].abs() / seen.sqrt() } else { 0.0 }
         })
-        .fold(0.0, f64::max)
+        .fold(0.0, Portable::at_least)
     }
 }
 
