@@ -6,7 +6,7 @@
 //! 1. A reading jumped ([`sudden_sample`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
-//! 4. A camera jumped or is late ([`pair`]): its image is left out, points are followed in the other one, a start waits.
+//! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
