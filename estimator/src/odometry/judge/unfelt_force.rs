@@ -9,14 +9,23 @@
 //! l = s (s / 2 - f) / σ²
 //! ```
 //!
-//! and its sum over time, held between zero and the bound, decides (Page 1954, "Continuous inspection schemes"): it rises while the images show
-//! motion that the axis misses, and falls as the axis follows. Without motion it stays: a vehicle that stands, hovers, falls or flies an even
-//! turn has nothing for the axis to feel, and accuses nobody.
+//! where the images are right. Of a vehicle that hardly moves they show their own errors, of variance `σ²` as well, which no axis feels and which
+//! make `l` positive. Half of it is taken as evidence, less the most that errors add by chance,
+//!
+//! ```text
+//! e = l / 2 - ln(2) / 2
+//! ```
+//!
+//! since then the mean of `exp(e)` is at most one for an axis that measures, whatever the motion: of errors alone it is one. The sum over time, held
+//! between zero and the bound, decides (Page 1954, "Continuous inspection schemes"): it rises while the images show motion that the axis misses,
+//! and falls as the axis follows. For an axis that reads a constant, `exp(-l / 2)` has a mean of one at most as it is: it is believed again by `l / 2`
+//! alone, and not where it has nothing to feel.
 
 use super::force_watch::{Gain, SPAN_FRAMES};
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::Portable;
+use std::f64::consts::LN_2;
 
 /// Sum that decides: three axes with a span of 0.8 s each make 13,500 trials an hour, of which `exp(-16)` each are wrong: one in a thousand hours.
 const DECIDES: f64 = 16.0;
@@ -49,9 +58,11 @@ impl UnfeltForce {
         for axis in 0..3 {
             let axis_o = gain.rot_o_b * Vector3::ith(axis, 1.0);
             let variance = 2.0 * axis_o.dot(&(gain.covariance * axis_o));
-            let ratio = share * seen[axis] * (0.5 * seen[axis] - felt[axis]) / variance;
+            let ratio = seen[axis] * (0.5 * seen[axis] - felt[axis]) / variance;
+            let by_chance = if self.is_unfelt[axis] { 0.0 } else { LN_2 };
             if ratio.is_finite() {
-                self.sums[axis] = (self.sums[axis] + ratio).clamp(0.0, DECIDES);
+                let evidence = 0.5 * share * (ratio - by_chance);
+                self.sums[axis] = (self.sums[axis] + evidence).clamp(0.0, DECIDES);
             }
             self.is_unfelt[axis] =
                 self.sums[axis] >= DECIDES || (self.is_unfelt[axis] && self.sums[axis] > 0.0);
@@ -69,6 +80,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix3, UnitQuaternion};
     use proptest::prelude::*;
+    use std::f64::consts::SQRT_2;
 
     const PERIOD_S: f64 = 0.05;
 
@@ -77,11 +89,14 @@ mod tests {
         Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * 0.03
     }
 
+    /// Standard deviation of a gain, m/s.
+    const SIGMA_M_S: f64 = 0.06;
+
     /// Frames after which an axis is contradicted; of the frame of number `k`, `flown(k)` are what is felt and what is seen, m/s in `B`.
-    fn contradicted(flown: impl Fn(usize) -> [Vector3<f64>; 2]) -> Vec<usize> {
+    fn contradicted(frames: usize, flown: impl Fn(usize) -> [Vector3<f64>; 2]) -> Vec<usize> {
         let mut watch = UnfeltForce::default();
         let mut contradicted = Vec::new();
-        for k in 0..400 {
+        for k in 0..frames {
             let rot_o_b = UnitQuaternion::new(Vector3::new(0.3, 0.2, 0.02 * k as f64));
             let [felt, seen] = flown(k).map(|gained_b| rot_o_b * gained_b);
             let by_gravity = Vector3::new(0.0, 0.0, -4.0);
@@ -90,7 +105,7 @@ mod tests {
                 seen: seen + by_gravity,
                 by_gravity,
                 rot_o_b,
-                covariance: Matrix3::identity() * 0.06_f64.powi(2),
+                covariance: Matrix3::identity() * SIGMA_M_S.squared(),
                 span_s: 0.8,
             };
             watch.add(&gain, PERIOD_S);
@@ -109,12 +124,12 @@ mod tests {
     proptest! {
         #[test]
         fn no_axis_that_feels_what_is_seen_is_contradicted(size in 0.0..20.0, scale in 0.9..1.1) {
-            prop_assert!(contradicted(|k| [sway(k) * size * scale + noise(k), sway(k) * size]).is_empty());
+            prop_assert!(contradicted(400, |k| [sway(k) * size * scale + noise(k), sway(k) * size]).is_empty());
         }
 
         #[test]
         fn an_axis_that_reads_a_constant_is_contradicted_until_it_feels_again(axis in 0_usize..3, constant in -5.0..5.0) {
-            let found = contradicted(|k| {
+            let found = contradicted(400, |k| {
                 let mut felt = sway(k);
                 if (100..200).contains(&k) {
                     felt[axis] = constant;
@@ -127,8 +142,18 @@ mod tests {
     }
 
     #[test]
+    fn errors_of_the_images_are_no_motion_that_an_axis_misses() {
+        // Ten minutes in which the images err by as much as is stated, from span to span.
+        let seen = |k: usize| {
+            let t = (k / SPAN_FRAMES) as f64;
+            Vector3::new(libm::sin(1e4 * t), libm::cos(2e4 * t), libm::sin(3e4 * t)) * SIGMA_M_S * SQRT_2
+        };
+        assert!(contradicted(12_000, |k| [noise(k), seen(k)]).is_empty());
+    }
+
+    #[test]
     fn an_even_turn_has_nothing_to_feel() {
         let even = Vector3::new(1.5, 0.0, 4.0);
-        assert!(contradicted(|k| [even + noise(k), even - noise(k)]).is_empty());
+        assert!(contradicted(400, |k| [even + noise(k), even - noise(k)]).is_empty());
     }
 }
