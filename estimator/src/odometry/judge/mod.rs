@@ -3,7 +3,8 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A reading jumped ([`sudden_sample`]): the published state is uncertain.
+//! 1. A force set in suddenly and did not act ([`sudden_force`]), a reading jumped
+//!    ([`sudden_sample`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
 //! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
@@ -33,6 +34,7 @@ mod pair;
 mod scale_watch;
 mod stamp;
 mod stopped_view;
+mod sudden_force;
 mod sudden_sample;
 mod tracking;
 mod trial;
@@ -64,6 +66,7 @@ use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stopped_view::{Stop, StoppedView};
+use sudden_force::SuddenForce;
 use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
@@ -80,6 +83,7 @@ pub(super) struct Judge {
     pair: Pair,
     gyroscope: RotationWatch,
     forces: ForceWatch,
+    sudden_force: SuddenForce,
     sudden_sample: SuddenSample,
     unfelt_force: UnfeltForce,
     scale: ScaleWatch,
@@ -116,6 +120,7 @@ impl Judge {
             pair: Pair::new(setup),
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
+            sudden_force: SuddenForce::new(),
             sudden_sample: SuddenSample::default(),
             unfelt_force: UnfeltForce::default(),
             scale: ScaleWatch::default(),
@@ -181,11 +186,18 @@ impl Judge {
 
     /// Takes the `motion` from the newest frame to the one that comes, and predicts that: both as uncertain as stamps are.
     pub(super) fn expect(
-        &self,
+        &mut self,
         estimation: &Estimation,
         motion: Preintegration,
+        case: &Case<'_>,
     ) -> (Preintegration, Prediction) {
-        let nav = estimation.window.frames.last().map(|last| last.nav.clone()).unwrap_or_default();
+        let from = estimation.window.frames.last();
+        let (taken, nav) = from.map(|last| (last.taken, last.nav.clone())).unwrap_or_default();
+        if case.coverage.is_measured() {
+            self.sudden_force.update([taken, case.stamp], &nav.rot_o_b, &motion);
+        } else {
+            self.sudden_force.forget_forces();
+        }
         let time_variance = 2.0 * self.gyroscope.stamp_sigma_s().squared();
         let motion = estimation.with_uncertain_ends(motion, &nav, &estimation.rate_b, time_variance);
         let prediction = self.noise.predict(&estimation.window, &nav, &motion);
@@ -216,7 +228,7 @@ impl Judge {
                 &mut estimation.window,
                 &prediction,
                 known,
-                &self.sudden_sample,
+                &self.sudden_force,
                 wrong_m_s2,
                 stamp_sigma_s,
             );
@@ -313,6 +325,7 @@ impl Judge {
         self.leaning = Leaning::default();
         self.gyroscope.forget_turns();
         self.forces.clear();
+        self.sudden_force = SuddenForce::new();
         self.unfelt_force = UnfeltForce::default();
         // A start takes the stamps of its frames as they are.
         self.stamps = StampErrors::default();
@@ -344,7 +357,7 @@ impl Judge {
             errors: &mut self.stamps,
             estimation,
             noise: &self.noise,
-            sudden_sample: &self.sudden_sample,
+            sudden_force: &self.sudden_force,
             begun: self.tracking.begun(),
             is_distrusting: self.gyroscope.is_distrusting(),
             is_force_contradicted: self.forces.is_contradicted(),
