@@ -5,9 +5,14 @@
 //! attitude `R` and velocity `v` has from it the error `dp + dyaw z x (p - p0)`, `R' z dyaw` and `dyaw z x v`. Whoever is
 //! informed of the reset takes the start as the new origin, and needs the covariance without that share.
 
-use crate::estimate::NavCovariance;
-use crate::window::state::NavState;
 use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector3};
+
+/// Covariance of a state in the order of [`crate::estimate::NavCovariance`].
+type NavCovariance = SMatrix<f64, 9, 9>;
+/// Indices at which position, attitude and velocity begin in it.
+const P: usize = 0;
+const ROT: usize = 3;
+const V: usize = 6;
 
 /// Covariance of position, m, and yaw, rad, of the last start against the first pose, and where that start was.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,10 +36,10 @@ impl OriginUncertainty {
         }
         let up = Vector3::z();
         let mut by_origin = SMatrix::<f64, 9, 4>::zeros();
-        by_origin.fixed_view_mut::<3, 3>(NavState::P, 0).fill_with_identity();
-        by_origin.fixed_view_mut::<3, 1>(NavState::P, 3).copy_from(&up.cross(&(p_o_b - self.p_o_b)));
-        by_origin.fixed_view_mut::<3, 1>(NavState::ROT, 3).copy_from(&(rot_o_b.inverse() * up));
-        by_origin.fixed_view_mut::<3, 1>(NavState::V, 3).copy_from(&up.cross(v_o_b));
+        by_origin.fixed_view_mut::<3, 3>(P, 0).fill_with_identity();
+        by_origin.fixed_view_mut::<3, 1>(P, 3).copy_from(&up.cross(&(p_o_b - self.p_o_b)));
+        by_origin.fixed_view_mut::<3, 1>(ROT, 3).copy_from(&(rot_o_b.inverse() * up));
+        by_origin.fixed_view_mut::<3, 1>(V, 3).copy_from(&up.cross(v_o_b));
         Some(by_origin * self.covariance * by_origin.transpose())
     }
 }
@@ -48,8 +53,8 @@ pub fn body_velocity_covariance(
 ) -> Matrix3<f64> {
     let rot_b_o = rot_o_b.inverse();
     let mut by_state = SMatrix::<f64, 3, 9>::zeros();
-    by_state.fixed_view_mut::<3, 3>(0, NavState::ROT).copy_from(&(rot_b_o * v_o_b).cross_matrix());
-    by_state.fixed_view_mut::<3, 3>(0, NavState::V).copy_from(&rot_b_o.to_rotation_matrix().into_inner());
+    by_state.fixed_view_mut::<3, 3>(0, ROT).copy_from(&(rot_b_o * v_o_b).cross_matrix());
+    by_state.fixed_view_mut::<3, 3>(0, V).copy_from(&rot_b_o.to_rotation_matrix().into_inner());
     by_state * covariance * by_state.transpose()
 }
 

@@ -275,6 +275,7 @@ impl Odometer {
             self.judge.keep_prediction(verdict.prediction);
         }
         if is_keyframe {
+            self.judge.judge_calibration(&mut self.estimation.window);
             self.note_keyframes();
         }
         self.conclude(time.stamp, health);
@@ -302,7 +303,7 @@ impl Odometer {
     /// were known before.
     fn enter(&mut self, time: FrameTime, motion: Preintegration, case: &mut Case<'_>) -> (usize, Verdict) {
         let Self { estimation, judge, .. } = self;
-        let (motion, prediction) = judge.expect(estimation, motion);
+        let (motion, prediction) = judge.expect(estimation, motion, case);
         let gyro_b = estimation.rate_b + prediction.nav.bias_gyro;
         let Estimation { window, measurer, .. } = estimation;
         window.push_frame(time, prediction.nav.clone(), Some(motion), self.zero_velocity.is_still());

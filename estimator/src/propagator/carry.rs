@@ -1,9 +1,32 @@
 //! One step of a state by the inertial sensor.
 
-use super::history::Base;
+use crate::estimate::TrackingState;
 use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits};
+use crate::window::growth::GrowingCovariance;
+use crate::window::state::NavState;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
+
+/// Estimate, or a state on its way from one to an instant.
+#[derive(Clone, Debug, Default)]
+pub struct Base {
+    /// Time of the state.
+    pub stamp: Timestamp,
+    /// Time of the estimate: earlier where the state was carried on since.
+    pub estimated: Timestamp,
+    /// State of motion at `stamp`.
+    pub nav: NavState,
+    /// Covariance of `nav`.
+    pub covariance: GrowingCovariance,
+    /// Mean rate since the estimate before it, rad/s.
+    pub rate_b: Vector3<f64>,
+    /// Tracking state of the estimate.
+    pub state: TrackingState,
+    /// Quality of the estimate.
+    pub quality: i8,
+    /// Resets until then.
+    pub reset_counter: u32,
+}
 
 /// Carries states by inertial samples.
 #[derive(Clone, Debug)]

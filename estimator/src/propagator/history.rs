@@ -9,10 +9,9 @@
 //! These are estimates, not what was published: the odometry takes up corrections at a bounded rate ([`super::blend`]).
 
 use super::STALE_S;
-use super::carry::{Carrier, between};
+use super::carry::{Base, Carrier, between};
 use crate::estimate::{NavCovariance, TrackingState};
 use crate::inertial::BelievedSample;
-use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FRAME_DIM, NavState};
 use nalgebra::{Isometry3, SVector, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
@@ -59,27 +58,6 @@ pub enum NoInstant {
     TooOld,
     /// The inertial samples do not reach it yet.
     Ahead,
-}
-
-/// Estimate, or a state on its way from one to an instant.
-#[derive(Clone, Debug, Default)]
-pub struct Base {
-    /// Time of the state.
-    pub stamp: Timestamp,
-    /// Time of the estimate: earlier where the state was carried on since.
-    pub estimated: Timestamp,
-    /// State of motion at `stamp`.
-    pub nav: NavState,
-    /// Covariance of `nav`.
-    pub covariance: GrowingCovariance,
-    /// Mean rate since the estimate before it, rad/s.
-    pub rate_b: Vector3<f64>,
-    /// Tracking state of the estimate.
-    pub state: TrackingState,
-    /// Quality of the estimate.
-    pub quality: i8,
-    /// Resets until then.
-    pub reset_counter: u32,
 }
 
 /// Estimates of the last seconds, in order of time, and since when there has been none.

@@ -46,13 +46,22 @@ pub struct Room {
     pub disturbance: f64,
     /// True if the first pose is known.
     pub is_anchored: bool,
+    /// Standard deviation of its tilt, rad.
+    pub tilt_rad: f64,
     /// True if the intrinsics of the cameras are unknowns.
     pub refines_intrinsics: bool,
 }
 
 impl Default for Room {
     fn default() -> Self {
-        Self { frames: 5, sees: by_and_by, disturbance: 1.0, is_anchored: true, refines_intrinsics: true }
+        Self {
+            frames: 5,
+            sees: by_and_by,
+            disturbance: 1.0,
+            is_anchored: true,
+            tilt_rad: 0.1,
+            refines_intrinsics: true,
+        }
     }
 }
 
@@ -167,7 +176,7 @@ impl Room {
                 let sigmas = AnchorSigmas {
                     position_m: 1e-3,
                     yaw_rad: 1e-3,
-                    tilt_rad: 0.1,
+                    tilt_rad: self.tilt_rad,
                     velocity_m_s: 1.0,
                     bias_gyro_rad_s: 0.02,
                     bias_accel_m_s2: 0.1,

@@ -23,6 +23,7 @@ impl Judge {
         }
         add(&mut stated, NavState::ROT, self.sudden_sample.of_attitude(newest.stamp));
         add(&mut stated, NavState::V, self.sudden_sample.of_velocity(newest.stamp, &newest.nav.rot_o_b));
+        add(&mut stated, NavState::V, self.sudden_force.of_velocity(newest.stamp));
         self.leaning.add_to(&mut stated, newest.stamp);
         stated
     }

@@ -116,8 +116,28 @@ pub(super) struct ForceWatch {
     named: Option<(Timestamp, f64)>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
-    /// Slow mean of the bias, m/s² in `B`.
-    slow_bias: Option<Vector3<f64>>,
+    slow_bias: SlowBias,
+}
+
+/// Slow mean of the bias, each weighed by its information: a start knows nothing of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct SlowBias {
+    /// m/s² in `B`.
+    mean: Vector3<f64>,
+    /// Sum of times over variances.
+    weight: f64,
+}
+
+impl SlowBias {
+    /// Takes the bias `dt_s` after the last one, with its standard deviation.
+    fn add(&mut self, bias_accel: &Vector3<f64>, sigma_m_s2: f64, dt_s: f64) {
+        let newest = dt_s / sigma_m_s2.squared();
+        let weight = self.weight * (1.0 - (dt_s / SLOW_BIAS_S).at_most(1.0)) + newest;
+        if weight.is_finite() && weight > 0.0 {
+            self.weight = weight;
+            self.mean += (bias_accel - self.mean) * (newest / weight);
+        }
+    }
 }
 
 /// Gain of velocity over a span of frames, m/s in `O`, as the forces make it, with a bias that does not follow the images, and as these show it.
@@ -152,7 +172,7 @@ impl ForceWatch {
             is_named: false,
             named: None,
             gain: None,
-            slow_bias: None,
+            slow_bias: SlowBias::default(),
         }
     }
 
@@ -185,7 +205,7 @@ impl ForceWatch {
     pub(super) fn update(&mut self, seen: &SeenMotion<'_>, sigmas: &ForceSigmas) -> Option<WrongForces> {
         let stamp_s = seen.stamp_sigma_s.at_least(LEAST_STAMP_S);
         let by_stamp = seen.v_o_b * stamp_s;
-        let slow_bias = self.slow_bias(&seen.motion.bias_accel, seen.motion.dt_s);
+        self.slow_bias.add(&seen.motion.bias_accel, sigmas.bias_m_s2, seen.motion.dt_s);
         if self.legs.is_full() {
             self.legs.pop_front();
         }
@@ -199,7 +219,7 @@ impl ForceWatch {
             rot_o_before: seen.rot_o_before,
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
-            by_bias: seen.rot_o_before * (seen.motion.bias_accel - slow_bias),
+            by_bias: seen.rot_o_before * (seen.motion.bias_accel - self.slow_bias.mean),
         });
         let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
         self.gain = unexplained[HALVES.len() - 1].map(|span| span.gain);
@@ -218,13 +238,6 @@ impl ForceWatch {
             self.settle(seen.stamp);
         }
         found
-    }
-
-    /// The slow mean of the bias `dt_s` after the last one.
-    fn slow_bias(&mut self, bias_accel: &Vector3<f64>, dt_s: f64) -> Vector3<f64> {
-        let slow = self.slow_bias.get_or_insert(*bias_accel);
-        *slow += (bias_accel - *slow) * (dt_s / SLOW_BIAS_S).at_most(1.0);
-        *slow
     }
 
     /// Contradiction by a newest frame that is not where it was predicted: the frame before it may have been struck already.

@@ -3,10 +3,11 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A reading jumped ([`sudden_sample`]): the published state is uncertain.
+//! 1. A force set in suddenly and did not act ([`sudden_force`]), a reading jumped
+//!    ([`sudden_sample`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
-//! 4. A camera jumped or is late ([`pair`]): its image is left out, points are followed in the other one, a start waits.
+//! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
@@ -33,6 +34,7 @@ mod pair;
 mod scale_watch;
 mod stamp;
 mod stopped_view;
+mod sudden_force;
 mod sudden_sample;
 mod tracking;
 mod trial;
@@ -51,6 +53,7 @@ use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::input::ResetKind;
 use crate::points::PointObservation;
+use crate::window::Window;
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::sighting::Sighting;
 use crate::window::solve::Outcome;
@@ -63,6 +66,7 @@ use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stopped_view::{Stop, StoppedView};
+use sudden_force::SuddenForce;
 use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
@@ -79,6 +83,7 @@ pub(super) struct Judge {
     pair: Pair,
     gyroscope: RotationWatch,
     forces: ForceWatch,
+    sudden_force: SuddenForce,
     sudden_sample: SuddenSample,
     unfelt_force: UnfeltForce,
     scale: ScaleWatch,
@@ -115,6 +120,7 @@ impl Judge {
             pair: Pair::new(setup),
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
+            sudden_force: SuddenForce::new(),
             sudden_sample: SuddenSample::default(),
             unfelt_force: UnfeltForce::default(),
             scale: ScaleWatch::default(),
@@ -180,11 +186,18 @@ impl Judge {
 
     /// Takes the `motion` from the newest frame to the one that comes, and predicts that: both as uncertain as stamps are.
     pub(super) fn expect(
-        &self,
+        &mut self,
         estimation: &Estimation,
         motion: Preintegration,
+        case: &Case<'_>,
     ) -> (Preintegration, Prediction) {
-        let nav = estimation.window.frames.last().map(|last| last.nav.clone()).unwrap_or_default();
+        let from = estimation.window.frames.last();
+        let (taken, nav) = from.map(|last| (last.taken, last.nav.clone())).unwrap_or_default();
+        if case.coverage.is_measured() {
+            self.sudden_force.update([taken, case.stamp], &nav.rot_o_b, &motion);
+        } else {
+            self.sudden_force.forget_forces();
+        }
         let time_variance = 2.0 * self.gyroscope.stamp_sigma_s().squared();
         let motion = estimation.with_uncertain_ends(motion, &nav, &estimation.rate_b, time_variance);
         let prediction = self.noise.predict(&estimation.window, &nav, &motion);
@@ -215,7 +228,7 @@ impl Judge {
                 &mut estimation.window,
                 &prediction,
                 known,
-                &self.sudden_sample,
+                &self.sudden_force,
                 wrong_m_s2,
                 stamp_sigma_s,
             );
@@ -257,6 +270,11 @@ impl Judge {
         }
         window.remove_minority();
         is_contradicted
+    }
+
+    /// Judges the calibration of the pair by the window of a keyframe.
+    pub(super) fn judge_calibration(&mut self, window: &mut Window) {
+        self.pair.judge_calibration(window);
     }
 
     /// Learns how noisy the forces are, once the covariance of the newest frame is known. A motion that was not measured throughout, or is
@@ -307,6 +325,7 @@ impl Judge {
         self.leaning = Leaning::default();
         self.gyroscope.forget_turns();
         self.forces.clear();
+        self.sudden_force = SuddenForce::new();
         self.unfelt_force = UnfeltForce::default();
         // A start takes the stamps of its frames as they are.
         self.stamps = StampErrors::default();
@@ -338,7 +357,7 @@ impl Judge {
             errors: &mut self.stamps,
             estimation,
             noise: &self.noise,
-            sudden_sample: &self.sudden_sample,
+            sudden_force: &self.sudden_force,
             begun: self.tracking.begun(),
             is_distrusting: self.gyroscope.is_distrusting(),
             is_force_contradicted: self.forces.is_contradicted(),
@@ -377,6 +396,7 @@ impl Judge {
             || self.unfelt_force.is_contradicted()
             || self.scale.is_contradicted()
             || self.pair.is_out_of_step()
+            || self.pair.is_bent()
             || newest.is_some_and(|newest| self.tracking.is_doubted_at(newest.stamp));
         if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }

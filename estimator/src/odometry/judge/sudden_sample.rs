@@ -1,18 +1,14 @@
 //! Readings that jump from one sample to the next.
 //!
-//! A force of 3 m/s² that did not act makes the velocity wrong by 0.15 m/s within a twentieth of a second, and moves the prediction by 4 mm, which
-//! is what images are uncertain by: none contradicts it yet, but what it did to the newest state counts. Vehicles move more smoothly than that, and
-//! what vibrates does so all the time: a reading that differs from the one before by a multiple of what is usual makes attitude or velocity
-//! uncertain by a share of what it has added since. The estimate itself believes it meanwhile.
+//! A sensor that fails, or is struck, in the middle of a frame has hardly changed the mean of that frame ([`super::sudden_force`] sees the next
+//! one), and no image contradicts it yet; but what it did to the newest state counts. Vehicles move more smoothly than that, and what
+//! vibrates does so all the time: a reading that differs from the one before by a multiple of what is usual makes attitude or velocity uncertain by a
+//! share of what it has added since.
 
+use super::sudden_force::{MEMORY_S, MOST_S, SIGMA_SHARE};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, Portable, Timestamp};
 
-/// Time constant of the mean square of differences, s.
-const MEMORY_S: f64 = 2.0;
-/// Share of a jump that is uncertain, and the longest time that it has acted for before images contradict it, s.
-const SIGMA_SHARE: f64 = 0.3;
-const MOST_S: f64 = 0.1;
 /// A difference of two readings is a jump from this multiple of the usual one, and from these on, rad/s and m/s².
 const JUMP_SHARE: f64 = 6.0;
 const LEAST_JUMPS: [f64; 2] = [0.2, 1.0];
@@ -62,17 +58,11 @@ impl Readings {
         self.mean_square += (squared.at_most(most) - self.mean_square) * (dt_s / MEMORY_S);
     }
 
-    /// Size of the last jump until `stamp`, rad/s or m/s² in `B`, and how long it has acted by then, s. Samples after it change nothing.
-    fn jump_before(&self, stamp: Timestamp) -> Option<(Vector3<f64>, f64)> {
+    /// What the last jump until `stamp` may have added to then, one standard deviation, rad or m/s in `B`. Samples after it change nothing.
+    fn added_b(&self, stamp: Timestamp) -> Option<Vector3<f64>> {
         let Jump { since, size_b, .. } = self.jumps.iter().flatten().find(|jump| jump.until <= stamp)?;
         let acted_s = stamp.seconds_since(*since);
-        (0.0..HELD_S).contains(&acted_s).then_some((*size_b, acted_s))
-    }
-
-    /// What the last jump until `stamp` may have added to then, one standard deviation, rad or m/s in `B`.
-    fn added_b(&self, stamp: Timestamp) -> Option<Vector3<f64>> {
-        let (size_b, acted_s) = self.jump_before(stamp)?;
-        Some(size_b * (SIGMA_SHARE * acted_s.at_most(MOST_S)))
+        (0.0..HELD_S).contains(&acted_s).then(|| *size_b * (SIGMA_SHARE * acted_s.at_most(MOST_S)))
     }
 }
 
@@ -92,13 +82,6 @@ impl SuddenSample {
     /// Covariance of an attitude at `stamp` by a jump of the gyroscope, rad² in `B`.
     pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
         self.gyro.added_b(stamp).map(|added| added * added.transpose())
-    }
-
-    /// Distance by which a jump of the accelerometer that is not confirmed at `stamp` has moved a prediction over the `dt_s` before if it did not
-    /// act, m.
-    pub(super) fn moved_m(&self, stamp: Timestamp, dt_s: f64) -> Option<f64> {
-        let (size_b, acted_s) = self.accel.jump_before(stamp)?;
-        Some(size_b.norm() * dt_s * (acted_s - 0.5 * dt_s).at_least(0.5 * dt_s))
     }
 
     /// Covariance of a velocity at `stamp` by a jump of the accelerometer, m²/s² in `O`.
@@ -164,18 +147,5 @@ mod tests {
         assert!(attitude == 0.0 && velocity > 0.02);
         let [attitude, velocity] = sigmas([Vector3::x() * 4.0, Vector3::zeros()], 0.0);
         assert!(attitude > 0.01 && velocity == 0.0);
-    }
-
-    #[test]
-    fn a_jump_moves_a_prediction_until_images_have_contradicted_it() {
-        let mut watch = SuddenSample::default();
-        let at = |k: i32| Timestamp::default().plus_seconds(0.005 * f64::from(k));
-        for k in 0..=410 {
-            let accel = Vector3::new(if k > 400 { 10.0 } else { 0.0 }, 0.0, 9.8);
-            watch.add(&ImuSample { stamp: at(k), gyro: Vector3::zeros(), accel });
-        }
-        let moved_m = [400, 410, 440].map(|k| watch.moved_m(at(k), 0.05));
-        assert!(moved_m[1].is_some_and(|m| (m - 0.0125).abs() < 1e-9) && moved_m[0].is_none(), "{moved_m:?}");
-        assert_eq!(moved_m[2], None);
     }
 }

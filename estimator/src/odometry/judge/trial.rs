@@ -1,7 +1,7 @@
 //! The trial of a frame's prediction, and what it decides: whether the samples or the images are wrong, and what moves in view.
 
 use super::noise::Prediction;
-use super::sudden_sample::SuddenSample;
+use super::sudden_force::SuddenForce;
 use crate::window::Window;
 use crate::window::sighting::Sighting;
 use crate::window::trial::{Crowd, Expected, Trial};
@@ -30,12 +30,12 @@ pub(super) fn try_prediction(
     window: &mut Window,
     prediction: &Prediction,
     known: Option<Sighting>,
-    sudden_sample: &SuddenSample,
+    sudden_force: &SuddenForce,
     wrong_m_s2: f64,
     stamp_sigma_s: f64,
 ) -> Tried {
     let Some(velocity_sigma_m_s) = prediction.velocity_sigma_m_s() else { return Tried::default() };
-    let crowd = crowd(window, sudden_sample, wrong_m_s2, (prediction.dt_s, velocity_sigma_m_s));
+    let crowd = crowd(window, sudden_force, wrong_m_s2, (prediction.dt_s, velocity_sigma_m_s));
     let trial = window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s, crowd }, known);
     let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
     let left = match is_contradicted {
@@ -48,12 +48,12 @@ pub(super) fn try_prediction(
 /// Bound of what a prediction over `dt_s` from a velocity of this standard deviation, m/s, can be wrong by, while something moves in view.
 fn crowd(
     window: &Window,
-    sudden_sample: &SuddenSample,
+    sudden_force: &SuddenForce,
     wrong_m_s2: f64,
     (dt_s, velocity_sigma_m_s): (f64, f64),
 ) -> Option<Crowd> {
     let newest = window.frames.last().filter(|_| window.is_motion_in_sight())?;
-    let by_sudden = sudden_sample.moved_m(newest.taken, dt_s);
+    let by_sudden = sudden_force.moved_m(newest.taken, dt_s);
     let by_unmeasured = 0.5 * UNMEASURED_M_S2.at_least(wrong_m_s2) * dt_s.squared();
     let by_velocity = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s;
     Some(Crowd {

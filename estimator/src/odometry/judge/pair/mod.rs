@@ -1,7 +1,6 @@
 //! Treatment of a pair of images that do not belong together: one of them is left out.
 //!
-//! A camera that jumps against the other is found by [`shift`], one that is late by [`time`]. Cameras that see different things are reported by
-//! [`sight`].
+//! A camera that jumps against the other is found by [`shift`], one that is late by [`time`], cameras that see different things by [`sight`].
 
 mod shift;
 mod sight;
@@ -10,11 +9,20 @@ mod time;
 use crate::estimate::HealthBits;
 use crate::odometry::estimation::Estimation;
 use crate::points::PointObservation;
+use crate::window::Window;
 use crate::window::epipolar::EpipolarMoments;
 use plumbline_config::{Timestamp, ValidSetup};
 use shift::{LEFT, PairShift, is_probe};
 use sight::PairWatch;
 use time::{PairTime, RIGHT};
+
+/// Points that the left camera must see for the right one to be left out because it sees other things: a covered lens makes such a pair too.
+const MIN_LEFT: usize = 12;
+/// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
+const DISAGREED_S: f64 = 2.0;
+/// The configured attitude of the pair is contradicted from so many standard deviations on, until that takes its weight. Sound flights, recorded
+/// sensors and real images among them, reach 3.2; about three axes once a second, 5 are one false alarm in 160 hours.
+const BENT_SIGMAS: f64 = 5.0;
 
 /// The images of a pair against each other.
 #[derive(Clone, Debug)]
@@ -23,6 +31,11 @@ pub(super) struct Pair {
     sight: PairWatch,
     time: PairTime,
     shift: PairShift,
+    is_bent: bool,
+    /// Time for which the right image is still left out because the cameras saw different things, s, and whether that begins.
+    disagreed_s: f64,
+    begins_to_disagree: bool,
+    left_sees: bool,
 }
 
 impl Pair {
@@ -33,6 +46,10 @@ impl Pair {
             sight: PairWatch::new(setup.camera.len(), rate_hz),
             time: PairTime::default(),
             shift: PairShift::default(),
+            is_bent: false,
+            disagreed_s: 0.0,
+            begins_to_disagree: false,
+            left_sees: false,
         }
     }
 
@@ -40,6 +57,7 @@ impl Pair {
     pub(super) fn clear(&mut self) {
         self.time.clear();
         self.shift.clear();
+        self.disagreed_s = 0.0;
     }
 
     /// The next start may wait as well.
@@ -50,11 +68,19 @@ impl Pair {
     /// Takes the points of a frame, tracked in both images or in one. Where texture repeats itself they tell nothing: few are paired, or with
     /// another cell.
     pub(super) fn see(&mut self, points: &[PointObservation], is_repeating: bool, health: &mut HealthBits) {
+        let was_disagreeing = self.disagreed_s > 0.0;
+        self.disagreed_s -= self.frame_period_s;
         if is_repeating {
+            self.begins_to_disagree = false;
             return self.sight.forget();
         }
         let shared = points.iter().filter(|o| o.px.iter().all(Option::is_some)).count();
         self.sight.update(points.len(), shared, health);
+        if health.contains(HealthBits::CAMERAS_DISAGREE) {
+            self.disagreed_s = DISAGREED_S;
+        }
+        self.begins_to_disagree = !was_disagreeing && self.disagreed_s > 0.0;
+        self.left_sees = points.iter().filter(|o| o.px[0].is_some()).count() >= MIN_LEFT;
     }
 
     /// Takes the moments of a frame that waits for a start, if it has any.
@@ -95,27 +121,41 @@ impl Pair {
         self.time.is_out_of_step()
     }
 
-    /// True if an image of the newest frame is left out: a camera has jumped against the other, or is late.
-    pub(super) fn is_doubtful(&mut self, estimation: &Estimation) -> bool {
+    /// True if an image of the newest frame is left out: a camera has jumped against the other, is late, or sees other things.
+    pub(super) fn is_doubtful(&mut self, estimation: &mut Estimation) -> bool {
         if estimation.window.options.cameras < 2 {
             return false;
         }
         self.shift.add(estimation.window.image_shifts());
+        if self.begins_to_disagree && self.left_sees && self.shift.jumped().is_none() {
+            estimation.window.forget_images(RIGHT);
+        }
         self.distrusted_camera().is_some()
+    }
+
+    /// Judges the configured attitude of the cameras to each other by the solved window.
+    pub(super) fn judge_calibration(&mut self, window: &mut Window) {
+        self.is_bent = window.pair_contradiction() > BENT_SIGMAS;
+    }
+
+    /// True if the cameras are bent against each other, and the estimate has not followed yet.
+    pub(super) fn is_bent(&self) -> bool {
+        self.is_bent
     }
 
     fn report(&self, health: &mut HealthBits) {
         if self.time.is_out_of_step() {
             health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
         }
-        if self.shift.jumped().is_some() {
+        if self.shift.jumped().is_some() || self.is_bent {
             health.insert(HealthBits::CAMERAS_DISAGREE);
         }
     }
 
     /// Camera whose image is not used.
     fn distrusted_camera(&self) -> Option<usize> {
-        self.shift.jumped().or_else(|| self.time.late_camera())
+        let is_other = self.left_sees && self.disagreed_s > 0.0;
+        self.shift.jumped().or_else(|| self.time.late_camera()).or(is_other.then_some(RIGHT))
     }
 
     /// The image of `camera` stops, and the other one does not.

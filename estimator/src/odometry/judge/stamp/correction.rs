@@ -1,7 +1,7 @@
 //! The time at which the images of the newest frame were taken, found and given to its state.
 
 use super::super::noise::{NoiseScale, Prediction};
-use super::super::sudden_sample::SuddenSample;
+use super::super::sudden_force::SuddenForce;
 use super::{FIRST_JITTER_S, SHOWS_S, SHOWS_SIGMAS, StampErrors, TELLS_TO_BEGIN_S, TimeError, WALK_S};
 use crate::geometry::log_so3;
 use crate::inertial::buffer::Coverage;
@@ -39,8 +39,8 @@ pub(in crate::odometry::judge) struct Correction<'a> {
     pub(in crate::odometry::judge) estimation: &'a mut Estimation,
     /// By which predictions are as uncertain as they are.
     pub(in crate::odometry::judge) noise: &'a NoiseScale,
-    /// Readings that no image has confirmed.
-    pub(in crate::odometry::judge) sudden_sample: &'a SuddenSample,
+    /// Forces that no image has confirmed.
+    pub(in crate::odometry::judge) sudden_force: &'a SuddenForce,
     /// When the estimate began.
     pub(in crate::odometry::judge) begun: Option<Timestamp>,
     /// True if inertial samples are not believed.
@@ -176,7 +176,7 @@ impl Correction<'_> {
         let by_turn = of_turn.try_inverse()?;
         // A force that did not act moves the prediction too.
         let tells_way = !self.is_force_contradicted
-            && self.sudden_sample.moved_m(self.estimation.window.frames.last()?.stamp, dt_s).is_none();
+            && self.sudden_force.moved_m(self.estimation.window.frames.last()?.stamp, dt_s).is_none();
         let by_way = if tells_way { of_way.try_inverse()? } else { Matrix3::zeros() };
         let information = rates.rate_b.dot(&(by_turn * rates.rate_b)) + rates.v_o.dot(&(by_way * rates.v_o));
         let score = rates.rate_b.dot(&(by_turn * turn)) + rates.v_o.dot(&(by_way * way));
