@@ -17,6 +17,11 @@ use plumbline_config::Timestamp;
 /// Frames that are gathered: those of a window, and for longer starts as many again and a half.
 pub const GATHERED_FRAMES: usize = 40;
 
+/// Tilt taken from the specific force, rad: a vehicle that accelerates by 5 m/s² leans by as much.
+pub const TILT_SIGMA_RAD: f64 = 0.5;
+/// Nothing is known of the velocity; vehicles are no faster than this, m/s.
+pub const VELOCITY_SIGMA_M_S: f64 = 20.0;
+
 /// A frame that waits for the first estimate.
 #[derive(Clone, Debug)]
 pub struct GatheredFrame {

@@ -27,7 +27,7 @@ const ROBUST_SIGMAS: f64 = 3.0;
 /// Fewest common points of a pair: three times the unknowns of an epipolar geometry.
 const MIN_POINTS: usize = 15;
 /// Residuals that tell as much as one: errors of a point that is followed over ten frames hang together.
-const ALIKE: f64 = 10.0;
+pub const ALIKE: f64 = 10.0;
 
 /// Bias of the gyroscope, rad/s; then [`DELAY`] and [`READOUT`], s.
 pub type Unknowns = SVector<f64, 5>;
@@ -237,7 +237,7 @@ impl Sums {
             row.fixed_rows_mut::<2>(5).copy_from(&Vector2::new(across[0].dot(n), across[1].dot(n)));
             h += row * row.transpose() * weight;
             g += row * (e * weight);
-            self.cost += ROBUST_SIGMAS.squared() * libm::log1p(e.squared() / ROBUST_SIGMAS.squared());
+            self.cost += cost(e);
             self.parallax += n.norm();
         }
         self.count += pair.len() as f64 - 2.0;
@@ -252,6 +252,11 @@ impl Sums {
 /// Robust weight of a residual, in standard deviations.
 pub fn weight(e: f64) -> f64 {
     1.0 / (1.0 + e.squared() / ROBUST_SIGMAS.squared())
+}
+
+/// Robust cost of a residual, in squared standard deviations.
+pub fn cost(e: f64) -> f64 {
+    ROBUST_SIGMAS.squared() * libm::log1p(e.squared() / ROBUST_SIGMAS.squared())
 }
 
 /// Direction of translation by the normals of all points, and two directions across it. Outliers lose weight in a second and third look.

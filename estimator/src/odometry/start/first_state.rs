@@ -3,7 +3,7 @@
 use super::Start;
 use crate::geometry::{attitude_from_gravity, yaw_of};
 use crate::inertial::Preintegration;
-use crate::initial::GatheredFrame;
+use crate::initial::{GatheredFrame, TILT_SIGMA_RAD, VELOCITY_SIGMA_M_S};
 use crate::odometry::estimation::Estimation;
 use crate::odometry::judge::Judge;
 use crate::odometry::plausible::implausible;
@@ -33,14 +33,10 @@ const LOOSE_ORIGIN_M_RAD: f64 = 0.02;
 /// Tight sigma of the origin once the solution is found, m and rad. Position and yaw of the first pose define `O` and have
 /// no error: this is far below anything measured against them.
 const TIGHT_ORIGIN_M_RAD: f64 = 1e-5;
-/// Tilt taken from the specific force, rad: a vehicle that accelerates by 5 m/s² leans by as much.
-const TILT_SIGMA_RAD: f64 = 0.5;
 /// Least standard deviations of what is taken over from the last estimate: of the tilt, rad, and of the biases, as a share of
 /// those at switching on.
 const LEAST_TILT_SIGMA_RAD: f64 = 2e-3;
 const LEAST_BIAS_SHARE: f64 = 0.02;
-/// Nothing is known of the velocity; vehicles are no faster than this, m/s.
-const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Frames of a start with two cameras on a vehicle that vibrates, or before texture that repeats itself, 0.55 s at 20 Hz: fewer do not
 /// tell its sway, nor false matches from true ones.
 const HARD_START_FRAMES: usize = 12;

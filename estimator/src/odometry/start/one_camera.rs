@@ -12,6 +12,7 @@ use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
 use crate::odometry::estimation::Estimation;
 use crate::shutter::Readout;
+use crate::window::state::Rig;
 use crate::window::{MAX_FRAMES, Window};
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp, ValidSetup};
@@ -125,9 +126,14 @@ impl Start {
         if timing.parallax < CERTAIN_SIGMAS {
             return Err(Missing::Way(timing.parallax));
         }
+        // The window has the last word on the bias as well: from that of the images, or from the one before them.
         let rig = estimation.window.rig.clone();
-        self.put_aligned(estimation, timing.bias_gyro);
-        let judged = self.judge_settled(estimation);
+        let by_memory = self.settle_aligned(estimation, &rig, self.bias_memory.0);
+        let mut variance = self.settle_aligned(estimation, &rig, timing.bias_gyro);
+        if by_memory < variance {
+            variance = self.settle_aligned(estimation, &rig, self.bias_memory.0);
+        }
+        let judged = self.judge_settled(estimation, variance);
         if judged.is_err() {
             give_up(estimation, rig);
         }
@@ -206,9 +212,15 @@ impl Start {
         }
     }
 
+    /// Settles the window at what fits all frames, from this bias of the gyroscope on; mean robust cost of an observation.
+    fn settle_aligned(&mut self, estimation: &mut Estimation, rig: &Rig, bias_gyro: Vector3<f64>) -> f64 {
+        give_up(estimation, rig.clone());
+        self.put_aligned(estimation, bias_gyro);
+        self.settle(estimation).unwrap_or(f64::INFINITY)
+    }
+
     /// Puts frames into the window where motion, gravity and scale have them that fit all at once. Where nothing fits, the window is empty.
     fn put_aligned(&mut self, estimation: &mut Estimation, bias_gyro: Vector3<f64>) {
-        estimation.window.clear();
         let (frames, biases) = (self.gathering.frames(), (bias_gyro, self.bias_memory.1));
         let OneCamera { timing, motions, .. } = &mut self.one_camera;
         motions.clear();
@@ -220,10 +232,15 @@ impl Start {
         let rig = &estimation.window.rig;
         let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
         let gravity_o = estimation.window.options.gravity_o;
-        let known = (self.imu.accel_bias_sigma_m_s2, gravity_o.norm());
-        let Some(first) = mono::align(&timing.bearings, motions, &poses, known, timing.sigma_bearing) else {
-            return;
+        let alignment = mono::Alignment {
+            bearings: &timing.bearings,
+            motions,
+            pose_b_c: &poses,
+            sigma_bearing: timing.sigma_bearing,
+            sigma_m_s2: self.imu.accel_bias_sigma_m_s2,
+            gravity_m_s2: gravity_o.norm(),
         };
+        let Some(first) = alignment.solve() else { return };
         // Keyframes evenly over the whole span, the newest among them: as many as there is room for.
         let count = frames.len().min(MAX_FRAMES - 1);
         let chosen = |k: usize| k * (frames.len() - 1) / (count - 1);
@@ -240,14 +257,12 @@ impl Start {
         }
     }
 
-    /// Settles the window, and judges what it settles at.
-    fn judge_settled(&self, estimation: &mut Estimation) -> Result<(), Missing> {
-        let settled = self.settle(estimation);
+    /// Judges what the window has settled at, with this mean cost of an observation.
+    fn judge_settled(&self, estimation: &mut Estimation, variance: f64) -> Result<(), Missing> {
         let landmarks = estimation.window.triangulated().0;
         if landmarks < MIN_TRACKS {
             return Err(Missing::Points(landmarks));
         }
-        let variance = settled.unwrap_or(f64::INFINITY);
         if variance > MAX_MEAN_COST {
             return Err(Missing::Consistency(variance));
         }
