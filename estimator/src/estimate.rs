@@ -139,7 +139,7 @@ pub struct FrameFigures {
     /// Line segments found in the left image.
     #[field(4, columns = (17, &["lines_raw"]))]
     pub lines_raw: u32,
-    /// The clearest line segments that are long enough, as the whole image confirmed them.
+    /// The clearest line segments, as the whole image confirmed them.
     #[field(5, columns = (18, &["lines_kept"]))]
     pub lines_kept: u32,
     /// Line segments that continue a track.

@@ -18,9 +18,6 @@ pub struct LinesConfig {
     /// Shortest raw segment, px.
     #[key(default = 22.0, range = 8.0..=500.0, unit = PIXELS, experiment)]
     pub min_raw_length_px: f64,
-    /// Apply the adaptive length threshold.
-    #[key(default = true, experiment)]
-    pub length_filter: bool,
     /// Largest number of edge pixels visited in an image. At this limit, the strongest segments found so far are used.
     #[key(default = 24_000, range = 1000..=100_000_000)]
     pub max_visits: usize,

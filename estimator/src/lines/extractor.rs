@@ -1,18 +1,16 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
 //! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
-//! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough by the paper's length
-//! filter ([`super::filter`]) the clearest are found anew in the whole image, from end to end ([`super::refine`]), and must be
-//! meaningful there ([`super::validation`]).
+//! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough the clearest are found anew
+//! in the whole image, from end to end ([`super::refine`]), and must be meaningful there ([`super::validation`]).
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
-use super::filter::{clearest_first, min_length_px};
 use super::gradient::{Gradients, REDUCTION, SCALE};
 use super::growth::Growth;
 use super::refine::Refiner;
 use super::seeds::Seeds;
-use super::segment::Segment;
+use super::segment::{Segment, clearest_first};
 use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
 use crate::image::mask::ImageMask;
 use crate::work_budget::WorkBudget;
@@ -36,7 +34,7 @@ const FILTER_REACH_PX: usize = 6;
 pub struct ExtractionFigures {
     /// Segments found at half the resolution.
     pub raw: u32,
-    /// The clearest of those that the length filter left, as far as the whole image confirmed them.
+    /// The clearest of those that are long enough, as far as the whole image confirmed them.
     pub kept: u32,
     /// Edge pixels visited.
     pub visits: u32,
@@ -150,7 +148,7 @@ impl LineExtractor {
 
     /// Finds the clearest of those that are long enough in the whole image.
     fn keep(&mut self, image: &ImageView<'_>) {
-        let least = self.least_length_px(self.raw.len());
+        let least = self.options.min_raw_length_px as f32;
         self.candidates.clear();
         self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
         clearest_first(&mut self.candidates);
@@ -166,15 +164,6 @@ impl LineExtractor {
             }
         }
         clearest_first(&mut self.kept);
-    }
-
-    /// Least length of a segment among `raw` of them, which is the greater the more there are.
-    fn least_length_px(&self, raw: usize) -> f32 {
-        let filtered = match self.options.length_filter {
-            true => min_length_px(raw, self.width, self.height),
-            false => 0.0,
-        };
-        filtered.at_least(self.options.min_raw_length_px as f32)
     }
 
     fn threshold(&self) -> i16 {
@@ -214,7 +203,7 @@ impl LineExtractor {
             return None;
         }
         // What will be left out needs no nodes; with a hair for the rounding.
-        let least = self.least_length_px(self.raw.len() + 1) - MAY_GAIN_PX;
+        let least = self.options.min_raw_length_px as f32 - MAY_GAIN_PX;
         let nodes_from_px = least / REDUCTION as f32 - 0.01;
         Some(Segment::through(self.growth.places(), &grown.direction, nodes_from_px)?.whole())
     }

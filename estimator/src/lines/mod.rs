@@ -4,8 +4,7 @@
 //!
 //! 1. [`gradient`]: smoothed gradients at half the resolution and the ridges of their magnitude, [`seeds`]: the promising ones;
 //! 2. [`growth`]: edges followed from the strongest ridges;
-//! 3. [`filter`]: those that are too short by the paper's adaptive threshold are left out; [`refine`]: where the clearest of the others lie in
-//!    the whole image, from end to end; [`validation`]: those that are no chance;
+//! 3. [`refine`]: where the clearest of them lie in the whole image, from end to end; [`validation`]: those that are no chance;
 //! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
 //! 5. [`measurement`]: its line without the distortion of the lens.
 //!
@@ -13,7 +12,6 @@
 
 pub mod descriptor;
 pub mod extractor;
-pub(crate) mod filter;
 mod fit;
 pub(crate) mod gates;
 pub(crate) mod gradient;

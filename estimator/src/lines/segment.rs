@@ -105,6 +105,17 @@ impl Segment {
     }
 }
 
+/// Orders segments by [`Segment::salience`], and those of equal salience by their place: the order of everything that follows.
+pub fn clearest_first(segments: &mut [Segment]) {
+    segments.sort_unstable_by(|a, b| {
+        b.salience()
+            .total_cmp(&a.salience())
+            .then(a.start.y.total_cmp(&b.start.y))
+            .then(a.start.x.total_cmp(&b.start.x))
+            .then(a.end.x.total_cmp(&b.end.x))
+    });
+}
+
 /// A place that an edge passes through.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Place {

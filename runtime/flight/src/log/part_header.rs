@@ -16,7 +16,7 @@ const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
 const RETIRED: &str = "ros.link ros.landmarks ros.map ros.tracks ros.reset driver.imu.trigger_exposure network.login \
-    estimator.lines.merge estimator.lines.merge_across_px estimator.lines.merge_along_px \
+    estimator.lines.length_filter estimator.lines.merge estimator.lines.merge_across_px estimator.lines.merge_along_px \
     estimator.lines.merge_angle_deg estimator.lines.use_verticals estimator.lines.use_vanishing_directions \
     estimator.lines.structure_sigma_deg";
 /// The table that the configuration of every build has which makes a map.

@@ -97,9 +97,9 @@ impl Detector {
     }
 }
 
-/// Options that keep all segments of an image, whatever their number and length.
+/// Options that keep all segments of an image, whatever their number.
 #[must_use]
 pub fn unfiltered() -> LinesConfig {
     let defaults = LinesConfig::default();
-    LinesConfig { length_filter: false, max_segments: defaults.max_raw, ..defaults }
+    LinesConfig { max_segments: defaults.max_raw, ..defaults }
 }
