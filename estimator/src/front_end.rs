@@ -387,6 +387,7 @@ impl FrontEnd {
             let (of_frame, figures) = (&mut tracked.figures, lines.figures());
             of_frame.lines_raw = figures.left.raw;
             of_frame.lines_kept = figures.left.kept;
+            of_frame.lines_merged = figures.left.merged;
             of_frame.lines_matched = figures.matched;
             of_frame.lines_cut_short = figures.cut_short;
         }

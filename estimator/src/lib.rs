@@ -62,7 +62,7 @@ pub mod geometry;
 pub mod health;
 pub mod image;
 mod inertial;
-pub mod initial;
+mod initial;
 mod input;
 pub mod lines;
 pub mod odometry;

@@ -1,4 +1,4 @@
-"""What lines bring, as the two tables of the paper, and what loops and the end of the flight add."""
+"""What each part of the line path brings, as the two tables of the paper, and what loops and the end of the flight add."""
 
 import itertools
 from dataclasses import replace
@@ -10,10 +10,13 @@ from .flights import Flight
 from .summaries import column, number, pipe
 
 NO_PLACES = "estimator.places.enabled=false"
+FILTER, MERGE = "estimator.lines.length_filter", "estimator.lines.merge"
 # The odometry is the same with and without places: only the last variant makes a map.
 VARIANTS = {
     "points": ("estimator.lines.enabled=false", NO_PLACES),
-    "+ lines": ("estimator.lines.enabled=true",),
+    "+ raw segments": (f"{FILTER}=false", f"{MERGE}=false", NO_PLACES),
+    "+ length filter": (f"{FILTER}=true", f"{MERGE}=false", NO_PLACES),
+    "+ filter and merging": (f"{FILTER}=true", f"{MERGE}=true"),
 }
 STAGES = ("extract", "describe", "match")
 
@@ -32,18 +35,19 @@ def tables(table: pd.DataFrame) -> str:
         rows = group.set_index("variant")
         label = " ".join(str(part) for part in rows.iloc[0][["path", "scene"]] if part)
         label += f" {rows.seed.iloc[0]:.0f}" if pd.notna(rows.seed.iloc[0]) else ""
-        last = rows.loc[["+ lines"]]
-        times = [column(last, f"stage_ms.lines_{stage}.p50").iloc[0] for stage in STAGES]
-        figures = [number(time, 2) for time in (*times, sum(times))]
-        segments.append([label, number(column(last, "lines.kept").iloc[0], 0), *figures])
+        for name in list(VARIANTS)[1:]:
+            times = [column(rows, f"stage_ms.lines_{stage}.p50").get(name, np.nan) for stage in STAGES]
+            figures = [number(time, 2) for time in (*times, sum(times))]
+            segments.append([label, name, number(column(rows, "lines.merged").get(name, np.nan), 0), *figures])
         ates = [column(rows, "ate_rmse_m").get(name, np.nan) for name in VARIANTS]
+        last = rows.loc[["+ filter and merging"]]
         # Without a loop the map adds nothing.
         has_loops = column(last, "places.loops_used").iloc[0] > 0
         of_map = [column(last, f"places.ate_{kind}_rmse_m").iloc[0] if has_loops else np.nan for kind in ("map", "final")]
         errors.append([label, *ates, *of_map])
     head = [*VARIANTS, "+ loops, as flown", "as known at the end"]
-    known = pd.DataFrame(errors, columns=["flight", *head]).dropna(subset=list(VARIANTS), how="all").dropna(axis=1, how="all")
-    text = pipe(segments, ["flight", "segments", *(f"{stage} ms" for stage in STAGES), "sum ms"])
+    known = pd.DataFrame(errors, columns=["flight", *head]).dropna(subset=head[:4], how="all").dropna(axis=1, how="all")
+    text = pipe(segments, ["flight", "variant", "segments", *(f"{stage} ms" for stage in STAGES), "sum ms"])
     if known.empty:
         return text
     rows = [[row.iloc[0], *(number(ate, 4) for ate in row.iloc[1:])] for _, row in known.iterrows()]

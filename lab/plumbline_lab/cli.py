@@ -151,7 +151,7 @@ def parser() -> argparse.ArgumentParser:
     add(one, "--paired: compare every setting with the first, flight by flight", action="store_true")
     add_cluster(one, "sweep.parquet")
 
-    one = command("ablation", "accuracy and times with and without lines: the tables of the paper", FLIGHTS)
+    one = command("ablation", "accuracy and times with each part of the line path: the tables of the paper", FLIGHTS)
     add(one, "sources SOURCE: data sets, bags or simulated flights; by default the built-in ones", nargs="*")
     add_choice(one)
     add_cluster(one, "ablation.parquet")

@@ -65,7 +65,7 @@ def test_commands_fly_print_and_exit(stand_in, tmp_path, capsys, monkeypatch):
     assert "fault=accel-dead:x@5 against as configured: 16 flights" in capsys.readouterr().out
     assert cli.main(["sweep", "sim:room", "sim:bad", "--out", "c.csv", *common]) == 1
     assert cli.main(["ablation", "sim:room", "--out", "d.csv", *common]) == 0
-    assert "| flight | segments | extract ms |" in " ".join(capsys.readouterr().out.split())
+    assert "| demo room 1 | + length filter |" in " ".join(capsys.readouterr().out.split())
     assert cli.main(["honesty", "a.csv"]) == 0 and "0 of 16 honest" in capsys.readouterr().out
     bench = ["bench", "--rounds", "1", "--program", stand_in.program]
     assert cli.main([*bench, "--out", "bench.csv"]) == 0 and cli.main([*bench, "--baseline", "bench.csv"]) == 0

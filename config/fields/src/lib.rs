@@ -301,8 +301,8 @@ pub trait Record: Default + 'static {
 
 /// Record whose type is not known to the reader.
 pub trait Parts {
-    /// Largest number of its fields; those of fields that earlier builds had are free.
-    fn last(&self) -> u32;
+    /// Number of its fields.
+    fn count(&self) -> usize;
     /// Field of this number with its value.
     fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)>;
     /// Calls `sink` with every field, in the order of the schema.
@@ -335,8 +335,8 @@ fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
 }
 
 impl<T: Record> Parts for T {
-    fn last(&self) -> u32 {
-        T::FIELDS.iter().map(|field| field.about.tag).max().unwrap_or(0)
+    fn count(&self) -> usize {
+        T::FIELDS.len()
     }
 
     fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)> {

@@ -1,16 +1,19 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
 //! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
-//! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough the clearest are found anew
-//! in the whole image, from end to end ([`super::refine`]), and must be meaningful there ([`super::validation`]).
+//! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough by the paper's length
+//! filter ([`super::filter`]) the clearest are found anew in the whole image, from end to end ([`super::refine`]), and must be
+//! meaningful there ([`super::validation`]); the paper's merging follows ([`super::merge`]).
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
+use super::filter;
 use super::gradient::{Gradients, REDUCTION, SCALE};
 use super::growth::Growth;
+use super::merge::Merger;
 use super::refine::Refiner;
 use super::seeds::Seeds;
-use super::segment::{Segment, clearest_first};
+use super::segment::Segment;
 use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
 use crate::image::mask::ImageMask;
 use crate::work_budget::WorkBudget;
@@ -34,8 +37,10 @@ const FILTER_REACH_PX: usize = 6;
 pub struct ExtractionFigures {
     /// Segments found at half the resolution.
     pub raw: u32,
-    /// The clearest of those that are long enough, as far as the whole image confirmed them.
+    /// The clearest of those that the length filter left, as far as the whole image confirmed them.
     pub kept: u32,
+    /// Segments after merging.
+    pub merged: u32,
     /// Edge pixels visited.
     pub visits: u32,
     /// The budget was spent before the last ridge was a seed or the last seed grown.
@@ -52,11 +57,13 @@ pub struct LineExtractor {
     growth: Growth,
     validation_at_half: Validation,
     validation: Validation,
+    merger: Merger,
     refiner: Refiner,
     seeds: Seeds,
     raw: Vec<Segment>,
     candidates: Vec<Segment>,
     kept: Vec<Segment>,
+    merged: Vec<Segment>,
     figures: ExtractionFigures,
     max_visits: usize,
     max_segments: usize,
@@ -89,11 +96,13 @@ impl LineExtractor {
             growth: Growth::new(halved_width, halved_height),
             validation_at_half: Validation::new(halved_width, halved_height, ALIGNED_BY_CHANCE_AT_HALF),
             validation: Validation::new(width, height, ALIGNED_BY_CHANCE),
+            merger: Merger::new(options),
             refiner: Refiner::new(width, height),
             seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_SEED),
             raw: Vec::with_capacity(options.max_raw),
             candidates: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
+            merged: Vec::with_capacity(options.max_raw),
             figures: ExtractionFigures::default(),
             max_visits: options.max_visits,
             max_segments: options.max_segments,
@@ -119,10 +128,10 @@ impl LineExtractor {
         &self.gradients
     }
 
-    /// Segments of the last image, clearest first.
+    /// Segments of the last image after filter and merging, clearest first.
     #[must_use]
     pub fn segments(&self) -> &[Segment] {
-        &self.kept
+        &self.merged
     }
 
     /// Work and outcome of the last image.
@@ -141,17 +150,24 @@ impl LineExtractor {
         self.seeds.find(&mut self.gradients, image, threshold, self.mask.as_ref().map(|mask| &mask.halved));
         self.find();
         self.keep(image);
+        self.merged.clear();
+        if self.options.merge {
+            self.merger.merge(&self.kept, &mut self.merged);
+        } else {
+            self.merged.extend_from_slice(&self.kept);
+        }
         self.figures.raw = self.raw.len() as u32;
         self.figures.kept = self.kept.len() as u32;
-        Some(&self.kept)
+        self.figures.merged = self.merged.len() as u32;
+        Some(&self.merged)
     }
 
     /// Finds the clearest of those that are long enough in the whole image.
     fn keep(&mut self, image: &ImageView<'_>) {
-        let least = self.options.min_raw_length_px as f32;
+        let least = self.least_length_px(self.raw.len());
         self.candidates.clear();
         self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
-        clearest_first(&mut self.candidates);
+        filter::clearest_first(&mut self.candidates);
         self.candidates.truncate(self.max_segments);
         self.kept.clear();
         let mask = self.mask.as_ref().map(|mask| &mask.whole);
@@ -163,7 +179,16 @@ impl LineExtractor {
                 self.kept.push(refined.segment);
             }
         }
-        clearest_first(&mut self.kept);
+        filter::clearest_first(&mut self.kept);
+    }
+
+    /// Least length of a segment among `raw` of them, which is the greater the more there are.
+    fn least_length_px(&self, raw: usize) -> f32 {
+        let filtered = match self.options.length_filter {
+            true => filter::min_length_px(raw, self.width, self.height),
+            false => 0.0,
+        };
+        filtered.at_least(self.options.min_raw_length_px as f32)
     }
 
     fn threshold(&self) -> i16 {
@@ -203,7 +228,7 @@ impl LineExtractor {
             return None;
         }
         // What will be left out needs no nodes; with a hair for the rounding.
-        let least = self.options.min_raw_length_px as f32 - MAY_GAIN_PX;
+        let least = self.least_length_px(self.raw.len() + 1) - MAY_GAIN_PX;
         let nodes_from_px = least / REDUCTION as f32 - 0.01;
         Some(Segment::through(self.growth.places(), &grown.direction, nodes_from_px)?.whole())
     }

@@ -56,6 +56,11 @@ impl Segment {
         self.length() * self.strength.sqrt()
     }
 
+    /// Middle, px.
+    pub fn middle(&self) -> Vector2<f32> {
+        (self.start + self.end) * 0.5
+    }
+
     /// Unit vector from start to end.
     pub fn direction(&self) -> Vector2<f32> {
         let d = self.end - self.start;
@@ -103,17 +108,6 @@ impl Segment {
             support,
         })
     }
-}
-
-/// Orders segments by [`Segment::salience`], and those of equal salience by their place: the order of everything that follows.
-pub fn clearest_first(segments: &mut [Segment]) {
-    segments.sort_unstable_by(|a, b| {
-        b.salience()
-            .total_cmp(&a.salience())
-            .then(a.start.y.total_cmp(&b.start.y))
-            .then(a.start.x.total_cmp(&b.start.x))
-            .then(a.end.x.total_cmp(&b.end.x))
-    });
 }
 
 /// A place that an edge passes through.

@@ -15,10 +15,19 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: &str = "ros.link ros.landmarks ros.map ros.tracks ros.reset driver.imu.trigger_exposure estimator.initial network.login \
-    estimator.lines.length_filter estimator.lines.merge estimator.lines.merge_across_px estimator.lines.merge_along_px \
-    estimator.lines.merge_angle_deg estimator.lines.use_verticals estimator.lines.use_vanishing_directions \
-    estimator.lines.structure_sigma_deg";
+const RETIRED: [&str; 11] = [
+    "ros.link",
+    "ros.landmarks",
+    "ros.map",
+    "ros.tracks",
+    "ros.reset",
+    "driver.imu.trigger_exposure",
+    "estimator.initial",
+    "network.login",
+    "estimator.lines.use_verticals",
+    "estimator.lines.use_vanishing_directions",
+    "estimator.lines.structure_sigma_deg",
+];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`PartHeader::known_map`].
@@ -143,7 +152,7 @@ impl PartHeader {
 /// The text of a configuration without [`RETIRED`] keys.
 fn without_retired(text: &str) -> Result<String, String> {
     let mut tables: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
-    for path in RETIRED.split_whitespace() {
+    for path in RETIRED {
         let (mut keys, mut table) = (path.split('.').peekable(), Some(&mut tables));
         while let (Some(key), Some(here)) = (keys.next(), table.take()) {
             if keys.peek().is_none() {

@@ -277,7 +277,7 @@ impl Report {
         let (points, l) = (&self.points, &self.lines);
         lines.push(format!(
             "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
-            "features", points["tracked"], points["in_window"], l["kept"], l["matched"], l["in_window"]
+            "features", points["tracked"], points["in_window"], l["merged"], l["matched"], l["in_window"]
         ));
         let h = &self.odometry_handout_us;
         lines.push(format!(

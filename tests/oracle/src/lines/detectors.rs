@@ -97,9 +97,9 @@ impl Detector {
     }
 }
 
-/// Options that keep all segments of an image, whatever their number.
+/// Options that keep all segments of an image, whatever their number and length, merged or not.
 #[must_use]
-pub fn unfiltered() -> LinesConfig {
+pub fn unfiltered(merge: bool) -> LinesConfig {
     let defaults = LinesConfig::default();
-    LinesConfig { max_segments: defaults.max_raw, ..defaults }
+    LinesConfig { length_filter: false, merge, max_segments: defaults.max_raw, ..defaults }
 }

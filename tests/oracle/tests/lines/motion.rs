@@ -7,6 +7,8 @@
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
+use plumbline_estimator::lines::filter::clearest_first;
+use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_estimator::points::rig::RigCamera;
 use plumbline_oracle::lines::detectors::unfiltered;
@@ -148,16 +150,32 @@ fn mean_square_if_same(expected: &Line, found: &Line) -> Option<f64> {
     (overlap >= 0.5 * expected.length()).then_some(0.5 * (a * a + b * b))
 }
 
-/// Our segments of at least [`MIN_LENGTH_PX`].
-fn our_segments(extractor: &mut LineExtractor, image: &GrayImage, model: &CameraModel) -> Vec<Line> {
-    let segments = extractor.extract(&image.view()).unwrap();
-    let is_long = |segment: &&Segment| f64::from(segment.length()) >= MIN_LENGTH_PX;
-    let line = |segment: &Segment| {
-        let [start, end] =
-            ImageLine::of(segment, &RigCamera::new(*model))?.ends_xy.map(|xy| straight(model, &xy));
-        Some(Line { start, end })
-    };
-    segments.iter().filter(is_long).filter_map(line).collect()
+/// Our segments of at least [`MIN_LENGTH_PX`], and what merging makes of them.
+struct Ours {
+    extractor: LineExtractor,
+    merger: Merger,
+}
+
+impl Ours {
+    fn new((width, height): (usize, usize)) -> Self {
+        let options = unfiltered(false);
+        Self { extractor: LineExtractor::new(width, height, &options), merger: Merger::new(&options) }
+    }
+
+    fn detect(&mut self, image: &GrayImage, model: &CameraModel) -> [Vec<Line>; 2] {
+        let raw = self.extractor.extract(&image.view()).unwrap();
+        let is_long = |segment: &&Segment| f64::from(segment.length()) >= MIN_LENGTH_PX;
+        let mut kept: Vec<Segment> = raw.iter().filter(is_long).copied().collect();
+        clearest_first(&mut kept);
+        let mut merged = Vec::with_capacity(kept.len());
+        self.merger.merge(&kept, &mut merged);
+        let line = |segment: &Segment| {
+            let [start, end] =
+                ImageLine::of(segment, &RigCamera::new(*model))?.ends_xy.map(|xy| straight(model, &xy));
+            Some(Line { start, end })
+        };
+        [merged, kept].map(|segments| segments.iter().filter_map(line).collect())
+    }
 }
 
 fn lsd_segments(lsd: &mut Detector, image: &GrayImage, model: &CameraModel) -> Vec<Line> {
@@ -178,21 +196,22 @@ fn rig(is_distorted: bool) -> Config {
     config
 }
 
-/// Tallies of ours and LSD over one flight.
-fn tally(config: &Config, path: &str, scene: Scene) -> [Tally; 2] {
+/// Tallies of ours merged, ours unmerged and LSD over one flight.
+fn tally(config: &Config, path: &str, scene: Scene) -> [Tally; 3] {
     let seconds = (PAIRS * PAIR_STEP + 2) as f64 / 20.0;
     let simulator = Simulator::new(config, &along(path, scene, seconds).unwrap()).unwrap();
     let model = simulator.config().camera[0].model();
     let (mut scratch, size) = (simulator.scratch(), simulator.image_sizes()[0]);
-    let (mut ours, mut lsd) = (LineExtractor::new(size.0, size.1, &unfiltered()), Detector::lsd().unwrap());
-    let mut tallies = [Tally::default(); 2];
+    let (mut ours, mut lsd) = (Ours::new(size), Detector::lsd().unwrap());
+    let mut tallies = [Tally::default(); 3];
     for pair in 0..PAIRS {
         let frames = [pair * PAIR_STEP, pair * PAIR_STEP + 1];
         let views = frames.map(|frame| View::new(&simulator, &model, frame));
         let segments = frames.map(|frame| {
             let mut image = GrayImage::new(size.0, size.1);
             simulator.render_camera(frame, 0, &mut scratch, &mut image);
-            [our_segments(&mut ours, &image, &model), lsd_segments(&mut lsd, &image, &model)]
+            let [merged, raw] = ours.detect(&image, &model);
+            [merged, raw, lsd_segments(&mut lsd, &image, &model)]
         });
         for (k, tally) in tallies.iter_mut().enumerate() {
             tally.add(&views, &segments[0][k], &segments[1][k]);
@@ -209,8 +228,8 @@ fn compare(is_distorted: bool) {
     println!("| flight | detector | segments | in both frames | found again | RMS px |");
     println!("|---|---|---:|---:|---:|---:|");
     let config = rig(is_distorted);
-    let mut sums = [Tally::default(); 2];
-    let names = ["ours", "LSD"];
+    let mut sums = [Tally::default(); 3];
+    let names = ["ours, merged", "ours, raw", "LSD"];
     for (path, scene_name, scene) in FLIGHTS {
         let tallies = tally(&config, path, scene);
         for ((sum, tally), name) in sums.iter_mut().zip(&tallies).zip(names) {
@@ -224,7 +243,7 @@ fn compare(is_distorted: bool) {
     for (sum, name) in sums.iter().zip(names) {
         sum.print("all", name);
     }
-    let [ours, lsd] = sums;
+    let [ours, _, lsd] = sums;
     assert!(ours.transferred >= 100 && lsd.transferred >= 100);
     assert!(ours.repeatability() >= lsd.repeatability(), "found again less often than by LSD");
     assert!(ours.rms_px() <= lsd.rms_px(), "not as exact as LSD");
