@@ -218,10 +218,11 @@ mod tests {
 
     #[test]
     fn finds_velocity_gravity_and_scale_despite_noise() {
-        for seed in 0..8 {
+        let velocities = [[0.3, 0.8, -0.2], [-0.1, 0.05, 0.1], [0.5, -3.0, 1.0], [-2.0, 0.0, 0.3]];
+        for (seed, v_o_b) in (0..).zip([velocities; 3].concat()) {
             let first = NavState {
                 rot_o_b: exp_so3(&Vector3::new(0.2, -0.3, 0.0)),
-                v_o_b: Vector3::new(0.3, 0.8, -0.2),
+                v_o_b: Vector3::from(v_o_b),
                 bias_accel: Vector3::new(0.1, -0.05, 0.08),
                 ..NavState::default()
             };
@@ -240,9 +241,11 @@ mod tests {
                 |nav: &NavState| nav.rot_o_b.inverse() * nav.v_o_b,
             ]
             .map(|of| of(&found) - of(&first));
-            let scale = found.v_o_b.norm() / first.v_o_b.norm();
+            let speed_m_s = first.v_o_b.norm();
+            let scale = found.v_o_b.norm() / speed_m_s;
+            let is_scaled = speed_m_s < 0.5 || (scale - 1.0).abs() < 0.06;
             assert!(
-                up_b.norm() < 0.04 && v_b.norm() < 0.06 && (scale - 1.0).abs() < 0.06,
+                up_b.norm() < 0.04 && v_b.norm() < 0.06 * speed_m_s.at_least(1.0) && is_scaled,
                 "seed {seed}: {up_b:?} {v_b:?} {scale}"
             );
         }
