@@ -6,7 +6,7 @@ use crate::exchange::believable_offset;
 use crate::inertial::Preintegration;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::initial::timing::{
-    DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
+    ALIKE, DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
 };
 use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
@@ -21,8 +21,8 @@ use plumbline_config::{Portable, Timestamp, ValidSetup};
 /// over half of it; over three times as much, what is old goes.
 const SPAN_S: f64 = 1.5;
 /// Scale known worse than this, relative to itself, is not known: a start waits.
-const MAX_SCALE_SIGMA: f64 = 0.1;
-/// Standard deviations that are no noise: of a delay or readout beside those that are told, and of the parallax of a pair of frames.
+const MAX_SCALE_SIGMA: f64 = 0.15;
+/// Standard deviations that are no noise: of a delay, readout or bias beside those that are told, and of the parallax of a pair of frames.
 const CERTAIN_SIGMAS: f64 = 3.0;
 /// Longest readout that is looked for, s: a frame at 25 Hz.
 const MAX_READOUT_S: f64 = 0.04;
@@ -126,11 +126,12 @@ impl Start {
         if timing.parallax < CERTAIN_SIGMAS {
             return Err(Missing::Way(timing.parallax));
         }
-        // The window has the last word on the bias as well: from that of the images, or from the one before them.
+        // The window has the last word on the bias as well: that of the images, or the one before them where it fits better for certain.
         let rig = estimation.window.rig.clone();
         let by_memory = self.settle_aligned(estimation, &rig, self.bias_memory.0);
         let mut variance = self.settle_aligned(estimation, &rig, timing.bias_gyro);
-        if by_memory < variance {
+        let observations = estimation.window.observation_count() as f64;
+        if (variance - by_memory) * observations / ALIKE > CERTAIN_SIGMAS.squared() {
             variance = self.settle_aligned(estimation, &rig, self.bias_memory.0);
         }
         let judged = self.judge_settled(estimation, variance);
