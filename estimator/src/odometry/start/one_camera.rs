@@ -24,6 +24,8 @@ const SPAN_S: f64 = 1.5;
 const MAX_SCALE_SIGMA: f64 = 0.15;
 /// Standard deviations that are no noise: of a delay, readout or bias beside those that are told, and of the parallax of a pair of frames.
 const CERTAIN_SIGMAS: f64 = 3.0;
+/// Parallax by the way of a start, in standard deviations: depths are known to 3 % from there on.
+const MIN_PARALLAX_SIGMAS: f64 = 50.0;
 /// Longest readout that is looked for, s: a frame at 25 Hz.
 const MAX_READOUT_S: f64 = 0.04;
 /// Times of rows known worse than this are not known, s: half of an interval of the inertial samples at 100 Hz.
@@ -272,10 +274,9 @@ impl Start {
         if share > MAX_SCALE_SIGMA {
             return Err(Missing::Acceleration(share));
         }
-        // Depths are to be known twice as well as the scale.
         let depth_m = estimation.measurer.median_depth_m(&estimation.window.points);
         let parallax = way_m / depth_m / self.one_camera.timing.sigma_bearing;
-        if parallax * MAX_SCALE_SIGMA < 2.0 { Err(Missing::Way(parallax)) } else { Ok(()) }
+        if parallax < MIN_PARALLAX_SIGMAS { Err(Missing::Way(parallax)) } else { Ok(()) }
     }
 }
 
