@@ -152,8 +152,7 @@ health_bits! {
         "a computer that does not keep up",
         "use fewer points, smaller images or a faster computer",
     );
-    /// Few points are found in both images, one image has jumped against the other, or the cameras are turned against each other
-    /// otherwise than configured: then the quality is at most 10 until the estimate has followed.
+    /// Few points are found in both images, or one image has jumped against the other.
     13 CAMERAS_DISAGREE "cameras disagree", "left and right images do not agree", (
         "images that are not of the same moment (one camera late or frozen), a camera that has been knocked, images that are \
          exchanged, mirrored or turned, or a calibration of the pair that is wrong",

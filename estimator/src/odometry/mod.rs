@@ -275,7 +275,6 @@ impl Odometer {
             self.judge.keep_prediction(verdict.prediction);
         }
         if is_keyframe {
-            self.judge.judge_calibration(&mut self.estimation.window);
             self.note_keyframes();
         }
         self.conclude(time.stamp, health);

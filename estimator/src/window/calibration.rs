@@ -1,9 +1,8 @@
 //! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
-use super::state::{RIG_DIM, Rig};
+use super::state::RIG_DIM;
 use nalgebra::{SMatrix, SVector};
-use plumbline_config::Portable;
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
 pub type RigCovariance = SMatrix<f64, RIG_DIM, RIG_DIM>;
@@ -65,10 +64,11 @@ impl Window {
             return None;
         }
         let mut covariance = RigCovariance::zeros();
-        let mask = self.options.rig_mask;
-        for column in (0..RIG_DIM).filter(|k| mask[*k] != 0.0) {
-            self.solve_for_rig(column);
-            for row in (0..RIG_DIM).filter(|k| mask[*k] != 0.0) {
+        for column in (0..RIG_DIM).filter(|k| self.options.rig_mask[*k] != 0.0) {
+            self.solution[..dim].fill(0.0);
+            self.solution[column] = 1.0;
+            self.factor.solve(&mut self.solution[..dim]);
+            for row in (0..RIG_DIM).filter(|k| self.options.rig_mask[*k] != 0.0) {
                 covariance[(row, column)] = self.solution[row];
             }
         }
@@ -79,36 +79,13 @@ impl Window {
         });
         is_one.then_some(covariance)
     }
-
-    /// Puts column `k` of the inverse of the last factorization into `solution`.
-    fn solve_for_rig(&mut self, k: usize) {
-        let dim = self.factor.dim;
-        self.solution[..dim].fill(0.0);
-        self.solution[k] = 1.0;
-        self.factor.solve(&mut self.solution[..dim]);
-    }
-
-    /// Contradiction between the configured attitude of the cameras to each other and what is seen of it, standard deviations about
-    /// the axis where it is largest: an estimate of variance `P` that includes a configured value of variance `s²` differs from that
-    /// by `s² - P` (score test; Rao 1948). 0 before the first factorization, and once the value has lost its weight by it.
-    pub fn pair_contradiction(&mut self) -> f64 {
-        let offset = self.rig.minus(&self.configured_rig);
-        let is_known = self.factor.dim >= RIG_DIM;
-        let axes = (Rig::ROT_C0_C1..Rig::TIME_OFFSET).filter(|_| is_known);
-        axes.map(|k| {
-            self.solve_for_rig(k);
-            let seen = self.configured_variance(k) - self.solution[k];
-            if seen > 0.0 { offset[k].abs() / seen.sqrt() } else { 0.0 }
-        })
-        .fold(0.0, Portable::at_least)
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::state::Rig;
     use super::super::test_room::Room;
     use super::*;
-    use crate::window::Rig;
     use nalgebra::DMatrix;
 
     #[test]
@@ -131,19 +108,6 @@ mod tests {
                 let error = (found[(i, j)] - inverse[(i, j)]) / scale;
                 assert!(error.abs() < 1e-4, "{i} {j}: {error}");
             }
-        }
-    }
-
-    #[test]
-    fn a_pair_that_is_bent_contradicts_its_calibration_and_a_sound_one_does_not() {
-        let mut window = Room { frames: 6, ..Room::default() }.window();
-        window.optimize(3);
-        assert!(window.factor.compute(&window.linearizer.equations, 0.0));
-        assert!(window.pair_contradiction() < 1.0);
-        for k in Rig::ROT_C0_C1..Rig::TIME_OFFSET {
-            let turn = SVector::from_fn(|i, _| if i == k { 8.0 * window.options.rig_sigmas[k] } else { 0.0 });
-            window.configured_rig = window.rig.plus(&turn);
-            assert!(window.pair_contradiction() > 8.0, "{k}");
         }
     }
 

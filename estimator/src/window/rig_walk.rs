@@ -115,11 +115,6 @@ impl Window {
         }
     }
 
-    /// Variance of the configured value of a parameter of the rig, as far as it is not refuted.
-    pub(super) fn configured_variance(&self, k: usize) -> f64 {
-        self.options.rig_sigmas[k].squared() / self.rig_walk.weights[k]
-    }
-
     /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
     fn doubt_configured_rig(&mut self) {
         let offsets = self.rig.minus(&self.configured_rig);

@@ -190,11 +190,7 @@ impl HealthTally {
     /// True if a bit only follows from another one: images that are missing or repeat have no
     /// points.
     fn is_consequence(&self, held: &HeldBit) -> bool {
-        let of_images = [
-            HealthBits::LEFT_FROZEN,
-            HealthBits::LEFT_MISSING,
-            HealthBits::BAD_IMAGE_SIZE,
-        ];
+        let of_images = [HealthBits::LEFT_FROZEN, HealthBits::LEFT_MISSING, HealthBits::BAD_IMAGE_SIZE];
         let frames = |bit: &HealthBits| {
             let at = HealthBits::NAMES.iter().position(|(known, _)| known == bit);
             at.map_or(0, |at| self.bits[at])
@@ -305,7 +301,9 @@ mod tests {
         let dark = tally(196, &[(HealthBits::NO_FEATURES, 190), (HealthBits::LOW_FEATURES, 150)], 0);
         let words = dark.why_no_pose(1);
         assert!(
-            words.starts_with("no point was found in the images (`no features` in 190 of 196 frames): look at light"),
+            words.starts_with(
+                "no point was found in the images (`no features` in 190 of 196 frames): look at light"
+            ),
             "{words}"
         );
         assert!(words.contains("few features") && words.contains("translation"), "{words}");

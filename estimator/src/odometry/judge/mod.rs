@@ -53,7 +53,6 @@ use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::input::ResetKind;
 use crate::points::PointObservation;
-use crate::window::Window;
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::sighting::Sighting;
 use crate::window::solve::Outcome;
@@ -272,11 +271,6 @@ impl Judge {
         is_contradicted
     }
 
-    /// Judges the calibration of the pair by the window of a keyframe.
-    pub(super) fn judge_calibration(&mut self, window: &mut Window) {
-        self.pair.judge_calibration(window);
-    }
-
     /// Learns how noisy the forces are, once the covariance of the newest frame is known. A motion that was not measured throughout, or is
     /// not believed for another reason, tells nothing of it; nor does one camera, whose scale comes from the forces.
     pub(super) fn learn_noise(
@@ -396,7 +390,6 @@ impl Judge {
             || self.unfelt_force.is_contradicted()
             || self.scale.is_contradicted()
             || self.pair.is_out_of_step()
-            || self.pair.is_bent()
             || newest.is_some_and(|newest| self.tracking.is_doubted_at(newest.stamp));
         if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }

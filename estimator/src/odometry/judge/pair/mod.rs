@@ -9,7 +9,6 @@ mod time;
 use crate::estimate::HealthBits;
 use crate::odometry::estimation::Estimation;
 use crate::points::PointObservation;
-use crate::window::Window;
 use crate::window::epipolar::EpipolarMoments;
 use plumbline_config::{Timestamp, ValidSetup};
 use shift::{LEFT, PairShift, is_probe};
@@ -20,9 +19,6 @@ use time::{PairTime, RIGHT};
 const MIN_LEFT: usize = 12;
 /// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
 const DISAGREED_S: f64 = 2.0;
-/// The configured attitude of the pair is contradicted from so many standard deviations on, until that takes its weight. Sound flights, recorded
-/// sensors and real images among them, reach 3.2; about three axes once a second, 5 are one false alarm in 160 hours.
-const BENT_SIGMAS: f64 = 5.0;
 
 /// The images of a pair against each other.
 #[derive(Clone, Debug)]
@@ -31,7 +27,6 @@ pub(super) struct Pair {
     sight: PairWatch,
     time: PairTime,
     shift: PairShift,
-    is_bent: bool,
     /// Time for which the right image is still left out because the cameras saw different things, s, and whether that begins.
     disagreed_s: f64,
     begins_to_disagree: bool,
@@ -46,7 +41,6 @@ impl Pair {
             sight: PairWatch::new(setup.camera.len(), rate_hz),
             time: PairTime::default(),
             shift: PairShift::default(),
-            is_bent: false,
             disagreed_s: 0.0,
             begins_to_disagree: false,
             left_sees: false,
@@ -133,21 +127,11 @@ impl Pair {
         self.distrusted_camera().is_some()
     }
 
-    /// Judges the configured attitude of the cameras to each other by the solved window.
-    pub(super) fn judge_calibration(&mut self, window: &mut Window) {
-        self.is_bent = window.pair_contradiction() > BENT_SIGMAS;
-    }
-
-    /// True if the cameras are bent against each other, and the estimate has not followed yet.
-    pub(super) fn is_bent(&self) -> bool {
-        self.is_bent
-    }
-
     fn report(&self, health: &mut HealthBits) {
         if self.time.is_out_of_step() {
             health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
         }
-        if self.shift.jumped().is_some() || self.is_bent {
+        if self.shift.jumped().is_some() {
             health.insert(HealthBits::CAMERAS_DISAGREE);
         }
     }
