@@ -1,7 +1,7 @@
 //! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
-use super::state::{RIG_DIM, Rig};
+use super::state::RIG_DIM;
 use nalgebra::{SMatrix, SVector};
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
@@ -83,6 +83,7 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
+    use super::super::state::Rig;
     use super::super::test_room::Room;
     use super::*;
     use nalgebra::DMatrix;
