@@ -95,11 +95,7 @@ pub(super) fn undistort(target: &Vector2<f64>, k: Coefficients) -> Option<Vector
 
 /// As [`undistort`], to a tolerance of its own.
 #[inline]
-pub(super) fn undistort_to(
-    target: &Vector2<f64>,
-    k: Coefficients,
-    tolerance: f64,
-) -> Option<Vector2<f64>> {
+pub(super) fn undistort_to(target: &Vector2<f64>, k: Coefficients, tolerance: f64) -> Option<Vector2<f64>> {
     let reach = regular_radius_squared(k[0], k[1]);
     invert(target, tolerance, |xy| xy.norm_squared() < reach, |xy| distort(xy, k))
 }
