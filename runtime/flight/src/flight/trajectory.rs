@@ -5,11 +5,12 @@
 use super::Flight;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::Isometry3;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::Said;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
 pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
@@ -114,12 +115,12 @@ impl<T: Clone> EntryStorage<T> {
     }
 
     pub(super) fn lend(&self) -> Lent<T> {
-        let entries = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        let entries = std::mem::take(&mut *self.0.lock());
         Lent { entries, home: Arc::clone(&self.0) }
     }
 
     pub(super) fn into_entries(self) -> Vec<T> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut *self.0.lock())
     }
 }
 
@@ -132,6 +133,6 @@ pub(super) struct Lent<T> {
 impl<T> Drop for Lent<T> {
     fn drop(&mut self) {
         let entries = std::mem::take(&mut self.entries);
-        *self.home.lock().unwrap_or_else(PoisonError::into_inner) = entries;
+        *self.home.lock() = entries;
     }
 }

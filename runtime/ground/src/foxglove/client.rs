@@ -2,7 +2,7 @@
 
 use super::super::cameras::Cameras;
 use super::super::drawn::{DrawnTopic, Sent};
-use super::super::fleet::{FleetEvent, lock};
+use super::super::fleet::FleetEvent;
 use super::Server;
 use super::places::Seat;
 use super::protocol::{self, Advertised, ClientRequest, Level};
@@ -123,7 +123,7 @@ impl<'a> Client<'a> {
 
     /// Offers the channels of vehicles that came, and takes back those of vehicles that went.
     async fn advertise(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let names: Vec<String> = lock(&self.server.fleet).vehicles.keys().cloned().collect();
+        let names: Vec<String> = self.server.fleet.lock().vehicles.keys().cloned().collect();
         let gone: Vec<u32> =
             self.channels.iter().filter(|(_, (name, _))| !names.contains(name)).map(|(id, _)| *id).collect();
         if !gone.is_empty() {
@@ -150,7 +150,7 @@ impl<'a> Client<'a> {
 
     /// Sends the time of the data.
     async fn send_time(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let stamp_ns = lock(&self.server.fleet).data_time_ns(Instant::now());
+        let stamp_ns = self.server.fleet.lock().data_time_ns(Instant::now());
         let time_ns = stamp_ns.map_or(0, |stamp_ns| log_time(Timestamp::from_nanos(stamp_ns)));
         if time_ns == 0 || std::mem::replace(&mut self.time_ns, time_ns) == time_ns {
             return Ok(());
@@ -161,7 +161,7 @@ impl<'a> Client<'a> {
     /// News for a subscription.
     fn news(&mut self, number: u32) -> Vec<Message> {
         let Some((channel, sent)) = self.subscriptions.get_mut(&number) else { return Vec::new() };
-        let fleet = lock(&self.server.fleet);
+        let fleet = self.server.fleet.lock();
         let drawn = if *channel == EVENTS {
             let time_ns = self.time_ns;
             let events =

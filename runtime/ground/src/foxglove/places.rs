@@ -1,7 +1,8 @@
 //! Places for clients, and who has to leave one: a client that gives no sign of life makes way for another.
 
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
@@ -28,12 +29,6 @@ pub struct ClientSign {
     pub leave: Notify,
 }
 
-impl ClientSign {
-    fn heard(&self) -> MutexGuard<'_, Instant> {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 /// One of the places; it is free again when this is dropped.
 #[derive(Debug)]
 pub struct Seat {
@@ -46,27 +41,23 @@ pub struct Seat {
 impl Seat {
     /// The client has said something, or has answered a ping.
     pub fn hear(&self, now: Instant) {
-        *self.sign.heard() = now;
+        *self.sign.heard.lock() = now;
     }
 }
 
 impl Drop for Seat {
     fn drop(&mut self) {
-        self.places.lock().clients.remove(&self.number);
+        self.places.0.lock().clients.remove(&self.number);
     }
 }
 
 impl Seats {
-    fn lock(&self) -> MutexGuard<'_, Taken> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Takes a place. Where there is none, the client that has been silent for longest has to leave its own, if it has been for
     /// long; `None` if none has.
     pub fn take(this: &Arc<Self>, now: Instant) -> Option<Seat> {
-        let mut taken = this.lock();
+        let mut taken = this.0.lock();
         if taken.clients.len() >= MAX_CLIENTS {
-            let heard = |sign: &ClientSign| *sign.heard();
+            let heard = |sign: &ClientSign| *sign.heard.lock();
             let (number, silent) = taken.clients.iter().min_by_key(|(_, sign)| heard(sign))?;
             if now.saturating_duration_since(heard(silent)) < SILENT {
                 return None;
@@ -98,12 +89,12 @@ mod tests {
         assert!(Seats::take(&places, at(4)).is_none(), "all may be alive");
         held.iter().filter(|place| place.number != 7).for_each(|place| place.hear(at(6)));
         let newer = Seats::take(&places, at(8)).unwrap();
-        assert!(!places.lock().clients.contains_key(&7), "the silent one");
+        assert!(!places.0.lock().clients.contains_key(&7), "the silent one");
         assert!(Seats::take(&places, at(8)).is_none());
         // The end of the one that was sent away frees no place of another.
         drop(held);
-        assert_eq!(places.lock().clients.len(), 1);
+        assert_eq!(places.0.lock().clients.len(), 1);
         drop(newer);
-        assert!(places.lock().clients.is_empty());
+        assert!(places.0.lock().clients.is_empty());
     }
 }
