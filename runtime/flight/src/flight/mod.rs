@@ -31,7 +31,7 @@ pub use open::{
 pub use outputs::{Output, Outputs};
 pub use overrides::with_overrides;
 pub use published::{FrameStatus, Published, PublishedState};
-pub use reset_count::ResetCount;
+pub use reset_count::first_reset_counter;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_sensors};
 pub use trajectory::{Kept, KeptOdometry, KeptStates, OdometryTrajectory};
