@@ -18,7 +18,7 @@ use std::time::Instant;
 /// # Panics
 /// When a message is neither taken nor counted, or what a page is told is no JSON.
 pub fn network_messages(data: &[u8]) {
-    show(&lock(&heard(data)));
+    show(&heard(data).lock());
 }
 
 /// State of a station after these messages.
