@@ -77,7 +77,7 @@ impl KeptInstants {
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
         let room = stamps.len();
         control.keep_instants().expect(stamps);
-        Self::new(room, InstantAnswer::default(), Producer::Tick, |said| match said {
+        Self::new(room, Producer::Tick, |said| match said {
             Said::Instant(answer) if answer.source == InstantSource::List => Some(answer.clone()),
             _ => None,
         })
