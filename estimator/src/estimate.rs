@@ -95,7 +95,7 @@ pub struct Estimate {
     #[field(14)]
     pub figures: FrameFigures,
     /// Variances of the biases: gyroscope (rad²/s²), accelerometer (m²/s⁴).
-    #[field(15, columns = (27, &[
+    #[field(15, columns = (26, &[
         "var_bias_gyro_x_rad2_s2", "var_bias_gyro_y_rad2_s2", "var_bias_gyro_z_rad2_s2",
         "var_bias_accel_x_m2_s4", "var_bias_accel_y_m2_s4", "var_bias_accel_z_m2_s4",
     ]))]
@@ -154,17 +154,14 @@ pub struct FrameFigures {
     /// Line landmarks in the window after this frame.
     #[field(9, columns = (22, &["lines_in_window"]))]
     pub lines_in_window: u32,
-    /// Line landmarks in the window along a direction of the structure.
-    #[field(13, columns = (23, &["lines_in_structure"]))]
-    pub lines_in_structure: u32,
     /// Keyframes in the window.
-    #[field(10, columns = (24, &["keyframes"]))]
+    #[field(10, columns = (23, &["keyframes"]))]
     pub keyframes: u32,
     /// Solver iterations.
-    #[field(11, columns = (25, &["iterations"]))]
+    #[field(11, columns = (24, &["iterations"]))]
     pub iterations: u32,
     /// True if this frame became a keyframe.
-    #[field(12, at = 530, columns = (26, &["is_keyframe"]))]
+    #[field(12, at = 530, columns = (25, &["is_keyframe"]))]
     pub is_keyframe: bool,
 }
 

@@ -55,7 +55,6 @@ pub struct Tracked {
 
 impl Tracked {
     /// An empty one, with room for any frame.
-    #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         Self {
             sequence: 0,
@@ -151,7 +150,6 @@ pub struct SolvedFrame {
 
 impl Feedback {
     /// Initial feedback before the first frame, with room for the findings of any frame.
-    #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         let pose = |k: usize| setup.camera.get(k).map_or_else(Isometry3::identity, |c| c.pose_b_c());
         Self {

@@ -2,11 +2,12 @@
 //!
 //! Feedback of the window comes by [`crate::exchange`], by rule one frame late.
 
+mod images;
+
 use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, KnownState, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
-use crate::image::condition::{Condition, ConditionWatch};
 use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise, Preintegration};
@@ -20,7 +21,7 @@ use crate::window::state::FrameTime;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::image_sizes;
-use plumbline_config::{ImageView, ImuSample, Portable, Timestamp, ValidSetup};
+use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 
 /// Tracks points and lines through the images of the rig. Everything is allocated at construction.
 pub struct FrontEnd {
@@ -44,7 +45,6 @@ pub struct FrontEnd {
     distrusts_imu: bool,
     untracked_camera: Option<usize>,
     frozen: FrozenWatch,
-    condition: ConditionWatch,
     reset_counter: u32,
     asked_reset: Option<ResetKind>,
     had_lines: bool,
@@ -93,7 +93,6 @@ impl FrontEnd {
             distrusts_imu: false,
             untracked_camera: None,
             frozen: FrozenWatch::new(setup),
-            condition: ConditionWatch::default(),
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
@@ -249,8 +248,6 @@ impl FrontEnd {
                 );
             }
         }
-        let condition = self.condition.update(self.points.newest_images());
-        report_condition(condition, &mut tracked.health);
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         tracked.is_repeating = self.points.is_repeating();
@@ -391,90 +388,5 @@ impl FrontEnd {
             of_frame.lines_matched = figures.matched;
             of_frame.lines_cut_short = figures.cut_short;
         }
-    }
-
-    fn usable_images<'a>(
-        &mut self,
-        frame: &FrameInput<'a>,
-        health: &mut HealthBits,
-    ) -> [Option<ImageView<'a>>; 2] {
-        let mut images = [None, None];
-        let missing = [HealthBits::LEFT_MISSING, HealthBits::RIGHT_MISSING];
-        let frozen = [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
-        for camera in 0..self.cameras {
-            match frame.images[camera] {
-                Some(image) if (image.width(), image.height()) == self.sizes_px[camera] => {
-                    if self.frozen.is_repeated(camera, &image) && !is_blank(&image) {
-                        health.insert(frozen[camera]);
-                    } else {
-                        images[camera] = Some(image);
-                    }
-                }
-                Some(_) => health.insert(HealthBits::BAD_IMAGE_SIZE),
-                None => health.insert(missing[camera]),
-            }
-        }
-        // A covered lens: the other camera leads, as if this one were silent.
-        if let [Some(left), Some(right)] = &images {
-            let blank = [is_blank(left), is_blank(right)];
-            for camera in 0..2 {
-                if blank[camera] && !blank[1 - camera] {
-                    images[camera] = None;
-                    health.insert(missing[camera]);
-                }
-            }
-        }
-        if let (Some(camera), [Some(_), Some(_)]) = (self.untracked_camera, &images) {
-            images[camera] = None;
-        }
-        images
-    }
-}
-
-/// An image whose grey levels spread by less than this (standard deviation) shows nothing but noise.
-const BLANK_SPREAD: f64 = 3.0;
-/// One pixel in so many of either direction is looked at.
-const BLANK_STEP: usize = 8;
-
-/// True if an image shows nothing.
-fn is_blank(image: &ImageView<'_>) -> bool {
-    let (mut sum, mut squares, mut count) = (0u64, 0u64, 0u64);
-    for v in (0..image.height()).step_by(BLANK_STEP) {
-        for pixel in image.row(v).iter().step_by(BLANK_STEP) {
-            let level = u64::from(*pixel);
-            sum += level;
-            squares += level * level;
-            count += 1;
-        }
-    }
-    let count = count.max(1) as f64;
-    let mean = sum as f64 / count;
-    squares as f64 / count - mean * mean < BLANK_SPREAD * BLANK_SPREAD
-}
-
-/// Says in `health` how poor the images are.
-fn report_condition(condition: Condition, health: &mut HealthBits) {
-    let Condition { is_dark, is_plain, is_blocked } = condition;
-    let bits = [HealthBits::DARK, HealthBits::LITTLE_TEXTURE, HealthBits::VIEW_BLOCKED];
-    for (bit, _) in bits.into_iter().zip([is_dark, is_plain, is_blocked]).filter(|(_, is_so)| *is_so) {
-        health.insert(bit);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use plumbline_config::GrayImage;
-
-    #[test]
-    fn a_covered_lens_shows_nothing_and_a_dim_room_shows_something() {
-        let image = |level: fn(usize) -> u8| {
-            let mut image = GrayImage::new(160, 120);
-            image.pixels_mut().iter_mut().enumerate().for_each(|(k, pixel)| *pixel = level(k));
-            image
-        };
-        assert!(is_blank(&image(|_| 0).view()) && is_blank(&image(|_| 200).view()));
-        assert!(is_blank(&image(|k| 2 + (k * 7 % 5) as u8).view()), "noise of a dark sensor");
-        assert!(!is_blank(&image(|k| 10 + ((k % 160) / 10) as u8).view()), "dim, and there is something");
     }
 }

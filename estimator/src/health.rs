@@ -197,25 +197,10 @@ health_bits! {
          focal length, stamps that are off, or things that move and fill the view",
         "run `plumbline doctor` on the data",
     );
-    /// The images have been nearly black for a second.
-    23 DARK "dark", "the images are nearly black", (
-        "too little light for the exposure, or grey levels that use a part of their range",
-        "more light, a longer exposure or more gain",
-    );
     /// By the gyroscope, the image moved by more than 3 px during the exposure; only with `camera.exposure_s`.
     24 BLURRED "blurred", "turning blurs the images", (
         "an exposure that is too long for these turns",
         "turn more slowly, or expose for a shorter time with more light",
-    );
-    /// For a second, one camera has not seen a quarter of the image that the other one sees: something is before its lens.
-    25 VIEW_BLOCKED "view blocked", "something is before one lens", (
-        "dirt, or a part of the vehicle",
-        "clean the lens, move what hangs before it, or mask it (`plumbline-lab mask`)",
-    );
-    /// For a second, nearly all of the images has been plain.
-    26 LITTLE_TEXTURE "little texture", "there is hardly any texture in the images", (
-        "plain surfaces, or a lens out of focus",
-        "fly where there is something to see; look at the focus",
     );
     /// The accelerometer, or one of its axes, does not fit the motion that the images show, and is nearly ignored. The quality is at most 10.
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
@@ -271,8 +256,9 @@ mod tests {
 
     #[test]
     fn every_bit_has_a_place_of_its_own_and_every_fault_causes_and_a_cure() {
-        for (number, about) in HealthBits::ABOUT.iter().enumerate() {
-            assert_eq!(about.bit.0, 1 << number, "{}", about.name);
+        assert!(HealthBits::ABOUT.is_sorted_by(|before, about| before.bit.0 < about.bit.0));
+        for about in &HealthBits::ABOUT {
+            assert!(about.bit.0.is_power_of_two(), "{}", about.name);
             assert!(!about.meaning.is_empty() && !about.finding.is_empty(), "{}", about.name);
             assert_eq!(about.causes.is_empty(), about.cure.is_empty(), "{}", about.name);
         }

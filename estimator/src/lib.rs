@@ -55,24 +55,24 @@
 
 pub mod admission;
 pub mod estimate;
-pub mod exchange;
-pub mod facade;
-pub mod front_end;
+mod exchange;
+mod facade;
+mod front_end;
 pub mod geometry;
 pub mod health;
 pub mod image;
-pub mod inertial;
-pub mod initial;
-pub mod input;
+mod inertial;
+mod initial;
+mod input;
 pub mod lines;
 pub mod odometry;
-pub mod origin;
+mod origin;
 pub mod places;
 pub mod points;
 pub mod propagator;
-pub mod shutter;
+mod shutter;
 pub mod window;
-pub mod work_budget;
+mod work_budget;
 
 pub use estimate::{
     BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, Stage, StageProbe,

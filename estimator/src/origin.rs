@@ -25,7 +25,6 @@ pub struct OriginUncertainty {
 
 impl OriginUncertainty {
     /// Share of the origin in the covariance of a state; `None` before the first reset.
-    #[must_use]
     pub fn share(
         &self,
         p_o_b: &Vector3<f64>,
@@ -47,7 +46,6 @@ impl OriginUncertainty {
 
 /// Covariance of the velocity in the body's axes, (m/s)²: that in the odometry frame contains the speed times the uncertainty
 /// of the yaw, which neither a controller nor a filter in the body suffers from.
-#[must_use]
 pub fn body_velocity_covariance(
     covariance: &NavCovariance,
     rot_o_b: &UnitQuaternion<f64>,

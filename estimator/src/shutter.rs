@@ -25,32 +25,27 @@ pub struct Readout {
 
 impl Readout {
     /// Readout of a configured camera.
-    #[must_use]
     pub fn of(camera: &CameraConfig) -> Self {
         Self { readout_s: camera.readout_s, rows: (camera.height_px as f64 - 1.0).at_least(1.0) }
     }
 
     /// True if all rows are exposed at once.
-    #[must_use]
     pub fn is_global(&self) -> bool {
         self.readout_s == 0.0
     }
 
     /// Time by which the last row is later than the frame, s.
-    #[must_use]
     pub fn after_s(&self) -> f64 {
         0.5 * self.readout_s
     }
 
     /// Time by which row `v` (which may lie between two) is later than the frame, s.
-    #[must_use]
     pub fn late_s(&self, v: f64) -> f64 {
         self.readout_s * (v / self.rows.at_least(1.0) - 0.5)
     }
 }
 
 /// Readouts of left and right camera; global for a camera that is not there.
-#[must_use]
 pub fn readouts(setup: &ValidSetup) -> [Readout; 2] {
     [0, 1].map(|k| setup.camera.get(k).map_or_else(Readout::default, Readout::of))
 }
@@ -66,7 +61,6 @@ pub struct RowTurns {
 impl RowTurns {
     /// Turns of a camera mounted with `rot_b_c`; `turn_b` gives the rotation that takes coordinates of the body, that many
     /// seconds after the frame, to those at the frame.
-    #[must_use]
     pub fn new(
         readout: Readout,
         rot_b_c: &UnitQuaternion<f64>,
@@ -83,7 +77,6 @@ impl RowTurns {
     }
 
     /// True if all rows are exposed at once.
-    #[must_use]
     pub fn is_global(&self) -> bool {
         self.readout.is_global()
     }
@@ -96,7 +89,6 @@ impl RowTurns {
     }
 
     /// Normalized coordinates at the time of the frame of what row `v` sees at `xy`; `None` behind the camera.
-    #[must_use]
     pub fn at_frame(&self, xy: &Vector2<f64>, v: f64) -> Option<Vector2<f64>> {
         if self.is_global() {
             return Some(*xy);
@@ -106,7 +98,6 @@ impl RowTurns {
     }
 
     /// Direction at the time of row `v` of what is in direction `q` at the time of the frame.
-    #[must_use]
     pub fn at_row(&self, q: &Vector3<f64>, v: f64) -> Vector3<f64> {
         self.turn(v).inverse() * q
     }

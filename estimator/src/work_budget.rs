@@ -19,7 +19,6 @@ impl WorkBudget {
     pub const FULL: Self = Self { features_percent: 100, lines: true, max_iterations: usize::MAX };
 
     /// The share of `count` that this budget allows.
-    #[must_use]
     pub fn share_of(&self, count: usize) -> usize {
         count * self.features_percent.min(100) as usize / 100
     }

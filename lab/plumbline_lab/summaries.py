@@ -20,7 +20,7 @@ NAMED_BY = {
     "stamp-late": ("images late",),
     "clock-back": ("bad stamp",),
     "frame-gap": ("frame gap",),
-    "image-black": ("dark",),
+    "image-black": ("no features",),
     # With noise an image does not repeat, but differs from that of the other camera.
     "image-frozen": (*FROZEN, "cameras disagree"),
     "image-repeat": FROZEN,

@@ -5,20 +5,25 @@ use plumbline_lab::report::Report;
 use plumbline_simulator::{Scenario, Scene};
 use plumbline_tests::{along, reported};
 
-/// Flies `path` for ten seconds and checks what a sound flight keeps. Yaw drift per minute and the NEES that is
+/// Flies `path` for ten seconds, twice, and checks what a sound flight keeps. Yaw drift per minute and the NEES that is
 /// asked for (0.3 to 3 times its expectation) are those of whole minutes: see `soak.rs`. In the first seconds
-/// the covariance is wider than the errors, so the lower bound here only guards against getting worse.
+/// the covariance is wider than the errors, so the lower bound here only guards against getting worse; by the mean, since an error
+/// that is small by chance is no modesty.
 fn flies(path: &str, scene: Scene, max_ate_percent: f64) {
     let Some(scenario) = along(path, scene, 10.0) else { return };
-    let report = reported(open_simulation(None, &scenario, false, 0.0, None).unwrap());
-    let accuracy = report.accuracy.as_ref().unwrap();
-    assert_eq!(report.resets, 0);
-    assert!(report.completion >= 0.98, "completion {}", report.completion);
-    assert!(report.first_pose_s.unwrap() < 1.0);
-    assert!(accuracy.ate_percent < max_ate_percent, "ATE {} %", accuracy.ate_percent);
-    let nees = accuracy.nees_ratio.unwrap();
-    assert!((0.1..3.0).contains(&nees), "NEES {nees} of its expectation");
-    assert_eq!(report.hot_path_allocations, 0);
+    let of_seeds = [1, 2].map(|seed| {
+        let scenario = Scenario { seed, ..scenario.clone() };
+        let report = reported(open_simulation(None, &scenario, false, 0.0, None).unwrap());
+        let accuracy = report.accuracy.as_ref().unwrap();
+        assert_eq!(report.resets, 0);
+        assert!(report.completion >= 0.98, "completion {}", report.completion);
+        assert!(report.first_pose_s.unwrap() < 1.0);
+        assert!(accuracy.ate_percent < max_ate_percent, "ATE {} %", accuracy.ate_percent);
+        assert_eq!(report.hot_path_allocations, 0);
+        accuracy.nees_ratio.unwrap()
+    });
+    let nees = (of_seeds[0] + of_seeds[1]) / 2.0;
+    assert!(of_seeds.iter().all(|nees| *nees < 3.0) && nees > 0.1, "NEES {of_seeds:?} of its expectation");
 }
 
 #[test]

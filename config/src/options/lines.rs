@@ -56,13 +56,4 @@ pub struct LinesConfig {
     /// simulated ones.
     #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
-    /// Constrain vertical lines to the direction of gravity.
-    #[key(default = true, experiment)]
-    pub use_verticals: bool,
-    /// Constrain horizontal lines to common headings. They are parallel or perpendicular to each other.
-    #[key(default = true)]
-    pub use_vanishing_directions: bool,
-    /// Standard deviation of the angle between a line and its structure.
-    #[key(default = 0.1, range = 0.01..=10.0, unit = DEGREES)]
-    pub structure_sigma_deg: f64,
 }

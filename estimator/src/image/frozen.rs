@@ -19,7 +19,6 @@ pub struct FrozenWatch {
 
 impl FrozenWatch {
     /// A watch for the cameras of a setup.
-    #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         let grid = |k: usize| {
             let size = |c: &plumbline_config::options::CameraConfig| {

@@ -1,10 +1,9 @@
 //! Images as the trackers want them: 8-bit pyramids and interpolated patches.
 
-pub mod condition;
-pub mod frozen;
+pub(crate) mod frozen;
 pub mod mask;
-pub mod noise;
-pub mod patch;
+pub(crate) mod noise;
+pub(crate) mod patch;
 pub mod pyramid;
 #[cfg(test)]
 pub(crate) mod synthetic;

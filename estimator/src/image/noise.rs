@@ -56,7 +56,6 @@ impl NoiseWatch {
 }
 
 /// Standard deviation of the noise of a plane with a rim, grey levels; 0 where it is too small to tell.
-#[must_use]
 pub fn noise_sigma(plane: &Plane<'_>) -> f32 {
     let (columns, rim) = (plane.columns, plane.origin);
     let mut counts = [0u32; MOST];

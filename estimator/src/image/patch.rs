@@ -30,7 +30,6 @@ impl Patch {
     pub const ZERO: Self = Self([0.0; AREA]);
 
     /// `sum_i self_i * other_i`.
-    #[must_use]
     #[inline(never)]
     pub fn dot(&self, other: &Self) -> f32 {
         let [sum] = sums(|i| [self.0[i] * other.0[i]]);
@@ -38,7 +37,6 @@ impl Patch {
     }
 
     /// `sum_i self_i`.
-    #[must_use]
     #[inline(never)]
     pub fn sum(&self) -> f32 {
         let [sum] = sums(|i| [self.0[i]]);

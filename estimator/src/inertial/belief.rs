@@ -44,7 +44,6 @@ impl BelievedSample {
     }
 
     /// Angular rate to integrate, bias included, rad/s: none where it was not measured.
-    #[must_use]
     pub fn gyro(&self) -> Vector3<f64> {
         if self.unmeasured.gyro { Vector3::zeros() } else { self.sample.gyro }
     }
@@ -60,7 +59,6 @@ pub struct SensorLimits {
 
 impl SensorLimits {
     /// Limits of a configured sensor.
-    #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
         Self {
             period_s: 1.0 / imu.rate_hz,
@@ -70,13 +68,11 @@ impl SensorLimits {
     }
 
     /// Nominal time between samples, s.
-    #[must_use]
     pub fn period_s(&self) -> f64 {
         self.period_s
     }
 
     /// Belief in a sample that follows `last`.
-    #[must_use]
     pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {
         let saturated = Sensors {
             gyro: sample.gyro.amax() > SATURATED_SHARE * self.gyro_range,
@@ -97,14 +93,12 @@ impl SensorLimits {
     }
 
     /// True if samples are missing within `dt_s`.
-    #[must_use]
     pub fn is_gap(&self, dt_s: f64) -> bool {
         dt_s > GAP_PERIODS * self.period_s
     }
 
     /// The noise of a step of `dt_s` seconds, which lies `apart_s` from the samples that it goes by or as far between two of
     /// them, and at whose ends something is `saturated`; that of the sensor, `noise`, where all is well.
-    #[must_use]
     pub fn noise_of_step(&self, noise: &ImuNoise, dt_s: f64, apart_s: f64, saturated: Sensors) -> ImuNoise {
         let mut of_step = *noise;
         // A mean over the step that is off by sigma has the density sigma sqrt(dt).

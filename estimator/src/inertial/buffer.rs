@@ -25,7 +25,6 @@ pub struct Coverage {
 
 impl Coverage {
     /// True if both sensors measured throughout.
-    #[must_use]
     pub fn is_measured(&self) -> bool {
         !self.has_gap && !self.unmeasured.is_any()
     }
@@ -49,7 +48,6 @@ pub struct ImuBuffer {
 
 impl ImuBuffer {
     /// Room for [`IMU_MEMORY_S`] of a sensor's samples. Saturated readings are kept as [`super::belief`] says.
-    #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
         let capacity = (IMU_MEMORY_S * imu.rate_hz).ceil() as usize + 2;
         Self {
@@ -106,13 +104,11 @@ impl ImuBuffer {
     }
 
     /// The sensors that repeat their readings at the newest sample.
-    #[must_use]
     pub fn stuck(&self) -> Unmeasured {
         self.stuck
     }
 
     /// True if the samples kept begin before `stamp`.
-    #[must_use]
     pub fn reaches_back_to(&self, stamp: Timestamp) -> bool {
         self.samples.front().is_some_and(|first| first.sample.stamp <= stamp)
     }
@@ -163,7 +159,6 @@ impl ImuBuffer {
 
     /// Mean angular rate, rad/s, and specific force, m/s², of the samples in `[from, to]`, both in the body frame,
     /// biases included; `None` without samples there.
-    #[must_use]
     pub fn mean(&self, from: Timestamp, to: Timestamp) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         let mut count = 0.0;
@@ -176,7 +171,6 @@ impl ImuBuffer {
     }
 
     /// Mean of the angular rates that were measured in `[from, to]`, rad/s, bias included; `None` where none was.
-    #[must_use]
     pub fn mean_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         for believed in self.within(from, to).filter(|s| !s.unmeasured.gyro) {
@@ -187,13 +181,11 @@ impl ImuBuffer {
     }
 
     /// Nominal time between samples, s.
-    #[must_use]
     pub fn period_s(&self) -> f64 {
         self.limits.period_s()
     }
 
     /// Vibration in the samples up to `to`.
-    #[must_use]
     pub fn vibration(&self, to: Timestamp) -> Vibration {
         let samples = self.within(to.plus_seconds(-vibration::SPAN_S), to);
         Vibration::of(samples.map(|believed| &believed.sample))
@@ -207,7 +199,6 @@ impl ImuBuffer {
 
     /// Preintegrates `[from, to]` with the given biases. Samples at the ends are interpolated; where
     /// samples are missing the nearest ones stand in, with larger noise, and the coverage says so.
-    #[must_use]
     pub fn preintegrate(
         &self,
         from: Timestamp,

@@ -40,23 +40,12 @@ pub struct ImuNoise {
 }
 
 impl ImuNoise {
-    /// A perfect sensor.
-    pub const NONE: Self = Self {
-        gyro_density: 0.0,
-        accel_density: 0.0,
-        gyro_walk: 0.0,
-        accel_walk: 0.0,
-        gyro_scale: 0.0,
-        accel_scale: 0.0,
-    };
-
     /// The noise model that a configuration describes.
     ///
     /// A coloured error of standard deviation `sigma` and correlation time `tau` (Gauss-Markov) changes within `t << tau` by
     /// `sigma sqrt(2 t / tau)`: like a walk of density `sigma sqrt(2 / tau)`. The window is not much longer than `tau`, and
     /// takes that walk for part of the bias. It differs from white noise, whose effect averages out, and from the walk of
     /// the switch-on bias, which is slower by an order of magnitude.
-    #[must_use]
     pub fn of(config: &ImuConfig) -> Self {
         let coloured = |sigma: f64| sigma * (2.0 / config.error_time_s).sqrt();
         Self {
@@ -81,6 +70,19 @@ impl ImuNoise {
             (self.accel_density * self.accel_density + relative(self.accel_scale, force)) / dt,
         )
     }
+}
+
+#[cfg(test)]
+impl ImuNoise {
+    /// A perfect sensor.
+    pub const NONE: Self = Self {
+        gyro_density: 0.0,
+        accel_density: 0.0,
+        gyro_walk: 0.0,
+        accel_walk: 0.0,
+        gyro_scale: 0.0,
+        accel_scale: 0.0,
+    };
 }
 
 /// The motion between two times as the IMU measured it, independent of the state at either.
@@ -119,7 +121,6 @@ pub struct CorrectedDelta {
 
 impl Preintegration {
     /// The empty interval.
-    #[must_use]
     pub fn new(bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> Self {
         Self {
             dt_s: 0.0,
@@ -200,13 +201,11 @@ impl Preintegration {
     }
 
     /// The increments at the biases of integration.
-    #[must_use]
     pub fn delta(&self) -> CorrectedDelta {
         CorrectedDelta { p: self.delta_p, rot: self.delta_rot, v: self.delta_v }
     }
 
     /// The increments at the biases given, to first order.
-    #[must_use]
     pub fn corrected(&self, bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> CorrectedDelta {
         let d_gyro = bias_gyro - self.bias_gyro;
         let d_accel = bias_accel - self.bias_accel;
@@ -222,7 +221,6 @@ impl Preintegration {
     }
 
     /// This interval followed by `next`, at the biases of this one.
-    #[must_use]
     pub fn followed_by(&self, next: &Self) -> Self {
         let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
         let rot = self.delta_rot.to_rotation_matrix().into_inner();
@@ -242,7 +240,6 @@ impl Preintegration {
 
     /// Transition matrices of the errors of this interval (first) and of `next` (second) into those of both
     /// together.
-    #[must_use]
     pub fn transition(&self, next: &Self) -> (SMatrix<f64, 9, 9>, SMatrix<f64, 9, 9>) {
         let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
         delta.transition(&self.delta_rot, next.dt_s)
@@ -252,7 +249,6 @@ impl Preintegration {
 impl CorrectedDelta {
     /// Transition matrices of the errors of a state of attitude `rot` (first), and of this motion of `dt_s` from there
     /// (second), into those of the state at its end.
-    #[must_use]
     pub fn transition(
         &self,
         rot: &UnitQuaternion<f64>,

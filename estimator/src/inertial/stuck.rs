@@ -47,19 +47,16 @@ impl Sensors {
     pub const BOTH: Self = Self { gyro: true, accel: true };
 
     /// True if it is one of them at least.
-    #[must_use]
     pub fn is_any(self) -> bool {
         self.gyro || self.accel
     }
 
     /// Those of either.
-    #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self { gyro: self.gyro || other.gyro, accel: self.accel || other.accel }
     }
 
     /// The noise of a step in which these sensors did not measure; `noise` where both did.
-    #[must_use]
     pub fn noise(self, noise: ImuNoise) -> ImuNoise {
         let density = |is_missing: bool, of_sensor: f64, unmeasured: f64| {
             if is_missing { libm::hypot(of_sensor, unmeasured) } else { of_sensor }
@@ -128,13 +125,11 @@ pub struct StuckSince {
 
 impl StuckSince {
     /// The sensors that do not measure.
-    #[must_use]
     pub fn unmeasured(&self) -> Unmeasured {
         Unmeasured { gyro: self.gyro.is_some(), accel: self.accel.is_some() }
     }
 
     /// The sensors that were stuck at `stamp` already.
-    #[must_use]
     pub fn at(&self, stamp: Timestamp) -> Unmeasured {
         let is_stuck = |since: Option<Timestamp>| since.is_some_and(|since| stamp > since);
         Unmeasured { gyro: is_stuck(self.gyro), accel: is_stuck(self.accel) }
@@ -143,7 +138,6 @@ impl StuckSince {
 
 impl StuckWatch {
     /// A watch for readings that repeat for `stuck_after_s`; never if that is 0.
-    #[must_use]
     pub fn new(stuck_after_s: f64) -> Self {
         Self {
             enough_ns: [1.0, MOVING_SHARE, AXIS_SHARE].map(|share| (share * stuck_after_s * 1e9) as i64),
@@ -152,7 +146,6 @@ impl StuckWatch {
     }
 
     /// A watch for a configured sensor.
-    #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
         Self::new(imu.stuck_after_s)
     }

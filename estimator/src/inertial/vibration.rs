@@ -26,7 +26,6 @@ pub struct Vibration {
 
 impl Vibration {
     /// Vibration in `samples`, oldest first; none in too few of them.
-    #[must_use]
     pub fn of<'a>(samples: impl Iterator<Item = &'a ImuSample>) -> Self {
         let (mut force, mut velocity) = (Parabola::default(), Parabola::default());
         let mut integral = Vector3::zeros();

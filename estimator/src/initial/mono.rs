@@ -51,8 +51,6 @@ pub struct GravityAlignment {
     pub gravity_b0: Vector3<f64>,
     /// Root mean square of the residuals, in standard deviations.
     pub rms_sigmas: f64,
-    /// Observations used.
-    pub observations: usize,
 }
 
 /// The memory of an alignment, allocated once.
@@ -141,17 +139,15 @@ pub fn align(
     workspace.find_points(frames);
     let mut solution = Six::zeros();
     let mut rms_sigmas = 0.0;
-    let mut observations = 0;
     for _ in 0..ROUNDS {
         let (h, g) = workspace.normal_equations();
         solution = constrained(&h, &g, gravity_m_s2)?;
-        (rms_sigmas, observations) = workspace.update(&solution);
+        rms_sigmas = workspace.update(&solution);
     }
     Some(GravityAlignment {
         v_b0: solution.fixed_rows::<3>(0).into_owned(),
         gravity_b0: solution.fixed_rows::<3>(3).into_owned(),
         rms_sigmas,
-        observations,
     })
 }
 
@@ -281,8 +277,8 @@ fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six
 }
 
 impl AlignmentWorkspace {
-    /// New depths and robust weights at the solution; root mean square residual and number of observations.
-    fn update(&mut self, s: &Six) -> (f64, usize) {
+    /// New depths and robust weights at the solution; root mean square residual.
+    fn update(&mut self, s: &Six) -> f64 {
         let Self { points, views, cameras, .. } = self;
         let (mut sum, mut count) = (0.0, 0);
         for point in points {
@@ -310,6 +306,6 @@ impl AlignmentWorkspace {
                 count += 1;
             }
         }
-        ((sum / (2 * count).max(1) as f64).sqrt(), count)
+        (sum / (2 * count).max(1) as f64).sqrt()
     }
 }

@@ -89,7 +89,7 @@ impl Describer {
             let mut places = [0; STATIONS];
             grid.row(k as i32, &mut places);
             for (word, place) in seen.iter_mut().zip(places) {
-                *word = gradients.pixels()[place as usize].word();
+                *word = gradients.pixels[place as usize].word();
             }
         }
         let (mut gx, mut gy) = ([0.0; STATIONS], [0.0; STATIONS]);
@@ -141,14 +141,14 @@ impl Grid {
 
     fn new(gradients: &Gradients, first: &Vector2<f32>, along: &Vector2<f32>, across: &Vector2<f32>) -> Self {
         let parts = |v: &Vector2<f32>| [v.x, v.y].map(|v| (v * (1 << Self::FRACTION) as f32) as i32);
-        let last = [gradients.width(), gradients.height()].map(|side| (side - BORDER - 1) as i32);
+        let last = [gradients.width, gradients.height].map(|side| (side - BORDER - 1) as i32);
         let half = Vector2::new(0.5, 0.5);
         Self {
             first: parts(&(first + half)),
             along: parts(along),
             across: parts(across),
             last,
-            width: gradients.width() as i32,
+            width: gradients.width as i32,
         }
     }
 

@@ -198,18 +198,18 @@ impl LineExtractor {
     /// Grows segments until the seeds or the budget are spent.
     fn find(&mut self) {
         let threshold = self.threshold();
-        self.growth.begin();
+        self.growth.visits = 0;
         self.raw.clear();
         self.figures =
-            ExtractionFigures { is_cut_short: self.seeds.is_cut_short(), ..ExtractionFigures::default() };
-        for k in 0..self.seeds.ordered().len() {
-            let seed = self.seeds.ordered()[k];
+            ExtractionFigures { is_cut_short: self.seeds.is_cut_short, ..ExtractionFigures::default() };
+        for k in 0..self.seeds.ordered.len() {
+            let seed = self.seeds.ordered[k];
             let (x, y) = seed.place();
-            let pixel = self.gradients.pixels()[y * self.gradients.width() + x];
+            let pixel = self.gradients.pixels[y * self.gradients.width + x];
             if pixel.is_taken() || pixel.is_tried() || !seed.is_promising(&self.gradients, threshold) {
                 continue;
             }
-            if self.growth.visits() >= self.max_visits || self.raw.len() == self.options.max_raw {
+            if self.growth.visits >= self.max_visits || self.raw.len() == self.options.max_raw {
                 self.figures.is_cut_short = true;
                 break;
             }
@@ -218,7 +218,7 @@ impl LineExtractor {
                 None => self.growth.reject(&mut self.gradients),
             }
         }
-        self.figures.visits = self.growth.visits() as u32;
+        self.figures.visits = self.growth.visits as u32;
     }
 
     fn segment_at(&mut self, seed: (usize, usize), threshold: i16) -> Option<Segment> {

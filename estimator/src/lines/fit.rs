@@ -31,7 +31,6 @@ impl LineMoments {
 
     /// Centroid and direction of the line of least squared distances: the eigenvector of the larger
     /// eigenvalue of the covariance. `None` while the places have no direction.
-    #[must_use]
     pub fn line(&self) -> Option<(Vector2<f64>, Vector2<f64>)> {
         if self.weight <= 0.0 {
             return None;

@@ -32,7 +32,6 @@ pub struct Expected {
 
 impl Expected {
     /// Between these ends (normalized coordinates), within `gate` (the same unit).
-    #[must_use]
     pub fn new(ends_xy: &[Vector2<f64>; 2], gate: f64) -> Self {
         let d = ends_xy[1] - ends_xy[0];
         let length = d.norm().at_least(f64::MIN_POSITIVE);
@@ -40,13 +39,11 @@ impl Expected {
     }
 
     /// Signed distance of a segment's middle from the expected line, normalized coordinates.
-    #[must_use]
     pub fn offset_of(&self, ends_xy: &[Vector2<f64>; 2]) -> f64 {
         self.direction.perp(&((ends_xy[0] + ends_xy[1]) * 0.5 - self.start))
     }
 
     /// True if a segment may be the edge.
-    #[must_use]
     pub fn admits(&self, segment: &ImageLine) -> bool {
         self.direction.dot(&segment.direction) > MIN_COS
             && self.offset_of(&segment.ends_xy).abs() <= self.gate
@@ -92,7 +89,6 @@ pub struct StereoGate {
 
 impl StereoGate {
     /// A left segment, ready to be compared; `None` behind the right camera.
-    #[must_use]
     pub fn expect(&self, line: &ImageLine) -> Option<StereoExpected> {
         let far = line.ends_xy.map(|xy| self.baseline.rotation * Vector3::new(xy.x, xy.y, 1.0));
         if far.iter().any(|q| q.z < 0.1) {
@@ -103,7 +99,6 @@ impl StereoGate {
     }
 
     /// A right segment, ready to be compared.
-    #[must_use]
     pub fn candidate(&self, line: &ImageLine) -> StereoCandidate {
         let [a, b] = line.ends_xy.map(|xy| Vector3::new(xy.x, xy.y, 1.0));
         let plane = a.cross(&b).normalize();
@@ -114,7 +109,6 @@ impl StereoGate {
 
     /// True if a right segment may be the same edge: the planes of both meet in front of the cameras, where
     /// both see it.
-    #[must_use]
     pub fn admits(&self, left: &StereoExpected, right: &StereoCandidate) -> bool {
         let StereoCandidate { segment, plane, baseline, is_aslant } = right;
         if left.direction.dot(&segment.direction) < MIN_COS_STEREO {

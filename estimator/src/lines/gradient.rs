@@ -36,32 +36,27 @@ pub struct Pixel {
 
 impl Pixel {
     /// The gradient, in steps.
-    #[must_use]
     pub fn gradient(self) -> (i16, i16) {
         (self.gx & !1, self.gy & !1)
     }
 
     /// The gradient as a vector, in steps.
-    #[must_use]
     pub fn vector(self) -> Vector2<f32> {
         let (gx, gy) = self.gradient();
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
     /// All of it in one word, for [`components`]: x in the lower half.
-    #[must_use]
     pub fn word(self) -> u32 {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
     }
 
     /// True if the pixel belongs to a segment, or lies beside one that does.
-    #[must_use]
     pub fn is_taken(self) -> bool {
         self.gx & 1 != 0
     }
 
     /// True if the growth of a segment was tried here and failed.
-    #[must_use]
     pub fn is_tried(self) -> bool {
         self.gy & 1 != 0
     }
@@ -91,13 +86,11 @@ pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut 
 }
 
 /// A place of the halved image, px, in the image.
-#[must_use]
 pub fn whole_px(px: &Vector2<f32>) -> Vector2<f32> {
     px.map(|v| REDUCTION as f32 * v + 0.5 * (REDUCTION as f32 - 1.0))
 }
 
 /// A place of the image, px, in the halved image: the inverse of [`whole_px`].
-#[must_use]
 pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
     px.map(|v| (v - 0.5 * (REDUCTION as f32 - 1.0)) / REDUCTION as f32)
 }
@@ -105,9 +98,12 @@ pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
 /// Gradients of one image at half its resolution, and the memory that computing them needs.
 #[derive(Clone, Debug)]
 pub struct Gradients {
-    width: usize,
-    height: usize,
-    pixels: Vec<Pixel>,
+    /// Width of the halved image, px.
+    pub(super) width: usize,
+    /// Height of the halved image, px.
+    pub(super) height: usize,
+    /// All pixels, row by row.
+    pub(super) pixels: Vec<Pixel>,
     /// One row of the halved image: sums of four pixels.
     halved: Vec<u16>,
     /// The last three rows, smoothed horizontally.
@@ -116,13 +112,12 @@ pub struct Gradients {
     smooth: [Vec<i16>; 3],
     /// Vertical sums and differences of the three.
     sums: [Vec<i16>; 2],
-    /// Magnitudes of all pixels: of most that growth looks at it asks for nothing else.
-    magnitudes: Vec<i16>,
+    /// Magnitudes of all pixels, in steps: of most that growth looks at it asks for nothing else.
+    pub(super) magnitudes: Vec<i16>,
 }
 
 impl Gradients {
     /// For images of `width` x `height` px, at least `4 BORDER` of each.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let (width, height) = (width / REDUCTION, height / REDUCTION);
         Self {
@@ -135,41 +130,6 @@ impl Gradients {
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
         }
-    }
-
-    /// Width of the halved image, px.
-    #[must_use]
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    /// Height of the halved image, px.
-    #[must_use]
-    pub fn height(&self) -> usize {
-        self.height
-    }
-
-    /// Gradient at index `y * width + x`, in steps of 1 / [`SCALE`] grey levels per pixel.
-    #[must_use]
-    pub fn at(&self, index: usize) -> (i16, i16) {
-        self.pixels[index].gradient()
-    }
-
-    /// Magnitudes of the gradients, row by row, in steps.
-    #[must_use]
-    pub fn magnitudes(&self) -> &[i16] {
-        &self.magnitudes
-    }
-
-    /// All pixels, row by row.
-    #[must_use]
-    pub fn pixels(&self) -> &[Pixel] {
-        &self.pixels
-    }
-
-    /// All pixels, row by row, to be marked.
-    pub fn pixels_mut(&mut self) -> &mut [Pixel] {
-        &mut self.pixels
     }
 
     /// Makes everything flat that `mask` hides, at half the resolution: no edge leads there.
@@ -346,7 +306,11 @@ mod tests {
             let (width, height) = (width / 2, height / 2);
             for y in 1..height - 1 {
                 for x in 1..width - 1 {
-                    assert_eq!(gradients.at(y * width + x), reference(&image, x, y), "at {x}, {y}");
+                    assert_eq!(
+                        gradients.pixels[y * width + x].gradient(),
+                        reference(&image, x, y),
+                        "at {x}, {y}"
+                    );
                 }
             }
         }
@@ -360,9 +324,9 @@ mod tests {
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
         gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
-        let at_edge = gradients.magnitudes()[10 * width / 2 + 15];
+        let at_edge = gradients.magnitudes[10 * width / 2 + 15];
         assert!(f32::from(at_edge) / SCALE > 60.0);
-        assert!(gradients.magnitudes().iter().all(|&m| m >= 0));
+        assert!(gradients.magnitudes.iter().all(|&m| m >= 0));
         assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 15));
     }
 }

@@ -17,7 +17,7 @@ const TOLERANCE_PX: f32 = 0.6;
 /// Squared cosine of the largest angle between the gradient and the normal of the line (22.5 degrees).
 const MIN_COS2: f32 = 0.853_553_4;
 /// Longest gap, px.
-const MAX_GAP: usize = 2;
+pub(super) const MAX_GAP: usize = 2;
 /// Longest gap before the line is fitted, px.
 const MAX_EARLY_GAP: usize = 1;
 /// The line is fitted from this many pixels on; before it follows the mean gradient.
@@ -41,7 +41,8 @@ pub struct Growth {
     gradient: Vector2<f32>,
     /// Distance in memory of neighbours across the segment at hand.
     across: usize,
-    visits: usize,
+    /// Pixels looked at in an image, and what beginning segments cost.
+    pub(super) visits: usize,
 }
 
 /// A pixel of the segment at hand.
@@ -111,7 +112,6 @@ struct Following<'a, const STEEP: bool> {
 
 impl Growth {
     /// For images of `width` x `height`.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let longest = width + height;
         Self {
@@ -122,17 +122,6 @@ impl Growth {
             across: 1,
             visits: 0,
         }
-    }
-
-    /// Begins with an image.
-    pub fn begin(&mut self) {
-        self.visits = 0;
-    }
-
-    /// Pixels looked at, and what beginning segments cost, since [`Self::begin`].
-    #[must_use]
-    pub fn visits(&self) -> usize {
-        self.visits
     }
 
     /// Edge of the last segment, in no order.
@@ -146,10 +135,10 @@ impl Growth {
     /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
     pub fn grow(&mut self, gradients: &mut Gradients, (x, y): (usize, usize), threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
-        let width = gradients.width();
+        let width = gradients.width;
         self.pixels.clear();
         self.moments = LineMoments::default();
-        self.gradient = gradients.pixels()[y * width + x].vector();
+        self.gradient = gradients.pixels[y * width + x].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
@@ -243,7 +232,7 @@ impl Growth {
         self.gradient += gradient;
         self.moments.add(&place.px.cast(), 1.0);
         let marked = [index - course.across(), index, index + course.across()].map(|k| {
-            let pixel = &mut course.gradients.pixels_mut()[k];
+            let pixel = &mut course.gradients.pixels[k];
             let is_new = !pixel.is_taken();
             pixel.take();
             is_new
@@ -256,7 +245,7 @@ impl Growth {
         for pixel in &self.pixels[from..] {
             let three = [pixel.index - self.across, pixel.index, pixel.index + self.across];
             for (k, _) in three.iter().zip(pixel.marked).filter(|(_, marked)| *marked) {
-                gradients.pixels_mut()[*k].give_back();
+                gradients.pixels[*k].give_back();
             }
         }
         self.pixels.truncate(from);
@@ -266,24 +255,24 @@ impl Growth {
 impl<const STEEP: bool> Following<'_, STEEP> {
     /// First coordinate beyond the image along the major axis.
     fn limit_major(&self) -> isize {
-        let side = if STEEP { self.gradients.height() } else { self.gradients.width() };
+        let side = if STEEP { self.gradients.height } else { self.gradients.width };
         (side - BORDER) as isize
     }
 
     /// First coordinate beyond the image along the minor axis.
     fn limit_minor(&self) -> usize {
-        let side = if STEEP { self.gradients.width() } else { self.gradients.height() };
+        let side = if STEEP { self.gradients.width } else { self.gradients.height };
         side - BORDER
     }
 
     /// Distance in memory of neighbours across the segment at hand.
     fn across(&self) -> usize {
-        if STEEP { 1 } else { self.gradients.width() }
+        if STEEP { 1 } else { self.gradients.width }
     }
 
     fn index(&self, major: isize, minor: usize) -> usize {
         let (x, y) = if STEEP { (minor, major as usize) } else { (major as usize, minor) };
-        y * self.gradients.width() + x
+        y * self.gradients.width + x
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
@@ -294,7 +283,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         if nearest < BORDER || nearest >= limit {
             return None;
         }
-        let magnitudes = self.gradients.magnitudes();
+        let magnitudes = &self.gradients.magnitudes;
         let across = self.across();
         let at = self.index(major, nearest);
         let around = |index: usize| [index - across, index, index + across].map(|k| magnitudes[k]);
@@ -304,7 +293,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         let peak = usize::from(is_mid) + 2 * usize::from(!is_mid & (low <= high));
         let index = at - across + peak * across;
         let [before, top, after] = around(index);
-        let pixel = self.gradients.pixels()[index];
+        let pixel = self.gradients.pixels[index];
         if top <= self.threshold || before > top || after > top || pixel.is_taken() {
             return None;
         }

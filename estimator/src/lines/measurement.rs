@@ -21,7 +21,6 @@ impl ImageLine {
     /// Fits the line through a segment's nodes, undistorted one by one: the image of a straight edge is
     /// bent by the lens, by more than the noise at the rim, and by the turns of the camera between its rows. `None` outside the
     /// model's range.
-    #[must_use]
     pub fn of(segment: &Segment, camera: &RigCamera) -> Option<Self> {
         let bearing = |px: Vector2<f64>| camera.unproject(&px);
         let mut moments = LineMoments::default();
@@ -43,7 +42,6 @@ impl ImageLine {
     }
 
     /// The edge between two ends.
-    #[must_use]
     pub fn between(ends_xy: [Vector2<f64>; 2], px_per_unit: [f64; 2]) -> Self {
         let d = ends_xy[1] - ends_xy[0];
         Self { ends_xy, direction: d / d.norm().at_least(f64::MIN_POSITIVE), px_per_unit }

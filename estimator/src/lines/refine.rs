@@ -6,6 +6,7 @@
 //! while it is found: at half the resolution it ends early, and breaks at what is small. The new segment is the line through
 //! all these places by total least squares.
 
+use super::growth::MAX_GAP;
 use super::segment::{Place, Segment};
 use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
@@ -26,7 +27,6 @@ const MAX_OFF_PX: f32 = 0.4;
 const MAX_OFF_BEYOND_PX: f32 = 0.6;
 /// An edge is followed this far beyond its ends, px, over gaps of at most [`MAX_GAP`].
 const MAX_BEYOND: usize = 48;
-const MAX_GAP: usize = 2;
 /// From this length on the lens bends an edge enough to be seen, px along the major axis.
 const BENT_FROM_PX: f32 = 60.0;
 /// Parts of a segment, or crossings, that a bent curve needs.
@@ -67,7 +67,6 @@ struct Crossing {
 
 impl Refiner {
     /// For images of `width` x `height` px.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let room = width.max(height) + 2 * MAX_BEYOND;
         Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }

@@ -36,7 +36,6 @@ impl Seed {
     }
 
     /// Column and row.
-    #[must_use]
     pub fn place(self) -> (usize, usize) {
         (usize::from(self.x), usize::from(self.y))
     }
@@ -44,11 +43,10 @@ impl Seed {
     /// True if the gradients around a seed are those of a straight edge, above a share of `threshold` steps. This is far cheaper than
     /// growing, and most seeds have none. All probes are made at once, in the lanes of the vector unit: that costs less than
     /// the mispredicted branches of stopping early.
-    #[must_use]
     pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
-        let (width, height) = (gradients.width(), gradients.height());
+        let (width, height) = (gradients.width, gradients.height);
         let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
-        let pixels = gradients.pixels();
+        let pixels = &gradients.pixels;
         let gradient = pixels[usize::from(self.y) * width + usize::from(self.x)].vector();
         let squared_norm = gradient.norm_squared();
         let direction =
@@ -69,14 +67,15 @@ impl Seed {
 #[derive(Clone, Debug)]
 pub struct Seeds {
     found: Vec<Seed>,
-    ordered: Vec<Seed>,
+    /// The seeds, strongest first.
+    pub(super) ordered: Vec<Seed>,
     max_seeds: usize,
-    is_cut_short: bool,
+    /// True if the last image had more ridges than seeds.
+    pub(super) is_cut_short: bool,
 }
 
 impl Seeds {
     /// For images of `width` x `height`, at most `max_seeds` of each.
-    #[must_use]
     pub fn new(width: usize, height: usize, max_seeds: usize) -> Self {
         // Of two neighbours across the gradient at most one is a ridge of the halved image.
         let room = width * height / (2 * REDUCTION * REDUCTION) + 1;
@@ -86,18 +85,6 @@ impl Seeds {
             max_seeds,
             is_cut_short: false,
         }
-    }
-
-    /// The seeds, strongest first.
-    #[must_use]
-    pub fn ordered(&self) -> &[Seed] {
-        &self.ordered
-    }
-
-    /// True if the last image had more ridges than seeds.
-    #[must_use]
-    pub fn is_cut_short(&self) -> bool {
-        self.is_cut_short
     }
 
     /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps. What `mask` hides, at half the
@@ -181,7 +168,7 @@ mod tests {
         let mut seeds = Seeds::new(width, height, max_seeds);
         let mut gradients = Gradients::new(width, height);
         seeds.find(&mut gradients, &image.view(), 500, None);
-        let promising = seeds.ordered().iter().filter(|seed| seed.is_promising(&gradients, 500));
+        let promising = seeds.ordered.iter().filter(|seed| seed.is_promising(&gradients, 500));
         promising.map(|seed| seed.place().0).collect()
     }
 

@@ -36,13 +36,11 @@ pub struct Segment {
 
 impl Segment {
     /// Length, px.
-    #[must_use]
     pub fn length(&self) -> f32 {
         (self.end - self.start).norm()
     }
 
     /// A segment of the halved image in the coordinates of the image.
-    #[must_use]
     pub(super) fn whole(mut self) -> Self {
         (self.start, self.end) = (whole_px(&self.start), whole_px(&self.end));
         self.nodes.iter_mut().for_each(|node| {
@@ -54,19 +52,16 @@ impl Segment {
 
     /// Salience of the segment: long and of high contrast. Of two segments of one length the stronger is more
     /// often an edge of a building, and is found again.
-    #[must_use]
     pub fn salience(&self) -> f32 {
         self.length() * self.strength.sqrt()
     }
 
     /// Middle, px.
-    #[must_use]
     pub fn middle(&self) -> Vector2<f32> {
         (self.start + self.end) * 0.5
     }
 
     /// Unit vector from start to end.
-    #[must_use]
     pub fn direction(&self) -> Vector2<f32> {
         let d = self.end - self.start;
         d / d.norm().at_least(f32::MIN_POSITIVE)
@@ -74,7 +69,6 @@ impl Segment {
 
     /// The line through edge places by total least squares, from the first to the last of them along
     /// `direction`. `None` for fewer than two places. One shorter than `nodes_from_px` has no nodes.
-    #[must_use]
     pub fn through(places: &[Place], direction: &Vector2<f32>, nodes_from_px: f32) -> Option<Self> {
         let mut moments = LineMoments::default();
         let (mut strength, mut support) = (0.0, 0.0);

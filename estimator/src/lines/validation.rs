@@ -26,7 +26,6 @@ pub struct Validation {
 
 impl Validation {
     /// For images of `width` x `height`; a pixel of noise is aligned with the probability `chance`.
-    #[must_use]
     pub fn new(width: usize, height: usize, chance: f64) -> Self {
         let mut ln_factorial = vec![0.0; MAX_LENGTH + 1];
         for n in 1..=MAX_LENGTH {
@@ -39,7 +38,6 @@ impl Validation {
     }
 
     /// True if `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
-    #[must_use]
     pub fn is_meaningful(&self, length: usize, aligned: usize) -> bool {
         let n = length.min(MAX_LENGTH);
         let k = (aligned * n).div_ceil(length.max(1)).min(n);

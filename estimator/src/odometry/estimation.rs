@@ -66,11 +66,7 @@ impl Rates {
 
     /// Derivative of position, attitude and velocity by time.
     pub(super) fn derivative(&self) -> SVector<f64, 9> {
-        let mut by_time = SVector::<f64, 9>::zeros();
-        by_time.fixed_rows_mut::<3>(NavState::P).copy_from(&self.v_o);
-        by_time.fixed_rows_mut::<3>(NavState::ROT).copy_from(&self.rate_b);
-        by_time.fixed_rows_mut::<3>(NavState::V).copy_from(&self.accel_o);
-        by_time
+        by_parts(&self.v_o, &self.rate_b, &self.accel_o)
     }
 }
 
@@ -150,10 +146,7 @@ impl Estimation {
             let v_b = from.rot_o_b.inverse_transform_vector(&from.v_o_b);
             let gain = motion.delta_v / motion.dt_s
                 + from.rot_o_b.inverse_transform_vector(&self.window.options.gravity_o);
-            let mut by_stamp = SVector::<f64, 9>::zeros();
-            by_stamp.fixed_rows_mut::<3>(NavState::P).copy_from(&v_b);
-            by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(rate_b);
-            by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
+            let by_stamp = by_parts(&v_b, rate_b, &gain);
             motion.covariance += by_stamp * by_stamp.transpose() * variance;
             motion.ends_variance_s2 += variance;
         }
@@ -207,6 +200,15 @@ impl Estimation {
         let Some(newest) = self.window.frames.len().checked_sub(1) else { return 0 };
         in_view(&self.window.points, newest) + in_view(&self.window.lines, newest)
     }
+}
+
+/// A step of position, attitude and velocity, in the order of the error state.
+fn by_parts(p: &Vector3<f64>, rot: &Vector3<f64>, v: &Vector3<f64>) -> SVector<f64, 9> {
+    let mut step = SVector::<f64, 9>::zeros();
+    for (at, part) in [(NavState::P, p), (NavState::ROT, rot), (NavState::V, v)] {
+        step.fixed_rows_mut::<3>(at).copy_from(part);
+    }
+    step
 }
 
 /// Landmarks with a depth that a frame sees.

@@ -62,7 +62,7 @@ impl Odometer {
         if let Some(earlier) = self.start.stamp_before_last().filter(|_| self.phase == Phase::Gathering) {
             let span_s = stamp.seconds_since(earlier);
             let moments = estimation.measurer.epipolar_moments(observations, &estimation.window.rig, span_s);
-            self.judge.see_gathered(stamp, moments.filter(|_| !estimation.is_repeating));
+            self.judge.see_gathered(moments.filter(|_| !estimation.is_repeating));
         }
         estimation.measurer.remember(observations);
         if self.blur_px() > BLURRED_PX {

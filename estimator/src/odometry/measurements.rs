@@ -3,20 +3,17 @@
 
 use crate::lines::{ImageLine, LineObservation, Segment};
 use crate::points::PointObservation;
-use crate::shutter::Readout;
+use crate::shutter::{Readout, readouts};
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
 use crate::window::reprojection::{InversePoint, PointMeasurement};
 use crate::window::seen_by_row::SeenByRow;
 use crate::window::state::Rig;
+use crate::window::tracks::MIN_WITNESSES;
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
-use plumbline_config::options::{LinesConfig, PointsConfig};
-use plumbline_config::{CameraModel, Portable};
-
-/// Fewest points by which whether the image stands still is judged, and how far away it is.
-const MIN_FLOW_POINTS: usize = 12;
+use plumbline_config::{CameraModel, Portable, ValidSetup};
 
 /// Turns the points of one frame into measurements, remembering those of the frame before.
 #[derive(Clone, Debug)]
@@ -57,13 +54,13 @@ pub struct MedianFlow {
 const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {
-    /// For these cameras and features; allocates all it needs.
-    #[must_use]
-    pub fn new(cameras: Vec<CameraModel>, points: &PointsConfig, lines: &LinesConfig) -> Self {
+    /// For the cameras and features of a setup; allocates all it needs.
+    pub fn new(setup: &ValidSetup) -> Self {
+        let (points, lines) = (&setup.estimator.points, &setup.estimator.lines);
         let capacity = points.max_points;
         Self {
-            cameras,
-            readouts: [Readout::default(); 2],
+            cameras: setup.camera.iter().map(|c| c.model()).collect(),
+            readouts: readouts(setup),
             sigma_px: points.sigma_px,
             line_sigma_px: lines.sigma_px,
             lines: Vec::with_capacity(2 * lines.max_segments),
@@ -75,12 +72,6 @@ impl Measurer {
         }
     }
 
-    /// Returns the measurer for cameras with these readouts.
-    #[must_use]
-    pub fn with_readouts(self, readouts: [Readout; 2]) -> Self {
-        Self { readouts, ..self }
-    }
-
     /// Forgets the frame before.
     pub fn clear(&mut self) {
         self.previous.clear();
@@ -90,13 +81,11 @@ impl Measurer {
     }
 
     /// The points of the newest frame.
-    #[must_use]
     pub fn points(&self) -> &[PointTrack] {
         &self.measurements
     }
 
     /// The lines of the newest frame.
-    #[must_use]
     pub fn lines(&self) -> &[LineTrack] {
         &self.lines
     }
@@ -161,12 +150,6 @@ impl Measurer {
         (&mut self.measurements, &mut self.lines)
     }
 
-    /// Number of points of the newest frame that `camera` measured.
-    #[must_use]
-    pub fn count(&self, camera: usize) -> usize {
-        self.measurements.iter().filter(|track| track.measured[camera].is_some()).count()
-    }
-
     /// Leaves out what `camera` measured of the newest frame.
     pub fn leave_out(&mut self, camera: usize) {
         self.measurements.retain_mut(|track| track.leave_out(camera));
@@ -174,7 +157,6 @@ impl Measurer {
     }
 
     /// Motion of the points in the images since the frame before; call before [`Self::remember`].
-    #[must_use]
     pub fn motion(&mut self, observations: &[PointObservation]) -> ImageMotion {
         let Self { previous, flow, ways_px, .. } = self;
         flow.iter_mut().chain(ways_px.iter_mut()).for_each(Vec::clear);
@@ -198,7 +180,6 @@ impl Measurer {
     /// Epipolar moments of the points of the frame before, by their motion in the right image from the one before that to this one, which took
     /// `span_s`: rates that share no noise with the distances. `None` where too few points were seen throughout. Call before
     /// [`Self::remember`].
-    #[must_use]
     pub fn epipolar_moments(
         &self,
         observations: &[PointObservation],
@@ -215,7 +196,6 @@ impl Measurer {
     }
 
     /// Median depth of the measured points, m, each in the camera that hosts it; infinite where too few have one.
-    #[must_use]
     pub fn median_depth_m(&mut self, landmarks: &LandmarkStore<InversePoint>) -> f64 {
         let Self { measurements, flow: [inverse_depths, _], .. } = self;
         inverse_depths.clear();
@@ -246,10 +226,10 @@ impl Measurer {
     }
 }
 
-/// The middle one of enough values.
+/// The middle one of enough values: of so many points that a few false ones do not move it.
 fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
-    (values.len() >= MIN_FLOW_POINTS).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    (values.len() >= MIN_WITNESSES).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn find(sorted: &[PointObservation], track_id: u32) -> Option<&PointObservation> {

@@ -47,7 +47,6 @@ use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Stage,
 use crate::exchange::{Feedback, SolvedFrame, Tracked};
 use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuBuffer, Preintegration, Vibration};
-use crate::shutter::readouts;
 use crate::window::Window;
 use crate::window::state::FrameTime;
 use crate::window::tracks::MIN_WITNESSES;
@@ -56,7 +55,7 @@ use estimation::Estimation;
 use judge::{Belief, Case, Judge, Velocity, Verdict};
 use measurements::Measurer;
 use nalgebra::Vector3;
-use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
+use plumbline_config::{Portable, Timestamp, ValidSetup};
 use start::Start;
 use zero_velocity::ZeroVelocityDetector;
 
@@ -106,7 +105,6 @@ impl Odometer {
     /// Allocates everything the setup asks for.
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
-        let cameras: Vec<CameraModel> = setup.camera.iter().map(|c| c.model()).collect();
         let (rate_hz, focal_px) = (setup.left().rate_hz, setup.left().focal_px[0]);
         let mut window = Window::new(setup);
         window.clear();
@@ -121,8 +119,7 @@ impl Odometer {
             estimation: Estimation {
                 imu: ImuBuffer::of(&setup.imu),
                 window,
-                measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines)
-                    .with_readouts(readouts(setup)),
+                measurer: Measurer::new(setup),
                 rate_b: Vector3::zeros(),
                 vibration: Vibration::default(),
                 is_repeating: false,
@@ -251,8 +248,6 @@ impl Odometer {
         window.triangulate(false);
         window.predict_rates();
         judge.judge_pair(estimation, &verdict, &mut case);
-        let tilt_sigma_rad = estimation.tilt_sigma_rad();
-        estimation.window.update_manhattan(estimation.measurer.lines(), tilt_sigma_rad);
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = estimation.window.optimize(max_iterations);
         let is_witnessed = connected >= MIN_WITNESSES;

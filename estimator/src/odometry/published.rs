@@ -84,7 +84,6 @@ impl Odometer {
             figures: FrameFigures {
                 points_in_window: points as u32,
                 lines_in_window: lines as u32,
-                lines_in_structure: window.structural_lines() as u32,
                 keyframes: window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
                 iterations: solved.iterations,
                 is_keyframe: solved.is_keyframe,

@@ -38,7 +38,6 @@ pub struct ZeroVelocityDetector {
 
 impl ZeroVelocityDetector {
     /// For a camera of `rate_hz` frames a second and a focal length of `focal_px`.
-    #[must_use]
     pub fn new(rate_hz: f64, focal_px: f64) -> Self {
         let frames = (TIME_TO_BE_STILL_S * rate_hz).round() as u32;
         Self {
@@ -91,7 +90,6 @@ impl ZeroVelocityDetector {
     }
 
     /// True if the vehicle has stood still for a while.
-    #[must_use]
     pub fn is_still(&self) -> bool {
         self.frames >= self.frames_to_be_still
     }

@@ -59,15 +59,8 @@ pub struct Pattern {
 }
 
 impl Default for Pattern {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Pattern {
     /// The one pattern there is.
-    #[must_use]
-    pub fn new() -> Self {
+    fn default() -> Self {
         let mut random = Random::new(PATTERN_SEED);
         let mut place = || loop {
             let (x, y) = (random.gaussian() * PATTERN_SIGMA, random.gaussian() * PATTERN_SIGMA);
@@ -81,7 +74,9 @@ impl Pattern {
         });
         Self { pairs: pairs.collect() }
     }
+}
 
+impl Pattern {
     /// Describes a patch; `None` when it leaves the image.
     #[must_use]
     pub fn describe(&self, pyramid: &Pyramid, patch: &PatchFrame) -> Option<Descriptor> {
@@ -154,7 +149,7 @@ mod tests {
 
     fn describe(pyramid: &Pyramid, radius_px: f32, up: Vector2<f32>) -> Descriptor {
         let patch = PatchFrame { px: Vector2::new(100.0, 90.0), radius_px, up };
-        Pattern::new().describe(pyramid, &patch).unwrap()
+        Pattern::default().describe(pyramid, &patch).unwrap()
     }
 
     #[test]
@@ -187,9 +182,9 @@ mod tests {
         let pyramid = seen(&Texture::new(1), 0.0, 1.0);
         for px in [Vector2::new(-30.0, 90.0), Vector2::new(100.0, f32::NAN), Vector2::new(240.0, 90.0)] {
             let patch = PatchFrame { px, radius_px: 24.0, up: UPRIGHT };
-            assert!(Pattern::new().describe(&pyramid, &patch).is_none());
+            assert!(Pattern::default().describe(&pyramid, &patch).is_none());
         }
         let patch = PatchFrame { px: Vector2::new(100.0, 90.0), radius_px: f32::NAN, up: UPRIGHT };
-        assert!(Pattern::new().describe(&pyramid, &patch).is_none());
+        assert!(Pattern::default().describe(&pyramid, &patch).is_none());
     }
 }

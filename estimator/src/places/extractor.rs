@@ -73,7 +73,7 @@ impl Extractor {
         };
         Self {
             max_features,
-            pattern: Pattern::new(),
+            pattern: Pattern::default(),
             detectors: (0..LEVELS).map(detector).collect(),
             found: Vec::with_capacity(max_features),
             features: Vec::with_capacity(max_features),

@@ -28,31 +28,26 @@ pub struct Feature {
 
 impl Feature {
     /// True if its depth is measured.
-    #[must_use]
     pub fn has_depth(&self) -> bool {
         self.sigma_inverse_depth.is_finite()
     }
 
     /// True if it is a point: in front of the camera, with a depth of sufficient accuracy.
-    #[must_use]
     pub fn is_point(&self) -> bool {
         self.inverse_depth > 0.0 && self.sigma_inverse_depth <= MAX_RELATIVE_SIGMA * self.inverse_depth
     }
 
     /// Direction with unit depth.
-    #[must_use]
     pub fn ray_c(&self) -> Vector3<f64> {
         Vector3::new(f64::from(self.xy.x), f64::from(self.xy.y), 1.0)
     }
 
     /// Position in the left camera, m; meaningful for a [point](Self::is_point).
-    #[must_use]
     pub fn position_c(&self) -> Vector3<f64> {
         self.ray_c() / f64::from(self.inverse_depth)
     }
 
     /// Covariance of [`Self::position_c`], m².
-    #[must_use]
     pub fn covariance_c(&self) -> Matrix3<f64> {
         let depth = 1.0 / f64::from(self.inverse_depth);
         let across = (f64::from(self.sigma_xy) * depth).squared();

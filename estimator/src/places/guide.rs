@@ -24,12 +24,12 @@ pub struct Guide {
     largest_sigma: f32,
     /// The point that each feature was given, and the bits in which they differ.
     taken: Vec<Option<(u32, u32)>>,
-    matches: Vec<Match>,
+    /// The matches over which the pose was refined last.
+    pub(super) matches: Vec<Match>,
 }
 
 impl Guide {
     /// For frames of up to `features`.
-    #[must_use]
     pub fn new(features: usize) -> Self {
         Self {
             by_x: Vec::with_capacity(features),
@@ -37,12 +37,6 @@ impl Guide {
             taken: Vec::with_capacity(features),
             matches: Vec::with_capacity(features),
         }
-    }
-
-    /// The matches over which the pose was refined last.
-    #[must_use]
-    pub fn matches(&self) -> &[Match] {
-        &self.matches
     }
 
     /// Takes the features of a frame.

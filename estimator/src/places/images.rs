@@ -12,7 +12,6 @@ pub struct FrameImages {
 
 impl FrameImages {
     /// Empty ones, of the sizes that the tracker of this setup has.
-    #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         let levels = setup.estimator.points.pyramid_levels;
         let pyramids = setup.camera.iter().map(|c| Pyramid::new(c.width_px, c.height_px, levels)).collect();
@@ -20,7 +19,6 @@ impl FrameImages {
     }
 
     /// The image of a camera, if it is there.
-    #[must_use]
     pub fn image(&self, camera: usize) -> Option<&Pyramid> {
         self.pyramids.get(camera).filter(|_| self.is_there[camera])
     }

@@ -111,16 +111,18 @@ struct Nearest {
 /// Gathers points and matches them. Allocated once.
 #[derive(Clone, Debug)]
 pub struct Matcher {
-    points: Vec<MapPoint>,
-    descriptors: Vec<Descriptor>,
+    /// The points gathered.
+    pub(super) points: Vec<MapPoint>,
+    /// Their descriptors.
+    pub(super) descriptors: Vec<Descriptor>,
     blocks: Vec<Block>,
     nearest: Vec<Nearest>,
-    matches: Vec<Match>,
+    /// The matches, those first that differ least from their point against its rivals (ties: by number).
+    pub(super) matches: Vec<Match>,
 }
 
 impl Matcher {
     /// For queries of `query_features` against up to `points` of the map.
-    #[must_use]
     pub fn new(query_features: usize, points: usize) -> Self {
         Self {
             points: Vec::with_capacity(points),
@@ -129,24 +131,6 @@ impl Matcher {
             nearest: Vec::with_capacity(query_features),
             matches: Vec::with_capacity(query_features),
         }
-    }
-
-    /// The points gathered.
-    #[must_use]
-    pub fn points(&self) -> &[MapPoint] {
-        &self.points
-    }
-
-    /// Their descriptors.
-    #[must_use]
-    pub fn descriptors(&self) -> &[Descriptor] {
-        &self.descriptors
-    }
-
-    /// The matches, those first that differ least from their point against its rivals (ties: by number).
-    #[must_use]
-    pub fn matches(&self) -> &[Match] {
-        &self.matches
     }
 
     /// Gathers the points of some keyframes, as many as there is room for.

@@ -18,19 +18,19 @@
 
 pub mod descriptor;
 pub mod extractor;
-pub mod feature;
+pub(crate) mod feature;
 pub mod graph;
-pub mod guide;
-pub mod images;
+pub(crate) mod guide;
+pub(crate) mod images;
 pub mod index;
-pub mod line;
+pub(crate) mod line;
 pub mod locate;
 pub mod map;
 pub mod mapper;
-pub mod matching;
-pub mod ransac;
+pub(crate) mod matching;
+pub(crate) mod ransac;
 pub mod refine;
-pub mod upright;
+pub(crate) mod upright;
 
 pub use descriptor::Descriptor;
 pub use extractor::Extractor;

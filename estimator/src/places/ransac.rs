@@ -26,20 +26,14 @@ const MIN_INLIERS: usize = 6;
 #[derive(Clone, Debug)]
 pub struct Ransac {
     candidates: Vec<Match>,
-    inliers: Vec<Match>,
+    /// The inliers of the pose found last.
+    pub(super) inliers: Vec<Match>,
 }
 
 impl Ransac {
     /// For so many matches at most.
-    #[must_use]
     pub fn new(matches: usize) -> Self {
         Self { candidates: Vec::with_capacity(matches), inliers: Vec::with_capacity(matches) }
-    }
-
-    /// The inliers of the pose found last.
-    #[must_use]
-    pub fn inliers(&self) -> &[Match] {
-        &self.inliers
     }
 
     /// The pose that most matches agree with.

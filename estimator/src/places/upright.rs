@@ -16,7 +16,6 @@ pub type Solutions = heapless::Vec<Isometry3<f64>, MAX_SOLUTIONS>;
 
 /// Poses `T_CM` (map to camera coordinates) that see `points_m` in the directions `rays_c`; `rot_l_c` turns camera
 /// coordinates until z points up, with any yaw.
-#[must_use]
 pub fn solve(
     points_m: &[Vector3<f64>; 2],
     rays_c: &[Vector3<f64>; 2],

@@ -244,13 +244,6 @@ impl PointTracker {
         given
     }
 
-    /// Pyramids of the images of the last frame, where there were any, until they are exchanged.
-    #[must_use]
-    pub fn newest_images(&self) -> [Option<&Pyramid>; 2] {
-        let shown = |view: &&View| view.has_previous && view.previous_frame == self.frame;
-        [0, 1].map(|c| self.views.get(c).filter(shown).map(|view| &view.previous))
-    }
-
     /// Turn since the frame before by corners of their own, where it was looked for and they agree.
     #[must_use]
     pub fn turn(&self) -> Option<WitnessedTurn> {

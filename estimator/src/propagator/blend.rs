@@ -45,18 +45,11 @@ const PARTS: [(usize, f64, f64); 3] = [
     (NavState::V, MAX_ACCELERATION_M_S2, MAX_OFFSET_M_S),
 ];
 
-/// Difference between the published state and the estimated state.
-#[derive(Clone, Debug)]
+/// Difference between the published state and the estimated state; by default there is none.
+#[derive(Clone, Debug, Default)]
 pub struct Blend {
     /// Error-state step from the estimated state to the published one.
     offset: SVector<f64, DIM>,
-}
-
-impl Default for Blend {
-    /// The published state equals the estimated state.
-    fn default() -> Self {
-        Self { offset: SVector::zeros() }
-    }
 }
 
 impl Blend {

@@ -1,10 +1,32 @@
 //! One step of a state by the inertial sensor.
 
+use crate::estimate::TrackingState;
 use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits};
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
+
+/// Estimate, or a state on its way from one to an instant.
+#[derive(Clone, Debug, Default)]
+pub struct Base {
+    /// Time of the state.
+    pub stamp: Timestamp,
+    /// Time of the estimate: earlier where the state was carried on since.
+    pub estimated: Timestamp,
+    /// State of motion at `stamp`.
+    pub nav: NavState,
+    /// Covariance of `nav`.
+    pub covariance: GrowingCovariance,
+    /// Mean rate since the estimate before it, rad/s.
+    pub rate_b: Vector3<f64>,
+    /// Tracking state of the estimate.
+    pub state: TrackingState,
+    /// Quality of the estimate.
+    pub quality: i8,
+    /// Resets until then.
+    pub reset_counter: u32,
+}
 
 /// Carries states by inertial samples.
 #[derive(Clone, Debug)]
@@ -26,17 +48,12 @@ impl Carrier {
         }
     }
 
-    /// Carries a state and its covariance from one time to a later one, both between the samples `last` and `next`.
-    /// `rate_b` stands in for a gyroscope that does not measure, rad/s.
-    pub fn carry(
-        &self,
-        (nav, covariance): (&mut NavState, &mut GrowingCovariance),
-        (stamp, until): (Timestamp, Timestamp),
-        (last, next): (&BelievedSample, &BelievedSample),
-        rate_b: &Vector3<f64>,
-    ) {
+    /// Carries a state and its covariance to a later time, both times between the samples `last` and `next`. The rate of the estimates
+    /// stands in for a gyroscope that does not measure.
+    pub fn carry(&self, base: &mut Base, until: Timestamp, (last, next): (&BelievedSample, &BelievedSample)) {
+        let nav = &base.nav;
         let (from, to) = (&last.sample, &between(&last.sample, &next.sample, until));
-        let dt = until.seconds_since(stamp);
+        let dt = until.seconds_since(base.stamp);
         // The estimate may lie anywhere between two samples.
         let apart = next.sample.stamp.seconds_since(from.stamp).at_least(dt);
         let saturated = last.saturated.or(next.saturated);
@@ -45,7 +62,7 @@ impl Carrier {
         let noise = unmeasured.noise(noise);
         let (mut gyro, mut accels) = ((from.gyro + to.gyro) * 0.5, [from.accel, to.accel]);
         if unmeasured.gyro {
-            gyro = rate_b + nav.bias_gyro;
+            gyro = base.rate_b + nav.bias_gyro;
         }
         if unmeasured.accel {
             // A steady velocity.
@@ -53,8 +70,9 @@ impl Carrier {
         }
         let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
         step.integrate(dt, &gyro, &accels[0], &accels[1], &noise);
-        covariance.grow(nav, &step, &self.noise);
-        *nav = nav.after(&step, &self.gravity_o);
+        base.covariance.grow(nav, &step, &self.noise);
+        base.nav = nav.after(&step, &self.gravity_o);
+        base.stamp = until;
     }
 }
 

@@ -9,10 +9,9 @@
 //! These are estimates, not what was published: the odometry takes up corrections at a bounded rate ([`super::blend`]).
 
 use super::STALE_S;
-use super::carry::{Carrier, between};
+use super::carry::{Base, Carrier, between};
 use crate::estimate::{NavCovariance, TrackingState};
 use crate::inertial::BelievedSample;
-use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FRAME_DIM, NavState};
 use nalgebra::{Isometry3, SVector, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
@@ -59,27 +58,6 @@ pub enum NoInstant {
     TooOld,
     /// The inertial samples do not reach it yet.
     Ahead,
-}
-
-/// Estimate, or a state on its way from one to an instant.
-#[derive(Clone, Debug)]
-pub struct Base {
-    /// Time of the state.
-    pub stamp: Timestamp,
-    /// Time of the estimate: earlier where the state was carried on since.
-    pub estimated: Timestamp,
-    /// State of motion at `stamp`.
-    pub nav: NavState,
-    /// Covariance of `nav`.
-    pub covariance: GrowingCovariance,
-    /// Mean rate since the estimate before it, rad/s.
-    pub rate_b: Vector3<f64>,
-    /// Tracking state of the estimate.
-    pub state: TrackingState,
-    /// Quality of the estimate.
-    pub quality: i8,
-    /// Resets until then.
-    pub reset_counter: u32,
 }
 
 /// Estimates of the last seconds, in order of time, and since when there has been none.
@@ -206,24 +184,28 @@ impl Base {
         {
             let last = k.checked_sub(1).and_then(|k| samples.get(k)).unwrap_or(next);
             let to = next.sample.stamp.min(until);
-            let state = (&mut self.nav, &mut self.covariance);
-            carrier.carry(state, (self.stamp, to), (last, next), &self.rate_b);
-            self.stamp = to;
+            carrier.carry(self, to, (last, next));
             k += 1;
         }
     }
 
+    /// Tracking state and quality to be published; it is blind if the estimate is old.
+    pub(super) fn trust(&self) -> (TrackingState, i8) {
+        let is_stale = self.stamp.seconds_since(self.estimated) > STALE_S;
+        if is_stale { (TrackingState::Blind, self.quality.min(0)) } else { (self.state, self.quality) }
+    }
+
     /// State at the time that was reached.
     fn told(&self, samples: &VecDeque<BelievedSample>) -> Instant {
-        let is_stale = self.stamp.seconds_since(self.estimated) > STALE_S;
+        let (state, quality) = self.trust();
         Instant {
             stamp: self.stamp,
             pose_o_b: self.nav.pose_o_b(),
             v_o_b: self.nav.v_o_b,
             angular_rate_b: self.rate(samples),
             covariance: self.covariance.nav,
-            state: if is_stale { TrackingState::Blind } else { self.state },
-            quality: if is_stale { self.quality.min(0) } else { self.quality },
+            state,
+            quality,
             reset_counter: self.reset_counter,
             estimated: self.estimated,
             is_settled: false,

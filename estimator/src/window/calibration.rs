@@ -1,21 +1,12 @@
 //! Uncertainty of the rig: the covariance of its error state, and what of it a start begins with.
 
 use super::Window;
-use super::state::{GLOBAL_DIM, RIG_DIM, Rig};
+use super::state::{RIG_DIM, Rig};
 use nalgebra::{SMatrix, SVector};
 use plumbline_config::Portable;
 
 /// Covariance of the rig's error state, in the order and units of [`Rig::P_B_C0`] and following.
 pub type RigCovariance = SMatrix<f64, RIG_DIM, RIG_DIM>;
-
-/// The rig's calibration as refined so far.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RigEstimate {
-    /// The calibration.
-    pub rig: Rig,
-    /// Covariance of its error state (right perturbation, m, rad and s); zero for what is held fixed.
-    pub covariance: RigCovariance,
-}
 
 /// Growth of the variances of a rig that outlives a reset: whatever led to it may have misled the calibration too.
 const KEPT_GROWTH: f64 = 9.0;
@@ -29,22 +20,21 @@ pub struct KnownRig {
 
 impl KnownRig {
     /// A rig known by its standard deviations; 0 is held fixed.
-    #[must_use]
     pub fn within(sigmas: &SVector<f64, RIG_DIM>) -> Self {
         let information = sigmas.map(|sigma| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 });
         Self { information: RigCovariance::from_diagonal(&information), gradient: SVector::zeros() }
     }
 
-    /// A rig as well known as `estimate`, but for the growth of its variances, and no less well than by the standard
+    /// A rig known with `covariance`, but for the growth of its variances, and no less well than by the standard
     /// deviations of the configured rig, `offset` away; `None` where that is no covariance.
     fn kept(
-        estimate: &RigEstimate,
+        covariance: &RigCovariance,
         sigmas: &SVector<f64, RIG_DIM>,
         offset: &SVector<f64, RIG_DIM>,
     ) -> Option<Self> {
         let is_free = |k: usize| sigmas[k] > 0.0;
         let regular = RigCovariance::from_fn(|i, k| match is_free(i) && is_free(k) {
-            true => estimate.covariance[(i, k)] / (sigmas[i] * sigmas[k]),
+            true => covariance[(i, k)] / (sigmas[i] * sigmas[k]),
             false => f64::from(u8::from(i == k)),
         });
         let inverse = regular.cholesky()?.inverse() / KEPT_GROWTH;
@@ -62,14 +52,16 @@ impl Window {
     /// deviations.
     pub fn keep_rig(&mut self) {
         let offset = self.rig.minus(&self.configured_rig);
-        let estimate = self.rig_estimate();
-        self.kept_rig = estimate.and_then(|rig| KnownRig::kept(&rig, &self.options.rig_sigmas, &offset));
+        let covariance = self.rig_covariance();
+        self.kept_rig =
+            covariance.and_then(|known| KnownRig::kept(&known, &self.options.rig_sigmas, &offset));
     }
 
-    /// The rig and its covariance by the last factorization. `None` before the first, and where it is no covariance.
-    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
-        let dim = self.factor.dim();
-        if dim < GLOBAL_DIM {
+    /// Covariance of the rig's error state by the last factorization (right perturbation, m, rad and s), zero for what is held
+    /// fixed. `None` before the first factorization, and where it is no covariance.
+    pub(super) fn rig_covariance(&mut self) -> Option<RigCovariance> {
+        let dim = self.factor.dim;
+        if dim < RIG_DIM {
             return None;
         }
         let mut covariance = RigCovariance::zeros();
@@ -85,12 +77,12 @@ impl Window {
             let variance: f64 = covariance[(k, k)];
             variance.is_finite() && (variance > 0.0) == (self.options.rig_mask[k] != 0.0)
         });
-        is_one.then(|| RigEstimate { rig: self.rig.clone(), covariance })
+        is_one.then_some(covariance)
     }
 
     /// Puts column `k` of the inverse of the last factorization into `solution`.
     fn solve_for_rig(&mut self, k: usize) {
-        let dim = self.factor.dim();
+        let dim = self.factor.dim;
         self.solution[..dim].fill(0.0);
         self.solution[k] = 1.0;
         self.factor.solve(&mut self.solution[..dim]);
@@ -101,7 +93,7 @@ impl Window {
     /// by `s² - P` (score test; Rao 1948). 0 before the first factorization, and once the value has lost its weight by it.
     pub fn pair_contradiction(&mut self) -> f64 {
         let offset = self.rig.minus(&self.configured_rig);
-        let is_known = self.factor.dim() >= RIG_DIM;
+        let is_known = self.factor.dim >= RIG_DIM;
         let axes = (Rig::ROT_C0_C1..Rig::TIME_OFFSET).filter(|_| is_known);
         axes.map(|k| {
             self.solve_for_rig(k);
@@ -124,9 +116,9 @@ mod tests {
         window.options.rig_mask.fill(1.0);
         window.optimize(3);
         assert!(window.factor.compute(&window.linearizer.equations, 0.0));
-        let found = window.rig_estimate().unwrap();
+        let found = window.rig_covariance().unwrap();
         let equations = &window.linearizer.equations;
-        let dim = window.factor.dim();
+        let dim = window.factor.dim;
         let dense = DMatrix::from_fn(dim, dim, |i, j| {
             let (i, j) = (i.min(j), i.max(j));
             equations.row(i)[j - i]
@@ -135,7 +127,7 @@ mod tests {
         for i in 0..RIG_DIM {
             for j in 0..RIG_DIM {
                 let scale = (inverse[(i, i)] * inverse[(j, j)]).sqrt();
-                let error = (found.covariance[(i, j)] - inverse[(i, j)]) / scale;
+                let error = (found[(i, j)] - inverse[(i, j)]) / scale;
                 assert!(error.abs() < 1e-4, "{i} {j}: {error}");
             }
         }
@@ -156,10 +148,10 @@ mod tests {
 
     #[test]
     fn a_reset_keeps_what_was_learnt_of_the_rig_and_nothing_that_was_not() {
-        let mut window = Room::default().window();
+        let mut window = Room { frames: 6, ..Room::default() }.window();
         window.optimize(3);
         assert!(window.factor.compute(&window.linearizer.equations, 0.0));
-        let learnt = window.rig_estimate().unwrap();
+        let learnt = window.rig_covariance().unwrap();
         window.keep_rig();
         window.clear();
         let known = window.known_rig.information;
@@ -167,7 +159,7 @@ mod tests {
         let after = known.cholesky().expect("all of it is free").inverse();
         let mut shares = Vec::new();
         for k in 0..RIG_DIM {
-            let (before, after) = (learnt.covariance[(k, k)].sqrt(), after[(k, k)].sqrt());
+            let (before, after) = (learnt[(k, k)].sqrt(), after[(k, k)].sqrt());
             assert!(
                 after <= 1.0001 * sigmas[k] && after <= 3.0001 * before && after > before,
                 "{k}: {before} {after}"
@@ -185,6 +177,6 @@ mod tests {
     #[test]
     fn before_the_first_solution_there_is_none() {
         let mut window = Room::default().window();
-        assert_eq!(window.rig_estimate(), None);
+        assert_eq!(window.rig_covariance(), None);
     }
 }

@@ -18,13 +18,11 @@ pub struct CameraPose {
 
 impl CameraPose {
     /// The camera that `mount` holds to `body`.
-    #[must_use]
     pub fn of(body: &BodyPose, mount: &Mount, pivot_o: &Vector3<f64>) -> Self {
         Self::new(body.rot_o_b * mount.rot_b_c, body.rot_o_b * mount.p_b_c + (body.p_o_b - pivot_o))
     }
 
     /// The camera at `p_o_c` that `rot_o_c` takes coordinates from.
-    #[must_use]
     pub fn new(rot_o_c: Matrix3<f64>, p_o_c: Vector3<f64>) -> Self {
         Self { rot_o_c, p_o_c, lanes: QuadMatrix::of(&rot_o_c) }
     }
@@ -37,4 +35,21 @@ pub struct CameraView<'a> {
     pub host: &'a CameraPose,
     /// The camera that observes it.
     pub target: &'a CameraPose,
+}
+
+/// Motion of a camera in its own axes.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraMotion {
+    /// Angular rate, rad/s.
+    pub rate_c: Vector3<f64>,
+    /// Velocity, m/s.
+    pub v_c: Vector3<f64>,
+}
+
+impl CameraMotion {
+    /// Motion of the camera that `mount` holds to a body of this angular rate and velocity, both in its axes.
+    pub fn of(mount: &Mount, rate_b: &Vector3<f64>, v_b: &Vector3<f64>) -> Self {
+        let to_camera = |v: &Vector3<f64>| mount.rot_b_c.tr_mul(v);
+        Self { rate_c: to_camera(rate_b), v_c: to_camera(&(v_b + rate_b.cross(&mount.p_b_c))) }
+    }
 }

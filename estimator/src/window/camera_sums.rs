@@ -1,4 +1,4 @@
-//! The Hessian blocks (`J'J` and `J'r`) of observations by the motions of cameras, the time offset and the heading, summed
+//! The Hessian blocks (`J'J` and `J'r`) of observations by the motions of cameras and the time offset, summed
 //! over the landmarks before anything is done with them.
 //!
 //! Moved alike in `O`, host and observer see the same: so the derivative of a reprojection by the observer's camera is
@@ -7,16 +7,16 @@
 //! the next host begins.
 
 use super::motions::{
-    GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET,
-    WORLD_HEADING, motion_at, motion_of_camera, motion_of_frame, motion_of_lens,
+    GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET, motion_at,
+    motion_of_camera, motion_of_frame, motion_of_lens,
 };
 use super::state::{MAX_FRAMES, POSE_DIM};
 use super::tiles::{LANES, add_times};
 
-/// Columns of an observation: motion of the host's camera in `O`, time offset (or heading), residual.
+/// Columns of an observation: motion of the host's camera in `O`, time offset, residual.
 pub(super) const COLUMNS: usize = 8;
-const AT_OTHER: usize = POSE_DIM;
-const AT_RESIDUAL: usize = AT_OTHER + 1;
+const AT_TIME: usize = POSE_DIM;
+const AT_RESIDUAL: usize = AT_TIME + 1;
 /// Most cameras of all frames.
 const MAX_CAMERAS: usize = 2 * MAX_FRAMES;
 
@@ -76,7 +76,7 @@ impl LensProducts {
         for (row, own) in self.own.iter().enumerate() {
             add_times(&mut equations.rows[at + row][at..at + LENS], 1.0, own);
         }
-        for (global, mixed) in [TIME_OFFSET, RESIDUAL].into_iter().zip(&self.mixed[AT_OTHER..]) {
+        for (global, mixed) in [TIME_OFFSET, RESIDUAL].into_iter().zip(&self.mixed[AT_TIME..]) {
             add_times(&mut equations.rows[global][at..at + LENS], 1.0, mixed);
         }
     }
@@ -90,8 +90,6 @@ pub struct CameraSums {
     pairs: Vec<Products>,
     lenses: Vec<LensProducts>,
     is_seen: [bool; MAX_CAMERAS],
-    structure: Products,
-    is_structural: bool,
     rows: Vec<[MotionRow; POSE_DIM]>,
 }
 
@@ -103,8 +101,6 @@ impl Default for CameraSums {
             pairs: vec![Products::ZERO; MAX_CAMERAS],
             lenses: vec![LensProducts::ZERO; MAX_CAMERAS],
             is_seen: [false; MAX_CAMERAS],
-            structure: Products::ZERO,
-            is_structural: false,
             rows: vec![[[0.0; MAX_MOTIONS]; POSE_DIM]; MAX_CAMERAS],
         }
     }
@@ -137,24 +133,18 @@ impl CameraSums {
         self.is_seen[target] = true;
     }
 
-    /// Adds a comparison with a direction of the Manhattan world: the heading in the place of the time offset, no observer.
-    pub(super) fn add_structural(&mut self, rows: &CameraRows) {
-        self.structure.add(rows);
-        self.is_structural = true;
-    }
-
     /// Adds all sums to `equations`.
     pub(super) fn finish(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
         self.flush(lifts, equations);
-        let dim = equations.dim().next_multiple_of(LANES);
+        let dim = equations.dim.next_multiple_of(LANES);
         for (camera, rows) in self.rows[..lifts.in_o.len()].iter().enumerate() {
             let at = motion_of_frame(camera / lifts.cameras);
             for (k, row) in rows.iter().enumerate() {
                 add_times(&mut equations.rows[at + k][GLOBALS..dim], 1.0, &row[GLOBALS..dim]);
-                for global in [TIME_OFFSET, WORLD_HEADING, RESIDUAL] {
+                for global in [TIME_OFFSET, RESIDUAL] {
                     equations.rows[global][at + k] += row[global];
                 }
-                if equations.has_lenses() {
+                if equations.has_lenses {
                     for (lens, sum) in equations.rows[POSED..GLOBALS].iter_mut().zip(&row[POSED..GLOBALS]) {
                         lens[at + k] += sum;
                     }
@@ -171,15 +161,17 @@ impl CameraSums {
 
     /// Moves the sums of the present host to the rows of its cameras.
     fn flush(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
-        let Self { host, pairs, lenses, is_seen, structure, is_structural, rows } = self;
+        let Self { host, pairs, lenses, is_seen, rows } = self;
         let host = *host;
         for (target, products) in pairs.iter_mut().enumerate() {
             if std::mem::take(&mut is_seen[target]) {
-                add_squares(equations, products, TIME_OFFSET);
+                let time_offset = &mut equations.rows[TIME_OFFSET];
+                time_offset[TIME_OFFSET] += products.0[AT_TIME][AT_TIME];
+                time_offset[RESIDUAL] += products.0[AT_TIME][AT_RESIDUAL];
                 if target != host {
                     add_pair(rows, [host, target], products, lifts);
                 }
-                if equations.has_lenses() {
+                if equations.has_lenses {
                     let (at, lens) = (motion_of_lens(target % lifts.cameras), &mut lenses[target]);
                     lens.move_to(equations, at);
                     // A motion of the observer has the opposite sign of one of the host.
@@ -193,18 +185,6 @@ impl CameraSums {
                 }
                 *products = Products::ZERO;
             }
-        }
-        if std::mem::take(is_structural) {
-            add_squares(equations, structure, WORLD_HEADING);
-            let motion = structure.motion();
-            let own = times(&motion, &lifts.in_o[host]);
-            for (i, row) in rows[host].iter_mut().enumerate() {
-                add(motion_at(row, motion_of_camera(host % lifts.cameras)), &own[i]);
-                add(motion_at(row, motion_of_frame(host / lifts.cameras)), &motion[i]);
-                row[WORLD_HEADING] += structure.0[i][AT_OTHER];
-                row[RESIDUAL] += structure.0[i][AT_RESIDUAL];
-            }
-            *structure = Products::ZERO;
         }
     }
 }
@@ -223,7 +203,7 @@ fn add_pair(
         let mut globals = [0.0; POSED];
         add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
         subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
-        globals[TIME_OFFSET] = products.0[i][AT_OTHER];
+        globals[TIME_OFFSET] = products.0[i][AT_TIME];
         globals[RESIDUAL] = products.0[i][AT_RESIDUAL];
         globals
     });
@@ -235,12 +215,6 @@ fn add_pair(
             subtract(motion_at(row, of_other), &motion[i]);
         }
     }
-}
-
-/// Adds the information of an observation about the time offset, or about the heading, alone.
-fn add_squares(equations: &mut MotionEquations, products: &Products, at: usize) {
-    equations.rows[at][at] += products.0[AT_OTHER][AT_OTHER];
-    equations.rows[at][RESIDUAL] += products.0[AT_OTHER][AT_RESIDUAL];
 }
 
 /// `a b`.

@@ -1,5 +1,5 @@
 use super::super::eliminate::Eliminated;
-use super::super::feature::{Jacobians, MotionJacobian, StructuralJacobians};
+use super::super::feature::{Jacobians, MotionJacobian};
 use super::super::landmark_sums::{LandmarkSums, Rows};
 use super::super::motions::MotionEquations;
 use super::super::motions::test_lifts::{FRAMES, lifts};
@@ -37,8 +37,8 @@ fn rows(by: &SMatrix<f64, 6, 2>) -> MotionJacobian {
     std::array::from_fn(|d| [0, 3].map(|at| [by[(at, d)], by[(at + 1, d)], by[(at + 2, d)], 5.0]))
 }
 
-/// Jacobians of an observation, its residual, the derivative by the heading, and the rows of a lens from their first unknown on.
-type Observed<'a> = (&'a Jacobians<3>, &'a Vector2<f64>, &'a Vector2<f64>, Option<(usize, &'a LensRows)>);
+/// Jacobians of an observation, its residual, and the rows of a lens from their first unknown on.
+type Observed<'a> = (&'a Jacobians<3>, &'a Vector2<f64>, (usize, &'a LensRows));
 
 /// Whole rows, and the sum of their products.
 struct Full {
@@ -48,15 +48,12 @@ struct Full {
 
 impl Full {
     /// Adds both rows of an observation, by the cameras with their signs.
-    fn add(&mut self, (j, r, heading, lens): Observed<'_>, signed: &[(usize, f64)]) {
+    fn add(&mut self, (j, r, (at, by_lens)): Observed<'_>, signed: &[(usize, f64)]) {
         for d in 0..2 {
             let mut row = DVector::zeros(self.dim + 3);
             row[TIME_OFFSET] = j.time_offset[d];
-            row[WORLD_HEADING] = heading[d];
             row[RESIDUAL] = r[d];
-            if let Some((at, by_lens)) = lens {
-                (0..LENS).for_each(|k| row[at + k] = by_lens[d][k]);
-            }
+            (0..LENS).for_each(|k| row[at + k] = by_lens[d][k]);
             for (camera, sign) in signed {
                 let on_mount = if *sign > 0.0 { &j.host } else { &j.target };
                 for k in 0..POSE_DIM {
@@ -75,7 +72,7 @@ fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
     let (lifts, _) = lifts();
     let mut equations = MotionEquations::default();
     equations.reset(FRAMES, true);
-    let dim = equations.dim();
+    let dim = equations.dim;
     let mut full = Full { h: DMatrix::zeros(dim + 3, dim + 3), dim };
     let mut cameras = CameraSums::default();
     cameras.reset(FRAMES, CAMERAS);
@@ -94,21 +91,11 @@ fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
             let by_lens =
                 [0, 1].map(|d| std::array::from_fn(|k| scatter(7000 + 10 * seed + 4 * d + k as u32)));
             cameras.add(target, &rows.by_camera, Some(&by_lens));
-            sums.add(&rows, Some(target / CAMERAS), &mut entry);
+            sums.add(&rows, target / CAMERAS, &mut entry);
             sums.add_lens(&rows, &by_lens, target % CAMERAS);
             let signed = if *host == target { &[][..] } else { &[(*host, 1.0), (target, -1.0)] };
-            let lens = Some((motion_of_lens(target % CAMERAS), &by_lens));
-            full.add((&j, &r, &Vector2::zeros(), lens), signed);
+            full.add((&j, &r, (motion_of_lens(target % CAMERAS), &by_lens)), signed);
         }
-        let mut j = jacobians(500 + n, &lifts, *host, *host);
-        // A direction is compared with no image: the time offset takes no part.
-        j.time_offset.fill(0.0);
-        let (heading, scale) = (Vector2::new(0.9, 1.8), 0.7);
-        full.add((&(scaled(&j, scale)), &(r * scale), &(heading * scale), None), &[(*host, 1.0)]);
-        let rows =
-            Rows::structural(&StructuralJacobians { feature: j, heading }, &r, scale, (host % CAMERAS) as u8);
-        cameras.add_structural(&rows.by_camera);
-        sums.add(&rows, None, &mut entry);
         let own = sums.finish(&mut entry, host / CAMERAS);
         let mut to = found.view_mut((dim, dim), (3, 3));
         to += own;
@@ -124,11 +111,6 @@ fn by_sums_and_by_rows(landmarks: &[(usize, &[usize])]) -> [DMatrix<f64>; 2] {
     // What the residuals are by themselves is not asked.
     found[(RESIDUAL, RESIDUAL)] = full.h[(RESIDUAL, RESIDUAL)];
     [found, full.h]
-}
-
-fn scaled(j: &Jacobians<3>, scale: f64) -> Jacobians<3> {
-    let times = |by: &MotionJacobian| by.map(|row| row.map(|part| part.map(|x| x * scale)));
-    Jacobians { camera: times(&j.camera), host: times(&j.host), landmark: j.landmark * scale, ..j.clone() }
 }
 
 #[test]

@@ -16,13 +16,11 @@ pub struct NormalEquations {
 
 impl NormalEquations {
     /// Room for `capacity` unknowns; all of them free and without information.
-    #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { dim: 0, stride: capacity, h: vec![0.0; capacity * capacity], b: vec![0.0; capacity] }
     }
 
     /// Number of unknowns in use.
-    #[must_use]
     pub fn dim(&self) -> usize {
         self.dim
     }
@@ -63,7 +61,6 @@ impl NormalEquations {
     }
 
     /// Row `i` from the diagonal to the end.
-    #[must_use]
     pub fn row(&self, i: usize) -> &[f64] {
         &self.h[i * self.stride + i..i * self.stride + self.dim]
     }
@@ -74,7 +71,6 @@ impl NormalEquations {
     }
 
     /// `H[i][j]`, either triangle.
-    #[must_use]
     pub fn get(&self, i: usize, j: usize) -> f64 {
         let (i, j) = if i <= j { (i, j) } else { (j, i) };
         self.h[i * self.stride + j]
@@ -87,7 +83,6 @@ impl NormalEquations {
     }
 
     /// The gradient `b`.
-    #[must_use]
     pub fn gradient(&self) -> &[f64] {
         &self.b[..self.dim]
     }
@@ -104,23 +99,9 @@ impl NormalEquations {
         column: usize,
         block: &nalgebra::SMatrix<f64, R, C>,
     ) {
-        if row == column {
-            for i in 0..R {
-                for j in i..C {
-                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
-                }
-            }
-        } else if row < column {
-            for i in 0..R {
-                for j in 0..C {
-                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
-                }
-            }
-        } else {
-            for j in 0..C {
-                for i in 0..R {
-                    self.h[(column + j) * self.stride + row + i] += block[(i, j)];
-                }
+        for i in 0..R {
+            for j in if row == column { i } else { 0 }..C {
+                self.add(row + i, column + j, block[(i, j)]);
             }
         }
     }
@@ -219,7 +200,7 @@ impl NormalEquations {
     }
 }
 
-/// Largest number of unknowns of any system here: rig, heading and [`MAX_FRAMES`] frames.
+/// Largest number of unknowns of any system here: rig and [`MAX_FRAMES`] frames.
 pub const MAX_UNKNOWNS: usize = unknown_of_frame(MAX_FRAMES);
 
 #[cfg(test)]

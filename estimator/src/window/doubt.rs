@@ -28,10 +28,9 @@ impl Window {
 
     /// True if most observations of the newest frame contradict its pose, at the poses last linearized or costed. If one
     /// observation does not fit, the observation is wrong; if most do not, the pose is.
-    #[must_use]
     pub fn is_newest_doubtful(&self) -> bool {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let Self { rig, frames, points, lines, linearizer, options, .. } = self;
+        let problem = Problem::of_frames(rig, frames, options);
         let of_points = tracks::judge_within(points, &linearizer.poses, &problem, 1.0);
         of_points.and(tracks::judge_within(lines, &linearizer.poses, &problem, 1.0)).is_mistrial()
     }

@@ -38,7 +38,6 @@ impl<const D: usize> Eliminated<D> {
     }
 
     /// The landmark's step, given those of the motions, with a one for the residual.
-    #[must_use]
     pub fn step(&self, motions: &MotionRow) -> SVector<f64, D> {
         let ((start, end), globals) = (self.frames, self.globals);
         let mut x = SVector::<f64, D>::zeros();
@@ -67,7 +66,7 @@ impl<const D: usize> Eliminated<D> {
         self.lower = cholesky.l();
         let (start, end) = (motion_of_frame(first) / LANES, motion_of_frame(last + 1).div_ceil(LANES));
         self.frames = (start * LANES, end * LANES);
-        self.globals = globals_in_use(equations.has_lenses());
+        self.globals = globals_in_use(equations.has_lenses);
         // What it does not meet (a camera that does not see it, a heading that it does not tell) stays as it is.
         let inverse = std::array::from_fn(|r| 1.0 / self.lower[(r, r)]);
         let mut met = heapless::Vec::<_, { MAX_MOTIONS / LANES }>::new();

@@ -12,7 +12,7 @@ const SPAN: (usize, usize) = (1, 2);
 fn landmark() -> (MotionEquations, Eliminated<3>, Matrix3<f64>) {
     let mut equations = MotionEquations::default();
     equations.reset(FRAMES, true);
-    for k in 0..equations.dim() {
+    for k in 0..equations.dim {
         equations.rows[k][k] = 50.0;
         equations.rows[k.min(RESIDUAL)][k.max(RESIDUAL)] += scatter(k as u32);
     }
@@ -20,7 +20,7 @@ fn landmark() -> (MotionEquations, Eliminated<3>, Matrix3<f64>) {
     let mut entry = Eliminated::<3>::empty();
     // What an elimination before this one may have left.
     entry.rows = [[7.0; MAX_MOTIONS]; 3];
-    entry.reset(equations.dim());
+    entry.reset(equations.dim);
     for (r, row) in (0..).zip(&mut entry.rows) {
         row[..GLOBALS].fill(0.0);
         for k in

@@ -24,7 +24,6 @@ pub struct EpipolarMoments {
 
 impl EpipolarMoments {
     /// All of it times `factor`.
-    #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         Self {
             speed: self.speed * factor,
@@ -35,7 +34,6 @@ impl EpipolarMoments {
     }
 
     /// The sum with `other`.
-    #[must_use]
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             speed: self.speed + other.speed,
@@ -49,7 +47,6 @@ impl EpipolarMoments {
 impl EpipolarMoments {
     /// Moments of points by their normalized coordinates in the left and the right image, and the rate of the right ones, 1/s; `None`
     /// where they are too few.
-    #[must_use]
     pub fn of_pairs(
         rig: &Rig,
         focal_px: f64,
@@ -76,7 +73,6 @@ impl EpipolarMoments {
 
 impl Window {
     /// Moments of the points that both cameras see in the newest frame, by their predicted image rates; `None` where they are too few.
-    #[must_use]
     pub fn epipolar_moments(&self) -> Option<EpipolarMoments> {
         let newest = self.frames.len().checked_sub(1)? as u8;
         let pairs = self.points.all().iter().filter_map(|landmark| {

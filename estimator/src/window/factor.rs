@@ -26,7 +26,6 @@ impl RobustSum {
     const LARGE: f64 = 1e150;
 
     /// Nothing yet; `scale` is that of the kernel, in standard deviations.
-    #[must_use]
     pub fn new(scale: f64) -> Self {
         Self { squared_scale: scale * scale, product: 1.0, logarithms: 0.0 }
     }
@@ -48,7 +47,6 @@ impl RobustSum {
     }
 
     /// The sum.
-    #[must_use]
     pub fn cost(&self) -> f64 {
         0.5 * self.squared_scale * (self.logarithms + libm::log(self.product))
     }

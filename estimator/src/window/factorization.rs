@@ -1,7 +1,7 @@
 //! Factorization of dense symmetric systems in fixed memory, their solution, and what it tells of covariances.
 
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
-use super::state::{FRAME_DIM, GLOBAL_DIM, POSE_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, POSE_DIM, RIG_DIM, unknown_of_frame};
 use super::tiles::{LANES, add_times, dot, subtract_products};
 use nalgebra::SMatrix;
 
@@ -14,7 +14,8 @@ const COLUMNS: usize = MAX_UNKNOWNS.next_multiple_of(LANES);
 /// So they are factored first, then what meets everything. The newest frame comes last, whole: its covariance is asked for.
 #[derive(Clone, Debug)]
 pub struct Factor {
-    dim: usize,
+    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
+    pub(super) dim: usize,
     u: Vec<[f64; COLUMNS]>,
     /// Unknowns in the order in which they are factored.
     order: Vec<usize>,
@@ -23,33 +24,14 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Room for `capacity` unknowns, at most [`MAX_UNKNOWNS`].
-    #[must_use]
-    pub fn new(capacity: usize) -> Self {
+    /// Room for `capacity` unknowns, at most [`MAX_UNKNOWNS`]. Those of `held` stay at zero, whatever the equations say of them.
+    pub fn new(capacity: usize, held: std::ops::Range<usize>) -> Self {
         let u = vec![[0.0; COLUMNS]; capacity.next_multiple_of(LANES)];
-        Self { dim: 0, u, order: Vec::with_capacity(capacity), held: 0..0 }
-    }
-
-    /// Holds these unknowns at zero, whatever the equations say of them.
-    #[must_use]
-    pub fn holding(self, held: std::ops::Range<usize>) -> Self {
-        Self { held, ..self }
-    }
-
-    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
-    #[must_use]
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// Forgets what was factored.
-    pub fn clear(&mut self) {
-        self.dim = 0;
+        Self { dim: 0, u, order: Vec::with_capacity(capacity), held }
     }
 
     /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
-    /// matrix is not positive definite: then nothing is factored, and [`Self::dim`] is 0.
-    #[must_use]
+    /// matrix is not positive definite: then nothing is factored, and `dim` is 0.
     pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
         self.dim = 0;
         self.load(equations, damping);
@@ -101,7 +83,6 @@ impl Factor {
 
     /// Covariance of the last `N` unknowns, the last block of the inverse of `H`; `None` where there are fewer. It needs
     /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
-    #[must_use]
     pub fn last_covariance<const N: usize>(&self) -> Option<SMatrix<f64, N, N>> {
         let first = self.factored().checked_sub(N)?;
         let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
@@ -112,9 +93,8 @@ impl Factor {
         Some(inverse * inverse.transpose())
     }
 
-    /// Variance of unknown `k` (below [`Self::dim`]); `memory` has room for all unknowns. It is the squared norm of
+    /// Variance of unknown `k` (below `dim`); `memory` has room for all unknowns. It is the squared norm of
     /// `U'⁻¹ e_k`.
-    #[must_use]
     pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
         let x = &mut memory[..self.factored()];
         x.fill(0.0);
@@ -171,12 +151,12 @@ impl Factor {
 
 /// Unknowns in the order in which they are factored; the last frame's come last. What is no window of frames keeps its order.
 fn order_of(dim: usize) -> impl Iterator<Item = usize> {
-    let frames = dim.saturating_sub(GLOBAL_DIM) / FRAME_DIM;
+    let frames = dim.saturating_sub(RIG_DIM) / FRAME_DIM;
     let before = if dim == unknown_of_frame(frames) { frames.saturating_sub(1) } else { 0 };
     let parts =
         |from: usize, to: usize| (0..before).map(unknown_of_frame).flat_map(move |at| at + from..at + to);
     let moving = parts(POSE_DIM, FRAME_DIM);
-    moving.chain(0..GLOBAL_DIM.min(dim)).chain(parts(0, POSE_DIM)).chain(unknown_of_frame(before)..dim)
+    moving.chain(0..RIG_DIM.min(dim)).chain(parts(0, POSE_DIM)).chain(unknown_of_frame(before)..dim)
 }
 
 /// True if four pivots meet a tile of columns.
@@ -211,7 +191,7 @@ pub(super) mod tests {
     use super::*;
 
     pub(in crate::window) fn solution(eq: &NormalEquations) -> Vec<f64> {
-        let mut factor = Factor::new(eq.dim());
+        let mut factor = Factor::new(eq.dim(), 0..0);
         assert!(factor.compute(eq, 0.0));
         let mut x: Vec<f64> = eq.gradient().iter().map(|b| -b).collect();
         factor.solve(&mut x);
@@ -233,7 +213,7 @@ pub(super) mod tests {
 
     #[test]
     fn unknowns_of_a_window_are_factored_in_an_order_of_their_own() {
-        for dim in [3, GLOBAL_DIM, 20, unknown_of_frame(1), unknown_of_frame(3), unknown_of_frame(4) + 1] {
+        for dim in [3, RIG_DIM, 20, unknown_of_frame(1), unknown_of_frame(3), unknown_of_frame(4) + 1] {
             let mut order: Vec<usize> = order_of(dim).collect();
             let newest = order[dim.saturating_sub(FRAME_DIM)..].to_vec();
             assert_eq!(
@@ -251,16 +231,16 @@ pub(super) mod tests {
     fn an_indefinite_matrix_is_a_value_not_a_panic() {
         let mut eq = system(5);
         eq.add(2, 2, -10.0);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
+        assert!(!Factor::new(8, 0..0).compute(&eq, 0.0));
         eq.add(2, 2, f64::NAN);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
+        assert!(!Factor::new(8, 0..0).compute(&eq, 0.0));
     }
 
     #[test]
     fn covariances_are_those_of_the_inverse() {
         for dim in [20, unknown_of_frame(3)] {
             let eq = system(dim);
-            let mut factor = Factor::new(dim + 10);
+            let mut factor = Factor::new(dim + 10, 0..0);
             assert!(factor.last_covariance::<6>().is_none());
             assert!(factor.compute(&eq, 0.0));
             let covariance = factor.last_covariance::<6>().unwrap();

@@ -1,40 +1,14 @@
 //! Common parts of every kind of landmark: parameters in the camera that hosts it, seen from another.
 //!
-//! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`],
-//! [`super::line`]). A line along a direction of the Manhattan world has one more factor
-//! ([`super::manhattan_factor`]).
+//! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`], [`super::line`]).
 
 use super::OUTLIER_SIGMAS;
-use super::camera_poses::{CameraPose, CameraView};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
 use super::factor::Linearization;
-use super::manhattan::Manhattan;
 use super::options::Options;
 use super::quad::Quad;
-use super::state::{BodyPose, Mount};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2};
 use std::fmt::Debug;
-
-/// From which body and camera a landmark is looked at, and from which it is hosted.
-#[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
-    /// Pose of the host's body.
-    pub host: &'a BodyPose,
-    /// Extrinsics of the host's camera.
-    pub host_mount: &'a Mount,
-    /// Pose of the observer's body.
-    pub target: &'a BodyPose,
-    /// Extrinsics of the observer's camera.
-    pub target_mount: &'a Mount,
-}
-
-impl View<'_> {
-    /// Poses of the host's and the observer's camera, from a pivot.
-    #[must_use]
-    pub fn cameras(&self, pivot_o: &Vector3<f64>) -> [CameraPose; 2] {
-        [(self.host, self.host_mount), (self.target, self.target_mount)]
-            .map(|(body, mount)| CameraPose::of(body, mount, pivot_o))
-    }
-}
 
 /// Derivative by a motion ([`super::motions`]): for both components, by position and by attitude, each with a lane more.
 pub type MotionJacobian = [[Quad; 2]; 2];
@@ -57,7 +31,6 @@ pub struct Jacobians<const D: usize> {
 
 impl<const D: usize> Jacobians<D> {
     /// All zero, to be filled by a factor.
-    #[must_use]
     pub fn zeros() -> Self {
         let zero = [[[0.0; 4]; 2]; 2];
         Self {
@@ -70,19 +43,8 @@ impl<const D: usize> Jacobians<D> {
     }
 }
 
-/// Derivatives of a residual against a direction of the Manhattan world.
-#[derive(Clone, Debug)]
-pub struct StructuralJacobians<J> {
-    /// By the host's camera and the line; no observer takes part.
-    pub feature: J,
-    /// By the heading of the Manhattan world.
-    pub heading: Vector2<f64>,
-}
-
 /// A request for the Jacobians of an observation, to be taken as seen from a view.
 pub type ViewLinearization<'a, J> = Linearization<'a, CameraView<'a>, J>;
-/// A request for the Jacobians against a direction, to be taken at a pose of the host's camera.
-pub type StructuralLinearization<'a, J> = Linearization<'a, &'a CameraPose, StructuralJacobians<J>>;
 
 /// Parameters of a landmark in its host camera.
 pub trait Feature: Copy + Debug + PartialEq {
@@ -93,9 +55,6 @@ pub trait Feature: Copy + Debug + PartialEq {
 
     /// Where a landmark is in `O`, and what else its observations have in common.
     type Placed: Debug;
-
-    /// Forgets to which direction of the Manhattan world the landmark belongs: nothing, for a point.
-    fn forget_structure(&mut self) {}
 
     /// Distance of an observation from its landmark beyond which it is an outlier, in standard deviations.
     fn outlier_sigmas(_options: &Options) -> f64 {
@@ -155,34 +114,20 @@ pub trait Feature: Copy + Debug + PartialEq {
         Self::residual_of(&self.placed(view.host), view.target, measured, time_offset_step_s)
     }
 
-    /// The measurement with its rate of change as an observer with angular rate `rate_b` (rad/s) and
-    /// velocity `v_b` (m/s), both in its body frame, would see it.
+    /// The measurement with its rate of change as an observing camera of this motion would see it.
     fn with_rate(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &Self::Measurement,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
+        motion: &CameraMotion,
     ) -> Option<Self::Measurement>;
 
     /// Returns the landmark hosted by the observer instead; `None` if the observer cannot see it.
-    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
-
-    /// Difference from the direction of the Manhattan world along which it lies, in standard deviations, and on
-    /// request its Jacobians. `None` for what lies along no direction, as most features do.
-    fn structural_residual(
-        &self,
-        _manhattan: &Manhattan,
-        _host: &CameraPose,
-        _linearization: Option<StructuralLinearization<'_, Self::Jacobians>>,
-    ) -> Option<Vector2<f64>> {
-        None
-    }
+    fn hosted_by_target(&self, view: CameraView<'_>) -> Option<Self>;
 }
 
 /// A feature of `D` degrees of freedom.
 pub trait Estimated<const D: usize>: Feature<Jacobians = Jacobians<D>> {
     /// The feature with the step `d` applied.
-    #[must_use]
     fn plus(&self, d: &SVector<f64, D>) -> Self;
 }

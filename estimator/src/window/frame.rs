@@ -33,19 +33,16 @@ pub struct Frame {
 
 impl Frame {
     /// The state at which Jacobians are evaluated, with or without first estimates.
-    #[must_use]
     pub fn jacobian_state(&self, first_estimates: bool) -> &NavState {
         if self.in_prior && first_estimates { &self.linearization } else { &self.nav }
     }
 
     /// Angular rate of the body at the stamp, rad/s.
-    #[must_use]
     pub fn rate_b(&self) -> Vector3<f64> {
         self.gyro_b - self.nav.bias_gyro
     }
 
     /// The pose at the stamp, where that is not the time of the state: some milliseconds away.
-    #[must_use]
     pub fn pose_at_stamp(&self) -> Isometry3<f64> {
         if self.taken == self.stamp {
             return self.nav.pose_o_b();

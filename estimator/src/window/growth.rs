@@ -16,7 +16,7 @@ use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::SMatrix;
 
 /// Covariance of a state that is carried forward, and of its biases.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct GrowingCovariance {
     /// Covariance of position, attitude and velocity.
     pub nav: NavCovariance,
@@ -26,13 +26,11 @@ pub struct GrowingCovariance {
 
 impl GrowingCovariance {
     /// Covariance of an estimate, whose correlation of state and biases is not known and taken for none.
-    #[must_use]
     pub fn new(nav: NavCovariance, biases: &BiasVariances) -> Self {
         Self { nav, with_biases: SMatrix::zeros(), biases: SMatrix::from_diagonal(biases) }
     }
 
     /// Covariance of a frame of the window, with the correlation of state and biases.
-    #[must_use]
     pub fn of_frame(covariance: &FrameMatrix) -> Self {
         Self {
             nav: covariance.fixed_view::<9, 9>(0, 0).into_owned(),
@@ -42,7 +40,6 @@ impl GrowingCovariance {
     }
 
     /// Covariance of state and biases, in the order of [`NavState`].
-    #[must_use]
     pub fn of_all(&self) -> FrameMatrix {
         let biases = NavState::BIAS_GYRO;
         let mut all = FrameMatrix::zeros();
@@ -54,7 +51,6 @@ impl GrowingCovariance {
     }
 
     /// True if all of it is finite.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.nav.iter().chain(&self.with_biases).chain(&self.biases).all(|x| x.is_finite())
     }

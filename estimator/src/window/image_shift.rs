@@ -39,7 +39,6 @@ type Distances = heapless::Vec<f64, MAX_PAIRS>;
 
 impl Window {
     /// Shifts of the newest frame's images by the landmarks that are older; `None` where the left image shows too few.
-    #[must_use]
     pub fn image_shifts(&self) -> Option<ImageShifts> {
         let newest = self.frames.len().checked_sub(1)?;
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];

@@ -41,7 +41,6 @@ pub struct InertialFactor {
 
 impl InertialFactor {
     /// The factor of a motion measured with the sensor noise given.
-    #[must_use]
     pub fn new(motion: Preintegration, noise: &ImuNoise) -> Self {
         Self::with_walk(motion, BiasWalk::default(), noise)
     }
@@ -54,7 +53,6 @@ impl InertialFactor {
     }
 
     /// The factor over this interval and `next`.
-    #[must_use]
     pub fn followed_by(&self, next: &Self, noise: &ImuNoise) -> Self {
         let walk = self.walk.followed_by(&self.motion, (&next.walk, &next.motion), noise);
         let doubted_m_s2 = self.doubted_m_s2.at_least(next.doubted_m_s2);
@@ -63,7 +61,6 @@ impl InertialFactor {
 
     /// The factor of the same motion, of which next to nothing is known but how long it took: a vehicle may have turned and
     /// sped up in it as far as one can.
-    #[must_use]
     pub fn loosened(&self, noise: &ImuNoise) -> Self {
         let dt = self.motion.dt_s;
         let mut motion = self.motion.clone();
@@ -81,7 +78,6 @@ impl InertialFactor {
     }
 
     /// The factor of the same motion, whose forces may be off by `sigma_m_s2` throughout. A smaller doubt is part of one that counts already.
-    #[must_use]
     pub fn with_doubted_forces(mut self, sigma_m_s2: f64, noise: &ImuNoise) -> Self {
         if sigma_m_s2 <= self.doubted_m_s2 {
             return self;
@@ -101,20 +97,17 @@ impl InertialFactor {
     }
 
     /// The factor of another integration of the same interval: its forces are as doubtful.
-    #[must_use]
     pub fn integrated_anew(&self, motion: Preintegration, noise: &ImuNoise) -> Self {
         Self::new(motion, noise).with_doubted_forces(self.doubted_m_s2, noise)
     }
 
     /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
-    #[must_use]
     pub fn information(&self) -> Option<&FrameMatrix> {
         self.information.as_ref()
     }
 
     /// The residual between the earlier and the later state, not weighed, and on request its Jacobians by either,
     /// 15x15.
-    #[must_use]
     pub fn residual(
         &self,
         [from, to]: [&NavState; 2],

@@ -14,7 +14,6 @@ const DISTANCE_FLOOR_M: f64 = 1e-3;
 
 impl Window {
     /// True if the newest frame should become a keyframe, with `connected` of its `tracked` points linked to landmarks.
-    #[must_use]
     pub fn needs_keyframe(&self, connected: usize, tracked: usize) -> bool {
         let Some(newest) = self.frames.last() else { return false };
         let Some(last) = self.frames.iter().rev().skip(1).find(|f| f.is_keyframe) else { return true };

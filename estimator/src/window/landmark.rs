@@ -51,13 +51,11 @@ pub struct LandmarkStore<F: Feature> {
 
 impl<F: Feature> LandmarkStore<F> {
     /// Room for `capacity` landmarks.
-    #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { landmarks: Vec::with_capacity(capacity), capacity, by_track: Vec::with_capacity(capacity) }
     }
 
     /// All landmarks.
-    #[must_use]
     pub fn all(&self) -> &[Landmark<F>] {
         &self.landmarks
     }
@@ -74,7 +72,6 @@ impl<F: Feature> LandmarkStore<F> {
     }
 
     /// The landmark of a track.
-    #[must_use]
     pub fn of_track(&self, track_id: u32) -> Option<usize> {
         let at = self.by_track.binary_search_by_key(&track_id, |entry| entry.0).ok()?;
         Some(usize::from(self.by_track[at].1))

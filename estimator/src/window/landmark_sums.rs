@@ -2,10 +2,9 @@
 
 use super::camera_sums::{CameraRows, LensRows};
 use super::eliminate::{Eliminated, MAX_LANDMARK_DIM};
-use super::feature::{Jacobians, StructuralJacobians};
+use super::feature::Jacobians;
 use super::motions::{
-    LENS, POSED, RESIDUAL, TIME_OFFSET, WORLD_HEADING, motion_at, motion_of_camera, motion_of_frame,
-    motion_of_lens,
+    LENS, POSED, RESIDUAL, TIME_OFFSET, motion_at, motion_of_camera, motion_of_frame, motion_of_lens,
 };
 use super::quad::Quad;
 use super::state::POSE_DIM;
@@ -18,9 +17,9 @@ const AT_LANDMARK: usize = POSED;
 /// The rows of an observation, weighed.
 #[derive(Clone, Debug)]
 pub(super) struct Rows {
-    /// By the motions of cameras on their mounts, time offset, heading, residual and landmark.
+    /// By the motions of cameras on their mounts, time offset, residual and landmark.
     by_globals: [[f64; COLUMNS]; 2],
-    /// By the motion of the host in `O`, time offset or heading, and residual.
+    /// By the motion of the host in `O`, time offset, and residual.
     pub(super) by_camera: CameraRows,
 }
 
@@ -55,29 +54,6 @@ impl Rows {
                 by_globals[AT_LANDMARK + k] = j.landmark[(d, k)];
             }
         }
-    }
-
-    /// Rows of a comparison with a direction of the Manhattan world, times `scale`.
-    pub(super) fn structural<const D: usize>(
-        StructuralJacobians { feature: j, heading }: &StructuralJacobians<Jacobians<D>>,
-        r: &Vector2<f64>,
-        scale: f64,
-        host: u8,
-    ) -> Self {
-        let mut rows = Self::ZERO;
-        for d in 0..2 {
-            let (by_globals, by_camera) = (&mut rows.by_globals[d], &mut rows.by_camera[d]);
-            for k in 0..D {
-                by_globals[AT_LANDMARK + k] = j.landmark[(d, k)] * scale;
-            }
-            let [heading, r] = [heading[d] * scale, r[d] * scale];
-            (by_globals[WORLD_HEADING], by_globals[RESIDUAL]) = (heading, r);
-            let on_mount = motion_at(by_globals, motion_of_camera(usize::from(host)));
-            *on_mount = row(&j.host[d]).map(|x| x * scale);
-            by_camera[..POSE_DIM].copy_from_slice(&row(&j.camera[d]).map(|x| x * scale));
-            (by_camera[POSE_DIM], by_camera[POSE_DIM + 1]) = (heading, r);
-        }
-        rows
     }
 }
 
@@ -122,9 +98,9 @@ impl<const D: usize> Default for LandmarkSums<D> {
 }
 
 impl<const D: usize> LandmarkSums<D> {
-    /// Adds an observation from frame `target`; `None` where none takes part.
+    /// Adds an observation from frame `target`.
     #[inline(always)]
-    pub(super) fn add(&mut self, rows: &Rows, target: Option<usize>, entry: &mut Eliminated<D>) {
+    pub(super) fn add(&mut self, rows: &Rows, target: usize, entry: &mut Eliminated<D>) {
         let [a, b] = &rows.by_globals;
         let [c, d] = &rows.by_camera;
         for r in 0..D {
@@ -137,11 +113,9 @@ impl<const D: usize> LandmarkSums<D> {
                 *mixed = la * c[k] + lb * d[k];
                 self.by_host[r][k] += *mixed;
             }
-            if let Some(target) = target {
-                let to = motion_at(&mut entry.rows[r], motion_of_frame(target));
-                for k in 0..POSE_DIM {
-                    to[k] -= mixed[k];
-                }
+            let to = motion_at(&mut entry.rows[r], motion_of_frame(target));
+            for k in 0..POSE_DIM {
+                to[k] -= mixed[k];
             }
         }
     }

@@ -82,7 +82,6 @@ pub struct Lenses {
 
 impl Lenses {
     /// Lenses of a configuration; `None` where `sigmas` leave no intrinsics to refine.
-    #[must_use]
     pub fn of(config: &ValidSetup, sigmas: &SVector<f64, RIG_DIM>) -> Option<Self> {
         let mask = |k: usize| {
             let sigmas = sigmas.fixed_rows::<INTRINSICS_DIM>(Rig::of_lens(k));
@@ -96,7 +95,6 @@ impl Lenses {
 
     /// Step of the intrinsics of `camera` from the reference.
     #[inline]
-    #[must_use]
     pub fn step(&self, rig: &Rig, camera: usize) -> Vector3<f64> {
         rig.intrinsics[camera] - self.reference[camera]
     }

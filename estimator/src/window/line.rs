@@ -19,10 +19,8 @@
 //!
 //! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` and on its mount ([`super::motions`]).
 
-use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
-use super::manhattan::{Axis, Manhattan};
-use super::manhattan_factor;
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
+use super::feature::{Estimated, Feature, Jacobians};
 use super::quad::{Quad, QuadMatrix, cross, quad};
 use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
@@ -39,8 +37,6 @@ pub struct HostedLine {
     pub axes: Matrix3<f64>,
     /// `phi`, rad.
     pub phi: f64,
-    /// The direction of the Manhattan world to which the line belongs.
-    pub axis: Option<Axis>,
 }
 
 /// Measurement of a line by a camera.
@@ -59,19 +55,11 @@ pub struct LineMeasurement {
 
 impl LineMeasurement {
     /// Normal of the plane through the camera and the measured segment, not of unit length.
-    #[must_use]
     pub fn normal(&self) -> Vector3<f64> {
         ray(&self.ends_xy[0]).cross(&ray(&self.ends_xy[1]))
     }
 
-    /// Angle between the end points, rad.
-    #[must_use]
-    pub fn angle_rad(&self) -> f64 {
-        ray(&self.ends_xy[0]).angle(&ray(&self.ends_xy[1]))
-    }
-
     /// The measurement with the rates of a far line in a camera that turns with `rate_c`, rad/s.
-    #[must_use]
     pub fn turning(self, rate_c: &Vector3<f64>) -> Self {
         let n = self.normal();
         let rates = self.rates_of(&n, &-rate_c.cross(&n));
@@ -148,26 +136,19 @@ impl Pluecker {
     }
 }
 
-/// The line in the observer's body and camera.
-struct Path {
-    bt: Pluecker,
-    ct: Pluecker,
-}
-
 impl HostedLine {
     /// Stands for a line that waits for its triangulation.
     pub const UNKNOWN: Self =
-        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0, axis: None };
+        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0 };
 
     /// The line with these Pluecker coordinates, of any scale; `None` through the camera.
-    #[must_use]
     pub fn of(n: &Vector3<f64>, v: &Vector3<f64>) -> Option<Self> {
         let u1 = n.try_normalize(1e-12)?;
         // Errors may have left a part of `v` along `n`.
         let across = v - u1 * u1.dot(v);
         let u2 = across.try_normalize(1e-12)?;
         let axes = Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]);
-        Some(Self { axes, phi: libm::atan2(across.norm(), n.norm()), axis: None })
+        Some(Self { axes, phi: libm::atan2(across.norm(), n.norm()) })
     }
 
     fn pluecker(&self) -> Pluecker {
@@ -177,20 +158,11 @@ impl HostedLine {
 
     /// Distance of the point that the host sees at `xy`, along its optical axis, m; negative behind.
     /// Infinite for a line at infinity.
-    #[must_use]
     pub fn depth_at(&self, xy: &Vector2<f64>) -> f64 {
         let Pluecker { n, v } = self.pluecker();
         // x = depth * ray lies on the line: depth (ray x v) = n.
         let side = ray(xy).cross(&v);
         n.dot(&side) / side.norm_squared()
-    }
-
-    fn path(&self, view: &View<'_>) -> Path {
-        let bh = self.pluecker().moved(&view.host_mount.rot_b_c, &view.host_mount.p_b_c);
-        let o = bh.moved(&view.host.rot_o_b, &(view.host.p_o_b - view.target.p_o_b));
-        let bt = o.moved_back(&view.target.rot_o_b, &Vector3::zeros());
-        let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
-        Path { bt, ct }
     }
 }
 
@@ -205,6 +177,11 @@ pub struct PlacedLine {
 }
 
 impl PlacedLine {
+    /// The line in the observer's camera.
+    fn seen_from(&self, target: &CameraPose) -> Pluecker {
+        self.o.moved_back(&target.rot_o_c, &target.p_o_c)
+    }
+
     /// Derivative by the four parameters, where those by `n` and `v` in the host's camera are given.
     #[inline]
     fn by_parameters(&self, axes: &QuadMatrix, by_n: &Quad, by_v: &Quad) -> [f64; 4] {
@@ -219,10 +196,6 @@ impl Feature for HostedLine {
     type Measurement = LineMeasurement;
     type Jacobians = Jacobians<4>;
     type Placed = PlacedLine;
-
-    fn forget_structure(&mut self) {
-        self.axis = None;
-    }
 
     fn placed(&self, host: &CameraPose) -> PlacedLine {
         let (sin, cos) = libm::sincos(self.phi);
@@ -288,7 +261,7 @@ impl Feature for HostedLine {
         j: &mut Jacobians<4>,
     ) -> Option<()> {
         let PlacedLine { h, o, .. } = placed;
-        let c = o.moved_back(&target.rot_o_c, &target.p_o_c);
+        let c = placed.seen_from(target);
         let by_n = measured.distances_by_normal(&c.n)?;
         let axes = QuadMatrix::of(&placed.axes);
         let [arm, p] = [host.p_o_c - target.p_o_c, target.p_o_c].map(|x| quad(&x));
@@ -314,35 +287,22 @@ impl Feature for HostedLine {
         Some(())
     }
 
-    /// In the body frame `n' = -w x n - velocity x v` and `v' = -w x v`.
+    /// In the axes of the camera `n' = -w x n - velocity x v`.
     fn with_rate(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &LineMeasurement,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
+        CameraMotion { rate_c, v_c }: &CameraMotion,
     ) -> Option<LineMeasurement> {
-        let Path { bt, ct } = self.path(view);
-        let rate = Pluecker { n: -rate_b.cross(&bt.n) - v_b.cross(&bt.v), v: -rate_b.cross(&bt.v) };
-        let n_rate = rate.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c).n;
-        let rates = measured.rates_of(&ct.n, &n_rate)?;
-        let v_camera_b = v_b + rate_b.cross(&view.target_mount.p_b_c);
-        let n_by_way = -view.target_mount.rot_b_c.tr_mul(&v_camera_b).cross(&ct.v);
-        Some(LineMeasurement { rates, ends_xy: measured.ends_at_frame(&ct.n, &n_by_way), ..*measured })
+        let Pluecker { n, v } = self.placed(view.host).seen_from(view.target);
+        let n_by_way = -v_c.cross(&v);
+        let rates = measured.rates_of(&n, &(n_by_way - rate_c.cross(&n)))?;
+        Some(LineMeasurement { rates, ends_xy: measured.ends_at_frame(&n, &n_by_way), ..*measured })
     }
 
-    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
-        let ct = self.path(view).ct;
-        Some(Self { axis: self.axis, ..Self::of(&ct.n, &ct.v)? })
-    }
-
-    fn structural_residual(
-        &self,
-        manhattan: &Manhattan,
-        host: &CameraPose,
-        linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
-    ) -> Option<Vector2<f64>> {
-        manhattan_factor::residual(manhattan, (&self.axes, self.axis?), host, linearization)
+    fn hosted_by_target(&self, view: CameraView<'_>) -> Option<Self> {
+        let Pluecker { n, v } = self.placed(view.host).seen_from(view.target);
+        Self::of(&n, &v)
     }
 }
 
@@ -352,7 +312,7 @@ impl Estimated<4> for HostedLine {
         // Rounding must not add up: the columns are made orthonormal again.
         let u1 = turned.column(0).normalize();
         let u2 = (turned.column(1) - u1 * u1.dot(&turned.column(1))).normalize();
-        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3], axis: self.axis }
+        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3] }
     }
 }
 

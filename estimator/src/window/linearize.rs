@@ -10,7 +10,7 @@ use super::camera_sums::CameraSums;
 use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::factor::{Linearization, RobustSum};
-use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
+use super::feature::{Estimated, Feature, Jacobians};
 use super::landmark::{Landmark, MAX_OBSERVATIONS};
 use super::landmark_sums::{LandmarkSums, Rows};
 use super::motions::{Lifts, MotionEquations};
@@ -19,7 +19,7 @@ use super::prior::Prior;
 use super::problem::Problem;
 use super::state::{FRAME_DIM, FrameMatrix, Rig, unknown_of_frame};
 use super::zero_velocity_factor::zero_velocity;
-use nalgebra::{SMatrix, Vector2};
+use nalgebra::SMatrix;
 
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
@@ -45,44 +45,25 @@ pub enum Purpose {
     },
 }
 
-/// Factor of a frame, or of a frame and the one before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum FrameFactor {
-    /// Inertial factor that leads to the frame.
-    Motion,
-    /// The vehicle stands still in the frame.
-    ZeroVelocity,
-}
-
-impl FrameFactor {
-    /// Factors of a frame in the order in which they are added, which the last bits of the sums depend on.
-    const fn all(purpose: Purpose) -> [Self; 2] {
-        match purpose {
-            Purpose::Leaving { .. } => [Self::ZeroVelocity, Self::Motion],
-            Purpose::Cost | Purpose::Equations { .. } => [Self::Motion, Self::ZeroVelocity],
-        }
+/// Cost of the factors of frame `index` that `purpose` needs; their normal equations are added to `target`, if there is one.
+fn evaluate_frame(
+    problem: &Problem<'_>,
+    index: usize,
+    purpose: Purpose,
+    mut target: Option<&mut NormalEquations>,
+) -> f64 {
+    let (needs_motion, needs_rest) = match purpose {
+        Purpose::Leaving { frame } => (index == frame || index == frame + 1, index == frame),
+        Purpose::Cost | Purpose::Equations { .. } => (true, true),
+    };
+    let mut cost = 0.0;
+    if needs_motion {
+        cost += motion(problem, index, target.as_deref_mut().map(|equations| (equations, index)));
     }
-
-    /// True if `purpose` needs the factor of frame `index`.
-    fn is_wanted(self, index: usize, purpose: Purpose) -> bool {
-        let first = match self {
-            Self::Motion => index.saturating_sub(1),
-            Self::ZeroVelocity => index,
-        };
-        match purpose {
-            Purpose::Leaving { frame } => (first..=index).contains(&frame),
-            Purpose::Cost | Purpose::Equations { .. } => true,
-        }
+    if needs_rest {
+        cost += zero_velocity(&problem.frames[index], target.map(|equations| (equations, index)));
     }
-
-    /// Cost of the factor of frame `index`; its normal equations are added to `target`, if there is one.
-    fn evaluate(self, problem: &Problem<'_>, index: usize, target: Option<&mut NormalEquations>) -> f64 {
-        let target = target.map(|equations| (equations, index));
-        match self {
-            Self::Motion => motion(problem, index, target),
-            Self::ZeroVelocity => zero_velocity(&problem.frames[index], target),
-        }
-    }
+    cost
 }
 
 /// Cost of the inertial factor that leads to frame `index`, if there is one, in squared standard deviations. On request its
@@ -136,7 +117,6 @@ pub struct Linearizer {
 
 impl Linearizer {
     /// Room for `unknowns`, `points` and `lines`.
-    #[must_use]
     pub fn new(unknowns: usize, points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             equations: NormalEquations::new(unknowns),
@@ -170,22 +150,16 @@ impl Linearizer {
             self.begin(problem);
         }
         let target = (!is_cost).then_some(&mut self.equations);
-        let prior = prior.evaluate(problem.rig, problem.frames, target);
-        let landmarks = self.evaluate_landmarks(problem, purpose);
-        // The digests of recorded flights hold this order of the sums.
-        let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };
+        let mut cost = prior.evaluate(problem.rig, problem.frames, target);
         for index in 0..problem.frames.len() {
-            for factor in FrameFactor::all(purpose) {
-                if factor.is_wanted(index, purpose) {
-                    let target = (!is_cost).then_some(&mut self.equations);
-                    cost += factor.evaluate(problem, index, target);
-                }
-            }
+            let target = (!is_cost).then_some(&mut self.equations);
+            cost += evaluate_frame(problem, index, purpose, target);
         }
+        cost += self.evaluate_landmarks(problem, purpose);
         if !is_cost {
             self.lift_landmarks();
         }
-        cost + rest
+        cost
     }
 
     /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.
@@ -228,9 +202,6 @@ impl Linearizer {
                 if let Some(r) = self.poses.residual::<F>(problem, &placed, observation) {
                     costs.add(r.norm_squared());
                 }
-            }
-            if let Some(r) = self.poses.structural_residual(problem, landmark, None) {
-                costs.add(r.norm_squared());
             }
         }
     }
@@ -275,7 +246,7 @@ impl LandmarkEquations {
         landmark: &Landmark<F>,
         damping: f64,
     ) {
-        entry.reset(self.motions.dim());
+        entry.reset(self.motions.dim);
         if !landmark.is_triangulated {
             return;
         }
@@ -304,35 +275,17 @@ impl LandmarkEquations {
             rows.set(&j, &r, cameras, host == target);
             let by_lens = poses.by_lens::<F>(problem, &first, (observation, scale));
             self.cameras.add(target, &rows.by_camera, by_lens.as_ref());
-            sums.add(&rows, Some(frame), entry);
+            sums.add(&rows, frame, entry);
             if let Some(by_lens) = &by_lens {
                 sums.add_lens(&rows, by_lens, usize::from(observation.camera));
             }
         }
-        self.add_structural(entry, &mut sums, poses, problem, landmark);
         let mut own = sums.finish(entry, usize::from(landmark.host));
         own += SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
         for k in 0..D {
             own[(k, k)] *= 1.0 + damping;
         }
         entry.eliminate(&mut self.motions, own, span);
-    }
-
-    /// Adds that a landmark lies along a direction of the Manhattan world, if it does.
-    fn add_structural<F: Estimated<D>, const D: usize>(
-        &mut self,
-        entry: &mut Eliminated<D>,
-        sums: &mut LandmarkSums<D>,
-        poses: &Poses,
-        problem: &Problem<'_>,
-        landmark: &Landmark<F>,
-    ) {
-        let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-        let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return };
-        let scale = self.costs.add(r.norm_squared()).sqrt();
-        let rows = Rows::structural(&j, &r, scale, landmark.host_camera);
-        self.cameras.add_structural(&rows.by_camera);
-        sums.add(&rows, None, entry);
     }
 }
 

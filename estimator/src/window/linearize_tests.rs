@@ -1,6 +1,6 @@
 use super::super::Window;
 use super::super::calibration::KnownRig;
-use super::super::state::{HEADING, NavState, RIG_DIM, unknown_of_frame};
+use super::super::state::{NavState, RIG_DIM, unknown_of_frame};
 use super::super::test_dense::{Dense, equilibrated, full};
 use super::super::test_room::{Room, by_and_by};
 use super::*;
@@ -30,10 +30,8 @@ fn the_room_puts_every_kind_of_factor_to_work() {
     assert!(cost.is_finite() && cost > 1.0);
     let (points, lines) = window.triangulated();
     assert!(points >= 20 && lines >= 18, "{points} points, {lines} lines");
-    assert!(window.structural_lines() >= 12);
     assert!(window.points.all().iter().any(|l| l.host > 0 && l.is_triangulated));
     assert!(window.points.all().iter().any(|l| l.host_camera == 1 && l.is_triangulated));
-    assert!(window.linearizer.equations.get(HEADING, HEADING) > 1.0);
     let time_offset = Rig::TIME_OFFSET;
     assert!(window.linearizer.equations.get(time_offset, time_offset) > 1.0);
     assert!(window.rig.time_offset_s != 0.0);
@@ -50,7 +48,7 @@ fn intrinsics_held_fixed_have_no_part_in_the_problem() {
     assert!(h < 1e-9 && b < 1e-9, "J'J differs by {h}, J'r by {b}");
     assert!(!window.optimize(3).is_not_positive_definite);
     assert!(window.rig.intrinsics.iter().all(|step| step.norm() == 0.0));
-    assert!(window.rig_estimate().is_some() && window.newest_covariance().is_some());
+    assert!(window.rig_covariance().is_some() && window.newest_covariance().is_some());
 }
 
 #[test]
@@ -126,7 +124,6 @@ fn cost_after(window: &Window, step: &DVector<f64>, dense: &Dense) -> f64 {
     let mut moved = window.clone();
     let part = |at: usize| SVector::<f64, FRAME_DIM>::from_column_slice(&step.as_slice()[at..at + FRAME_DIM]);
     moved.rig = moved.rig.plus(&SVector::from_column_slice(&step.as_slice()[..RIG_DIM]));
-    moved.manhattan.turn(step[HEADING]);
     for (k, frame) in moved.frames.iter_mut().enumerate() {
         frame.nav = frame.nav.plus(&part(unknown_of_frame(k)));
     }
@@ -149,7 +146,7 @@ fn the_gradient_is_the_derivative_of_the_cost() {
     let dense = Dense::of(&window, 0.0);
     // What is held fixed has neither.
     let free: Vec<usize> = (0..dense.h.nrows()).filter(|k| dense.h[(*k, *k)] > 0.0).collect();
-    assert!(free.len() > 150 && free.contains(&HEADING), "{} unknowns", free.len());
+    assert!(free.len() > 150, "{} unknowns", free.len());
     for k in free {
         // A thousandth of what the measurements tell.
         let h = 1e-3 / dense.h[(k, k)].sqrt();

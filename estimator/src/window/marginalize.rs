@@ -131,10 +131,8 @@ fn last_seen<F: Feature>(store: &LandmarkStore<F>, index: usize) -> usize {
     seen.max().unwrap_or(0)
 }
 
-/// Takes from the landmarks of frame `index` what the prior must not see: observations outside keyframes, observations in
-/// the newest keyframe, where a living track is hosted anew, and the structural factor. The error of that factor is the
-/// lean of a wall, which all hosts of a line and all lines of the wall share: counted with each of them it would become
-/// certainty.
+/// Takes from the landmarks of frame `index` what the prior must not see: observations outside keyframes, and observations in
+/// the newest keyframe, where a living track is hosted anew.
 fn split_observations<F: Feature>(
     store: &mut LandmarkStore<F>,
     rehosted: &mut Vec<Landmark<F>>,
@@ -151,7 +149,6 @@ fn split_observations<F: Feature>(
         {
             rehosted.push(moved);
         }
-        landmark.feature.forget_structure();
         landmark.observations.retain(|o| {
             let frame = usize::from(o.frame);
             frames[frame].is_keyframe && Some(frame) != heir

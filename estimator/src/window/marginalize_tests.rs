@@ -1,5 +1,5 @@
 use super::super::Window;
-use super::super::state::GLOBAL_DIM;
+use super::super::state::RIG_DIM;
 use super::super::test_dense::{equilibrated, full};
 use super::super::test_room::{Room, always};
 use super::*;
@@ -21,7 +21,7 @@ fn solved(window: &mut Window, first: usize) -> (DVector<f64>, DMatrix<f64>) {
     let cholesky = scaled.cholesky().expect("is positive definite");
     let step = -cholesky.solve(&b.component_mul(&scale)).component_mul(&scale);
     let covariance = DMatrix::from_diagonal(&scale) * cholesky.inverse() * DMatrix::from_diagonal(&scale);
-    let kept: Vec<usize> = (0..GLOBAL_DIM).chain(unknown_of_frame(first)..h.nrows()).collect();
+    let kept: Vec<usize> = (0..RIG_DIM).chain(unknown_of_frame(first)..h.nrows()).collect();
     (step.select_rows(&kept), covariance.select_rows(&kept).select_columns(&kept))
 }
 
@@ -30,8 +30,6 @@ fn what_remains_is_solved_as_if_nothing_had_left() {
     let mut window = Room { frames: 5, sees: first_half_or_second, ..Room::default() }.window();
     window.frames[0].is_still = true;
     window.linearizer.leaving_root = 1.0;
-    // Structural factors never enter the prior.
-    window.lines.all_mut().iter_mut().for_each(|line| line.feature.forget_structure());
     window.refresh_anchor();
     let (step, covariance) = solved(&mut window, 1);
     let landmarks = window.triangulated();
@@ -60,8 +58,6 @@ fn several_frames_leave_one_after_the_other_as_they_would_at_once() {
     }
     let mut window = Room { frames: 6, sees: pairs, ..Room::default() }.window();
     window.linearizer.leaving_root = 1.0;
-    // Structural factors never enter the prior.
-    window.lines.all_mut().iter_mut().for_each(|line| line.feature.forget_structure());
     window.refresh_anchor();
     let (step, covariance) = solved(&mut window, 3);
     for _ in 0..3 {

@@ -6,10 +6,9 @@
 //! preintegrated IMU between consecutive frames, and robust reprojection terms.
 //!
 //! - [`state`], [`frame`], [`landmark`], [`feature`]: what is estimated
-//! - [`reprojection`], [`mod@line`], [`inertial_factor`], [`zero_velocity_factor`], [`manhattan_factor`], [`prior`]: the
+//! - [`reprojection`], [`mod@line`], [`inertial_factor`], [`zero_velocity_factor`], [`prior`]: the
 //!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
-//! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
 //! - [`problem`], [`poses`], [`camera_poses`], [`motions`], [`linearize`] with `camera_sums` and `landmark_sums`,
 //!   [`eliminate`], [`dense`], [`factorization`], [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
@@ -18,49 +17,45 @@
 //!   without images
 
 mod bias_walk;
-pub mod calibration;
-pub mod camera_poses;
+pub(crate) mod calibration;
+pub(crate) mod camera_poses;
 mod camera_sums;
-pub mod dense;
+pub(crate) mod dense;
 mod doubt;
-pub mod eliminate;
-pub mod epipolar;
-pub mod factor;
-pub mod factorization;
-pub mod feature;
-pub mod frame;
-pub mod growth;
-mod heading_votes;
-pub mod image_shift;
-pub mod inertial_factor;
-pub mod keyframes;
-pub mod landmark;
+pub(crate) mod eliminate;
+pub(crate) mod epipolar;
+pub(crate) mod factor;
+pub(crate) mod factorization;
+pub(crate) mod feature;
+pub(crate) mod frame;
+pub(crate) mod growth;
+pub(crate) mod image_shift;
+pub(crate) mod inertial_factor;
+pub(crate) mod keyframes;
+pub(crate) mod landmark;
 mod landmark_sums;
-pub mod lens;
-pub mod line;
-pub mod linearize;
-pub mod manhattan;
-pub mod manhattan_factor;
-pub mod marginalize;
-pub mod motions;
+pub(crate) mod lens;
+pub(crate) mod line;
+pub(crate) mod linearize;
+pub(crate) mod marginalize;
+pub(crate) mod motions;
 mod moving;
 #[cfg(test)]
 mod null_space_tests;
-pub mod options;
-pub mod poses;
-pub mod prior;
-pub mod problem;
+pub(crate) mod options;
+pub(crate) mod poses;
+pub(crate) mod prior;
+pub(crate) mod problem;
 mod quad;
 mod refined_lens;
-pub mod relative;
-pub mod reprojection;
+pub(crate) mod relative;
+pub(crate) mod reprojection;
 mod rig_walk;
-pub mod seen_by_row;
-pub mod sighting;
+pub(crate) mod seen_by_row;
+pub(crate) mod sighting;
 pub mod snapshot;
-pub mod solve;
+pub(crate) mod solve;
 pub mod state;
-mod structural_lines;
 #[cfg(test)]
 mod test_dense;
 #[cfg(test)]
@@ -68,12 +63,12 @@ mod test_room;
 #[cfg(test)]
 mod test_views;
 mod tiles;
-pub mod tracks;
+pub(crate) mod tracks;
 pub mod trail;
-pub mod trial;
-pub mod triangulate;
-pub mod triangulate_line;
-pub mod zero_velocity_factor;
+pub(crate) mod trial;
+pub(crate) mod triangulate;
+pub(crate) mod triangulate_line;
+pub(crate) mod zero_velocity_factor;
 
 pub use options::Options;
 pub use state::MAX_FRAMES;
@@ -81,12 +76,10 @@ pub use state::MAX_FRAMES;
 use crate::geometry::yaw_of;
 use crate::inertial::{ImuNoise, Preintegration};
 use frame::Frame;
-use heading_votes::HeadingVotes;
 use inertial_factor::InertialFactor;
 use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::Linearizer;
-use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
 use prior::{AnchorSigmas, AnchorState, Prior};
@@ -106,8 +99,6 @@ const RIG_SIGMAS: f64 = 4.0;
 pub struct Window {
     /// Calibration.
     pub rig: Rig,
-    /// The Manhattan world.
-    pub manhattan: Manhattan,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
     /// Points.
@@ -121,8 +112,6 @@ pub struct Window {
     /// Noise of the inertial factors to come: as stated, or as it shows.
     pub imu_noise: ImuNoise,
     anchor: Option<Anchor>,
-    heading_votes: HeadingVotes,
-    is_manhattan_in_sight: bool,
     linearizer: Linearizer,
     factor: factorization::Factor,
     backup: solve::Backup,
@@ -193,23 +182,19 @@ impl Outliers {
 
 impl Window {
     /// An empty window with everything allocated.
-    #[must_use]
     pub fn new(config: &ValidSetup) -> Self {
         let options = Options::of(config);
         let rig = Rig::of(config);
         let unknowns = unknown_of_frame(MAX_FRAMES);
         let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
-            manhattan: Manhattan::new(ManhattanOptions::of(&config.estimator.lines)),
-            heading_votes: HeadingVotes::default(),
-            is_manhattan_in_sight: false,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: LandmarkStore::new(points),
             lines: LandmarkStore::new(lines),
             prior: Prior::new(unknowns, &rig),
             anchor: None,
             linearizer: Linearizer::new(unknowns, points, lines, &rig),
-            factor: factorization::Factor::new(unknowns).holding(options.held_unknowns()),
+            factor: factorization::Factor::new(unknowns, options.held_unknowns()),
             backup: solve::Backup::new(points, lines, &rig),
             solution: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
@@ -245,9 +230,6 @@ impl Window {
         self.last_motion = None;
         self.unfinished = None;
         self.first_damping = solve::FIRST_DAMPING;
-        self.manhattan.heading_rad = None;
-        self.heading_votes = HeadingVotes::default();
-        self.is_manhattan_in_sight = false;
         self.rig_walk.clear();
         self.refer_lenses();
         self.prior.start(&self.rig, &self.known_rig);
@@ -281,10 +263,8 @@ impl Window {
     /// yaw `yaw_rad`.
     pub fn move_newest_to(&mut self, p_o_b: &Vector3<f64>, yaw_rad: f64) {
         let Some(newest) = self.frames.last() else { return };
-        let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad - yaw_of(&newest.nav.rot_o_b));
         let pivot = newest.nav.p_o_b;
-        self.manhattan.turn(turn_rad);
         for frame in &mut self.frames {
             frame.nav.p_o_b = turn * (frame.nav.p_o_b - pivot) + p_o_b;
             frame.nav.rot_o_b = turn * frame.nav.rot_o_b;
@@ -402,8 +382,8 @@ impl Window {
     }
 
     fn remove_what_does_not_fit(&mut self, spares: bool) {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let problem = Problem::of_frames(rig, frames, options);
         tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
         tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
     }
@@ -426,7 +406,6 @@ impl Window {
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].
-    #[must_use]
     pub fn outliers(&self) -> &Outliers {
         &self.outliers
     }
@@ -438,13 +417,11 @@ impl Window {
     }
 
     /// Observations of all points that have a depth.
-    #[must_use]
     pub fn observation_count(&self) -> usize {
         self.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum()
     }
 
     /// Points and lines that have a depth.
-    #[must_use]
     pub fn triangulated(&self) -> (usize, usize) {
         let points = self.points.all().iter().filter(|l| l.is_triangulated).count();
         (points, self.lines.all().iter().filter(|l| l.is_triangulated).count())

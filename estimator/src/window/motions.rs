@@ -18,7 +18,7 @@
 
 use super::dense::NormalEquations;
 use super::state::{
-    BodyPose, HEADING, INTRINSICS_DIM, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
+    BodyPose, INTRINSICS_DIM, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
 };
 use super::tiles::{LANES, add_times};
 use crate::geometry::skew;
@@ -26,10 +26,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Place of the time offset: after the motions of both cameras.
 pub const TIME_OFFSET: usize = 2 * POSE_DIM;
-/// Place of the heading of the Manhattan world.
-pub const WORLD_HEADING: usize = TIME_OFFSET + 1;
 /// Place of the residual.
-pub const RESIDUAL: usize = WORLD_HEADING + 1;
+pub const RESIDUAL: usize = TIME_OFFSET + 1;
 /// Columns before those of the intrinsics: a multiple of the vector width.
 pub const POSED: usize = 16;
 /// Columns of the intrinsics of a camera: the vector width.
@@ -44,19 +42,16 @@ pub type MotionRow = [f64; MAX_MOTIONS];
 const EXTRINSICS_DIM: usize = Rig::TIME_OFFSET;
 
 /// Place of the motion of camera 0 or 1 on its mount.
-#[must_use]
 pub const fn motion_of_camera(camera: usize) -> usize {
     POSE_DIM * camera
 }
 
 /// Place of the intrinsics of camera 0 or 1.
-#[must_use]
 pub const fn motion_of_lens(camera: usize) -> usize {
     POSED + LENS * camera
 }
 
 /// Columns before those of the frames that are in use.
-#[must_use]
 pub const fn globals_in_use(has_lenses: bool) -> usize {
     if has_lenses { GLOBALS } else { POSED }
 }
@@ -67,7 +62,6 @@ fn lens_unknowns() -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Place of the motion of frame `index`.
-#[must_use]
 pub const fn motion_of_frame(index: usize) -> usize {
     GLOBALS + POSE_DIM * index
 }
@@ -150,14 +144,12 @@ impl Lifts {
     }
 
     /// The motions of a step of all unknowns, with a one for the residual.
-    #[must_use]
     pub fn motions_of(&self, step: &[f64]) -> MotionRow {
         let mut motions = [0.0; MAX_MOTIONS];
         for (to, row) in motions.iter_mut().zip(&self.by_rig) {
             *to = row.iter().zip(step).map(|(by, x)| by * x).sum();
         }
         motions[TIME_OFFSET] = self.by_time_offset * step[Rig::TIME_OFFSET];
-        motions[WORLD_HEADING] = step[HEADING];
         motions[RESIDUAL] = 1.0;
         for (motion, unknown) in lens_unknowns() {
             motions[motion] = step[unknown];
@@ -176,7 +168,7 @@ impl Lifts {
         motions
     }
 
-    /// A row by motions as one by extrinsics, time offset, heading and poses, in the same places.
+    /// A row by motions as one by extrinsics, time offset and poses, in the same places.
     fn lift_columns(&self, row: &mut [f64], from: usize) {
         if from < EXTRINSICS_DIM {
             let mut lifted = [0.0; EXTRINSICS_DIM];
@@ -220,9 +212,10 @@ pub(super) fn frame_motion(body: &BodyPose, pivot_o: &Vector3<f64>) -> SMatrix<f
 /// The normal equations of motions, the gradient in the column of the residual. Of the symmetric matrix the upper triangle counts.
 #[derive(Clone, Debug)]
 pub struct MotionEquations {
-    dim: usize,
+    /// Columns in use.
+    pub(super) dim: usize,
     /// True if intrinsics take part.
-    has_lenses: bool,
+    pub(super) has_lenses: bool,
     pub(super) rows: Vec<MotionRow>,
 }
 
@@ -241,18 +234,6 @@ impl MotionEquations {
         for row in &mut self.rows[..self.dim] {
             row[..self.dim.next_multiple_of(LANES)].fill(0.0);
         }
-    }
-
-    /// Columns in use.
-    #[must_use]
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// True if intrinsics take part.
-    #[must_use]
-    pub fn has_lenses(&self) -> bool {
-        self.has_lenses
     }
 
     /// Adds them to those of all unknowns. They are used up.
@@ -356,7 +337,6 @@ impl MotionEquations {
 fn unknown_of_motion(motion: usize) -> usize {
     match motion.checked_sub(GLOBALS) {
         Some(k) => unknown_of_frame(k / POSE_DIM) + k % POSE_DIM,
-        None if motion == WORLD_HEADING => HEADING,
         None => motion,
     }
 }
@@ -394,7 +374,6 @@ pub(super) mod test_lifts {
         }
         by.column_mut(Rig::P_C0_C1).fill(0.0);
         by[(TIME_OFFSET, Rig::TIME_OFFSET)] = 1.0;
-        by[(WORLD_HEADING, HEADING)] = 1.0;
         for (motion, unknown) in lens_unknowns() {
             by[(motion, unknown)] = 1.0;
         }

@@ -1,6 +1,6 @@
 use super::test_lifts::{FRAMES, lifts};
 use super::*;
-use crate::window::state::{FRAME_DIM, GLOBAL_DIM};
+use crate::window::state::FRAME_DIM;
 use crate::window::test_dense::{full, full_motions};
 use crate::window::test_room::scatter;
 use nalgebra::DVector;
@@ -12,7 +12,8 @@ fn equations() -> MotionEquations {
     let dim = motions.dim;
     for (i, row) in motions.rows[..dim].iter_mut().enumerate() {
         for (k, x) in row[..dim].iter_mut().enumerate() {
-            let is_padding = |k: usize| [RESIDUAL + 1, GLOBALS - 1, GLOBALS - 1 - LENS].contains(&k);
+            let is_padding =
+                |k: usize| [RESIDUAL + 1, RESIDUAL + 2, GLOBALS - 1, GLOBALS - 1 - LENS].contains(&k);
             let is_there = k >= i && !is_padding(i) && !is_padding(k);
             *x = if is_there {
                 scatter((100 * i + k) as u32)
@@ -53,7 +54,7 @@ fn motions_of_a_step_are_what_the_matrix_makes_of_it() {
 #[test]
 fn what_is_held_fixed_has_no_motion() {
     let (lifts, by) = lifts();
-    assert!(lifts.cameras == 2 && GLOBAL_DIM + FRAME_DIM < by.ncols());
+    assert!(lifts.cameras == 2 && RIG_DIM + FRAME_DIM < by.ncols());
     assert!(by.column(Rig::P_C0_C1).iter().all(|x| *x == 0.0));
     let mut motions = equations();
     let mut lifted = NormalEquations::new(by.ncols());

@@ -16,13 +16,12 @@ use super::landmark::LandmarkStore;
 use super::poses::Poses;
 use super::problem::Problem;
 use super::sighting::Votes;
-use super::tracks::{self, Verdict};
+use super::tracks::{self, MIN_WITNESSES, Verdict};
 use super::trial::{Crowd, Trial};
 
 /// Observations that agree with the motion, at least: by chance hardly any would.
 const MIN_AGREEING: usize = 6;
-/// With so many that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
-const WITNESSES: usize = 12;
+/// With [`MIN_WITNESSES`] that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
 const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
@@ -73,7 +72,7 @@ impl Window {
         }
         self.forget_moving(slack);
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
-        if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
+        if verdict.seen >= verdict.wrong + MIN_WITNESSES && !is_slip {
             self.last_motion = self.frames.last().map(|newest| newest.stamp);
         }
         Some(self.known_in_newest())
@@ -81,9 +80,9 @@ impl Window {
 
     /// Judges what the newest frame sees from where it is now.
     fn verdict_within(&mut self, slack: f64) -> Verdict {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
+        let Self { rig, frames, points, lines, linearizer, options, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem::of_frames(rig, frames, options);
         let poses = &linearizer.poses;
         tracks::judge_within(points, poses, &problem, slack)
             .and(tracks::judge_within(lines, poses, &problem, slack))
@@ -99,16 +98,15 @@ impl Window {
     }
 
     /// True if something has moved in view a moment ago.
-    #[must_use]
     pub fn is_motion_in_sight(&self) -> bool {
         let newest = self.frames.last().zip(self.last_motion);
         newest.is_some_and(|(newest, last)| newest.stamp.seconds_since(last) <= REMEMBERED_S)
     }
 
     fn forget_moving(&mut self, slack: f64) {
-        let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
         linearizer.poses.refresh(rig, frames, options.first_estimates);
-        let problem = Problem::of_frames(rig, frames, manhattan, options);
+        let problem = Problem::of_frames(rig, frames, options);
         let poses = &linearizer.poses;
         forget(points, poses, &problem, slack, &mut outliers.points);
         forget(lines, poses, &problem, slack, &mut outliers.lines);

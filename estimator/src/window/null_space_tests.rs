@@ -2,7 +2,7 @@
 //! marginalization, by the analytic directions and by the eigenvalues.
 
 use super::Window;
-use super::state::{FRAME_DIM, HEADING, NavState, RIG_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, NavState, RIG_DIM, unknown_of_frame};
 use super::test_dense::{Dense, equilibrated, full};
 use super::test_room::{Room, always, gauge, scatter_step};
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -60,7 +60,6 @@ fn move_on(window: &mut Window) {
     }
     let step = scatter_step::<RIG_DIM>(60, 1e-3).component_mul(&window.options.rig_mask);
     window.rig = window.rig.plus(&step);
-    window.manhattan.turn(2e-3);
 }
 
 #[test]
@@ -69,7 +68,7 @@ fn the_whole_problem_has_four_unknown_directions() {
     let dense = Dense::of(&window, 0.0);
     // The regularization of the landmarks is no measurement, and far below any.
     let directions = with_landmarks(&gauge(&window), dense.h.nrows());
-    assert_four(&dense.h, &directions, 1e-10, "points, lines, IMU, rig, time offset, heading");
+    assert_four(&dense.h, &directions, 1e-10, "points, lines, IMU, rig, time offset");
 }
 
 #[test]
@@ -77,18 +76,6 @@ fn the_reduced_problem_has_four_unknown_directions() {
     let mut window = room().window();
     let _ = window.linearize(0.0);
     assert_four(&full(&window.linearizer.equations).0, &gauge(&window), 1e-10, "landmarks eliminated");
-}
-
-#[test]
-fn without_a_manhattan_world_they_are_four_as_well() {
-    let mut window = room().window();
-    window.lines.all_mut().iter_mut().for_each(|l| l.feature.axis = None);
-    let _ = window.linearize(0.0);
-    let (h, _) = full(&window.linearizer.equations);
-    assert_eq!(h[(HEADING, HEADING)], 0.0);
-    let mut directions = gauge(&window);
-    directions[(HEADING, 3)] = 0.0;
-    assert_four(&h, &directions, 1e-10, "no structural lines");
 }
 
 #[test]
@@ -101,7 +88,6 @@ fn they_stay_four_after_marginalization_although_the_states_have_moved() {
         let _ = window.linearize(0.0);
         let what = format!("{} frames gone", removed + 1);
         let (whole, _) = full(&window.linearizer.equations);
-        // No structure is in the prior: what gravity alone tells apart, tilt and bias, is known less well.
         assert_four(&whole, &gauge(&window), 1e-9, &what);
         // The prior by itself does not know them either.
         let (prior, _) = full(&window.prior.equations);

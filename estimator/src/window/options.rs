@@ -56,7 +56,6 @@ pub struct Options {
 
 impl Options {
     /// The options that a configuration asks for.
-    #[must_use]
     pub fn of(config: &ValidSetup) -> Self {
         let window = &config.estimator.window;
         let rig_sigmas = Rig::sigmas(&config.rig, &config.camera);
@@ -84,7 +83,6 @@ impl Options {
     }
 
     /// Unknowns that never move: intrinsics, unless they are refined.
-    #[must_use]
     pub fn held_unknowns(&self) -> std::ops::Range<usize> {
         if self.lenses.is_some() { 0..0 } else { Rig::INTRINSICS..RIG_DIM }
     }

@@ -1,10 +1,9 @@
 //! Poses of bodies and cameras as matrices, at the present states and at those of the Jacobians, and what follows
 //! from them for the landmarks.
 
-use super::camera_poses::{CameraPose, CameraView};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
 use super::camera_sums::LensRows;
-use super::factor::Linearization;
-use super::feature::{Feature, StructuralJacobians, View};
+use super::feature::Feature;
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
 use super::motions::Lifts;
@@ -16,7 +15,6 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// Poses and extrinsics of the window, refreshed whenever its states have changed.
 #[derive(Clone, Debug)]
 pub struct Poses {
-    now: Vec<BodyPose>,
     first: Vec<BodyPose>,
     mounts: [Mount; 2],
     /// Position in `O` that those of the cameras are relative to, m.
@@ -27,13 +25,11 @@ pub struct Poses {
 
 impl Poses {
     /// Room for any window with this rig.
-    #[must_use]
     pub fn new(rig: &Rig) -> Self {
         let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
         let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
         let cameras = [0, 1].map(|k| CameraPose::of(&body, &mounts[k], &Vector3::zeros()));
         Self {
-            now: vec![body.clone(); MAX_FRAMES],
             first: vec![body; MAX_FRAMES],
             mounts,
             pivot_o: Vector3::zeros(),
@@ -45,15 +41,12 @@ impl Poses {
     /// Takes over the states of rig and frames; Jacobians are taken at first estimates or at the present states.
     pub fn refresh(&mut self, rig: &Rig, frames: &[Frame], first_estimates: bool) {
         self.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
-        for (k, frame) in frames.iter().enumerate() {
-            self.now[k] = BodyPose::of(&frame.nav);
-            self.first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
-        }
         self.pivot_o = frames.last().map_or_else(Vector3::zeros, |frame| frame.nav.p_o_b);
-        let Self { now, first, mounts, pivot_o, cameras_now, cameras_first } = self;
+        let Self { first, mounts, pivot_o, cameras_now, cameras_first } = self;
         let of = |body: &BodyPose| [0, 1].map(|k| CameraPose::of(body, &mounts[k], pivot_o));
-        for k in 0..frames.len() {
-            cameras_now[k] = of(&now[k]);
+        for (k, frame) in frames.iter().enumerate() {
+            first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
+            cameras_now[k] = of(&BodyPose::of(&frame.nav));
             cameras_first[k] = of(&first[k]);
         }
     }
@@ -81,7 +74,6 @@ impl Poses {
 
     /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations. `None` where the
     /// observer cannot see it.
-    #[must_use]
     #[inline]
     pub fn residual<F: Feature>(
         &self,
@@ -134,23 +126,6 @@ impl Poses {
         F::linearize(placed, view, &measured, jacobians)
     }
 
-    /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request
-    /// its Jacobians.
-    #[must_use]
-    #[inline]
-    pub fn structural_residual<'a, F: Feature>(
-        &'a self,
-        problem: &Problem<'_>,
-        landmark: &Landmark<F>,
-        jacobians: Option<&'a mut StructuralJacobians<F::Jacobians>>,
-    ) -> Option<Vector2<f64>> {
-        let (host, camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
-        let at = &self.cameras_first[host][camera];
-        let linearization = jacobians.map(|jacobians| Linearization { at, jacobians });
-        let now = &self.cameras_now[host][camera];
-        landmark.feature.structural_residual(problem.manhattan, now, linearization)
-    }
-
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular
     /// rate. These image rates are what the time offset is estimated by; taken as differences between images, they would
     /// carry the noise of the images into it.
@@ -164,6 +139,7 @@ impl Poses {
         self.refresh(rig, frames, false);
         let rate_b = frames[index].rate_b();
         let v_b = frames[index].nav.rot_o_b.inverse() * frames[index].nav.v_o_b;
+        let motions = self.mounts.each_ref().map(|mount| CameraMotion::of(mount, &rate_b, &v_b));
         for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
             for k in (0..landmark.observations.len()).rev() {
                 let observation = landmark.observations[k];
@@ -172,8 +148,9 @@ impl Poses {
                     frame if frame < index => break,
                     _ => {}
                 }
-                let view = self.view(&self.now, landmark, index, observation.camera);
-                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, &rate_b, &v_b) {
+                let view = self.view(landmark, &observation);
+                let motion = &motions[usize::from(observation.camera)];
+                if let Some(m) = landmark.feature.with_rate(view, &observation.measured, motion) {
                     landmark.observations[k].measured = m;
                 }
             }
@@ -199,8 +176,9 @@ impl Poses {
             let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
                 continue;
             };
-            let view = self.view(&self.now, landmark, usize::from(heir.frame), heir.camera);
-            let Some(feature) = landmark.feature.hosted_by_target(&view) else { continue };
+            let Some(feature) = landmark.feature.hosted_by_target(self.view(landmark, &heir)) else {
+                continue;
+            };
             landmark.feature = feature;
             landmark.host = heir.frame;
             landmark.host_camera = heir.camera;
@@ -208,19 +186,16 @@ impl Poses {
         }
     }
 
-    #[inline]
-    fn view<'a, F: Feature>(
-        &'a self,
-        bodies: &'a [BodyPose],
+    /// Present poses of the cameras that host a landmark and make an observation of it.
+    fn view<F: Feature>(
+        &self,
         landmark: &Landmark<F>,
-        frame: usize,
-        camera: u8,
-    ) -> View<'a> {
-        View {
-            host: &bodies[usize::from(landmark.host)],
-            host_mount: &self.mounts[usize::from(landmark.host_camera)],
-            target: &bodies[frame],
-            target_mount: &self.mounts[usize::from(camera)],
+        observation: &Observation<F::Measurement>,
+    ) -> CameraView<'_> {
+        let pose = |frame: u8, camera: u8| &self.cameras_now[usize::from(frame)][usize::from(camera)];
+        CameraView {
+            host: pose(landmark.host, landmark.host_camera),
+            target: pose(observation.frame, observation.camera),
         }
     }
 }

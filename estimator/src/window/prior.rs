@@ -8,7 +8,7 @@
 use super::calibration::KnownRig;
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
 use super::frame::Frame;
-use super::state::{FRAME_DIM, GLOBAL_DIM, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, NavState, RIG_DIM, Rig, unknown_of_frame};
 use nalgebra::Vector3;
 
 /// An unknown with less information than this is dropped instead of eliminated.
@@ -56,22 +56,20 @@ pub struct AnchorSigmas {
 
 impl Prior {
     /// No information about anything; `capacity` unknowns at most.
-    #[must_use]
     pub fn new(capacity: usize, rig: &Rig) -> Self {
         let mut equations = NormalEquations::new(capacity);
-        equations.reset(GLOBAL_DIM);
+        equations.reset(RIG_DIM);
         Self { equations, rig: rig.clone(), steps: [0.0; MAX_UNKNOWNS], product: [0.0; MAX_UNKNOWNS] }
     }
 
     /// Number of frames in the prior (the first ones of the window).
-    #[must_use]
     pub fn frames(&self) -> usize {
-        (self.equations.dim() - GLOBAL_DIM) / FRAME_DIM
+        (self.equations.dim() - RIG_DIM) / FRAME_DIM
     }
 
     /// Forgets everything and starts from `rig`, and what is known of it.
     pub fn start(&mut self, rig: &Rig, known: &KnownRig) {
-        self.equations.reset(GLOBAL_DIM);
+        self.equations.reset(RIG_DIM);
         self.rig = rig.clone();
         self.equations.add_block(0, 0, &known.information);
         self.equations.gradient_mut()[..RIG_DIM].copy_from_slice(known.gradient.as_slice());
@@ -132,7 +130,7 @@ impl Prior {
         cost
     }
 
-    /// Steps from the linearization points, and `H` times them. Nothing is known of the heading, since structure does not enter the prior.
+    /// Steps from the linearization points, and `H` times them.
     fn refresh_steps(&mut self, rig: &Rig, frames: &[Frame]) {
         self.steps[..RIG_DIM].copy_from_slice(rig.minus(&self.rig).as_slice());
         for (k, frame) in frames.iter().take(self.frames()).enumerate() {

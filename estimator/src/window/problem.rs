@@ -2,7 +2,6 @@
 
 use super::frame::Frame;
 use super::landmark::{LineLandmark, PointLandmark};
-use super::manhattan::Manhattan;
 use super::options::Options;
 use super::refined_lens::MovedLenses;
 use super::state::Rig;
@@ -18,8 +17,6 @@ pub struct Problem<'a> {
     pub points: &'a [PointLandmark],
     /// Lines.
     pub lines: &'a [LineLandmark],
-    /// The Manhattan world.
-    pub manhattan: &'a Manhattan,
     /// Options of the window.
     pub options: &'a Options,
     /// Lenses that have moved since measurements were corrected.
@@ -28,14 +25,8 @@ pub struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     /// The problem without its landmarks.
-    #[must_use]
-    pub fn of_frames(
-        rig: &'a Rig,
-        frames: &'a [Frame],
-        manhattan: &'a Manhattan,
-        options: &'a Options,
-    ) -> Self {
+    pub fn of_frames(rig: &'a Rig, frames: &'a [Frame], options: &'a Options) -> Self {
         let moved_lenses = MovedLenses::of(options.lenses.as_ref(), rig);
-        Self { rig, frames, points: &[], lines: &[], manhattan, options, moved_lenses }
+        Self { rig, frames, points: &[], lines: &[], options, moved_lenses }
     }
 }

@@ -7,7 +7,7 @@ use super::landmark::{LandmarkStore, Observation};
 use super::lens::{Lens, Lenses};
 use super::motions::LENS;
 use super::state::{INTRINSICS_DIM, Rig};
-use super::{LineTrack, PointTrack, Window};
+use super::{HostedLine, InversePoint, LineTrack, PointTrack, TrackMeasurement, Window};
 use nalgebra::{Vector2, Vector3};
 
 /// Difference from the reference that measurements do not follow, in focal lengths: a ten thousandth of a pixel.
@@ -34,6 +34,16 @@ impl Lenses {
             }
             row
         }))
+    }
+
+    /// Corrects what has been measured of tracks by the configured intrinsics.
+    fn correct<F: Feature>(&self, tracks: &mut [TrackMeasurement<F::Measurement>]) {
+        for track in tracks {
+            for (camera, measured) in track.measured.iter_mut().enumerate() {
+                let shift = |xy: &Vector2<f64>| self.shift(camera, xy, &self.reference[camera]);
+                measured.iter_mut().for_each(|m| F::move_all_places(m, shift));
+            }
+        }
     }
 
     /// Moves the observations of all landmarks by steps of the intrinsics.
@@ -80,18 +90,8 @@ impl Window {
     /// Corrects what has been measured by the configured intrinsics.
     pub fn correct_intrinsics(&self, points: &mut [PointTrack], lines: &mut [LineTrack]) {
         let Some(lenses) = &self.options.lenses else { return };
-        for track in points {
-            for (camera, measured) in track.measured.iter_mut().enumerate() {
-                let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
-                measured.iter_mut().for_each(|m| super::InversePoint::move_all_places(m, shift));
-            }
-        }
-        for track in lines {
-            for (camera, measured) in track.measured.iter_mut().enumerate() {
-                let shift = |xy: &Vector2<f64>| lenses.shift(camera, xy, &lenses.reference[camera]);
-                measured.iter_mut().for_each(|m| super::HostedLine::move_all_places(m, shift));
-            }
-        }
+        lenses.correct::<InversePoint>(points);
+        lenses.correct::<HostedLine>(lines);
     }
 
     /// Measurements follow the refined intrinsics.

@@ -35,7 +35,7 @@ impl Window {
     /// `A H^-1 A^T`, with the rows of `A` by the frames given.
     fn covariance_of<const N: usize>(&mut self, rows: [[(usize, Row); N]; 4]) -> Option<Matrix4<f64>> {
         let dim = unknown_of_frame(self.frames.len());
-        if self.factor.dim() != dim {
+        if self.factor.dim != dim {
             return None;
         }
         let places = |row: &[(usize, Row); N]| {

@@ -15,8 +15,8 @@
 //! `r` is in standard deviations. Source: the landmark of VINS-Mono (Qin et
 //! al. 2018, section V) with the bearing estimated as well, as in basalt (Usenko et al. 2019).
 
-use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Estimated, Feature, Jacobians, View};
+use super::camera_poses::{CameraMotion, CameraPose, CameraView};
+use super::feature::{Estimated, Feature, Jacobians};
 use super::options::Options;
 use super::quad::{Quad, cross, dot3, quad, scaled};
 use super::seen_by_row::SeenByRow;
@@ -103,43 +103,30 @@ impl PlacedPoint {
     }
 }
 
-/// Direction of a landmark in the observer's body and camera.
-fn seen(view: &View<'_>, point: &InversePoint) -> [Vector3<f64>; 2] {
-    let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
-    let q_bh = view.host_mount.rot_b_c * b + view.host_mount.p_b_c * point.rho;
-    let q_o = view.host.rot_o_b * q_bh + (view.host.p_o_b - view.target.p_o_b) * point.rho;
-    let q_bt = view.target.rot_o_b.tr_mul(&q_o);
-    [q_bt, view.target_mount.rot_b_c.tr_mul(&(q_bt - view.target_mount.p_b_c * point.rho))]
-}
-
 impl InversePoint {
-    /// Where a global shutter would have measured what a row saw of the point, whose direction in the observer is `q_ct` at the
-    /// time of the frame.
-    fn at_frame(
-        &self,
-        view: &View<'_>,
-        measured: &PointMeasurement,
-        q_ct: &Vector3<f64>,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
-    ) -> Vector2<f64> {
+    /// Where a global shutter would have measured what a row saw of the point, whose direction in the observer is `q_c` at the
+    /// time of the frame; `v_c` is the observer's velocity in its axes, m/s.
+    fn at_frame(&self, measured: &PointMeasurement, q_c: &Vector3<f64>, v_c: &Vector3<f64>) -> Vector2<f64> {
         let SeenByRow { xy, late_s } = measured.row;
         if late_s == 0.0 {
             return measured.xy;
         }
-        let v_camera_b = v_b + rate_b.cross(&view.target_mount.p_b_c);
-        let by_row = q_ct - view.target_mount.rot_b_c.tr_mul(&v_camera_b) * (self.rho * late_s);
+        let by_row = q_c - v_c * (self.rho * late_s);
         match by_row.z > MIN_FORWARD {
-            true => xy + (q_ct.xy() / q_ct.z - by_row.xy() / by_row.z),
+            true => xy + (q_c.xy() / q_c.z - by_row.xy() / by_row.z),
             false => measured.xy,
         }
     }
 
-    /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
-    #[must_use]
-    pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
+    /// Direction of the landmark in the observer; `None` behind it.
+    fn direction(&self, view: CameraView<'_>) -> Option<Vector3<f64>> {
         let [x, y, z, _] = self.placed(view.host).seen_from(view.target);
-        (z > MIN_FORWARD).then(|| Vector2::new(x / z, y / z))
+        (z > MIN_FORWARD).then(|| Vector3::new(x, y, z))
+    }
+
+    /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
+    pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
+        self.direction(view).map(|q_c| q_c.xy() / q_c.z)
     }
 }
 
@@ -214,26 +201,21 @@ impl Feature for InversePoint {
         placed.linearize(view, &measured.weight, j)
     }
 
-    /// `q_ct' = R_bc_t' (-w x q_bt - rho v)`.
+    /// `q_c' = -w x q_c - rho v`.
     fn with_rate(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &PointMeasurement,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
+        CameraMotion { rate_c, v_c }: &CameraMotion,
     ) -> Option<PointMeasurement> {
-        let [q_bt, q_ct] = seen(view, self);
-        if q_ct.z <= MIN_FORWARD {
-            return None;
-        }
-        let d = view.target_mount.rot_b_c.tr_mul(&-(rate_b.cross(&q_bt) + v_b * self.rho));
-        let xy_rate = (d.xy() - q_ct.xy() * (d.z / q_ct.z)) / q_ct.z;
-        Some(PointMeasurement { xy_rate, xy: self.at_frame(view, measured, &q_ct, rate_b, v_b), ..*measured })
+        let q_c = self.direction(view)?;
+        let d = -(rate_c.cross(&q_c) + v_c * self.rho);
+        let xy_rate = (d.xy() - q_c.xy() * (d.z / q_c.z)) / q_c.z;
+        Some(PointMeasurement { xy_rate, xy: self.at_frame(measured, &q_c, v_c), ..*measured })
     }
 
-    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
-        let [_, q] = seen(view, self);
-        (q.z > MIN_FORWARD).then(|| Self { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: self.rho / q.z })
+    fn hosted_by_target(&self, view: CameraView<'_>) -> Option<Self> {
+        self.direction(view).map(|q_c| Self { xy: q_c.xy() / q_c.z, rho: self.rho / q_c.z })
     }
 }
 

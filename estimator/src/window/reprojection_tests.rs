@@ -36,7 +36,7 @@ impl Scene {
             let request = Linearization { at: view, jacobians: &mut jacobians };
             self.point.residual(view, &self.measured, self.step_s(), Some(request))
         });
-        let poses = (&self.host, Some(&self.target));
+        let poses = (&self.host, &self.target);
         let lifted = Lifted::of(&jacobians, &self.rig, poses, self.cameras);
         (residual.unwrap(), jacobians, lifted)
     }

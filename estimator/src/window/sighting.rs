@@ -51,7 +51,6 @@ pub struct Sighting {
 }
 
 /// Variance along `direction`, which need not be of unit length; the trace where it is zero.
-#[must_use]
 pub fn variance_along(covariance: &Matrix3<f64>, direction: &Vector3<f64>) -> f64 {
     let squared = direction.norm_squared();
     if squared > 0.0 { direction.dot(&(covariance * direction)) / squared } else { covariance.trace() }
@@ -86,13 +85,11 @@ type Rays = heapless::Vec<Ray, MAX_RAYS>;
 
 impl Window {
     /// The pose of the newest frame by its points, found from `start`; `None` where too few of them agree.
-    #[must_use]
     pub fn sight_newest(&self, start: &NavState) -> Option<Sighting> {
         self.sight(start, false)
     }
 
     /// The pose of the newest frame by its known points alone, which is evidence against other sensors; `None` where too few of them agree.
-    #[must_use]
     pub fn sight_by_known(&self, start: &NavState) -> Option<Sighting> {
         self.sight(start, true)
     }
@@ -110,7 +107,6 @@ impl Window {
 
     /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain, by gates
     /// that are `slack` times as wide as those of outliers.
-    #[must_use]
     pub fn votes(&self, predicted: &NavState, sighted: &Sighting, slack: f64) -> Votes {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
         let gate = slack * InversePoint::outlier_sigmas(&self.options);

@@ -1,7 +1,8 @@
 //! Snapshot of the window's keyframes and landmarks, for maps and for people. No estimate depends on it.
 
 use super::Window;
-use super::landmark::{LineLandmark, PointLandmark};
+use super::feature::Feature;
+use super::landmark::{Landmark, LineLandmark, PointLandmark};
 use crate::estimate::Estimate;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use plumbline_config::{Timestamp, ValidSetup};
@@ -89,9 +90,10 @@ struct Host {
 }
 
 impl Host {
-    fn of(window: &Window, frame: u8, camera: u8) -> Option<Self> {
-        let frame = window.frames.get(usize::from(frame))?;
-        let pose_b_c = window.rig.pose_b_c(usize::from(camera));
+    /// The host of a landmark that has a depth.
+    fn of<F: Feature>(window: &Window, landmark: &Landmark<F>) -> Option<Self> {
+        let frame = window.frames.get(usize::from(landmark.host)).filter(|_| landmark.is_triangulated)?;
+        let pose_b_c = window.rig.pose_b_c(usize::from(landmark.host_camera));
         Some(Self { stamp: frame.stamp, pose_o_c: frame.pose_at_stamp() * pose_b_c })
     }
 
@@ -124,15 +126,13 @@ impl Window {
     }
 
     fn place_of_point(&self, landmark: &PointLandmark) -> Option<SnapshotPoint> {
-        let host =
-            Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
+        let host = Host::of(self, landmark)?;
         let p_o = host.place(&landmark.feature.xy, 1.0 / landmark.feature.rho)?;
         Some(SnapshotPoint { host: host.stamp, p_o })
     }
 
     fn place_of_line(&self, landmark: &LineLandmark) -> Option<SnapshotLine> {
-        let host =
-            Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
+        let host = Host::of(self, landmark)?;
         let seen = landmark
             .observations
             .iter()

@@ -9,7 +9,7 @@ use super::linearize::Purpose;
 use super::motions::MotionRow;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
-use super::state::{FRAME_DIM, FrameMatrix, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameMatrix, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame};
 use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
 use plumbline_config::Portable;
@@ -41,7 +41,6 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Backup {
     rig: Rig,
-    heading_rad: Option<f64>,
     frames: Vec<NavState>,
     points: Vec<InversePoint>,
     lines: Vec<HostedLine>,
@@ -49,11 +48,9 @@ pub struct Backup {
 
 impl Backup {
     /// Room for `points` and `lines`.
-    #[must_use]
     pub fn new(points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             rig: rig.clone(),
-            heading_rad: None,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: Vec::with_capacity(points),
             lines: Vec::with_capacity(lines),
@@ -71,7 +68,7 @@ impl Window {
         let mut outcome = Outcome::default();
         let first = self.linearize(0.0);
         if !first.is_finite() {
-            self.factor.clear();
+            self.factor.dim = 0;
             return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
         }
         self.save();
@@ -177,8 +174,8 @@ impl Window {
 
     /// Every factor at the present states; returns the cost.
     pub(super) fn evaluate(&mut self, purpose: Purpose) -> f64 {
-        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
-        let frames = Problem::of_frames(rig, frames, manhattan, options);
+        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
+        let frames = Problem::of_frames(rig, frames, options);
         let problem = Problem { points: points.all(), lines: lines.all(), ..frames };
         linearizer.evaluate(&problem, prior, purpose)
     }
@@ -194,7 +191,6 @@ impl Window {
         let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
 
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
-        self.manhattan.turn(self.solution[HEADING]);
         for (k, frame) in self.frames.iter_mut().enumerate() {
             let at = unknown_of_frame(k);
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
@@ -212,7 +208,6 @@ impl Window {
 
     fn save(&mut self) {
         self.backup.rig.clone_from(&self.rig);
-        self.backup.heading_rad = self.manhattan.heading_rad;
         self.backup.frames.clear();
         self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
         self.backup.points.clear();
@@ -223,7 +218,6 @@ impl Window {
 
     fn restore(&mut self) {
         self.rig.clone_from(&self.backup.rig);
-        self.manhattan.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
             frame.nav.clone_from(nav);
         }
@@ -239,7 +233,6 @@ impl Window {
     /// m/s in `O`), and variance of the time offset (s²), by the last factorization. Where a solution ended before its time,
     /// what it still asked for counts as one standard deviation. `None` before the first, where that
     /// failed, after a cost that was no finite number, and where it is none itself.
-    #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
         let of_frame = self.covariance_of_newest()?;
         let mut covariance = of_frame.fixed_view::<COVARIANCE_DIM, COVARIANCE_DIM>(0, 0).into_owned();
@@ -251,7 +244,6 @@ impl Window {
     }
 
     /// Variances of the biases of the newest frame by the last factorization; `None` as of [`Self::newest_covariance`].
-    #[must_use]
     pub fn newest_bias_variances(&self) -> Option<BiasVariances> {
         let of_frame = self.covariance_of_newest()?;
         let variances = BiasVariances::from_fn(|k, _| of_frame[(COVARIANCE_DIM + k, COVARIANCE_DIM + k)]);
@@ -260,7 +252,7 @@ impl Window {
 
     /// Covariance of the newest frame's state: its unknowns are the last of all.
     pub(crate) fn covariance_of_newest(&self) -> Option<FrameMatrix> {
-        let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
+        let is_whole = self.factor.dim == unknown_of_frame(self.frames.len());
         self.factor.last_covariance().filter(|_| is_whole && !self.frames.is_empty())
     }
 }

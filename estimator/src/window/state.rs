@@ -1,9 +1,8 @@
 //! States of the window: the navigation state of each frame, and the calibration of the rig.
 //!
 //! Unknowns are steps of the error state, with right perturbations `R <- R Exp(dtheta)` (Forster et al. 2017,
-//! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), heading of
-//! the Manhattan world ([`HEADING`]), then for each frame position, attitude, velocity and biases
-//! ([`NavState::P`] and following). While landmarks are linearized, the unknowns are *motions*: of each camera on its
+//! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), then for each
+//! frame position, attitude, velocity and biases ([`NavState::P`] and following). While landmarks are linearized, the unknowns are *motions*: of each camera on its
 //! mount, and of each frame in `O` ([`super::motions`]).
 
 use crate::estimate::Estimate;
@@ -28,21 +27,17 @@ pub const RIG_DIM: usize = Rig::INTRINSICS + 2 * INTRINSICS_DIM;
 pub const INTRINSICS_DIM: usize = 3;
 /// Their priors are those of a good calibration, since a wrong one shows in spite of them: it may be further off.
 const INTRINSICS_TIMES: f64 = 4.0;
-/// Place of the Manhattan world's heading among the unknowns: after the rig.
-pub const HEADING: usize = RIG_DIM;
-/// Unknowns before those of the frames: rig and heading.
-pub const GLOBAL_DIM: usize = RIG_DIM + 1;
 /// Most frames in the window: those that validation admits, and one more while a frame is exchanged.
 pub const MAX_FRAMES: usize = MAX_WINDOW_FRAMES + 1;
 
 /// Place of the first unknown of frame `index` among all unknowns.
 #[must_use]
 pub const fn unknown_of_frame(index: usize) -> usize {
-    GLOBAL_DIM + FRAME_DIM * index
+    RIG_DIM + FRAME_DIM * index
 }
 
 /// Position, attitude, velocity and biases of the body at one time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavState {
     /// Position of `B` in `O`, m.
     pub p_o_b: Vector3<f64>,
@@ -54,19 +49,6 @@ pub struct NavState {
     pub bias_gyro: Vector3<f64>,
     /// Accelerometer bias, m/s².
     pub bias_accel: Vector3<f64>,
-}
-
-impl Default for NavState {
-    fn default() -> Self {
-        let zero = Vector3::zeros();
-        Self {
-            p_o_b: zero,
-            rot_o_b: UnitQuaternion::identity(),
-            v_o_b: zero,
-            bias_gyro: zero,
-            bias_accel: zero,
-        }
-    }
 }
 
 impl NavState {

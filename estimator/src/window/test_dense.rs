@@ -3,24 +3,24 @@
 use super::Window;
 use super::dense::NormalEquations;
 use super::factor::{Linearization, RobustSum};
-use super::feature::{Estimated, Jacobians, StructuralJacobians};
+use super::feature::{Estimated, Jacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
 use super::motions::MotionEquations;
 use super::refined_lens::MovedLenses;
-use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameMatrix, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
 use super::zero_velocity_factor;
 use nalgebra::{DMatrix, DVector, Vector2};
 
-/// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, heading,
-/// frames, points and lines in this order.
+/// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, frames,
+/// points and lines in this order.
 pub struct Dense {
     /// `J'J`.
     pub h: DMatrix<f64>,
     /// `J'r`.
     pub b: DVector<f64>,
-    /// Unknowns of rig, heading and frames; those of the landmarks follow.
+    /// Unknowns of rig and frames; those of the landmarks follow.
     pub states: usize,
     /// Place of each point's unknowns.
     pub points: Vec<usize>,
@@ -78,7 +78,7 @@ impl Dense {
         Self { h, b, states, points, lines }
     }
 
-    /// The system of rig, heading and frames after the landmarks are eliminated.
+    /// The system of rig and frames after the landmarks are eliminated.
     pub fn reduced(&self) -> (DMatrix<f64>, DVector<f64>) {
         let (n, m) = (self.states, self.h.nrows() - self.states);
         let mixed = self.h.view((0, n), (n, m));
@@ -119,24 +119,18 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     }
     let first_estimates = window.options.first_estimates;
     let host = usize::from(landmark.host);
-    let mut add = |(j, lifted): (&Jacobians<D>, &Lifted),
-                   r: &Vector2<f64>,
-                   target: usize,
-                   heading: Option<&Vector2<f64>>| {
+    let mut add = |(j, lifted): (&Jacobians<D>, &Lifted), r: &Vector2<f64>, target: usize| {
         let weight = RobustSum::new(window.options.cauchy_scale).add(r.norm_squared()).sqrt();
         for d in 0..2 {
-            let row = |m: &[f64]| -> Vec<f64> { m.iter().map(|x| x * weight).collect() };
             let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
             let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();
             let by_host: Vec<f64> = lifted.host.row(d).iter().map(|x| x * weight).collect();
             let by_target: Vec<f64> = lifted.target.row(d).iter().map(|x| x * weight).collect();
             let by_landmark: Vec<f64> = j.landmark.row(d).iter().map(|x| x * weight).collect();
-            let by_heading = row(&[heading.map_or(0.0, |h| h[d])]);
             rows.add(
                 r[d] * weight,
                 &[
                     (0, &by_rig),
-                    (HEADING, &by_heading),
                     (unknown_of_frame(host), &by_host),
                     (unknown_of_frame(target), &by_target),
                     (at, &by_landmark),
@@ -161,7 +155,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
         let r = with_cameras(&window.rig, navs, cameras, |now| {
             landmark.feature.residual(now, &measured, step_s, None)
         });
-        let mut lifted = Lifted::of(&j, &window.rig, (first(host), Some(first(target))), cameras);
+        let mut lifted = Lifted::of(&j, &window.rig, (first(host), first(target)), cameras);
         if let Some(lenses) = &window.options.lenses {
             let by_lens = with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
                 let placed = landmark.feature.placed(at.host);
@@ -171,15 +165,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
                 (0..3).for_each(|k| lifted.rig[(d, Rig::of_lens(cameras.1) + k)] = row[k]);
             }
         }
-        add((&j, &lifted), &r.expect("is seen"), target, None);
-    }
-    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-    let host_then = Lifted::camera(&window.rig, first(host), host_camera);
-    let request = Linearization { at: &host_then, jacobians: &mut j };
-    let now = Lifted::camera(&window.rig, &window.frames[host].nav, host_camera);
-    if let Some(r) = landmark.feature.structural_residual(&window.manhattan, &now, Some(request)) {
-        let lifted = Lifted::of(&j.feature, &window.rig, (first(host), None), (host_camera, host_camera));
-        add((&j.feature, &lifted), &r, host, Some(&j.heading));
+        add((&j, &lifted), &r.expect("is seen"), target);
     }
     for k in 0..D {
         rows.add(0.0, &[(at + k, &[LANDMARK_REGULARIZATION.sqrt()])]);
@@ -235,7 +221,7 @@ fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
 
 /// The normal equations of motions as a full matrix, the gradient in the row and the column of the residual.
 pub fn full_motions(equations: &MotionEquations) -> DMatrix<f64> {
-    let dim = equations.dim();
+    let dim = equations.dim;
     DMatrix::from_fn(dim, dim, |i, k| equations.rows[i.min(k)][i.max(k)])
 }
 

@@ -4,7 +4,7 @@ use super::line::LineMeasurement;
 use super::prior::{AnchorSigmas, AnchorState};
 use super::reprojection::PointMeasurement;
 use super::seen_by_row::SeenByRow;
-use super::state::{FRAME_DIM, FrameTime, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameTime, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::{LineTrack, PointTrack, TrackMeasurement, Window};
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::Preintegration;
@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, Isometry3, Matrix2, Matrix3, Rotation3, SVector, UnitQua
 use plumbline_config::{Config, Timestamp};
 
 /// Heading of the room's walls in `O`, rad.
-pub const HEADING_RAD: f64 = 0.4;
+const HEADING_RAD: f64 = 0.4;
 /// Time between two frames, s.
 const INTERVAL_S: f64 = 0.3;
 /// Steps of integration between two frames.
@@ -46,13 +46,22 @@ pub struct Room {
     pub disturbance: f64,
     /// True if the first pose is known.
     pub is_anchored: bool,
+    /// Standard deviation of its tilt, rad.
+    pub tilt_rad: f64,
     /// True if the intrinsics of the cameras are unknowns.
     pub refines_intrinsics: bool,
 }
 
 impl Default for Room {
     fn default() -> Self {
-        Self { frames: 5, sees: by_and_by, disturbance: 1.0, is_anchored: true, refines_intrinsics: true }
+        Self {
+            frames: 5,
+            sees: by_and_by,
+            disturbance: 1.0,
+            is_anchored: true,
+            tilt_rad: 0.1,
+            refines_intrinsics: true,
+        }
     }
 }
 
@@ -144,7 +153,7 @@ fn project(pose_o_c: &Isometry3<f64>, p_o: &Vector3<f64>) -> Vector2<f64> {
 }
 
 impl Room {
-    /// The window: frames, landmarks with a depth, structural lines found, image rates predicted.
+    /// The window: frames, landmarks with a depth, image rates predicted.
     pub fn window(&self) -> Window {
         let config = Config::preset("sim").expect("is good").with("test", |config| {
             let sigmas = if self.refines_intrinsics { (3e-3, 1.0) } else { (0.0, 0.0) };
@@ -167,7 +176,7 @@ impl Room {
                 let sigmas = AnchorSigmas {
                     position_m: 1e-3,
                     yaw_rad: 1e-3,
-                    tilt_rad: 0.1,
+                    tilt_rad: self.tilt_rad,
                     velocity_m_s: 1.0,
                     bias_gyro_rad_s: 0.02,
                     bias_accel_m_s2: 0.1,
@@ -176,8 +185,6 @@ impl Room {
             }
         }
         window.triangulate(false);
-        window.manhattan.heading_rad = Some(HEADING_RAD);
-        window.update_manhattan(&[], 0.001);
         self.disturb(&mut window);
         window.predict_all_rates();
         window
@@ -220,7 +227,6 @@ impl Room {
         }
         let rig_step = scatter_step::<RIG_DIM>(90, scale).component_mul(&window.options.rig_mask);
         window.rig = window.rig.plus(&rig_step);
-        window.manhattan.turn(scale);
     }
 }
 
@@ -228,7 +234,6 @@ impl Room {
 /// the states of the Jacobians.
 pub fn gauge(window: &Window) -> DMatrix<f64> {
     let mut directions = DMatrix::zeros(unknown_of_frame(window.frames.len()), 4);
-    directions[(HEADING, 3)] = 1.0;
     for (k, frame) in window.frames.iter().enumerate() {
         let nav = frame.jacobian_state(window.options.first_estimates);
         let at = unknown_of_frame(k);
@@ -239,6 +244,6 @@ pub fn gauge(window: &Window) -> DMatrix<f64> {
         yaw.rows_mut(at + NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
         yaw.rows_mut(at + NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
     }
-    assert_eq!(directions.nrows(), HEADING + 1 + FRAME_DIM * window.frames.len());
+    assert_eq!(directions.nrows(), RIG_DIM + FRAME_DIM * window.frames.len());
     directions
 }

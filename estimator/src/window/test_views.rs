@@ -1,7 +1,7 @@
 //! Random poses and views for the tests of the factors.
 
 use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Jacobians, View};
+use super::feature::Jacobians;
 use super::motions::{frame_motion, on_mount};
 use super::state::{BodyPose, Mount, NavState, RIG_DIM, Rig};
 use crate::geometry::exp_so3;
@@ -17,21 +17,6 @@ pub fn isometry(p_scale: f64, angle: f64) -> impl Strategy<Value = Isometry3<f64
         .prop_map(|(p, phi)| Isometry3::from_parts(Translation3::from(p), exp_so3(&phi)))
 }
 
-/// Hands the view from a camera of the host to one of the target to `use_it`.
-pub fn with_view<T>(
-    rig: &Rig,
-    (host, target): (&NavState, &NavState),
-    cameras: (usize, usize),
-    use_it: impl FnOnce(&View<'_>) -> T,
-) -> T {
-    use_it(&View {
-        host: &BodyPose::of(host),
-        host_mount: &Mount::of(rig, cameras.0),
-        target: &BodyPose::of(target),
-        target_mount: &Mount::of(rig, cameras.1),
-    })
-}
-
 /// Calls `use_it` with the view as poses of the cameras, from a pivot some way off.
 pub fn with_cameras<T>(
     rig: &Rig,
@@ -39,8 +24,9 @@ pub fn with_cameras<T>(
     cameras: (usize, usize),
     use_it: impl FnOnce(CameraView<'_>) -> T,
 ) -> T {
-    let [host, target] = with_view(rig, (host, target), cameras, |view| view.cameras(&PIVOT_O));
-    use_it(CameraView { host: &host, target: &target })
+    let pose =
+        |nav: &NavState, camera: usize| CameraPose::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O);
+    use_it(CameraView { host: &pose(host, cameras.0), target: &pose(target, cameras.1) })
 }
 
 /// Pivot of the cameras of random views.
@@ -55,32 +41,21 @@ pub struct Lifted {
 }
 
 impl Lifted {
-    /// Lifted derivatives that follow from `j` by motions; without an observer (`None`) the host's alone.
+    /// Lifted derivatives that follow from `j` by motions.
     pub fn of<const D: usize>(
         j: &Jacobians<D>,
         rig: &Rig,
-        (host, target): (&NavState, Option<&NavState>),
+        (host, target): (&NavState, &NavState),
         cameras: (usize, usize),
     ) -> Self {
-        let time_offset = &j.time_offset;
+        let time_offset = j.time_offset;
         let by_frame = |nav: &NavState| frame_motion(&BodyPose::of(nav), &PIVOT_O);
         let by_rig = |camera: usize| on_mount(&Mount::of(rig, camera));
         let j = [&j.camera, &j.host, &j.target]
             .map(|by| SMatrix::<f64, 2, 6>::from_fn(|d, k| by[d][k / 3][k % 3]));
-        let mut lifted =
-            Self { host: j[0] * by_frame(host), target: SMatrix::zeros(), rig: SMatrix::zeros() };
-        lifted.rig.fixed_columns_mut::<12>(0).copy_from(&(j[1] * by_rig(cameras.0)));
-        if let Some(target) = target {
-            lifted.target = -j[0] * by_frame(target);
-            let mut to = lifted.rig.fixed_columns_mut::<12>(0);
-            to -= j[2] * by_rig(cameras.1);
-        }
-        lifted.rig.set_column(Rig::TIME_OFFSET, time_offset);
-        lifted
-    }
-
-    /// Poses of the cameras as in [`with_cameras`].
-    pub fn camera(rig: &Rig, nav: &NavState, camera: usize) -> CameraPose {
-        CameraPose::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O)
+        let mut by_all = SMatrix::<f64, 2, RIG_DIM>::zeros();
+        by_all.fixed_columns_mut::<12>(0).copy_from(&(j[1] * by_rig(cameras.0) - j[2] * by_rig(cameras.1)));
+        by_all.set_column(Rig::TIME_OFFSET, &time_offset);
+        Self { host: j[0] * by_frame(host), target: -j[0] * by_frame(target), rig: by_all }
     }
 }

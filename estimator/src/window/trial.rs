@@ -70,20 +70,17 @@ pub struct Trial {
 
 impl Trial {
     /// True if the prediction is wrong, and not the observations.
-    #[must_use]
     pub fn is_contradicted(&self) -> bool {
         self.is_off_by(CONTRADICTS_SIGMAS)
     }
 
     /// True if the prediction may be wrong: forces lose weight, and nothing is reported. In a crowd they would give way to it.
-    #[must_use]
     pub fn is_doubtful(&self) -> bool {
         self.crowd.is_none_or(|crowd| crowd.is_force_sudden) && self.is_off_by(DOUBTFUL_SIGMAS)
     }
 
     /// True if the turn that the samples predict is wrong rather than what is seen: most known landmarks are where another turn has them, and
     /// hardly any where the predicted one does.
-    #[must_use]
     pub fn is_turn_outvoted(&self) -> bool {
         let Votes { predicted, sighted, both, all } = self.votes;
         let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
@@ -92,14 +89,12 @@ impl Trial {
     }
 
     /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
-    #[must_use]
     pub fn is_backed(&self) -> bool {
         let Votes { predicted, both, all, .. } = self.votes;
         (predicted + both) as f64 >= EXPLAINED_SHARE * all as f64
     }
 
     /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
-    #[must_use]
     pub fn is_by_forces(&self) -> bool {
         let Votes { sighted, all, .. } = self.votes;
         let is_plain = sighted as f64 >= PLAIN_SHARE * all as f64;
@@ -107,7 +102,6 @@ impl Trial {
     }
 
     /// Force that explains the difference, m/s².
-    #[must_use]
     pub fn force_m_s2(&self) -> f64 {
         2.0 * self.off_m / self.dt_s.squared()
     }
@@ -123,7 +117,6 @@ impl Trial {
 impl Window {
     /// Compares the pose at which the newest frame was predicted, and still is, with that by its known landmarks; `None` where it sees too
     /// few of these. The latter is found unless it is given.
-    #[must_use]
     pub fn try_prediction(&self, expected: &Expected, known: Option<Sighting>) -> Option<Trial> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let predicted = &newest.nav;
@@ -144,7 +137,6 @@ impl Window {
 
 impl Sighting {
     /// True if the attitude of `predicted` is the sighted one: no force turns the vehicle, and a crowd that pulls a sighting along does.
-    #[must_use]
     pub fn is_turn_of(&self, predicted: &NavState) -> bool {
         let off = log_so3(&(predicted.rot_o_b.inverse() * self.rot_o_b));
         let variance = variance_along(&self.rotation_covariance, &off);

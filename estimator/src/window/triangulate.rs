@@ -1,7 +1,7 @@
 //! Inverse depth of a landmark from two or more views, and the change of its host.
 
-use super::camera_poses::CameraView;
-use super::feature::{Feature, View};
+use super::camera_poses::{CameraPose, CameraView};
+use super::feature::Feature;
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation, PointLandmark};
 use super::options::Options;
@@ -56,14 +56,12 @@ impl Scene<'_> {
         use_it: impl FnOnce(CameraView<'_>, f64) -> T,
     ) -> T {
         let target = &self.frames[usize::from(o.frame)];
-        let view = View {
-            host: &BodyPose::of(&self.frames[usize::from(landmark.host)].nav),
-            host_mount: &self.mounts[usize::from(landmark.host_camera)],
-            target: &BodyPose::of(&target.nav),
-            target_mount: &self.mounts[usize::from(o.camera)],
+        let pose = |frame: u8, camera: u8| {
+            let body = BodyPose::of(&self.frames[usize::from(frame)].nav);
+            CameraPose::of(&body, &self.mounts[usize::from(camera)], &target.nav.p_o_b)
         };
-        let [host, observer] = view.cameras(&target.nav.p_o_b);
-        let view = CameraView { host: &host, target: &observer };
+        let view =
+            CameraView { host: &pose(landmark.host, landmark.host_camera), target: &pose(o.frame, o.camera) };
         use_it(view, self.time_offset_s - target.time_offset_s)
     }
 }
@@ -142,7 +140,6 @@ pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) 
 
 /// Returns the track hosted by frame `heir`, with its observations from there on; it must be triangulated again. `None`
 /// if `heir` has not observed it, or no frame has since.
-#[must_use]
 pub fn moved_to<F: Feature>(landmark: &Landmark<F>, heir: usize) -> Option<Landmark<F>> {
     let heir = u8::try_from(heir).ok()?;
     let seen = landmark.observations.iter().find(|o| o.frame == heir)?;

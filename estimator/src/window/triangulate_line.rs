@@ -31,7 +31,7 @@ pub fn triangulate_line(landmark: &mut LineLandmark, scene: &Scene<'_>, options:
     let Some(line) = widest_intersection(landmark, &at_host, scene) else {
         return Triangulation::Waiting;
     };
-    landmark.feature = HostedLine { axis: landmark.feature.axis, ..line };
+    landmark.feature = line;
     let Some(information) = refine(landmark, scene) else {
         return Triangulation::Waiting;
     };

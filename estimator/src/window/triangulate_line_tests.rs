@@ -1,7 +1,6 @@
-use super::super::camera_poses::CameraView;
 use super::super::frame::Frame;
 use super::super::state::{Mount, NavState, Rig};
-use super::super::test_views::with_view;
+use super::super::test_views::with_cameras;
 use super::*;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
 use plumbline_config::{Config, Timestamp};
@@ -135,9 +134,8 @@ fn an_edge_seen_from_its_own_line_is_not_compared() {
         weights: [1.0; 2],
         rows: Default::default(),
     };
-    let residual = with_view(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
-        let [host, target] = &view.cameras(&Vector3::zeros());
-        line.residual(CameraView { host, target }, &measured, 0.0, None)
+    let residual = with_cameras(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
+        line.residual(view, &measured, 0.0, None)
     });
     assert!(residual.is_none());
 }

@@ -3,7 +3,6 @@
 use super::dense::NormalEquations;
 use super::frame::Frame;
 use super::state::{NavState, unknown_of_frame};
-use plumbline_config::Portable;
 
 /// Speed that the zero-velocity detector may overlook, m/s ([`crate::odometry::zero_velocity`]).
 pub(super) const SIGMA_M_S: f64 = 0.01;
@@ -15,15 +14,13 @@ pub fn zero_velocity(frame: &Frame, linearization: Option<(&mut NormalEquations,
         return 0.0;
     }
     let v = &frame.nav.v_o_b;
-    let Some((equations, index)) = linearization else {
-        // Rounding differs from that below; the digests of recorded flights hold it.
-        return 0.5 * v.norm_squared() / SIGMA_M_S.squared();
-    };
     let information = 1.0 / (SIGMA_M_S * SIGMA_M_S);
-    let at = unknown_of_frame(index) + NavState::V;
-    for k in 0..3 {
-        equations.add(at + k, at + k, information);
-        equations.gradient_mut()[at + k] += information * v[k];
+    if let Some((equations, index)) = linearization {
+        let at = unknown_of_frame(index) + NavState::V;
+        for k in 0..3 {
+            equations.add(at + k, at + k, information);
+            equations.gradient_mut()[at + k] += information * v[k];
+        }
     }
     0.5 * information * v.norm_squared()
 }

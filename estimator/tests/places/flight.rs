@@ -5,7 +5,7 @@ use super::building::{Building, FEATURES, Stop, pose_b_c};
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector3, Vector4};
 use plumbline_config::Random;
 use plumbline_config::Timestamp;
-use plumbline_estimator::places::graph::{Edge, GraphLimits, Node, PoseGraph};
+use plumbline_estimator::places::graph::{Edge, Node, PoseGraph};
 use plumbline_estimator::places::index::Votes;
 use plumbline_estimator::places::refine::Gravity;
 use plumbline_estimator::places::{
@@ -107,7 +107,7 @@ impl Mapper {
             map: PlaceMap::new(MapLimits { keyframes, features: FEATURES }),
             locator: Locator::new(&LocatorOptions::default(), keyframes, FEATURES),
             votes: Votes::new(keyframes),
-            graph: PoseGraph::new(GraphLimits { nodes: keyframes, loops: LOOPS }),
+            graph: PoseGraph::new(keyframes, LOOPS),
             random: Random::new(8),
         }
     }

@@ -187,16 +187,10 @@ impl HealthTally {
         }
     }
 
-    /// True if a bit only follows from another one: images that are missing, repeat or are dark have no
+    /// True if a bit only follows from another one: images that are missing or repeat have no
     /// points.
     fn is_consequence(&self, held: &HeldBit) -> bool {
-        let of_images = [
-            HealthBits::LEFT_FROZEN,
-            HealthBits::LEFT_MISSING,
-            HealthBits::DARK,
-            HealthBits::LITTLE_TEXTURE,
-            HealthBits::BAD_IMAGE_SIZE,
-        ];
+        let of_images = [HealthBits::LEFT_FROZEN, HealthBits::LEFT_MISSING, HealthBits::BAD_IMAGE_SIZE];
         let frames = |bit: &HealthBits| {
             let at = HealthBits::NAMES.iter().position(|(known, _)| known == bit);
             at.map_or(0, |at| self.bits[at])
@@ -245,9 +239,9 @@ mod tests {
         assert_eq!(HealthTally::default().line(None), "no valid estimate, no faults");
         let rare = tally(100, &[(HealthBits::IMU_GAP, 2), (HealthBits::STATIONARY, 40)], 98);
         assert_eq!(rare.line(None), "quality 98 % in the median; stationary in 40 of 100 frames, no faults");
-        let late = tally(100, &[(HealthBits::IMAGES_LATE, 88), (HealthBits::DARK, 3)], 10).line(None);
+        let late = tally(100, &[(HealthBits::IMAGES_LATE, 88), (HealthBits::BLURRED, 3)], 10).line(None);
         assert!(
-            late.starts_with("quality 10 % in the median; images late in 88 of 100 frames, dark in 3"),
+            late.starts_with("quality 10 % in the median; images late in 88 of 100 frames, blurred in 3"),
             "{late}"
         );
         let units = Finding::new("another unit", "", "", "multiply it");
@@ -278,8 +272,8 @@ mod tests {
             tally(240, &[(HealthBits::STATIONARY, 240)], 90).findings(true, HealthBits::default()),
             []
         );
-        assert_eq!(tally(240, &[(HealthBits::DARK, 59)], 90).findings(false, HealthBits::default()), []);
-        let lasting = tally(240, &[(HealthBits::DARK, 60)], 90).findings(false, HealthBits::default());
+        assert_eq!(tally(240, &[(HealthBits::BLURRED, 59)], 90).findings(false, HealthBits::default()), []);
+        let lasting = tally(240, &[(HealthBits::BLURRED, 60)], 90).findings(false, HealthBits::default());
         assert!(
             lasting.len() == 1 && lasting[0].evidence.contains("60 of the first 240 frames"),
             "{lasting:?}"
@@ -288,7 +282,7 @@ mod tests {
 
     #[test]
     fn repeats_are_warned_of_sooner_with_both_keys() {
-        let bits = [(HealthBits::ACCEL_STUCK, 30), (HealthBits::LEFT_FROZEN, 30), (HealthBits::DARK, 30)];
+        let bits = [(HealthBits::ACCEL_STUCK, 30), (HealthBits::LEFT_FROZEN, 30), (HealthBits::BLURRED, 30)];
         let words: Vec<String> = tally(660, &bits, 90)
             .findings(true, HealthBits::default())
             .iter()
@@ -304,13 +298,15 @@ mod tests {
         assert!(tally(1, &[], 0).why_no_pose(2).contains("too few"));
         assert!(tally(196, &[], 0).why_no_pose(1).contains("one camera finds the scale by translation"));
         assert!(tally(196, &[], 0).why_no_pose(2).contains("plumbline doctor"));
-        let dark = tally(196, &[(HealthBits::DARK, 190), (HealthBits::NO_FEATURES, 150)], 0);
+        let dark = tally(196, &[(HealthBits::NO_FEATURES, 190), (HealthBits::LOW_FEATURES, 150)], 0);
         let words = dark.why_no_pose(1);
         assert!(
-            words.starts_with("the images are nearly black (`dark` in 190 of 196 frames): more light"),
+            words.starts_with(
+                "no point was found in the images (`no features` in 190 of 196 frames): look at light"
+            ),
             "{words}"
         );
-        assert!(words.contains("no features") && words.contains("translation"), "{words}");
+        assert!(words.contains("few features") && words.contains("translation"), "{words}");
         let words = tally(55, &[(HealthBits::CAMERAS_DISAGREE, 36)], 0).why_no_pose(2);
         assert!(words.contains("cameras disagree` in 36 of 55") && !words.contains("translation"), "{words}");
     }

@@ -21,7 +21,7 @@ use plumbline_estimator::{
 };
 use plumbline_fields::ImuReading;
 use prost::Message as _;
-use prost_types::FileDescriptorSet;
+use prost_types::{FieldDescriptorProto, FileDescriptorSet};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -340,6 +340,17 @@ fn the_schema_in_logs_begins_as_that_of_earlier_builds() {
     set.file[0].message_type.truncate(12);
     // The last of them has a count more since then.
     assert_eq!(set.file[0].message_type[11].field.pop().unwrap().name(), "instants_dropped");
+    // A figure has gone since then; nothing else has its number.
+    let figures = set.file[0].message_type.iter_mut().find(|message| message.name() == "Figures").unwrap();
+    assert!(figures.field.iter().all(|field| field.number() != 13));
+    let at = 1 + figures.field.iter().position(|field| field.name() == "lines_in_window").unwrap();
+    let gone = FieldDescriptorProto {
+        name: Some("lines_in_structure".into()),
+        json_name: Some("linesInStructure".into()),
+        number: Some(13),
+        ..figures.field[at - 1].clone()
+    };
+    figures.field.insert(at, gone);
     let hash = crate::digest::hash_of_bytes(&set.encode_to_vec());
     assert_eq!(hash, "867ccf0743c615f774ea43909faa3c82b4ebae064097114b7f6ebb83779c88de");
 }

@@ -125,7 +125,6 @@ impl Judge {
         let since = self.gyroscope.update(&SeenTurn {
             span: [before.taken, newest.taken],
             stamps: [before.stamp, newest.stamp],
-            rate_b: estimation.rate_b,
             time_sigma_s: self.stamps.newest_variance().map(f64::sqrt),
             seen: turn.seen,
             covariance: turn.covariance,
@@ -141,10 +140,7 @@ impl Judge {
         if let Some(since) = since {
             estimation.imu.distrust(since);
         } else if !self.gyroscope.is_distrusting() {
-            let (jitter_s, drift) = (self.gyroscope.stamp_sigma_s(), self.gyroscope.stamp_drift());
-            if self.stamps.learn(estimation, stamp, jitter_s, drift) {
-                self.gyroscope.forget_differences();
-            }
+            self.stamps.learn(estimation, stamp, self.gyroscope.stamp_sigma_s());
         }
     }
 

@@ -154,20 +154,19 @@ impl Judge {
         }
     }
 
-    /// Takes the epipolar moments of the frame of `stamp`, which waits for a start.
-    pub(super) fn see_gathered(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>) {
-        self.pair.add_gathered(stamp, moments);
+    /// Takes the epipolar moments of a frame that waits for a start.
+    pub(super) fn see_gathered(&mut self, moments: Option<EpipolarMoments>) {
+        self.pair.add_gathered(moments);
     }
 
-    /// Judges the images of the frame of `stamp`, which waits for a start; returns the camera that is left out.
+    /// Judges the images of a frame that waits for a start; returns the camera that is left out.
     pub(super) fn judge_gathered(
         &mut self,
         estimation: &mut Estimation,
-        stamp: Timestamp,
         health: &mut HealthBits,
     ) -> Option<usize> {
         self.view.leave_out(estimation, health);
-        self.pair.judge_gathered(estimation, stamp, health)
+        self.pair.judge_gathered(estimation, health)
     }
 
     /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
@@ -216,10 +215,10 @@ impl Judge {
             self.pair.stops(camera);
         }
         let (prediction, known) = self.correct_stamp(estimation, prediction, case.coverage);
-        let is_pair_judged = self.pair.is_doubtful(estimation, case.stamp, case.health);
+        let is_pair_judged = self.pair.is_doubtful(estimation);
         if is_pair_judged {
             estimation.window.predict_rates();
-            self.pair.judge(estimation, case.stamp, case.health);
+            self.pair.judge(estimation, case.health);
         }
         let known = known.filter(|_| !is_pair_judged);
         let tried = if self.may_try(estimation, case) {
@@ -245,7 +244,7 @@ impl Judge {
     /// Judges the images of the newest frame against each other once its image rates are known, unless one is left out already.
     pub(super) fn judge_pair(&mut self, estimation: &mut Estimation, verdict: &Verdict, case: &mut Case<'_>) {
         if !verdict.is_pair_judged {
-            self.pair.judge(estimation, case.stamp, case.health);
+            self.pair.judge(estimation, case.health);
         }
     }
 
@@ -260,7 +259,6 @@ impl Judge {
     ) -> bool {
         if outcome.is_not_positive_definite {
             case.health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
-            self.gyroscope.prolong_suspicion(case.stamp);
             self.leaning.prolong_suspicion(case.stamp);
         }
         let window = &mut estimation.window;

@@ -111,7 +111,7 @@ impl Start {
         }
         self.inherited.resume(stamp);
         self.carry_attitude(estimation, last, stamp);
-        if let Some(camera) = judge.judge_gathered(estimation, stamp, health) {
+        if let Some(camera) = judge.judge_gathered(estimation, health) {
             self.gathering.leave_out(camera);
         }
         let gyro_b = estimation.rate_b + self.bias_memory.0;

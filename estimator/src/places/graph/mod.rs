@@ -34,15 +34,6 @@ const TOLERANCE: f64 = 1e-5;
 /// The newest loops that a new one is compared with.
 const MAX_COMPARED: usize = 64;
 
-/// Limits of a graph.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GraphLimits {
-    /// Nodes at most.
-    pub nodes: usize,
-    /// Loops at most; beyond, new ones are refused.
-    pub loops: usize,
-}
-
 /// Reason why a loop was not added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopRefused {
@@ -66,7 +57,9 @@ pub struct OptimizationProgress {
 /// Keyframes and what is known between them. Everything is allocated at construction.
 #[derive(Clone, Debug)]
 pub struct PoseGraph {
-    limits: GraphLimits,
+    max_nodes: usize,
+    /// Loops at most; beyond, new ones are refused.
+    max_loops: usize,
     nodes: Vec<Node>,
     edges: Vec<Edge>,
     /// Places of the loops among the edges.
@@ -77,16 +70,16 @@ pub struct PoseGraph {
 }
 
 impl PoseGraph {
-    /// An empty graph.
+    /// An empty graph with room for so many nodes and loops.
     #[must_use]
-    pub fn new(limits: GraphLimits) -> Self {
-        let edges = limits.nodes + limits.loops;
+    pub fn new(max_nodes: usize, max_loops: usize) -> Self {
         Self {
-            limits,
-            nodes: Vec::with_capacity(limits.nodes),
-            edges: Vec::with_capacity(edges),
-            loops: Vec::with_capacity(limits.loops),
-            solver: Solver::new(limits.nodes),
+            max_nodes,
+            max_loops,
+            nodes: Vec::with_capacity(max_nodes),
+            edges: Vec::with_capacity(max_nodes + max_loops),
+            loops: Vec::with_capacity(max_loops),
+            solver: Solver::new(max_nodes),
             sharpness: SHARP,
             is_done: true,
         }
@@ -106,7 +99,7 @@ impl PoseGraph {
 
     /// Adds a node; `None` when there is no room. The first node of a graph must be fixed, or nothing holds it.
     pub fn add_node(&mut self, node: Node) -> Option<usize> {
-        (self.nodes.len() < self.limits.nodes).then(|| {
+        (self.nodes.len() < self.max_nodes).then(|| {
             self.nodes.push(node);
             self.nodes.len() - 1
         })
@@ -114,7 +107,7 @@ impl PoseGraph {
 
     /// Adds what the odometry measured between two nodes; `false` when there is no room, or no such node.
     pub fn add_sequential(&mut self, edge: Edge) -> bool {
-        let fits = self.edges.len() < self.limits.nodes + self.limits.loops && self.joins_nodes(&edge);
+        let fits = self.edges.len() < self.max_nodes + self.max_loops && self.joins_nodes(&edge);
         if fits {
             self.edges.push(Edge { weight: 1.0, kind: EdgeKind::Sequential, ..edge });
         }
@@ -133,7 +126,7 @@ impl PoseGraph {
     /// # Errors
     /// When there is no room for it, or the odometry speaks against it.
     pub fn add_loop(&mut self, edge: Edge, stands_alone: bool) -> Result<(), LoopRefused> {
-        if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
+        if self.loops.len() == self.max_loops || !self.joins_nodes(&edge) {
             return Err(LoopRefused::NoRoom);
         }
         // A distance that is no number is refused too.

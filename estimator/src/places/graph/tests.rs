@@ -43,7 +43,7 @@ impl Flight {
     }
 
     fn graph(&self) -> PoseGraph {
-        let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
+        let mut graph = PoseGraph::new(NODES, 100);
         for (k, pose) in self.odometry.iter().enumerate() {
             graph.add_node(Node::new(*pose, &Isometry3::identity(), k == 0)).unwrap();
             if k > 0 {
@@ -56,7 +56,7 @@ impl Flight {
 
     /// The second lap is another piece of odometry, that waits to be placed.
     fn two_segments(&self) -> PoseGraph {
-        let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
+        let mut graph = PoseGraph::new(NODES, 100);
         let elsewhere = Isometry3::translation(1000.0, 0.0, 0.0);
         for (k, pose) in self.odometry.iter().enumerate() {
             let is_second = k >= LAP;
@@ -264,7 +264,7 @@ fn work_in_small_pieces_gives_the_same_bits() {
 
 #[test]
 fn a_full_graph_refuses_what_is_more() {
-    let mut graph = PoseGraph::new(GraphLimits { nodes: 2, loops: 0 });
+    let mut graph = PoseGraph::new(2, 0);
     let node = Node::new(Isometry3::identity(), &Isometry3::identity(), true);
     assert_eq!([graph.add_node(node), graph.add_node(node), graph.add_node(node)], [Some(0), Some(1), None]);
     let edge = Edge::of_odometry(graph.nodes(), 0, 1, Matrix4::identity());

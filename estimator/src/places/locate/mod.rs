@@ -146,16 +146,16 @@ impl Locator {
 
     /// A pose from the matches; `None` if it is not certain.
     fn pose(&mut self, query: &Query<'_>, keyframe_id: u32) -> Option<Located> {
-        let matches = self.matcher.matches();
+        let matches = &self.matcher.matches;
         let problem = PoseProblem {
             query: query.features,
-            points: self.matcher.points(),
+            points: &self.matcher.points,
             pose_b_c: query.pose_b_c,
             gravity: query.gravity,
         };
         let first = self.ransac.find(&problem, matches, query.seed)?;
-        let refined = self.guide.refine(&problem, self.matcher.descriptors(), &first)?;
-        let (first_inliers, inliers) = (self.ransac.inliers(), self.guide.matches());
+        let refined = self.guide.refine(&problem, &self.matcher.descriptors, &first)?;
+        let (first_inliers, inliers) = (&self.ransac.inliers, &self.guide.matches);
         let found = Located {
             pose_m_b: refined.pose_m_b,
             covariance: self.with_map_errors(&refined),
@@ -178,7 +178,7 @@ impl Locator {
     /// say that the noise is; smaller ones are luck.
     fn with_map_errors(&self, refined: &Refined) -> Matrix6<f64> {
         let larger = if refined.variance > 1.0 { refined.variance } else { 1.0 };
-        let many = self.guide.matches().len() as f64 / self.options.max_independent;
+        let many = self.guide.matches.len() as f64 / self.options.max_independent;
         let mut covariance = refined.covariance * larger * if many > 1.0 { many } else { 1.0 };
         for i in 0..3 {
             covariance[(i, i)] += self.options.map_sigma_m.squared();

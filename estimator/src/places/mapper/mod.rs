@@ -25,7 +25,7 @@ pub use job::{MapUpdate, PlaceJob, Sighting};
 pub use path::MapPath;
 
 use super::extractor::{Extractor, View};
-use super::graph::{GraphLimits, Node, PoseGraph};
+use super::graph::{Node, PoseGraph};
 use super::locate::{Locator, LocatorOptions, Query};
 use super::map::{Keyframe, MapLimits, PlaceMap, view_distance_within};
 use super::refine::Gravity;
@@ -90,7 +90,7 @@ impl Mapper {
             locator: Locator::new(&locator_options(), limits.keyframes, limits.features),
             first_session: map.keyframes().map(|(_, k)| k.session + 1).max().unwrap_or(0),
             map,
-            graph: PoseGraph::new(GraphLimits { nodes, loops: LOOPS_PER_KEYFRAME * limits.keyframes }),
+            graph: PoseGraph::new(nodes, LOOPS_PER_KEYFRAME * limits.keyframes),
             infos: Vec::with_capacity(nodes),
             segment: None,
             segments: 0,

@@ -15,7 +15,7 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [&str; 7] = [
+const RETIRED: [&str; 10] = [
     "ros.link",
     "ros.landmarks",
     "ros.map",
@@ -23,6 +23,9 @@ const RETIRED: [&str; 7] = [
     "ros.reset",
     "driver.imu.trigger_exposure",
     "network.login",
+    "estimator.lines.use_verticals",
+    "estimator.lines.use_vanishing_directions",
+    "estimator.lines.structure_sigma_deg",
 ];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";

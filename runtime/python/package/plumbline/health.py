@@ -31,10 +31,7 @@ class Health(IntFlag):
     IMU_LATE = 1 << 20
     IMAGES_LATE = 1 << 21
     ROTATION_DISPUTED = 1 << 22
-    DARK = 1 << 23
     BLURRED = 1 << 24
-    VIEW_BLOCKED = 1 << 25
-    LITTLE_TEXTURE = 1 << 26
     ACCELEROMETER_CONTRADICTED = 1 << 27
     GYROSCOPE_CONTRADICTED = 1 << 28
     CAMERAS_OUT_OF_STEP = 1 << 29

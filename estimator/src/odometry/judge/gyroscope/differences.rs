@@ -13,11 +13,6 @@ const SCALE_SHARE: f64 = 0.01;
 /// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
 const SUMS: [(usize, f64); 2] = [(3, 2e-3), (8, 1e-3)];
 const MAX_SUM: usize = SUMS[1].0;
-/// From this share of what is admitted, two standard deviations, a sum is suspect: nothing is done about it, but the attitude is as uncertain as a
-/// share of it, for so long, s.
-const SUSPECT_EXCESS: f64 = 0.4;
-const SUSPECT_SHARE: f64 = 0.4;
-const SUSPECT_S: f64 = 0.3;
 
 /// Difference between a frame's rotation by the images and by the gyroscope.
 #[derive(Clone, Copy, Debug)]
@@ -56,25 +51,17 @@ pub(super) struct Sigmas {
 pub(super) struct Differences {
     gyro_density: f64,
     newest: Deque<Difference, MAX_SUM>,
-    /// A sum that is suspect, rad in `B`, and the last frame that showed it.
-    suspect: Option<(Timestamp, Vector3<f64>)>,
 }
 
 impl Differences {
     /// For a gyroscope with noise of this density, rad/s/sqrt(Hz).
     pub(super) fn new(gyro_density: f64) -> Self {
-        Self { gyro_density, newest: Deque::new(), suspect: None }
+        Self { gyro_density, newest: Deque::new() }
     }
 
     /// Forgets the differences.
     pub(super) fn clear(&mut self) {
         self.newest.clear();
-    }
-
-    /// Forgets the differences and what is suspect.
-    pub(super) fn forget(&mut self) {
-        self.clear();
-        self.suspect = None;
     }
 
     /// Takes the difference of another frame; returns that of the frame before.
@@ -107,29 +94,6 @@ impl Differences {
             let first = self.newest.len().checked_sub(span.0)?;
             self.newest.iter().nth(first).filter(|_| excess > 1.0).map(|d| d.from)
         })
-    }
-
-    /// Takes note of the largest of the suspect sums that end at `stamp`, or goes on with a larger one that still holds.
-    pub(super) fn suspect(&mut self, stamp: Timestamp, sigmas: &Sigmas) {
-        let of_spans = SUMS.into_iter().filter_map(|span| {
-            let excess = self.excess(span, sigmas, false)?;
-            (excess > SUSPECT_EXCESS).then(|| (stamp, self.sum(span.0)))
-        });
-        let held = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S);
-        let all = of_spans.chain(held);
-        self.suspect = all.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
-    }
-
-    /// Nothing could be learnt from the frame of `stamp`: what is suspect stays so.
-    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
-        self.suspect = self.suspect.map(|(_, off)| (stamp, off));
-    }
-
-    /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
-    pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
-        let (_, off) = self.suspect.filter(|(last, _)| stamp.seconds_since(*last) < SUSPECT_S)?;
-        let off = off * SUSPECT_SHARE;
-        Some(off * off.transpose())
     }
 
     /// Sum of the newest `count` differences, rad.
@@ -170,38 +134,5 @@ impl Differences {
         let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
             + SCALE_SHARE * turned;
         Some(sum.norm() / admitted)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_small_turn_that_lasts_is_suspect_before_it_contradicts_and_makes_the_attitude_uncertain() {
-        let sigmas = Sigmas { bias_rad_s: 1e-3, stamp_s: 0.0 };
-        let mut differences = Differences::new(1e-4);
-        let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
-        let rad = Vector3::new(5e-4, 0.0, 0.0);
-        let covariance = Matrix3::identity() * 1e-7;
-        for k in 0..8 {
-            let (from, seen) = (at(k), Vector3::zeros());
-            let of_frame = Difference {
-                from,
-                dt_s: 0.05,
-                rad,
-                seen,
-                covariance,
-                is_voted: true,
-                by_stamps: rad,
-                time_sigma_s: None,
-            };
-            let _ = differences.push(of_frame);
-            differences.suspect(at(k + 1), &sigmas);
-            assert_eq!(differences.contradict_since(&sigmas), None);
-        }
-        let sigma_rad = |stamp| differences.of_attitude(stamp).map(|c| c[(0, 0)].sqrt());
-        assert!(sigma_rad(at(8)).is_some_and(|sigma| (sigma - 8.0 * 5e-4 * SUSPECT_SHARE).abs() < 1e-9));
-        assert_eq!(sigma_rad(at(16)), None, "it is over");
     }
 }

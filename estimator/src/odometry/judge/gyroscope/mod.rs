@@ -20,8 +20,6 @@ mod differences;
 mod lag;
 mod probation;
 
-use super::stamp::TimeError;
-use super::stamp::drift::StampDrift;
 use super::stamp::noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
@@ -59,8 +57,6 @@ pub(super) struct SeenTurn {
     pub(super) span: [Timestamp; 2],
     /// Stamps of both.
     pub(super) stamps: [Timestamp; 2],
-    /// Angular rate of the newest frame, rad/s.
-    pub(super) rate_b: Vector3<f64>,
     /// Standard deviation of these times where errors of stamps are corrected, s.
     pub(super) time_sigma_s: Option<f64>,
     /// The turn by the images, rad, and its covariance, rad².
@@ -89,7 +85,6 @@ pub(super) struct RotationWatch {
     turns: Deque<Turn, MAX_TURNS>,
     differences: Differences,
     stamps: StampNoise,
-    drift: StampDrift,
     /// When a hole in a stream began, and until when it is thought of.
     suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
@@ -110,7 +105,6 @@ impl RotationWatch {
             turns: Deque::new(),
             differences: Differences::new(imu.gyro_noise_density),
             stamps: StampNoise::default(),
-            drift: StampDrift::default(),
             suspicious: None,
             contradiction: None,
             forces_contradicted: None,
@@ -131,15 +125,10 @@ impl RotationWatch {
     /// Forgets turns and contradiction: the estimate starts anew.
     pub(super) fn forget_turns(&mut self) {
         self.turns.clear();
-        self.differences.forget();
+        self.differences.clear();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
         self.probation = None;
-    }
-
-    /// Forgets what turns differed by: the times of states have changed.
-    pub(super) fn forget_differences(&mut self) {
-        self.differences.clear();
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -172,7 +161,6 @@ impl RotationWatch {
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
         let Some(rad) = self.angles.difference(&turn, 0, &bias_gyro) else {
             self.differences.clear();
-            self.drift.clear();
             return begun;
         };
         let [from_stamp, to_stamp] = frame.stamps;
@@ -197,7 +185,6 @@ impl RotationWatch {
         let excess = self.differences.newest_excess(&sigmas);
         self.probation = self.probation.and_then(|probation| probation.after(&self.turns, &rad, excess));
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
-        self.differences.suspect(to, &sigmas);
         let contradicted = if self.contradiction.is_some() {
             newest.adds_up = self.differences.contradict_since(&sigmas).is_some();
             newest.sum_excess = self.differences.even_excess(&sigmas);
@@ -206,35 +193,12 @@ impl RotationWatch {
         } else {
             self.begin_contradiction(&newest, frame, &sigmas)
         };
-        if self.contradiction.is_some() {
-            // The frames before it may have been wrong as well.
-            self.drift = StampDrift::default();
-        } else if before.is_some() {
-            self.drift.add([seen, by_stamps], covariance, frame.rate_b, dt_s);
-        } else {
-            self.drift.clear();
-        }
         contradicted.or(begun)
     }
 
     /// Standard deviation of the stamps of frames, s, as far as it shows.
     pub(super) fn stamp_sigma_s(&self) -> f64 {
         self.stamps.sigma_s()
-    }
-
-    /// Slow part of the errors of stamps, s, once it shows.
-    pub(super) fn stamp_drift(&self) -> Option<TimeError> {
-        self.drift.error()
-    }
-
-    /// Nothing could be learnt from the frame of `stamp`: turns that are suspect stay so.
-    pub(super) fn prolong_suspicion(&mut self, stamp: Timestamp) {
-        self.differences.prolong_suspicion(stamp);
-    }
-
-    /// Covariance of the attitude at `stamp`, rad² in `B`, by turns that are suspect.
-    pub(super) fn of_attitude(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
-        self.differences.of_attitude(stamp)
     }
 
     /// Ends the probation: nothing is seen by which samples could prove themselves.

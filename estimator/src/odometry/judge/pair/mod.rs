@@ -1,7 +1,6 @@
 //! Treatment of a pair of images that do not belong together: one of them is left out.
 //!
-//! A camera that jumps against the other is found by [`shift`], one that is late or has repeated an image by
-//! [`time`], cameras that see different things by [`sight`].
+//! A camera that jumps against the other is found by [`shift`], one that is late by [`time`], cameras that see different things by [`sight`].
 
 mod shift;
 mod sight;
@@ -17,9 +16,10 @@ use shift::{LEFT, PairShift, is_probe};
 use sight::PairWatch;
 use time::{PairTime, RIGHT};
 
-/// Points that the left camera must see for the right one to be left out because it sees other things.
+/// Points that the left camera must see for the right one to be left out because it sees other things: a covered lens makes such a pair too.
 const MIN_LEFT: usize = 12;
-
+/// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
+const DISAGREED_S: f64 = 2.0;
 /// The configured attitude of the pair is contradicted from so many standard deviations on, until that takes its weight. Sound flights, recorded
 /// sensors and real images among them, reach 3.2; about three axes once a second, 5 are one false alarm in 160 hours.
 const BENT_SIGMAS: f64 = 5.0;
@@ -32,6 +32,10 @@ pub(super) struct Pair {
     time: PairTime,
     shift: PairShift,
     is_bent: bool,
+    /// Time for which the right image is still left out because the cameras saw different things, s, and whether that begins.
+    disagreed_s: f64,
+    begins_to_disagree: bool,
+    left_sees: bool,
 }
 
 impl Pair {
@@ -43,6 +47,9 @@ impl Pair {
             time: PairTime::default(),
             shift: PairShift::default(),
             is_bent: false,
+            disagreed_s: 0.0,
+            begins_to_disagree: false,
+            left_sees: false,
         }
     }
 
@@ -50,6 +57,7 @@ impl Pair {
     pub(super) fn clear(&mut self) {
         self.time.clear();
         self.shift.clear();
+        self.disagreed_s = 0.0;
     }
 
     /// The next start may wait as well.
@@ -60,32 +68,38 @@ impl Pair {
     /// Takes the points of a frame, tracked in both images or in one. Where texture repeats itself they tell nothing: few are paired, or with
     /// another cell.
     pub(super) fn see(&mut self, points: &[PointObservation], is_repeating: bool, health: &mut HealthBits) {
+        let was_disagreeing = self.disagreed_s > 0.0;
+        self.disagreed_s -= self.frame_period_s;
         if is_repeating {
+            self.begins_to_disagree = false;
             return self.sight.forget();
         }
         let shared = points.iter().filter(|o| o.px.iter().all(Option::is_some)).count();
         self.sight.update(points.len(), shared, health);
+        if health.contains(HealthBits::CAMERAS_DISAGREE) {
+            self.disagreed_s = DISAGREED_S;
+        }
+        self.begins_to_disagree = !was_disagreeing && self.disagreed_s > 0.0;
+        self.left_sees = points.iter().filter(|o| o.px[0].is_some()).count() >= MIN_LEFT;
     }
 
     /// Takes the moments of a frame that waits for a start, if it has any.
-    pub(super) fn add_gathered(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>) {
-        self.time.add(stamp, moments, self.frame_period_s);
+    pub(super) fn add_gathered(&mut self, moments: Option<EpipolarMoments>) {
+        self.time.add(moments, self.frame_period_s);
     }
 
-    /// Judges the pair of a frame that waits for a start, that of `stamp`, and leaves one of its images out if it is doubtful: no start rests on
+    /// Judges the pair of a frame that waits for a start, and leaves one of its images out if it is doubtful: no start rests on
     /// a camera that is late or has jumped. Returns that camera.
     pub(super) fn judge_gathered(
-        &mut self,
+        &self,
         estimation: &mut Estimation,
-        stamp: Timestamp,
         health: &mut HealthBits,
     ) -> Option<usize> {
         if estimation.window.options.cameras < 2 {
             return None;
         }
-        self.note(stamp, health);
         self.report(health);
-        let camera = self.distrusted_camera(estimation, stamp)?;
+        let camera = self.distrusted_camera()?;
         estimation.measurer.leave_out(camera);
         Some(camera)
     }
@@ -107,33 +121,16 @@ impl Pair {
         self.time.is_out_of_step()
     }
 
-    /// True if an image of the frame of `stamp` is left out: a camera has jumped against the other, repeated an
-    /// image, is late, or sees other things.
-    pub(super) fn is_doubtful(
-        &mut self,
-        estimation: &mut Estimation,
-        stamp: Timestamp,
-        health: &HealthBits,
-    ) -> bool {
+    /// True if an image of the newest frame is left out: a camera has jumped against the other, is late, or sees other things.
+    pub(super) fn is_doubtful(&mut self, estimation: &mut Estimation) -> bool {
         if estimation.window.options.cameras < 2 {
             return false;
         }
-        let begins_to_disagree = self.note(stamp, health);
         self.shift.add(estimation.window.image_shifts());
-        if begins_to_disagree && left_sees(estimation) && self.shift.jumped().is_none() {
+        if self.begins_to_disagree && self.left_sees && self.shift.jumped().is_none() {
             estimation.window.forget_images(RIGHT);
         }
-        self.distrusted_camera(estimation, stamp).is_some()
-    }
-
-    /// Takes what the bits of the frame of `stamp` say of the pair; returns whether its cameras begin to see different things.
-    fn note(&mut self, stamp: Timestamp, health: &HealthBits) -> bool {
-        match [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN].map(|bit| health.contains(bit)) {
-            [true, false] => self.time.begin_probation(stamp, 0),
-            [false, true] => self.time.begin_probation(stamp, RIGHT),
-            _ => {}
-        }
-        health.contains(HealthBits::CAMERAS_DISAGREE) && self.time.disagree(stamp)
+        self.distrusted_camera().is_some()
     }
 
     /// Judges the configured attitude of the cameras to each other by the solved window.
@@ -155,9 +152,10 @@ impl Pair {
         }
     }
 
-    /// Camera whose image of the frame of `stamp` is not used.
-    fn distrusted_camera(&self, estimation: &Estimation, stamp: Timestamp) -> Option<usize> {
-        self.shift.jumped().or_else(|| self.time.distrusted_at(stamp, left_sees(estimation)))
+    /// Camera whose image is not used.
+    fn distrusted_camera(&self) -> Option<usize> {
+        let is_other = self.left_sees && self.disagreed_s > 0.0;
+        self.shift.jumped().or_else(|| self.time.late_camera()).or(is_other.then_some(RIGHT))
     }
 
     /// The image of `camera` stops, and the other one does not.
@@ -165,23 +163,18 @@ impl Pair {
         self.shift.jump(camera);
     }
 
-    /// Judges whether both images of the newest frame, that of `stamp`, are of the same moment, and leaves one of them out if it is doubtful.
-    pub(super) fn judge(&mut self, estimation: &mut Estimation, stamp: Timestamp, health: &mut HealthBits) {
+    /// Judges whether both images of the newest frame are of the same moment, and leaves one of them out if it is doubtful.
+    pub(super) fn judge(&mut self, estimation: &mut Estimation, health: &mut HealthBits) {
         let was_out_of_step = self.time.is_out_of_step();
         let moments = estimation.window.epipolar_moments().filter(|_| !estimation.is_repeating);
-        self.time.add(stamp, moments, self.frame_period_s);
+        self.time.add(moments, self.frame_period_s);
         let is_out_of_step = self.time.is_out_of_step();
         self.report(health);
-        let Some(camera) = self.distrusted_camera(estimation, stamp) else { return };
+        let Some(camera) = self.distrusted_camera() else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == RIGHT && is_out_of_step && !was_out_of_step {
             estimation.window.forget_images(camera);
         }
         estimation.leave_out_image(camera);
     }
-}
-
-/// True if the left camera sees enough to go on without the right one.
-fn left_sees(estimation: &Estimation) -> bool {
-    estimation.measurer.count(0) >= MIN_LEFT
 }

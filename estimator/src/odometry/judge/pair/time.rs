@@ -2,10 +2,7 @@
 //!
 //! A right image that is late by `tau` shows each point where it was, so that its distance from the epipolar line of the left point is
 //! `e = -tau u`, where `u` is the speed across that line at which it moves in the image. A wrong calibration moves points off their lines as
-//! well, but has nothing to do with how they move: the slope of `e` over `u` is that of time alone.
-//!
-//! A camera that repeats an image may be late by a frame from then on: it is on probation, and its images are not used, until the points that
-//! move show that the pair is in step. Nor are those of the camera that is late.
+//! well, but has nothing to do with how they move: the slope of `e` over `u` is that of time alone. Images of the camera that is late are not used.
 
 use crate::window::epipolar::EpipolarMoments;
 use plumbline_config::{Portable, Timestamp};
@@ -27,16 +24,6 @@ const DOUBT_S: f64 = 1.0;
 const DOUBT_SIGMAS: f64 = 1.5;
 const MIN_SHARED_AT_START: f64 = 0.5;
 const MOVES_S: f64 = 0.03;
-/// A pair is in step if its delay is known this well, s, and less than so many standard deviations, after so many frames.
-const PROVES_S: f64 = 3e-3;
-const PROVES_SIGMAS: f64 = 3.0;
-const FRAMES_TO_PROVE: f64 = 5.0;
-/// A probation lasts no longer, s: what does not move harms nothing.
-const PROBATION_S: f64 = 5.0;
-/// Repetitions that follow each other within this time are a habit of the camera, s.
-const HABIT_S: f64 = 10.0;
-/// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
-const DISAGREED_S: f64 = 2.0;
 /// The right camera.
 pub(super) const RIGHT: usize = 1;
 
@@ -45,68 +32,17 @@ pub(super) const RIGHT: usize = 1;
 pub(super) struct PairTime {
     sums: EpipolarMoments,
     frames: f64,
-    /// When a camera repeated its image, and which, while the pair has not been found in step since.
-    probation: Option<(Timestamp, usize)>,
-    /// When a camera was last found in step after it had repeated an image, and which.
-    acquitted: Option<(Timestamp, usize)>,
-    /// When the cameras last saw different things.
-    disagreed: Option<Timestamp>,
     /// When a start first waited for the pair.
     doubted: Option<Timestamp>,
 }
 
 impl PairTime {
-    /// `camera` repeated its image at `stamp`. One that was found in step after a repetition, not long ago, repeats images by habit.
-    pub(super) fn begin_probation(&mut self, stamp: Timestamp, camera: usize) {
-        let is_habit = self
-            .acquitted
-            .is_some_and(|(last, other)| other == camera && stamp.seconds_since(last) < HABIT_S);
-        if is_habit {
-            self.acquitted = Some((stamp, camera));
-        } else if self.probation.is_none_or(|(_, other)| other != camera) {
-            (self.sums, self.frames) = Default::default();
-            self.probation = Some((stamp, camera));
-        }
-    }
-
-    /// The cameras see different things at `stamp`; returns whether they begin to.
-    pub(super) fn disagree(&mut self, stamp: Timestamp) -> bool {
-        let is_new = !self.is_disagreed_at(stamp);
-        self.disagreed = Some(stamp);
-        is_new
-    }
-
-    fn is_disagreed_at(&self, stamp: Timestamp) -> bool {
-        self.disagreed.is_some_and(|last| stamp.seconds_since(last) < DISAGREED_S)
-    }
-
-    /// Takes the moments of the frame of `stamp`, if it has any.
-    pub(super) fn add(&mut self, stamp: Timestamp, moments: Option<EpipolarMoments>, period_s: f64) {
-        self.end_probation(stamp);
+    /// Takes the moments of a frame, if it has any.
+    pub(super) fn add(&mut self, moments: Option<EpipolarMoments>, period_s: f64) {
         let Some(moments) = moments else { return };
         let kept = 1.0 - period_s / MEMORY_S;
         self.frames = self.frames * kept + 1.0;
         self.sums = self.sums.scaled(kept).plus(&moments);
-    }
-
-    fn end_probation(&mut self, stamp: Timestamp) {
-        let is_in_step = self.frames >= FRAMES_TO_PROVE
-            && self.late_s().is_some_and(|(late_s, sigma_s)| {
-                sigma_s < PROVES_S && late_s.abs() < LEAST_S.at_least(PROVES_SIGMAS * sigma_s)
-            });
-        if let Some((since, camera)) = self.probation
-            && (is_in_step || stamp.seconds_since(since) > PROBATION_S)
-        {
-            self.probation = None;
-            self.acquitted = is_in_step.then_some((stamp, camera));
-        }
-    }
-
-    /// Camera whose image of the frame of `stamp` is not used; the right one of a pair that sees different things only if the left one sees enough
-    /// (`left_sees`), since a covered lens makes such a pair too.
-    pub(super) fn distrusted_at(&self, stamp: Timestamp, left_sees: bool) -> Option<usize> {
-        let is_other = left_sees && self.is_disagreed_at(stamp);
-        self.late_camera().or(self.probation.map(|(_, camera)| camera)).or(is_other.then_some(RIGHT))
     }
 
     /// True if a start should wait, at `stamp`, for what the pair will show: `shared` of its `points` are found in both images.
@@ -166,7 +102,7 @@ mod tests {
                 speed_squared: mean(&|u| u * u),
                 product: mean(&|u| u * off(u)),
             };
-            watch.add(Timestamp::default(), Some(moments), 0.05);
+            watch.add(Some(moments), 0.05);
         }
         watch
     }
@@ -182,63 +118,8 @@ mod tests {
 
     #[test]
     fn the_camera_that_is_late_is_left_out() {
-        let at = Timestamp::default();
-        let left_out = [0.05, -0.05, 0.0].map(|late_s| watched(late_s, 0.8).distrusted_at(at, true));
-        assert_eq!(left_out, [Some(RIGHT), Some(0), None]);
-    }
-
-    #[test]
-    fn a_camera_that_repeats_an_image_is_left_out_until_it_is_in_step() {
-        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
-        for camera in [0, 1] {
-            let mut watch = watched(0.0, 0.0);
-            watch.begin_probation(seconds(0.0), camera);
-            let moving = EpipolarMoments { speed: 0.0, off: 0.0, speed_squared: 3600.0, product: 0.0 };
-            let ended_s = (1..200).map(|k| 0.05 * f64::from(k)).find(|s| {
-                watch.add(seconds(*s), Some(moving), 0.05);
-                watch.distrusted_at(seconds(*s), true) != Some(camera)
-            });
-            assert!((0.2..1.0).contains(&ended_s.unwrap()), "{ended_s:?}");
-            watch.begin_probation(seconds(5.0), camera);
-            assert_eq!(watch.distrusted_at(seconds(5.0), true), None, "a habit");
-            watch.begin_probation(seconds(20.0), camera);
-            watch.add(seconds(24.0), None, 0.05);
-            assert_eq!(watch.distrusted_at(seconds(24.0), true), Some(camera), "nothing moves");
-            watch.add(seconds(25.1), None, 0.05);
-            assert_eq!(watch.distrusted_at(seconds(25.1), true), None);
-        }
-    }
-
-    #[test]
-    fn a_camera_that_repeats_images_all_the_time_is_soon_found_in_step() {
-        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
-        let mut watch = PairTime::default();
-        let moving = EpipolarMoments { speed: 0.0, off: 0.0, speed_squared: 3600.0, product: 0.0 };
-        let left_out = (0..100).filter(|k| {
-            let stamp = seconds(0.05 * f64::from(*k));
-            let moments = match k % 5 {
-                0 => {
-                    watch.begin_probation(stamp, RIGHT);
-                    None
-                }
-                _ => Some(moving),
-            };
-            watch.add(stamp, moments, 0.05);
-            watch.distrusted_at(stamp, true).is_some()
-        });
-        assert!(left_out.count() < 20);
-    }
-
-    #[test]
-    fn the_right_camera_is_left_out_while_both_see_different_things() {
-        let seconds = |s: f64| Timestamp::default().plus_seconds(s);
-        let mut watch = PairTime::default();
-        assert!(watch.disagree(seconds(0.0)) && !watch.disagree(seconds(0.05)));
-        assert_eq!([2.0, 2.1].map(|s| watch.distrusted_at(seconds(s), true)), [Some(RIGHT), None]);
-        assert!(watch.disagree(seconds(3.0)));
-        // The clock is set back by an hour.
-        watch.clear();
-        assert_eq!(watch.distrusted_at(seconds(-3600.0), true), None);
+        let late = [0.05, -0.05, 0.0].map(|late_s| watched(late_s, 0.8).late_camera());
+        assert_eq!(late, [Some(RIGHT), Some(0), None]);
     }
 
     #[test]

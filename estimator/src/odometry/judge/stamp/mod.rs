@@ -7,15 +7,14 @@
 //! d = J e + noise        I = J' S^-1 J        e = (J' S^-1 d + m / s²) / (I + 1 / s²)
 //! ```
 //!
-//! Before the frame is seen, `e` is a slow part `m`, as of an exposure that follows the light, and jitter. Jitter is learnt by
-//! [`noise`], the slow part by [`drift`]; while neither shows, stamps are taken as they are. A correction moves
+//! Before the frame is seen, `e` is a slow part `m`, as of an exposure that follows the light, and jitter, which is learnt by
+//! [`noise`]; while no frame shows an error, and no jitter shows, stamps are taken as they are. A correction moves
 //! the time of the frame's state, so that the motion between two states is that between their images, and nothing has to excuse it.
 //!
 //! A wrong gyroscope turns about other axes than the vehicle, or by more than a stamp can be off: then nothing is corrected
 //! ([`correction`]).
 
 mod correction;
-pub(super) mod drift;
 pub(super) mod noise;
 
 use crate::odometry::estimation::Estimation;
@@ -83,27 +82,12 @@ impl StampErrors {
         *self = Self { slow, at: Some(stamp), jitter_variance: jitter_s.squared(), newest_variance: 0.0 };
     }
 
-    /// Begins if turns of frames on end have shown jitter, or a slow part `drift`; returns whether the times of states have changed.
-    pub(super) fn learn(
-        &mut self,
-        estimation: &mut Estimation,
-        stamp: Timestamp,
-        jitter_s: f64,
-        drift: Option<TimeError>,
-    ) -> bool {
-        if self.is_active()
-            || !estimation.window.options.correct_stamps
-            || (jitter_s == 0.0 && drift.is_none())
-        {
-            return false;
+    /// Begins if turns of frames on end have shown jitter.
+    pub(super) fn learn(&mut self, estimation: &Estimation, stamp: Timestamp, jitter_s: f64) {
+        if !self.is_active() && estimation.window.options.correct_stamps && jitter_s > 0.0 {
+            let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
+            self.begin(stamp, slow, jitter_s.at_least(SHOWS_S));
         }
-        let slow = drift.unwrap_or(TimeError { value: 0.0, variance: WALK_S.squared() });
-        self.begin(stamp, slow, jitter_s.at_least(SHOWS_S));
-        let has_slow = slow.value != 0.0;
-        if has_slow {
-            shift_times(estimation, slow.value);
-        }
-        has_slow
     }
 
     /// The error of the frame of `stamp` before it is seen; that of any frame while stamps are taken as they are.
@@ -135,18 +119,6 @@ impl StampErrors {
         } else {
             self.jitter_variance = self.jitter_variance.at_least(LEAST_JITTER_S.squared());
         }
-    }
-}
-
-/// Moves the states of the window to `by_s` after the stamps of their frames, and integrates the motions between them anew.
-fn shift_times(estimation: &mut Estimation, by_s: f64) {
-    let frames = &mut estimation.window.frames;
-    let since = frames.first().map(|first| first.taken.min(first.stamp).plus_nanos(-1));
-    for frame in frames {
-        frame.taken = frame.stamp.plus_seconds(by_s);
-    }
-    if let Some(since) = since {
-        estimation.integrate_anew(since, 0.0);
     }
 }
 
