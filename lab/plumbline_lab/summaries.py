@@ -109,11 +109,12 @@ def failed(table: pd.DataFrame) -> pd.Series:
 
 def variations(table: pd.DataFrame) -> str:
     """Row per variation: its errors beside those of the same flights without it."""
-    base = table[table.variation == ""].set_index(["flight", "setting"])["accuracy.ate_percent"].rename("without")
+    table = table.assign(ate=column(table, "accuracy.ate_percent"), resets=column(table, "resets"))
+    base = table[table.variation == ""].set_index(["flight", "setting"]).ate.rename("without")
     rows = []
     for variation, group in table[table.variation != ""].groupby("variation", sort=False):
         both = group.set_index(["flight", "setting"]).join(base, how="inner")
-        ate, without = both["accuracy.ate_percent"], both.without
+        ate, without = both.ate, both.without
         difference, ratios = paired(without, ate), ate / without
         if len(both) == 0:
             continue

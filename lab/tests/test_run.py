@@ -64,6 +64,7 @@ def test_commands_fly_print_and_exit(stand_in, tmp_path, capsys, monkeypatch):
     assert cli.main(["compare", "a.csv", "--by", "variation"]) == 0
     assert "fault=accel-dead:x@5 against as configured: 16 flights" in capsys.readouterr().out
     assert cli.main(["sweep", "sim:room", "sim:bad", "--out", "c.csv", *common]) == 1
+    assert cli.main(["campaign", "--path", "yaws", "--with", "bad=1", "--only", "--out", "e.csv", *common]) == 1, "every flight fails"
     assert cli.main(["ablation", "sim:room", "--out", "d.csv", *common]) == 0
     assert "| demo room 1 | + length filter |" in " ".join(capsys.readouterr().out.split())
     assert cli.main(["honesty", "a.csv"]) == 0 and "0 of 16 honest" in capsys.readouterr().out
