@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What waits for the socket, of each producer in the order of [`Producer`]: states at as many instants as may be asked for at a
+/// What waits for the socket, of each producer in the order of `Producer`: states at as many instants as may be asked for at a
 /// time, with a quarter of a second of odometry; two seconds of two records a frame.
 const LANES: [usize; 4] = [306, 80, 80, 80];
 /// Trails that are filled, wait or are read.
