@@ -17,7 +17,7 @@ use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
 use plumbline_estimator::Feedback;
 use plumbline_estimator::admission::StampGate;
-use plumbline_estimator::places::PlaceJob;
+use plumbline_estimator::places::{MapUpdate, PlaceJob};
 
 /// Frames that are filled, wait or are tracked at a time.
 const FRAME_POOL: usize = 4;
@@ -61,6 +61,24 @@ pub struct Tasks {
     pub places: Option<PlacesTask>,
 }
 
+/// The map's ends: that of the front-end, the task, and that of the window. Frames go from the front-end to the map, and back; updates
+/// to the window.
+fn join_places(
+    config: &ValidConfig,
+    stage: Option<PlacesStage>,
+    [front_end, window]: [&Bell; 2],
+) -> (Option<PlacesRings>, Option<PlacesTask>, Reader<MapUpdate>) {
+    let bell = Bell::default();
+    let buffers = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
+    let (jobs_writer, jobs) = ring(PLACE_POOL, &bell);
+    let (spare, spare_reader) = filled(PLACE_POOL, front_end, buffers, || PlaceJob::new(config.setup()));
+    let (updates, map_updates) = ring(MAP_UPDATE_RING, window);
+    let rings = PlacesRings { jobs: jobs_writer, spare: spare_reader, choice: PlaceChoice::default() };
+    let has_places = stage.is_some();
+    let task = stage.map(|stage| PlacesTask { stage, jobs, spare, updates, bell });
+    (has_places.then_some(rings), task, map_updates)
+}
+
 /// A ring with `count` entries in it.
 fn filled<T>(capacity: usize, bell: &Bell, count: usize, make: impl Fn() -> T) -> (Writer<T>, Reader<T>) {
     let (mut writer, reader) = ring(capacity, bell);
@@ -73,10 +91,9 @@ fn filled<T>(capacity: usize, bell: &Bell, count: usize, make: impl Fn() -> T) -
 impl Tasks {
     /// Joins the tasks of a run, with everything allocated for the configuration.
     pub fn new(config: &ValidConfig, sensors: Sensors, stages: Stages) -> Self {
-        let [tick, camera, front_end, window, places] = std::array::from_fn(|_| Bell::default());
+        let [tick, camera, front_end, window] = std::array::from_fn(|_| Bell::default());
         let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
         let blank_frame = || StereoFrame::new(image_sizes(&config.camera));
-        let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
         // From the inertial driver to the tick, and on to the front-end.
         let (readings_writer, readings) = ring(readings_in(READING_RING_S).max(READING_RING), &tick);
         let (samples_writer, samples) = ring(readings_in(SAMPLE_RING_S), &front_end);
@@ -90,20 +107,11 @@ impl Tasks {
         let (feedback_writer, feedback) = ring(JOB_POOL, &front_end);
         let (blank_writer, blank) = filled(JOB_POOL, &window, JOB_POOL, || Feedback::new(config.setup()));
         let (corrections_writer, corrections) = ring(CORRECTION_RING, &tick);
-        // From the front-end to the map, and back; from there to the window.
-        let (place_writer, place_reader) = ring(PLACE_POOL, &places);
-        let (place_spare_writer, place_spare) =
-            filled(PLACE_POOL, &front_end, place_jobs, || PlaceJob::new(config.setup()));
-        let (updates, map_updates) = ring(MAP_UPDATE_RING, &window);
-        let has_places = stages.places.is_some();
-        let to_places =
-            PlacesRings { jobs: place_writer, spare: place_spare, choice: PlaceChoice::default() };
+        let (to_places, places, map_updates) = join_places(config, stages.places, [&front_end, &window]);
+        let of_tick = TickRings { readings, corrections, samples: samples_writer, bell: tick };
         Self {
             imu: ImuTask { source: sensors.imu, first: sensors.first, readings: readings_writer },
-            tick: TickTask::new(
-                stages.tick,
-                TickRings { readings, corrections, samples: samples_writer, bell: tick },
-            ),
+            tick: TickTask::new(stages.tick, of_tick),
             camera: CameraTask {
                 source: sensors.stereo,
                 empty,
@@ -114,7 +122,7 @@ impl Tasks {
             },
             front_end: FrontEndTask::new(
                 stages.front,
-                has_places.then_some(to_places),
+                to_places,
                 FrontEndRings {
                     arrivals,
                     empty: empty_writer,
@@ -138,13 +146,7 @@ impl Tasks {
                     bell: window,
                 },
             ),
-            places: stages.places.map(|stage| PlacesTask {
-                stage,
-                jobs: place_reader,
-                spare: place_spare_writer,
-                updates,
-                bell: places,
-            }),
+            places,
         }
     }
 }
