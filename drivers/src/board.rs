@@ -1,6 +1,7 @@
 //! Board on which the thread of a sensor shows its state to other threads.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::Mutex;
+use std::sync::Arc;
 
 /// A value that one thread shows and any may read. Copies show the same.
 #[derive(Debug, Default)]
@@ -17,24 +18,18 @@ impl<T: Clone> Board<T> {
         Self(Arc::new(Mutex::new(value)))
     }
 
-    /// Locked content: whole even after a panic elsewhere.
-    fn locked(&self) -> MutexGuard<'_, T> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The value that was shown last.
     pub(crate) fn read(&self) -> T {
-        self.locked().clone()
+        self.0.lock().clone()
     }
 
     /// Changes the value, even if it has to wait for a reader.
     pub(crate) fn change(&self, change: impl FnOnce(&mut T)) {
-        change(&mut self.locked());
+        change(&mut self.0.lock());
     }
 
     /// Shows a value unless somebody is reading at the moment; whether it did.
     pub(crate) fn show(&self, value: impl FnOnce() -> T) -> bool {
-        let shown = self.0.try_lock().map(|mut shown| *shown = value());
-        shown.is_ok()
+        self.0.try_lock().map(|mut shown| *shown = value()).is_some()
     }
 }

@@ -9,12 +9,8 @@ use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Message of the worker, with the faults of the source up to then.
-enum Delivery {
-    Frame(StereoFrame, Faults),
-    End(Faults),
-    Failed(DriverError, Faults),
-}
+/// Message of the worker: the next frame, the end or the failure of the source, and its faults up to then.
+type Delivery = (Result<Option<StereoFrame>, DriverError>, Faults);
 
 /// A [`StereoSource`] that is ahead of its reader by up to a fixed number of frames.
 ///
@@ -72,13 +68,9 @@ impl Prefetch {
 /// The worker: fills empty frames until the stream ends, fails, or nobody reads any more.
 fn run(mut source: impl StereoSource, empty: &Receiver<StereoFrame>, full: &SyncSender<Delivery>) {
     while let Ok(mut frame) = empty.recv() {
-        let report = match source.next_frame(&mut frame) {
-            Ok(true) => Delivery::Frame(frame, source.faults()),
-            Ok(false) => Delivery::End(source.faults()),
-            Err(error) => Delivery::Failed(error, source.faults()),
-        };
-        let last = !matches!(report, Delivery::Frame(..));
-        if full.send(report).is_err() || last {
+        let next = source.next_frame(&mut frame).map(|is_there| is_there.then_some(frame));
+        let is_last = !matches!(next, Ok(Some(_)));
+        if full.send((next, source.faults())).is_err() || is_last {
             return;
         }
     }
@@ -87,9 +79,12 @@ fn run(mut source: impl StereoSource, empty: &Receiver<StereoFrame>, full: &Sync
 impl StereoSource for Prefetch {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         let Some(channels) = &self.channels else { return Ok(false) };
-        match channels.full.recv() {
-            Ok(Delivery::Frame(mut next, faults)) => {
-                self.faults = faults;
+        let delivered = channels.full.recv().map(|(next, faults)| {
+            self.faults = faults;
+            next
+        });
+        match delivered {
+            Ok(Ok(Some(mut next))) => {
                 std::mem::swap(frame, &mut next);
                 if next.images.each_ref().map(|i| (i.width(), i.height())) != self.sizes_px {
                     next = StereoFrame::new(self.sizes_px);
@@ -98,19 +93,9 @@ impl StereoSource for Prefetch {
                 let _ = channels.empty.send(next);
                 Ok(true)
             }
-            Ok(Delivery::End(faults)) => {
-                self.faults = faults;
+            end => {
                 self.finish();
-                Ok(false)
-            }
-            Ok(Delivery::Failed(error, faults)) => {
-                self.faults = faults;
-                self.finish();
-                Err(error)
-            }
-            Err(_) => {
-                self.finish();
-                Ok(false)
+                end.unwrap_or(Ok(None)).map(|_| false)
             }
         }
     }

@@ -24,7 +24,7 @@ const MAX_POSITION_M: f64 = 1e12;
 const QUATERNION_NORM_TOLERANCE: f64 = 0.01;
 
 /// A pose at a time: body `B` in `O`, `M` or `W`, as its holder says.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StampedPose {
     /// Measurement time.
     pub stamp: Timestamp,

@@ -9,7 +9,10 @@ use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, Feed, Publisher, now_ns};
 use plumbline_record::Said;
+use plumbline_record::local::content::LocalRecord;
 use plumbline_record::messages::PastTrajectory;
+use plumbline_record::protobuf::encode;
+use plumbline_record::said::FullEstimate;
 use plumbline_record::topics::Topic;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -131,7 +134,8 @@ fn a_client_with_default_settings_receives_every_answer() {
         Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default(), false).unwrap();
     for k in 0..POSES {
         // Slowly enough for the ring between the flight and the network.
-        feed.estimate(estimate(k), 1.0);
+        let full = FullEstimate { estimate: estimate(k), frame_ms: 1.0 };
+        feed.take(LocalRecord::Estimate(Box::new(full.estimate.clone()), full.frame_ms), &encode(&full));
         std::thread::sleep(Duration::from_millis(5));
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();

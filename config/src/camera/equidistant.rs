@@ -68,7 +68,7 @@ pub(super) fn distort(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2<
 }
 
 /// Derivatives of the distorted coordinates by `k1` to `k4`.
-pub(super) fn by_coefficients(xy: &Vector2<f64>) -> [Vector2<f64>; 4] {
+pub(super) fn by_coefficients(xy: &Vector2<f64>, _: [f64; 4]) -> [Vector2<f64>; 4] {
     let r = xy.norm();
     let theta = libm::atan(r);
     // Near the axis theta³ / r vanishes.

@@ -42,139 +42,160 @@ pub const MAX_COEFFICIENTS: usize = 8;
 /// Angles at which a fold is looked for: a tenth of a degree apart.
 const FOLD_ANGLES: usize = 900;
 
-/// Lens model: maps ideal pinhole coordinates to distorted ones.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Distortion {
+/// Declares the lens models, each once: its variant with the coefficients in the order in which the literature and calibration
+/// files list them, its module, and its name in configurations.
+macro_rules! lens_models {
+    ($($(#[$about:meta])* $model:ident, $module:ident, $name:literal { $($(#[$meaning:meta])* $k:ident,)* })*) => {
+        /// Lens model: maps ideal pinhole coordinates to distorted ones.
+        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "model", deny_unknown_fields)]
+        pub enum Distortion {
+            $($(#[$about])* #[serde(rename = $name)] $model { $($(#[$meaning])* $k: f64,)* },)*
+        }
+
+        impl Distortion {
+            /// Names of the models, as configurations have them.
+            pub const MODELS: [&'static str; [$($name),*].len()] = [$($name),*];
+
+            /// Distorted normalized coordinates of the ideal ones, and the derivative of the former by the latter.
+            #[must_use]
+            #[inline]
+            pub fn distort(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+                match *self {
+                    $(Self::$model { $($k),* } => $module::distort(xy, [$($k),*]),)*
+                }
+            }
+
+            /// Ideal normalized coordinates of distorted ones; `None` where the model has no inverse on the branch that holds the
+            /// image, or one further than 89.4 degrees from the optical axis.
+            #[must_use]
+            #[inline]
+            pub fn undistort(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
+                match *self {
+                    $(Self::$model { $($k),* } => $module::undistort(target, [$($k),*]),)*
+                }
+            }
+
+            /// True if ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
+            /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
+            /// beyond the image; what lies there would be projected into the image falsely.
+            #[must_use]
+            #[inline]
+            pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
+                let r2 = xy.norm_squared();
+                match *self {
+                    $(Self::$model { $($k),* } => $module::is_regular(r2, [$($k),*]),)*
+                }
+            }
+
+            /// Derivatives of the distorted coordinates by the coefficients, in the order of [`Self::coefficients`].
+            #[must_use]
+            pub fn by_coefficients(&self, xy: &Vector2<f64>) -> Vec<Vector2<f64>> {
+                match *self {
+                    $(Self::$model { $($k),* } => $module::by_coefficients(xy, [$($k),*]).to_vec(),)*
+                }
+            }
+
+            /// Name of the model, as configurations have it.
+            #[must_use]
+            pub fn model(&self) -> &'static str {
+                match self {
+                    $(Self::$model { .. } => $name,)*
+                }
+            }
+
+            /// Coefficients with their names, in the order in which the literature and calibration files list them.
+            #[must_use]
+            pub fn coefficients(&self) -> Vec<(&'static str, f64)> {
+                match *self {
+                    $(Self::$model { $($k),* } => vec![$((stringify!($k), $k)),*],)*
+                }
+            }
+
+            /// Model of the same kind with `coefficients`, in the order of [`Self::coefficients`]. Default of missing ones: 0.
+            #[must_use]
+            pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
+                let mut given = coefficients.iter().copied();
+                match self {
+                    $(Self::$model { .. } => Self::$model { $($k: given.next().unwrap_or_default()),* },)*
+                }
+            }
+        }
+    };
+}
+
+lens_models! {
     /// Brown's model: `r2 = x² + y²`, radial `1 + k1 r2 + k2 r2²`, tangential `p1`, `p2`.
-    RadialTangential {
+    RadialTangential, radial_tangential, "radial-tangential" {
         /// First radial coefficient.
-        k1: f64,
+        k1,
         /// Second radial coefficient.
-        k2: f64,
+        k2,
         /// First tangential coefficient.
-        p1: f64,
+        p1,
         /// Second tangential coefficient.
-        p2: f64,
-    },
+        p2,
+    }
     /// Fisheye: `theta_d = theta (1 + k1 theta² + k2 theta⁴ + k3 theta⁶ + k4 theta⁸)`.
-    Equidistant {
+    Equidistant, equidistant, "equidistant" {
         /// Coefficient of `theta³`.
-        k1: f64,
+        k1,
         /// Coefficient of `theta⁵`.
-        k2: f64,
+        k2,
         /// Coefficient of `theta⁷`.
-        k3: f64,
+        k3,
         /// Coefficient of `theta⁹`.
-        k4: f64,
-    },
+        k4,
+    }
     /// OpenCV's rational model: radial `(1 + k1 r2 + k2 r2² + k3 r2³) / (1 + k4 r2 + k5 r2² + k6 r2³)`, tangential `p1`, `p2`.
-    Rational {
+    Rational, rational, "rational" {
         /// Coefficient of `r2` above.
-        k1: f64,
+        k1,
         /// Coefficient of `r2²` above.
-        k2: f64,
+        k2,
         /// First tangential coefficient.
-        p1: f64,
+        p1,
         /// Second tangential coefficient.
-        p2: f64,
+        p2,
         /// Coefficient of `r2³` above.
-        k3: f64,
+        k3,
         /// Coefficient of `r2` below.
-        k4: f64,
+        k4,
         /// Coefficient of `r2²` below.
-        k5: f64,
+        k5,
         /// Coefficient of `r2³` below.
-        k6: f64,
-    },
+        k6,
+    }
     /// Unified model: `(x, y) / (1 + xi sqrt(1 + r2))`, then as [`Self::RadialTangential`].
-    Omni {
+    Omni, omni, "omni" {
         /// Distance of the centre of projection from that of the unit sphere.
-        xi: f64,
+        xi,
         /// First radial coefficient.
-        k1: f64,
+        k1,
         /// Second radial coefficient.
-        k2: f64,
+        k2,
         /// First tangential coefficient.
-        p1: f64,
+        p1,
         /// Second tangential coefficient.
-        p2: f64,
-    },
+        p2,
+    }
     /// Enhanced unified model: `(x, y) / (alpha sqrt(1 + beta r2) + 1 - alpha)`.
-    Eucm {
+    Eucm, eucm, "eucm" {
         /// Share of the ellipsoid, 0 (pinhole) to 1.
-        alpha: f64,
+        alpha,
         /// Shape of the ellipsoid; 1 is a sphere.
-        beta: f64,
-    },
+        beta,
+    }
     /// Double sphere: `(x, y) / (alpha d2 + (1 - alpha) (xi d1 + 1))`, `d1 = sqrt(r2 + 1)`, `d2 = sqrt(r2 + (xi d1 + 1)²)`.
-    DoubleSphere {
+    DoubleSphere, double_sphere, "double-sphere" {
         /// Distance of the second sphere from the first.
-        xi: f64,
+        xi,
         /// Share of the second sphere, 0 (pinhole) to 1.
-        alpha: f64,
-    },
+        alpha,
+    }
 }
 
 impl Distortion {
-    /// Names of the models, as configurations have them.
-    pub const MODELS: [&'static str; 6] =
-        ["radial-tangential", "equidistant", "rational", "omni", "eucm", "double-sphere"];
-
-    /// Distorted normalized coordinates of the ideal ones, and the derivative of the former by the latter.
-    #[must_use]
-    #[inline]
-    pub fn distort(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
-        match *self {
-            Self::RadialTangential { k1, k2, p1, p2 } => radial_tangential::distort(xy, k1, k2, p1, p2),
-            Self::Equidistant { k1, k2, k3, k4 } => equidistant::distort(xy, [k1, k2, k3, k4]),
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                rational::distort(xy, [k1, k2, p1, p2, k3, k4, k5, k6])
-            }
-            Self::Omni { xi, k1, k2, p1, p2 } => omni::distort(xy, [xi, k1, k2, p1, p2]),
-            Self::Eucm { alpha, beta } => eucm::distort(xy, [alpha, beta]),
-            Self::DoubleSphere { xi, alpha } => double_sphere::distort(xy, [xi, alpha]),
-        }
-    }
-
-    /// Ideal normalized coordinates of distorted ones; `None` where the model has no inverse on the branch that holds the image,
-    /// or one further than 89.4 degrees from the optical axis.
-    #[must_use]
-    #[inline]
-    pub fn undistort(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
-        match *self {
-            Self::RadialTangential { k1, k2, p1, p2 } => {
-                radial_tangential::undistort(target, [k1, k2, p1, p2])
-            }
-            Self::Equidistant { k1, k2, k3, k4 } => equidistant::undistort(target, [k1, k2, k3, k4]),
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                rational::undistort(target, [k1, k2, p1, p2, k3, k4, k5, k6])
-            }
-            Self::Omni { xi, k1, k2, p1, p2 } => omni::undistort(target, [xi, k1, k2, p1, p2]),
-            Self::Eucm { alpha, beta } => eucm::undistort(target, [alpha, beta]),
-            Self::DoubleSphere { xi, alpha } => double_sphere::undistort(target, [xi, alpha]),
-        }
-    }
-
-    /// True if ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
-    /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
-    /// beyond the image; what lies there would be projected into the image falsely.
-    #[must_use]
-    #[inline]
-    pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
-        let r2 = xy.norm_squared();
-        match *self {
-            Self::RadialTangential { k1, k2, .. } => r2 < radial_tangential::regular_radius_squared(k1, k2),
-            Self::Equidistant { k1, k2, k3, k4 } => equidistant::is_regular(r2, [k1, k2, k3, k4]),
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                rational::is_regular(r2, [k1, k2, p1, p2, k3, k4, k5, k6])
-            }
-            Self::Omni { xi, k1, k2, p1, p2 } => omni::is_regular(xy, [xi, k1, k2, p1, p2]),
-            Self::Eucm { alpha, beta } => eucm::is_regular(r2, [alpha, beta]),
-            Self::DoubleSphere { xi, alpha } => double_sphere::is_regular(r2, [xi, alpha]),
-        }
-    }
-
     /// Angle from the optical axis beyond which the model folds back or ends, rad; `None` where it grows as far as pixels are
     /// unprojected.
     #[must_use]
@@ -188,78 +209,6 @@ impl Distortion {
                 let mut angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
                 angles.find(|theta| !self.is_regular(&Vector2::new(libm::tan(*theta), 0.0)))
             }
-        }
-    }
-
-    /// Name of the model, as configurations have it.
-    #[must_use]
-    pub fn model(&self) -> &'static str {
-        let index = match self {
-            Self::RadialTangential { .. } => 0,
-            Self::Equidistant { .. } => 1,
-            Self::Rational { .. } => 2,
-            Self::Omni { .. } => 3,
-            Self::Eucm { .. } => 4,
-            Self::DoubleSphere { .. } => 5,
-        };
-        Self::MODELS[index]
-    }
-
-    /// Coefficients with their names, in the order in which the literature and calibration files list them.
-    #[must_use]
-    pub fn coefficients(&self) -> Vec<(&'static str, f64)> {
-        match *self {
-            Self::RadialTangential { k1, k2, p1, p2 } => {
-                vec![("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)]
-            }
-            Self::Equidistant { k1, k2, k3, k4 } => vec![("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)],
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => vec![
-                ("k1", k1),
-                ("k2", k2),
-                ("p1", p1),
-                ("p2", p2),
-                ("k3", k3),
-                ("k4", k4),
-                ("k5", k5),
-                ("k6", k6),
-            ],
-            Self::Omni { xi, k1, k2, p1, p2 } => {
-                vec![("xi", xi), ("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)]
-            }
-            Self::Eucm { alpha, beta } => vec![("alpha", alpha), ("beta", beta)],
-            Self::DoubleSphere { xi, alpha } => vec![("xi", xi), ("alpha", alpha)],
-        }
-    }
-
-    /// Model of the same kind with `coefficients`, in the order of [`Self::coefficients`]. Default of missing ones: 0.
-    #[must_use]
-    pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
-        let [a, b, c, d, e, f, g, h] =
-            std::array::from_fn(|i| coefficients.get(i).copied().unwrap_or_default());
-        match self {
-            Self::RadialTangential { .. } => Self::RadialTangential { k1: a, k2: b, p1: c, p2: d },
-            Self::Equidistant { .. } => Self::Equidistant { k1: a, k2: b, k3: c, k4: d },
-            Self::Rational { .. } => {
-                Self::Rational { k1: a, k2: b, p1: c, p2: d, k3: e, k4: f, k5: g, k6: h }
-            }
-            Self::Omni { .. } => Self::Omni { xi: a, k1: b, k2: c, p1: d, p2: e },
-            Self::Eucm { .. } => Self::Eucm { alpha: a, beta: b },
-            Self::DoubleSphere { .. } => Self::DoubleSphere { xi: a, alpha: b },
-        }
-    }
-
-    /// Derivatives of the distorted coordinates by the coefficients, in the order of [`Self::coefficients`].
-    #[must_use]
-    pub fn by_coefficients(&self, xy: &Vector2<f64>) -> Vec<Vector2<f64>> {
-        match *self {
-            Self::RadialTangential { .. } => radial_tangential::by_coefficients(xy).to_vec(),
-            Self::Equidistant { .. } => equidistant::by_coefficients(xy).to_vec(),
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                rational::by_coefficients(xy, [k1, k2, p1, p2, k3, k4, k5, k6]).to_vec()
-            }
-            Self::Omni { xi, k1, k2, p1, p2 } => omni::by_coefficients(xy, [xi, k1, k2, p1, p2]).to_vec(),
-            Self::Eucm { alpha, beta } => eucm::by_coefficients(xy, [alpha, beta]).to_vec(),
-            Self::DoubleSphere { xi, alpha } => double_sphere::by_coefficients(xy, [xi, alpha]).to_vec(),
         }
     }
 }

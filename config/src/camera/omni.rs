@@ -31,8 +31,7 @@ fn to_plane(xy: &Vector2<f64>, xi: f64) -> (Vector2<f64>, Matrix2<f64>) {
 
 /// True if ideal coordinates lie on the branch that holds the image.
 #[inline]
-pub(super) fn is_regular(xy: &Vector2<f64>, [xi, k1, k2, ..]: Coefficients) -> bool {
-    let r2 = xy.norm_squared();
+pub(super) fn is_regular(r2: f64, [xi, k1, k2, ..]: Coefficients) -> bool {
     if r2.is_nan() || r2 >= MAX_RADIUS_SQUARED {
         return false;
     }
@@ -45,7 +44,7 @@ pub(super) fn is_regular(xy: &Vector2<f64>, [xi, k1, k2, ..]: Coefficients) -> b
 #[inline]
 pub(super) fn distort(xy: &Vector2<f64>, [xi, k1, k2, p1, p2]: Coefficients) -> (Vector2<f64>, Matrix2<f64>) {
     let (m, m_by_xy) = to_plane(xy, xi);
-    let (distorted, by_m) = radial_tangential::distort(&m, k1, k2, p1, p2);
+    let (distorted, by_m) = radial_tangential::distort(&m, [k1, k2, p1, p2]);
     (distorted, by_m * m_by_xy)
 }
 
@@ -53,9 +52,9 @@ pub(super) fn distort(xy: &Vector2<f64>, [xi, k1, k2, p1, p2]: Coefficients) -> 
 pub(super) fn by_coefficients(xy: &Vector2<f64>, [xi, k1, k2, p1, p2]: Coefficients) -> [Vector2<f64>; 5] {
     let s = (1.0 + xy.norm_squared()).sqrt();
     let (m, _) = to_plane(xy, xi);
-    let (_, by_m) = radial_tangential::distort(&m, k1, k2, p1, p2);
+    let (_, by_m) = radial_tangential::distort(&m, [k1, k2, p1, p2]);
     let m_by_xi = m * (-s / (1.0 + xi * s));
-    let [by_k1, by_k2, by_p1, by_p2] = radial_tangential::by_coefficients(&m);
+    let [by_k1, by_k2, by_p1, by_p2] = radial_tangential::by_coefficients(&m, [k1, k2, p1, p2]);
     [by_m * m_by_xi, by_k1, by_k2, by_p1, by_p2]
 }
 

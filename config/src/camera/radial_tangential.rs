@@ -15,6 +15,15 @@ use super::newton::{UNDISTORT_TOLERANCE, invert};
 use crate::Portable;
 use nalgebra::{Matrix2, Vector2};
 
+/// Coefficients `k1 k2 p1 p2`.
+pub(super) type Coefficients = [f64; 4];
+
+/// True if ideal coordinates lie before the fold.
+#[inline]
+pub(super) fn is_regular(r2: f64, [k1, k2, ..]: Coefficients) -> bool {
+    r2 < regular_radius_squared(k1, k2)
+}
+
 /// Square of the radius within which the radial model is regular.
 #[inline]
 pub(super) fn regular_radius_squared(k1: f64, k2: f64) -> f64 {
@@ -38,11 +47,21 @@ fn fold_radius_squared(k1: f64, k2: f64) -> f64 {
 
 /// Distorted coordinates, and their derivative by the ideal ones.
 #[inline]
-pub(super) fn distort(xy: &Vector2<f64>, k1: f64, k2: f64, p1: f64, p2: f64) -> (Vector2<f64>, Matrix2<f64>) {
+pub(super) fn distort(xy: &Vector2<f64>, [k1, k2, p1, p2]: Coefficients) -> (Vector2<f64>, Matrix2<f64>) {
+    let r2 = xy.x * xy.x + xy.y * xy.y;
+    bent(xy, r2, (1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * k2 * r2)), [p1, p2])
+}
+
+/// Coordinates distorted by a radial factor, given with twice its derivative by `r²`, and by tangential coefficients; and their
+/// derivative by the ideal ones.
+#[inline]
+pub(super) fn bent(
+    xy: &Vector2<f64>,
+    r2: f64,
+    (radial, d_radial): (f64, f64),
+    [p1, p2]: [f64; 2],
+) -> (Vector2<f64>, Matrix2<f64>) {
     let (x, y) = (xy.x, xy.y);
-    let r2 = x * x + y * y;
-    let radial = 1.0 + r2 * (k1 + r2 * k2);
-    let d_radial = 2.0 * (k1 + 2.0 * k2 * r2);
     let distorted = Vector2::new(
         x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
         y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -58,7 +77,7 @@ pub(super) fn distort(xy: &Vector2<f64>, k1: f64, k2: f64, p1: f64, p2: f64) -> 
 }
 
 /// Derivatives of the distorted coordinates by `k1`, `k2`, `p1`, `p2`.
-pub(super) fn by_coefficients(xy: &Vector2<f64>) -> [Vector2<f64>; 4] {
+pub(super) fn by_coefficients(xy: &Vector2<f64>, _: Coefficients) -> [Vector2<f64>; 4] {
     let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
     [
         xy * r2,
@@ -70,17 +89,13 @@ pub(super) fn by_coefficients(xy: &Vector2<f64>) -> [Vector2<f64>; 4] {
 
 /// Ideal coordinates of distorted ones.
 #[inline]
-pub(super) fn undistort(target: &Vector2<f64>, k: [f64; 4]) -> Option<Vector2<f64>> {
+pub(super) fn undistort(target: &Vector2<f64>, k: Coefficients) -> Option<Vector2<f64>> {
     undistort_to(target, k, UNDISTORT_TOLERANCE)
 }
 
 /// As [`undistort`], to a tolerance of its own.
 #[inline]
-pub(super) fn undistort_to(
-    target: &Vector2<f64>,
-    [k1, k2, p1, p2]: [f64; 4],
-    tolerance: f64,
-) -> Option<Vector2<f64>> {
-    let reach = regular_radius_squared(k1, k2);
-    invert(target, tolerance, |xy| xy.norm_squared() < reach, |xy| distort(xy, k1, k2, p1, p2))
+pub(super) fn undistort_to(target: &Vector2<f64>, k: Coefficients, tolerance: f64) -> Option<Vector2<f64>> {
+    let reach = regular_radius_squared(k[0], k[1]);
+    invert(target, tolerance, |xy| xy.norm_squared() < reach, |xy| distort(xy, k))
 }

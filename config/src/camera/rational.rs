@@ -17,6 +17,7 @@
 use super::MAX_RADIUS_SQUARED;
 use super::newton::{FINE_TOLERANCE, invert};
 use super::polynomial::is_positive;
+use super::radial_tangential::bent;
 use nalgebra::{Matrix2, Vector2};
 
 /// Coefficients in OpenCV's order: `k1 k2 p1 p2 k3 k4 k5 k6`.
@@ -53,25 +54,11 @@ pub(super) fn is_regular(r2: f64, k: Coefficients) -> bool {
 /// Distorted coordinates, and their derivative by the ideal ones.
 #[inline]
 pub(super) fn distort(xy: &Vector2<f64>, k: Coefficients) -> (Vector2<f64>, Matrix2<f64>) {
-    let (x, y) = (xy.x, xy.y);
-    let (p1, p2) = (k[2], k[3]);
-    let r2 = x * x + y * y;
+    let r2 = xy.x * xy.x + xy.y * xy.y;
     let (numerator, denominator) = polynomials(k);
     let ((n, d_n), (d, d_d)) = (cubic(&numerator, r2), cubic(&denominator, r2));
     let radial = n / d;
-    let d_radial = 2.0 * (d_n - radial * d_d) / d;
-    let distorted = Vector2::new(
-        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-    );
-    let cross = x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y;
-    let jacobian = Matrix2::new(
-        radial + x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x,
-        cross,
-        cross,
-        radial + y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x,
-    );
-    (distorted, jacobian)
+    bent(xy, r2, (radial, 2.0 * (d_n - radial * d_d) / d), [k[2], k[3]])
 }
 
 /// Derivatives of the distorted coordinates by the coefficients, in their order.

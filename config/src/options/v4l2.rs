@@ -51,37 +51,29 @@ pub struct V4l2Config {
 /// Encoding of a device's images; luma of all of them becomes 8-bit grey.
 #[keys]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
 pub enum V4l2Format {
     /// The first of the others, in their order, that the device offers in the size of the camera.
     #[default]
     #[serde(rename = "auto")]
     Auto,
     /// 8-bit grey.
-    #[serde(rename = "GREY")]
     Grey,
     /// 8-bit grey of two sensors, pixel by pixel.
-    #[serde(rename = "Y8I")]
     Y8i,
     /// 10-bit grey in 16 bits.
-    #[serde(rename = "Y10")]
     Y10,
     /// 12-bit grey in 16 bits.
-    #[serde(rename = "Y12")]
     Y12,
     /// 16-bit grey.
-    #[serde(rename = "Y16")]
     Y16,
     /// Luma of 8 bits, with chroma between.
-    #[serde(rename = "YUYV")]
     Yuyv,
     /// Luma of 8 bits, with chroma between; the chroma comes first.
-    #[serde(rename = "UYVY")]
     Uyvy,
     /// Luma of 8 bits, chroma after all of it.
-    #[serde(rename = "NV12")]
     Nv12,
     /// An image of JPEG for each frame.
-    #[serde(rename = "MJPEG")]
     Mjpeg,
 }
 

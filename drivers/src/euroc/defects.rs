@@ -4,9 +4,10 @@ use super::imu::ImuRecord;
 use super::order::Order;
 use super::pairing::FrameEntry;
 use super::picture::NoImage;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// The inertial samples may end this long before the last image, or begin after the first, s.
 const MAX_UNCOVERED_S: f64 = 0.5;
@@ -78,12 +79,8 @@ impl FileDefects {
         Self(Arc::new(Mutex::new(Found { rows, ..Found::default() })))
     }
 
-    fn found(&self) -> MutexGuard<'_, Found> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub(super) fn add(&self, path: &Path, why: NoImage, expected_px: (usize, usize)) {
-        let mut found = self.found();
+        let mut found = self.0.lock();
         let is_same = |bad: &&mut BadImages| std::mem::discriminant(&bad.why) == std::mem::discriminant(&why);
         match found.images.iter_mut().find(is_same) {
             Some(bad) => bad.count += 1,
@@ -97,20 +94,20 @@ impl FileDefects {
     /// Images that could not be read so far.
     #[must_use]
     pub fn images(&self) -> u64 {
-        self.found().images.iter().map(|bad| bad.count).sum()
+        self.0.lock().images.iter().map(|bad| bad.count).sum()
     }
 
     /// True if all images that could not be read have another size, and all else could be read.
     #[must_use]
     pub fn are_other_sizes(&self) -> bool {
-        let found = self.found();
+        let found = self.0.lock();
         found.rows.is_none() && matches!(&found.images[..], [BadImages { why: NoImage::OtherSize(_), .. }])
     }
 
     /// Findings so far: a sentence for each kind, with the first file.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
-        let found = self.found();
+        let found = self.0.lock();
         let rows = found.rows.as_ref().map(|(count, first)| match count {
             1 => first.clone(),
             n => format!("{n} rows of inertial samples cannot be read; the first is {first}"),

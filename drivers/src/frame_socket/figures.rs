@@ -10,9 +10,6 @@ use std::sync::Arc;
 /// Counts of the frames and connections of the socket.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SocketFigures {
-    /// True while a program is connected.
-    #[serde(skip)]
-    pub is_connected: bool,
     /// Number of connections accepted.
     pub connected: u64,
     /// Number of connections lost.
@@ -32,12 +29,6 @@ pub struct SocketFigures {
     /// Defect of the stamps, if any.
     #[serde(skip)]
     pub problem: Option<StampProblem>,
-    /// Time from stamp to arrival: mean of the last frames, ms.
-    #[serde(skip)]
-    pub delay_ms: f64,
-    /// The largest.
-    #[serde(skip)]
-    pub max_delay_ms: f64,
 }
 
 /// Reason why no frames arrive. The caller formats it: the thread that reads allocates nothing.

@@ -7,7 +7,7 @@ use crate::unix_socket::{SocketFile, is_served};
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
-use plumbline_config::{Portable, Timestamp};
+use plumbline_config::Timestamp;
 use plumbline_protocol::frame_header::FrameHeader;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::AsFd;
@@ -31,9 +31,6 @@ const GIVES_WAY_LOOKS: u32 = 150;
 const FURTHEST: u64 = 1_000_000;
 /// The owner and its group may send.
 const MODE: u32 = 0o660;
-/// The mean delay follows with this gain.
-const DELAY_GAIN: f64 = 1.0 / 16.0;
-const MS: f64 = 1e-6;
 
 /// Frames from a program at the other end of a Unix socket. Programs may come, go and follow each other; one sends at a
 /// time. After it was opened, nothing allocates on the thread that reads while frames come.
@@ -133,7 +130,6 @@ impl SocketStereo {
         self.sender = Some(sender);
         self.stream += 1;
         self.newest_sent_ns = i64::MIN;
-        self.figures.is_connected = true;
         self.figures.connected += 1;
         self.monitor.set_trouble(None);
         true
@@ -142,7 +138,6 @@ impl SocketStereo {
     /// The program is gone, or is sent away.
     fn lose(&mut self, why: Trouble) {
         self.sender = None;
-        self.figures.is_connected = false;
         self.figures.lost += 1;
         self.figures.refused += u64::from(matches!(why, Trouble::Refused(_)));
         self.monitor.set_trouble(Some(why));
@@ -240,18 +235,10 @@ impl SocketStereo {
         self.last = Some((self.stream, header.sequence));
         frame.sequence = self.numbering.next(stamp_ns, [self.last, None], self.period_ns);
         frame.stamp = Timestamp::from_nanos(stamp_ns);
-        self.count(frame, (now.monotonic_ns - stamp_ns) as f64 * MS);
+        self.figures.frames += 1;
+        self.figures.pairs += u64::from(frame.valid == [true; 2]);
+        self.monitor.show(&self.figures);
         Some(())
-    }
-
-    fn count(&mut self, frame: &StereoFrame, delay_ms: f64) {
-        let figures = &mut self.figures;
-        figures.frames += 1;
-        figures.pairs += u64::from(frame.valid == [true; 2]);
-        let gain = if figures.frames == 1 { 1.0 } else { DELAY_GAIN };
-        figures.delay_ms += gain * (delay_ms - figures.delay_ms);
-        figures.max_delay_ms = figures.max_delay_ms.at_least(delay_ms);
-        self.monitor.show(figures);
     }
 }
 

@@ -98,7 +98,7 @@ impl IioImu {
             settling: sum(|figures| figures.settling),
             disordered: sum(|figures| figures.disordered),
             unpaired: self.accel.as_ref().map_or(0, |(_, merge)| merge.alone()),
-            loss: self.numbering.figures(),
+            missing: self.numbering.missing(),
             watch: self.watch.figures(),
             clock: self.gyro.clock(),
             stamp_problem: units().find_map(Unit::stamp_problem),

@@ -1,6 +1,6 @@
 //! Figures of a sensor's samples, to be read while it runs.
 
-use super::{LossFigures, WatchFigures};
+use super::WatchFigures;
 use crate::Faults;
 use crate::board::Board;
 use crate::clock::{ClockFigures, StampFigures, StampProblem};
@@ -54,9 +54,9 @@ pub struct ImuFigures {
     /// Quantity that the device's output lacks, in words.
     #[serde(skip)]
     pub lacking: Option<&'static str>,
-    /// Losses on the way.
+    /// Samples that were lost on the way.
     #[serde(skip)]
-    pub loss: LossFigures,
+    pub missing: u64,
     /// Faults of samples.
     #[serde(flatten)]
     pub watch: WatchFigures,
@@ -84,7 +84,7 @@ impl ImuFigures {
     #[must_use]
     pub fn faults(&self) -> Faults {
         Faults {
-            missing: self.loss.missing,
+            missing: self.missing,
             corrupt: self.framing.bad_checksums + self.malformed + self.watch.impossible,
             disordered: self.disordered + self.clock.refused,
             unpaired: self.unpaired,

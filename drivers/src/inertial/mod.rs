@@ -7,5 +7,5 @@ mod watch;
 
 pub(crate) use figures::Post;
 pub use figures::{FramingFigures, ImuFigures, ImuMonitor, LinkFigures};
-pub use numbering::{LossFigures, Numbering};
+pub use numbering::Numbering;
 pub use watch::{SampleWatch, WatchFigures};

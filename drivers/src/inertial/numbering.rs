@@ -1,26 +1,11 @@
 //! Numbers for samples, so that losses show: by the device's own counter where there is one, else by time.
 
-use plumbline_config::Portable;
-
 /// Intervals that the period is the median of.
 const INTERVALS: usize = 31;
 /// An interval of so many periods lacks a sample.
 const LACKING: f64 = 1.5;
 /// A counter that jumps further was started anew, or hit: time decides.
 const FURTHEST: i64 = 1_000_000;
-
-/// Losses on the way.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LossFigures {
-    /// Samples that are missing.
-    pub missing: u64,
-    /// Number of gaps.
-    pub gaps: u64,
-    /// The longest of these times, ms.
-    pub longest_gap_ms: f64,
-    /// Samples a second, as they come.
-    pub rate_hz: f64,
-}
 
 /// Numbers samples from 0.
 #[derive(Clone, Debug)]
@@ -29,7 +14,7 @@ pub struct Numbering {
     last: Option<(u64, Option<i64>, i64)>,
     intervals_ns: [i64; INTERVALS],
     seen: usize,
-    figures: LossFigures,
+    missing: u64,
 }
 
 impl Numbering {
@@ -37,7 +22,7 @@ impl Numbering {
     #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         let period_ns = (1e9 / rate_hz).round() as i64;
-        Self { last: None, intervals_ns: [period_ns; INTERVALS], seen: 0, figures: LossFigures::default() }
+        Self { last: None, intervals_ns: [period_ns; INTERVALS], seen: 0, missing: 0 }
     }
 
     /// The number of a sample; its device's counter never begins anew. Stamps rise, ns.
@@ -54,11 +39,7 @@ impl Numbering {
             _ => None,
         };
         let steps = counted.unwrap_or_else(|| self.steps_in(interval_ns)) as u64;
-        if steps > 1 {
-            self.figures.missing += steps - 1;
-            self.figures.gaps += 1;
-            self.figures.longest_gap_ms = self.figures.longest_gap_ms.at_least(interval_ns as f64 * 1e-6);
-        }
+        self.missing += steps - 1;
         self.intervals_ns[self.seen % INTERVALS] = interval_ns;
         self.seen = self.seen.wrapping_add(1);
         let number = number.saturating_add(steps);
@@ -66,11 +47,10 @@ impl Numbering {
         number
     }
 
-    /// Losses so far.
+    /// Samples that were lost so far.
     #[must_use]
-    pub fn figures(&self) -> LossFigures {
-        let is_known = self.seen >= INTERVALS;
-        LossFigures { rate_hz: if is_known { 1e9 / self.period_ns() as f64 } else { 0.0 }, ..self.figures }
+    pub fn missing(&self) -> u64 {
+        self.missing
     }
 
     fn period_ns(&self) -> i64 {
@@ -101,7 +81,7 @@ mod tests {
             .map(|(k, c)| numbering.next(Some(*c), k as i64 * 5 * MS))
             .collect();
         assert_eq!(numbers, [0, 1, 4, 5]);
-        assert_eq!((numbering.figures().missing, numbering.figures().gaps), (2, 1));
+        assert_eq!(numbering.missing(), 2);
     }
 
     #[test]
@@ -109,9 +89,7 @@ mod tests {
         let mut numbering = Numbering::new(200.0);
         let stamps = (0..100_i64).filter(|k| !(40..43).contains(k)).map(|k| k * 5 * MS + k % 3 * MS / 2);
         let last = stamps.map(|stamp| numbering.next(None, stamp)).last();
-        let figures = numbering.figures();
-        assert_eq!((last, figures.missing, figures.gaps), (Some(99), 3, 1));
-        assert!((19.0..21.0).contains(&figures.longest_gap_ms) && (180.0..220.0).contains(&figures.rate_hz));
+        assert_eq!((last, numbering.missing()), (Some(99), 3));
     }
 
     #[test]
@@ -119,7 +97,6 @@ mod tests {
         let mut numbering = Numbering::new(200.0);
         let all: Vec<u64> = (0..200_i64).map(|k| numbering.next(None, k * 20 * MS)).collect();
         assert!(all[20..].windows(2).all(|pair| pair[1] == pair[0] + 1), "{all:?}");
-        assert_eq!(numbering.figures().rate_hz.round(), 50.0);
     }
 
     #[test]

@@ -91,7 +91,7 @@ impl Stream {
     #[must_use]
     pub fn figures(&self, link: LinkFigures) -> ImuFigures {
         ImuFigures {
-            loss: self.numbering.figures(),
+            missing: self.numbering.missing(),
             watch: self.watch.figures(),
             clock: self.clock.figures(),
             stamp_problem: self.pace.problem(),

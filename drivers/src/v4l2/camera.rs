@@ -66,7 +66,6 @@ impl Camera {
         self.sequence = Sequence::default();
         (self.last_sign_ns, self.has_sent) = (now_ns, false);
         self.figures.started += 1;
-        self.figures.is_streaming = true;
     }
 
     /// Number of times the stream was started: image numbers count within one stream.
@@ -98,7 +97,6 @@ impl Camera {
     pub(crate) fn lose(&mut self) {
         if std::mem::take(&mut self.is_alive) {
             self.figures.lost += 1;
-            self.figures.is_streaming = false;
         }
     }
 

@@ -7,9 +7,6 @@ use serde::Serialize;
 /// Figures of one camera. Of a device that gives both images, the first camera's figures are the device's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct V4l2CameraFigures {
-    /// True while it streams.
-    #[serde(skip)]
-    pub is_streaming: bool,
     /// Images that came whole.
     pub images: u64,
     /// Images missing by the numbers of its driver.

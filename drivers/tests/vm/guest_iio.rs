@@ -101,7 +101,7 @@ fn two_inertial_devices_of_the_kernel_are_one_sensor_that_comes_and_goes() {
         at(0.5),
         at(0.99),
         at(1.0),
-        figures.loss.missing,
+        figures.missing,
         figures.unpaired,
         figures.link.opened,
         figures.link.lost,

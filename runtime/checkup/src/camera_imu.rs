@@ -2,9 +2,8 @@
 //! turned and moved by hand.
 //!
 //! The estimator follows points through the recording; the fit of the checkup (`fit`) holds all of the calibration but the wanted part as
-//! it is configured. What the motion does not show ([`excitation`](super::excitation)) is refused by name.
+//! it is configured. What the motion does not show, by the covariance of the fit, is refused by name.
 
-use crate::excitation::{Excitation, axis_words};
 use crate::fit::causes::{Causes, SIGMAS};
 use crate::fit::parts::{CAMERA_IMU_POSITION, CAMERA_IMU_ROTATION, Course, READOUT_TIME, TIME_OFFSET, parts};
 use crate::fit::rig::BIASES;
@@ -21,6 +20,9 @@ use std::fmt::{self, Write as _};
 const LEAST_PIECES: usize = 10;
 /// Standard deviations that a calibration is worth its name with: m, rad, s.
 const MOST_SIGMAS: [f64; 3] = [0.015, 0.0052, 0.001];
+/// Cure for a motion that does not determine the rig.
+const TURN: &str =
+    "turn it about all axes, by 20 degrees and more to both sides, once a second or two, and for longer";
 /// A readout that is shorter is none, s.
 const LEAST_READOUT_S: f64 = 0.001;
 
@@ -47,8 +49,6 @@ pub struct FoundRig {
     pub pieces: usize,
     /// Length of the recording, s.
     pub span_s: f64,
-    /// Turning of the rig.
-    pub excitation: Excitation,
 }
 
 /// Readout of rolling shutters.
@@ -150,13 +150,12 @@ impl ByHand {
     /// # Errors
     /// When the motion does not determine it; the message says what it lacks.
     pub fn calibrate(&self) -> Result<FoundRig, RigError> {
-        let excitation = self.turned()?;
         let (pieces, moved, covariance) = self.freed(&RIG)?;
         let step = moved.fixed_rows::<DIM>(0).into_owned();
         let covariance = covariance.fixed_view::<DIM, DIM>(0, 0).into_owned();
         let config = calibrated(&self.config, &step, &covariance)?;
-        check_seen(&covariance, &excitation, &config)?;
-        Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s(), excitation })
+        check_seen(&covariance)?;
+        Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s() })
     }
 
     /// Configuration with the readout that the recording shows, to calibrate by; 0 where it does not differ from that of a global shutter.
@@ -164,7 +163,6 @@ impl ByHand {
     /// # Errors
     /// When the motion does not determine it; the message says what it lacks.
     pub fn with_readout(&self) -> Result<(ValidConfig, Readout), RigError> {
-        self.turned()?;
         let [position, rotation, offset] = RIG;
         let (_, moved, covariance) = self.freed(&[READOUT_TIME, position, rotation, offset])?;
         let found_s = self.config.camera.first().map_or(0.0, |camera| camera.readout_s) + moved[0];
@@ -181,25 +179,6 @@ impl ByHand {
         self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 
-    /// Turning of the rig, if that is enough.
-    fn turned(&self) -> Result<Excitation, RigError> {
-        let excitation = Excitation::of(&self.samples).ok_or_else(|| self.too_short(0))?;
-        if excitation.is_enough() {
-            return Ok(excitation);
-        }
-        let pose_b_c = self.config.setup().left().pose_b_c();
-        let missing: Vec<_> = excitation.missing().iter().map(|axis| axis_words(axis, &pose_b_c)).collect();
-        let rates = excitation.body_rates_rad_s.map(f64::to_degrees);
-        Err(RigError::Unseen(format!(
-            "the motion does not determine the rig: it lacks rotation about {} (rates about x y z of the IMU: {:.0} {:.0} {:.0} deg/s); \
-             turn it about all axes, by 20 degrees and more to both sides, once a second or two",
-            missing.join(" and about "),
-            rates.x,
-            rates.y,
-            rates.z
-        )))
-    }
-
     /// Number of pieces, and change of the parts of these names that fits the recording best, with its covariance, in their order.
     fn freed(&self, names: &[&str]) -> Result<(usize, DVector<f64>, DMatrix<f64>), RigError> {
         let parts = parts(&self.config);
@@ -208,6 +187,11 @@ impl ByHand {
         let is_free =
             |k: usize| k >= BIASES || free.iter().any(|part| parts[*part].basis.row(k).amax() > 0.0);
         let first = FirstLook::at(&self.config, &self.tracks, &self.samples);
+        if first.as_ref().is_some_and(|first| !first.turns_enough()) {
+            return Err(RigError::Unseen(format!(
+                "the motion does not determine the rig: it hardly turns; {TURN}"
+            )));
+        }
         let fitted = first.and_then(|first| fit(&self.config, &self.tracks, &self.samples, &first, &is_free));
         let pieces = fitted.as_ref().map_or(0, |fitted| fitted.pieces.len());
         let fitted = fitted.filter(|_| pieces >= LEAST_PIECES).ok_or_else(|| self.too_short(pieces))?;
@@ -215,9 +199,9 @@ impl ByHand {
         let (_, moved, covariance) = Causes::new(&fitted, &parts).freed(&free);
         let is_known = moved.iter().chain(&covariance).all(|x| x.is_finite());
         is_known.then_some((pieces, moved, covariance)).ok_or_else(|| {
-            let words =
-                "images and samples hold no motion together; is the calibration of the cameras theirs?";
-            RigError::Unseen(words.into())
+            let words = "the motion does not determine the rig, or images and samples hold none together: is the calibration of the \
+                         cameras theirs?";
+            RigError::Unseen(format!("{words} {TURN}"))
         })
     }
 
@@ -258,11 +242,7 @@ fn sigmas(covariance: &Covariance) -> [f64; 3] {
 }
 
 /// Refuses what the motion did not show.
-fn check_seen(
-    covariance: &Covariance,
-    excitation: &Excitation,
-    config: &ValidConfig,
-) -> Result<(), RigError> {
+fn check_seen(covariance: &Covariance) -> Result<(), RigError> {
     let sigmas = sigmas(covariance);
     let Some(which) = (0..3).find(|k| sigmas[*k] > MOST_SIGMAS[*k]) else { return Ok(()) };
     let known = [
@@ -270,11 +250,7 @@ fn check_seen(
         format!("the attitude of the cameras is known to {:.2} degrees", sigmas[1].to_degrees()),
         format!("the time offset is known to {:.2} ms", 1e3 * sigmas[2]),
     ];
-    let weakest = axis_words(&excitation.axes_b[2], &config.setup().left().pose_b_c());
-    Err(RigError::Unseen(format!(
-        "the motion does not determine the rig well enough: {} only; turn it faster, most of all about {weakest}, and for longer",
-        known[which]
-    )))
+    Err(RigError::Unseen(format!("the motion does not determine the rig: {} only; {TURN}", known[which])))
 }
 
 impl FoundRig {
@@ -289,7 +265,7 @@ impl FoundRig {
         let degrees = 1.0_f64.to_degrees();
         let place = self.config.setup().left().pose_b_c().translation.vector * 1e3;
         let ((moved, place_sigma), (turned, attitude_sigma)) = (three(0, 1e3, 2), three(3, degrees, 4));
-        let mut lines = vec![
+        vec![
             format!("left camera    at ({}) mm in the body, one sigma ({place_sigma})", words(&place, 2)),
             format!("               moved by ({moved}) mm"),
             format!("attitude       one sigma ({attitude_sigma}) deg about its x, y and z"),
@@ -300,14 +276,8 @@ impl FoundRig {
                 1e3 * self.covariance[(6, 6)].sqrt(),
                 1e3 * self.step[6]
             ),
-        ];
-        lines.push(format!(
-            "of             {} pieces of two seconds in {:.1} s; turned by {} deg/s about x y z of the IMU",
-            self.pieces,
-            self.span_s,
-            words(&(self.excitation.body_rates_rad_s * degrees), 0)
-        ));
-        lines
+            format!("of             {} pieces of two seconds in {:.1} s", self.pieces, self.span_s),
+        ]
     }
 
     /// The covariance as comments of a file: rows of position (m), attitude (rad) and time offset (s).

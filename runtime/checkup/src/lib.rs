@@ -18,7 +18,6 @@
 //! not hold is reported as not measured. There is no clock and no random number here: the same data give the same report.
 
 pub mod camera_imu;
-pub mod excitation;
 pub mod finding;
 mod fit;
 pub mod health;

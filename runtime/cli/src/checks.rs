@@ -1,5 +1,6 @@
 //! Checks of arguments before anything is opened or flown.
 
+use anyhow::Context as _;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use rustix::fs::OFlags;
@@ -84,6 +85,29 @@ pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result
         }
     }
     Ok(())
+}
+
+/// As [`check_outputs`] of one file, which is not replaced unless that is asked for.
+///
+/// # Errors
+/// When it cannot be opened for writing, or is there already.
+pub fn check_new(file: &PathBuf, overwrite: bool) -> Result<(), Usage> {
+    check_outputs([file])?;
+    match file.exists() && !overwrite {
+        true => Err(Usage(format!("{}: exists; name another file, or give --overwrite", file.display()))),
+        false => Ok(()),
+    }
+}
+
+/// Writes a configuration, if it will be read as one.
+///
+/// # Errors
+/// When a value is refused, or the file cannot be written.
+pub fn write_config(file: &Path, text: &str) -> anyhow::Result<ValidConfig> {
+    let name = file.display().to_string();
+    let config = Config::from_toml_str(text, &name)?;
+    std::fs::write(file, text).context(name)?;
+    Ok(config)
 }
 
 /// Opens a file for writing and leaves it as it was; a named pipe that nobody reads is refused, where it would be waited for.

@@ -2,7 +2,7 @@
 
 mod import;
 
-use super::{Usage, check_outputs, say};
+use super::{Usage, check_new, say};
 use anyhow::{Context as _, Result};
 use clap::{Args, Subcommand};
 use plumbline_config::options::Mounting;
@@ -127,15 +127,6 @@ fn give(text: &str, what: &str, args: &ConfigArgs) -> Result<()> {
     std::fs::write(out, text).with_context(|| out.display().to_string())?;
     say(format_args!("{}: written, {what}", out.display()));
     Ok(())
-}
-
-/// Refuses a file that cannot be written, or is there already.
-fn check_new(out: &PathBuf, overwrite: bool) -> Result<(), Usage> {
-    check_outputs([out])?;
-    match out.exists() && !overwrite {
-        true => Err(Usage(format!("{}: exists; name another file, or give --overwrite", out.display()))),
-        false => Ok(()),
-    }
 }
 
 /// Names what is valid, and yet probably a mistake.

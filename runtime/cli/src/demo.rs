@@ -7,6 +7,7 @@ use super::scenario::parse_scene;
 use super::{Usage, fly_status, log_lines, stop_on_signal};
 use anyhow::Result;
 use clap::Args;
+use parking_lot::Mutex;
 use plumbline_drivers::StereoFrame;
 use plumbline_flight::flight::sensor_watch::SensorNotices;
 use plumbline_flight::flight::{Outputs, fly, open_simulation, scenario_config};
@@ -20,7 +21,7 @@ use plumbline_link::net::certificate::DEFAULT_VEHICLE;
 use plumbline_link::process::LinkOptions;
 use plumbline_simulator::{Scenario, Simulator};
 use std::net::{SocketAddr, TcpListener};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// First port that is tried.

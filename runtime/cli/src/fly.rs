@@ -14,7 +14,7 @@ use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::sensor_watch::SensorWatch;
 use plumbline_flight::flight::{
-    Flight, FlightError, Flown, Outputs, ResetCount, fly, open_sensors, plausibility, with_overrides,
+    Flight, FlightError, Flown, Outputs, first_reset_counter, fly, open_sensors, plausibility, with_overrides,
 };
 use plumbline_flight::local::SensorBoard;
 use plumbline_flight::log::{LogError, WhenFull};
@@ -78,8 +78,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let (mut flight, sensors) = open_sensors(&config, &StopFlag::of(Arc::clone(&stop)))
         .with_context(|| format!("{}", args.config.display()))?;
     args.run.take_map(&mut flight)?;
-    let mut resets = state_folder(args).map(|folder| ResetCount::resume(&folder));
-    flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
+    flight.first_reset_counter = state_folder(args).map_or(0, |folder| first_reset_counter(&folder));
     let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
     let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
     let mut watch = Watch::start(&config, true, findings(&config), board.clone())?;
@@ -90,9 +89,6 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);
     subscribers.push(&mut watch);
-    if let Some(resets) = &mut resets {
-        subscribers.push(resets);
-    }
     // Also of a flight that a fault has ended the autopilot is told, and the log is written.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
     let flown = flown?;

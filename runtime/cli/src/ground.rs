@@ -8,14 +8,15 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::StationSession;
 use plumbline_ground::fleet::Fleet;
-use plumbline_ground::{self as ground, foxglove, lock, web};
+use plumbline_ground::{self as ground, foxglove, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
 use rustix::process::{Resource, Rlimit, setrlimit};
 
+use parking_lot::Mutex;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Period of the check for the command's end while the connection is opened.
@@ -141,11 +142,11 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         show(args, &fleet, &about, &is_over)
     };
     if let Some(path) = &args.report {
-        ground::report::write(path, &lock(&fleet)).with_context(|| format!("{}", path.display()))?;
+        ground::report::write(path, &fleet.lock()).with_context(|| format!("{}", path.display()))?;
     }
     station.close(&line);
     outcome?;
-    if args.duration.is_some() && !stop.load(Ordering::Relaxed) && lock(&fleet).vehicles.is_empty() {
+    if args.duration.is_some() && !stop.load(Ordering::Relaxed) && fleet.lock().vehicles.is_empty() {
         let cause = diagnosis::newest_failure().unwrap_or_else(|| {
             "is a vehicle flying with --publish, and does it reach the same network?".into()
         });

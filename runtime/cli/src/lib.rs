@@ -45,7 +45,9 @@ mod supervisor;
 pub mod topics;
 pub mod verify;
 
-pub use checks::{Usage, check_maps, check_mounting, check_outputs, load_config, parse_range};
+pub use checks::{
+    Usage, check_maps, check_mounting, check_new, check_outputs, load_config, parse_range, write_config,
+};
 pub use say::{one_line, say, say_within};
 pub use signals::stop_on_signal;
 

@@ -1,10 +1,11 @@
 //! Lines of the log on their way to stderr: written by a thread of their own, so that a terminal or a journal that stands still
 //! holds up nobody. What finds no room is counted, and told when there is room again.
 
+use parking_lot::Mutex;
 use plumbline_flight::schedule::queue::Queue;
 use std::io::{self, Write};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 use tracing_subscriber::fmt::MakeWriter;
@@ -40,10 +41,6 @@ type Reader = Box<dyn Fn(&[u8]) + Send>;
 
 static READER: Mutex<Option<Reader>> = Mutex::new(None);
 
-fn reader() -> MutexGuard<'static, Option<Reader>> {
-    READER.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Redirection of the lines to a reader; dropping it sends them to stderr again.
 #[derive(Debug)]
 pub struct Redirected(());
@@ -53,7 +50,7 @@ pub struct Redirected(());
 pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
     if io::IsTerminal::is_terminal(&io::stderr()) {
         flush();
-        *reader() = Some(Box::new(lines_to));
+        *READER.lock() = Some(Box::new(lines_to));
     }
     Redirected(())
 }
@@ -61,7 +58,7 @@ pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
 impl Drop for Redirected {
     fn drop(&mut self) {
         flush();
-        *reader() = None;
+        *READER.lock() = None;
     }
 }
 
@@ -109,7 +106,7 @@ fn write_all() {
 
 /// Writes a line to stderr, or to the reader in its place.
 fn write(line: &[u8]) {
-    if let Some(reader) = &*reader() {
+    if let Some(reader) = &*READER.lock() {
         return reader(line);
     }
     // Without the lock: a terminal may stand still.
@@ -174,7 +171,7 @@ pub fn end_on_panic(status: u8) {
     let say = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         // What draws on the terminal ends with the process: its line is for stderr.
-        if let Ok(mut reader) = READER.try_lock() {
+        if let Some(mut reader) = READER.try_lock() {
             reader.take();
         }
         say(info);

@@ -1,7 +1,8 @@
 //! State of live sensors on its way to readers: posted by the thread that watches them, sent by the socket's thread.
 
+use parking_lot::Mutex;
 use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Notices that are sent, at most.
 const MAX_NOTICES: usize = 8;
@@ -53,17 +54,13 @@ impl Posted {
 impl SensorState {
     /// The newest state, if it is another than that of count `seen`.
     pub(crate) fn after(&self, seen: u64) -> Option<(u64, SensorNews)> {
-        let held = self.held();
+        let held = self.0.lock();
         (held.changes != seen).then(|| (held.changes, held.news()))
     }
 
     /// The newest state.
     pub(crate) fn newest(&self) -> SensorNews {
-        self.held().news()
-    }
-
-    fn held(&self) -> MutexGuard<'_, Posted> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().news()
     }
 }
 
@@ -110,7 +107,7 @@ impl SensorBoard {
     /// Wakes the thread that sends if `change` makes a difference.
     fn change(&self, change: impl FnOnce(&mut Posted) -> bool) {
         {
-            let mut held = self.state.held();
+            let mut held = self.state.0.lock();
             if !change(&mut held) {
                 return;
             }

@@ -3,8 +3,9 @@
 use super::connection::StationSession;
 use super::fleet::Fleet;
 use super::listen::watch_camera;
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use zenoh::pubsub::Subscriber;
 
 /// Vehicles whose camera one may watch at a time.

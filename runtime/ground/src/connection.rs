@@ -1,9 +1,10 @@
 //! The connection of a station to the network: a session, as soon as there is somebody to talk to.
 
-use super::fleet::{Fleet, lock};
+use super::fleet::Fleet;
 use super::listen::listen;
+use parking_lot::Mutex;
 use plumbline_link::net::{Endpoints, Mode, NetError, diagnosis};
-use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 use zenoh::Session;
 
@@ -29,7 +30,7 @@ impl StationSession {
     ) -> Result<Self, NetError> {
         let connection = Self::default();
         let endpoints = endpoints.clone();
-        lock(fleet).network = attempt(&endpoints, false, None);
+        fleet.lock().network = attempt(&endpoints, false, None);
         tokio::spawn(connection.clone().follow(endpoints.clone(), Arc::downgrade(fleet)));
         match listen(&endpoints, fleet, print_states).await {
             Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
@@ -56,7 +57,7 @@ impl StationSession {
             };
             let words = attempt(&endpoints, is_linked, diagnosis::newest_failure().as_deref());
             let Some(fleet) = fleet.upgrade() else { return };
-            lock(&fleet).network = words;
+            fleet.lock().network = words;
         }
     }
 

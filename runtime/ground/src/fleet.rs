@@ -9,7 +9,6 @@ use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Largest number of vehicles kept. A new one evicts the vehicle with the fewest received messages.
@@ -203,11 +202,6 @@ fn without_digits(notice: &str) -> impl Iterator<Item = char> {
 pub fn is_name(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
     !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(is_plain)
-}
-
-/// Locks the fleet, also after a thread has panicked while holding it.
-pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
-    fleet.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

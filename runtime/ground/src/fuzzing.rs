@@ -2,15 +2,14 @@
 
 use super::clock::Exchange;
 use super::fleet::Fleet;
-use super::fleet::lock;
 use super::foxglove;
 use super::listen::apply_numbered;
 use super::track::tum;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
+use parking_lot::Mutex;
 use plumbline_link::net::{read, security};
 use plumbline_record::messages::{MapSaved, PastTrajectory, ResetDone};
-use std::sync::Mutex;
 use std::time::Instant;
 
 /// Messages of a vehicle, one after the other: the number of the topic, the length as two bytes (little end first), and
@@ -19,7 +18,7 @@ use std::time::Instant;
 /// # Panics
 /// When a message is neither taken nor counted, or what a page is told is no JSON.
 pub fn network_messages(data: &[u8]) {
-    show(&lock(&heard(data)));
+    show(&heard(data).lock());
 }
 
 /// State of a station after these messages.
@@ -40,7 +39,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
     match topic {
         b'c' => {
             let Some(clock) = read::clock(payload) else { return };
-            let mut fleet = lock(fleet);
+            let mut fleet = fleet.lock();
             let Some(vehicle) = fleet.vehicles.get_mut("drone") else { return };
             let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
             vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
@@ -48,7 +47,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
         b't' => {
             let Some(PastTrajectory { poses: mut past }) = read::decode(payload) else { return };
             past.sort_by_key(|pose| pose.stamp);
-            if let Some(vehicle) = lock(fleet).vehicle("drone") {
+            if let Some(vehicle) = fleet.lock().vehicle("drone") {
                 vehicle.fill(&past);
             }
         }
@@ -57,7 +56,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
         topic => {
             let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
             apply_numbered(fleet, topic, payload);
-            assert!(count(&lock(fleet)) >= 1);
+            assert!(count(&fleet.lock()) >= 1);
         }
     }
 }
@@ -128,7 +127,7 @@ mod tests {
     fn fuzz_seeds_of_the_network_are_understood() {
         let seed = include_bytes!("../../../fuzz/seeds/network_messages/all");
         let fleet = heard(seed);
-        let fleet = lock(&fleet);
+        let fleet = fleet.lock();
         let vehicle = &fleet.vehicles["drone"];
         assert_eq!((fleet.malformed, vehicle.map.len()), (0, 1));
         assert!(

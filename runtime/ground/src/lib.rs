@@ -31,11 +31,9 @@ pub mod vehicle;
 pub mod view;
 pub mod web;
 
-pub use fleet::lock;
-
 use fleet::Fleet;
+use parking_lot::Mutex;
 use std::io::{self, Write};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -67,7 +65,7 @@ pub fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> io::Res
         }
         next += Duration::from_secs(1);
         let (lines, network) = {
-            let fleet = lock(fleet);
+            let fleet = fleet.lock();
             (fleet.lines(Instant::now()), fleet.network.clone())
         };
         match print(&lines, &network) {

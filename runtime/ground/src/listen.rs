@@ -1,8 +1,9 @@
 //! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
-use super::fleet::{Fleet, is_name, lock};
+use super::fleet::{Fleet, is_name};
 use super::vehicle::{VehicleState, state_words};
 use super::{READER_HAS_LEFT, recover};
+use parking_lot::Mutex;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{MapSnapshot, Odometry};
 use plumbline_link::net::outlet::key_of;
@@ -12,8 +13,8 @@ use plumbline_record::messages::Health;
 use plumbline_record::said::FullEstimate;
 use plumbline_record::topics::Topic;
 use std::io::Write;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
@@ -48,7 +49,7 @@ pub async fn listen(
         .history(true)
         .callback(move |sample: Sample| {
             if let Some(name) = vehicle_of(sample.key_expr().as_str()) {
-                lock(&theirs).alive(name, sample.kind() == SampleKind::Put);
+                theirs.lock().alive(name, sample.kind() == SampleKind::Put);
             }
         })
         .background()
@@ -86,7 +87,7 @@ fn receive(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bo
     let Some(vehicle) = vehicle_of(sample.key_expr().as_str()) else { return };
     // Zenoh may hold a payload in fragments; one that is too long is refused before it is copied.
     if sample.payload().len() > read::MAX_MESSAGE_BYTES {
-        lock(fleet).malformed();
+        fleet.lock().malformed();
         return;
     }
     apply(fleet, topic, vehicle, &sample.payload().to_bytes(), received_ns, print_states);
@@ -104,15 +105,15 @@ fn apply(
     let (now, size) = (Instant::now(), bytes.len());
     let is_decoded = match topic {
         Topic::Odometry => read::heard::<Odometry>(bytes)
-            .map(|message| lock(fleet).odom(vehicle, &message, size, now, received_ns)),
+            .map(|message| fleet.lock().odom(vehicle, &message, size, now, received_ns)),
         Topic::FullEstimate => read::heard::<FullEstimate>(bytes).map(|message| {
-            lock(fleet).state(vehicle, &message, size, now);
+            fleet.lock().state(vehicle, &message, size, now);
             if print_states && is_name(vehicle) {
                 print_state(vehicle, &message);
             }
         }),
         Topic::Health => {
-            read::heard::<Health>(bytes).map(|message| lock(fleet).health(vehicle, &message, size, now))
+            read::heard::<Health>(bytes).map(|message| fleet.lock().health(vehicle, &message, size, now))
         }
         Topic::Keyframe => {
             taken(fleet, vehicle, read::heard::<MapSnapshot>(bytes), |v, heard| v.map.insert(&heard))
@@ -134,7 +135,7 @@ fn apply(
         _ => None,
     };
     if is_decoded.is_none() {
-        lock(fleet).malformed();
+        fleet.lock().malformed();
     }
 }
 
@@ -146,7 +147,7 @@ fn taken<M>(
     take: impl FnOnce(&mut VehicleState, M),
 ) -> Option<()> {
     let message = message?;
-    if let Some(vehicle) = lock(fleet).vehicle(vehicle) {
+    if let Some(vehicle) = fleet.lock().vehicle(vehicle) {
         take(vehicle, message);
     }
     Some(())
@@ -205,7 +206,7 @@ mod tests {
         ) {
             let fleet = Mutex::new(Fleet::default());
             apply_numbered(&fleet, topic, &bytes);
-            let fleet = lock(&fleet);
+            let fleet = fleet.lock();
             prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
         }
     }

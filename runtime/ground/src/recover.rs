@@ -2,7 +2,8 @@
 //! the corrected path where they were lost on the link. One query at a time for each vehicle, each with a timeout, at low priority.
 
 use super::clock::Exchange;
-use super::fleet::{Fleet, lock};
+use super::fleet::Fleet;
+use parking_lot::Mutex;
 use plumbline_estimator::MapSnapshot;
 use plumbline_estimator::places::MapPath;
 use plumbline_link::net::answers::MAX_KEYFRAMES_PER_QUESTION;
@@ -11,7 +12,7 @@ use plumbline_link::net::{ROOT, now_ns};
 use plumbline_record::messages::{Clock, PastPose, PastTrajectory};
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
 use zenoh::Session;
@@ -36,7 +37,7 @@ pub async fn run(session: Session, fleet: Arc<Mutex<Fleet>>) {
     let mut attended: BTreeMap<String, JoinHandle<()>> = BTreeMap::new();
     while !session.is_closed() {
         attended.retain(|_, task| !task.is_finished());
-        let known: Vec<String> = lock(&fleet).vehicles.keys().cloned().collect();
+        let known: Vec<String> = fleet.lock().vehicles.keys().cloned().collect();
         for name in known {
             let (session, fleet) = (&session, &fleet);
             attended.entry(name).or_insert_with_key(|name| {
@@ -52,7 +53,7 @@ async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
     let (mut asked_clock, mut asked_past, mut missed_path) = (None::<Instant>, 0, None);
     while !session.is_closed() {
         let wanted = {
-            let fleet = lock(&fleet);
+            let fleet = fleet.lock();
             let Some(vehicle) = fleet.vehicles.get(&name) else { return };
             let missing = vehicle.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64);
             let wanted = (vehicle.appeared, vehicle.clock.len(), missing, vehicle.corrected.missing());
@@ -84,7 +85,7 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let selector = format!("{ROOT}/{name}/clock");
     let answers = get::<Clock>(session, fleet, &selector, Priority::RealTime, read::clock).await;
     let came_ns = now_ns();
-    if let (Some(clock), Some(vehicle)) = (answers.first(), lock(fleet).vehicles.get_mut(name)) {
+    if let (Some(clock), Some(vehicle)) = (answers.first(), fleet.lock().vehicles.get_mut(name)) {
         let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
         vehicle.clock.add(Exchange { asked_ns, received_ns, answered_ns, came_ns });
     }
@@ -94,7 +95,7 @@ async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, miss
     let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
     let read = read::heard::<MapSnapshot>;
     for keyframe in get::<Heard<MapSnapshot>>(session, fleet, &selector, Priority::DataLow, read).await {
-        if let Some(vehicle) = lock(fleet).vehicle(name) {
+        if let Some(vehicle) = fleet.lock().vehicle(name) {
             vehicle.map.insert(&keyframe);
         }
     }
@@ -104,7 +105,7 @@ async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let selector = format!("{ROOT}/{name}/map/path");
     let read = read::heard::<MapPath>;
     for path in get::<Heard<MapPath>>(session, fleet, &selector, Priority::DataLow, read).await {
-        if let Some(vehicle) = lock(fleet).vehicle(name) {
+        if let Some(vehicle) = fleet.lock().vehicle(name) {
             vehicle.corrected.apply_path(&path);
         }
     }
@@ -116,7 +117,7 @@ async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     let answers = get(session, fleet, &selector, Priority::DataLow, read::decode::<PastTrajectory>).await;
     let mut past: Vec<PastPose> = answers.iter().flat_map(|answer| answer.poses.iter().copied()).collect();
     past.sort_by_key(|pose| pose.stamp);
-    if let Some(vehicle) = lock(fleet).vehicle(name) {
+    if let Some(vehicle) = fleet.lock().vehicle(name) {
         vehicle.fill(&past);
     }
     !answers.is_empty()
@@ -151,7 +152,7 @@ async fn get<M>(
         let message = is_short.then(|| read(&sample.payload().to_bytes())).flatten();
         match message {
             Some(message) => answers.push(message),
-            None => lock(fleet).malformed(),
+            None => fleet.lock().malformed(),
         }
     }
     answers

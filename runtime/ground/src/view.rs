@@ -1,12 +1,12 @@
 //! The fleet drawn in a terminal: rows of text in place of those before, until the command ends.
 
-use super::fleet::{Fleet, lock};
+use super::fleet::Fleet;
 use super::terminal::is_gone;
 use super::vehicle::VehicleState;
 use super::{NO_VEHICLE, REDRAW};
+use parking_lot::Mutex;
 use rustix::termios::{Winsize, tcgetwinsize};
 use std::io::{self, Write as _};
-use std::sync::Mutex;
 use std::time::Instant;
 
 /// Control sequences of xterm: another screen without a cursor, and back.
@@ -34,7 +34,7 @@ pub fn show(fleet: &Mutex<Fleet>, about: &str, is_over: &impl Fn() -> bool) -> i
         while !is_over() {
             let size = tcgetwinsize(&out)?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
-            let screen = screen(&lock(fleet), about, Instant::now(), size);
+            let screen = screen(&fleet.lock(), about, Instant::now(), size);
             out.write_all(screen.as_bytes())?;
             out.flush()?;
             std::thread::sleep(REDRAW);

@@ -2,7 +2,7 @@
 //!
 //! Input is small and copied, except for [images](crate::image).
 
-use crate::errors::Class;
+use crate::errors::{ArgumentError, ArgumentTypeError};
 use bytemuck::NoUninit;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -28,27 +28,15 @@ pub trait Number: NoUninit {
     const DTYPE: &'static str;
 }
 
-impl Number for f64 {
-    const DTYPE: &'static str = "f8";
+macro_rules! numbers {
+    ($($number:ty, $dtype:literal;)*) => {$(
+        impl Number for $number {
+            const DTYPE: &'static str = $dtype;
+        }
+    )*};
 }
-impl Number for i64 {
-    const DTYPE: &'static str = "i8";
-}
-impl Number for u64 {
-    const DTYPE: &'static str = "u8";
-}
-impl Number for u32 {
-    const DTYPE: &'static str = "u4";
-}
-impl Number for i8 {
-    const DTYPE: &'static str = "i1";
-}
-impl Number for u8 {
-    const DTYPE: &'static str = "u1";
-}
-impl Number for bool {
-    const DTYPE: &'static str = "?";
-}
+
+numbers! { f64, "f8"; i64, "i8"; u64, "u8"; u32, "u4"; i8, "i1"; u8, "u1"; bool, "?"; }
 
 /// Array of `numbers` in rows of the shape `row` (empty: one number each). It may be written.
 pub fn column<'py, T: Number>(py: Python<'py>, numbers: &[T], row: &[usize]) -> PyResult<Bound<'py, PyAny>> {
@@ -67,7 +55,7 @@ pub fn block<'py, T: Number>(py: Python<'py>, numbers: &[T], shape: &[usize]) ->
 pub fn nanoseconds(value: &Bound<'_, PyAny>, name: &str) -> PyResult<i64> {
     value.extract().map_err(|_| {
         let message = format!("{name}: expected an integer number of nanoseconds, got {}", kind_of(value));
-        Class::ArgumentType.error(value.py(), message)
+        ArgumentTypeError::new_err(message)
     })
 }
 
@@ -76,7 +64,7 @@ pub fn vector(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vector3<f64>> {
     let py = value.py();
     let wrong = || {
         let message = format!("{name}: expected three numbers, got {}", kind_of(value));
-        Class::ArgumentType.error(py, message)
+        ArgumentTypeError::new_err(message)
     };
     let list;
     let sequence = if value.is_instance_of::<PyTuple>() || value.is_instance_of::<PyList>() {
@@ -131,15 +119,17 @@ fn bytes<'py>(
     width: usize,
 ) -> PyResult<Bound<'py, PyBytes>> {
     let py = value.py();
-    let wrong = |class: Class, got: &Bound<'_, PyAny>| {
-        class.error(py, format!("{name}: expected {words} of shape {shape}, got {}", kind_of(got)))
+    let wrong = |class: fn(String) -> PyErr, got: &Bound<'_, PyAny>| {
+        class(format!("{name}: expected {words} of shape {shape}, got {}", kind_of(got)))
     };
-    let array = numpy(py, "asarray")?.call1((value,)).map_err(|_| wrong(Class::ArgumentType, value))?;
+    let array = numpy(py, "asarray")?
+        .call1((value,))
+        .map_err(|_| wrong(ArgumentTypeError::new_err::<String>, value))?;
     let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
     let sizes: Vec<usize> = array.getattr("shape")?.extract()?;
     let is_empty = sizes == [0];
     if !kinds.contains(&kind) && !is_empty {
-        return Err(wrong(Class::ArgumentType, &array));
+        return Err(wrong(ArgumentTypeError::new_err::<String>, &array));
     }
     let fits = match sizes[..] {
         [_] => width == 1 || is_empty,
@@ -147,7 +137,7 @@ fn bytes<'py>(
         _ => false,
     };
     if !fits {
-        return Err(wrong(Class::Argument, &array));
+        return Err(wrong(ArgumentError::new_err::<String>, &array));
     }
     let copied = array.call_method1("astype", (dtype,))?.call_method0("tobytes")?;
     Ok(copied.cast_into::<PyBytes>()?)

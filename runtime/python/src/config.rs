@@ -1,7 +1,7 @@
 //! Configurations, with the validation and the messages of the command line.
 
 use crate::arrays::kind_of;
-use crate::errors::{Class, of_config, of_flight};
+use crate::errors::{ArgumentTypeError, of_config, of_flight};
 use plumbline_config::{Config, PRESETS, ValidConfig, import};
 use plumbline_flight::flight::with_overrides;
 use plumbline_record::digest::config_hash;
@@ -123,7 +123,7 @@ pub fn config_of(value: &Bound<'_, PyAny>) -> PyResult<ValidConfig> {
     let path: PathBuf = value.extract().map_err(|_| {
         let got = kind_of(value);
         let message = format!("config: expected a Config, a file or the name of a preset, got {got}");
-        Class::ArgumentType.error(value.py(), message)
+        ArgumentTypeError::new_err(message)
     })?;
     Config::load_or_preset(path).map_err(|error| of_config(value.py(), &error))
 }

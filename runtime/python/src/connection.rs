@@ -1,6 +1,6 @@
 //! The local socket of a flight, by the client that every language has.
 
-use crate::errors::Class;
+use crate::errors::{ArgumentError, BusyError, ConnectionLost, RunError};
 use crate::estimate::{PyEstimate, PyOdometry};
 use crate::estimator::reset_kind;
 use crate::instant::PyInstant;
@@ -30,15 +30,15 @@ pub struct Connection {
     may_command: bool,
 }
 
-fn lost(py: Python<'_>, error: &ClientError) -> PyErr {
-    Class::Lost.error(py, error.to_string())
+fn lost(error: &ClientError) -> PyErr {
+    ConnectionLost::new_err(error.to_string())
 }
 
-fn seconds(py: Python<'_>, name: &str, seconds: f64) -> PyResult<Duration> {
+fn seconds(name: &str, seconds: f64) -> PyResult<Duration> {
     if (0.0..=MAX_WAIT_S).contains(&seconds) {
         return Ok(Duration::from_secs_f64(seconds));
     }
-    Err(Class::Argument.error(py, format!("{name}: expected seconds from 0 on, got {seconds}")))
+    Err(ArgumentError::new_err(format!("{name}: expected seconds from 0 on, got {seconds}")))
 }
 
 /// A record that Python is given.
@@ -73,15 +73,15 @@ enum Record {
 }
 
 impl Connection {
-    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Local>>> {
+    fn lock(&self) -> PyResult<MutexGuard<'_, Option<Local>>> {
         let busy =
-            |_| Class::Busy.error(py, "the connection is in use by another thread; make another connection");
+            |_| BusyError::new_err("the connection is in use by another thread; make another connection");
         self.local.try_lock().map_err(busy)
     }
 }
 
-fn closed(py: Python<'_>) -> PyErr {
-    Class::Lost.error(py, "the connection is closed; connect again")
+fn closed() -> PyErr {
+    ConnectionLost::new_err("the connection is closed; connect again")
 }
 
 #[pymethods]
@@ -94,7 +94,7 @@ impl Connection {
         odometry: bool,
         estimates: bool,
     ) -> PyResult<Self> {
-        let patience = seconds(py, "patience_s", patience_s)?;
+        let patience = seconds("patience_s", patience_s)?;
         let mut kinds = Kinds::default();
         if odometry {
             kinds = kinds.and(Kinds::of(&[Kind::Odometry]));
@@ -107,7 +107,7 @@ impl Connection {
             local.subscribe(kinds)?;
             Ok(local)
         });
-        let local = connected.map_err(|error| lost(py, &error))?;
+        let local = connected.map_err(|error| lost(&error))?;
         Ok(Self { may_command: local.may_command(), local: Mutex::new(Some(local)) })
     }
 
@@ -124,15 +124,15 @@ impl Connection {
         timeout_s: Option<f64>,
         losses: u64,
     ) -> PyResult<Option<(Option<Record>, u64)>> {
-        let timeout = timeout_s.map(|timeout| seconds(py, "timeout_s", timeout)).transpose()?;
+        let timeout = timeout_s.map(|timeout| seconds("timeout_s", timeout)).transpose()?;
         let deadline = timeout.and_then(|timeout| Instant::now().checked_add(timeout));
-        let mut guard = self.lock(py)?;
-        let local = guard.as_mut().ok_or_else(|| closed(py))?;
+        let mut guard = self.lock()?;
+        let local = guard.as_mut().ok_or_else(closed)?;
         let mut losses = losses;
         loop {
             let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
             let wait = left.map_or(SIGNAL_PERIOD, |left| left.min(SIGNAL_PERIOD));
-            let header = py.detach(|| local.next_header(Some(wait))).map_err(|error| lost(py, &error))?;
+            let header = py.detach(|| local.next_header(Some(wait))).map_err(|error| lost(&error))?;
             let Some(header) = header else {
                 py.check_signals()?;
                 if left.is_some_and(|left| left <= wait) {
@@ -140,7 +140,7 @@ impl Connection {
                 }
                 continue;
             };
-            let foreign = |what| lost(py, &ClientError::Foreign(what));
+            let foreign = |what| lost(&ClientError::Foreign(what));
             match known(&header, local.content()).map_err(foreign)? {
                 Known::Odometry(odometry) => return Ok(Some((Some(Record::Odometry(odometry)), losses))),
                 Known::Estimate(estimate) => return Ok(Some((Some(Record::Estimate(estimate)), losses))),
@@ -153,39 +153,39 @@ impl Connection {
 
     /// State at an instant.
     fn at(&self, py: Python<'_>, stamp_ns: i64, patience_s: f64, settled: bool) -> PyResult<PyInstant> {
-        let patience_ms = seconds(py, "patience_s", patience_s)?.as_millis();
+        let patience_ms = seconds("patience_s", patience_s)?.as_millis();
         let patience_ms = u32::try_from(patience_ms).ok().filter(|ms| *ms <= MAX_PATIENCE_MS);
         let patience_ms = patience_ms.ok_or_else(|| {
             let most = f64::from(MAX_PATIENCE_MS) * 1e-3;
-            Class::Argument.error(py, format!("patience_s: expected {most} at most, got {patience_s}"))
+            ArgumentError::new_err(format!("patience_s: expected {most} at most, got {patience_s}"))
         })?;
         let at = At { stamp: Timestamp::from_nanos(stamp_ns), patience_ms, is_settled: settled };
-        let mut guard = self.lock(py)?;
-        let local = guard.as_mut().ok_or_else(|| closed(py))?;
-        let told = py.detach(|| local.at(at)).map_err(|error| lost(py, &error))?;
-        let bytes = told.map_err(|answer| Class::Run.error(py, answer.words))?;
-        let (answer, _) = layout::instant(&bytes).map_err(|what| lost(py, &ClientError::Foreign(what)))?;
+        let mut guard = self.lock()?;
+        let local = guard.as_mut().ok_or_else(closed)?;
+        let told = py.detach(|| local.at(at)).map_err(|error| lost(&error))?;
+        let bytes = told.map_err(|answer| RunError::new_err(answer.words))?;
+        let (answer, _) = layout::instant(&bytes).map_err(|what| lost(&ClientError::Foreign(what)))?;
         match answer.outcome.refusal() {
             None => Ok(PyInstant { instant: answer.instant }),
-            Some(why) => Err(Class::Run.error(py, format!("no state at {stamp_ns} ns: {why}"))),
+            Some(why) => Err(RunError::new_err(format!("no state at {stamp_ns} ns: {why}"))),
         }
     }
 
     /// Resets the estimator of the flight, and waits for its answer.
     fn reset(&self, py: Python<'_>, kind: &str, timeout_s: f64) -> PyResult<String> {
-        let request = Request::Reset(reset_kind(py, kind)?);
-        let timeout = seconds(py, "timeout_s", timeout_s.min(ANSWER_LIMIT_S))?;
-        let guard = self.lock(py)?;
-        let local = guard.as_ref().ok_or_else(|| closed(py))?;
-        let answer = py.detach(|| local.command(&request, timeout)).map_err(|error| lost(py, &error))?;
+        let request = Request::Reset(reset_kind(kind)?);
+        let timeout = seconds("timeout_s", timeout_s.min(ANSWER_LIMIT_S))?;
+        let guard = self.lock()?;
+        let local = guard.as_ref().ok_or_else(closed)?;
+        let answer = py.detach(|| local.command(&request, timeout)).map_err(|error| lost(&error))?;
         match answer.status {
             RequestStatus::Done => Ok(answer.words),
-            _ => Err(Class::Run.error(py, format!("the flight refused the reset: {}", answer.words))),
+            _ => Err(RunError::new_err(format!("the flight refused the reset: {}", answer.words))),
         }
     }
 
-    fn close(&self, py: Python<'_>) -> PyResult<()> {
-        *self.lock(py)? = None;
+    fn close(&self) -> PyResult<()> {
+        *self.lock()? = None;
         Ok(())
     }
 }

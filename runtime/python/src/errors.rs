@@ -1,78 +1,26 @@
 //! Errors as exceptions of Python: the classes of `plumbline.errors`, with the messages of the command line.
 
-use plumbline_config::{ConfigError, Violation};
-use plumbline_drivers::DriverError;
+use plumbline_config as config;
 use plumbline_estimator::ImuAdmission;
 use plumbline_flight::flight::FlightError;
-use plumbline_flight::log::LogError;
-use plumbline_lab::evaluate::EvaluateError;
-use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyString, PyTuple};
 use std::error::Error;
 
-/// Module of the exception classes.
-const MODULE: &str = "plumbline.errors";
+pyo3::import_exception!(plumbline.errors, ArgumentError);
+pyo3::import_exception!(plumbline.errors, ArgumentTypeError);
+pyo3::import_exception!(plumbline.errors, BusyError);
+pyo3::import_exception!(plumbline.errors, ConfigError);
+pyo3::import_exception!(plumbline.errors, ConnectionLost);
+pyo3::import_exception!(plumbline.errors, DataError);
+pyo3::import_exception!(plumbline.errors, OutOfOrderError);
+pyo3::import_exception!(plumbline.errors, RunError);
+pyo3::import_exception!(plumbline.errors, SampleError);
 
-/// A class of [`MODULE`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Class {
-    /// Wrong value, shape or layout of an argument.
-    Argument,
-    /// Wrong type of an argument.
-    ArgumentType,
-    /// Estimator or connection in use by another thread.
-    Busy,
-    /// Recording, log or trajectory that cannot be read or used.
-    Data,
-    /// Flight that failed.
-    Run,
-    /// Local socket that cannot be reached, or was closed.
-    Lost,
-}
-
-impl Class {
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Argument => "ArgumentError",
-            Self::ArgumentType => "ArgumentTypeError",
-            Self::Busy => "BusyError",
-            Self::Data => "DataError",
-            Self::Run => "RunError",
-            Self::Lost => "ConnectionLost",
-        }
-    }
-
-    /// Exception with a message.
-    pub fn error(self, py: Python<'_>, message: impl Into<String>) -> PyErr {
-        raised(py, self.name(), (message.into(),), &[])
-    }
-}
-
-/// Exception of the class `name`, with attributes set on it.
-fn raised<'py>(
-    py: Python<'py>,
-    name: &str,
-    arguments: impl IntoPyObject<'py, Target = PyTuple, Output = Bound<'py, PyTuple>, Error = PyErr>,
-    attributes: &[(&str, Bound<'py, PyAny>)],
-) -> PyErr {
-    let made = || -> PyResult<PyErr> {
-        let class = class(py, name)?;
-        let exception = class.call1(arguments.into_pyobject(py)?)?;
-        for (attribute, value) in attributes {
-            exception.setattr(*attribute, value)?;
-        }
-        Ok(PyErr::from_value(exception))
-    };
-    made().unwrap_or_else(|error| error)
-}
-
-fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-    static CLASSES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let module =
-        CLASSES.get_or_try_init(py, || py.import(MODULE).map(|module| module.into_any().unbind()))?;
-    module.bind(py).getattr(name).map_err(|_| PyImportError::new_err(format!("{MODULE} has no {name}")))
+/// The exception with attributes set on it.
+fn with<const N: usize>(py: Python<'_>, error: PyErr, attributes: [(&str, Bound<'_, PyAny>); N]) -> PyErr {
+    let set = attributes.into_iter().try_for_each(|(name, value)| error.value(py).setattr(name, value));
+    set.err().unwrap_or(error)
 }
 
 /// Message of an error with its causes, on one line.
@@ -91,18 +39,14 @@ pub fn one_line(error: &dyn Error) -> String {
 }
 
 /// Configuration that is refused, with each refused key as a `Violation`.
-pub fn of_config(py: Python<'_>, error: &ConfigError) -> PyErr {
-    config_error(py, one_line(error), error.violations())
-}
-
-fn config_error(py: Python<'_>, message: String, violations: &[Violation]) -> PyErr {
+pub fn of_config(py: Python<'_>, error: &config::ConfigError) -> PyErr {
     let listed = || -> PyResult<Bound<'_, PyAny>> {
-        let class = class(py, "Violation")?;
-        let entries = violations.iter().map(|v| class.call1((&v.key, v.line, &v.reason, &v.cure)));
+        let class = py.import("plumbline.errors")?.getattr("Violation")?;
+        let entries = error.violations().iter().map(|v| class.call1((&v.key, v.line, &v.reason, &v.cure)));
         Ok(PyTuple::new(py, entries.collect::<PyResult<Vec<_>>>()?)?.into_any())
     };
     match listed() {
-        Ok(violations) => raised(py, "ConfigError", (message,), &[("violations", violations)]),
+        Ok(violations) => with(py, ConfigError::new_err(one_line(error)), [("violations", violations)]),
         Err(error) => error,
     }
 }
@@ -110,27 +54,15 @@ fn config_error(py: Python<'_>, message: String, violations: &[Violation]) -> Py
 /// Flight that cannot be opened or flown.
 pub fn of_flight(py: Python<'_>, error: &FlightError) -> PyErr {
     match error {
-        FlightError::Config(config) | FlightError::Calibration(config) => {
-            config_error(py, one_line(error), config.violations())
-        }
-        FlightError::Run(_) | FlightError::Autopilot(_) => Class::Run.error(py, one_line(error)),
-        _ => Class::Data.error(py, one_line(error)),
+        FlightError::Config(config) | FlightError::Calibration(config) => of_config(py, config),
+        FlightError::Run(_) | FlightError::Autopilot(_) => RunError::new_err(one_line(error)),
+        _ => of_data(error),
     }
 }
 
-/// Sensor data that cannot be read.
-pub fn of_driver(py: Python<'_>, error: &DriverError) -> PyErr {
-    Class::Data.error(py, one_line(error))
-}
-
-/// Flight log that cannot be read.
-pub fn of_log(py: Python<'_>, error: &LogError) -> PyErr {
-    Class::Data.error(py, one_line(error))
-}
-
-/// Trajectories that cannot be compared.
-pub fn of_evaluation(py: Python<'_>, error: &EvaluateError) -> PyErr {
-    Class::Data.error(py, one_line(error))
+/// Sensor data, flight log or trajectories that cannot be read or used.
+pub fn of_data(error: &dyn Error) -> PyErr {
+    DataError::new_err(one_line(error))
 }
 
 /// Reason of a refused sample in a word, as `SampleError.reason` has it, and in a sentence; `None` for an accepted one.
@@ -157,10 +89,13 @@ pub fn of_sample(
     index: Option<usize>,
 ) -> Option<PyErr> {
     let (reason, words) = refusal(admission)?;
-    let name = if admission == ImuAdmission::NotLater { "OutOfOrderError" } else { "SampleError" };
     let place = index.map_or_else(String::new, |index| format!(" {index}"));
     let message = format!("inertial sample{place} of {stamp_ns} ns refused: {words}");
-    Some(with_reason(py, name, message, reason, index))
+    let error = match admission {
+        ImuAdmission::NotLater => OutOfOrderError::new_err(message),
+        _ => SampleError::new_err(message),
+    };
+    Some(with_reason(py, error, reason, index))
 }
 
 /// Frame whose stamp the estimator refused.
@@ -168,13 +103,12 @@ pub fn of_frame(py: Python<'_>, stamp_ns: i64) -> PyErr {
     let message = format!(
         "frame of {stamp_ns} ns refused: its stamp does not follow those before; give nanoseconds of one clock, in order"
     );
-    with_reason(py, "OutOfOrderError", message, "not later", None)
+    with_reason(py, OutOfOrderError::new_err(message), "not later", None)
 }
 
-fn with_reason(py: Python<'_>, name: &str, message: String, reason: &str, index: Option<usize>) -> PyErr {
-    let index = match index.into_pyobject(py) {
-        Ok(index) => index,
-        Err(error) => return error.into(),
-    };
-    raised(py, name, (message,), &[("reason", PyString::new(py, reason).into_any()), ("index", index)])
+fn with_reason(py: Python<'_>, error: PyErr, reason: &str, index: Option<usize>) -> PyErr {
+    match index.into_pyobject(py) {
+        Ok(index) => with(py, error, [("reason", PyString::new(py, reason).into_any()), ("index", index)]),
+        Err(error) => error.into(),
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{nanoseconds, numbers, stamps, vector};
 use crate::config::{PyConfig, config_of};
-use crate::errors::{Class, of_frame, of_sample};
+use crate::errors::{ArgumentError, ArgumentTypeError, BusyError, RunError, of_frame, of_sample};
 use crate::estimate::{PyEstimate, PyOdometry};
 use crate::image::LentImage;
 use nalgebra::Vector3;
@@ -32,14 +32,12 @@ pub struct PyEstimator {
 }
 
 impl PyEstimator {
-    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, State>> {
+    fn lock(&self) -> PyResult<MutexGuard<'_, State>> {
         self.state.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => Class::Busy.error(
-                py,
-                "the estimator is in use by another thread; give each thread its own, or take turns with a lock",
+            TryLockError::WouldBlock => BusyError::new_err("the estimator is in use by another thread; give each thread its own, or take turns with a lock",
             ),
             TryLockError::Poisoned(_) => {
-                Class::Run.error(py, "the estimator ended by a fault of its own; make another, and please report this")
+                RunError::new_err("the estimator ended by a fault of its own; make another, and please report this")
             }
         })
     }
@@ -54,7 +52,7 @@ impl PyEstimator {
         let Some(image) = image else { return Ok(None) };
         if camera >= self.config.camera.len() {
             let message = format!("{name}: the configuration has one camera; leave it out");
-            return Err(Class::Argument.error(image.py(), message));
+            return Err(ArgumentError::new_err(message));
         }
         LentImage::of(image, name, image_sizes(&self.config.camera)[camera]).map(Some)
     }
@@ -89,18 +87,18 @@ fn samples_of(
             gyros.len(),
             accels.len()
         );
-        return Err(Class::Argument.error(gyro.py(), message));
+        return Err(ArgumentError::new_err(message));
     }
     let rows = stamps_ns.into_iter().zip(gyros).zip(accels);
     Ok(rows.map(|((stamp, gyro), accel)| sample(stamp, (*gyro).into(), (*accel).into())).collect())
 }
 
 /// Kind of a reset by its name.
-pub fn reset_kind(py: Python<'_>, kind: &str) -> PyResult<ResetKind> {
+pub fn reset_kind(kind: &str) -> PyResult<ResetKind> {
     match kind {
         "soft" => Ok(ResetKind::Soft),
         "hard" => Ok(ResetKind::Hard),
-        _ => Err(Class::Argument.error(py, format!("kind: expected 'soft' or 'hard', got '{kind}'"))),
+        _ => Err(ArgumentError::new_err(format!("kind: expected 'soft' or 'hard', got '{kind}'"))),
     }
 }
 
@@ -131,7 +129,7 @@ impl PyEstimator {
         accel: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
         let sample = sample_of(stamp_ns, gyro, accel)?;
-        let admission = self.lock(py)?.estimator.add_imu(&sample);
+        let admission = self.lock()?.estimator.add_imu(&sample);
         match of_sample(py, admission, sample.stamp.as_nanos(), None) {
             Some(error) => Err(error),
             None => Ok(()),
@@ -150,7 +148,7 @@ impl PyEstimator {
         accel: &Bound<'_, PyAny>,
     ) -> PyResult<usize> {
         let samples = samples_of(stamps_ns, gyro, accel)?;
-        let mut state = self.lock(py)?;
+        let mut state = self.lock()?;
         let estimator = &mut state.estimator;
         let refused = py.detach(|| {
             let mut added = samples.iter().map(|sample| (sample.stamp, estimator.add_imu(sample)));
@@ -158,7 +156,7 @@ impl PyEstimator {
         });
         let Some((index, (stamp, admission))) = refused else { return Ok(samples.len()) };
         Err(of_sample(py, admission, stamp.as_nanos(), Some(index))
-            .unwrap_or_else(|| Class::Run.error(py, "a sample was neither accepted nor refused")))
+            .unwrap_or_else(|| RunError::new_err("a sample was neither accepted nor refused")))
     }
 
     /// Adds an inertial sample as `add_imu`, and returns the newest state carried forward to its time: odometry at the rate
@@ -171,7 +169,7 @@ impl PyEstimator {
         accel: &Bound<'_, PyAny>,
     ) -> PyResult<Option<PyOdometry>> {
         let sample = sample_of(stamp_ns, gyro, accel)?;
-        let (admission, odometry) = self.lock(py)?.estimator.propagate_admitted(&sample);
+        let (admission, odometry) = self.lock()?.estimator.propagate_admitted(&sample);
         match of_sample(py, admission, sample.stamp.as_nanos(), None) {
             Some(error) => Err(error),
             None => Ok(odometry.map(|odometry| PyOdometry { odometry })),
@@ -196,12 +194,10 @@ impl PyEstimator {
     ) -> PyResult<PyEstimate> {
         let stamp_ns = nanoseconds(stamp_ns, "stamp_ns")?;
         if left.is_none() && right.is_none() {
-            return Err(
-                Class::ArgumentType.error(py, "left and right: both are None; pass at least one image")
-            );
+            return Err(ArgumentTypeError::new_err("left and right: both are None; pass at least one image"));
         }
         let images = [self.image(left, "left", 0)?, self.image(right, "right", 1)?];
-        let mut state = self.lock(py)?;
+        let mut state = self.lock()?;
         let State { estimator, digest } = &mut *state;
         let estimate = py.detach(|| {
             let views = [0, 1].map(|camera: usize| images[camera].as_ref().and_then(LentImage::view));
@@ -214,24 +210,24 @@ impl PyEstimator {
     }
 
     /// Time up to which inertial samples must have been added before the frame of that stamp is, ns.
-    fn imu_needed_until(&self, py: Python<'_>, stamp_ns: &Bound<'_, PyAny>) -> PyResult<i64> {
+    fn imu_needed_until(&self, stamp_ns: &Bound<'_, PyAny>) -> PyResult<i64> {
         let stamp = Timestamp::from_nanos(nanoseconds(stamp_ns, "stamp_ns")?);
-        Ok(self.lock(py)?.estimator.imu_needed_until(stamp).as_nanos())
+        Ok(self.lock()?.estimator.imu_needed_until(stamp).as_nanos())
     }
 
     /// Restarts the estimator before the next frame. "soft": the pose stays, with biases and calibration, and the new start
     /// continues from them. "hard": the new start begins at the origin.
     #[pyo3(signature = (kind = "soft"))]
-    fn reset(&self, py: Python<'_>, kind: &str) -> PyResult<()> {
-        let kind = reset_kind(py, kind)?;
-        self.lock(py)?.estimator.reset(kind);
+    fn reset(&self, kind: &str) -> PyResult<()> {
+        let kind = reset_kind(kind)?;
+        self.lock()?.estimator.reset(kind);
         Ok(())
     }
 
     /// SHA-256 over the bits of all estimates so far, in hexadecimal: `estimate_digest` of the report of a replay of the same
     /// inputs.
-    fn digest(&self, py: Python<'_>) -> PyResult<String> {
-        Ok(self.lock(py)?.digest.hex())
+    fn digest(&self) -> PyResult<String> {
+        Ok(self.lock()?.digest.hex())
     }
 
     fn __repr__(&self) -> String {

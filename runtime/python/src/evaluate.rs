@@ -1,7 +1,7 @@
 //! Trajectories against their truth, as `plumbline evaluate` compares them.
 
 use crate::arrays::{numbers, stamps};
-use crate::errors::{Class, of_evaluation};
+use crate::errors::{ArgumentError, RunError, of_data};
 use crate::estimate::{matrix, vector};
 use crate::table;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
@@ -28,16 +28,16 @@ pub struct EvaluateArguments {
 }
 
 impl EvaluateArguments {
-    fn checked(&self, py: Python<'_>) -> PyResult<EvaluateOptions> {
+    fn checked(&self) -> PyResult<EvaluateOptions> {
         let known = AlignmentMode::NAMED.iter().find(|(name, ..)| *name == self.align);
         let alignment = known.map(|(.., mode)| *mode).ok_or_else(|| {
             let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{}'", self.align);
-            Class::Argument.error(py, message)
+            ArgumentError::new_err(message)
         })?;
         let time_offset_s = self.time_offset_s;
         if !time_offset_s.is_finite() {
             let message = format!("time_offset: expected a number of seconds, got {time_offset_s}");
-            return Err(Class::Argument.error(py, message));
+            return Err(ArgumentError::new_err(message));
         }
         let delta = self.delta_m.map_or(Delta::Frames(self.delta_frames), Delta::Metres);
         let (max_difference_s, all_pairs) = (self.max_difference_s, self.all_pairs);
@@ -49,7 +49,6 @@ impl EvaluateArguments {
 fn poses(
     (stamps_ns, positions, orientations): (&Bound<'_, PyAny>, &Bound<'_, PyAny>, &Bound<'_, PyAny>),
 ) -> PyResult<Vec<StampedPose>> {
-    let py = stamps_ns.py();
     let stamps_ns = stamps(stamps_ns, "stamp_ns")?;
     let (positions, orientations) =
         (numbers(positions, "position", 3)?, numbers(orientations, "orientation", 4)?);
@@ -57,7 +56,7 @@ fn poses(
     if positions.len() != stamps_ns.len() || orientations.len() != stamps_ns.len() {
         let (n, p, q) = (stamps_ns.len(), positions.len(), orientations.len());
         let message = format!("{n} stamps, {p} positions and {q} orientations; give as many of each");
-        return Err(Class::Argument.error(py, message));
+        return Err(ArgumentError::new_err(message));
     }
     let mut poses = Vec::with_capacity(stamps_ns.len());
     for (row, ((stamp, position), orientation)) in
@@ -70,7 +69,7 @@ fn poses(
         if (rotation.norm() - 1.0).abs() > NORM_TOLERANCE {
             let message =
                 format!("orientation {row}: a quaternion x y z w has length 1, this one {}", rotation.norm());
-            return Err(Class::Argument.error(py, message));
+            return Err(ArgumentError::new_err(message));
         }
         let pose =
             Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_quaternion(rotation));
@@ -83,7 +82,7 @@ fn poses(
 #[pyfunction]
 pub fn read_trajectory(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     let read = py.detach(|| load_trajectory(&path));
-    table::poses(py, &read.map_err(|error| of_evaluation(py, &error))?)
+    table::poses(py, &read.map_err(|error| of_data(&error))?)
 }
 
 /// Compares two trajectories, each three arrays; figures as JSON, and the alignment. See `plumbline.evaluate`.
@@ -95,14 +94,14 @@ pub fn evaluate_trajectories<'py>(
     truth: (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>),
     options: EvaluateArguments,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let options = options.checked(py)?;
+    let options = options.checked()?;
     let estimate = poses((&estimate.0, &estimate.1, &estimate.2))?;
     let truth = poses((&truth.0, &truth.1, &truth.2))?;
     let evaluated = py.detach(|| evaluate(&estimate, &truth, &options));
-    let evaluation = evaluated.map_err(|error| of_evaluation(py, &error))?;
+    let evaluation = evaluated.map_err(|error| of_data(&error))?;
     let similarity = &evaluation.similarity;
     let values = PyDict::new(py);
-    let json = serde_json::to_string(&evaluation).map_err(|error| Class::Run.error(py, error.to_string()))?;
+    let json = serde_json::to_string(&evaluation).map_err(|error| RunError::new_err(error.to_string()))?;
     values.set_item("figures", json)?;
     values.set_item("rotation", matrix(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
     values.set_item("translation", vector(py, &similarity.translation)?)?;

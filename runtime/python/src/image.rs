@@ -1,7 +1,7 @@
 //! Images lent by Python: a view of the pixels of a numpy array, without a copy.
 
 use crate::arrays::{kind_of, ndarray};
-use crate::errors::Class;
+use crate::errors::{ArgumentError, ArgumentTypeError};
 use plumbline_config::ImageView;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -25,26 +25,32 @@ impl LentImage {
     pub fn of(value: &Bound<'_, PyAny>, name: &str, size_px: (usize, usize)) -> PyResult<Self> {
         let py = value.py();
         let (width, height) = size_px;
-        let refuse = |class: Class, cure: &str| {
+        let refuse = |class: fn(String) -> PyErr, cure: &str| {
             let message = format!(
                 "{name}: expected a numpy array of uint8 and shape ({height}, {width}), got {}; {cure}",
                 kind_of(value)
             );
-            Err(class.error(py, message))
+            Err(class(message))
         };
         if !value.is_instance(ndarray(py)?)? {
-            return refuse(Class::ArgumentType, "pass the image itself, or None for one that did not arrive");
+            return refuse(
+                ArgumentTypeError::new_err::<String>,
+                "pass the image itself, or None for one that did not arrive",
+            );
         }
         let interface = interface(value)?;
         let part =
             |key: &str| interface.get_item(key).map(|part| part.unwrap_or_else(|| py.None().into_bound(py)));
         let kind: String = part("typestr")?.extract()?;
         if kind != "|u1" {
-            return refuse(Class::ArgumentType, "convert it to 8-bit grey");
+            return refuse(ArgumentTypeError::new_err::<String>, "convert it to 8-bit grey");
         }
         let shape: Vec<usize> = part("shape")?.extract()?;
         if shape != [height, width] {
-            return refuse(Class::Argument, "give the grey image of the size that the configuration says");
+            return refuse(
+                ArgumentError::new_err::<String>,
+                "give the grey image of the size that the configuration says",
+            );
         }
         let stride = match part("strides")?.extract::<Option<[isize; 2]>>()? {
             None => width,
@@ -52,7 +58,7 @@ impl LentImage {
             // Of a single column or row numpy may say anything.
             Some(_) => {
                 return refuse(
-                    Class::Argument,
+                    ArgumentError::new_err::<String>,
                     "its pixels do not lie side by side; pass numpy.ascontiguousarray(image)",
                 );
             }

@@ -1,7 +1,7 @@
 //! Flight logs as arrays.
 
 use crate::config::PyConfig;
-use crate::errors::of_log;
+use crate::errors::of_data;
 use crate::table;
 use plumbline_config::ImuSample;
 use plumbline_drivers::ImuReading;
@@ -84,7 +84,7 @@ fn read(path: &Path) -> Result<(LogReader, Content, Option<String>), LogError> {
 /// Reads a flight log: see `plumbline.read_log`.
 #[pyfunction]
 pub fn read_log(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let (reader, content, damage) = py.detach(|| read(&path)).map_err(|error| of_log(py, &error))?;
+    let (reader, content, damage) = py.detach(|| read(&path)).map_err(|error| of_data(&error))?;
     let ending = match (&damage, reader.ending()) {
         (Some(_), _) => "damaged",
         (None, Ending::Flight) => "flight",

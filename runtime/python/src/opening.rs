@@ -1,7 +1,7 @@
 //! Opening of a replay: a recording or a simulated flight, with the options of `plumbline replay`.
 
 use crate::config::config_of;
-use crate::errors::{Class, of_evaluation, of_flight};
+use crate::errors::{ArgumentError, ArgumentTypeError, of_data, of_flight};
 use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::{
     Cut, Flight, FlightError, Truth, open_recording, open_simulation, with_overrides,
@@ -44,16 +44,16 @@ impl OpeningOptions {
         let config = config.map(config_of).transpose()?;
         let path: PathBuf = dataset.extract().map_err(|_| {
             let message = "dataset: expected a path, or the name of a simulated flight such as 'sim:room'";
-            Class::ArgumentType.error(py, message)
+            ArgumentTypeError::new_err(message)
         })?;
         let scene = path.to_str().and_then(|name| name.strip_prefix("sim:"));
         let opened = match scene {
             Some(scene) => {
-                let scenario = self.scenario(py, scene)?;
+                let scenario = self.scenario(scene)?;
                 py.detach(|| open_simulation(config, &scenario, self.mono, 0.0, None))
             }
             None => {
-                let seconds = self.seconds(py)?;
+                let seconds = self.seconds()?;
                 let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
                 let [left, right, imu, accel] = self.topics.clone();
                 let topics = BagTopics { left, right, imu, accel };
@@ -63,8 +63,7 @@ impl OpeningOptions {
         let mut flight = opened.map_err(|error| of_flight(py, &error))?;
         flight.config = self.changed(&flight).map_err(|error| of_flight(py, &error))?;
         if let Some(file) = &self.truth {
-            flight.truth =
-                Truth::of_poses(&load_trajectory(file).map_err(|error| of_evaluation(py, &error))?);
+            flight.truth = Truth::of_poses(&load_trajectory(file).map_err(|error| of_data(&error))?);
         }
         Ok(flight)
     }
@@ -79,7 +78,7 @@ impl OpeningOptions {
     }
 
     /// Seconds of a recording, from its first frame.
-    fn seconds(&self, py: Python<'_>) -> PyResult<Range<f64>> {
+    fn seconds(&self) -> PyResult<Range<f64>> {
         let end = self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
         if self.start.is_finite() && self.start >= 0.0 && end > self.start {
             return Ok(self.start..end);
@@ -88,11 +87,11 @@ impl OpeningOptions {
             "start {} s and the end at {end} s leave nothing: give seconds from the first frame",
             self.start
         );
-        Err(Class::Argument.error(py, message))
+        Err(ArgumentError::new_err(message))
     }
 
-    fn scenario(&self, py: Python<'_>, scene: &str) -> PyResult<Scenario> {
-        let refuse = |message: String| Err(Class::Argument.error(py, message));
+    fn scenario(&self, scene: &str) -> PyResult<Scenario> {
+        let refuse = |message: String| Err(ArgumentError::new_err(message));
         let Some(scene) = Scene::named(scene) else {
             return refuse(format!("no scene '{scene}': choose room, hall, low-texture or far"));
         };
@@ -110,21 +109,19 @@ impl OpeningOptions {
             resolution_scale: self.scale,
             ..Scenario::default()
         };
-        for error in parsed::<plumbline_simulator::ImuError>(py, "imu_errors", &self.imu_errors)? {
+        for error in parsed::<plumbline_simulator::ImuError>("imu_errors", &self.imu_errors)? {
             error.apply(&mut scenario);
         }
-        for condition in
-            parsed::<plumbline_simulator::SimulatedCondition>(py, "conditions", &self.conditions)?
-        {
+        for condition in parsed::<plumbline_simulator::SimulatedCondition>("conditions", &self.conditions)? {
             condition.apply(&mut scenario);
         }
         Ok(scenario)
     }
 }
 
-fn parsed<T: FromStr<Err = String>>(py: Python<'_>, name: &str, texts: &[String]) -> PyResult<Vec<T>> {
+fn parsed<T: FromStr<Err = String>>(name: &str, texts: &[String]) -> PyResult<Vec<T>> {
     let parse = |text: &String| {
-        text.parse().map_err(|reason| Class::Argument.error(py, format!("{name}: '{text}': {reason}")))
+        text.parse().map_err(|reason| ArgumentError::new_err(format!("{name}: '{text}': {reason}")))
     };
     texts.iter().map(parse).collect()
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{block, nanoseconds};
 use crate::config::PyConfig;
-use crate::errors::{Class, of_driver};
+use crate::errors::{BusyError, of_data};
 use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_config::options::image_sizes;
@@ -34,9 +34,9 @@ pub struct Recording {
 type Frame<'py> = (u64, i64, Option<Bound<'py, PyAny>>, Option<Bound<'py, PyAny>>);
 
 impl Recording {
-    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Streams>> {
+    fn lock(&self) -> PyResult<MutexGuard<'_, Streams>> {
         let busy =
-            |_| Class::Busy.error(py, "the recording is in use by another thread; give each thread its own");
+            |_| BusyError::new_err("the recording is in use by another thread; give each thread its own");
         self.streams.try_lock().map_err(busy)
     }
 }
@@ -82,9 +82,9 @@ impl Recording {
 
     /// Next frame, or `None` at the end.
     fn next_frame<'py>(&self, py: Python<'py>) -> PyResult<Option<Frame<'py>>> {
-        let mut streams = self.lock(py)?;
+        let mut streams = self.lock()?;
         let Streams { stereo, frame, .. } = &mut *streams;
-        let is_there = py.detach(|| stereo.next_frame(frame)).map_err(|error| of_driver(py, &error))?;
+        let is_there = py.detach(|| stereo.next_frame(frame)).map_err(|error| of_data(&error))?;
         if !is_there {
             return Ok(None);
         }
@@ -100,7 +100,7 @@ impl Recording {
         stamp_ns: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let until = stamp_ns.map_or(Ok(i64::MAX), |stamp| nanoseconds(stamp, "stamp_ns"))?;
-        let mut guard = self.lock(py)?;
+        let mut guard = self.lock()?;
         let streams = &mut *guard;
         let read = py.detach(|| -> Result<Vec<ImuSample>, plumbline_drivers::DriverError> {
             let mut samples = Vec::new();
@@ -111,7 +111,7 @@ impl Recording {
             }
             Ok(samples)
         });
-        table::imu(py, &read.map_err(|error| of_driver(py, &error))?)
+        table::imu(py, &read.map_err(|error| of_data(&error))?)
     }
 
     /// True poses: as they were measured, or at these stamps where they are known at any time.

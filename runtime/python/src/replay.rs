@@ -1,7 +1,7 @@
 //! A whole flight in virtual time, as `plumbline replay` flies it.
 
 use crate::config::PyConfig;
-use crate::errors::{Class, of_flight};
+use crate::errors::{ArgumentError, RunError, of_flight};
 use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_drivers::StampedPose;
@@ -9,7 +9,7 @@ use plumbline_estimator::{Estimate, Odometry};
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::{Flight, FlightError, Flown, KeptOdometry, KeptStates, Outputs, fly, is_log};
 use plumbline_flight::log::WhenFull;
-use plumbline_flight::pipeline::{Control, RunError, RunOptions};
+use plumbline_flight::pipeline::{self, Control, RunOptions};
 use plumbline_lab::report::{Report, late_findings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -50,7 +50,7 @@ fn flown(flight: Flight, keep: &Keep, control: &Arc<Control>) -> Result<Replayed
     let mut states = KeptStates::for_flight(&flight);
     let mut odometry = keep.odometry.then(|| KeptOdometry::for_flight(&flight));
     let watch = Watch::start(&flight.config, false, flight.findings.clone(), None);
-    let mut watch = watch.map_err(|error| RunError::Thread(error.to_string()))?;
+    let mut watch = watch.map_err(|error| pipeline::RunError::Thread(error.to_string()))?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut states);
@@ -76,7 +76,7 @@ fn interruptible<T: Send>(py: Python<'_>, control: &Control, work: impl FnOnce()
             // Nobody waits any more after a panic of the other side alone.
             let _ = done.send(work());
         });
-        thread.map_err(|error| Class::Run.error(py, format!("cannot start a thread: {error}")))?;
+        thread.map_err(|error| RunError::new_err(format!("cannot start a thread: {error}")))?;
         let mut interrupt = None;
         loop {
             match py
@@ -84,9 +84,9 @@ fn interruptible<T: Send>(py: Python<'_>, control: &Control, work: impl FnOnce()
             {
                 Ok(value) => return interrupt.map_or(Ok(value), Err),
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(
-                        Class::Run.error(py, "the flight ended by a fault of its own; please report this")
-                    );
+                    return Err(RunError::new_err(
+                        "the flight ended by a fault of its own; please report this",
+                    ));
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     if let Err(error) = py.check_signals() {
@@ -100,11 +100,11 @@ fn interruptible<T: Send>(py: Python<'_>, control: &Control, work: impl FnOnce()
 }
 
 /// Refuses a log that could not be written, before the flight rather than after it.
-fn check_record(py: Python<'_>, path: &Path) -> PyResult<()> {
+fn check_record(path: &Path) -> PyResult<()> {
     if is_log(path) {
         return Ok(());
     }
-    Err(Class::Argument.error(py, format!("{}: name the log with the ending .mcap", path.display())))
+    Err(ArgumentError::new_err(format!("{}: name the log with the ending .mcap", path.display())))
 }
 
 /// Flies a recording or a simulated flight: see `plumbline.replay`.
@@ -118,17 +118,18 @@ pub fn replay<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let keep: Keep = keep.extract()?;
     if !(1..=MAX_THREADS).contains(&keep.threads) {
-        return Err(
-            Class::Argument.error(py, format!("threads: expected 1 to {MAX_THREADS}, got {}", keep.threads))
-        );
+        return Err(ArgumentError::new_err(format!(
+            "threads: expected 1 to {MAX_THREADS}, got {}",
+            keep.threads
+        )));
     }
-    keep.record.as_deref().map_or(Ok(()), |path| check_record(py, path))?;
+    keep.record.as_deref().map_or(Ok(()), check_record)?;
     let flight = options.open(dataset, config)?;
     let control = Arc::new(Control::stopped_by(Arc::new(AtomicBool::new(false))));
     let replayed = interruptible(py, &control, || flown(flight, &keep, &control))?;
     let replayed = replayed.map_err(|error| of_flight(py, &error))?;
     if let Some(recording) = replayed.report.recording.as_ref().filter(|recording| recording.has_failed) {
-        return Err(Class::Run.error(py, format!("the recording failed: {recording}")));
+        return Err(RunError::new_err(format!("the recording failed: {recording}")));
     }
     result(py, replayed)
 }
@@ -138,7 +139,7 @@ fn result(py: Python<'_>, replayed: Replayed) -> PyResult<Bound<'_, PyDict>> {
     let causal =
         |p: &plumbline_flight::flight::PublishedState| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
     let stamps: Vec<_> = flown.poses.iter().map(|p| causal(p).stamp).collect();
-    let json = serde_json::to_string(&report).map_err(|error| Class::Run.error(py, error.to_string()))?;
+    let json = serde_json::to_string(&report).map_err(|error| RunError::new_err(error.to_string()))?;
     let values = PyDict::new(py);
     values.set_item("name", &flown.name)?;
     values.set_item("config", PyConfig::from(flown.config.clone()))?;

@@ -11,6 +11,9 @@ use crate::fields::{About, Parts as _, Shape, Value};
 use nalgebra::Vector3;
 use plumbline_estimator::Estimate;
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
+use std::path::Path;
 
 /// Rows and columns of a covariance: names and units.
 const AXES: [(&str, &str); 9] = [
@@ -66,6 +69,32 @@ fn covariance_names() -> impl Iterator<Item = String> {
 /// Name of an enumerator in a table.
 fn enumerator(name: &str) -> String {
     name.split_once('_').map_or(name, |(_, name)| name).to_lowercase()
+}
+
+/// Writes estimates to `path` as a table, replacing a file of that name.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_states<'a>(path: &Path, rows: impl IntoIterator<Item = &'a Estimate>) -> io::Result<()> {
+    write(path, &names(), rows, write_row)
+}
+
+/// Writes a table, a line for each row.
+fn write<T>(
+    path: &Path,
+    names: &[String],
+    rows: impl IntoIterator<Item = T>,
+    write_row: impl Fn(&mut String, T),
+) -> io::Result<()> {
+    let mut out = BufWriter::new(File::create(path)?);
+    writeln!(out, "{}", names.join(","))?;
+    let mut line = String::new();
+    for row in rows {
+        line.clear();
+        write_row(&mut line, row);
+        writeln!(out, "{line}")?;
+    }
+    out.flush()
 }
 
 /// Appends the cells of a row, without a line end. Numbers come back from them bit for bit.

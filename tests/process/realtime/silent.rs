@@ -1,4 +1,4 @@
-//! Clients that take places and say nothing, at a station's server for Foxglove and at a flight's local socket: they give way to new
+//! Clients that take places and say nothing, at a station's server for Foxglove and at a flight's local socket: they make room for new
 //! ones, and those that answer stay. Part of `make soak`.
 
 use crate::local::{FLIGHT_S, Flight, connected, costs_the_flight_nothing};
@@ -14,7 +14,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A client that has been silent for five seconds makes way.
+/// A client that has been silent for five seconds is disconnected.
 const MAKES_WAY: Duration = Duration::from_secs(6);
 /// Silent ones that knock when the places become free take them all for another five seconds.
 const TWO_ROUNDS: Duration = Duration::from_secs(11);

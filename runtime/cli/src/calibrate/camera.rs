@@ -1,14 +1,12 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
-use super::output as written;
 use crate::checks::choice;
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
-use crate::{Usage, load_config, say};
+use crate::{Usage, check_new, load_config, say, write_config};
 use anyhow::{Context as _, Result};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline_config::Config;
 use plumbline_config::camera::Distortion;
 use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
@@ -86,9 +84,7 @@ pub fn run(args: &CameraArgs) -> Result<()> {
     let origin = args.out.display().to_string();
     let config = output::configuration(&base, &calibration, args.rate, &origin)?;
     let text = output::text(&config, &calibration, &source, &args.base.display().to_string())?;
-    // What is written is what will be read.
-    Config::from_toml_str(&text, &origin)?;
-    std::fs::write(&args.out, &text).with_context(|| origin.clone())?;
+    write_config(&args.out, &text)?;
     table::figures(&calibration).into_iter().for_each(say);
     say(format_args!("{origin}: written, valid"));
     Ok(())
@@ -111,7 +107,7 @@ fn detector() -> Result<Detector> {
 
 /// Refuses what could not be written or would be overwritten, before the work.
 fn check(args: &CameraArgs) -> Result<()> {
-    written::check(&args.out, args.overwrite)?;
+    check_new(&args.out, args.overwrite)?;
     if args.rate.is_some_and(|rate| !(rate.is_finite() && rate > 0.0)) {
         return Err(Usage("--rate: give frames a second, such as 20".into()).into());
     }

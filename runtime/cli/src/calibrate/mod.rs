@@ -1,7 +1,6 @@
 //! `plumbline calibrate`: the sensors before a flight.
 
 mod camera;
-mod output;
 mod rig;
 
 use anyhow::Result;

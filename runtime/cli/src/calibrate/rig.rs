@@ -2,8 +2,7 @@
 
 use super::super::simulated::check_recorded;
 use super::super::topics::TopicArgs;
-use super::super::{load_config, say};
-use super::output;
+use super::super::{check_new, load_config, say, write_config};
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
@@ -12,6 +11,7 @@ use plumbline_config::options::image_sizes;
 use plumbline_drivers::{Prefetch, StereoFrame, StereoSource as _};
 use plumbline_estimator::FrameInput;
 use plumbline_flight::flight::{Flight, open_recording};
+use plumbline_record::digest::config_hash;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -50,7 +50,7 @@ pub struct RigArgs {
 
 /// Runs the command.
 pub(super) fn run(args: &RigArgs) -> Result<()> {
-    output::check(&args.out, args.overwrite)?;
+    check_new(&args.out, args.overwrite)?;
     check_recorded(&args.source)?;
     let named = load_config(args.config.as_deref())?;
     let topics = args.topics.names()?;
@@ -65,7 +65,10 @@ pub(super) fn run(args: &RigArgs) -> Result<()> {
     }
     let found = recording.calibrate().with_context(told)?;
     found.table().iter().for_each(say);
-    output::write(&args.out, &comment(args, &found), &found.config)
+    let text = format!("{}\n{}", comment(args, &found), found.config.to_toml()?);
+    let written = write_config(&args.out, &text)?;
+    say(format_args!("{}: written, valid, hash {}", args.out.display(), config_hash(&written)));
+    Ok(())
 }
 
 fn read(flight: Flight) -> Result<ByHand> {

@@ -1,12 +1,12 @@
 //! `plumbline config import`: a configuration made of calibration files.
 
-use super::super::{Usage, load_config, say};
-use super::{check_new, parse_mounting, summary, warn_of_doubts};
+use super::super::{Usage, check_new, load_config, say, write_config};
+use super::{parse_mounting, summary, warn_of_doubts};
 use anyhow::{Context, Result};
 use clap::Args;
+use plumbline_config::ValidConfig;
 use plumbline_config::import::{self, Import, Source};
 use plumbline_config::options::{Mounting, VehicleConfig};
-use plumbline_config::{Config, ValidConfig};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -89,9 +89,7 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     }
     let (config, is_stated) = imported(args)?;
     let text = format!("{}{}", header(args), config.to_toml()?);
-    // What is written is what will be read.
-    let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
-    std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
+    let back = write_config(&args.out, &text)?;
     say(summary(&back, &args.out));
     // A simulated data set states its mounting, and its noise is the true one.
     if args.noise == Noise::Files && !is_stated {

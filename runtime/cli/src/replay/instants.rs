@@ -3,8 +3,9 @@
 use super::ReplayArgs;
 use anyhow::{Context as _, Result, ensure};
 use plumbline_config::Timestamp;
-use plumbline_flight::flight::{PublishedState, write_instants};
+use plumbline_flight::flight::PublishedState;
 use plumbline_record::InstantAnswer;
+use plumbline_record::columns::instants;
 use std::path::{Path, PathBuf};
 
 /// File for the states at instants, if there are any. Default: beside the list, with the ending `_states.csv`.
@@ -22,7 +23,7 @@ pub(super) fn file(args: &ReplayArgs) -> Option<PathBuf> {
 /// # Errors
 /// When the file cannot be written, or no instant has a state.
 pub(super) fn write(path: &Path, rows: &[InstantAnswer], poses: &[PublishedState]) -> Result<()> {
-    write_instants(path, rows).with_context(|| format!("{}", path.display()))?;
+    instants::write(path, rows).with_context(|| format!("{}", path.display()))?;
     let refused = || rows.iter().filter_map(|row| Some((row, row.outcome.refusal()?)));
     let count = refused().count();
     ensure!(

@@ -6,7 +6,7 @@ use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::Estimate;
 use plumbline_flight::flight::Flown;
-use plumbline_flight::flight::states::write_states;
+use plumbline_record::columns::write_states;
 
 /// Writes the files that were asked for.
 pub fn write_outputs(

@@ -11,7 +11,7 @@ mod zed_mini;
 
 use super::config::{parse_mounting, summary, warn_of_doubts};
 use super::doctor::{self, DoctorArgs};
-use super::{Usage, check_outputs, say};
+use super::{Usage, check_new, say, write_config};
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 use plumbline_config::options::{Mounting, VehicleConfig};
@@ -83,12 +83,7 @@ impl SetupOptions {
     /// Refuses, before any device is touched, a file that could not be written.
     fn check(&self) -> Result<()> {
         let Some(out) = &self.out else { return Ok(()) };
-        check_outputs([out])?;
-        if out.exists() && !self.overwrite && !self.dry_run {
-            let message = format!("{}: exists; name another file, or give --overwrite", out.display());
-            return Err(Usage(message).into());
-        }
-        Ok(())
+        Ok(check_new(out, self.overwrite || self.dry_run)?)
     }
 
     /// Mounting that was named, or is asked for; `usual` is that of a rig that looks forward and stands upright.
@@ -142,7 +137,7 @@ fn finish(options: &SetupOptions, found: Found, apply: impl FnOnce() -> Result<(
         found.settings.iter().for_each(|setting| say(format_args!("would set   {setting}")));
         return Ok(());
     }
-    std::fs::write(&out, &text).with_context(|| origin.clone())?;
+    write_config(&out, &text)?;
     say(summary(&back, &out));
     found.notes.iter().for_each(|note| say(format_args!("note        {note}")));
     warn_of_doubts(&back);

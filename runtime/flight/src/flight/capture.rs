@@ -6,10 +6,11 @@
 use crate::alloc;
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::times::{Percentiles, Times};
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 use serde::Serialize;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Without a sample for so many periods there is a gap.
 const GAP_PERIODS: f64 = 1.5;
@@ -108,14 +109,10 @@ impl SharedMeter {
         ))))
     }
 
-    fn lock(&self) -> MutexGuard<'_, (Meter, PairCounts)> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// After the flight: what was brought.
     #[must_use]
     pub fn figures(&self) -> (StreamFigures, PairCounts) {
-        let held = self.lock();
+        let held = self.0.lock();
         (held.0.figures(), held.1)
     }
 }
@@ -140,7 +137,7 @@ impl ImuSource for Watched<dyn ImuSource> {
         let counting = alloc::Count::begin();
         let reading = self.source.next_reading()?;
         if let Some(reading) = &reading {
-            self.meter.lock().0.take(reading.sequence, reading.sample.stamp, counting.end());
+            self.meter.0.lock().0.take(reading.sequence, reading.sample.stamp, counting.end());
         }
         Ok(reading)
     }
@@ -156,7 +153,7 @@ impl StereoSource for Watched<dyn StereoSource> {
         if !self.source.next_frame(frame)? {
             return Ok(false);
         }
-        let mut held = self.meter.lock();
+        let mut held = self.meter.0.lock();
         held.0.take(frame.sequence, frame.stamp, counting.end());
         let which = match frame.valid {
             [true, true] => &mut held.1.pairs,

@@ -1,22 +1,19 @@
-//! States at the instants of a list: read before the flight, kept during it, written as CSV.
+//! States at the instants of a list: read before the flight, kept during it.
 
 use super::trajectory::Kept;
 use crate::pipeline::Control;
 use crate::pipeline::listener::Producer;
 use plumbline_config::Timestamp;
-use plumbline_record::columns;
+use plumbline_drivers::tum::parse_seconds;
 use plumbline_record::{InstantAnswer, InstantSource, Said};
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, Read as _, Write};
+use std::io::{BufRead, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 
 /// Stamps of a list at most: three hours of a trigger at 10 Hz.
 pub const MAX_STAMPS: usize = 100_000;
 /// Bytes of a list at most.
 const MAX_BYTES: u64 = 16 << 20;
-/// Digits of a stamp in seconds after the point.
-const NANO_DIGITS: usize = 9;
-
 /// Why a list of stamps cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
@@ -65,16 +62,10 @@ pub fn read_stamps(path: &Path) -> Result<Vec<Timestamp>, StampsError> {
 }
 
 fn stamp_of(cell: &str) -> Option<Timestamp> {
-    let nanos = match cell.split_once('.') {
-        None => cell.parse().ok()?,
-        Some((seconds, part)) => {
-            let is_number = part.len() <= NANO_DIGITS && part.bytes().all(|digit| digit.is_ascii_digit());
-            let part: i64 = is_number.then(|| format!("{part:0<NANO_DIGITS$}").parse().ok())??;
-            let whole: i64 = seconds.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
-            whole.checked_add(if seconds.starts_with('-') { -part } else { part })?
-        }
-    };
-    Some(Timestamp::from_nanos(nanos))
+    match cell.contains('.') {
+        true => parse_seconds(cell),
+        false => cell.parse().ok().map(Timestamp::from_nanos),
+    }
 }
 
 /// Answers to a list, in the order in which they came.
@@ -86,27 +77,11 @@ impl KeptInstants {
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
         let room = stamps.len();
         control.keep_instants().expect(stamps);
-        Self::new(room, InstantAnswer::default(), Producer::Tick, |said| match said {
+        Self::new(room, Producer::Tick, |said| match said {
             Said::Instant(answer) if answer.source == InstantSource::List => Some(answer.clone()),
             _ => None,
         })
     }
-}
-
-/// Writes answers to `path` as CSV, a row each; the cells of a state that there is not are empty.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_instants(path: &Path, rows: &[InstantAnswer]) -> std::io::Result<()> {
-    let mut out = BufWriter::new(File::create(path)?);
-    writeln!(out, "{}", columns::instants::names().join(","))?;
-    let mut line = String::new();
-    for row in rows {
-        line.clear();
-        columns::instants::write_row(&mut line, row);
-        writeln!(out, "{line}")?;
-    }
-    out.flush()
 }
 
 #[cfg(test)]
@@ -137,7 +112,6 @@ mod tests {
             ("1\n2\nthree\n", "line 3: `three` is no stamp"),
             ("1\nstamp\n", "line 2: `stamp`"),
             ("1e9\n", "line 1: `1e9`"),
-            ("1.0000000001\n", "line 1: `1.0000000001`"),
             ("99999999999999999999\n", "line 1"),
             ("9999999999999.0\n", "line 1"),
             ("# nothing\n\n", "has no stamp"),

@@ -17,14 +17,13 @@ pub mod reset_count;
 pub mod run;
 pub mod sensor_watch;
 pub mod sensors;
-pub mod states;
 #[cfg(test)]
 mod tests;
 pub mod trajectory;
 pub mod truth;
 
 pub use error::FlightError;
-pub use instants::{KeptInstants, StampsError, read_stamps, write_instants};
+pub use instants::{KeptInstants, StampsError, read_stamps};
 pub use open::{
     Cut, RecordingKind, is_log, open_bag, open_dataset, open_log, open_recording, open_simulation,
     preset_for, recording_kind, scenario_config,
@@ -32,7 +31,7 @@ pub use open::{
 pub use outputs::{Output, Outputs};
 pub use overrides::with_overrides;
 pub use published::{FrameStatus, Published, PublishedState};
-pub use reset_count::ResetCount;
+pub use reset_count::first_reset_counter;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_sensors};
 pub use trajectory::{Kept, KeptOdometry, KeptStates, OdometryTrajectory};

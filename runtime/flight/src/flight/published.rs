@@ -17,7 +17,7 @@ const LIVE_FRAMES: usize = 36_000;
 const ODOMETRY_RATE_HZ: f64 = 28.0;
 
 /// A state as it was published.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PublishedState {
     /// Time on the IMU's axis.
     pub stamp: Timestamp,
@@ -44,20 +44,6 @@ pub struct FrameStatus {
     pub quality: i8,
     /// Errors and warnings.
     pub health: HealthBits,
-}
-
-impl Default for PublishedState {
-    fn default() -> Self {
-        Self {
-            stamp: Timestamp::default(),
-            pose_o_b: Isometry3::identity(),
-            v_o_b: Vector3::zeros(),
-            covariance: NavCovariance::zeros(),
-            reset_counter: 0,
-            quality: 0,
-            pose_m_o: None,
-        }
-    }
 }
 
 /// States that a flight published.
@@ -98,10 +84,10 @@ impl PublishedStates {
         // Half of the frames may be missing, and neither rate is exact.
         let odometry = (judged as f64 * imu_hz / camera_hz / one_of * 2.1).ceil() as usize;
         Self {
-            estimates: EntryStorage::with_room_for(room, PublishedState::default()),
-            odometry: EntryStorage::with_room_for(odometry, PublishedState::default()),
-            steps: EntryStorage::with_room_for(judged, StepCovariance::default()),
-            frames: EntryStorage::with_room_for(judged, FrameStatus::default()),
+            estimates: EntryStorage::with_room_for(room),
+            odometry: EntryStorage::with_room_for(odometry),
+            steps: EntryStorage::with_room_for(judged),
+            frames: EntryStorage::with_room_for(judged),
             one_of: one_of as u64,
             most,
             is_judged,

@@ -3,11 +3,12 @@
 
 use super::sensors::LiveSensors;
 use crate::sensor_board::{SensorBoard, SensorNews};
+use parking_lot::Mutex;
 use plumbline_drivers::ImuFigures;
 use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -33,12 +34,12 @@ impl SensorNotices {
     /// The notices.
     #[must_use]
     pub fn read(&self) -> Vec<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     /// Replaces the notices.
     pub fn set(&self, notices: &[String]) {
-        notices.clone_into(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        notices.clone_into(&mut self.0.lock());
     }
 }
 
@@ -77,7 +78,7 @@ impl SensorWatch {
             while !theirs.load(Ordering::Relaxed) {
                 let news = told.look(&sensors);
                 shown.set(&news.notices);
-                *found.lock().unwrap_or_else(PoisonError::into_inner) = told.troubles();
+                *found.lock() = told.troubles();
                 if let Some(board) = &board {
                     board.post(news);
                 }
@@ -96,7 +97,7 @@ impl SensorWatch {
     /// Faults of the inertial sensor and of the cameras at the last check.
     #[must_use]
     pub fn troubles(&self) -> [SensorTrouble; 2] {
-        self.troubles.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.troubles.lock().clone()
     }
 }
 

@@ -4,12 +4,11 @@
 
 use super::Flight;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use nalgebra::Isometry3;
-use plumbline_config::Timestamp;
+use parking_lot::Mutex;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::Said;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
 pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
@@ -25,9 +24,9 @@ pub struct Kept<T> {
     take: fn(&Said) -> Option<T>,
 }
 
-impl<T: Clone> Kept<T> {
-    pub(super) fn new(room: usize, blank: T, producer: Producer, take: fn(&Said) -> Option<T>) -> Self {
-        Self { rows: EntryStorage::with_room_for(room, blank), producer, take }
+impl<T: Clone + Default> Kept<T> {
+    pub(super) fn new(room: usize, producer: Producer, take: fn(&Said) -> Option<T>) -> Self {
+        Self { rows: EntryStorage::with_room_for(room), producer, take }
     }
 
     /// The rows in order, after the run.
@@ -50,7 +49,7 @@ impl KeptStates {
     pub fn for_flight(flight: &Flight) -> Self {
         let expected = flight.stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
         let room = expected.unwrap_or(0).min(MAX_RESERVED_FRAMES);
-        Self::new(room, Estimate::default(), Producer::Window, |said| match said {
+        Self::new(room, Producer::Window, |said| match said {
             Said::Estimate(full) => Some(full.estimate.clone()),
             _ => None,
         })
@@ -62,7 +61,7 @@ impl KeptOdometry {
     #[must_use]
     pub fn for_flight(flight: &Flight) -> Self {
         let room = flight.expected_readings().min(LIVE_READINGS);
-        Self::new(room, Odometry::default(), Producer::Tick, |said| match said {
+        Self::new(room, Producer::Tick, |said| match said {
             Said::Odometry(odometry) => Some(odometry.clone()),
             _ => None,
         })
@@ -73,15 +72,14 @@ impl OdometryTrajectory {
     /// With room for so many poses.
     #[must_use]
     pub fn with_room_for(readings: usize) -> Self {
-        let blank = StampedPose { stamp: Timestamp::default(), pose: Isometry3::identity() };
-        Self::new(readings, blank, Producer::Tick, |said| match said {
+        Self::new(readings, Producer::Tick, |said| match said {
             Said::Odometry(odometry) => Some(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b }),
             _ => None,
         })
     }
 }
 
-impl<T: Clone + Send + 'static> Subscriber for Kept<T> {
+impl<T: Clone + Default + Send + 'static> Subscriber for Kept<T> {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer == self.producer {
             true => Box::new(Keeper { rows: self.rows.lend(), take: self.take }),
@@ -105,21 +103,21 @@ impl<T: Send> Listener for Keeper<T> {
 #[derive(Debug)]
 pub(super) struct EntryStorage<T>(Arc<Mutex<Vec<T>>>);
 
-impl<T: Clone> EntryStorage<T> {
-    pub(super) fn with_room_for(count: usize, blank: T) -> Self {
+impl<T: Clone + Default> EntryStorage<T> {
+    pub(super) fn with_room_for(count: usize) -> Self {
         // Written once, so that every page is there.
-        let mut entries = vec![blank; count];
+        let mut entries = vec![T::default(); count];
         entries.clear();
         Self(Arc::new(Mutex::new(entries)))
     }
 
     pub(super) fn lend(&self) -> Lent<T> {
-        let entries = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        let entries = std::mem::take(&mut *self.0.lock());
         Lent { entries, home: Arc::clone(&self.0) }
     }
 
     pub(super) fn into_entries(self) -> Vec<T> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut *self.0.lock())
     }
 }
 
@@ -132,6 +130,6 @@ pub(super) struct Lent<T> {
 impl<T> Drop for Lent<T> {
     fn drop(&mut self) {
         let entries = std::mem::take(&mut self.entries);
-        *self.home.lock().unwrap_or_else(PoisonError::into_inner) = entries;
+        *self.home.lock() = entries;
     }
 }

@@ -3,7 +3,7 @@
 
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
-use crate::pipeline::listener::{Listener, ListenerView};
+use crate::pipeline::listener::{Listener, ListenerView, Solved};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use crate::schedule::pace::Pace;
@@ -12,26 +12,17 @@ use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorState;
 use plumbline_config::{Timestamp, ValidConfig};
+use plumbline_drivers::StereoFrame;
 use plumbline_estimator::places::MapPath;
-use plumbline_estimator::{MapSnapshot, Odometry, Tracked, Trail};
-use plumbline_record::said::FullEstimate;
-use plumbline_record::{FrameOrder, InstantAnswer, InstantSource, Said, Verdict};
+use plumbline_estimator::{MapSnapshot, Tracked, Trail};
+use plumbline_record::{FrameOrder, InstantSource, Said, Verdict};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Odometry that waits for the socket: a quarter of a second.
-const ODOMETRY_LANE: usize = 50;
-/// Estimates that wait for the socket: two seconds.
-const ESTIMATE_LANE: usize = 40;
-/// States at instants that wait for the socket: as many as may be asked for at a time.
-const INSTANT_LANE: usize = 256;
-/// Other records that wait for the socket, of each thread: two seconds of one a frame.
-const OTHERS_LANE: usize = 40;
-/// Threads that say something.
-const PRODUCERS: usize = 4;
-/// Topics that have lanes of their own.
-const OWN: [Kind; 3] = [Kind::Odometry, Kind::Instant, Kind::FullEstimate];
+/// What waits for the socket, of each producer in the order of `Producer`: states at as many instants as may be asked for at a
+/// time, with a quarter of a second of odometry; two seconds of two records a frame.
+const LANES: [usize; 4] = [306, 80, 80, 80];
 /// Trails that are filled, wait or are read.
 const TRAILS: usize = 8;
 /// Snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
@@ -48,31 +39,10 @@ pub fn now_ns() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
 }
 
-/// An entry with the time it was handed over, ns since 1970.
-pub type Handed<T> = (T, i64);
-
-/// Writing ends of odometry and of states at instants.
-pub type TickWriters = (LaneWriter<Handed<Odometry>>, LaneWriter<Handed<InstantAnswer>>);
-
-/// Writing ends, which the listeners of the run take.
-#[derive(Debug)]
-pub struct Writers {
-    /// Taken by the listener on the tick's thread.
-    pub tick: Option<TickWriters>,
-    /// Taken by the listener on the window's thread.
-    pub estimates: Option<LaneWriter<Handed<FullEstimate>>>,
-    /// One for each thread that says something.
-    pub others: Vec<LaneWriter<Said>>,
-}
-
-/// Reading ends of [`Writers`].
-#[derive(Debug)]
-pub struct LaneReaders {
-    pub odometry: LaneReader<Handed<Odometry>>,
-    pub instants: LaneReader<Handed<InstantAnswer>>,
-    pub estimates: LaneReader<Handed<FullEstimate>>,
-    pub others: Vec<LaneReader<Said>>,
-}
+/// Something that a flight says, with the time it was handed over, ns since 1970.
+pub type Handed = (Said, i64);
+/// Writing ends, by producer; the listeners of the run take them.
+pub type Lanes = [Option<LaneWriter<Handed>>; LANES.len()];
 
 /// State that the run and the socket's thread share.
 #[derive(Debug)]
@@ -107,18 +77,14 @@ impl SocketState {
     ///
     /// # Errors
     /// When the system has no more file descriptors.
-    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, LaneReaders)> {
-        let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
-        let (instants_in, instants, instant_losses) = lane(INSTANT_LANE);
-        let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
-        let mut losses = vec![odometry_losses, instant_losses, estimate_losses];
-        let (mut others_in, mut others) = (Vec::new(), Vec::new());
-        for _ in 0..PRODUCERS {
-            let (writer, reader, lost) = lane(OTHERS_LANE);
-            others_in.push(writer);
-            others.push(reader);
+    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Lanes, Vec<LaneReader<Handed>>)> {
+        let (mut readers, mut losses) = (Vec::new(), Vec::new());
+        let writers = LANES.map(|keep| {
+            let (writer, reader, lost) = lane(keep);
+            readers.push(reader);
             losses.push(lost);
-        }
+            Some(writer)
+        });
         let shared = Self {
             bell: EventBell::new()?,
             pulse: Arc::new(Pulse::new(TaskId::Local)),
@@ -133,12 +99,7 @@ impl SocketState {
             pictures_mhz: AtomicU32::new(0),
             losses,
         };
-        let writers = Writers {
-            tick: Some((odometry_in, instants_in)),
-            estimates: Some(estimates_in),
-            others: others_in,
-        };
-        Ok((shared, writers, LaneReaders { odometry, instants, estimates, others }))
+        Ok((shared, writers, readers))
     }
 
     /// Sets what the readers want, and the highest rate of pictures among them, mHz.
@@ -164,168 +125,108 @@ impl SocketState {
     }
 }
 
-/// Copies what a thread says and a reader wants, and has no way of its own; the rest is taken by `inner`.
+/// Copies what a thread says and shows, as far as a reader wants it.
 pub struct RelayListener {
-    pub shared: Arc<SocketState>,
-    pub others: LaneWriter<Said>,
-    pub inner: Box<dyn Listener>,
-}
-
-impl Listener for RelayListener {
-    fn shown(&mut self, view: ListenerView<'_>) {
-        self.inner.shown(view);
-    }
-
-    fn said(&mut self, said: &Said) {
-        let topic = said.topic();
-        if !OWN.contains(&topic) && self.shared.wants(topic) {
-            self.others.push(said.clone());
-            self.shared.wake();
-        }
-        self.inner.said(said);
-    }
-}
-
-/// Copies odometry, and states at instants.
-pub struct TickListener {
     shared: Arc<SocketState>,
-    odometry: LaneWriter<Handed<Odometry>>,
-    instants: LaneWriter<Handed<InstantAnswer>>,
+    lane: LaneWriter<Handed>,
     /// Newest stamp that went out blind: what a sensor brings late is older, and stamps rise.
     blind: Timestamp,
+    pictures: Pictures,
 }
 
-impl TickListener {
-    pub fn new(
-        shared: Arc<SocketState>,
-        odometry: LaneWriter<Handed<Odometry>>,
-        instants: LaneWriter<Handed<InstantAnswer>>,
-    ) -> Self {
-        Self { shared, odometry, instants, blind: Timestamp::MIN }
+impl RelayListener {
+    /// Listener that writes into `lane`; `shot` has room for any picture.
+    pub fn new(shared: Arc<SocketState>, lane: LaneWriter<Handed>, shot: Option<Shot>) -> Self {
+        let pictures = Pictures { pace: Pace::new(0.0), pace_mhz: 0, shot, is_pending: false };
+        Self { shared, lane, blind: Timestamp::MIN, pictures }
     }
 
-    fn copy(&mut self, odometry: &Odometry) {
-        if odometry.stamp > self.blind && self.shared.wants(Kind::Odometry) {
-            self.odometry.push((odometry.clone(), now_ns()));
-            self.shared.wake();
-        }
-    }
-}
-
-impl Listener for TickListener {
-    fn said(&mut self, said: &Said) {
+    fn is_wanted(&self, said: &Said) -> bool {
+        let wants = |kind| self.shared.wants(kind);
         match said {
-            Said::Odometry(odometry) => self.copy(odometry),
-            Said::Instant(answer)
-                if answer.source == InstantSource::Request || self.shared.wants(Kind::Instant) =>
-            {
-                self.instants.push((answer.clone(), now_ns()));
-                self.shared.wake();
-            }
-            _ => {}
+            Said::Odometry(odometry) => odometry.stamp > self.blind && wants(Kind::Odometry),
+            Said::Instant(answer) => answer.source == InstantSource::Request || wants(Kind::Instant),
+            // Odometry carries the health of the newest estimate.
+            Said::Estimate(_) => [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].into_iter().any(wants),
+            said => wants(said.topic()),
         }
     }
 
-    fn shown(&mut self, view: ListenerView<'_>) {
-        if let ListenerView::Blind(odometry) = view {
-            self.copy(odometry);
-            self.blind = odometry.stamp;
+    /// Copies the window.
+    fn copy(&self, solved: &Solved<'_>) {
+        if !solved.estimate.has_pose() {
+            return;
         }
-    }
-}
-
-/// Copies estimates, and the window.
-pub struct WindowListener {
-    pub shared: Arc<SocketState>,
-    pub estimates: LaneWriter<Handed<FullEstimate>>,
-}
-
-impl Listener for WindowListener {
-    fn shown(&mut self, view: ListenerView<'_>) {
-        let ListenerView::Solved(solved) = view else { return };
-        let is_news = solved.estimate.figures.is_keyframe && solved.estimate.has_pose();
-        if is_news && self.shared.wants(Kind::Window) {
+        if solved.estimate.figures.is_keyframe && self.shared.wants(Kind::Window) {
             self.shared.snapshots.fill(|snapshot| solved.copy_to(snapshot));
         }
-        if solved.estimate.has_pose() && self.shared.wants(Kind::Trail) {
+        if self.shared.wants(Kind::Trail) {
             self.shared.trails.fill(|trail| solved.trail_to(trail));
             self.shared.wake();
         }
     }
+}
 
+impl Listener for RelayListener {
     fn said(&mut self, said: &Said) {
-        let wants = |kind: &Kind| self.shared.wants(*kind);
-        // Odometry carries the health of the newest estimate.
-        if let Said::Estimate(full) = said
-            && [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(wants)
-        {
-            self.estimates.push((full.clone(), now_ns()));
+        if let Said::Order(FrameOrder { verdict: Verdict::Taken { level }, .. }) = said {
+            self.shared.rung.store(*level, Ordering::Relaxed);
+        }
+        if self.is_wanted(said) {
+            self.lane.push((said.clone(), now_ns()));
             self.shared.wake();
         }
     }
-}
 
-/// Copies the corrected path.
-pub struct PlacesListener(pub Arc<SocketState>);
-
-impl Listener for PlacesListener {
     fn shown(&mut self, view: ListenerView<'_>) {
-        if let ListenerView::Mapped(mapped) = view
-            && self.0.wants(Kind::Path)
-        {
-            self.0.paths.fill(|path| mapped.mapper.copy_path(path));
-            self.0.wake();
+        match view {
+            ListenerView::Blind(odometry) => {
+                self.said(&Said::Odometry(odometry.clone()));
+                self.blind = odometry.stamp;
+            }
+            ListenerView::Solved(solved) => self.copy(solved),
+            ListenerView::Mapped(mapped) if self.shared.wants(Kind::Path) => {
+                self.shared.paths.fill(|path| mapped.mapper.copy_path(path));
+                self.shared.wake();
+            }
+            ListenerView::Tracked(tracked) => self.pictures.note(tracked, &self.shared),
+            ListenerView::Frame(frame) => self.pictures.take(frame, &self.shared),
+            ListenerView::Mapped(_) => {}
         }
     }
 }
 
-/// Takes pictures, and notes the rung of the ladder.
-pub struct FrontEndListener {
-    shared: Arc<SocketState>,
+/// Pictures that are taken while a reader wants them.
+struct Pictures {
     pace: Pace,
     pace_mhz: u32,
     /// Changes places with one of the pool when it is whole.
-    shot: Shot,
+    shot: Option<Shot>,
     /// It has notes on a frame whose image is still to come.
     is_pending: bool,
 }
 
-impl FrontEndListener {
-    /// Listener that takes pictures while a reader wants them; `shot` has room for any.
-    pub fn new(shared: Arc<SocketState>, shot: Shot) -> Self {
-        Self { shared, pace: Pace::new(0.0), pace_mhz: 0, shot, is_pending: false }
-    }
-}
-
-impl FrontEndListener {
-    fn note(&mut self, tracked: &Tracked) {
-        let mhz = self.shared.pictures_mhz.load(Ordering::Relaxed);
+impl Pictures {
+    fn note(&mut self, tracked: &Tracked, shared: &SocketState) {
+        let mhz = shared.pictures_mhz.load(Ordering::Relaxed);
         if mhz != self.pace_mhz {
             (self.pace, self.pace_mhz) = (Pace::new(f64::from(mhz) * 1e-3), mhz);
         }
-        if mhz > 0 && self.pace.admits(tracked.time.stamp) {
-            self.shot.note(tracked);
+        if mhz > 0
+            && self.pace.admits(tracked.time.stamp)
+            && let Some(shot) = &mut self.shot
+        {
+            shot.note(tracked);
             self.is_pending = true;
         }
     }
-}
 
-impl Listener for FrontEndListener {
-    fn shown(&mut self, view: ListenerView<'_>) {
-        match view {
-            ListenerView::Tracked(tracked) => self.note(tracked),
-            ListenerView::Frame(frame) if self.is_pending && self.shot.expose(frame) => {
-                self.is_pending = false;
-                self.shared.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
-                self.shared.wake();
-            }
-            _ => {}
-        }
-    }
-
-    fn said(&mut self, said: &Said) {
-        if let Said::Order(FrameOrder { verdict: Verdict::Taken { level }, .. }) = said {
-            self.shared.rung.store(*level, Ordering::Relaxed);
+    fn take(&mut self, frame: &StereoFrame, shared: &SocketState) {
+        let Some(shot) = self.shot.as_mut().filter(|_| self.is_pending) else { return };
+        if shot.expose(frame) {
+            self.is_pending = false;
+            shared.shots.fill(|waiting| std::mem::swap(waiting, shot));
+            shared.wake();
         }
     }
 }

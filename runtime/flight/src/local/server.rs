@@ -4,7 +4,7 @@ use super::LocalError;
 use super::asked::Asked;
 use super::commands::CommandExecutor;
 use super::door::Door;
-use super::listener::{LaneReaders, SocketState, now_ns};
+use super::listener::{Handed, SocketState, now_ns};
 use super::picture::Shot;
 use super::reader::{LocalReader, Rights};
 use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
@@ -12,9 +12,10 @@ use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
 use crate::pipeline::Control;
 use crate::schedule::ladder::Rung;
+use crate::schedule::lane::LaneReader;
 use plumbline_estimator::places::MapPath;
 use plumbline_record::messages::{Configuration, LadderRung, Picture};
-use plumbline_record::{InstantSource, layout, protobuf};
+use plumbline_record::{InstantSource, Said, layout, protobuf};
 use plumbline_rings::places::gives_way;
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
@@ -55,7 +56,7 @@ const NUMBER_SHIFT: u32 = 16;
 pub struct Server {
     epoll: OwnedFd,
     shared: Arc<SocketState>,
-    waiting: LaneReaders,
+    waiting: Vec<LaneReader<Handed>>,
     door: Option<Door>,
     /// Time before which no reader is accepted.
     pause_end: Option<Instant>,
@@ -84,7 +85,7 @@ impl Server {
     /// # Errors
     /// When the system has no more file descriptors.
     pub fn new(
-        (shared, waiting): (Arc<SocketState>, LaneReaders),
+        (shared, waiting): (Arc<SocketState>, Vec<LaneReader<Handed>>),
         door: Option<Door>,
         admissions: Receiver<Admission>,
         control: Arc<Control>,
@@ -346,32 +347,9 @@ impl Server {
 
     /// Encodes what the run has handed over, and gives it to those who want it.
     fn encode_all(&mut self) {
-        while let Some((odometry, handed_over_ns)) = self.waiting.odometry.pop() {
-            let health_bits = self.health_bits;
-            let record = encoded(Kind::Odometry.kind(), odometry.sequence, |to| {
-                layout::put_odometry(&odometry, handed_over_ns, health_bits, to);
-            });
-            self.offer(Kind::Odometry, record);
-        }
-        while let Some((answer, handed_over_ns)) = self.waiting.instants.pop() {
-            if answer.source != InstantSource::Request {
-                self.send(Kind::Instant, |to| layout::put_instant(&answer, handed_over_ns, to));
-            } else if let Some((place, record)) = self.asked.answered(&answer, handed_over_ns)
-                && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
-            {
-                reader.outbox.push_kept(record);
-            }
-        }
-        while let Some((full, handed_over_ns)) = self.waiting.estimates.pop() {
-            self.health_bits = full.estimate.health.0;
-            self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
-            self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
-        }
-        for thread in 0..self.waiting.others.len() {
-            while let Some(said) = self.waiting.others[thread].pop() {
-                if let Some(record) = said.record() {
-                    self.send(said.topic(), |to| protobuf::append(record, to));
-                }
+        for producer in 0..self.waiting.len() {
+            while let Some(handed) = self.waiting[producer].pop() {
+                self.encode(&handed);
             }
         }
         let shared = Arc::clone(&self.shared);
@@ -392,6 +370,39 @@ impl Server {
         if rung != self.rung {
             self.rung = rung;
             self.offer(Kind::Ladder, self.ladder());
+        }
+    }
+
+    /// Encodes something that the run has said.
+    fn encode(&mut self, (said, handed_over_ns): &Handed) {
+        match said {
+            Said::Odometry(odometry) => {
+                let health_bits = self.health_bits;
+                let record = encoded(Kind::Odometry.kind(), odometry.sequence, |to| {
+                    layout::put_odometry(odometry, *handed_over_ns, health_bits, to);
+                });
+                self.offer(Kind::Odometry, record);
+            }
+            Said::Instant(answer) if answer.source == InstantSource::Request => {
+                if let Some((place, record)) = self.asked.answered(answer, *handed_over_ns)
+                    && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
+                {
+                    reader.outbox.push_kept(record);
+                }
+            }
+            Said::Instant(answer) => {
+                self.send(Kind::Instant, |to| layout::put_instant(answer, *handed_over_ns, to));
+            }
+            Said::Estimate(full) => {
+                self.health_bits = full.estimate.health.0;
+                self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, *handed_over_ns, to));
+                self.send(Kind::FullEstimate, |to| protobuf::append(full, to));
+            }
+            said => {
+                if let Some(record) = said.record() {
+                    self.send(said.topic(), |to| protobuf::append(record, to));
+                }
+            }
         }
     }
 

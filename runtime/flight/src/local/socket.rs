@@ -2,9 +2,7 @@
 
 use super::LocalError;
 use super::door::Door;
-use super::listener::{
-    FrontEndListener, PlacesListener, RelayListener, SocketState, TickListener, WindowListener, Writers,
-};
+use super::listener::{Lanes, RelayListener, SocketState};
 use super::picture::Shot;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
@@ -44,7 +42,7 @@ impl LinkDoor {
 pub struct LocalSocket {
     shared: Arc<SocketState>,
     /// Taken by the listeners of the run.
-    writers: Writers,
+    writers: Lanes,
     shot: Option<Shot>,
     admissions: Sender<Admission>,
     thread: Option<JoinHandle<()>>,
@@ -114,29 +112,11 @@ impl Output for LocalSocket {
 
 impl Subscriber for LocalSocket {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        let Some(others) = self.writers.others.pop_if(|_| producer != Producer::Watchdog) else {
+        let Some(lane) = self.writers.get_mut(producer as usize).and_then(Option::take) else {
             return Box::new(());
         };
-        let shared = Arc::clone(&self.shared);
-        let inner: Box<dyn Listener> = match producer {
-            Producer::Tick => match self.writers.tick.take() {
-                Some((odometry, instants)) => {
-                    Box::new(TickListener::new(Arc::clone(&shared), odometry, instants))
-                }
-                None => Box::new(()),
-            },
-            Producer::Window => match self.writers.estimates.take() {
-                Some(estimates) => Box::new(WindowListener { shared: Arc::clone(&shared), estimates }),
-                None => Box::new(()),
-            },
-            Producer::FrontEnd => match self.shot.take() {
-                Some(shot) => Box::new(FrontEndListener::new(Arc::clone(&shared), shot)),
-                None => Box::new(()),
-            },
-            Producer::Places => Box::new(PlacesListener(Arc::clone(&shared))),
-            Producer::Watchdog => Box::new(()),
-        };
-        Box::new(RelayListener { shared, others, inner })
+        let shot = self.shot.take_if(|_| producer == Producer::FrontEnd);
+        Box::new(RelayListener::new(Arc::clone(&self.shared), lane, shot))
     }
 
     fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {

@@ -7,9 +7,21 @@ use std::io::Read;
 use std::sync::OnceLock;
 
 const UNKNOWN: &str = "unknown";
+/// Place of a field.
+type FieldOf = fn(&mut BuildId) -> &mut String;
+/// The fields, by their keys in the metadata of a log.
+const FIELDS: [(&str, FieldOf); 7] = [
+    ("build.version", |build| &mut build.version),
+    ("build.commit", |build| &mut build.commit),
+    ("build.target", |build| &mut build.target),
+    ("build.features", |build| &mut build.features),
+    ("build.rustc", |build| &mut build.rustc),
+    ("build.executable_sha256", |build| &mut build.executable),
+    ("build.processor", |build| &mut build.processor),
+];
 
 /// A build, and the machine it runs on.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BuildId {
     /// Version of the package.
     pub version: String,
@@ -51,32 +63,18 @@ impl BuildId {
 
     /// Adds it to the metadata of a log.
     pub fn write(&self, into: &mut BTreeMap<String, String>) {
-        for (key, value) in [
-            ("build.version", &self.version),
-            ("build.commit", &self.commit),
-            ("build.target", &self.target),
-            ("build.features", &self.features),
-            ("build.rustc", &self.rustc),
-            ("build.executable_sha256", &self.executable),
-            ("build.processor", &self.processor),
-        ] {
-            into.insert(key.into(), value.clone());
-        }
+        let mut build = self.clone();
+        into.extend(FIELDS.map(|(key, field)| (key.to_owned(), std::mem::take(field(&mut build)))));
     }
 
     /// From the metadata of a log; what is missing is unknown.
     #[must_use]
     pub fn read(from: &BTreeMap<String, String>) -> Self {
-        let value = |key: &str| from.get(key).cloned().unwrap_or_else(|| UNKNOWN.into());
-        Self {
-            version: value("build.version"),
-            commit: value("build.commit"),
-            target: value("build.target"),
-            features: value("build.features"),
-            rustc: value("build.rustc"),
-            executable: value("build.executable_sha256"),
-            processor: value("build.processor"),
+        let mut build = Self::default();
+        for (key, field) in FIELDS {
+            *field(&mut build) = from.get(key).cloned().unwrap_or_else(|| UNKNOWN.into());
         }
+        build
     }
 }
 

@@ -4,11 +4,12 @@ use super::LogError;
 use super::channel::Channel;
 use super::cursor::Cursor;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use parking_lot::{Mutex, MutexGuard};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::compare::{Difference, Pairing};
 use plumbline_record::{InstantAnswer, ResetOrder, Said};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Outputs of log and re-execution.
 #[derive(Debug, Default)]
@@ -86,7 +87,7 @@ pub struct Comparison(Arc<Mutex<ComparedOutputs>>);
 impl Comparison {
     /// The outputs so far.
     pub fn outputs(&self) -> MutexGuard<'_, ComparedOutputs> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock()
     }
 }
 

@@ -1,11 +1,12 @@
 //! The complete parts of a log on the disk, of which the oldest may make room for newer ones.
 
 use super::parts::part_path;
+use parking_lot::Mutex;
 use plumbline_config::options::KeepPolicy;
 use std::collections::VecDeque;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Complete parts, shared by the writer of a log and its files, which may find the disk full in the middle of a chunk.
 #[derive(Clone, Debug)]
@@ -28,18 +29,14 @@ impl CompleteParts {
         Self(Arc::new(Mutex::new(kept)))
     }
 
-    fn kept(&self) -> MutexGuard<'_, Kept> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Adds a part that is complete.
     pub fn add(&self, number: u32, bytes: u64) {
-        self.kept().parts.push_back((number, bytes));
+        self.0.lock().parts.push_back((number, bytes));
     }
 
     /// Counts the newest part as deleted: its file is not there any more.
     pub fn forget_newest(&self) {
-        let mut kept = self.kept();
+        let mut kept = self.0.lock();
         if let Some((_, bytes)) = kept.parts.pop_back() {
             kept.deleted_bytes += bytes;
         }
@@ -48,13 +45,13 @@ impl CompleteParts {
     /// Bytes in the files.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.kept().parts.iter().map(|(_, bytes)| bytes).sum()
+        self.0.lock().parts.iter().map(|(_, bytes)| bytes).sum()
     }
 
     /// Bytes that were written and deleted again.
     #[must_use]
     pub fn deleted_bytes(&self) -> u64 {
-        self.kept().deleted_bytes
+        self.0.lock().deleted_bytes
     }
 
     /// Deletes the oldest part; `false` where there is none, or where the beginning is kept. A file that somebody else has
@@ -63,7 +60,7 @@ impl CompleteParts {
     /// # Errors
     /// The file, and what the system said, when it cannot be deleted.
     pub fn delete_oldest(&self) -> Result<bool, (PathBuf, io::Error)> {
-        let mut kept = self.kept();
+        let mut kept = self.0.lock();
         let oldest = if kept.keep == KeepPolicy::Newest { kept.parts.pop_front() } else { None };
         let Some((number, bytes)) = oldest else { return Ok(false) };
         kept.deleted_bytes += bytes;

@@ -14,6 +14,7 @@ use crate::pipeline::listener::{Listener, ListenerView, Producer, Solved, Subscr
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions};
 use nalgebra::Isometry3;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_drivers::StereoSource;
 use plumbline_estimator::MapSnapshot;
@@ -25,7 +26,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::BufWriter;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Topic of the scene, and of the path.
 pub const SCENE: &str = "/scene";
@@ -83,7 +84,7 @@ fn write(
     let failed = |error: McapError| LogError::unusable(out, format!("cannot be written: {error}"));
     let drawing = Arc::new(Mutex::new(Drawing::new(file, about).map_err(failed)?));
     let verification = execute(Arc::clone(&drawing))?;
-    let mut drawing = locked(&drawing);
+    let mut drawing = drawing.lock();
     let mut log = LogReader::open(path)?;
     loop {
         match log.next_message() {
@@ -99,10 +100,6 @@ fn write(
     }
     drawing.finish().map_err(failed)?;
     Ok(Exported { keyframes: drawing.keyframes, messages: drawing.messages, verification })
-}
-
-fn locked(drawing: &Mutex<Drawing>) -> MutexGuard<'_, Drawing> {
-    drawing.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The file that is being written.
@@ -274,12 +271,12 @@ struct WindowListener(Arc<Mutex<Drawing>>);
 
 impl Listener for WindowListener {
     fn said(&mut self, said: &Said) {
-        locked(&self.0).said(said);
+        self.0.lock().said(said);
     }
 
     fn shown(&mut self, view: ListenerView<'_>) {
         if let ListenerView::Solved(solved) = view {
-            locked(&self.0).solved(solved);
+            self.0.lock().solved(solved);
         }
     }
 }

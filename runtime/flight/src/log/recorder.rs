@@ -73,6 +73,22 @@ impl Shared {
         self.is_running.load(Ordering::Acquire)
     }
 
+    /// Result of `get`, again and again where the producer may wait; an entry that finds no room is counted as dropped.
+    fn await_room<R>(&self, kind: EntryKind, get: impl Fn() -> Option<R>) -> Option<R> {
+        while self.is_running() {
+            let room = get();
+            if room.is_some() {
+                return room;
+            }
+            if self.when_full == WhenFull::Drop {
+                break;
+            }
+            std::thread::sleep(WAIT);
+        }
+        self.count_dropped(kind);
+        None
+    }
+
     fn count_dropped(&self, kind: EntryKind) {
         self.dropped[kind as usize].fetch_add(1, Ordering::Relaxed);
     }
@@ -90,39 +106,16 @@ impl RecorderHandle {
     /// Hands an entry over; `false` when it was dropped. A frame is better given by
     /// [`Self::offer_frame`], which does not free its buffers when there is no room.
     pub fn offer(&self, entry: LogEntry) -> bool {
-        let kind = entry.kind();
-        let mut entry = entry;
-        while self.0.is_running() {
-            match self.0.entries.push(entry) {
-                Ok(()) => return true,
-                Err(refused) => entry = refused,
-            }
-            if self.0.when_full == WhenFull::Drop {
-                break;
-            }
-            std::thread::sleep(WAIT);
-        }
-        self.0.count_dropped(kind);
-        false
+        let place = self.0.await_room(entry.kind(), || self.0.entries.place());
+        place.map(|place| place.fill(entry)).is_some()
     }
 
     /// Takes the content of `frame`, and leaves the buffers of a free one in its place; when none is free
     /// the frame stays as it is and `false` says that it was dropped.
     pub fn offer_frame(&self, frame: &mut StereoFrame) -> bool {
-        while self.0.is_running() {
-            if let Some(place) = self.0.entries.place()
-                && let Some(free) = self.0.free_frames.pop()
-            {
-                place.fill(LogEntry::Frame(std::mem::replace(frame, free)));
-                return true;
-            }
-            if self.0.when_full == WhenFull::Drop {
-                break;
-            }
-            std::thread::sleep(WAIT);
-        }
-        self.0.count_dropped(EntryKind::Frame);
-        false
+        let room = || Some((self.0.entries.place()?, self.0.free_frames.pop()?));
+        let room = self.0.await_room(EntryKind::Frame, room);
+        room.map(|(place, free)| place.fill(LogEntry::Frame(std::mem::replace(frame, free)))).is_some()
     }
 }
 
@@ -189,7 +182,7 @@ impl Recorder {
     /// # Errors
     /// When there is a log of that name, its file cannot be created, or the system refuses a thread.
     pub fn start(path: &Path, config: &ValidConfig, when_full: WhenFull) -> Result<Self, LogError> {
-        Self::start_on(OpenPart::files(), Limits::of(&config.recorder), path, config, when_full)
+        Self::start_going_on(path, config, (None, 0), when_full)
     }
 
     /// Starts a recorder with other limits, in files opened by `open`.

@@ -4,12 +4,13 @@ use super::LogError;
 use super::channel::Channel;
 use super::cursor::Cursor;
 use super::reader::Ending;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// End of a log that is flown, once it was read that far: nothing if it ends with the flight.
 #[derive(Clone, Debug, Default)]
@@ -19,11 +20,11 @@ impl LogEnd {
     /// Place and reason of the break, in words.
     #[must_use]
     pub fn words(&self) -> Option<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     fn set(&self, words: String) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(words);
+        self.0.lock().get_or_insert(words);
     }
 
     /// Result of a read, where damage counts as the end of the log.

@@ -58,7 +58,7 @@ impl StageProbe for StageTimes {
 }
 
 /// Counts and times of a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Figures {
     /// Frames taken.
     pub frames: u64,
@@ -84,7 +84,7 @@ pub struct Figures {
     pub frame_ms: Times,
     /// Processor time of each frame's computation.
     pub frame_cpu_ms: Times,
-    /// Time from an inertial sample to its odometry.
+    /// Time from an inertial sample to its odometry, microseconds.
     pub handout_us: Times,
     /// Stages of a frame.
     pub stages: StageTimes,
@@ -95,44 +95,18 @@ pub struct Figures {
     /// Sums over frames of the counts in [`FrameFigures`].
     counts: [u64; FrameFigures::FIELDS.len()],
     first_frame: Option<Timestamp>,
-    started: Stopwatch,
-}
-
-impl Default for Figures {
-    fn default() -> Self {
-        Self {
-            frames: 0,
-            frames_refused: 0,
-            poses: 0,
-            imu_refused: 0,
-            resets: 0,
-            first_reset_counter: 0,
-            hot_path_allocations: 0,
-            first_pose_s: None,
-            span_s: 0.0,
-            wall_s: 0.0,
-            frame_ms: Times::default(),
-            frame_cpu_ms: Times::default(),
-            handout_us: Times::of_us(),
-            stages: StageTimes::default(),
-            health: HealthTally::default(),
-            time_offset_s: 0.0,
-            counts: [0; FrameFigures::FIELDS.len()],
-            first_frame: None,
-            started: Stopwatch::start(),
-        }
-    }
+    started: Option<Stopwatch>,
 }
 
 impl Figures {
     /// The run begins.
     pub fn start(&mut self) {
-        self.started = Stopwatch::start();
+        self.started = Some(Stopwatch::start());
     }
 
     /// The run is over.
     pub fn finish(&mut self) {
-        self.wall_s = self.started.elapsed_ms() * 1e-3;
+        self.wall_s = self.started.map_or(0.0, |started| started.elapsed_ms() * 1e-3);
     }
 
     /// Means per frame of the counts in [`FrameFigures`] whose names begin with `prefix`, by the rest of their names.

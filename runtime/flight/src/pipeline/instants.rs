@@ -7,11 +7,12 @@
 use crate::schedule::queue::Queue;
 use crate::schedule::ring::Bell;
 use crate::schedule::ticker::Monotonic;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_estimator::NoInstant;
 use plumbline_record::{InstantOrder, InstantOutcome, InstantSource};
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 /// Requests of programs, or triggers of the autopilot, that wait for the tick.
 const QUEUE: usize = 64;
@@ -56,7 +57,7 @@ impl Default for Instants {
 impl Instants {
     /// Asks for the state at each of these instants, as soon as it is settled; before the run. Numbers count them from 0.
     pub fn expect(&self, stamps: Vec<Timestamp>) {
-        *self.list.lock().unwrap_or_else(PoisonError::into_inner) = stamps;
+        *self.list.lock() = stamps;
     }
 
     /// Asks for the state at an instant; `false` when too many requests wait.
@@ -107,7 +108,7 @@ pub struct Standing {
 impl InstantDesk {
     /// Takes over the list.
     pub fn new(door: Arc<Instants>) -> Self {
-        let stamps = std::mem::take(&mut *door.list.lock().unwrap_or_else(PoisonError::into_inner));
+        let stamps = std::mem::take(&mut *door.list.lock());
         let mut rows: Vec<(u64, Timestamp)> = (0..).zip(stamps).collect();
         rows.sort_by_key(|(row, stamp)| (*stamp, *row));
         Self { door, list: rows.into(), waiting: heapless::Vec::new() }

@@ -1,7 +1,7 @@
 //! Requests to keep the map of a flight that goes on, and what became of them.
 
+use parking_lot::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Result of the last request: keyframes that were written, or the reason why none were. `None` before the first.
 pub type MapSaveResult = Option<Result<u32, String>>;
@@ -30,7 +30,7 @@ impl MapSaves {
         if !self.is_open.load(Ordering::Relaxed) {
             return None;
         }
-        let request = MapRequest(self.saved().0);
+        let request = MapRequest(self.saved.lock().0);
         self.is_asked.store(true, Ordering::Relaxed);
         Some(request)
     }
@@ -38,7 +38,7 @@ impl MapSaves {
     /// Result of a request: `None` until it has ended. Does not wait.
     #[must_use]
     pub fn outcome(&self, request: MapRequest) -> MapSaveResult {
-        let saved = self.saved();
+        let saved = self.saved.lock();
         if saved.0 == request.0 { None } else { saved.1.clone() }
     }
 
@@ -49,12 +49,8 @@ impl MapSaves {
 
     /// Tells those who asked: how many keyframes were written, or why none were.
     pub fn tell(&self, outcome: Result<u32, String>) {
-        let mut saved = self.saved();
+        let mut saved = self.saved.lock();
         *saved = (saved.0 + 1, Some(outcome));
-    }
-
-    fn saved(&self) -> MutexGuard<'_, (u64, MapSaveResult)> {
-        self.saved.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

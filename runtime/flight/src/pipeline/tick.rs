@@ -34,7 +34,7 @@ const UNSEEN_RATE: f64 = 2.0;
 const UNSEEN_ACCELERATION: f64 = 10.0;
 
 /// Counts and times of the tick.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct TickFigures {
     /// From being given a reading to its odometry, microseconds.
     pub handout_us: Times,
@@ -87,12 +87,7 @@ impl TickStage {
             newest: Timestamp::MIN,
             digest: Digest::default(),
             last: None,
-            figures: TickFigures {
-                handout_us: Times::of_us(),
-                times: StageTimes::default(),
-                allocations: 0,
-                late_corrections: 0,
-            },
+            figures: TickFigures::default(),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Pools of large entries, handed from one thread to another in place.
 
+use parking_lot::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, TryLockError};
 
 /// Large entries that are made once: one is filled in place, read in place, and free again. One thread fills, one reads;
 /// neither waits for the other, since nobody stops at a slot that the other is in.
@@ -25,16 +25,6 @@ impl<T> Slot<T> {
     fn number(&self) -> u64 {
         self.number.load(Ordering::Acquire)
     }
-
-    /// The entry, unless the other thread is at it.
-    fn enter(&self) -> Option<MutexGuard<'_, T>> {
-        match self.entry.try_lock() {
-            Ok(entry) => Some(entry),
-            // A thread died at it: it is filled anew.
-            Err(TryLockError::Poisoned(entry)) => Some(entry.into_inner()),
-            Err(TryLockError::WouldBlock) => None,
-        }
-    }
 }
 
 impl<T> Pool<T> {
@@ -53,7 +43,7 @@ impl<T> Pool<T> {
         for _ in 0..2 {
             let others = self.slots.iter().enumerate().filter(|(k, _)| *k != busy);
             let Some((k, slot)) = others.min_by_key(|(_, slot)| slot.number()) else { return };
-            let Some(mut entry) = slot.enter() else {
+            let Some(mut entry) = slot.entry.try_lock() else {
                 busy = k;
                 continue;
             };
@@ -72,7 +62,7 @@ impl<T> Pool<T> {
             let waiting = self.slots.iter().filter(|slot| slot.number() != 0);
             let slot = waiting.min_by_key(|slot| slot.number())?;
             // Where it is being filled anew right now it is the newest soon.
-            if let Some(mut entry) = slot.enter().filter(|_| slot.number() != 0) {
+            if let Some(mut entry) = slot.entry.try_lock().filter(|_| slot.number() != 0) {
                 let result = read(&mut entry);
                 slot.number.store(0, Ordering::Release);
                 return Some(result);

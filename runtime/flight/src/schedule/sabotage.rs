@@ -46,18 +46,7 @@ fn plan(words: &str) -> Plan {
     let wrong = || -> ! { panic!("{VARIABLE}: '{words}' is not TASK=panic@S or TASK=hang@S") };
     let Some((task, fault)) = words.split_once('=') else { wrong() };
     let Some((kind, at)) = fault.split_once('@') else { wrong() };
-    let id = match task {
-        "imu" => TaskId::Imu,
-        "tick" => TaskId::Tick,
-        "camera" => TaskId::Camera,
-        "front-end" => TaskId::FrontEnd,
-        "window" => TaskId::Window,
-        "places" => TaskId::Places,
-        "autopilot" => TaskId::Autopilot,
-        "socket" => TaskId::Local,
-        "watchdog" => TaskId::Watchdog,
-        _ => wrong(),
-    };
+    let id = TaskId::ALL.into_iter().find(|id| id.name() == task).unwrap_or_else(|| wrong());
     let at_s = at.split(',').map(|s| s.parse().unwrap_or_else(|_| wrong())).collect();
     Plan { id, is_panic: kind == "panic", at_s, done: AtomicUsize::new(0) }
 }

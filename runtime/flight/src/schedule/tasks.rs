@@ -1,7 +1,8 @@
 //! The task table: everything that runs in a live flight, with its place and its promises.
 //!
-//! Higher priorities interrupt lower ones (SCHED_FIFO, where the host allows it). A task that cannot keep its
-//! deadline follows its overrun rule; none ever lets a queue grow.
+//! Higher priorities interrupt lower ones (SCHED_FIFO, where the host allows it). None ever lets a queue
+//! grow: a late tick takes everything due at once, the front-end refuses the older of the frames that wait, the window has the
+//! ladder take work away from the frames to come, and the map passes frames over.
 
 use plumbline_config::Config;
 use std::fmt::{self, Display, Formatter};
@@ -55,21 +56,22 @@ impl TaskId {
         Self::Local,
         Self::Watchdog,
     ];
-}
 
-/// Policy for a late task.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Overrun {
-    /// Runs everything due at once, one after the other; the ticks missed are counted.
-    CatchUp,
-    /// The newest frame is taken, older ones that wait are refused.
-    Shed,
-    /// The ladder takes work away from the frames to come.
-    Degrade,
-    /// A driver waits for its device.
-    Wait,
-    /// Frames are passed over until it is done.
-    PassOver,
+    /// Name, also that of its thread.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Imu => "imu",
+            Self::Tick => "tick",
+            Self::Camera => "camera",
+            Self::FrontEnd => "front-end",
+            Self::Window => "window",
+            Self::Places => "places",
+            Self::Autopilot => "autopilot",
+            Self::Local => "socket",
+            Self::Watchdog => "watchdog",
+        }
+    }
 }
 
 /// Consequence of a task's death for a flight.
@@ -105,8 +107,6 @@ pub struct Task {
     pub place: ProcessorSet,
     /// Time from one release to the next.
     pub period: Duration,
-    /// Computation that one release should need at most.
-    pub budget: Duration,
     /// Time from release to completion that must not be exceeded.
     pub deadline: Duration,
     /// Silence after which the watchdog calls it stalled.
@@ -115,8 +115,6 @@ pub struct Task {
     pub patience: Option<Duration>,
     /// Consequence of its death for a flight.
     pub loss: Loss,
-    /// Policy when it is late.
-    pub overrun: Overrun,
 }
 
 /// Every task of a live run of `config` at `speed` times real time.
@@ -129,47 +127,39 @@ impl TaskTable {
     pub fn new(config: &Config, speed: f64) -> Self {
         let period = |rate_hz: f64| Duration::from_secs_f64(1.0 / (rate_hz.max(SLOWEST_HZ) * speed));
         let (sample, frame) = (period(config.imu.rate_hz), period(config.camera[0].rate_hz));
-        let ms = Duration::from_millis;
-        // A stalled stage is named within a tenth of a second of its silence: the watchdog looks every 10 ms.
-        let patience = |id| if matches!(id, TaskId::Imu | TaskId::Tick) { TICK_PATIENCE } else { PATIENCE };
-        let stall = |usual: Duration| (usual + usual / 2).max(ms(80));
-        let task = |id: TaskId, name, priority, period: Duration, budget, deadline, overrun| Task {
-            id,
-            name,
-            priority,
-            place: if matches!(id, TaskId::Imu | TaskId::Tick) {
-                ProcessorSet::Tick
-            } else {
-                ProcessorSet::Work
-            },
-            period,
-            budget,
-            deadline,
-            stall: stall(period),
-            patience: Some(patience(id).max(3 * stall(period))),
-            loss: if matches!(id, TaskId::FrontEnd | TaskId::Window) {
-                Loss::Estimate
-            } else {
-                Loss::Process
-            },
-            overrun,
+        let task = |id: TaskId, priority, period: Duration| {
+            let is_first = matches!(id, TaskId::Imu | TaskId::Tick);
+            // A stalled stage is named within a tenth of a second of its silence: the watchdog looks every 10 ms.
+            let stall = (period + period / 2).max(Duration::from_millis(80));
+            Task {
+                id,
+                name: id.name(),
+                priority,
+                place: if is_first { ProcessorSet::Tick } else { ProcessorSet::Work },
+                period,
+                deadline: if id == TaskId::Tick { period / 5 } else { period },
+                stall,
+                patience: Some(if is_first { TICK_PATIENCE } else { PATIENCE }.max(3 * stall)),
+                loss: match id {
+                    TaskId::FrontEnd | TaskId::Window => Loss::Estimate,
+                    _ => Loss::Process,
+                },
+            }
         };
         let yielding =
             |task: Task| Task { stall: YIELDING_STALL, patience: None, loss: Loss::Itself, ..task };
         let sent = Duration::from_secs_f64(1.0 / config.autopilot.rate_hz.max(SLOWEST_HZ));
-        let look = WATCH_PERIOD;
-        let map = 5 * frame;
         Self([
-            task(TaskId::Imu, "imu", Some(85), sample, sample / 50, sample, Overrun::Wait),
-            task(TaskId::Tick, "tick", Some(80), sample, sample / 10, sample / 5, Overrun::CatchUp),
-            task(TaskId::Camera, "camera", None, frame, frame / 2, frame, Overrun::Wait),
-            task(TaskId::FrontEnd, "front-end", Some(60), frame, frame / 2, frame, Overrun::Shed),
-            task(TaskId::Window, "window", Some(50), frame, frame / 2, frame, Overrun::Degrade),
-            yielding(task(TaskId::Places, "places", Some(40), map, frame, map, Overrun::PassOver)),
-            task(TaskId::Autopilot, "autopilot", Some(70), sent, sent / 50, sent, Overrun::CatchUp),
-            yielding(task(TaskId::Local, "socket", None, sample, sample / 10, sample, Overrun::PassOver)),
+            task(TaskId::Imu, Some(85), sample),
+            task(TaskId::Tick, Some(80), sample),
+            task(TaskId::Camera, None, frame),
+            task(TaskId::FrontEnd, Some(60), frame),
+            task(TaskId::Window, Some(50), frame),
+            yielding(task(TaskId::Places, Some(40), 5 * frame)),
+            task(TaskId::Autopilot, Some(70), sent),
+            yielding(task(TaskId::Local, None, sample)),
             // Above those whom it looks after: one that spins must not starve it. It looks, and is done.
-            task(TaskId::Watchdog, "watchdog", Some(90), look, look / 50, look, Overrun::CatchUp),
+            task(TaskId::Watchdog, Some(90), WATCH_PERIOD),
         ])
     }
 
@@ -189,25 +179,17 @@ impl Display for TaskTable {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<10} {:>8} {:>10} {:>10} {:>10} {:>10}  overrun",
-            "task", "priority", "period ms", "budget ms", "deadline", "stall"
+            "{:<10} {:>8} {:>10} {:>10} {:>10}",
+            "task", "priority", "period ms", "deadline", "stall"
         )?;
         for task in self.rows() {
             let priority = task.priority.map_or_else(|| "-".into(), |p| p.to_string());
             let ms = |d: Duration| format!("{:.1}", d.as_secs_f64() * 1e3);
-            let overrun = match task.overrun {
-                Overrun::CatchUp => "catch up",
-                Overrun::Shed => "shed older frames",
-                Overrun::Degrade => "step down the ladder",
-                Overrun::Wait => "wait for the device",
-                Overrun::PassOver => "pass frames over",
-            };
             writeln!(
                 f,
-                "{:<10} {priority:>8} {:>10} {:>10} {:>10} {:>10}  {overrun}",
+                "{:<10} {priority:>8} {:>10} {:>10} {:>10}",
                 task.name,
                 ms(task.period),
-                ms(task.budget),
                 ms(task.deadline),
                 ms(task.stall)
             )?;
@@ -230,7 +212,7 @@ mod tests {
         assert!(priority(TaskId::Tick) > priority(TaskId::FrontEnd));
         assert!(priority(TaskId::FrontEnd) > priority(TaskId::Window));
         assert_eq!(table.row(TaskId::Tick).period, Duration::from_millis(5));
-        assert!(table.rows().all(|t| t.budget <= t.deadline && t.deadline <= t.period.max(t.stall)));
+        assert!(table.rows().all(|t| t.deadline <= t.period.max(t.stall)));
         assert_eq!(table.to_string().lines().count(), 1 + TaskId::ALL.len());
         assert!(table.rows().all(|t| priority(TaskId::Watchdog) >= t.priority));
         assert!(table.rows().all(|t| t.patience.is_none_or(|patience| patience > 2 * t.stall)));

@@ -2,9 +2,8 @@
 
 use super::super::cameras::Cameras;
 use super::super::drawn::{DrawnTopic, Sent};
-use super::super::fleet::{FleetEvent, lock};
+use super::super::fleet::FleetEvent;
 use super::Server;
-use super::places::Seat;
 use super::protocol::{self, Advertised, ClientRequest, Level};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
@@ -22,6 +21,8 @@ const LATE: Duration = Duration::from_millis(500);
 const SEND_PATIENCE: Duration = Duration::from_secs(30);
 /// A client is asked this often whether it is there.
 const PING_PERIOD: Duration = Duration::from_secs(1);
+/// A client that has answered no ping for so long is disconnected.
+const SILENT: Duration = Duration::from_secs(5);
 /// Subscriptions of a client at a time.
 const MAX_SUBSCRIPTIONS: usize = 1_024;
 /// Number of the channel of events; those of vehicles follow.
@@ -33,8 +34,9 @@ type Shown = (String, DrawnTopic);
 /// The state of one connection.
 pub(super) struct Client<'a> {
     server: &'a Server,
-    place: &'a Seat,
     pinged: Instant,
+    /// When it said something last, or answered a ping.
+    heard: Instant,
     channels: BTreeMap<u32, Shown>,
     next_channel: u32,
     /// Channels by the numbers of their subscriptions, and what was sent of them.
@@ -49,11 +51,11 @@ pub(super) struct Client<'a> {
 struct Gone;
 
 impl<'a> Client<'a> {
-    pub(super) fn new(server: &'a Server, place: &'a Seat) -> Self {
+    pub(super) fn new(server: &'a Server) -> Self {
         Self {
             server,
-            place,
             pinged: Instant::now(),
+            heard: Instant::now(),
             channels: BTreeMap::new(),
             next_channel: EVENTS + 1,
             subscriptions: BTreeMap::new(),
@@ -79,7 +81,7 @@ impl<'a> Client<'a> {
             tokio::select! {
                 _ = clock.tick() => self.update(socket).await?,
                 received = socket.recv() => {
-                    self.place.hear(Instant::now());
+                    self.heard = Instant::now();
                     match received {
                         Some(Ok(Message::Text(text))) => self.receive(socket, text.as_str()).await?,
                         Some(Ok(Message::Binary(_))) => {
@@ -96,6 +98,10 @@ impl<'a> Client<'a> {
     /// Sends what is new; afterwards, if that took long, what was missed meanwhile.
     async fn update(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
         let start = Instant::now();
+        if start.saturating_duration_since(self.heard) > SILENT {
+            tracing::warn!("Foxglove: a client that does not answer was disconnected");
+            return Err(Gone);
+        }
         if start.saturating_duration_since(self.pinged) >= PING_PERIOD {
             self.pinged = start;
             send(socket, Message::Ping(Vec::new().into())).await?;
@@ -123,7 +129,7 @@ impl<'a> Client<'a> {
 
     /// Offers the channels of vehicles that came, and takes back those of vehicles that went.
     async fn advertise(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let names: Vec<String> = lock(&self.server.fleet).vehicles.keys().cloned().collect();
+        let names: Vec<String> = self.server.fleet.lock().vehicles.keys().cloned().collect();
         let gone: Vec<u32> =
             self.channels.iter().filter(|(_, (name, _))| !names.contains(name)).map(|(id, _)| *id).collect();
         if !gone.is_empty() {
@@ -150,7 +156,7 @@ impl<'a> Client<'a> {
 
     /// Sends the time of the data.
     async fn send_time(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let stamp_ns = lock(&self.server.fleet).data_time_ns(Instant::now());
+        let stamp_ns = self.server.fleet.lock().data_time_ns(Instant::now());
         let time_ns = stamp_ns.map_or(0, |stamp_ns| log_time(Timestamp::from_nanos(stamp_ns)));
         if time_ns == 0 || std::mem::replace(&mut self.time_ns, time_ns) == time_ns {
             return Ok(());
@@ -161,7 +167,7 @@ impl<'a> Client<'a> {
     /// News for a subscription.
     fn news(&mut self, number: u32) -> Vec<Message> {
         let Some((channel, sent)) = self.subscriptions.get_mut(&number) else { return Vec::new() };
-        let fleet = lock(&self.server.fleet);
+        let fleet = self.server.fleet.lock();
         let drawn = if *channel == EVENTS {
             let time_ns = self.time_ns;
             let events =

@@ -6,7 +6,6 @@
 //! replaced meanwhile, and is told so.
 
 mod client;
-mod places;
 pub mod protocol;
 
 use super::connection::StationSession;
@@ -20,16 +19,20 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use places::Seats;
+use parking_lot::Mutex;
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex};
-use std::time::{Instant, SystemTime};
+use std::sync::Arc;
+use std::time::SystemTime;
 use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
 
 /// Names of the protocol: the present one, and the one before, which is the same in what is used here.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Origins of Foxglove's pages; its desktop program names a file, or nothing.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
+
+/// Clients at a time.
+const MAX_CLIENTS: usize = 16;
 
 /// State shared by the clients.
 struct Server {
@@ -39,7 +42,7 @@ struct Server {
     names: Vec<String>,
     /// Tells this run of the station from others.
     session: String,
-    clients: Arc<Seats>,
+    places: Arc<Semaphore>,
 }
 
 /// Takes the address of the server.
@@ -66,8 +69,8 @@ pub async fn serve(
     let names = names.iter().cloned().chain(guard::own_names()).collect();
     let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let session = since_1970.as_nanos().to_string();
-    let clients = Arc::default();
-    let server = Arc::new(Server { fleet, connection, address, names, session, clients });
+    let places = Arc::new(Semaphore::new(MAX_CLIENTS));
+    let server = Arc::new(Server { fleet, connection, address, names, session, places });
     let app = Router::new()
         .route("/", get(upgrade))
         .layer(axum::middleware::from_fn_with_state(Arc::clone(&server), check))
@@ -104,18 +107,15 @@ async fn upgrade(State(server): State<Arc<Server>>, upgrade: WebSocketUpgrade) -
         let words = "this server speaks foxglove.sdk.v1: open it in Foxglove as a Foxglove WebSocket\n";
         return (StatusCode::BAD_REQUEST, words).into_response();
     }
-    let Some(place) = Seats::take(&server.clients, Instant::now()) else {
+    let Ok(place) = Arc::clone(&server.places).try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close one\n").into_response();
     };
     upgrade
         .max_message_size(protocol::MAX_REQUEST_BYTES)
         .max_frame_size(protocol::MAX_REQUEST_BYTES)
         .on_upgrade(move |socket| async move {
-            tokio::select! {
-                () = client::Client::new(&server, &place).run(socket) => {}
-                // Another client needs the place.
-                () = place.sign.leave.notified() => {}
-            }
+            client::Client::new(&server).run(socket).await;
+            drop(place);
         })
 }
 

@@ -1,7 +1,7 @@
 //! HTTP requests of the page: resets and downloads.
 
 use super::super::command::{self, ResetWords};
-use super::super::fleet::{Fleet, lock};
+use super::super::fleet::Fleet;
 use super::super::track::{PoseSample, tum};
 use super::Station;
 use axum::Json;
@@ -9,10 +9,11 @@ use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use parking_lot::Mutex;
 use plumbline_record::Severity;
 use serde::Deserialize;
 use serde_json::json;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
 
 /// Samples that are copied in one go.
@@ -46,7 +47,7 @@ pub async fn reset(
     if !station.commands {
         return off();
     }
-    let is_known = lock(&station.fleet).vehicles.contains_key(&vehicle);
+    let is_known = station.fleet.lock().vehicles.contains_key(&vehicle);
     let Some(session) = station.connection.session().filter(|_| is_known) else {
         return unknown(&vehicle);
     };
@@ -55,7 +56,7 @@ pub async fn reset(
         Ok(done) => (Severity::Info, done),
         Err(reason) => (Severity::Error, reason),
     };
-    lock(&station.fleet).announce(Some(&vehicle), severity, text.clone());
+    station.fleet.lock().announce(Some(&vehicle), severity, text.clone());
     match outcome {
         Ok(done) => answer(StatusCode::OK, true, &done),
         Err(reason) => answer(StatusCode::BAD_GATEWAY, false, &reason),
@@ -96,7 +97,7 @@ pub async fn download(State(station): State<Arc<Station>>, Path(vehicle): Path<S
 fn copied(fleet: &Mutex<Fleet>, vehicle: &str) -> Option<Vec<PoseSample>> {
     let mut copied: Option<(u64, Vec<PoseSample>)> = None;
     loop {
-        let fleet = lock(fleet);
+        let fleet = fleet.lock();
         let poses = &fleet.vehicles.get(vehicle)?.poses;
         let (next, all) = copied.get_or_insert((poses.first(), Vec::new()));
         let part = poses.since(*next).take(SAMPLES_AT_A_TIME);
@@ -120,7 +121,7 @@ mod tests {
     #[tokio::test]
     async fn a_download_leaves_the_threads_of_the_page_free() {
         let fleet: Arc<Mutex<Fleet>> = Arc::default();
-        lock(&fleet).alive("drone", true);
+        fleet.lock().alive("drone", true);
         let station = Arc::new(Station {
             fleet: Arc::clone(&fleet),
             connection: StationSession::default(),
@@ -133,7 +134,7 @@ mod tests {
         });
         let mut downloading = pin!(download(State(station), Path("drone".to_owned())));
         {
-            let _taken = lock(&fleet);
+            let _taken = fleet.lock();
             assert!(downloading.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
         }
         assert_eq!(downloading.await.status(), StatusCode::OK);

@@ -15,9 +15,10 @@ use super::fleet::Fleet;
 use axum::Router;
 use axum::routing::{get, post};
 use connections::ServeError;
+use parking_lot::Mutex;
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex};
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 

@@ -5,7 +5,6 @@
 
 use super::super::cameras::Cameras;
 use super::super::fleet::Fleet;
-use super::super::fleet::lock;
 use super::super::vehicle::VehicleState;
 use super::{Station, messages};
 use axum::extract::State;
@@ -110,7 +109,7 @@ impl Page {
         let Some(camera) = watched(text) else { return self.count_malformed() };
         self.cameras.retain(|name| camera.contains(name));
         for name in camera {
-            let is_known = lock(&self.station.fleet).vehicles.contains_key(&name);
+            let is_known = self.station.fleet.lock().vehicles.contains_key(&name);
             if is_known
                 && let Err(reason) =
                     self.cameras.watch(&self.station.connection, &self.station.fleet, name).await
@@ -143,7 +142,7 @@ impl Page {
 
     /// Figures and events, and the vehicles there are.
     fn first_news(&mut self, now: Instant) -> (Vec<Message>, Vec<String>) {
-        let fleet = lock(&self.station.fleet);
+        let fleet = self.station.fleet.lock();
         let news = figures(&fleet, self.station.malformed.load(Ordering::Relaxed), self.events, now);
         self.events = fleet.events.total();
         self.places.retain(|name, _| fleet.vehicles.contains_key(name));
@@ -153,7 +152,7 @@ impl Page {
     /// News of a part of a vehicle.
     fn part(&mut self, name: &str, part: Part) -> Option<Message> {
         let place = self.places.entry(name.to_owned()).or_default();
-        let fleet = lock(&self.station.fleet);
+        let fleet = self.station.fleet.lock();
         let is_shown = part != Part::Picture || self.cameras.contains(name);
         fleet.vehicles.get(name).filter(|_| is_shown).and_then(|vehicle| part.news(name, vehicle, place))
     }

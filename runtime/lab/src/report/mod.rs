@@ -353,20 +353,21 @@ fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
 
 /// Timing of a live run, for people.
 fn live_lines(live: &LiveFigures) -> [String; 2] {
-    let late = &live.sample_to_odometry_ms;
+    let (tick, front_end) = (&live.tick, &live.front_end);
+    let late = tick.sample_to_odometry_ms.percentiles();
     [
         format!(
             "{:<18}sample to odometry median {:.2} ms, p99.9 {:.2}, largest {:.2}; {} of {} ticks missed",
-            "clock", late.percentiles.p50, late.p999, late.percentiles.max, live.ticks_missed, live.ticks
+            "clock", late.p50, late.p999, late.max, tick.ticks_missed, tick.ticks
         ),
         format!(
             "{:<18}{} frames shed, {} passed over, {} steps down the ladder, {} late corrections, {} stalls",
             "",
-            live.frames_shed,
-            live.frames_passed_over,
-            live.steps_down,
+            front_end.frames_shed,
+            front_end.frames_passed_over,
+            front_end.steps_down,
             live.late_corrections,
-            live.stalls
+            live.watchdog.stalls
         ),
     ]
 }

@@ -12,16 +12,17 @@
 
 use super::commands::reset_words;
 use super::error::NetError;
-use super::history::{History, MAX_POSES, lock};
+use super::history::{History, MAX_POSES};
 use super::now_ns;
 use super::outlet::{encoding, key_of};
 use super::vehicle::VehicleFacts;
+use parking_lot::Mutex;
 use plumbline_estimator::ResetKind;
 use plumbline_record::messages::{Clock, MapSaved, PastTrajectory, ResetDone};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::{Question, Topic};
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
 use zenoh::bytes::Encoding;
 use zenoh::key_expr::keyexpr;
@@ -182,7 +183,7 @@ impl Answers {
                 send_each(query, key, topic, answers).await;
             }
             Topic::Path => {
-                let path = lock(&self.history).path.clone();
+                let path = self.history.lock().path.clone();
                 let answer = if path.is_empty() { Vec::new() } else { vec![path] };
                 send(query, key, topic, Ok(answer)).await;
             }
@@ -212,7 +213,7 @@ impl Answers {
         let wanted = range(query, i64::MIN, i64::MAX)?;
         let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
         let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
-        let answers = lock(&self.history).trajectory(&wanted, step_ns, size);
+        let answers = self.history.lock().trajectory(&wanted, step_ns, size);
         let numbered = |answer: &PastTrajectory| {
             (answer.poses.first().map_or(0, |first| first.stamp.as_nanos()), encode(answer))
         };
@@ -222,7 +223,7 @@ impl Answers {
     /// The keyframes that a question asks for, each with its sequence number.
     fn keyframes(&self, query: &Query, room: Room, key: &str) -> Result<Vec<(i64, Vec<u8>)>, String> {
         let wanted = range(query, 0, u64::MAX)?;
-        let keyframes = lock(&self.history).keyframes(&wanted, MAX_KEYFRAMES_PER_QUESTION);
+        let keyframes = self.history.lock().keyframes(&wanted, MAX_KEYFRAMES_PER_QUESTION);
         if room == Room::One && keyframes.len() > 1 {
             return Err(format!(
                 "{} keyframes are wanted; ask for {key}/**, where each has its own key",

@@ -2,9 +2,9 @@
 //! session logs them ([`log_refusals`], [`diagnosis::report_failures`]).
 
 use super::diagnosis::{self, Told};
+use parking_lot::Mutex;
 use std::collections::BTreeSet;
 use std::fmt::Debug;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
@@ -40,10 +40,6 @@ struct Refusals {
 
 static REFUSALS: Mutex<Refusals> = Mutex::new(Refusals { fresh: BTreeSet::new(), told: Told::new() });
 
-fn refusals() -> MutexGuard<'static, Refusals> {
-    REFUSALS.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Refusals {
     fn note(&mut self, words: String) {
         if self.fresh.len() < MAX_WAITING {
@@ -59,7 +55,7 @@ impl Refusals {
 
 /// Logs what was refused since the last call.
 pub fn log_refusals() {
-    let told = refusals().take(Instant::now());
+    let told = REFUSALS.lock().take(Instant::now());
     for words in told {
         tracing::warn!("connection refused: {words}");
     }
@@ -83,10 +79,11 @@ impl<S: Subscriber> Layer<S> for Audit {
         } else if let Some((reason, _)) = message.split_once(HINT) {
             // Who has no place is named by the places themselves.
             if !reason.contains(NO_PLACE) {
-                refusals().note(format!("a TLS handshake failed: {reason}"));
+                REFUSALS.lock().note(format!("a TLS handshake failed: {reason}"));
             }
         } else if let Some((places, _)) = message.strip_prefix(FULL).and_then(|rest| rest.split_once(')')) {
-            refusals()
+            REFUSALS
+                .lock()
                 .note(format!("no place for another session: all {places} are taken; close other sessions"));
         } else if message.starts_with(LINKED) {
             diagnosis::record_link();
@@ -120,14 +117,14 @@ mod tests {
         };
         tracing::subscriber::with_default(subscriber, || {
             log();
-            let told = refusals().take(Instant::now());
+            let told = REFUSALS.lock().take(Instant::now());
             let expected = [
                 "a TLS handshake failed: received fatal alert: X",
                 "no place for another session: all 32 are taken; close other sessions",
             ];
             assert_eq!(told, expected);
             log();
-            assert!(refusals().take(Instant::now()).is_empty());
+            assert!(REFUSALS.lock().take(Instant::now()).is_empty());
         });
     }
 }

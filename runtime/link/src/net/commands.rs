@@ -1,10 +1,10 @@
 //! Commands on their way back to the flight, over the local socket.
 
+use parking_lot::Mutex;
 use plumbline_client::Requests;
 use plumbline_estimator::ResetKind;
 use plumbline_record::local::request::{Answer, At, Request, RequestStatus};
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{oneshot, watch};
 
@@ -35,16 +35,12 @@ impl CommandRelay {
         Self(Mutex::new(state))
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Asks for a reset before the next frame.
     ///
     /// # Errors
     /// When the flight takes no commands of this process, or cannot be reached: the reason as text.
     pub fn ask_reset(&self, kind: ResetKind) -> Result<(), String> {
-        let mut state = self.state();
+        let mut state = self.0.lock();
         state.check()?;
         let Some(requests) = &mut state.requests else { return Ok(()) };
         let sent = requests.send(&Request::Reset(kind));
@@ -72,7 +68,7 @@ impl CommandRelay {
     /// When it was not saved: the reason as text.
     pub async fn save_map(&self) -> Result<u32, String> {
         let answered = {
-            let mut state = self.state();
+            let mut state = self.0.lock();
             state.check()?;
             let number = state.send(&Request::SaveMap);
             let number = number.ok_or("this flight keeps no map: start it with --save-map FILE")?;
@@ -93,29 +89,29 @@ impl CommandRelay {
 
     /// Asks for camera pictures at this rate, Hz; zero for none any more.
     pub fn watch(&self, rate_hz: f64) {
-        self.state().send(&Request::Watch((rate_hz * 1e3) as u32));
+        self.0.lock().send(&Request::Watch((rate_hz * 1e3) as u32));
     }
 
     /// Asks for the state at an instant; the number that its answer carries.
     pub fn ask_at(&self, at: At) -> Option<u64> {
-        self.state().send(&Request::At(at))
+        self.0.lock().send(&Request::At(at))
     }
 
     /// Reports to whoever started this process.
     pub fn report(&self, report: &Request) {
-        self.state().send(report);
+        self.0.lock().send(report);
     }
 
     /// Takes an answer of the flight.
     pub fn take(&self, answer: Answer) {
-        if let Some(waiting) = self.state().waiting.remove(&answer.number) {
+        if let Some(waiting) = self.0.lock().waiting.remove(&answer.number) {
             let _ = waiting.send(answer);
         }
     }
 
     /// Ends the connection, also for the thread that reads.
     pub fn close(&self) {
-        if let Some(requests) = &self.state().requests {
+        if let Some(requests) = &self.0.lock().requests {
             requests.close();
         }
     }

@@ -6,11 +6,11 @@
 
 use super::error::NetError;
 use super::security;
+use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::ErrorKind;
 use std::net::TcpListener;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Protocols that this build can speak.
@@ -211,10 +211,6 @@ struct Attempts {
 static ATTEMPTS: Mutex<Attempts> =
     Mutex::new(Attempts { waiting: VecDeque::new(), told: Told::new(), newest: None });
 
-fn attempts() -> MutexGuard<'static, Attempts> {
-    ATTEMPTS.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Where another session has the identifier of this one, or of the other side: what Zenoh says of it.
 const TAKEN: [&[&str]; 2] = [&["INVALID", "OpenSyn"], &["already exist"]];
 static REFUSED: [AtomicBool; TAKEN.len()] = [const { AtomicBool::new(false) }; TAKEN.len()];
@@ -241,7 +237,7 @@ pub fn record(endpoint: &str, reason: &str) {
             refused.store(true, Ordering::Relaxed);
         }
     }
-    let mut attempts = attempts();
+    let mut attempts = ATTEMPTS.lock();
     if attempts.waiting.len() == MAX_WAITING {
         attempts.waiting.pop_front();
     }
@@ -251,7 +247,7 @@ pub fn record(endpoint: &str, reason: &str) {
 /// Message of Zenoh about the newest attempt to connect to `endpoint` that waits to be logged.
 #[must_use]
 pub fn newest_attempt(endpoint: &str) -> Option<String> {
-    let attempts = attempts();
+    let attempts = ATTEMPTS.lock();
     let newest = attempts.waiting.iter().rev().find(|(other, _)| other == endpoint);
     newest.map(|(_, reason)| reason.clone())
 }
@@ -259,7 +255,7 @@ pub fn newest_attempt(endpoint: &str) -> Option<String> {
 /// Logs why attempts to connect failed since the last call, each cause once in a while.
 pub fn report_failures() {
     let now = Instant::now();
-    let mut attempts = attempts();
+    let mut attempts = ATTEMPTS.lock();
     while let Some((endpoint, reason)) = attempts.waiting.pop_front() {
         let words = format!("{endpoint}: {}", explain(&endpoint, &reason));
         if attempts.told.is_due(&words, now) {
@@ -290,7 +286,7 @@ impl DroppedRoutes {
 /// Reason of the last failed attempt, if one failed.
 #[must_use]
 pub fn newest_failure() -> Option<String> {
-    attempts().newest.clone()
+    ATTEMPTS.lock().newest.clone()
 }
 
 #[cfg(test)]

@@ -11,7 +11,6 @@ use plumbline_record::messages::{Envelope, PastPose, PastTrajectory};
 use plumbline_record::protobuf::encode;
 use std::collections::VecDeque;
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Poses that are kept: half an hour at 20 Hz.
 pub const MAX_POSES: usize = 36_000;
@@ -32,11 +31,6 @@ pub struct History {
     next_keyframe: u64,
     /// The corrected path as it was last sent.
     pub path: Vec<u8>,
-}
-
-/// Locks the history, also after a thread has panicked while holding it.
-pub fn lock(history: &Mutex<History>) -> MutexGuard<'_, History> {
-    history.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl History {

@@ -4,15 +4,16 @@
 //! paths there were: who has missed the newest one asks for it ([`super::answers`]).
 
 use super::error::NetError;
-use super::history::{History, lock};
+use super::history::History;
 use super::now_ns;
 use super::outlet::Outlet;
 use super::pace::Rates;
+use parking_lot::Mutex;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_record::messages::Envelope;
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Topic;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use zenoh::Session;
 
@@ -104,7 +105,7 @@ impl MapPublisher {
         if let Some(newest) = path.poses.last() {
             (envelope.stamp_ns, envelope.reset_counter) = (newest.stamp.as_nanos(), newest.reset_counter);
         }
-        lock(&self.history).path = encode(&envelope);
+        self.history.lock().path = encode(&envelope);
         self.path.put(&envelope).await;
     }
 }

@@ -8,7 +8,7 @@ use super::commands::CommandRelay;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::HealthFeed;
-use super::history::{History, lock};
+use super::history::History;
 use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
 use super::outlet::Outlet;
@@ -16,6 +16,7 @@ use super::pace::Rates;
 use super::relay::{FeedReaders, RelayState, Relayed};
 use super::vehicle::VehicleFacts;
 use super::{ROOT, audit, camera, diagnosis, now_ns};
+use parking_lot::Mutex;
 use plumbline_estimator::{Estimate, MapSnapshot};
 use plumbline_record::fields::Parts;
 use plumbline_record::local::content::LocalRecord;
@@ -24,8 +25,8 @@ use plumbline_record::messages::{Envelope, Health, LadderRung};
 use plumbline_record::protobuf::encode;
 use plumbline_record::topics::Topic;
 use plumbline_rings::lane::LaneReader;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use zenoh::Session;
@@ -207,13 +208,13 @@ impl Publishers {
     /// Brings what health messages count up to date.
     fn count(&mut self, shared: &RelayState) {
         let health = &mut self.health.health;
-        (health.keyframes, health.paths) = (lock(&self.history).keyframe_count(), self.map.paths());
+        (health.keyframes, health.paths) = (self.history.lock().keyframe_count(), self.map.paths());
         health.dropped = shared.dropped();
     }
 
     /// Takes what answers and health need of an estimate.
     async fn note(&mut self, shared: &RelayState, estimate: &Estimate, frame_ms: f64) {
-        lock(&self.history).remember(estimate);
+        self.history.lock().remember(estimate);
         self.resets.send_replace(estimate.reset_counter);
         self.health.health.frame_ms = frame_ms;
         self.count(shared);
@@ -233,7 +234,7 @@ impl Publishers {
 
     /// Sends the keyframes that have left the window.
     async fn send_finished(&self, snapshot: &MapSnapshot) {
-        let keyframes = lock(&self.history).update(snapshot);
+        let keyframes = self.history.lock().update(snapshot);
         for envelope in keyframes {
             let _ = self.keyframe.put(envelope).await;
         }

@@ -1,11 +1,9 @@
 //! Records of a flight on their way to the tasks that send them. Nothing blocks; who is slow forgets the oldest.
 
 use super::pace::Pace;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::Odometry;
 use plumbline_record::local::content::LocalRecord;
 use plumbline_record::local::picture::Shot;
-use plumbline_record::protobuf::encode;
-use plumbline_record::said::FullEstimate;
 use plumbline_rings::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -116,12 +114,6 @@ impl Feed {
     pub fn odometry(&mut self, odometry: Odometry, handed_over_ns: i64) {
         self.odometry.push((odometry, handed_over_ns));
         self.shared.odometry_bell.notify_one();
-    }
-
-    /// Takes an estimate, and the computation of its frame, ms.
-    pub fn estimate(&mut self, estimate: Estimate, frame_ms: f64) {
-        let message = encode(&FullEstimate { estimate: estimate.clone(), frame_ms });
-        self.take(LocalRecord::Estimate(Box::new(estimate), frame_ms), &message);
     }
 }
 

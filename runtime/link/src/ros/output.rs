@@ -5,9 +5,6 @@ use super::publisher::{LOOK_PERIOD, RosPublisher};
 use crate::net::{CommandRelay, NetError};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
-use plumbline_estimator::Odometry;
-use plumbline_estimator::places::MapEstimate;
-use plumbline_record::InstantAnswer;
 use plumbline_record::local::content::LocalRecord;
 use plumbline_rings::Stamps;
 use plumbline_rings::lane::{LaneReader, LaneWriter, lane};
@@ -16,12 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use tokio::sync::Notify;
 
-/// Odometry that waits for the network: a quarter of a second.
-const ODOMETRY_RING: usize = 50;
-/// Poses in the map that wait: the newest counts.
-const MAP_RING: usize = 2;
-/// States at instants that wait.
-const INSTANT_RING: usize = 64;
+/// Records that wait for the network: a quarter of a second of odometry, with poses in the map and states at instants among it.
+const RING: usize = 116;
 
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
@@ -49,7 +42,8 @@ impl RosOutput {
         commands: Arc<CommandRelay>,
     ) -> Result<(Self, RosFeed), NetError> {
         let shared = Arc::new(RosOutputState { bell: Notify::new(), stop: AtomicBool::new(false) });
-        let (feed, waiting) = rings(&shared);
+        let (lane, waiting, _) = lane(RING);
+        let feed = RosFeed { shared: Arc::clone(&shared), lane };
         let identity = Identity {
             options: config.ros.clone(),
             vehicle: config.network.vehicle.clone(),
@@ -86,34 +80,17 @@ impl Drop for RosOutput {
     }
 }
 
-/// Reading ends of the rings of a [`RosFeed`].
-struct Waiting {
-    odometry: LaneReader<Odometry>,
-    map: LaneReader<MapEstimate>,
-    instants: LaneReader<InstantAnswer>,
-}
-
-fn rings(shared: &Arc<RosOutputState>) -> (RosFeed, Waiting) {
-    let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
-    let (map_in, map, _) = lane(MAP_RING);
-    let (instants_in, instants, _) = lane(INSTANT_RING);
-    let feed =
-        RosFeed { shared: Arc::clone(shared), odometry: odometry_in, map: map_in, instants: instants_in };
-    (feed, Waiting { odometry, map, instants })
-}
-
-async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &RosOutputState) {
+async fn publish(mut publisher: RosPublisher, mut waiting: LaneReader<LocalRecord>, shared: &RosOutputState) {
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
         publisher.look().await;
-        while let Some(newest) = waiting.map.pop() {
-            publisher.map = Some(newest);
-        }
-        while let Some(odometry) = waiting.odometry.pop() {
-            publisher.odometry(&odometry).await;
-        }
-        while let Some(answer) = waiting.instants.pop() {
-            publisher.instant(&answer).await;
+        while let Some(record) = waiting.pop() {
+            match record {
+                LocalRecord::Odometry(odometry, _) => publisher.odometry(&odometry).await,
+                LocalRecord::Instant(answer, _) => publisher.instant(&answer).await,
+                LocalRecord::MapEstimate(newest) => publisher.map = Some(newest),
+                _ => {}
+            }
         }
         if is_last {
             return publisher.stop().await;
@@ -126,20 +103,16 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Ros
 #[derive(Debug)]
 pub struct RosFeed {
     shared: Arc<RosOutputState>,
-    odometry: LaneWriter<Odometry>,
-    map: LaneWriter<MapEstimate>,
-    instants: LaneWriter<InstantAnswer>,
+    lane: LaneWriter<LocalRecord>,
 }
 
 impl RosFeed {
     /// Takes a record, if it is one that ROS 2 receives.
     pub fn take(&mut self, record: &LocalRecord) {
-        match record {
-            LocalRecord::Odometry(odometry, _) => self.odometry.push((**odometry).clone()),
-            LocalRecord::Instant(answer, _) => self.instants.push((**answer).clone()),
-            LocalRecord::MapEstimate(newest) => return self.map.push(newest.clone()),
-            _ => return,
+        use LocalRecord::{Instant, MapEstimate, Odometry};
+        if matches!(record, Odometry(..) | Instant(..) | MapEstimate(_)) {
+            self.lane.push(record.clone());
+            self.shared.bell.notify_one();
         }
-        self.shared.bell.notify_one();
     }
 }

@@ -10,11 +10,12 @@ use super::names::{Endpoint, RosTopic};
 use super::system_clock::from_system_clock;
 use super::topic::Declaring;
 use crate::net::{CommandRelay, NetError, now_ns};
+use parking_lot::Mutex;
 use plumbline_record::local::request::At;
 use plumbline_record::{InstantAnswer, InstantSource};
 use plumbline_rings::Stamps;
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
@@ -38,7 +39,7 @@ impl Triggers {
     fn ask(&self, stamp_ns: i64, stamps: Stamps, commands: &CommandRelay) {
         let stamp = from_system_clock(stamps, stamp_ns, now_ns());
         // The answer waits for the lock until its request is noted.
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut waiting = self.0.lock();
         if let Some(number) = commands.ask_at(At { stamp, patience_ms: PATIENCE_MS, is_settled: false }) {
             if waiting.len() == MAX_WAITING {
                 waiting.pop_front();
@@ -52,7 +53,7 @@ impl Triggers {
         if answer.source != InstantSource::Request {
             return None;
         }
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut waiting = self.0.lock();
         let place = waiting.iter().position(|(number, _)| *number == answer.sequence)?;
         waiting.remove(place).map(|(_, stamp_ns)| stamp_ns)
     }

@@ -3,42 +3,31 @@
 use super::{AXES, off_diagonal};
 use crate::orders::{InstantAnswer, InstantOutcome};
 use std::fmt::Write as _;
+use std::io;
+use std::path::Path;
 
 /// Columns before the covariances.
-const FIRST: [&str; 18] = [
-    "stamp_ns",
-    "outcome",
-    "tracking",
-    "quality",
-    "reset_counter",
-    "estimated_ns",
-    "settled",
-    "p_o_b_x_m",
-    "p_o_b_y_m",
-    "p_o_b_z_m",
-    "q_o_b_x",
-    "q_o_b_y",
-    "q_o_b_z",
-    "q_o_b_w",
-    "v_o_b_x_m_s",
-    "v_o_b_y_m_s",
-    "v_o_b_z_m_s",
-    "w_b_x_rad_s",
-];
-/// The rest of the angular rate.
-const RATES: [&str; 2] = ["w_b_y_rad_s", "w_b_z_rad_s"];
+const FIRST: &str = "stamp_ns,outcome,tracking,quality,reset_counter,estimated_ns,settled,p_o_b_x_m,p_o_b_y_m,p_o_b_z_m,q_o_b_x,\
+                     q_o_b_y,q_o_b_z,q_o_b_w,v_o_b_x_m_s,v_o_b_y_m_s,v_o_b_z_m_s,w_b_x_rad_s,w_b_y_rad_s,w_b_z_rad_s";
 
 /// Names of all columns, in order.
-#[must_use]
-pub fn names() -> Vec<String> {
-    let first = FIRST.into_iter().chain(RATES).map(str::to_owned);
+fn names() -> Vec<String> {
+    let first = FIRST.split(',').map(str::to_owned);
     let variances = super::names().into_iter().filter(|name| name.starts_with("var_")).take(AXES.len());
     first.chain(variances).chain(super::covariance_names()).collect()
 }
 
+/// Writes answers to `path` as a table, replacing a file of that name.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write(path: &Path, rows: &[InstantAnswer]) -> io::Result<()> {
+    super::write(path, &names(), rows, write_row)
+}
+
 /// Appends the cells of a row, without a line end; those of a state that there is not are empty. Numbers come back from
 /// them bit for bit.
-pub fn write_row(line: &mut String, answer: &InstantAnswer) {
+fn write_row(line: &mut String, answer: &InstantAnswer) {
     let at = &answer.instant;
     let outcome = match answer.outcome {
         InstantOutcome::Answered => "answered",

@@ -9,6 +9,7 @@ use crate::schedule::ticker::Monotonic;
 use plumbline_config::Portable;
 use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 use plumbline_estimator::admission::{StampGate, StampVerdict};
+use serde::Serialize;
 
 /// A recorded frame that arrives later than this after its time was late at its source, ms; one of a camera after a period.
 const LATE_AT_SOURCE_MS: f64 = 5.0;
@@ -80,14 +81,14 @@ pub struct CameraTask {
 }
 
 /// Timing of a source of frames.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct CameraFigures {
     /// Frames that it brought late.
-    pub late: u64,
+    pub frames_late_at_source: u64,
     /// Lateness of the latest frame, ms.
-    pub latest_ms: f64,
+    pub frame_latest_at_source_ms: f64,
     /// Frames that it passed over to be in time again.
-    pub overdue: u64,
+    pub frames_overdue_at_source: u64,
 }
 
 impl CameraTask {
@@ -118,10 +119,10 @@ impl CameraTask {
             }
             let at = Monotonic::now();
             let late_ms = at.ms_since(due);
-            self.kept.late += u64::from(late_ms > late_at_source_ms);
-            self.kept.latest_ms = self.kept.latest_ms.at_least(late_ms);
+            self.kept.frames_late_at_source += u64::from(late_ms > late_at_source_ms);
+            self.kept.frame_latest_at_source_ms = self.kept.frame_latest_at_source_ms.at_least(late_ms);
             if follows && late_ms > overdue_ms {
-                self.kept.overdue += self.source.skip_to(shared.data_time(at));
+                self.kept.frames_overdue_at_source += self.source.skip_to(shared.data_time(at));
             }
             shared.heartbeats.give(TaskId::FrontEnd);
             if self.arrivals.push(Arrival { frame, at }).is_err() {

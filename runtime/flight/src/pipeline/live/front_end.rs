@@ -14,6 +14,7 @@ use crate::schedule::times::Times;
 use plumbline_config::{Portable, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
+use serde::{Serialize, Serializer};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -26,36 +27,45 @@ const GRACE_FRAMES: u32 = 20;
 const SAMPLE_NAPS: u32 = 6;
 
 /// Counts and times of the task.
-#[derive(Default)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct FrontEndFigures {
     /// Frames refused because a newer one was there.
-    pub shed: u64,
+    pub frames_shed: u64,
     /// Frames that the rung did not admit.
-    pub passed_over: u64,
+    pub frames_passed_over: u64,
     /// Frames tracked before all their samples were there.
-    pub short_of_samples: u64,
+    pub frames_short_of_samples: u64,
     /// Frames that were lost by a fault.
-    pub lost: u64,
+    pub frames_lost: u64,
     /// Fresh starts of the estimator after a fault.
     pub renewals: u64,
     /// Frames not given to the map, which had fallen behind.
+    #[serde(skip)]
     pub places_passed_over: u64,
     /// Frames on each rung.
+    #[serde(serialize_with = "by_name")]
     pub on_rung: [u64; Rung::ALL.len()],
     /// Steps of the ladder.
     pub steps_down: u64,
     pub steps_up: u64,
     /// From the arrival of a frame to its being tracked, ms.
-    pub response_ms: Times,
+    pub frame_response_ms: Times,
     /// Most samples and frames that waited.
+    #[serde(skip)]
     pub deepest_samples: usize,
+    #[serde(skip)]
     pub deepest_frames: usize,
+}
+
+/// Counts of the rungs of the ladder by their names.
+fn by_name<S: Serializer>(on_rung: &[u64; Rung::ALL.len()], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(Rung::ALL.iter().map(|rung| rung.name()).zip(on_rung))
 }
 
 impl FrontEndFigures {
     /// Frames that were not estimated.
     pub fn refused(&self) -> u64 {
-        self.shed + self.passed_over + self.lost
+        self.frames_shed + self.frames_passed_over + self.frames_lost
     }
 }
 
@@ -202,7 +212,7 @@ impl FrontEndTask {
             };
             longest_ms = ms;
         } else if let Some(arrival) = &mut self.arrival {
-            self.figures.passed_over += 1;
+            self.figures.frames_passed_over += 1;
             self.stage.refuse(&mut arrival.frame);
         }
         self.judge(shared, longest_ms, shed);
@@ -225,7 +235,7 @@ impl FrontEndTask {
         job.is_after_fault = std::mem::take(&mut self.is_renewal_due);
         stage.track(&arrival.frame, rung, team, job);
         let longest_ms = job.cost.wall_ms.at_least(shared.window_ms());
-        self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
+        self.figures.frame_response_ms.record(Monotonic::now().ms_since(arrival.at));
         shared.heartbeats.give(TaskId::Window);
         self.rings.jobs.push(self.job.take()?).ok()?;
         self.taken += 1;
@@ -260,7 +270,7 @@ impl FrontEndTask {
             }
             let _ = self.rings.empty.push(arrival.frame);
         }
-        self.figures.lost += self.unheard.len() as u64;
+        self.figures.frames_lost += self.unheard.len() as u64;
         self.figures.renewals += 1;
         let before_frame = self.newest_taken.map_or(0, |frame| frame + 1);
         self.stage.renew(self.unheard.drain(..), before_frame);
@@ -323,7 +333,7 @@ impl FrontEndTask {
             let _ = self.rings.empty.push(older.frame);
             shed += 1;
         }
-        self.figures.shed += shed;
+        self.figures.frames_shed += shed;
         Some((newest, shed))
     }
 
@@ -366,7 +376,7 @@ impl FrontEndTask {
             self.grace = GRACE_FRAMES;
         }
         self.is_imu_silent = true;
-        self.figures.short_of_samples += 1;
+        self.figures.frames_short_of_samples += 1;
         None
     }
 

@@ -186,7 +186,8 @@ impl Ended {
     fn outcome(mut self, team: &Team) -> RunOutcome {
         let mut figures = stages::total(&self.front_end.stage, &self.window.stage, &self.tick.stage, team);
         figures.hot_path_allocations += self.watchdog.allocations;
-        figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
+        figures.frames_refused +=
+            self.front_end.figures.refused() + self.camera.figures.frames_overdue_at_source;
         let passed_over = self.front_end.figures.places_passed_over;
         let places = self.places.take();
         RunOutcome {

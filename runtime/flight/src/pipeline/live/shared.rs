@@ -6,10 +6,11 @@ use crate::schedule::ladder::Rung;
 use crate::schedule::tasks::{Loss, TaskId, TaskTable};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
+use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 /// From the start of the threads to the first release, ns.
@@ -159,12 +160,12 @@ impl<'a> RunState<'a> {
 
     /// Keeps the first failure of a run. The watchdog tells of those of tasks.
     fn keep(&self, error: RunError) {
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        self.failure.lock().get_or_insert(error);
     }
 
     /// The first failure, after the end.
     pub fn into_failure(self) -> Option<RunError> {
-        self.failure.into_inner().unwrap_or_else(PoisonError::into_inner)
+        self.failure.into_inner()
     }
 
     /// A task has ended by a fault of its own: so does the run, where it cannot go on without.

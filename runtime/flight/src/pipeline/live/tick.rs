@@ -10,6 +10,7 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::Times;
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::Estimate;
+use serde::Serialize;
 use std::time::Duration;
 
 /// Releases are this much after the grid of the samples, so that each finds the sample of its own time, ns.
@@ -20,19 +21,20 @@ const PHASE_NS: i64 = 150_000;
 const BEFORE_RELEASE: Duration = Duration::from_micros(300);
 
 /// Counts and times of the task.
-#[derive(Default)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct TickTaskFigures {
     /// Releases.
     pub ticks: u64,
     /// Releases that passed unseen.
-    pub missed: u64,
+    pub ticks_missed: u64,
     /// Readings whose odometry was later than the task's deadline.
     pub deadline_misses: u64,
     /// Lateness of releases, ms.
-    pub late_ms: Times,
+    pub tick_late_ms: Times,
     /// From the time of a reading to its odometry, ms.
-    pub latency_ms: Times,
+    pub sample_to_odometry_ms: Times,
     /// Most readings that waited.
+    #[serde(skip)]
     pub deepest: usize,
 }
 
@@ -89,8 +91,8 @@ impl TickTask {
             let release = ticker.wait();
             shared.heartbeats.busy(TaskId::Tick);
             self.figures.ticks += 1;
-            self.figures.missed += release.missed;
-            self.figures.late_ms.record(release.late_ms);
+            self.figures.ticks_missed += release.missed;
+            self.figures.tick_late_ms.record(release.late_ms);
             self.take_due(shared);
         }
     }
@@ -137,7 +139,7 @@ impl TickTask {
             self.arrived = Monotonic::now();
             self.stage.take(&reading);
             let latency_ms = Monotonic::now().ms_since(shared.due(reading.sample.stamp));
-            self.figures.latency_ms.record(latency_ms);
+            self.figures.sample_to_odometry_ms.record(latency_ms);
             self.figures.deadline_misses += u64::from(latency_ms > deadline_ms);
             // Full, it is a minute behind: the front-end is gone, and has been named by the watchdog.
             let _ = self.rings.samples.push(reading);

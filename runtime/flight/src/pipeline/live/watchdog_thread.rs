@@ -12,6 +12,7 @@ use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{TaskEvent, Watchdog};
 use plumbline_config::Portable;
 use plumbline_record::{Event, Said, Severity};
+use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -24,15 +25,16 @@ const MEMORY_PERIOD: Duration = Duration::from_secs(1);
 const NEWS: usize = 64;
 
 /// Findings of the watchdog in a run.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct WatchdogFigures {
     /// Stalls named.
     pub stalls: u64,
     /// Tasks that ended by a fault of their own.
     pub deaths: u64,
     /// Allocations of the watchdog's thread while it watched: it is above all others, and waits for no allocator.
+    #[serde(skip)]
     pub allocations: u64,
-    /// Growth of the resident memory after it had settled, MB.
+    /// Growth of the resident memory after the first minute, MB; none in a shorter run.
     pub memory_growth_mb: Option<f64>,
 }
 

@@ -6,7 +6,7 @@
 use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::{FrontStage, Job, WindowStage};
 use super::super::tick::TickStage;
-use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
+use super::drivers::{CameraFigures, CameraTask, ImuTask};
 use super::front_end::{FrontEndRings, FrontEndTask, JOB_POOL};
 use super::places::{PlacesRings, PlacesTask};
 use super::tick::{TickRings, TickTask};
@@ -15,9 +15,9 @@ use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::Feedback;
 use plumbline_estimator::admission::StampGate;
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
-use plumbline_estimator::{Estimate, Feedback};
 
 /// Frames that are filled, wait or are tracked at a time.
 const FRAME_POOL: usize = 4;
@@ -61,150 +61,92 @@ pub struct Tasks {
     pub places: Option<PlacesTask>,
 }
 
-/// Bells on which the threads sleep.
-#[derive(Default)]
-struct Bells {
-    tick: Bell,
-    camera: Bell,
-    front_end: Bell,
-    window: Bell,
-    places: Bell,
+/// The map's ends: that of the front-end, the task, and that of the window. Frames go from the front-end to the map, and back; updates
+/// to the window.
+fn join_places(
+    config: &ValidConfig,
+    stage: Option<PlacesStage>,
+    [front_end, window]: [&Bell; 2],
+) -> (Option<PlacesRings>, Option<PlacesTask>, Reader<MapUpdate>) {
+    let bell = Bell::default();
+    let buffers = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
+    let (jobs_writer, jobs) = ring(PLACE_POOL, &bell);
+    let (spare, spare_reader) = filled(PLACE_POOL, front_end, buffers, || PlaceJob::new(config.setup()));
+    let (updates, map_updates) = ring(MAP_UPDATE_RING, window);
+    let rings = PlacesRings { jobs: jobs_writer, spare: spare_reader, choice: PlaceChoice::default() };
+    let has_places = stage.is_some();
+    let task = stage.map(|stage| PlacesTask { stage, jobs, spare, updates, bell });
+    (has_places.then_some(rings), task, map_updates)
 }
 
-/// Both ends of a ring.
-struct Ring<T> {
-    writer: Writer<T>,
-    reader: Reader<T>,
-}
-
-impl<T> Ring<T> {
-    fn new(capacity: usize, reader_sleeps_on: &Bell) -> Self {
-        let (writer, reader) = ring(capacity, reader_sleeps_on);
-        Self { writer, reader }
+/// A ring with `count` entries in it.
+fn filled<T>(capacity: usize, bell: &Bell, count: usize, make: impl Fn() -> T) -> (Writer<T>, Reader<T>) {
+    let (mut writer, reader) = ring(capacity, bell);
+    for _ in 0..count {
+        let _ = writer.push(make());
     }
-
-    /// Puts `count` entries in.
-    fn filled(mut self, count: usize, make: impl Fn() -> T) -> Self {
-        for _ in 0..count {
-            let _ = self.writer.push(make());
-        }
-        self
-    }
-}
-
-/// All rings, each after what it carries.
-struct Rings {
-    /// From the inertial driver to the tick.
-    readings: Ring<ImuReading>,
-    /// From the tick to the front-end.
-    samples: Ring<ImuReading>,
-    /// From the camera to the front-end, and back when they are done with.
-    arrivals: Ring<Arrival>,
-    empty: Ring<StereoFrame>,
-    /// From the front-end to the window, and back.
-    jobs: Ring<Job>,
-    spare: Ring<Job>,
-    /// From the window to the front-end, and back.
-    feedback: Ring<Feedback>,
-    blank: Ring<Feedback>,
-    /// From the window to the tick.
-    corrections: Ring<Estimate>,
-    /// From the front-end to the map, and back.
-    place_jobs: Ring<PlaceJob>,
-    place_spare: Ring<PlaceJob>,
-    /// From the map to the window.
-    map_updates: Ring<MapUpdate>,
-}
-
-impl Rings {
-    /// Rings with everything allocated for the configuration.
-    fn new(config: &ValidConfig, bells: &Bells) -> Self {
-        let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
-        let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
-        Self {
-            readings: Ring::new(readings_in(READING_RING_S).max(READING_RING), &bells.tick),
-            samples: Ring::new(readings_in(SAMPLE_RING_S), &bells.front_end),
-            arrivals: Ring::new(FRAME_POOL, &bells.front_end),
-            empty: Ring::new(FRAME_POOL, &bells.camera)
-                .filled(FRAME_POOL, || StereoFrame::new(image_sizes(&config.camera))),
-            jobs: Ring::new(JOB_POOL, &bells.window),
-            spare: Ring::new(JOB_POOL, &bells.front_end).filled(JOB_POOL, || Job::new(config)),
-            feedback: Ring::new(JOB_POOL, &bells.front_end),
-            blank: Ring::new(JOB_POOL, &bells.window).filled(JOB_POOL, || Feedback::new(config.setup())),
-            corrections: Ring::new(CORRECTION_RING, &bells.tick),
-            place_jobs: Ring::new(PLACE_POOL, &bells.places),
-            place_spare: Ring::new(PLACE_POOL, &bells.front_end)
-                .filled(place_jobs, || PlaceJob::new(config.setup())),
-            map_updates: Ring::new(MAP_UPDATE_RING, &bells.window),
-        }
-    }
+    (writer, reader)
 }
 
 impl Tasks {
-    /// Joins the tasks of a run.
+    /// Joins the tasks of a run, with everything allocated for the configuration.
     pub fn new(config: &ValidConfig, sensors: Sensors, stages: Stages) -> Self {
-        let bells = Bells::default();
-        let rings = Rings::new(config, &bells);
-        let Sensors { imu, first, stereo } = sensors;
+        let [tick, camera, front_end, window] = std::array::from_fn(|_| Bell::default());
+        let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
+        let blank_frame = || StereoFrame::new(image_sizes(&config.camera));
+        // From the inertial driver to the tick, and on to the front-end.
+        let (readings_writer, readings) = ring(readings_in(READING_RING_S).max(READING_RING), &tick);
+        let (samples_writer, samples) = ring(readings_in(SAMPLE_RING_S), &front_end);
+        // From the camera to the front-end, and back when they are done with.
+        let (arrivals_writer, arrivals) = ring(FRAME_POOL, &front_end);
+        let (empty_writer, empty) = filled(FRAME_POOL, &camera, FRAME_POOL, blank_frame);
+        // From the front-end to the window, and back.
+        let (jobs_writer, jobs) = ring(JOB_POOL, &window);
+        let (spare_writer, spare) = filled(JOB_POOL, &front_end, JOB_POOL, || Job::new(config));
+        // From the window to the front-end, and back; and to the tick.
+        let (feedback_writer, feedback) = ring(JOB_POOL, &front_end);
+        let (blank_writer, blank) = filled(JOB_POOL, &window, JOB_POOL, || Feedback::new(config.setup()));
+        let (corrections_writer, corrections) = ring(CORRECTION_RING, &tick);
+        let (to_places, places, map_updates) = join_places(config, stages.places, [&front_end, &window]);
+        let of_tick = TickRings { readings, corrections, samples: samples_writer, bell: tick };
         Self {
-            imu: ImuTask { source: imu, first, readings: rings.readings.writer },
-            tick: TickTask::new(
-                stages.tick,
-                TickRings {
-                    readings: rings.readings.reader,
-                    corrections: rings.corrections.reader,
-                    samples: rings.samples.writer,
-                    bell: bells.tick,
-                },
-            ),
-            camera: camera(stereo, rings.empty.reader, rings.arrivals.writer, bells.camera),
+            imu: ImuTask { source: sensors.imu, first: sensors.first, readings: readings_writer },
+            tick: TickTask::new(stages.tick, of_tick),
+            camera: CameraTask {
+                source: sensors.stereo,
+                empty,
+                arrivals: arrivals_writer,
+                bell: camera,
+                kept: CameraFigures::default(),
+                stamps: StampGate::of_frames(),
+            },
             front_end: FrontEndTask::new(
                 stages.front,
-                stages.places.is_some().then_some(PlacesRings {
-                    jobs: rings.place_jobs.writer,
-                    spare: rings.place_spare.reader,
-                    choice: PlaceChoice::default(),
-                }),
+                to_places,
                 FrontEndRings {
-                    arrivals: rings.arrivals.reader,
-                    empty: rings.empty.writer,
-                    samples: rings.samples.reader,
-                    spare: rings.spare.reader,
-                    jobs: rings.jobs.writer,
-                    feedback: rings.feedback.reader,
-                    blank: rings.blank.writer,
-                    bell: bells.front_end,
+                    arrivals,
+                    empty: empty_writer,
+                    samples,
+                    spare,
+                    jobs: jobs_writer,
+                    feedback,
+                    blank: blank_writer,
+                    bell: front_end,
                 },
             ),
             window: WindowTask::new(
                 stages.window,
                 WindowRings {
-                    jobs: rings.jobs.reader,
-                    spare: rings.spare.writer,
-                    blank: rings.blank.reader,
-                    feedback: rings.feedback.writer,
-                    corrections: rings.corrections.writer,
-                    map_updates: rings.map_updates.reader,
-                    bell: bells.window,
+                    jobs,
+                    spare: spare_writer,
+                    blank,
+                    feedback: feedback_writer,
+                    corrections: corrections_writer,
+                    map_updates,
+                    bell: window,
                 },
             ),
-            places: stages.places.map(|stage| PlacesTask {
-                stage,
-                jobs: rings.place_jobs.reader,
-                spare: rings.place_spare.writer,
-                updates: rings.map_updates.writer,
-                bell: bells.places,
-            }),
+            places,
         }
     }
-}
-
-fn camera(
-    source: Box<dyn StereoSource>,
-    empty: Reader<StereoFrame>,
-    arrivals: Writer<Arrival>,
-    bell: Bell,
-) -> CameraTask {
-    let (kept, stamps) = (CameraFigures::default(), StampGate::of_frames());
-    CameraTask { source, empty, arrivals, bell, kept, stamps }
 }
