@@ -213,6 +213,14 @@ impl Measurer {
         median(inverse_depths).filter(|median| *median > 0.0).map_or(f64::INFINITY, |median| 1.0 / median)
     }
 
+    /// Number of measured points whose depth is known.
+    pub fn landmarks_in_view(&self, landmarks: &LandmarkStore<InversePoint>) -> usize {
+        let is_known = |track: &&PointTrack| {
+            landmarks.of_track(track.track_id).is_some_and(|index| landmarks.all()[index].is_triangulated)
+        };
+        self.measurements.iter().filter(is_known).count()
+    }
+
     /// Keeps the points for the next frame.
     pub fn remember(&mut self, observations: &[PointObservation]) {
         std::mem::swap(&mut self.previous, &mut self.earlier);

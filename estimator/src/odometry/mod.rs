@@ -279,8 +279,8 @@ impl Odometer {
         }
         self.conclude(time.stamp, health);
         let cost = outcome.cost / self.estimation.window.observation_count().max(1) as f64;
-        if let Some(ratio) = self.start.refused_by(time.stamp, cost) {
-            self.start_anew(ResetReason::StartRefused(ratio));
+        if self.start.is_refused(time.stamp, cost, self.judge.is_distrusting()) {
+            self.start_anew(ResetReason::StartRefused);
         }
         Solved { iterations: outcome.iterations, is_keyframe }
     }

@@ -23,9 +23,9 @@ pub enum ResetReason {
     /// The clock of the sensors was set.
     #[error("the clock of the sensors was set")]
     ClockSet,
-    /// The frames after a start with one camera contradict it: by so many times the variance of what was measured.
-    #[error("the frames after the start contradict it by {:.1} sigmas", .0.sqrt())]
-    StartRefused(f64),
+    /// The frames after a start with one camera contradict it.
+    #[error("the frames after the start contradict it")]
+    StartRefused,
     /// A state that is no number.
     #[error("the state is no number")]
     NotFinite,

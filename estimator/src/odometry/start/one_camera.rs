@@ -6,11 +6,12 @@ use crate::exchange::believable_offset;
 use crate::inertial::Preintegration;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::initial::timing::{
-    ALIKE, DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
+    DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
 };
 use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
 use crate::odometry::estimation::Estimation;
+use crate::odometry::measure::FEW_LANDMARKS;
 use crate::shutter::Readout;
 use crate::window::state::Rig;
 use crate::window::{MAX_FRAMES, Window};
@@ -128,14 +129,14 @@ impl Start {
         if timing.parallax < CERTAIN_SIGMAS {
             return Err(Missing::Way(timing.parallax));
         }
-        // The window has the last word on the bias as well: that of the images, or the one before them where it fits better for certain.
+        // The window has the last word on the bias as well: that of the images or the one before them, whichever fits better.
         let rig = estimation.window.rig.clone();
+        let by_images = self.settle_aligned(estimation, &rig, timing.bias_gyro);
         let by_memory = self.settle_aligned(estimation, &rig, self.bias_memory.0);
-        let mut variance = self.settle_aligned(estimation, &rig, timing.bias_gyro);
-        let observations = estimation.window.observation_count() as f64;
-        if (variance - by_memory) * observations / ALIKE > CERTAIN_SIGMAS.squared() {
-            variance = self.settle_aligned(estimation, &rig, self.bias_memory.0);
-        }
+        let variance = match by_images < by_memory {
+            true => self.settle_aligned(estimation, &rig, timing.bias_gyro),
+            false => by_memory,
+        };
         let judged = self.judge_settled(estimation, variance);
         if judged.is_err() {
             give_up(estimation, rig);
@@ -149,15 +150,23 @@ impl Start {
         judged
     }
 
-    /// Takes the mean robust cost of an observation in the frame of `stamp`, in squared standard deviations; returns that of all frames since
-    /// a start with one camera if they refuse it at the end of its probation.
-    pub(in crate::odometry) fn refused_by(&mut self, stamp: Timestamp, cost: f64) -> Option<f64> {
-        let begun = self.one_camera.begun?;
+    /// Takes the mean robust cost of an observation in the frame of `stamp`, in squared standard deviations; returns whether the frames since a
+    /// start with one camera refuse it: by the mean of their costs at the end of its probation, or before by a gyroscope that they contradict.
+    pub(in crate::odometry) fn is_refused(
+        &mut self,
+        stamp: Timestamp,
+        cost: f64,
+        is_contradicted: bool,
+    ) -> bool {
+        let Some(begun) = self.one_camera.begun else { return false };
         let (sum, count) = &mut self.one_camera.costs;
         (*sum, *count) = (*sum + cost, *count + 1.0);
-        let mean = Some(*sum / *count).filter(|_| stamp.seconds_since(begun) > PROBATION_S)?;
-        self.one_camera.begun = None;
-        (mean > MAX_MEAN_COST).then_some(mean)
+        let is_over = stamp.seconds_since(begun) > PROBATION_S;
+        let is_refused = is_contradicted || is_over && *sum > MAX_MEAN_COST * *count;
+        if is_over || is_refused {
+            self.one_camera.begun = None;
+        }
+        is_refused
     }
 
     /// Delay of the images, by what they and the gyroscope say of the turn.
@@ -262,8 +271,8 @@ impl Start {
 
     /// Judges what the window has settled at, with this mean cost of an observation.
     fn judge_settled(&self, estimation: &mut Estimation, variance: f64) -> Result<(), Missing> {
-        let landmarks = estimation.window.triangulated().0;
-        if landmarks < MIN_TRACKS {
+        let landmarks = estimation.measurer.landmarks_in_view(&estimation.window.points);
+        if landmarks < FEW_LANDMARKS {
             return Err(Missing::Points(landmarks));
         }
         if variance > MAX_MEAN_COST {
