@@ -6,7 +6,7 @@ use crate::exchange::believable_offset;
 use crate::inertial::Preintegration;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::initial::timing::{
-    DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
+    ALIKE, DELAY, Known, PAIR_SPAN_S, READOUT, SEARCHED_S, Timing, TimingWorkspace, Unknowns,
 };
 use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
@@ -129,14 +129,14 @@ impl Start {
         if timing.parallax < CERTAIN_SIGMAS {
             return Err(Missing::Way(timing.parallax));
         }
-        // The window has the last word on the bias as well: that of the images or the one before them, whichever fits better.
+        // The window has the last word on the bias as well: that of the images, or the one before them where it fits better for certain.
         let rig = estimation.window.rig.clone();
-        let by_images = self.settle_aligned(estimation, &rig, timing.bias_gyro);
         let by_memory = self.settle_aligned(estimation, &rig, self.bias_memory.0);
-        let variance = match by_images < by_memory {
-            true => self.settle_aligned(estimation, &rig, timing.bias_gyro),
-            false => by_memory,
-        };
+        let observations = estimation.window.observation_count() as f64;
+        let mut variance = self.settle_aligned(estimation, &rig, timing.bias_gyro);
+        if (variance - by_memory) * observations / ALIKE > CERTAIN_SIGMAS.squared() {
+            variance = self.settle_aligned(estimation, &rig, self.bias_memory.0);
+        }
         let judged = self.judge_settled(estimation, variance);
         if judged.is_err() {
             give_up(estimation, rig);
