@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use plumbline_config::Portable;
 
 /// Landmarks in view below which the estimate is weak.
-pub(super) const FEW_LANDMARKS: usize = 20;
+const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
 /// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a quarter of a patch.

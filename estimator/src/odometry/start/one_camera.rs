@@ -11,7 +11,6 @@ use crate::initial::timing::{
 use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
 use crate::odometry::estimation::Estimation;
-use crate::odometry::measure::FEW_LANDMARKS;
 use crate::shutter::Readout;
 use crate::window::state::Rig;
 use crate::window::{MAX_FRAMES, Window};
@@ -272,7 +271,7 @@ impl Start {
     /// Judges what the window has settled at, with this mean cost of an observation.
     fn judge_settled(&self, estimation: &mut Estimation, variance: f64) -> Result<(), Missing> {
         let landmarks = estimation.measurer.landmarks_in_view(&estimation.window.points);
-        if landmarks < FEW_LANDMARKS {
+        if landmarks < MIN_TRACKS {
             return Err(Missing::Points(landmarks));
         }
         if variance > MAX_MEAN_COST {
