@@ -26,7 +26,7 @@ mod v4l2;
 mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, FlowMessages, LostPose};
-pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
+pub use estimator::{EstimatorConfig, HealthConfig, PointsConfig, WindowConfig};
 pub use frames::FramesConfig;
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;

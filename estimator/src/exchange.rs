@@ -7,19 +7,20 @@
 
 use crate::estimate::{FrameFigures, HealthBits};
 use crate::inertial::buffer::IMU_MEMORY_S;
+use crate::initial::timing::SEARCHED_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
 use crate::points::prediction::{KnownPoint, WitnessedTurn};
+use crate::shutter::{Readout, readouts};
 use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
 use crate::window::state::{FrameTime, MAX_FRAMES, NavState};
 use crate::work_budget::WorkBudget;
 use nalgebra::{Isometry3, Matrix4, Vector3};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
-/// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
-/// their neighbours.
-const MAX_TIME_OFFSET_S: f64 = 0.05;
+/// Time offsets beyond this are not believed, s: the largest that can be configured, and as far from that as a start searches.
+pub(crate) const MAX_TIME_OFFSET_S: f64 = 0.1 + SEARCHED_S;
 
 /// Lines of a window that are handed on for maps, at most.
 const MAX_SOLVED_LINES: usize = 128;
@@ -84,6 +85,8 @@ pub struct Feedback {
     pub pose_b_c: [Isometry3<f64>; 2],
     /// `t_imu - t_camera` as refined so far, s.
     pub time_offset_s: f64,
+    /// Readouts of the cameras, as configured or found.
+    pub readouts: [Readout; 2],
     /// Bias of the gyroscope, rad/s.
     pub bias_gyro: Vector3<f64>,
     /// Mean angular rate of the body since the frame before, rad/s: it predicts turns that no gyroscope measures.
@@ -158,6 +161,7 @@ impl Feedback {
             wrong_lines: Vec::with_capacity(2 * setup.estimator.lines.max_landmarks),
             pose_b_c: [pose(0), pose(1)],
             time_offset_s: setup.rig.time_offset_s,
+            readouts: readouts(setup),
             bias_gyro: Vector3::zeros(),
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,

@@ -136,7 +136,7 @@ impl FrontEnd {
         let stamp = self.imu_time(image_stamp);
         let latest = self.door.newest().or(self.stamps.newest());
         let is_near = latest.is_none_or(|latest| stamp.seconds_since(latest) <= IMU_MEMORY_S);
-        self.stamps.is_later(stamp) && (is_near || self.stamps.is_running())
+        self.stamps.is_later(image_stamp) && (is_near || self.stamps.is_running())
     }
 
     /// Samples up to this time must have been added before the frame of `image_stamp` is: the time of its last row.
@@ -166,7 +166,13 @@ impl FrontEnd {
             lines.drop_tracks(&feedback.wrong_lines);
             lines.set_extrinsics(&feedback.pose_b_c[..self.cameras]);
         }
-        self.time_offset_s = believable_offset(feedback.time_offset_s);
+        let time_offset_s = believable_offset(feedback.time_offset_s);
+        if feedback.solved.pose_o_b.is_none() {
+            // Before a start it may be another one altogether: the last frame is where it would have been by that.
+            let step_s = time_offset_s - self.time_offset_s;
+            self.last_stamp = self.last_stamp.map(|last| last.plus_seconds(step_s));
+        }
+        (self.time_offset_s, self.readouts) = (time_offset_s, feedback.readouts);
         self.bias_gyro = feedback.bias_gyro;
         self.turn_rate_b = feedback.turn_rate_b;
         self.distrusts_imu = feedback.distrusts_imu;
@@ -216,7 +222,7 @@ impl FrontEnd {
         tracked.budget = *budget;
         tracked.health = HealthBits::default();
         tracked.samples.clear();
-        if !self.admit(stamp, tracked) {
+        if !self.admit(frame.stamp, tracked) {
             return;
         }
         tracked.reset = self.asked_reset.take();
@@ -255,7 +261,7 @@ impl FrontEnd {
         self.write_observations(tracked);
     }
 
-    /// Admits the frame of `stamp`, or empties `tracked` and returns false. Samples of a refused frame wait
+    /// Admits the frame of `stamp`, by its own clock, or empties `tracked` and returns false. Samples of a refused frame wait
     /// for the next one.
     fn admit(&mut self, stamp: Timestamp, tracked: &mut Tracked) -> bool {
         let verdict = self.stamps.admit(stamp, self.door.newest());
@@ -339,9 +345,6 @@ impl FrontEnd {
 
     /// Tells points and lines how the cameras turn between the rows of the frame of `stamp`.
     fn turn_rows(&mut self, stamp: Timestamp) {
-        if self.readouts.iter().all(Readout::is_global) {
-            return;
-        }
         let turn_b = |late_s: f64| self.turn_since(stamp, late_s);
         let rows = [0, 1].map(|k| RowTurns::new(self.readouts[k], &self.rot_b_c[k], turn_b));
         self.points.set_rows(&rows);

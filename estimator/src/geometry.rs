@@ -84,6 +84,14 @@ pub fn yaw_of(rot_o_b: &UnitQuaternion<f64>) -> f64 {
     2.0 * half
 }
 
+/// The attitude with zero yaw in which the specific force `accel_b` points up.
+#[must_use]
+pub fn attitude_from_gravity(accel_b: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let tilt = rotation_between(accel_b, &Vector3::z());
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw_of(&tilt));
+    yaw * tilt
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -116,6 +124,15 @@ mod tests {
             let product = right_jacobian(&phi) * right_jacobian_inverse(&phi);
             prop_assert!((product - Matrix3::identity()).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn at_rest_the_specific_force_points_up_and_yaw_is_zero() {
+        let accel_b = Vector3::new(9.1, 0.2, -3.6);
+        let rot_o_b = attitude_from_gravity(&accel_b);
+        let up = rot_o_b * accel_b;
+        assert!((up - Vector3::z() * accel_b.norm()).norm() < 1e-9);
+        assert!(yaw_of(&rot_o_b).abs() < 1e-12);
     }
 
     #[test]

@@ -18,7 +18,7 @@ const KNOTS: usize = 5;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Readout {
     /// Time from the first row to the last, s; 0 for a global shutter.
-    readout_s: f64,
+    pub readout_s: f64,
     /// Rows after the first.
     rows: f64,
 }

@@ -19,9 +19,6 @@ pub struct EstimatorConfig {
     /// The sliding window and its solver; keyframes and recent frames together are at most 15.
     #[key(default)]
     pub window: WindowConfig,
-    /// Initialization.
-    #[key(default)]
-    pub initial: InitialConfig,
     /// Conditions under which an estimate counts as failed.
     #[key(default)]
     pub health: HealthConfig,
@@ -110,22 +107,6 @@ pub struct WindowConfig {
     /// Points nearer than this are not triangulated, m.
     #[key(default = 0.2, range = 0.01..=100.0, unit = METRES, experiment)]
     pub min_depth_m: f64,
-}
-
-/// Initialisation.
-#[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct InitialConfig {
-    /// Number of stereo frames collected before the first pose.
-    #[key(default = 4, range = 2..=15, experiment)]
-    pub stereo_frames: usize,
-    /// Duration of the data collected before the first monocular pose, s.
-    #[key(default = 1.5, range = 0.2..=20.0, unit = SECONDS, experiment)]
-    pub mono_window_s: f64,
-    /// Mean parallax, without the part due to rotation, that a monocular initialization needs, px.
-    #[key(default = 20.0, range = 1.0..=500.0, unit = PIXELS, experiment)]
-    pub mono_min_parallax_px: f64,
 }
 
 /// When an estimate counts as failed.

@@ -150,6 +150,19 @@ pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>
     early.into_iter().chain(late).collect()
 }
 
+/// Defect: a folder of a further camera, and none is that of the right one.
+pub(super) fn misnamed_camera(root: &Path) -> Option<Defect> {
+    let has = |camera: &usize| super::camera_folder(root, *camera).is_dir();
+    let other = (2..10).find(has).filter(|_| !has(&1))?;
+    Some(Defect {
+        what: "cam1 is missing: one camera is used".into(),
+        evidence: format!("{} holds cam{other}, but no cam1", root.display()),
+        cause: "a folder that was renamed, or a copy that is not complete".into(),
+        cure: "name the folder of the right camera cam1; to fly with one camera, give --mono".into(),
+        is_grave: false,
+    })
+}
+
 /// One row in this many may have the stamp of another.
 const REPEATED_ONE_IN: u64 = 100;
 

@@ -124,7 +124,7 @@ impl EurocDataset {
             sizes_px.push(check_size(&root, camera, &table.rows, options)?);
             rows.push(table.rows);
         }
-        let mut defects = Vec::new();
+        let mut defects: Vec<Defect> = defects::misnamed_camera(&root).into_iter().collect();
         if let [left, right] = &rows[..] {
             defects.extend(defects::surplus(&root, [left.len(), right.len()]));
         }

@@ -191,8 +191,8 @@ impl ImuBuffer {
         Vibration::of(samples.map(|believed| &believed.sample))
     }
 
-    /// The samples in `[from, to]`.
-    fn within(&self, from: Timestamp, to: Timestamp) -> impl Iterator<Item = &BelievedSample> {
+    /// Samples in `[from, to]`, in order.
+    pub fn within(&self, from: Timestamp, to: Timestamp) -> impl Iterator<Item = &BelievedSample> {
         let first = self.samples.partition_point(|s| s.sample.stamp < from);
         self.samples.range(first..).take_while(move |s| s.sample.stamp <= to)
     }

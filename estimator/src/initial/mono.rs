@@ -1,311 +1,253 @@
-//! Structure, motion, gravity and scale from one camera in motion, all at once.
+//! Motion, gravity, scale and the accelerometer's bias from one camera in motion, all at once.
 //!
-//! With rotations known from the gyroscope, the position of the body at frame `k` is linear in the first
-//! velocity and in gravity, both in the first body frame:
+//! With rotations known from the gyroscope, the camera at frame `k` is a linear function of the first velocity `v`, of gravity `g`, both
+//! in the first body frame, and of the bias `a` of the accelerometer:
 //!
 //! ```text
-//! p_k = v t_k + g t_k²/2 + dp_k
+//! c_k = v t_k + g t_k²/2 + dp_k + (d dp_k / d a) a + R_k p_bc
 //! ```
 //!
-//! and a point `X` seen in direction `(x, y, 1)` by a camera at `p_k + R_k p_bc` gives two linear
-//! equations, `(R_ck' (X - p_ck)).xy - (x, y) (R_ck' (X - p_ck)).z = 0`, divided by the depth of the last
-//! round so that they are errors in the image. Points are eliminated one by one (Schur complement), which
-//! leaves six equations for `v` and `g`; `|g|` is then held at its known value. This is the structure from
-//! motion and the visual-inertial alignment of VINS-Mono (Qin et al. 2018, section V) in one step: no
-//! scale drifts between them. Source: Martinelli, "Closed-Form Solution of Visual-Inertial Structure from
-//! Motion" (2014).
+//! A point that frames `i` and `j` see in the directions `f` spans a plane with the way between them: `n . (c_j - c_i) = 0` for its normal
+//! `n = R_i f_i x R_j f_j`, whatever its depth. Divided by the length of the way this is an error in the image. That length depends on the
+//! unknowns as well (Gauss-Newton): where it does not, noise of the normals makes all ways shorter. Nine equations are left for `v`, `g` and
+//! `a`, where the length of `g` and a prior of `a` are known. Source: Cai et al., "A Pose-only Solution
+//! to Visual Reconstruction and Navigation" (2021); Martinelli, "Closed-Form Solution of Visual-Inertial Structure from Motion" (2014).
 
-use super::gyro_bias::joined_motion;
-use super::{GatheredFrame, find_track};
+use super::timing::{ALIKE, Bearing, cost, weight};
+use super::{TILT_SIGMA_RAD, VELOCITY_SIGMA_M_S};
+use crate::geometry::attitude_from_gravity;
 use crate::inertial::Preintegration;
-use crate::window::reprojection::PointMeasurement;
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use crate::window::state::NavState;
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 use plumbline_config::Portable;
-use std::ops::Range;
 
-/// Rounds of re-weighting by depth.
-const ROUNDS: usize = 8;
-/// Rounds on the tangent of the sphere of gravity.
-const GRAVITY_ROUNDS: usize = 6;
-/// Depth of a point in the first round and the bounds of it later, m.
-const FIRST_DEPTH_M: f64 = 3.0;
-const MIN_DEPTH_M: f64 = 0.2;
-/// Weight of a view that has its point behind the camera: not zero, so that a wrong depth can come right.
-const WEIGHT_BEHIND: f64 = 0.01;
-/// Bound on the share of one residual in the mean, squared standard deviations: a few outliers are no
-/// failure.
-const MAX_SQUARED_RESIDUAL: f64 = 100.0;
-/// Information of a point below which its place is not determined (product of the three eigenvalues, 1/m⁶).
-const MIN_DETERMINANT: f64 = 1e-9;
-/// Views of a point that make it worth while.
-const MIN_VIEWS: usize = 4;
-/// Residuals beyond this many standard deviations lose weight (Cauchy).
-const ROBUST_SIGMAS: f64 = 3.0;
+/// Gauss-Newton steps; outliers lose weight in the second half of them.
+const ROUNDS: usize = 12;
+/// Mean speeds that it begins with, m/s, from a hand's to a drone's: of a wrong one accelerations turn the ways too little, or too much.
+const SPEEDS_M_S: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 
-/// Velocity and gravity at the first frame, in its body frame.
+/// Velocity, gravity, and step of the accelerometer's bias.
+type Nine = SVector<f64, 9>;
+
+/// Pairs of frames, and the motions that lead to them from the first at some biases.
 #[derive(Clone, Copy, Debug)]
-pub struct GravityAlignment {
-    /// Velocity of the body, m/s.
-    pub v_b0: Vector3<f64>,
-    /// Gravity, m/s².
-    pub gravity_b0: Vector3<f64>,
-    /// Root mean square of the residuals, in standard deviations.
-    pub rms_sigmas: f64,
+pub struct Alignment<'a> {
+    /// Common points of the pairs, those of a pair together.
+    pub bearings: &'a [Bearing],
+    /// Motions from the first frame to each.
+    pub motions: &'a [Preintegration],
+    /// Extrinsics `T_BC` of both cameras.
+    pub pose_b_c: &'a [Isometry3<f64>; 2],
+    /// Standard deviation of a direction, rad.
+    pub sigma_bearing: f64,
+    /// Standard deviation of the accelerometer's bias, m/s².
+    pub sigma_m_s2: f64,
+    /// Length of gravity, m/s².
+    pub gravity_m_s2: f64,
 }
 
-/// The memory of an alignment, allocated once.
-#[derive(Clone, Debug)]
-pub struct AlignmentWorkspace {
-    motions: Vec<Preintegration>,
-    cameras: Vec<[CameraAt; 2]>,
-    track_ids: Vec<u32>,
-    points: Vec<Point>,
-    views: Vec<View>,
+/// Sums over all pairs at some values of the unknowns.
+#[derive(Clone, Debug, Default)]
+struct Sums {
+    h: SMatrix<f64, 9, 9>,
+    g: Nine,
+    /// Robust cost, in squared standard deviations.
+    cost: f64,
+    /// Positive where points are in front of the camera.
+    in_front: f64,
+    /// Squares of the normals.
+    normals: Matrix3<f64>,
 }
 
-impl AlignmentWorkspace {
-    /// Room for `frames` of `points` each.
-    #[must_use]
-    pub fn new(frames: usize, points: usize) -> Self {
-        let tracks = frames * points;
-        let views = 2 * tracks;
-        Self {
-            motions: Vec::with_capacity(frames),
-            cameras: Vec::with_capacity(frames),
-            track_ids: Vec::with_capacity(tracks),
-            points: Vec::with_capacity(views / MIN_VIEWS),
-            // The views of a track are counted before it is known whether they are enough.
-            views: Vec::with_capacity(views),
+impl Alignment<'_> {
+    /// Solves for velocity, gravity and accelerometer bias. Returns the state of the first frame, at the origin with a yaw of zero; `None` when
+    /// the pairs do not determine it.
+    pub fn solve(&self) -> Option<NavState> {
+        let (first, last) = (self.motions.first()?, self.motions.last()?);
+        let mut at = Nine::zeros();
+        let gravity_b0 = last.delta_v.normalize() * -self.gravity_m_s2;
+        at.fixed_rows_mut::<3>(3).copy_from(&gravity_b0);
+        let eigen = SymmetricEigen::try_new(self.sums(&at, false).normals, f64::EPSILON, 64)?;
+        let along = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+        let by_acceleration = last.delta_p / last.dt_s + gravity_b0 * (0.5 * last.dt_s);
+        let begin = |mean_m_s: Vector3<f64>| {
+            let mut at = at;
+            at.fixed_rows_mut::<3>(0).copy_from(&(mean_m_s - by_acceleration));
+            at
+        };
+        let found = SPEEDS_M_S.into_iter().filter_map(|speed_m_s| {
+            let both = [speed_m_s, -speed_m_s].map(|speed_m_s| begin(along * speed_m_s));
+            let is_forward = self.sums(&both[0], false).in_front >= self.sums(&both[1], false).in_front;
+            self.descend(if is_forward { both[0] } else { both[1] })
+        });
+        let (solution, _) = found.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        let part = |k: usize| solution.fixed_rows::<3>(k).into_owned();
+        let rot_o_b = attitude_from_gravity(&-part(3));
+        Some(NavState {
+            rot_o_b,
+            v_o_b: rot_o_b * part(0),
+            bias_gyro: first.bias_gyro,
+            bias_accel: first.bias_accel + part(6),
+            ..NavState::default()
+        })
+    }
+
+    /// Gauss-Newton; the solution and its cost.
+    fn descend(&self, mut at: Nine) -> Option<(Nine, f64)> {
+        for round in 0..ROUNDS {
+            let sums = self.sums(&at, round >= ROUNDS / 2);
+            at -= sums.h.cholesky()?.solve(&sums.g);
         }
+        let sums = self.sums(&at, true);
+        (sums.cost.is_finite() && sums.in_front > 0.0).then_some((at, sums.cost))
     }
 
-    /// The motions of the last alignment, from the first frame to each (identity for the first itself).
-    #[must_use]
-    pub fn motions(&self) -> &[Preintegration] {
-        &self.motions
-    }
-}
-
-type Six = SVector<f64, 6>;
-
-/// One view of a point: camera position as a constant and as a linear function of (v, g).
-#[derive(Clone, Debug)]
-struct CameraAt {
-    rot_c_b0: Matrix3<f64>,
-    p_constant: Vector3<f64>,
-    dt: f64,
-}
-
-/// Measurement of a point by one camera in one frame.
-#[derive(Clone, Debug)]
-struct View {
-    frame: usize,
-    camera: usize,
-    measured: PointMeasurement,
-    /// Depth as found in the last round, m.
-    depth_m: f64,
-    /// Robust weight, as found in the last round.
-    weight: f64,
-}
-
-/// A point: its views within [`AlignmentWorkspace::views`], and its equations where they can be solved.
-#[derive(Clone, Debug)]
-struct Point {
-    views: Range<usize>,
-    block: Option<PointBlock>,
-}
-
-/// The equations of a point summed, `v` and `g` still open.
-#[derive(Clone, Debug)]
-struct PointBlock {
-    h_xx: Matrix3<f64>,
-    h_xs: SMatrix<f64, 3, 6>,
-    g_x: Vector3<f64>,
-}
-
-/// Solves for velocity and gravity over `frames`, `biases` removed beforehand (gyroscope rad/s, accelerometer
-/// m/s²); `None` when
-/// the views do not determine them. `pose_b_c` are the extrinsics `T_BC` of both cameras.
-#[must_use]
-pub fn align(
-    frames: &[GatheredFrame],
-    pose_b_c: &[Isometry3<f64>; 2],
-    biases: &(Vector3<f64>, Vector3<f64>),
-    gravity_m_s2: f64,
-    workspace: &mut AlignmentWorkspace,
-) -> Option<GravityAlignment> {
-    workspace.find_motions(frames, biases)?;
-    workspace.place_cameras(pose_b_c);
-    workspace.find_points(frames);
-    let mut solution = Six::zeros();
-    let mut rms_sigmas = 0.0;
-    for _ in 0..ROUNDS {
-        let (h, g) = workspace.normal_equations();
-        solution = constrained(&h, &g, gravity_m_s2)?;
-        rms_sigmas = workspace.update(&solution);
-    }
-    Some(GravityAlignment {
-        v_b0: solution.fixed_rows::<3>(0).into_owned(),
-        gravity_b0: solution.fixed_rows::<3>(3).into_owned(),
-        rms_sigmas,
-    })
-}
-
-impl AlignmentWorkspace {
-    /// Motions from the first frame at the biases given; `None` where one is not known.
-    fn find_motions(
-        &mut self,
-        frames: &[GatheredFrame],
-        (bias_gyro, bias_accel): &(Vector3<f64>, Vector3<f64>),
-    ) -> Option<()> {
-        self.motions.clear();
-        self.motions.push(Preintegration::new(bias_gyro, bias_accel));
-        for k in 1..frames.len() {
-            let mut motion = joined_motion(frames, 0, k)?;
-            let corrected = motion.corrected(bias_gyro, bias_accel);
-            (motion.delta_p, motion.delta_rot, motion.delta_v) = (corrected.p, corrected.rot, corrected.v);
-            (motion.bias_gyro, motion.bias_accel) = (*bias_gyro, *bias_accel);
-            self.motions.push(motion);
-        }
-        Some(())
-    }
-
-    fn place_cameras(&mut self, pose_b_c: &[Isometry3<f64>; 2]) {
-        self.cameras.clear();
-        self.cameras.extend(self.motions.iter().map(|m| {
-            let rot_b0_b = m.delta_rot.to_rotation_matrix().into_inner();
-            pose_b_c.map(|pose| CameraAt {
-                rot_c_b0: (rot_b0_b * pose.rotation.to_rotation_matrix().into_inner()).transpose(),
-                p_constant: m.delta_p + rot_b0_b * pose.translation.vector,
-                dt: m.dt_s,
-            })
-        }));
-    }
-
-    /// Every track with enough views, in order of id.
-    fn find_points(&mut self, frames: &[GatheredFrame]) {
-        let Self { track_ids, points, views, .. } = self;
-        track_ids.clear();
-        track_ids.extend(frames.iter().flat_map(|f| f.tracks.iter().map(|t| t.track_id)));
-        track_ids.sort_unstable();
-        track_ids.dedup();
-        points.clear();
-        views.clear();
-        for &id in &*track_ids {
-            let begin = views.len();
-            for (frame, track) in frames.iter().enumerate().filter_map(|(k, f)| Some((k, find_track(f, id)?)))
-            {
-                let view = |camera: usize| {
-                    let measured = track.measured[camera]?;
-                    Some(View { frame, camera, measured, depth_m: FIRST_DEPTH_M, weight: 1.0 })
-                };
-                views.extend((0..2).filter_map(view));
+    fn sums(&self, at: &Nine, is_robust: bool) -> Sums {
+        let mut sums = Sums::default();
+        let is_alike = |a: &Bearing, b: &Bearing| (a.frames, a.camera) == (b.frames, b.camera);
+        for pair in self.bearings.chunk_by(is_alike) {
+            let [from, to] = pair[0].frames.map(|k| &self.motions[k]);
+            let (by_s, constant) = way(from, to, &self.pose_b_c[pair[0].camera].translation.vector);
+            let way_b0 = by_s * at + constant;
+            let (u, length) = (way_b0.normalize(), way_b0.norm());
+            let by_s = (Matrix3::identity() - u * u.transpose()) * by_s / length;
+            let mut planes = Matrix3::zeros();
+            for b in pair {
+                let f_b0 = [from.delta_rot * b.f_b[0], to.delta_rot * b.f_b[1]];
+                let n = f_b0[0].cross(&f_b0[1]) / self.sigma_bearing;
+                let e = n.dot(&u);
+                planes += n * n.transpose() * (if is_robust { weight(e) } else { 1.0 } / ALIKE);
+                sums.normals += n * n.transpose();
+                sums.in_front += n.dot(&u.cross(&f_b0[1]));
+                sums.cost += cost(e) / ALIKE;
             }
-            if views.len() - begin < MIN_VIEWS {
-                views.truncate(begin);
-            } else {
-                points.push(Point { views: begin..views.len(), block: None });
+            sums.h += by_s.tr_mul(&(planes * by_s));
+            sums.g += by_s.tr_mul(&(planes * u));
+        }
+        self.add_known(at, &mut sums);
+        sums
+    }
+
+    /// Adds what is known beforehand: gravity by the mean specific force and by its length, and the bias.
+    fn add_known(&self, at: &Nine, sums: &mut Sums) {
+        let Some(last) = self.motions.last() else { return };
+        let mut known = Nine::zeros();
+        known.fixed_rows_mut::<3>(3).copy_from(&(last.delta_v / -last.dt_s));
+        let tilt_m_s2 = TILT_SIGMA_RAD * self.gravity_m_s2;
+        for k in 0..9 {
+            let sigma = [VELOCITY_SIGMA_M_S, tilt_m_s2, self.sigma_m_s2][k / 3];
+            let off = (at[k] - known[k]) / sigma;
+            sums.h[(k, k)] += 1.0 / sigma.squared();
+            sums.g[k] += off / sigma;
+            sums.cost += off.squared();
+        }
+        // The length of gravity is known to 1 mm/s²: it changes by that over 300 m of height.
+        let gravity = at.fixed_rows::<3>(3).into_owned();
+        let mut along = Nine::zeros();
+        along.fixed_rows_mut::<3>(3).copy_from(&(gravity.normalize() / 1e-3));
+        sums.h += along * along.transpose();
+        sums.g += along * ((gravity.norm() - self.gravity_m_s2) / 1e-3);
+    }
+}
+
+/// Way of a camera at `p_b_c` in the body between two motions: derivative by velocity, gravity and bias, and what does not depend on them.
+fn way(
+    from: &Preintegration,
+    to: &Preintegration,
+    p_b_c: &Vector3<f64>,
+) -> (SMatrix<f64, 3, 9>, Vector3<f64>) {
+    let mut by_s = SMatrix::<f64, 3, 9>::zeros();
+    by_s.fixed_columns_mut::<3>(0).fill_diagonal(to.dt_s - from.dt_s);
+    by_s.fixed_columns_mut::<3>(3).fill_diagonal(0.5 * (to.dt_s.squared() - from.dt_s.squared()));
+    let by_bias = (to.by_bias - from.by_bias).fixed_view::<3, 3>(0, 3).into_owned();
+    by_s.fixed_columns_mut::<3>(6).copy_from(&by_bias);
+    let at = |motion: &Preintegration| motion.delta_p + motion.delta_rot * p_b_c;
+    (by_s, at(to) - at(from))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::exp_so3;
+    use crate::inertial::ImuNoise;
+    use nalgebra::Point3;
+    use plumbline_config::{Random, Timestamp};
+
+    const GRAVITY_O: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+    const SIGMA: f64 = 1e-3;
+
+    /// Flies 1.5 s before 60 points from `first`, whose biases are true ones: pairs of frames 0.25 s apart, and motions at biases of zero.
+    fn fly(first: &NavState, seed: u64) -> (Vec<Bearing>, Vec<Preintegration>, [Isometry3<f64>; 2]) {
+        let mut random = Random::new(seed);
+        let mut draw = |size: f64| Vector3::from_fn(|_, _| random.range(-1.0, 1.0) * size);
+        let points_o: Vec<_> =
+            (0..60).map(|_| Point3::from(Vector3::new(5.0, 0.0, 0.0) + draw(2.0))).collect();
+        let pose_b_c = Isometry3::translation(0.06, -0.02, 0.03);
+        let [mut told, mut real] = [[Vector3::zeros(); 2], [first.bias_gyro, first.bias_accel]]
+            .map(|[g, a]| Preintegration::new(&g, &a));
+        let (mut motions, mut seen) = (Vec::new(), Vec::new());
+        for k in 0..=300 {
+            if k % 10 == 0 {
+                motions.push(Preintegration::clone(&told));
+                let pose_c_o = (first.after(&real, &GRAVITY_O).pose_o_b() * pose_b_c).inverse();
+                let mut see = |p: &Point3<f64>| (pose_c_o * p).coords.normalize() + draw(SIGMA);
+                seen.push(points_o.iter().map(&mut see).collect::<Vec<_>>());
+            }
+            let t = f64::from(k) * 0.005;
+            let gyro = Vector3::new(0.3 * libm::sin(4.0 * t), 0.2, 0.4 * libm::cos(3.0 * t));
+            let accel =
+                Vector3::new(2.0 * libm::sin(5.0 * t), 1.5 * libm::cos(4.0 * t), 9.8 + libm::sin(6.0 * t));
+            for motion in [&mut told, &mut real] {
+                motion.integrate(0.005, &gyro, &accel, &accel, &ImuNoise::NONE);
             }
         }
-    }
-}
-
-/// The two equations of a view: derivatives by the point and by (v, g), and the constant.
-fn equations(camera: &CameraAt, xy: &Vector2<f64>) -> (Matrix2x3<f64>, SMatrix<f64, 2, 6>, Vector2<f64>) {
-    let across = Matrix2x3::new(1.0, 0.0, -xy.x, 0.0, 1.0, -xy.y) * camera.rot_c_b0;
-    let mut by_s = SMatrix::<f64, 2, 6>::zeros();
-    by_s.fixed_columns_mut::<3>(0).copy_from(&(across * -camera.dt));
-    by_s.fixed_columns_mut::<3>(3).copy_from(&(across * (-0.5 * camera.dt * camera.dt)));
-    (across, by_s, -(across * camera.p_constant))
-}
-
-impl AlignmentWorkspace {
-    /// Normal equations of (v, g) with every point eliminated, `H s = -g`; the blocks of the points are kept.
-    fn normal_equations(&mut self) -> (SMatrix<f64, 6, 6>, Six) {
-        let Self { points, views, cameras, .. } = self;
-        let mut h = SMatrix::<f64, 6, 6>::zeros();
-        let mut g = Six::zeros();
-        for point in points {
-            let mut b = PointBlock { h_xx: Matrix3::zeros(), h_xs: SMatrix::zeros(), g_x: Vector3::zeros() };
-            let mut h_ss = SMatrix::<f64, 6, 6>::zeros();
-            let mut g_s = Six::zeros();
-            for view in &views[point.views.clone()] {
-                let (by_x, by_s, constant) = equations(&cameras[view.frame][view.camera], &view.measured.xy);
-                let scale = view.measured.weight * (view.weight.sqrt() / view.depth_m);
-                let (by_x, by_s, constant) = (scale * by_x, scale * by_s, scale * constant);
-                b.h_xx += by_x.tr_mul(&by_x);
-                b.h_xs += by_x.tr_mul(&by_s);
-                b.g_x += by_x.tr_mul(&constant);
-                h_ss += by_s.tr_mul(&by_s);
-                g_s += by_s.tr_mul(&constant);
-            }
-            point.block = match b.h_xx.try_inverse() {
-                Some(inverse) if b.h_xx.determinant() > MIN_DETERMINANT => {
-                    h += h_ss - b.h_xs.tr_mul(&(inverse * b.h_xs));
-                    g += g_s - b.h_xs.tr_mul(&(inverse * b.g_x));
-                    Some(b)
-                }
-                _ => None,
+        let stamps = [Timestamp::default(); 2];
+        let pair = |k: usize| {
+            let of_point = move |(a, b): (&Vector3<f64>, &Vector3<f64>)| Bearing {
+                frames: [k, k + 5],
+                camera: 0,
+                f_b: [*a, *b],
+                stamps,
+                row: [0.0; 2],
             };
-        }
-        (h, g)
+            seen[k].iter().zip(&seen[k + 5]).map(of_point).collect::<Vec<_>>()
+        };
+        let bearings = (0..seen.len() - 5).flat_map(pair).collect();
+        (bearings, motions, [pose_b_c; 2])
     }
-}
 
-/// `H s = -g` with the last three of `s` on the sphere of radius `gravity_m_s2`: first without, then on
-/// the tangent plane.
-fn constrained(h: &SMatrix<f64, 6, 6>, g: &Six, gravity_m_s2: f64) -> Option<Six> {
-    let mut s = -(h.cholesky()?.solve(g));
-    for _ in 0..GRAVITY_ROUNDS {
-        let direction = s.fixed_rows::<3>(3).try_normalize(1e-6)?;
-        let helper = if direction.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
-        let a = direction.cross(&helper).normalize();
-        let b = direction.cross(&a);
-        let mut basis = SMatrix::<f64, 6, 5>::zeros();
-        basis.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-        basis.fixed_view_mut::<3, 1>(3, 3).copy_from(&a);
-        basis.fixed_view_mut::<3, 1>(3, 4).copy_from(&b);
-        let mut offset = Six::zeros();
-        offset.fixed_rows_mut::<3>(3).copy_from(&(direction * gravity_m_s2));
-        let reduced = basis.tr_mul(&(h * basis));
-        let w = -(reduced.cholesky()?.solve(&basis.tr_mul(&(g + h * offset))));
-        s = offset + basis * w;
-    }
-    let direction = s.fixed_rows::<3>(3).normalize() * gravity_m_s2;
-    s.fixed_rows_mut::<3>(3).copy_from(&direction);
-    s.iter().all(|x| x.is_finite()).then_some(s)
-}
-
-impl AlignmentWorkspace {
-    /// New depths and robust weights at the solution; root mean square residual.
-    fn update(&mut self, s: &Six) -> f64 {
-        let Self { points, views, cameras, .. } = self;
-        let (mut sum, mut count) = (0.0, 0);
-        for point in points {
-            let views = &mut views[point.views.clone()];
-            let place = |b: &PointBlock| Some(-(b.h_xx.try_inverse()? * (b.g_x + b.h_xs * s)));
-            let Some(p_b0) = point.block.as_ref().and_then(place) else {
-                views.iter_mut().for_each(|view| view.weight = 0.0);
-                continue;
+    #[test]
+    fn finds_velocity_gravity_and_scale_despite_noise() {
+        let velocities = [[0.3, 0.8, -0.2], [-0.1, 0.05, 0.1], [0.5, -3.0, 1.0], [-2.0, 0.0, 0.3]];
+        for (seed, v_o_b) in (0..).zip([velocities; 3].concat()) {
+            let first = NavState {
+                rot_o_b: exp_so3(&Vector3::new(0.2, -0.3, 0.0)),
+                v_o_b: Vector3::from(v_o_b),
+                bias_accel: Vector3::new(0.1, -0.05, 0.08),
+                ..NavState::default()
             };
-            for view in views {
-                let at = &cameras[view.frame][view.camera];
-                let (v0, g0) = (s.fixed_rows::<3>(0), s.fixed_rows::<3>(3));
-                let p_camera = at.p_constant + v0 * at.dt + g0 * (0.5 * at.dt * at.dt);
-                let depth_m = (at.rot_c_b0 * (p_b0 - p_camera)).z;
-                view.depth_m = depth_m.abs().at_least(MIN_DEPTH_M);
-                let (by_x, by_s, constant) = equations(at, &view.measured.xy);
-                let r = view.measured.weight * (by_x * p_b0 + by_s * s + constant) / view.depth_m;
-                let squared = r.norm_squared();
-                view.weight = if depth_m > 0.0 {
-                    1.0 / (1.0 + squared / (ROBUST_SIGMAS * ROBUST_SIGMAS))
-                } else {
-                    WEIGHT_BEHIND
-                };
-                sum += squared.at_most(MAX_SQUARED_RESIDUAL);
-                count += 1;
-            }
+            let (bearings, motions, poses) = fly(&first, seed);
+            let alignment = Alignment {
+                bearings: &bearings,
+                motions: &motions,
+                pose_b_c: &poses,
+                sigma_bearing: SIGMA,
+                sigma_m_s2: 0.2,
+                gravity_m_s2: 9.81,
+            };
+            let found = alignment.solve().expect("is determined");
+            let [up_b, v_b] = [
+                |nav: &NavState| nav.rot_o_b.inverse() * Vector3::z(),
+                |nav: &NavState| nav.rot_o_b.inverse() * nav.v_o_b,
+            ]
+            .map(|of| of(&found) - of(&first));
+            let speed_m_s = first.v_o_b.norm();
+            let scale = found.v_o_b.norm() / speed_m_s;
+            let is_scaled = speed_m_s < 0.5 || (scale - 1.0).abs() < 0.06;
+            assert!(
+                up_b.norm() < 0.04 && v_b.norm() < 0.06 * speed_m_s.at_least(1.0) && is_scaled,
+                "seed {seed}: {up_b:?} {v_b:?} {scale}"
+            );
         }
-        (sum / (2 * count).max(1) as f64).sqrt()
     }
 }

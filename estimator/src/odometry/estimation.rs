@@ -45,7 +45,7 @@ pub(super) struct Estimation {
 }
 
 /// Rates of a state along which an error of its stamp moves it: angular rate in `B`, velocity and acceleration in `O`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rates {
     pub(super) rate_b: Vector3<f64>,
     pub(super) v_o: Vector3<f64>,
@@ -110,17 +110,13 @@ impl Estimation {
 
     /// Rates of the newest frame in the state `nav`.
     pub(super) fn rates_of(&self, nav: &NavState) -> Rates {
-        let Some(newest) = self.window.frames.last() else {
-            let zero = Vector3::zeros();
-            return Rates { rate_b: zero, v_o: zero, accel_o: zero };
-        };
+        let Some(newest) = self.window.frames.last() else { return Rates::default() };
         let taken = newest.taken;
         let mean = self.imu.mean(taken.plus_seconds(-RATE_SPAN_S), taken.plus_seconds(RATE_SPAN_S));
-        let (gyro, accel) = mean.unwrap_or((self.rate_b + nav.bias_gyro, Vector3::zeros()));
-        let accel_o = match mean {
-            Some(_) => nav.rot_o_b * (accel - nav.bias_accel) + self.window.options.gravity_o,
-            None => Vector3::zeros(),
-        };
+        let gyro = mean.map_or(self.rate_b + nav.bias_gyro, |(gyro, _)| gyro);
+        let accel_o = mean.map_or_else(Vector3::zeros, |(_, accel)| {
+            nav.rot_o_b * (accel - nav.bias_accel) + self.window.options.gravity_o
+        });
         Rates { rate_b: gyro - nav.bias_gyro, v_o: nav.v_o_b, accel_o }
     }
 

@@ -25,11 +25,12 @@ impl Odometer {
         let rig = &self.estimation.window.rig;
         feedback.pose_b_c = [rig.pose_b_c(0), rig.pose_b_c(1)];
         feedback.time_offset_s = rig.time_offset_s;
+        feedback.readouts = self.estimation.measurer.readouts;
         feedback.bias_gyro = self.biases().0;
         feedback.turn_rate_b = self.estimation.turn_rate_b();
         feedback.distrusts_imu = self.judge.is_distrusting();
         feedback.untracked_camera = self.judge.untracked_camera(self.frames);
-        feedback.reset_counter = self.start.reset_counter();
+        feedback.reset_counter = self.start.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;
         self.solved.stamp = estimate.stamp;

@@ -5,6 +5,7 @@ use super::{Odometer, Phase};
 use crate::estimate::HealthBits;
 use crate::exchange::Tracked;
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 
 /// Landmarks in view below which the estimate is weak.
 const FEW_LANDMARKS: usize = 20;
@@ -27,9 +28,13 @@ impl Odometer {
     /// Measurements of the frame, and whether the vehicle stands still.
     pub(super) fn measure(&mut self, tracked: &Tracked, health: &mut HealthBits) {
         let (stamp, observations) = (tracked.time.stamp, &tracked.points);
-        let last = self.last_stamp.unwrap_or(stamp);
+        let last = self.last.map_or(stamp, |last| last.stamp);
         let dt_s = stamp.seconds_since(last);
-        if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s {
+        if dt_s > 0.0 {
+            // After some ten frames a lower rate than the configured one is that of the camera.
+            self.usual_s = dt_s.at_most(self.usual_s + 0.1 * dt_s);
+        }
+        if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s.at_least(self.usual_s) {
             health.insert(HealthBits::FRAME_GAP);
         }
         let bias_gyro = self.biases().0;

@@ -19,7 +19,8 @@ use plumbline_config::{CameraModel, Portable, ValidSetup};
 #[derive(Clone, Debug)]
 pub struct Measurer {
     cameras: Vec<CameraModel>,
-    readouts: [Readout; 2],
+    /// Readouts of the cameras, as configured or found.
+    pub readouts: [Readout; 2],
     sigma_px: f64,
     /// Points of the frame before, and of the one before that, by track.
     previous: Vec<PointObservation>,
@@ -70,6 +71,12 @@ impl Measurer {
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
             ways_px: [Vec::with_capacity(capacity), Vec::with_capacity(capacity)],
         }
+    }
+
+    /// Place of the row of normalized coordinates in the image of `camera`: -1/2 for the first, 1/2 for the last.
+    pub fn row(&self, camera: usize, xy: &Vector2<f64>) -> f64 {
+        let Some(model) = self.cameras.get(camera) else { return 0.0 };
+        model.project_normalized(xy).0.y / (model.height_px as f64 - 1.0) - 0.5
     }
 
     /// Forgets the frame before.
@@ -204,6 +211,14 @@ impl Measurer {
             inverse_depths.extend(landmark.filter(|l| l.is_triangulated).map(|l| l.feature.rho));
         }
         median(inverse_depths).filter(|median| *median > 0.0).map_or(f64::INFINITY, |median| 1.0 / median)
+    }
+
+    /// Number of measured points whose depth is known.
+    pub fn landmarks_in_view(&self, landmarks: &LandmarkStore<InversePoint>) -> usize {
+        let is_known = |track: &&PointTrack| {
+            landmarks.of_track(track.track_id).is_some_and(|index| landmarks.all()[index].is_triangulated)
+        };
+        self.measurements.iter().filter(is_known).count()
     }
 
     /// Keeps the points for the next frame.

@@ -41,6 +41,7 @@ mod vibrating;
 pub mod zero_velocity;
 
 pub use plausible::ResetReason;
+pub use start::Missing;
 pub use steps::StepCovariance;
 
 use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Stage, StageProbe};
@@ -93,7 +94,9 @@ pub struct Odometer {
     judge: Judge,
     zero_velocity: ZeroVelocityDetector,
     phase: Phase,
-    last_stamp: Option<Timestamp>,
+    last: Option<FrameTime>,
+    /// Shortest interval of the newest frames, s.
+    usual_s: f64,
     /// Frames so far, and the newest as the front-end and places are told of it.
     frames: u64,
     solved: SolvedFrame,
@@ -132,7 +135,8 @@ impl Odometer {
             judge: Judge::new(setup),
             zero_velocity: ZeroVelocityDetector::new(rate_hz, focal_px),
             phase: Phase::Gathering,
-            last_stamp: None,
+            last: None,
+            usual_s: f64::INFINITY,
             frames: 0,
             solved: SolvedFrame::default(),
             keeps_steps: false,
@@ -149,14 +153,20 @@ impl Odometer {
     /// Why the estimate was last started anew.
     #[must_use]
     pub fn reset_reason(&self) -> Option<&ResetReason> {
-        self.start.reset_reason()
+        self.start.reset_reason.as_ref()
+    }
+
+    /// What an attempt to start with one camera lacked; `None` where the newest frame was no attempt.
+    #[must_use]
+    pub fn missing(&self) -> Option<&Missing> {
+        self.start.missing.as_ref()
     }
 
     /// Biases of gyroscope and accelerometer: present ones, or those of the next start.
     fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
         match (self.phase, self.estimation.window.frames.last()) {
             (Phase::Running, Some(frame)) => frame.nav.biases(),
-            _ => self.start.biases(),
+            _ => self.start.bias_memory,
         }
     }
 
@@ -191,7 +201,10 @@ impl Odometer {
     fn step(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
         let stamp = tracked.time.stamp;
         let mut health = tracked.health;
-        if self.last_stamp.is_some_and(|last| stamp <= last) {
+        if self.phase == Phase::Gathering {
+            self.last = self.last.map(|last| last.by_offset(tracked.time.time_offset_s));
+        }
+        if self.last.is_some_and(|last| stamp <= last.stamp) {
             health.insert(HealthBits::BAD_STAMP);
         }
         if health.contains(HealthBits::BAD_STAMP) {
@@ -215,14 +228,14 @@ impl Odometer {
             self.estimation.window.make_room();
         }
         probe.end(Stage::Marginalize);
-        self.last_stamp = Some(stamp);
+        self.last = Some(tracked.time);
         self.estimate(tracked, health, solved)
     }
 
     /// Before the first state: gathers the frame and tries to start.
     fn gather(&mut self, time: FrameTime, health: &mut HealthBits) -> Solved {
         self.judge.expect_vibration(&mut self.estimation);
-        let (times, is_still) = ((self.last_stamp, time), self.zero_velocity.is_still());
+        let (times, is_still) = ((self.last, time), self.zero_velocity.is_still());
         if !self.start.gather(&mut self.estimation, &mut self.judge, times, is_still, health) {
             return Solved::default();
         }
@@ -256,7 +269,7 @@ impl Odometer {
         let is_told = is_witnessed || !coverage.has_gap;
         if is_told && self.refresh_covariance(case.health) {
             self.judge.learn_noise(&mut self.estimation, &verdict.prediction, is_contradicted, &mut case);
-            self.note_step();
+            self.step = self.newest_step();
         } else {
             self.carry_covariance(verdict.prediction.covariance.as_ref());
             self.judge.keep_prediction(verdict.prediction);
@@ -265,6 +278,10 @@ impl Odometer {
             self.note_keyframes();
         }
         self.conclude(time.stamp, health);
+        let cost = outcome.cost / self.estimation.window.observation_count().max(1) as f64;
+        if self.start.is_refused(time.stamp, cost, self.judge.is_distrusting()) {
+            self.start_anew(ResetReason::StartRefused);
+        }
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 

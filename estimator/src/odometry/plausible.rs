@@ -4,28 +4,39 @@ use crate::input::ResetKind;
 use crate::window::Window;
 use plumbline_config::options::HealthConfig;
 use std::cmp::Ordering;
-use std::fmt;
 
 /// Why an estimate was given up and started anew.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ResetReason {
     /// Requested by the operator or the application.
+    #[error("asked for, {}", if *.0 == ResetKind::Soft { "keeping the pose" } else { "from the origin" })]
     AskedFor(ResetKind),
     /// Front-end or window ended by a fault of its own, and both were made anew.
+    #[error("the front-end or the window ended by a fault of its own")]
     Fault,
     /// Too few landmarks were in view, or the equations could not be solved, for so long, s.
+    #[error("too few landmarks in view, or none that could be used, for {0:.1} s (health.max_blind_s)")]
     Blind(f64),
     /// No frame came for so long, s.
+    #[error("no frame for {0:.1} s")]
     Hole(f64),
     /// The clock of the sensors was set.
+    #[error("the clock of the sensors was set")]
     ClockSet,
+    /// The frames after a start with one camera contradict it.
+    #[error("the frames after the start contradict it")]
+    StartRefused,
     /// A state that is no number.
+    #[error("the state is no number")]
     NotFinite,
     /// A speed beyond what the configuration believes, m/s.
+    #[error("a speed of {0:.1} m/s (health.max_speed_m_s)")]
     Speed(f64),
     /// A bias of the gyroscope beyond what it believes, rad/s.
+    #[error("a gyroscope bias of {0:.2} rad/s (health.max_gyro_bias_rad_s)")]
     GyroBias(f64),
     /// A bias of the accelerometer beyond what it believes, m/s².
+    #[error("an accelerometer bias of {0:.2} m/s^2 (health.max_accel_bias_m_s2)")]
     AccelBias(f64),
 }
 
@@ -40,28 +51,6 @@ impl ResetReason {
     #[must_use]
     pub fn is_asked_for(&self) -> bool {
         matches!(self, Self::AskedFor(_))
-    }
-}
-
-impl fmt::Display for ResetReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::AskedFor(ResetKind::Soft) => f.write_str("asked for, keeping the pose"),
-            Self::AskedFor(ResetKind::Hard) => f.write_str("asked for, from the origin"),
-            Self::Fault => f.write_str("the front-end or the window ended by a fault of its own"),
-            Self::Blind(s) => write!(
-                f,
-                "too few landmarks in view, or none that could be used, for {s:.1} s (health.max_blind_s)"
-            ),
-            Self::Hole(s) => write!(f, "no frame for {s:.1} s"),
-            Self::ClockSet => f.write_str("the clock of the sensors was set"),
-            Self::NotFinite => f.write_str("the state is no number"),
-            Self::Speed(x) => write!(f, "a speed of {x:.1} m/s (health.max_speed_m_s)"),
-            Self::GyroBias(x) => write!(f, "a gyroscope bias of {x:.2} rad/s (health.max_gyro_bias_rad_s)"),
-            Self::AccelBias(x) => {
-                write!(f, "an accelerometer bias of {x:.2} m/s^2 (health.max_accel_bias_m_s2)")
-            }
-        }
     }
 }
 

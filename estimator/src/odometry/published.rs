@@ -15,7 +15,7 @@ impl Odometer {
         match estimation.window.newest_covariance() {
             Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
                 let nav = estimation.window.frames.last().map(|f| &f.nav);
-                let inherited = self.start.inherited();
+                let inherited = &self.start.inherited;
                 estimation.covariance = nav.map_or(covariance, |nav| inherited.added_to(covariance, nav));
                 estimation.time_offset_sigma_s = variance.at_least(0.0).sqrt();
                 let of_biases = estimation.window.newest_bias_variances();
@@ -41,7 +41,7 @@ impl Odometer {
             return self.estimation.covariance = grown.nav;
         };
         let of_nav = predicted.fixed_view::<9, 9>(0, 0).into_owned();
-        self.estimation.covariance = self.start.inherited().added_to(of_nav, &newest.nav);
+        self.estimation.covariance = self.start.inherited.added_to(of_nav, &newest.nav);
         self.estimation.bias_variances =
             predicted.diagonal().fixed_rows::<6>(NavState::BIAS_GYRO).into_owned();
     }
@@ -51,7 +51,7 @@ impl Odometer {
         match self.judge.velocity() {
             Velocity::Known if is_running => TrackingState::Tracking,
             Velocity::NoMore if is_running => TrackingState::Blind,
-            _ if self.start.reset_counter() > self.start.first_counter() => TrackingState::Failed,
+            _ if self.start.reset_counter > self.start.first_counter => TrackingState::Failed,
             _ => TrackingState::Initialising,
         }
     }
@@ -73,14 +73,14 @@ impl Odometer {
             bias_gyro: nav.bias_gyro,
             bias_accel: nav.bias_accel,
             covariance: self.judge.stated_covariance(estimation),
-            origin: self.start.inherited().origin().clone(),
+            origin: self.start.inherited.origin.clone(),
             bias_variances: estimation.bias_variances,
             time_offset_s: window.rig.time_offset_s,
             time_offset_sigma_s: estimation.time_offset_sigma_s,
             pose_b_c0: window.rig.pose_b_c0,
             quality: if has_pose { self.judge.quality(estimation, in_view) } else { -1 },
             health,
-            reset_counter: self.start.reset_counter(),
+            reset_counter: self.start.reset_counter,
             figures: FrameFigures {
                 points_in_window: points as u32,
                 lines_in_window: lines as u32,

@@ -38,11 +38,8 @@ impl Odometer {
     }
 
     /// Looks for the step that ends at the newest frame, before any frame makes room.
-    pub(super) fn note_step(&mut self) {
-        self.step = self.keeps_steps.then(|| self.newest_step()).flatten();
-    }
-
-    fn newest_step(&mut self) -> Option<StepCovariance> {
+    pub(super) fn newest_step(&mut self) -> Option<StepCovariance> {
+        self.keeps_steps.then_some(())?;
         let newest = self.estimation.window.frames.len().checked_sub(1)?;
         let to = self.estimation.window.frames[newest].stamp;
         let off_s = |k: &usize| (to.seconds_since(self.estimation.window.frames[*k].stamp) - STEP_S).abs();
@@ -54,7 +51,7 @@ impl Odometer {
         let [of_from, of_to] =
             [self.estimation.window.covariance_in_o(from)?, self.estimation.window.covariance_in_o(newest)?];
         let [from, newest] = [from, newest].map(|k| &self.estimation.window.frames[k]);
-        let [by_from, by_to] = [from, newest].map(|frame| self.start.inherited().of_pose(&frame.nav));
+        let [by_from, by_to] = [from, newest].map(|frame| self.start.inherited.of_pose(&frame.nav));
         let (of_from, of_to) = (of_from + by_from, of_to + by_to);
         Some(StepCovariance { from: from.stamp, to, covariance, of_from, of_to })
     }

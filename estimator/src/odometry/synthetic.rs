@@ -71,6 +71,9 @@ pub struct World {
     pub cruise_m_s: Option<Vector3<f64>>,
     /// True time offset, `t_imu - t_camera`, s.
     pub time_offset_s: f64,
+    /// True readout of the cameras, and that by which points are turned to the times of their frames, s.
+    pub readout_s: f64,
+    pub known_readout_s: f64,
     /// True poses of the cameras in the body.
     pub pose_b_c: Vec<Isometry3<f64>>,
     pub normal: Normal,
@@ -101,6 +104,8 @@ impl World {
             drift_m_s: Vector3::zeros(),
             cruise_m_s: None,
             time_offset_s: 0.0,
+            readout_s: 0.0,
+            known_readout_s: 0.0,
             pose_b_c: config.camera.iter().map(CameraConfig::pose_b_c).collect(),
             cameras: config.camera.iter().map(CameraConfig::model).collect(),
             config: config.clone(),
@@ -157,13 +162,29 @@ impl World {
                 covariance_px2: Default::default(),
             };
             for (c, alive) in cameras_alive.into_iter().enumerate().take(self.cameras.len()) {
-                let p_c = (pose_o_b * self.pose_b_c[c]).inverse() * nalgebra::Point3::from(self.points_o[id]);
-                let Some(px) = self.cameras[c].project(&p_c.coords) else { continue };
+                let seen_from = |pose_o_b: &Isometry3<f64>| {
+                    let p_c =
+                        (pose_o_b * self.pose_b_c[c]).inverse() * nalgebra::Point3::from(self.points_o[id]);
+                    self.cameras[c].project(&p_c.coords)
+                };
+                let Some(mut px) = seen_from(&pose_o_b) else { continue };
+                if self.readout_s > 0.0 {
+                    let late_s = self.readout_s * (px.y / (self.cameras[c].height_px as f64 - 1.0) - 0.5);
+                    let Some(by_row) = seen_from(&self.pose_o_b(t + self.time_offset_s + late_s)) else {
+                        continue;
+                    };
+                    px = by_row;
+                }
                 let noise = Vector2::new(self.normal.next(), self.normal.next()) * self.sigma_px;
                 let px = px + noise;
                 if self.cameras[c].contains(&px, 5.0) && alive {
+                    let late_s =
+                        self.known_readout_s * (px.y / (self.cameras[c].height_px as f64 - 1.0) - 0.5);
+                    let by_row = self.pose_o_b(t + self.time_offset_s + late_s) * self.pose_b_c[c];
+                    let turn = (pose_o_b * self.pose_b_c[c]).rotation.inverse() * by_row.rotation;
+                    let turned = |xy: Vector2<f64>| turn * nalgebra::Vector3::new(xy.x, xy.y, 1.0);
                     o.px[c] = Some(px);
-                    o.xy[c] = self.cameras[c].unproject(&px);
+                    o.xy[c] = self.cameras[c].unproject(&px).map(|xy| turned(xy).xy() / turned(xy).z);
                 }
             }
             if o.px.iter().any(Option::is_some) && seen.len() < limit {

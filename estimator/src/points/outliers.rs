@@ -153,11 +153,7 @@ impl OutlierFilter {
         let is_enough =
             |count: usize| count >= CONFIRMED.0 && count as f64 >= CONFIRMED.1 * self.pairs.len() as f64;
         is_enough(count).then_some(())?;
-        let mut refined = motion;
-        for gate_px in CONFIRMED_ROUND_PX {
-            let prior = prior(focal_px, expected.rotation_sigma_rad);
-            refined = refine(refined, self.pairs.iter(), gate_px / focal_px, prior).unwrap_or(refined);
-        }
+        let refined = self.refine_all(motion, &CONFIRMED_ROUND_PX, focal_px, expected.rotation_sigma_rad);
         Some(if self.count(&refined, gate) >= count { refined } else { motion })
     }
 
@@ -183,7 +179,7 @@ impl OutlierFilter {
                 best = (Motion { direction, ..best.0 }, cost);
             }
         }
-        self.refine_all(best.0, focal_px, ROTATION_SIGMA.0)
+        self.refine_all(best.0, &ROUND_PX, focal_px, ROTATION_SIGMA.0)
     }
 
     /// Samples of six points, each solved for direction and a rotation that may be far off.
@@ -199,7 +195,7 @@ impl OutlierFilter {
                     .unwrap_or(motion);
             }
             if self.count(&motion, LOOSE_PX / focal_px) > best.1 {
-                motion = self.refine_all(motion, focal_px, ROTATION_SIGMA.1);
+                motion = self.refine_all(motion, &ROUND_PX, focal_px, ROTATION_SIGMA.1);
                 let count = self.count(&motion, FINAL_PX / focal_px);
                 if count > best.1 {
                     best = (motion, count);
@@ -209,13 +205,11 @@ impl OutlierFilter {
         best
     }
 
-    fn refine_all(&self, start: Motion, focal_px: f64, rotation_sigma: f64) -> Motion {
-        let mut motion = start;
-        for gate_px in ROUND_PX {
-            let prior = prior(focal_px, rotation_sigma);
-            motion = refine(motion, self.pairs.iter(), gate_px / focal_px, prior).unwrap_or(motion);
-        }
-        motion
+    fn refine_all(&self, start: Motion, rounds_px: &[f64], focal_px: f64, rotation_sigma: f64) -> Motion {
+        let prior = prior(focal_px, rotation_sigma);
+        rounds_px.iter().fold(start, |motion, gate_px| {
+            refine(motion, self.pairs.iter(), gate_px / focal_px, prior).unwrap_or(motion)
+        })
     }
 
     /// The direction of translation that two points agree on.

@@ -49,11 +49,6 @@ fn known_reach_px(track: &Track) -> f32 {
 }
 
 impl Pairing<'_> {
-    /// Finds a track near where its depth predicts it. `true` when found.
-    pub fn continue_match(&self, track: &mut Track, reference: &ReferencePatch) -> bool {
-        self.try_continue(track, reference).is_some()
-    }
-
     /// Finds a track where its depth is expected; else, unless it has rivals, anywhere along its epipolar line. `true` when found.
     pub fn search(&self, track: &mut Track, reference: &ReferencePatch, expected: Option<Depth>) -> bool {
         expected.is_some_and(|depth| self.try_near(track, reference, &depth).is_some())
@@ -98,7 +93,8 @@ impl Pairing<'_> {
         self.accept(track, &xy, (found.px, found.warp, found.covariance_px2))
     }
 
-    fn try_continue(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
+    /// Finds a track near where its depth predicts it.
+    pub fn continue_match(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let (xy, memory) = (track.xy[self.from]?, track.stereo?);
         let inverse_depth = memory.inverse_depth + memory.change;
         let guess = self.pair.transfer(&xy, inverse_depth)? + memory.offset_px;

@@ -109,7 +109,7 @@ fn likeness(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<impl Fn(Vector2<f32>
 pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
     let Some(zncc) = likeness(pyramid, px) else { return false };
     let mut first: Option<Vector2<f32>> = None;
-    for offset in offsets(SURROUNDINGS_PX).filter(|o| is_upper(o) && is_around(o)) {
+    for offset in offsets(SURROUNDINGS_PX).filter(|o| (o.y, o.x) < (0.0, 0.0) && is_around(o)) {
         let is_new = first.is_none_or(|a| a.perp(&offset).abs() > MIN_SINE * a.norm() * offset.norm());
         if !is_new || !is_rival(&zncc, offset) {
             continue;
@@ -123,11 +123,6 @@ pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
         first = Some(offset);
     }
     false
-}
-
-/// True for one of two opposite offsets.
-fn is_upper(offset: &Vector2<f32>) -> bool {
-    offset.y < 0.0 || offset.y == 0.0 && offset.x < 0.0
 }
 
 /// True for an offset to another place close by.

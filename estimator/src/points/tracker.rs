@@ -264,12 +264,6 @@ impl PointTracker {
         probe: &mut P,
     ) -> &[PointObservation] {
         probe.begin(Stage::Points);
-        self.take_frame(input, fork);
-        probe.end(Stage::Points);
-        &self.observations
-    }
-
-    fn take_frame(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
         self.frame += 1;
         self.observations.clear();
         self.turn = None;
@@ -284,6 +278,8 @@ impl PointTracker {
             self.observe();
             self.views.iter_mut().for_each(View::finish);
         }
+        probe.end(Stage::Points);
+        &self.observations
     }
 
     /// Builds the pyramids of both images.
@@ -340,7 +336,8 @@ impl PointTracker {
                 continue;
             };
             for (track, reference) in self.store.iter_mut() {
-                if track.came_by.is_none_or(|(by, _)| by != from) || pairing.continue_match(track, reference)
+                if track.came_by.is_none_or(|(by, _)| by != from)
+                    || pairing.continue_match(track, reference).is_some()
                 {
                     continue;
                 }

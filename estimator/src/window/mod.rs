@@ -235,6 +235,13 @@ impl Window {
         self.prior.start(&self.rig, &self.known_rig);
     }
 
+    /// Takes this time offset for the configured one, s, with its standard deviation: it stays through resets.
+    pub fn expect_time_offset(&mut self, time_offset_s: f64, sigma_s: f64) {
+        self.rig.time_offset_s = time_offset_s;
+        self.configured_rig.time_offset_s = time_offset_s;
+        self.options.rig_sigmas[Rig::TIME_OFFSET] = sigma_s;
+    }
+
     /// The rig is as configured again.
     pub fn restore_rig(&mut self) {
         self.rig.clone_from(&self.configured_rig);

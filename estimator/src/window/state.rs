@@ -145,6 +145,14 @@ pub struct FrameTime {
     pub time_offset_s: f64,
 }
 
+impl FrameTime {
+    /// Time of the frame by another offset, s.
+    #[must_use]
+    pub fn by_offset(self, time_offset_s: f64) -> Self {
+        Self { stamp: self.stamp.plus_seconds(time_offset_s - self.time_offset_s), time_offset_s }
+    }
+}
+
 /// The rig's calibration, refined online within its priors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {

@@ -196,3 +196,16 @@ proptest! {
         prop_assert!(pairing.frames.is_sorted_by(|a, b| a.stamp <= b.stamp && a.sequence < b.sequence));
     }
 }
+
+#[test]
+fn names_a_right_camera_that_is_missing() {
+    let sample = Sample::new();
+    assert_eq!(sample.open().unwrap().defects(), []);
+    std::fs::rename(sample.path("cam1"), sample.path("cam2")).unwrap();
+    let dataset = sample.open().unwrap();
+    let [defect] = dataset.defects() else { panic!("{:?}", dataset.defects()) };
+    assert!(defect.what.contains("cam1 is missing") && defect.evidence.contains("cam2"), "{defect:?}");
+    // A data set of one camera lacks nothing.
+    std::fs::remove_dir_all(sample.path("cam2")).unwrap();
+    assert_eq!(sample.open().unwrap().defects(), []);
+}

@@ -10,7 +10,6 @@
 
 use crate::admission::MAX_HOLE_NS;
 use crate::estimate::{BiasVariances, NavCovariance};
-use crate::inertial::{ImuNoise, Preintegration};
 use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
@@ -40,16 +39,11 @@ struct Last {
 #[derive(Clone, Debug, Default)]
 pub(in crate::odometry) struct Inherited {
     last: Option<Last>,
-    /// Uncertainty of the start anew.
-    origin: OriginUncertainty,
+    /// Uncertainty of the start anew against the first pose of all.
+    pub(in crate::odometry) origin: OriginUncertainty,
 }
 
 impl Inherited {
-    /// Nothing: a start from the origin.
-    pub(super) fn forget(&mut self) {
-        *self = Self::default();
-    }
-
     /// The estimate is given up at the state `nav` of `stamp`, which was known as `covariance` says, while the vehicle turned
     /// by `rate_rad_s`.
     pub(super) fn leave(
@@ -89,18 +83,19 @@ impl Inherited {
         }
     }
 
-    /// The start anew is at `p_o_b`, at `stamp`; `gyro` is what measured the turn since the last pose, if it did all the way.
-    pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>, gyro: Option<Gyro>) {
+    /// The start anew is at `p_o_b`, at `stamp`; its yaw has the variance `yaw_rad2`, rad², if the gyroscope has measured all turns since
+    /// the last pose.
+    pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>, yaw_rad2: Option<f64>) {
         let Some(last) = &self.last else { return };
         let dt = last.stamp.map_or(0.0, |last| stamp.seconds_since(last).at_least(0.0));
         let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).at_most(MOST_M);
-        let unseen_rad = (last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt;
-        let turn_rad = gyro.map_or(unseen_rad, |gyro| gyro.turn_sigma_rad(dt)).at_most(MOST_RAD);
+        let turn_rad = ((last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt).at_most(MOST_RAD);
         let mut covariance = last.covariance;
         for k in 0..3 {
             covariance[(k, k)] += way_m * way_m;
         }
-        covariance[(3, 3)] += turn_rad * turn_rad;
+        let unseen_rad2 = covariance[(3, 3)] + turn_rad * turn_rad;
+        covariance[(3, 3)] = yaw_rad2.map_or(unseen_rad2, |known| known.at_least(covariance[(3, 3)]));
         self.origin = OriginUncertainty { covariance, p_o_b: *p_o_b };
     }
 
@@ -118,38 +113,11 @@ impl Inherited {
         carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - self.origin.p_o_b)));
         carried * self.origin.covariance * carried.transpose()
     }
-
-    /// Uncertainty of the start anew against the first pose of all.
-    pub(in crate::odometry) fn origin(&self) -> &OriginUncertainty {
-        &self.origin
-    }
-}
-
-/// Accuracy of the gyroscope in measuring a turn about the vertical.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Gyro {
-    /// Standard deviation of the bias, rad/s.
-    bias_sigma_rad_s: f64,
-    /// Density of the white noise, rad/s/√Hz.
-    density: f64,
-}
-
-impl Gyro {
-    /// Quality of a gyroscope of this noise whose biases are known by these variances.
-    pub(super) fn new(noise: &ImuNoise, biases: &BiasVariances) -> Self {
-        let largest = (0..3).map(|k| biases[k]).fold(0.0, |most, x: f64| x.at_least(most));
-        Self { bias_sigma_rad_s: largest.sqrt(), density: noise.gyro_density }
-    }
-
-    fn turn_sigma_rad(self, dt_s: f64) -> f64 {
-        let (by_bias, by_noise) = (self.bias_sigma_rad_s * dt_s, self.density * dt_s.sqrt());
-        (by_bias * by_bias + by_noise * by_noise).sqrt()
-    }
 }
 
 /// Uncertainty of a state that the inertial sensor carries on to a start anew: of the tilt and of the biases.
 #[derive(Clone, Debug)]
-pub(super) struct Carried(GrowingCovariance);
+pub(super) struct Carried(pub(super) GrowingCovariance);
 
 impl Carried {
     /// Knowledge of a state of these covariances; `None` where that is no covariance.
@@ -158,18 +126,18 @@ impl Carried {
         grown.is_finite().then_some(Self(grown))
     }
 
-    /// After the motion `step` from `nav`.
-    pub(super) fn grow(&mut self, nav: &NavState, step: &Preintegration, noise: &ImuNoise) {
-        self.0.grow(nav, step, noise);
+    /// Variance of the yaw at the attitude `rot_o_b`, rad².
+    pub(super) fn yaw_rad2(&self, rot_o_b: &UnitQuaternion<f64>) -> f64 {
+        let up_b = rot_o_b.inverse() * Vector3::z();
+        up_b.dot(&(self.0.nav.fixed_view::<3, 3>(NavState::ROT, NavState::ROT) * up_b))
     }
 
     /// Standard deviations to begin with at the attitude `rot_o_b`: of the tilt, rad, of the biases, rad/s and m/s². What the
     /// last estimate knew of them counts [`DOUBT`] times.
     pub(super) fn sigmas(&self, rot_o_b: &UnitQuaternion<f64>) -> [f64; 3] {
         let all = self.0.of_all();
-        let up_b = rot_o_b.inverse() * Vector3::z();
         let of_attitude = all.fixed_view::<3, 3>(NavState::ROT, NavState::ROT);
-        let of_tilt = of_attitude.trace() - up_b.dot(&(of_attitude * up_b));
+        let of_tilt = of_attitude.trace() - self.yaw_rad2(rot_o_b);
         let largest = |first: usize| (0..3).map(|k| all[(first + k, first + k)]).fold(0.0, f64::at_least);
         [of_tilt, largest(NavState::BIAS_GYRO), largest(NavState::BIAS_ACCEL)]
             .map(|variance| DOUBT * variance.at_least(0.0).sqrt())
@@ -205,10 +173,6 @@ mod tests {
         let covariance = NavCovariance::identity() * 1e-6;
         let mut inherited = Inherited::default();
         inherited.begin(at(0), &Vector3::zeros(), None);
-        assert_eq!(inherited.added_to(covariance, &state()), covariance);
-        inherited.leave(at(0), &state(), 0.0, &NavCovariance::identity());
-        inherited.forget();
-        inherited.begin(at(1), &Vector3::zeros(), None);
         assert_eq!(inherited.added_to(covariance, &state()), covariance);
     }
 

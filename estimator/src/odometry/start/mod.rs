@@ -6,75 +6,63 @@
 mod first_state;
 mod inherited;
 mod memory;
+mod one_camera;
+#[cfg(test)]
+mod tests;
 
 use super::estimation::Estimation;
 use super::judge::{Judge, report_stuck};
 use super::plausible::{ResetReason, implausible};
 use crate::estimate::{HealthBits, NavCovariance};
-use crate::initial::{Gathering, MonoWorkspace};
+use crate::initial::Gathering;
 use crate::input::ResetKind;
 use crate::window::state::{FrameTime, NavState};
-use inherited::{Carried, Gyro, Inherited};
+use inherited::{Carried, Inherited};
 use memory::Memory;
 use nalgebra::Vector3;
-use plumbline_config::options::HealthConfig;
+pub use one_camera::Missing;
+use one_camera::OneCamera;
+use plumbline_config::options::{HealthConfig, ImuConfig};
 use plumbline_config::{Timestamp, ValidSetup};
-
-/// Options of starts, in the units of their use.
-#[derive(Clone, Debug)]
-struct Options {
-    stereo_frames: usize,
-    mono_window_s: f64,
-    mono_min_parallax_px: f64,
-    sigma_px: f64,
-    focal_px: f64,
-    bias_gyro_sigma: f64,
-    bias_accel_sigma: f64,
-    health: HealthConfig,
-}
 
 /// Frames before a start, and what is kept for the next one.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
-    options: Options,
+    imu: ImuConfig,
+    time_offset_sigma_s: f64,
+    health: HealthConfig,
     gathering: Gathering,
-    mono_workspace: MonoWorkspace,
-    mono_wait: usize,
-    /// Where the next start begins, and the biases it begins with.
+    one_camera: OneCamera,
+    /// What an attempt with one camera lacked in the newest frame.
+    pub(super) missing: Option<Missing>,
+    /// Where the next start begins.
     origin: Option<NavState>,
-    bias_memory: (Vector3<f64>, Vector3<f64>),
+    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s², to begin with.
+    pub(super) bias_memory: (Vector3<f64>, Vector3<f64>),
     memory: Memory,
-    inherited: Inherited,
+    /// Heritage of the present estimate from those before.
+    pub(super) inherited: Inherited,
     /// Knowledge of the attitude of [`Self::origin`], which the gyroscope has turned on since the last pose; `None` where
     /// it has not measured all the way.
     carried: Option<Carried>,
     /// Why the estimate was last started anew.
-    reset_reason: Option<ResetReason>,
-    reset_counter: u32,
+    pub(super) reset_reason: Option<ResetReason>,
+    /// Resets so far.
+    pub(super) reset_counter: u32,
     /// Resets that were counted before this odometer began.
-    first_counter: u32,
+    pub(super) first_counter: u32,
 }
 
 impl Start {
     pub(super) fn new(setup: &ValidSetup) -> Self {
-        let initial = &setup.estimator.initial;
-        let frames = initial.mono_window_s * setup.left().rate_hz * 1.5;
-        let gathered = (frames as usize).max(initial.stereo_frames) + 2;
-        let points = setup.estimator.points.max_points;
+        let points = &setup.estimator.points;
         Self {
-            options: Options {
-                stereo_frames: initial.stereo_frames,
-                mono_window_s: initial.mono_window_s,
-                mono_min_parallax_px: initial.mono_min_parallax_px,
-                sigma_px: setup.estimator.points.sigma_px,
-                focal_px: setup.left().focal_px[0],
-                bias_gyro_sigma: setup.imu.gyro_bias_sigma_rad_s,
-                bias_accel_sigma: setup.imu.accel_bias_sigma_m_s2,
-                health: setup.estimator.health.clone(),
-            },
-            gathering: Gathering::new(gathered, points),
-            mono_workspace: MonoWorkspace::new(gathered, points),
-            mono_wait: 0,
+            imu: setup.imu.clone(),
+            time_offset_sigma_s: setup.rig.time_offset_sigma_s,
+            health: setup.estimator.health.clone(),
+            gathering: Gathering::new(points.max_points),
+            one_camera: OneCamera::new(setup),
+            missing: None,
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             memory: Memory::default(),
@@ -92,22 +80,23 @@ impl Start {
         &mut self,
         estimation: &mut Estimation,
         judge: &mut Judge,
-        (last, time): (Option<Timestamp>, FrameTime),
+        (last, time): (Option<FrameTime>, FrameTime),
         is_still: bool,
         health: &mut HealthBits,
     ) -> bool {
-        let stamp = time.stamp;
+        let (stamp, last) = (time.stamp, last.map(|last| last.stamp));
         let none = (Vector3::zeros(), Vector3::zeros());
-        let motion = last.map(|last| estimation.preintegrate([last, stamp], &none));
-        if motion.as_ref().is_some_and(|(_, coverage)| coverage.has_gap) {
-            health.insert(HealthBits::IMU_GAP);
-            self.gathering.clear();
-        }
-        if let Some((_, coverage)) = &motion
-            && (report_stuck(estimation.imu.stuck(), health) || coverage.unmeasured.is_any())
-        {
+        if let Some((_, coverage)) = last.map(|last| estimation.preintegrate([last, stamp], &none)) {
+            if coverage.has_gap {
+                health.insert(HealthBits::IMU_GAP);
+            }
             // A start needs gravity, and turns between its frames.
-            self.gathering.clear();
+            if report_stuck(estimation.imu.stuck(), health)
+                || coverage.unmeasured.is_any()
+                || coverage.has_gap
+            {
+                self.gathering.clear();
+            }
         }
         self.inherited.resume(stamp);
         self.carry_attitude(estimation, last, stamp);
@@ -115,8 +104,8 @@ impl Start {
             self.gathering.leave_out(camera);
         }
         let gyro_b = estimation.rate_b + self.bias_memory.0;
-        self.gathering.push(time, estimation.measurer.points(), motion.map(|m| m.0), gyro_b);
-        let has_begun = self.try_start(estimation, judge, is_still);
+        self.gathering.push(time, estimation.measurer.points(), gyro_b);
+        let has_begun = self.try_start(estimation, judge, is_still, time.time_offset_s);
         if has_begun {
             self.gathering.clear();
             self.inherit(estimation, stamp);
@@ -132,10 +121,9 @@ impl Start {
 
     /// A start anew is no better known than the pose that it goes on from.
     fn inherit(&mut self, estimation: &Estimation, stamp: Timestamp) {
-        let noise = &estimation.window.imu_noise;
-        let gyro = self.carried.is_some().then(|| Gyro::new(noise, &estimation.bias_variances));
+        let yaw_rad2 = self.carried.as_ref().zip(self.origin.as_ref()).map(|(c, o)| c.yaw_rad2(&o.rot_o_b));
         if let Some(frame) = estimation.window.frames.last() {
-            self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
+            self.inherited.begin(stamp, &frame.nav.p_o_b, yaw_rad2);
         }
     }
 
@@ -149,7 +137,7 @@ impl Start {
         if coverage.has_gap || coverage.is_saturated || coverage.unmeasured.gyro {
             self.carried = None;
         } else {
-            carried.grow(origin, &motion, &estimation.window.imu_noise);
+            carried.0.grow(origin, &motion, &estimation.window.imu_noise);
             origin.rot_o_b *= motion.delta_rot;
         }
     }
@@ -164,7 +152,7 @@ impl Start {
     /// The estimate is given up, its newest state known as the covariance `stated` says: keeps what the next start goes by.
     pub(super) fn prepare(&mut self, estimation: &mut Estimation, stated: NavCovariance, kind: ResetKind) {
         match (kind, estimation.window.frames.last()) {
-            (ResetKind::Hard, _) => self.inherited.forget(),
+            (ResetKind::Hard, _) => self.inherited = Inherited::default(),
             (ResetKind::Soft, Some(frame)) => {
                 let turn_rad_s = estimation.rate_b.norm();
                 self.inherited.leave(frame.stamp, &frame.nav, turn_rad_s, &stated)
@@ -173,6 +161,7 @@ impl Start {
         }
         self.choose_origin(estimation, stated, kind);
         self.gathering.clear();
+        self.one_camera.forget();
         self.reset_counter += 1;
     }
 
@@ -188,7 +177,7 @@ impl Start {
             return;
         }
         let Some(newest) = window.frames.last().map(|frame| frame.nav.clone()) else { return };
-        let is_plausible = implausible(window, &self.options.health).is_none();
+        let is_plausible = implausible(window, &self.health).is_none();
         self.carried = if is_plausible { Carried::of(stated, &estimation.bias_variances) } else { None };
         let nav = if is_plausible {
             window.keep_rig();
@@ -215,38 +204,5 @@ impl Start {
     pub(super) fn forget_time(&mut self) {
         self.carried = None;
         self.inherited.forget_time();
-    }
-
-    pub(super) fn give_reason(&mut self, reason: ResetReason) {
-        self.reset_reason = Some(reason);
-    }
-
-    /// Why the estimate was last started anew.
-    pub(super) fn reset_reason(&self) -> Option<&ResetReason> {
-        self.reset_reason.as_ref()
-    }
-
-    /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s², to begin with.
-    pub(super) fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
-        self.bias_memory
-    }
-
-    /// Heritage of the present estimate from those before.
-    pub(super) fn inherited(&self) -> &Inherited {
-        &self.inherited
-    }
-
-    pub(super) fn reset_counter(&self) -> u32 {
-        self.reset_counter
-    }
-
-    /// Resets that were counted before this odometer began.
-    pub(super) fn first_counter(&self) -> u32 {
-        self.first_counter
-    }
-
-    /// Counts resets from `reset_counter` on.
-    pub(super) fn count_resets_from(&mut self, reset_counter: u32) {
-        (self.reset_counter, self.first_counter) = (reset_counter, reset_counter);
     }
 }

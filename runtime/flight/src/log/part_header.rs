@@ -15,13 +15,14 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [&str; 10] = [
+const RETIRED: [&str; 11] = [
     "ros.link",
     "ros.landmarks",
     "ros.map",
     "ros.tracks",
     "ros.reset",
     "driver.imu.trigger_exposure",
+    "estimator.initial",
     "network.login",
     "estimator.lines.use_verticals",
     "estimator.lines.use_vanishing_directions",

@@ -11,6 +11,7 @@ use crate::alloc;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::odometry::Missing;
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
 use plumbline_record::digest::Digest;
@@ -188,6 +189,8 @@ pub struct WindowStage {
     digest: Digest,
     first: Option<Timestamp>,
     resets: u32,
+    /// When it was last said what a start lacks.
+    said_missing: Option<Timestamp>,
     map: Option<MapStage>,
     /// Counts and times of frames so far.
     pub figures: Figures,
@@ -215,6 +218,7 @@ impl WindowStage {
             times: StageTimes::default(),
             allocations: 0,
             resets: 0,
+            said_missing: None,
             map: config.estimator.places.enabled.then(|| MapStage::new(effect)),
         }
     }
@@ -277,6 +281,7 @@ impl WindowStage {
             self.newest_pose.clone_from(&self.newest);
         }
         self.report_reset(&estimate);
+        self.report_start(&estimate);
         self.hand_out(&estimate, cost.plus(job.cost));
         self.allocations += allocations + counting.map_or(0, alloc::Count::end);
         (estimate, cost)
@@ -292,6 +297,17 @@ impl WindowStage {
         let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
         let text = format_args!("frame {frame}: reset {count}: {reason}");
         self.listener.said(&Said::Event(Event::new(estimate.stamp, severity, text)));
+    }
+
+    /// Reports every second what a start with one camera still lacks, and at once which delay it has found.
+    fn report_start(&mut self, estimate: &Estimate) {
+        let Some(missing) = self.odometer.missing() else { return };
+        let is_due = self.said_missing.is_none_or(|last| estimate.stamp.seconds_since(last).abs() >= 1.0);
+        if is_due || matches!(missing, Missing::Delay(..)) {
+            self.said_missing = Some(estimate.stamp);
+            let text = format_args!("frame {}: no start yet: {missing}", estimate.frame_sequence);
+            self.listener.said(&Said::Event(Event::new(estimate.stamp, Severity::Info, text)));
+        }
     }
 
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {

@@ -9,9 +9,8 @@ use crate::sensor_board::SensorBoard;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Plausibility};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
-use plumbline_record::event::MAX_EVENT_BYTES;
 use plumbline_record::said::FullEstimate;
-use plumbline_record::{Said, Severity};
+use plumbline_record::{Event, Said, Severity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -30,7 +29,7 @@ enum Item {
     Sample(ImuSample),
     Frame(Timestamp),
     Estimate(HealthBits),
-    Reset(heapless::String<MAX_EVENT_BYTES>),
+    Event(Event),
 }
 
 struct Shared {
@@ -125,9 +124,7 @@ impl Listener for Ear {
             Said::Estimate(FullEstimate { estimate, .. }) => {
                 self.0.offer(Item::Estimate(estimate.health));
             }
-            Said::Event(event) if event.severity == Severity::Error => {
-                self.0.offer(Item::Reset(event.text.clone()));
-            }
+            Said::Event(event) => self.0.offer(Item::Event(event.clone())),
             _ => {}
         }
     }
@@ -161,7 +158,10 @@ fn look(
                         told.tell(plausibility.findings(false));
                     }
                 }
-                Item::Reset(reason) => plausibility.add_reset(&reason),
+                Item::Event(event) if event.severity == Severity::Error => {
+                    plausibility.add_reset(&event.text)
+                }
+                Item::Event(event) => tracing::info!("{}", event.text),
                 Item::Frame(stamp) => plausibility.add_frame(stamp),
             }
         }
