@@ -51,6 +51,11 @@ impl Pixel {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
     }
 
+    /// True if an edge here is steep, by a gradient without marks.
+    fn is_steep(self) -> bool {
+        self.gx.abs() >= self.gy.abs()
+    }
+
     /// True if the pixel belongs to a segment, or lies beside one that does.
     pub fn is_taken(self) -> bool {
         self.gx & 1 != 0
@@ -61,9 +66,9 @@ impl Pixel {
         self.gy & 1 != 0
     }
 
-    /// Marks the pixel as taken.
-    pub fn take(&mut self) {
-        self.gx |= 1;
+    /// The pixel marked as taken.
+    pub fn taken(self) -> Self {
+        Self { gx: self.gx | 1, ..self }
     }
 
     /// Marks the pixel as tried, and no longer taken.
@@ -78,11 +83,17 @@ impl Pixel {
 #[inline(never)]
 pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut [f32; N]) {
     for k in 0..N {
-        gx[k] = ((words[k] << 16) as i32 >> 16 & !1) as f32;
+        gx[k] = of_word(words[k])[0];
     }
     for k in 0..N {
-        gy[k] = (words[k] as i32 >> 16 & !1) as f32;
+        gy[k] = of_word(words[k])[1];
     }
+}
+
+/// The gradient of a pixel given by its word.
+#[inline(always)]
+pub fn of_word(word: u32) -> [f32; 2] {
+    [((word << 16) as i32 >> 16 & !1) as f32, (word as i32 >> 16 & !1) as f32]
 }
 
 /// A place of the halved image, px, in the image.
@@ -114,6 +125,8 @@ pub struct Gradients {
     sums: [Vec<i16>; 2],
     /// Magnitudes of all pixels, in steps: of most that growth looks at it asks for nothing else.
     pub(super) magnitudes: Vec<i16>,
+    /// 1 at the seeds of a row, in whole words.
+    marks: Vec<u8>,
 }
 
 impl Gradients {
@@ -129,6 +142,7 @@ impl Gradients {
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
+            marks: vec![0; width.next_multiple_of(8)],
         }
     }
 
@@ -181,27 +195,43 @@ impl Gradients {
     }
 
     /// Hands ridges of row `y` to `found`: those of steep edges in one row of [`SEED_STEP`], of flat ones in one column of so many.
-    fn find_ridges(&self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
-        let width = self.width;
-        let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.magnitudes[k * width..(k + 1) * width]);
-        let pixels = &self.pixels[y * width..(y + 1) * width];
-        let is_whole = y.is_multiple_of(SEED_STEP);
-        let (first, step) = if is_whole { (BORDER, 1) } else { (FIRST_COLUMN, SEED_STEP) };
-        for x in (first..width - BORDER).step_by(step) {
+    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
+        let Self { width, pixels, magnitudes, marks, .. } = self;
+        let [up, row, down] = [y - 1, y, y + 1].map(|k| &magnitudes[k * *width..][..*width]);
+        let pixels = &pixels[y * *width..][..*width];
+        // Of two equal ones the first is the ridge.
+        let is_flat = |x: usize| {
             let m = row[x];
-            if m <= threshold {
-                continue;
-            }
-            let (gx, gy) = pixels[x].gradient();
-            // Of two equal ones the first is the ridge.
-            let is_seed = match gx.abs() >= gy.abs() {
-                true => is_whole && m > row[x - 1] && m >= row[x + 1],
-                false => (x - BORDER) % SEED_STEP == FIRST_COLUMN - BORDER && m > up[x] && m >= down[x],
-            };
-            if is_seed {
-                found(x, y, m);
+            (m > threshold) & (m > up[x]) & (m >= down[x]) && !pixels[x].is_steep()
+        };
+        let columns = (FIRST_COLUMN..*width - BORDER).step_by(SEED_STEP);
+        if !y.is_multiple_of(SEED_STEP) {
+            columns.filter(|x| is_flat(*x)).for_each(|x| found(x, y, row[x]));
+            return;
+        }
+        let inner = BORDER..*width - BORDER;
+        mark_steep(&row[BORDER - 1..], &pixels[inner.clone()], threshold, &mut marks[inner]);
+        columns.filter(|x| is_flat(*x)).for_each(|x| marks[x] = 1);
+        for (k, marks) in marks.as_chunks().0.iter().enumerate() {
+            let mut marks = u64::from_le_bytes(*marks);
+            while marks != 0 {
+                let x = 8 * k + marks.trailing_zeros() as usize / 8;
+                found(x, y, row[x]);
+                marks &= marks - 1;
             }
         }
+    }
+}
+
+/// Marks the ridges of steep edges by the magnitudes of a row, which begin before the first pixel.
+#[inline(never)]
+fn mark_steep(row: &[i16], pixels: &[Pixel], threshold: i16, marks: &mut [u8]) {
+    let n = marks.len();
+    let ([left, row, right], pixels) = ([0, 1, 2].map(|k| &row[k..k + n]), &pixels[..n]);
+    for i in 0..n {
+        let m = row[i];
+        let is_ridge = (m > threshold) & (m > left[i]) & (m >= right[i]) & pixels[i].is_steep();
+        marks[i] = u8::from(is_ridge);
     }
 }
 

@@ -288,16 +288,7 @@ impl ScoreMap {
 
     /// Scores a row; which vectors have a score above `limit`.
     fn score_row(&mut self, y: usize, vectors: usize, limit: f32) -> u32 {
-        let least = ((limit - ROUNDING) * AREA) as i32;
-        let [xx, xy, yy] = &self.columns;
-        let scores = &mut self.scores[y % 3][1..].as_chunks_mut().0[..vectors];
-        scores.fill([0.0; LANES]);
-        let mut above = 0;
-        for k in ones(promising(xx, yy, vectors, least)) {
-            let at = k * LANES;
-            above |= u32::from(score(&xx[at..], &xy[at..], &yy[at..], limit, &mut scores[k])) << k;
-        }
-        above
+        score_row(&self.columns, &mut self.scores[y % 3][1..].as_chunks_mut().0[..vectors], limit)
     }
 
     /// Local maxima above `limit` among the scores of a vector at `x`, of the row below `y`, one bit each.
@@ -350,25 +341,28 @@ fn replace(
     }
 }
 
-/// Which of the first vectors of scores can have one whose sums exceed `least`, one bit each: the lesser eigenvalue is no
-/// greater than the lesser entry of the diagonal. Most have none.
+/// Scores from column sums; which vectors have one above `limit`, one bit each. The lesser eigenvalue is no greater than the lesser
+/// entry of the diagonal: most have no sums from which it can exceed the limit, and are left at zero.
 #[inline(never)]
-fn promising(xx: &[i32; MAX_SPAN], yy: &[i32; MAX_SPAN], vectors: usize, least: i32) -> u32 {
-    let mut promising = 0;
-    for vector in 0..vectors {
-        let [xx, yy] = [xx, yy].map(|columns| window_sums(&columns[vector * LANES..]));
-        let is_one = (0..LANES).fold(false, |found, k| found | (xx[k].min(yy[k]) > least));
-        promising |= u32::from(is_one) << vector;
+fn score_row(columns: &[[i32; MAX_SPAN]; 3], scores: &mut [[f32; LANES]], limit: f32) -> u32 {
+    let least = ((limit - ROUNDING) * AREA) as i32;
+    let mut above = 0;
+    for (k, scores) in scores.iter_mut().enumerate() {
+        let sums = |of: usize| window_sums(&columns[of][k * LANES..]);
+        let (xx, yy) = (sums(0), sums(2));
+        *scores = [0.0; LANES];
+        if (0..LANES).fold(false, |found, i| found | (xx[i].min(yy[i]) > least)) {
+            above |= u32::from(score(&xx, &sums(1), &yy, limit, scores)) << k;
+        }
     }
-    promising
+    above
 }
 
-/// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean
-/// structure tensor. Whether one exceeds `limit`.
+/// Scores from the sums of windows: the lesser eigenvalue of the window's mean structure tensor. Whether one exceeds `limit`.
 #[inline(never)]
-fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANES]) -> bool {
+fn score(xx: &Lanes, xy: &Lanes, yy: &Lanes, limit: f32, scores: &mut [f32; LANES]) -> bool {
     const NORM: f32 = 1.0 / AREA;
-    let [xx, xy, yy] = [xx, xy, yy].map(|columns| window_sums(columns).map(|sum| sum as f32 * NORM));
+    let [xx, xy, yy] = [xx, xy, yy].map(|sums| sums.map(|sum| sum as f32 * NORM));
     for k in 0..LANES {
         let difference = xx[k] - yy[k];
         scores[k] = 0.5 * (xx[k] + yy[k] - (difference * difference + 4.0 * xy[k] * xy[k]).sqrt());

@@ -10,7 +10,7 @@ use super::motions::{
     GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET, motion_at,
     motion_of_camera, motion_of_frame, motion_of_lens,
 };
-use super::state::{MAX_FRAMES, POSE_DIM};
+use super::state::{INTRINSICS_DIM, MAX_FRAMES, POSE_DIM};
 use super::tiles::{LANES, add_times};
 
 /// Columns of an observation: motion of the host's camera in `O`, time offset, residual.
@@ -25,12 +25,12 @@ pub(super) type CameraRows = [[f64; COLUMNS]; 2];
 /// Both rows of an observation by the intrinsics of the observing camera.
 pub(super) type LensRows = [[f64; LENS]; 2];
 
-/// Products of columns, summed; the upper triangle counts.
+/// Products of columns, summed; the upper triangle counts, but for the square of the residual.
 #[derive(Clone, Debug)]
-struct Products([[f64; COLUMNS]; COLUMNS]);
+struct Products([[f64; COLUMNS]; AT_RESIDUAL]);
 
 impl Products {
-    const ZERO: Self = Self([[0.0; COLUMNS]; COLUMNS]);
+    const ZERO: Self = Self([[0.0; COLUMNS]; AT_RESIDUAL]);
 
     #[inline]
     fn add(&mut self, [a, b]: &CameraRows) {
@@ -51,11 +51,11 @@ impl Products {
 #[derive(Clone, Debug)]
 struct LensProducts {
     mixed: [[f64; LENS]; COLUMNS],
-    own: [[f64; LENS]; LENS],
+    own: [[f64; LENS]; INTRINSICS_DIM],
 }
 
 impl LensProducts {
-    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; LENS] };
+    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; INTRINSICS_DIM] };
 
     #[inline]
     fn add(&mut self, [a, b]: &CameraRows, [la, lb]: &LensRows) {

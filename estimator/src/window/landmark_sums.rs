@@ -43,10 +43,12 @@ impl Rows {
             if !is_host {
                 by_camera[..POSE_DIM].copy_from_slice(&row(&j.camera[d]));
                 let [of_host, of_target] = [host, target].map(|k| motion_of_camera(usize::from(k)));
-                // What is one camera's motion is subtracted in whole vectors.
-                let (by_host, other) = if host == target { (ZERO, j.host[d]) } else { (j.host[d], ZERO) };
-                *motion_at(by_globals, of_host) = row(&by_host);
-                *motion_at(by_globals, of_target) = row(&difference(&other, &j.target[d]));
+                if host == target {
+                    *motion_at(by_globals, of_host) = row(&difference(&j.host[d], &j.target[d]));
+                } else {
+                    *motion_at(by_globals, of_host) = row(&j.host[d]);
+                    *motion_at(by_globals, of_target) = row(&difference(&ZERO, &j.target[d]));
+                }
             }
             (by_globals[TIME_OFFSET], by_globals[RESIDUAL]) = (j.time_offset[d], r[d]);
             (by_camera[POSE_DIM], by_camera[POSE_DIM + 1]) = (j.time_offset[d], r[d]);

@@ -72,22 +72,18 @@ impl Poses {
         landmark.feature.placed(&self.cameras_first[host][camera])
     }
 
-    /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations. `None` where the
-    /// observer cannot see it.
+    /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations, where this was `measured` by the
+    /// present intrinsics. `None` where the observer cannot see it.
     #[inline]
     pub fn residual<F: Feature>(
         &self,
         problem: &Problem<'_>,
         placed: &F::Placed,
-        observation: &Observation<F::Measurement>,
+        (observation, measured): (&Observation<F::Measurement>, &F::Measurement),
     ) -> Option<Vector2<f64>> {
         let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-        let target = &self.cameras_now[frame][camera];
-        match problem.moved_lenses.moved::<F>(observation) {
-            Some(measured) => F::residual_of(placed, target, &measured, step_s),
-            None => F::residual_of(placed, target, &observation.measured, step_s),
-        }
+        F::residual_of(placed, &self.cameras_now[frame][camera], measured, step_s)
     }
 
     /// The derivatives of an observation by the intrinsics of its camera, times `scale`, of a landmark that is
@@ -106,14 +102,13 @@ impl Poses {
         Some(by_lens.map(|row| row.map(|x| x * scale)))
     }
 
-    /// The Jacobians of that, times `scale`, of a landmark that is [`Self::placed_first`].
+    /// The Jacobians of an observation of a landmark that is [`Self::placed_first`], by what was `measured`.
     #[inline]
     pub fn linearize<F: Feature>(
         &self,
-        problem: &Problem<'_>,
         landmark: &Landmark<F>,
         placed: &F::Placed,
-        (observation, scale): (&Observation<F::Measurement>, f64),
+        (observation, measured): (&Observation<F::Measurement>, &F::Measurement),
         jacobians: &mut F::Jacobians,
     ) -> Option<()> {
         let pose = |frame: u8, camera: u8| &self.cameras_first[usize::from(frame)][usize::from(camera)];
@@ -121,9 +116,7 @@ impl Poses {
             host: pose(landmark.host, landmark.host_camera),
             target: pose(observation.frame, observation.camera),
         };
-        let moved = problem.moved_lenses.moved::<F>(observation);
-        let measured = F::weighed(moved.as_ref().unwrap_or(&observation.measured), scale);
-        F::linearize(placed, view, &measured, jacobians)
+        F::linearize(placed, view, measured, jacobians)
     }
 
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular
