@@ -45,7 +45,7 @@ impl Seed {
     /// the mispredicted branches of stopping early.
     pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
         let (width, height) = (gradients.width, gradients.height);
-        let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
+        let [right, bottom] = [width, height].map(|side| (side as i32 - 1) as f32);
         let pixels = &gradients.pixels;
         let gradient = pixels[usize::from(self.y) * width + usize::from(self.x)].vector();
         let squared_norm = gradient.norm_squared();

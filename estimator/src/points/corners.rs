@@ -125,27 +125,19 @@ impl CornerDetector {
         }
         self.mark(existing);
         let few = 2 * existing.len() < demand.wanted;
-        self.visit_cells(
-            plane,
-            existing,
-            if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS },
-        );
-        self.corners.sort_unstable_by(|a, b| {
-            let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
-            b.score.total_cmp(&a.score).then(place(a).cmp(&place(b)))
-        });
+        let budget = if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS };
+        self.visit_cells(plane, existing, budget, max_new);
         let strong = self.corners.partition_point(|c| c.score >= self.min_score);
         let poor = (POOR_SHARE * demand.wanted as f32) as usize;
-        let count = strong.max(poor.saturating_sub(existing.len()).min(self.corners.len()));
-        self.corners.truncate(count.min(max_new));
+        self.corners.truncate(strong.max(poor.saturating_sub(existing.len())));
         &self.corners
     }
 
-    /// Looks for a corner in at most `budget` empty cells, in turn: it goes on where the last frame ended.
-    fn visit_cells(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], budget: usize) {
+    /// Looks for corners, at most `max_new`, in at most `budget` empty cells, in turn: it goes on where the last frame ended.
+    fn visit_cells(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], budget: usize, max_new: usize) {
         let columns = self.width.div_ceil(self.cell_px);
         let cells = self.taken.len();
-        let mut left = budget;
+        let (mut left, mut limit) = (budget, NOISE_SCORE);
         for _ in 0..cells {
             if left == 0 {
                 break;
@@ -155,8 +147,20 @@ impl CornerDetector {
             self.next_cell = (self.next_cell + self.stride) % cells;
             if !self.taken[cell] {
                 left -= 1;
-                let found = self.best_of_cell(plane, cell % columns, cell / columns, existing);
-                self.corners.extend(found);
+                let Some(found) = self.best_of_cell(plane, [cell % columns, cell / columns], existing, limit)
+                else {
+                    continue;
+                };
+                let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
+                let is_before = |c: &DetectedCorner| {
+                    found.score.total_cmp(&c.score).then(place(c).cmp(&place(&found))).is_lt()
+                };
+                self.corners.insert(self.corners.partition_point(is_before), found);
+                self.corners.truncate(max_new);
+                if self.corners.len() == max_new {
+                    // A weaker one would not be among them.
+                    limit = self.corners[max_new - 1].score.next_down();
+                }
             }
         }
     }
@@ -178,9 +182,9 @@ impl CornerDetector {
     fn best_of_cell(
         &mut self,
         plane: &Plane<'_>,
-        column: usize,
-        row: usize,
+        [column, row]: [usize; 2],
         existing: &[Vector2<f32>],
+        limit: f32,
     ) -> Option<DetectedCorner> {
         let span = |index: usize, size: usize| {
             let start = (index * self.cell_px).max(self.border_px);
@@ -199,7 +203,7 @@ impl CornerDetector {
                 .fold(true, |free, other| free & ((other - px).norm_squared() >= distance * distance));
             is_far && !mask.is_some_and(|mask| mask.hides(x0 + x, y0 + y))
         };
-        let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
+        let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], limit, is_free)?;
         Some(DetectedCorner { px: place(x, y), score })
     }
 }
@@ -237,13 +241,14 @@ impl ScoreMap {
         scores: [[0.0; MAX_STRIDE + 2]; 3],
     };
 
-    /// The best local maximum of the score, above that of noise, that `is_free` accepts in the rectangle at `from` of `size`
+    /// The best local maximum of the score, above `limit`, that `is_free` accepts in the rectangle at `from` of `size`
     /// (image pixels), in coordinates within it. The plane is one with a rim.
     fn best(
         &mut self,
         plane: &Plane<'_>,
         from: [usize; 2],
         size: [usize; 2],
+        mut limit: f32,
         is_free: impl Fn(usize, usize) -> bool,
     ) -> Option<(usize, usize, f32)> {
         let [width, height] = size;
@@ -254,7 +259,7 @@ impl ScoreMap {
         let span = span_of(vectors);
         let sums = self.products.iter_mut().chain([&mut self.columns]).flatten();
         sums.for_each(|sums| sums[..span].fill(0));
-        let (mut best, mut limit) = (None, NOISE_SCORE);
+        let mut best = None;
         // Vectors with a score above the limit in the last row, one bit each.
         let mut last_above = 0;
         for y in 0..height + 2 * WINDOW + 2 {
@@ -349,13 +354,23 @@ fn score_row(columns: &[[i32; MAX_SPAN]; 3], scores: &mut [[f32; LANES]], limit:
     let mut above = 0;
     for (k, scores) in scores.iter_mut().enumerate() {
         let sums = |of: usize| window_sums(&columns[of][k * LANES..]);
-        let (xx, yy) = (sums(0), sums(2));
         *scores = [0.0; LANES];
-        if (0..LANES).fold(false, |found, i| found | (xx[i].min(yy[i]) > least)) {
+        let xx = sums(0);
+        if !exceed(&xx, least) {
+            continue;
+        }
+        let yy = sums(2);
+        if exceed(&std::array::from_fn(|i| xx[i].min(yy[i])), least) {
             above |= u32::from(score(&xx, &sums(1), &yy, limit, scores)) << k;
         }
     }
     above
+}
+
+/// True if one of the sums is more than `least`.
+#[inline(always)]
+fn exceed(sums: &Lanes, least: i32) -> bool {
+    sums.iter().fold(false, |found, sum| found | (*sum > least))
 }
 
 /// Scores from the sums of windows: the lesser eigenvalue of the window's mean structure tensor. Whether one exceeds `limit`.

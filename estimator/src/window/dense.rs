@@ -29,8 +29,8 @@ impl NormalEquations {
     pub fn reset(&mut self, dim: usize) {
         assert!(dim <= self.stride, "{dim} unknowns exceed the capacity {}", self.stride);
         self.dim = dim;
-        for row in self.h.chunks_exact_mut(self.stride).take(dim) {
-            row[..dim].fill(0.0);
+        for (i, row) in self.h.chunks_exact_mut(self.stride).take(dim).enumerate() {
+            row[i..dim].fill(0.0);
         }
         self.b[..dim].fill(0.0);
     }

@@ -323,10 +323,7 @@ impl MotionEquations {
         let at = motion_of_frame(frame);
         let range = at / LANES * LANES..self.dim.next_multiple_of(LANES);
         let (positions, turns) = self.rows[at..at + POSE_DIM].split_at_mut(NavState::ROT);
-        let mut motions = [[0.0; MAX_MOTIONS]; 3];
-        for (to, turn) in motions.iter_mut().zip(turns.iter()) {
-            to[range.clone()].copy_from_slice(&turn[range.clone()]);
-        }
+        let motions: [MotionRow; 3] = std::array::from_fn(|i| turns[i]);
         for (k, to) in turns.iter_mut().enumerate() {
             to[range.clone()].fill(0.0);
             for (row, by) in positions.iter().chain(&motions).zip(by_attitude) {
