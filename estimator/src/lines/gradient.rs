@@ -46,7 +46,7 @@ impl Pixel {
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
-    /// All of it in one word, for [`components`]: x in the lower half.
+    /// All of it in one word, for [`of_word`]: x in the lower half.
     pub fn word(self) -> u32 {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
     }
@@ -75,18 +75,6 @@ impl Pixel {
     pub fn give_back(&mut self) {
         self.gx &= !1;
         self.gy |= 1;
-    }
-}
-
-/// The gradients of pixels given by their words, by components. A function of its own, whose results lie in memory: where they
-/// are many values in registers, the compiler takes them one by one.
-#[inline(never)]
-pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut [f32; N]) {
-    for k in 0..N {
-        gx[k] = of_word(words[k])[0];
-    }
-    for k in 0..N {
-        gy[k] = of_word(words[k])[1];
     }
 }
 
@@ -125,8 +113,8 @@ pub struct Gradients {
     sums: [Vec<i16>; 2],
     /// Magnitudes of all pixels, in steps: of most that growth looks at it asks for nothing else.
     pub(super) magnitudes: Vec<i16>,
-    /// 1 at the seeds of a row, in whole words.
-    marks: Vec<u8>,
+    /// Which pixels of a row are seeds.
+    marks: Vec<bool>,
 }
 
 impl Gradients {
@@ -142,7 +130,7 @@ impl Gradients {
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
-            marks: vec![0; width.next_multiple_of(8)],
+            marks: vec![false; width],
         }
     }
 
@@ -212,27 +200,20 @@ impl Gradients {
         }
         let inner = BORDER..*width - BORDER;
         mark_steep(&row[BORDER - 1..], &pixels[inner.clone()], threshold, &mut marks[inner]);
-        columns.filter(|x| is_flat(*x)).for_each(|x| marks[x] = 1);
-        for (k, marks) in marks.as_chunks().0.iter().enumerate() {
-            let mut marks = u64::from_le_bytes(*marks);
-            while marks != 0 {
-                let x = 8 * k + marks.trailing_zeros() as usize / 8;
-                found(x, y, row[x]);
-                marks &= marks - 1;
-            }
-        }
+        columns.filter(|x| is_flat(*x)).for_each(|x| marks[x] = true);
+        let marked = marks.iter().zip(row).enumerate().filter(|(_, (is_seed, _))| **is_seed);
+        marked.for_each(|(x, (_, m))| found(x, y, *m));
     }
 }
 
 /// Marks the ridges of steep edges by the magnitudes of a row, which begin before the first pixel.
 #[inline(never)]
-fn mark_steep(row: &[i16], pixels: &[Pixel], threshold: i16, marks: &mut [u8]) {
+fn mark_steep(row: &[i16], pixels: &[Pixel], threshold: i16, marks: &mut [bool]) {
     let n = marks.len();
     let ([left, row, right], pixels) = ([0, 1, 2].map(|k| &row[k..k + n]), &pixels[..n]);
     for i in 0..n {
         let m = row[i];
-        let is_ridge = (m > threshold) & (m > left[i]) & (m >= right[i]) & pixels[i].is_steep();
-        marks[i] = u8::from(is_ridge);
+        marks[i] = (m > threshold) & (m > left[i]) & (m >= right[i]) & pixels[i].is_steep();
     }
 }
 

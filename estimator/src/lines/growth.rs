@@ -134,7 +134,7 @@ impl Growth {
     }
 
     /// Follows the edge at `seed` (column and row) both ways, as long as the gradient exceeds `threshold` steps.
-    /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
+    /// Pixels of the segment stay marked as taken, unless [`Self::cut`] follows.
     pub fn grow(&mut self, gradients: &mut Gradients, (x, y): (usize, usize), threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
         let width = gradients.width;
@@ -144,11 +144,18 @@ impl Growth {
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
-        let row = width;
         if is_steep {
-            self.follow_both_ways(&mut Following::<true> { gradients, threshold, row }, &point, direction)
+            self.follow_both_ways(
+                &mut Following::<true> { gradients, threshold, row: width },
+                &point,
+                direction,
+            )
         } else {
-            self.follow_both_ways(&mut Following::<false> { gradients, threshold, row }, &point, direction)
+            self.follow_both_ways(
+                &mut Following::<false> { gradients, threshold, row: width },
+                &point,
+                direction,
+            )
         }
     }
 
@@ -169,11 +176,6 @@ impl Growth {
         Grown { direction: line.direction, steps: ahead + behind, support: self.pixels.len() }
     }
 
-    /// Gives the pixels of the last segment back: it was none.
-    pub fn reject(&mut self, gradients: &mut Gradients) {
-        self.cut(gradients, 0);
-    }
-
     /// Follows the edge one way along the major axis until it ends; the refined line, and the steps to its
     /// last pixel.
     fn follow<const STEEP: bool>(
@@ -187,7 +189,7 @@ impl Growth {
         let (mut gap, mut steps, mut refit_at) = (0, 0, FIT_FROM.max(from + 1));
         // The first pixel behind the last gap.
         let mut last_run = from;
-        let limit = course.limit_major();
+        let [limit, _] = course.limits();
         while major >= BORDER as isize && major < limit {
             steps += 1;
             if let Some(ridge) = course.look(&line, major) {
@@ -242,8 +244,8 @@ impl Growth {
         self.pixels.push(EdgePixel { place, index, before, step });
     }
 
-    /// Gives back the pixels from number `from` on.
-    fn cut(&mut self, gradients: &mut Gradients, from: usize) {
+    /// Gives back the pixels from number `from` on: of a segment that was none, all of them.
+    pub(super) fn cut(&mut self, gradients: &mut Gradients, from: usize) {
         for pixel in &self.pixels[from..] {
             let three = [pixel.index - self.across, pixel.index, pixel.index + self.across];
             for (k, _) in three.iter().zip(pixel.before).filter(|(_, before)| !before.is_taken()) {
@@ -255,16 +257,10 @@ impl Growth {
 }
 
 impl<const STEEP: bool> Following<'_, STEEP> {
-    /// First coordinate beyond the image along the major axis.
-    fn limit_major(&self) -> isize {
-        let side = if STEEP { self.gradients.height } else { self.gradients.width };
-        (side - BORDER) as isize
-    }
-
-    /// First coordinate beyond the image along the minor axis.
-    fn limit_minor(&self) -> isize {
-        let side = if STEEP { self.gradients.width } else { self.gradients.height };
-        (side - BORDER) as isize
+    /// First coordinates beyond the image, along the major and the minor axis.
+    fn limits(&self) -> [isize; 2] {
+        let [x, y] = [self.gradients.width, self.gradients.height].map(|side| (side - BORDER) as isize);
+        if STEEP { [y, x] } else { [x, y] }
     }
 
     /// Distance in memory of neighbours across the segment at hand.
@@ -280,7 +276,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
     fn look(&self, line: &Line, major: isize) -> Option<Ridge> {
-        let (predicted, limit) = (line.at(major), self.limit_minor());
+        let (predicted, [_, limit]) = (line.at(major), self.limits());
         let nearest = whole((predicted + 0.5).at_least(0.0).at_most(limit as f32)) as isize;
         if nearest < BORDER as isize || nearest >= limit {
             return None;

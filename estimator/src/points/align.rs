@@ -137,7 +137,11 @@ impl TranslationTemplate {
             if !sample_patch(plane, &out.px, self.mean, &mut current) {
                 return None;
             }
-            let (moments, projection) = self.compare(&current)?;
+            let [sum, square, x, y, correlation] = self.sums(&current);
+            let moments = Moments::new(sum, square, correlation, self.energy)?;
+            let projection = Vector2::new(x, y)
+                - self.column_sums * (sum / AREA as f32)
+                - self.correlations * (correlation / self.energy);
             let step = self.inverse_hessian * projection * moments.gain;
             out.px -= step;
             out.zncc = moments.zncc;
@@ -149,7 +153,8 @@ impl TranslationTemplate {
                 break;
             }
         }
-        out.rms = self.rms(out.zncc);
+        // The residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
+        out.rms = (2.0 * self.energy * (1.0 - out.zncc).at_least(0.0) / AREA as f32).sqrt();
         Some(out)
     }
 
@@ -158,27 +163,13 @@ impl TranslationTemplate {
     pub fn zncc_at(&self, plane: &Plane<'_>, px: &Vector2<f32>) -> Option<f32> {
         let mut current = Patch::ZERO;
         sample_patch(plane, px, self.mean, &mut current).then_some(())?;
-        self.zncc_with(&current)
+        self.zncc(&current)
     }
 
     /// Agreement with a patch less the template's mean.
-    pub(super) fn zncc_with(&self, centred: &Patch) -> Option<f32> {
+    pub(super) fn zncc(&self, centred: &Patch) -> Option<f32> {
         let [sum, square, correlation] = agreement(centred, &self.intensity);
         Moments::new(sum, square, correlation, self.energy).map(|moments| moments.zncc)
-    }
-
-    /// Root mean square residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
-    fn rms(&self, zncc: f32) -> f32 {
-        (2.0 * self.energy * (1.0 - zncc).at_least(0.0) / AREA as f32).sqrt()
-    }
-
-    /// One pass over the current patch, less the template's mean: its moments and `J'^T I`.
-    fn compare(&self, current: &Patch) -> Option<(Moments, Vector2<f32>)> {
-        let [sum, square, x, y, correlation] = self.sums(current);
-        let projection = Vector2::new(x, y)
-            - self.column_sums * (sum / AREA as f32)
-            - self.correlations * (correlation / self.energy);
-        Moments::new(sum, square, correlation, self.energy).map(|m| (m, projection))
     }
 
     /// Sums over the current patch `v`, less the template's mean: `v`, `v²`, `v gx`, `v gy`, `v T`.

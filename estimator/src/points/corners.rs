@@ -230,9 +230,12 @@ struct ScoreMap {
     /// Products of gradients, `gx gx`, `gx gy`, `gy gy`, of the window's rows, and their sums over these.
     products: [[[i32; MAX_SPAN]; 3]; ROWS],
     columns: [[i32; MAX_SPAN]; 3],
-    /// The last three rows of scores, each with a place before and after for neighbours. One that cannot be the best is zero.
-    scores: [[f32; MAX_STRIDE + 2]; 3],
+    /// The last three rows of scores. One that cannot be the best is zero.
+    scores: [ScoreRow; 3],
 }
+
+/// Scores of a row, with a place before and after for neighbours.
+type ScoreRow = [f32; MAX_STRIDE + 2];
 
 impl ScoreMap {
     const EMPTY: Self = Self {
@@ -263,14 +266,20 @@ impl ScoreMap {
         // Vectors with a score above the limit in the last row, one bit each.
         let mut last_above = 0;
         for y in 0..height + 2 * WINDOW + 2 {
-            self.replace_row(pixels, plane.columns, y, vectors);
+            // A row takes the place of the one that leaves the window.
+            let around = [0, 1, 2].map(|dy| &pixels[(y + dy) * plane.columns..][..span + 2]);
+            let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
+            let [old_xx, old_xy, old_yy] = self.products[y % ROWS].each_mut().map(|row| &mut row[..span]);
+            replace(around, xx, xy, yy, old_xx, old_xy, old_yy);
             let Some(scored) = y.checked_sub(2 * WINDOW) else { continue };
-            let above = std::mem::replace(&mut last_above, self.score_row(scored, vectors, limit));
+            let above = last_above;
+            last_above = score_row(&self.columns, vectors, limit, &mut self.scores[scored % 3]);
             // A row is looked at when the one below has its scores.
             let Some(row) = scored.checked_sub(2) else { continue };
+            let scores = [0, 1, 2].map(|dy| &self.scores[(row + dy) % 3]);
             for k in ones(above) {
-                for x in ones(self.maxima(row, k * LANES, limit)).map(|lane| k * LANES + lane) {
-                    let score = self.scores[(row + 1) % 3][x + 1];
+                for x in ones(maxima(scores, k * LANES, limit)).map(|lane| k * LANES + lane) {
+                    let score = scores[1][x + 1];
                     if (1..=width).contains(&x) && score > limit && is_free(x - 1, row) {
                         limit = score;
                         best = Some((x - 1, row, score));
@@ -279,27 +288,6 @@ impl ScoreMap {
             }
         }
         best
-    }
-
-    /// Puts a row in the place of the one that leaves the window. `pixels` begin above the first row, `step` from one row
-    /// to the next.
-    fn replace_row(&mut self, pixels: &[u8], step: usize, y: usize, vectors: usize) {
-        let span = span_of(vectors);
-        let around = [0, 1, 2].map(|dy| &pixels[(y + dy) * step..][..span + 2]);
-        let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
-        let [old_xx, old_xy, old_yy] = self.products[y % ROWS].each_mut().map(|row| &mut row[..span]);
-        replace(around, xx, xy, yy, old_xx, old_xy, old_yy);
-    }
-
-    /// Scores a row; which vectors have a score above `limit`.
-    fn score_row(&mut self, y: usize, vectors: usize, limit: f32) -> u32 {
-        score_row(&self.columns, &mut self.scores[y % 3][1..].as_chunks_mut().0[..vectors], limit)
-    }
-
-    /// Local maxima above `limit` among the scores of a vector at `x`, of the row below `y`, one bit each.
-    fn maxima(&self, y: usize, x: usize, limit: f32) -> u32 {
-        let [above, row, below] = [0, 1, 2].map(|dy| &self.scores[(y + dy) % 3][x..]);
-        maxima(above, row, below, limit)
     }
 }
 
@@ -346,31 +334,26 @@ fn replace(
     }
 }
 
-/// Scores from column sums; which vectors have one above `limit`, one bit each. The lesser eigenvalue is no greater than the lesser
-/// entry of the diagonal: most have no sums from which it can exceed the limit, and are left at zero.
+/// Scores from column sums, so many vectors; which of them have one above `limit`, one bit each. The lesser eigenvalue is no greater
+/// than either entry of the diagonal: most have no sums from which it can exceed the limit, and are left at zero.
 #[inline(never)]
-fn score_row(columns: &[[i32; MAX_SPAN]; 3], scores: &mut [[f32; LANES]], limit: f32) -> u32 {
+fn score_row(columns: &[[i32; MAX_SPAN]; 3], vectors: usize, limit: f32, scores: &mut ScoreRow) -> u32 {
     let least = ((limit - ROUNDING) * AREA) as i32;
     let mut above = 0;
-    for (k, scores) in scores.iter_mut().enumerate() {
+    for (k, scores) in scores[1..].as_chunks_mut().0[..vectors].iter_mut().enumerate() {
         let sums = |of: usize| window_sums(&columns[of][k * LANES..]);
+        let may_exceed = |sums: &Lanes| sums.iter().fold(false, |found, sum| found | (*sum > least));
         *scores = [0.0; LANES];
         let xx = sums(0);
-        if !exceed(&xx, least) {
+        if !may_exceed(&xx) {
             continue;
         }
         let yy = sums(2);
-        if exceed(&std::array::from_fn(|i| xx[i].min(yy[i])), least) {
+        if may_exceed(&std::array::from_fn(|i| xx[i].min(yy[i]))) {
             above |= u32::from(score(&xx, &sums(1), &yy, limit, scores)) << k;
         }
     }
     above
-}
-
-/// True if one of the sums is more than `least`.
-#[inline(always)]
-fn exceed(sums: &Lanes, least: i32) -> bool {
-    sums.iter().fold(false, |found, sum| found | (*sum > least))
 }
 
 /// Scores from the sums of windows: the lesser eigenvalue of the window's mean structure tensor. Whether one exceeds `limit`.
@@ -385,10 +368,10 @@ fn score(xx: &Lanes, xy: &Lanes, yy: &Lanes, limit: f32, scores: &mut [f32; LANE
     scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
-/// Local maxima of a vector of scores, the second of `row` and those after: above `limit` and no less than any neighbour.
+/// Local maxima of a vector of scores at `x`, by the rows above, of it and below: above `limit` and no less than any neighbour.
 #[inline(never)]
-fn maxima(above: &[f32], row: &[f32], below: &[f32], limit: f32) -> u32 {
-    let [above, row, below] = [above, row, below].map(|scores| &scores[..LANES + 2]);
+fn maxima(scores: [&ScoreRow; 3], x: usize, limit: f32) -> u32 {
+    let [above, row, below] = scores.map(|scores| &scores[x..][..LANES + 2]);
     let mut bits = [0u32; LANES];
     for k in 0..LANES {
         let centre = row[k + 1];

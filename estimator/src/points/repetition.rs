@@ -10,7 +10,7 @@
 use super::align::TranslationTemplate;
 use super::flow::{FlowOptions, MAX_LAST_STEP_PX, SAME_PLACE_PX, prepare_at, track_patch};
 use crate::image::Pyramid;
-use crate::image::patch::{Patch, SIDE, sample_upright};
+use crate::image::patch::{Patch, SIDE, sample_patch, sample_upright};
 use nalgebra::{Matrix2, Vector2};
 
 /// Correlation above which two places of one image are alike: fewer are left below 0.7, and above 0.85 false depths are as many again.
@@ -21,8 +21,6 @@ const SURROUNDINGS_PX: i32 = 12;
 const REACH_PX: usize = SURROUNDINGS_PX as usize + 6;
 /// Radius of the search in the next image, px: 1.5 m/s at a depth of 1.5 m, at 20 Hz in images of half the usual size.
 const SEARCH_PX: i32 = 14;
-/// Places of a search.
-const PLACES: usize = (2 * SEARCH_PX as usize + 1) * (2 * SEARCH_PX as usize + 1);
 /// Least correlation of a place before its alignment, and after.
 const MIN_ZNCC: (f32, f32) = (0.6, 0.75);
 /// The best place is better than any other by this much.
@@ -99,46 +97,50 @@ impl RepetitionWatch {
     }
 }
 
-/// What `look` makes of the correlation of the patch at a pixel `px` with those at whole offsets; `None` for a patch that can be
-/// compared with nothing. All these are parts of one that is sampled once, if that lies in the image.
-fn compare<T>(
-    pyramid: &Pyramid,
-    px: &Vector2<f32>,
-    look: impl FnOnce(&dyn Fn(Vector2<f32>) -> f32) -> Option<T>,
-) -> Option<T> {
+/// A corner with its surroundings, less the mean of its patch.
+type Surroundings = [[f32; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+
+/// Correlation of the patch at a pixel `px` with that at a whole offset; `None` for a patch that can be compared with nothing. All
+/// these patches are parts of one that is sampled once, into `around`, if that lies in the image.
+fn likeness<'a>(
+    pyramid: &'a Pyramid,
+    px: &'a Vector2<f32>,
+    around: &'a mut Surroundings,
+) -> Option<impl Fn(Vector2<f32>) -> f32 + 'a> {
     let mut template = TranslationTemplate::empty();
     prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template).then_some(())?;
     let plane = pyramid.plane(0);
-    let mut around = [[0.0; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
-    let is_whole = sample_upright(&plane, px, template.mean, &mut around);
-    look(&|offset| {
-        if !is_whole {
-            return template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0);
-        }
+    let is_whole = sample_upright(&plane, px, template.mean, around);
+    Some(move |offset: Vector2<f32>| {
         let mut patch = Patch::ZERO;
-        patch.cut(&around, [offset.x, offset.y].map(|x| (x + REACH_PX as f32) as usize));
-        template.zncc_with(&patch).unwrap_or(-1.0)
+        if is_whole {
+            patch.cut(around, [offset.x, offset.y].map(|x| (x + REACH_PX as f32) as usize));
+        } else if !sample_patch(&plane, &(px + offset), template.mean, &mut patch) {
+            return -1.0;
+        }
+        template.zncc(&patch).unwrap_or(-1.0)
     })
 }
 
 /// True if the patch at `px` is seen again at opposite places around it, in two directions.
 pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
-    let second = compare(pyramid, px, |zncc| {
-        let mut first: Option<Vector2<f32>> = None;
-        let mut places = offsets(SURROUNDINGS_PX).filter(|o| is_upper(o) && is_around(o)).filter(|offset| {
-            let is_new = first.is_none_or(|a| a.perp(offset).abs() > MIN_SINE * a.norm() * offset.norm());
-            let is_paired = is_new
-                && is_rival(zncc, *offset)
-                && offsets(OPPOSITE_PX).any(|off| is_rival(zncc, off - offset));
-            let is_second = is_paired && first.is_some();
-            if is_paired {
-                first = Some(*offset);
-            }
-            is_second
-        });
-        places.next()
-    });
-    second.is_some()
+    let mut around = [[0.0; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+    let Some(zncc) = likeness(pyramid, px, &mut around) else { return false };
+    let mut first: Option<Vector2<f32>> = None;
+    for offset in offsets(SURROUNDINGS_PX).filter(|o| is_upper(o) && is_around(o)) {
+        let is_new = first.is_none_or(|a| a.perp(&offset).abs() > MIN_SINE * a.norm() * offset.norm());
+        if !is_new || !is_rival(&zncc, offset) {
+            continue;
+        }
+        if !offsets(OPPOSITE_PX).any(|off| is_rival(&zncc, off - offset)) {
+            continue;
+        }
+        if first.is_some() {
+            return true;
+        }
+        first = Some(offset);
+    }
+    false
 }
 
 /// True for one of two opposite offsets.
@@ -152,7 +154,7 @@ fn is_around(offset: &Vector2<f32>) -> bool {
 }
 
 /// True if the patch is seen again at `offset`. The shoulder of the patch itself is no other place: a maximum of `zncc` is.
-fn is_rival(zncc: &dyn Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
+fn is_rival(zncc: &impl Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
     let here = zncc(offset);
     here > ALIKE_ZNCC
         && [Vector2::x(), Vector2::y()]
@@ -162,16 +164,16 @@ fn is_rival(zncc: &dyn Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
 
 /// Distance from `px` to the nearest place around it where its patch is seen again, px; `None` for a corner of its own.
 pub(super) fn nearest_rival_px(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<f32> {
-    compare(pyramid, px, |zncc| {
-        let mut nearest: Option<f32> = None;
-        for offset in offsets(SURROUNDINGS_PX).filter(is_around) {
-            let far = offset.norm();
-            if nearest.is_none_or(|nearest| nearest > far) && is_rival(zncc, offset) {
-                nearest = Some(far);
-            }
+    let mut around = [[0.0; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+    let zncc = likeness(pyramid, px, &mut around)?;
+    let mut nearest: Option<f32> = None;
+    for offset in offsets(SURROUNDINGS_PX).filter(is_around) {
+        let far = offset.norm();
+        if nearest.is_none_or(|nearest| nearest > far) && is_rival(&zncc, offset) {
+            nearest = Some(far);
         }
-        nearest
-    })
+    }
+    nearest
 }
 
 /// Finds the patch around `from_px` of `from` at the one place around `guess` in `to` that is like it. `warp` takes offsets in
@@ -185,7 +187,7 @@ pub(super) fn search(
     let mut template = TranslationTemplate::empty();
     prepare_at(from, 0, from_px, &warp.try_inverse()?, &mut template).then_some(())?;
     let plane = to.plane(0);
-    let mut zncc = [-1.0f32; PLACES];
+    let mut zncc = [-1.0f32; (2 * SEARCH_PX as usize + 1).pow(2)];
     let mut best = (*guess, MIN_ZNCC.0);
     for (value, offset) in zncc.iter_mut().zip(offsets(SEARCH_PX)) {
         let place = guess + offset;

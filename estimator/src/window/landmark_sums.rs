@@ -65,13 +65,7 @@ const ZERO: [Quad; 2] = [[0.0; 4]; 2];
 /// `a - b`.
 #[inline(always)]
 fn difference(a: &[Quad; 2], b: &[Quad; 2]) -> [Quad; 2] {
-    let mut out = *a;
-    for (out, b) in out.iter_mut().zip(b) {
-        for k in 0..4 {
-            out[k] -= b[k];
-        }
-    }
-    out
+    [0, 1].map(|i| [0, 1, 2, 3].map(|k| a[i][k] - b[i][k]))
 }
 
 /// The six columns of a derivative by a motion.

@@ -111,12 +111,7 @@ impl Poses {
         (observation, measured): (&Observation<F::Measurement>, &F::Measurement),
         jacobians: &mut F::Jacobians,
     ) -> Option<()> {
-        let pose = |frame: u8, camera: u8| &self.cameras_first[usize::from(frame)][usize::from(camera)];
-        let view = CameraView {
-            host: pose(landmark.host, landmark.host_camera),
-            target: pose(observation.frame, observation.camera),
-        };
-        F::linearize(placed, view, measured, jacobians)
+        F::linearize(placed, view(&self.cameras_first, landmark, observation), measured, jacobians)
     }
 
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular
@@ -141,7 +136,7 @@ impl Poses {
                     frame if frame < index => break,
                     _ => {}
                 }
-                let view = self.view(landmark, &observation);
+                let view = view(&self.cameras_now, landmark, &observation);
                 let motion = &motions[usize::from(observation.camera)];
                 if let Some(m) = landmark.feature.with_rate(view, &observation.measured, motion) {
                     landmark.observations[k].measured = m;
@@ -169,7 +164,8 @@ impl Poses {
             let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
                 continue;
             };
-            let Some(feature) = landmark.feature.hosted_by_target(self.view(landmark, &heir)) else {
+            let Some(feature) = landmark.feature.hosted_by_target(view(&self.cameras_now, landmark, &heir))
+            else {
                 continue;
             };
             landmark.feature = feature;
@@ -178,17 +174,18 @@ impl Poses {
             landmark.observations.retain(|o| usize::from(o.frame) != from);
         }
     }
+}
 
-    /// Present poses of the cameras that host a landmark and make an observation of it.
-    fn view<F: Feature>(
-        &self,
-        landmark: &Landmark<F>,
-        observation: &Observation<F::Measurement>,
-    ) -> CameraView<'_> {
-        let pose = |frame: u8, camera: u8| &self.cameras_now[usize::from(frame)][usize::from(camera)];
-        CameraView {
-            host: pose(landmark.host, landmark.host_camera),
-            target: pose(observation.frame, observation.camera),
-        }
+/// The cameras that host a landmark and make an observation of it.
+#[inline]
+fn view<'a, F: Feature>(
+    cameras: &'a [[CameraPose; 2]],
+    landmark: &Landmark<F>,
+    observation: &Observation<F::Measurement>,
+) -> CameraView<'a> {
+    let pose = |frame: u8, camera: u8| &cameras[usize::from(frame)][usize::from(camera)];
+    CameraView {
+        host: pose(landmark.host, landmark.host_camera),
+        target: pose(observation.frame, observation.camera),
     }
 }
