@@ -43,16 +43,18 @@ impl Patch {
         sum
     }
 
+    /// Becomes the part of a square of samples that begins at a column and a row.
+    pub fn cut<const N: usize>(&mut self, samples: &[[f32; N]; N], [column, row]: [usize; 2]) {
+        for (to, from) in self.rows_mut().iter_mut().zip(&samples[row..row + SIDE]) {
+            to.copy_from_slice(&from[column..][..SIDE]);
+        }
+    }
+
     /// Takes the mean out, and returns it.
     pub fn centre(&mut self) -> f32 {
         let mean = self.sum() * (1.0 / AREA as f32);
-        self.subtract(mean);
+        self.0.iter_mut().for_each(|x| *x -= mean);
         mean
-    }
-
-    /// Takes `level` off every sample.
-    pub fn subtract(&mut self, level: f32) {
-        self.0.iter_mut().for_each(|x| *x -= level);
     }
 
     /// Rows, to be written.
@@ -99,19 +101,19 @@ const WIDE: usize = 16;
 const BLOCK: usize = 4;
 
 /// Samples an upright `N` x `N` grid of pixel distance, `N <= 16`, centred at `centre` (image coordinates of
-/// the plane); `false` when it leaves the plane.
+/// the plane), less `level`; `false` when it leaves the plane.
 pub fn sample_upright<const N: usize>(
     plane: &Plane<'_>,
     centre: &Vector2<f32>,
+    level: f32,
     out: &mut [[f32; N]; N],
 ) -> bool {
-    const { assert!(N <= WIDE) };
     let shift = plane.origin as f32 - (N as f32 - 1.0) / 2.0;
     let (x, y) = (centre.x + shift, centre.y + shift);
     // Written so that a NaN fails.
     let inside = x >= 0.0
         && y >= 0.0
-        && x + WIDE as f32 + 1.0 < plane.columns as f32
+        && x + WIDE.max(N) as f32 + 1.0 < plane.columns as f32
         && y + (N as f32) < plane.rows as f32;
     if !inside {
         return false;
@@ -119,14 +121,12 @@ pub fn sample_upright<const N: usize>(
     let (column, row) = (whole(x), whole(y));
     let (fx, fy) = (x - column as f32, y - row as f32);
     let from = row as usize * plane.columns + column as usize;
-    let mut rows = plane.pixels[from..].chunks(plane.columns).map_while(<[u8]>::first_chunk::<{ WIDE + 1 }>);
-    let Some(first) = rows.next() else { return false };
-    let mut above: [f32; N] = interpolated(first, fx);
-    for line in out.iter_mut() {
-        let Some(row) = rows.next() else { return false };
-        let below = interpolated(row, fx);
+    let row = |k: usize| &plane.pixels[from + k * plane.columns..][..=N];
+    let mut above: [f32; N] = interpolated(row(0), fx);
+    for (k, line) in out.iter_mut().enumerate() {
+        let below = interpolated(row(k + 1), fx);
         for i in 0..N {
-            line[i] = above[i] + fy * (below[i] - above[i]);
+            line[i] = above[i] + fy * (below[i] - above[i]) - level;
         }
         above = below;
     }
@@ -135,7 +135,7 @@ pub fn sample_upright<const N: usize>(
 
 /// Values between neighbours of a row.
 #[inline(always)]
-fn interpolated<const N: usize>(row: &[u8; WIDE + 1], fx: f32) -> [f32; N] {
+fn interpolated<const N: usize>(row: &[u8], fx: f32) -> [f32; N] {
     let mut out = [0.0; N];
     for i in 0..N {
         let a = f32::from(row[i]);
@@ -183,10 +183,9 @@ pub fn sample_warped<const N: usize>(
 /// numbers too, one lane at a time.
 #[inline(always)]
 pub(crate) fn whole(x: f32) -> i32 {
-    /// From here on the numbers of 24 bits are the whole ones: a sum rounds to the nearest.
+    /// From here on the numbers of 24 bits are the whole ones.
     const WHOLE: f32 = (1 << 23) as f32;
-    let nearest = ((x + WHOLE).to_bits() & 0x7F_FFFF) as i32;
-    nearest - i32::from(nearest as f32 > x)
+    ((x.floor() + WHOLE).to_bits() & 0x7F_FFFF) as i32
 }
 
 /// Samples along a line: of each the neighbours above and below, the left one in the low byte, and the place between them.
@@ -240,9 +239,9 @@ impl Line {
     }
 }
 
-/// Samples a patch upright; `false` when it leaves the plane.
-pub fn sample_patch(plane: &Plane<'_>, centre: &Vector2<f32>, out: &mut Patch) -> bool {
-    out.rows_mut().first_chunk_mut::<SIDE>().is_some_and(|rows| sample_upright(plane, centre, rows))
+/// Samples a patch upright, less `level`; `false` when it leaves the plane.
+pub fn sample_patch(plane: &Plane<'_>, centre: &Vector2<f32>, level: f32, out: &mut Patch) -> bool {
+    out.rows_mut().first_chunk_mut::<SIDE>().is_some_and(|rows| sample_upright(plane, centre, level, rows))
 }
 
 /// The inner patch of a framed one, and its gradient by central differences (grey levels per px).
@@ -273,7 +272,7 @@ mod tests {
         let plane = pyramid.plane(0);
         let centre = Vector2::new(50.3, 41.8);
         let (mut upright, mut warped) = ([[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE]);
-        assert!(sample_upright(&plane, &centre, &mut upright));
+        assert!(sample_upright(&plane, &centre, 0.0, &mut upright));
         assert!(sample_warped(&plane, &centre, &Matrix2::identity(), &mut warped));
         for (r, (a, b)) in upright.iter().zip(&warped).enumerate() {
             for c in 0..SIDE {
@@ -303,8 +302,8 @@ mod tests {
         let plane = pyramid.plane(0);
         let mut patch = Patch::ZERO;
         for bad in [f32::NAN, f32::INFINITY, -20.0, 90.0, 1e30, f32::NEG_INFINITY] {
-            assert!(!sample_patch(&plane, &Vector2::new(bad, 30.0), &mut patch));
-            assert!(!sample_patch(&plane, &Vector2::new(30.0, bad), &mut patch));
+            assert!(!sample_patch(&plane, &Vector2::new(bad, 30.0), 0.0, &mut patch));
+            assert!(!sample_patch(&plane, &Vector2::new(30.0, bad), 0.0, &mut patch));
             let mut rows = [[0.0; SIDE]; SIDE];
             assert!(!sample_warped(&plane, &Vector2::new(30.0, bad), &Matrix2::identity(), &mut rows));
             assert!(!sample_warped(
@@ -314,6 +313,6 @@ mod tests {
                 &mut rows
             ));
         }
-        assert!(sample_patch(&plane, &Vector2::new(-9.0, 72.0), &mut patch));
+        assert!(sample_patch(&plane, &Vector2::new(-9.0, 72.0), 0.0, &mut patch));
     }
 }

@@ -198,8 +198,9 @@ fn decimate(fine: &Level, coarse: &mut Level, filtered: &mut [u16]) {
 
 /// A sum by the weights of the filter.
 #[inline(always)]
-fn weigh([a, b, c, d, e]: [u16; 5]) -> u16 {
-    a + e + 4 * (b + d) + 6 * c
+fn weigh(values: [u16; 5]) -> u16 {
+    let [a, b, c, d, e] = values.map(std::num::Wrapping);
+    (a + e + ((b + d) << 2) + ((c << 1) + (c << 2))).0
 }
 
 /// The vertical half of the filter: sums of at most `16 * 255`.
@@ -218,8 +219,9 @@ fn filter_columns_apart(rows: [&[u8]; 5], even: &mut [u16], odd: &mut [u16]) {
     let rows = rows.map(|row| &row.as_chunks::<2>().0[..n]);
     for i in 0..n {
         let pairs = rows.map(|row| u16::from_le_bytes(row[i]));
-        even[i] = weigh(pairs.map(|pair| pair & 0xFF));
         odd[i] = weigh(pairs.map(|pair| pair >> 8));
+        // The sums of whole pairs overflow, and are right again without the odd columns.
+        even[i] = weigh(pairs).wrapping_sub(odd[i] << 8);
     }
 }
 

@@ -8,7 +8,7 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients, components, halved_px};
+use super::gradient::{BORDER, Gradients, halved_px, of_word};
 use super::segment::Segment;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
@@ -94,7 +94,9 @@ impl Describer {
         }
         let (mut gx, mut gy) = ([0.0; STATIONS], [0.0; STATIONS]);
         for (row, (seen, weight)) in rows.iter_mut().zip(seen.iter().zip(self.row_weight)) {
-            components(seen, &mut gx, &mut gy);
+            for (word, (gx, gy)) in seen.iter().zip(gx.iter_mut().zip(&mut gy)) {
+                [*gx, *gy] = of_word(*word);
+            }
             *row = directed_sums(&gx, &gy, [&across, &along]).map(|sum| sum * weight);
         }
         rows

@@ -215,7 +215,7 @@ impl LineExtractor {
             }
             match self.segment_at((x, y), threshold) {
                 Some(segment) => self.raw.push(segment),
-                None => self.growth.reject(&mut self.gradients),
+                None => self.growth.cut(&mut self.gradients, 0),
             }
         }
         self.figures.visits = self.growth.visits as u32;

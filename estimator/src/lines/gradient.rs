@@ -46,9 +46,14 @@ impl Pixel {
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
-    /// All of it in one word, for [`components`]: x in the lower half.
+    /// All of it in one word, for [`of_word`]: x in the lower half.
     pub fn word(self) -> u32 {
         u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
+    }
+
+    /// True if an edge here is steep, by a gradient without marks.
+    fn is_steep(self) -> bool {
+        self.gx.abs() >= self.gy.abs()
     }
 
     /// True if the pixel belongs to a segment, or lies beside one that does.
@@ -61,9 +66,9 @@ impl Pixel {
         self.gy & 1 != 0
     }
 
-    /// Marks the pixel as taken.
-    pub fn take(&mut self) {
-        self.gx |= 1;
+    /// The pixel marked as taken.
+    pub fn taken(self) -> Self {
+        Self { gx: self.gx | 1, ..self }
     }
 
     /// Marks the pixel as tried, and no longer taken.
@@ -73,16 +78,10 @@ impl Pixel {
     }
 }
 
-/// The gradients of pixels given by their words, by components. A function of its own, whose results lie in memory: where they
-/// are many values in registers, the compiler takes them one by one.
-#[inline(never)]
-pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut [f32; N]) {
-    for k in 0..N {
-        gx[k] = ((words[k] << 16) as i32 >> 16 & !1) as f32;
-    }
-    for k in 0..N {
-        gy[k] = (words[k] as i32 >> 16 & !1) as f32;
-    }
+/// The gradient of a pixel given by its word.
+#[inline(always)]
+pub fn of_word(word: u32) -> [f32; 2] {
+    [((word << 16) as i32 >> 16 & !1) as f32, (word as i32 >> 16 & !1) as f32]
 }
 
 /// A place of the halved image, px, in the image.
@@ -114,6 +113,8 @@ pub struct Gradients {
     sums: [Vec<i16>; 2],
     /// Magnitudes of all pixels, in steps: of most that growth looks at it asks for nothing else.
     pub(super) magnitudes: Vec<i16>,
+    /// Which pixels of a row are seeds.
+    marks: Vec<bool>,
 }
 
 impl Gradients {
@@ -129,6 +130,7 @@ impl Gradients {
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
             magnitudes: vec![0; width * height],
+            marks: vec![false; width],
         }
     }
 
@@ -181,27 +183,37 @@ impl Gradients {
     }
 
     /// Hands ridges of row `y` to `found`: those of steep edges in one row of [`SEED_STEP`], of flat ones in one column of so many.
-    fn find_ridges(&self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
-        let width = self.width;
-        let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.magnitudes[k * width..(k + 1) * width]);
-        let pixels = &self.pixels[y * width..(y + 1) * width];
-        let is_whole = y.is_multiple_of(SEED_STEP);
-        let (first, step) = if is_whole { (BORDER, 1) } else { (FIRST_COLUMN, SEED_STEP) };
-        for x in (first..width - BORDER).step_by(step) {
+    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
+        let Self { width, pixels, magnitudes, marks, .. } = self;
+        let [up, row, down] = [y - 1, y, y + 1].map(|k| &magnitudes[k * *width..][..*width]);
+        let pixels = &pixels[y * *width..][..*width];
+        // Of two equal ones the first is the ridge.
+        let is_flat = |x: usize| {
             let m = row[x];
-            if m <= threshold {
-                continue;
-            }
-            let (gx, gy) = pixels[x].gradient();
-            // Of two equal ones the first is the ridge.
-            let is_seed = match gx.abs() >= gy.abs() {
-                true => is_whole && m > row[x - 1] && m >= row[x + 1],
-                false => (x - BORDER) % SEED_STEP == FIRST_COLUMN - BORDER && m > up[x] && m >= down[x],
-            };
-            if is_seed {
-                found(x, y, m);
-            }
+            (m > threshold) & (m > up[x]) & (m >= down[x]) && !pixels[x].is_steep()
+        };
+        let columns = 0..(*width - BORDER - FIRST_COLUMN).div_ceil(SEED_STEP);
+        let columns = columns.map(|k| FIRST_COLUMN + SEED_STEP * k);
+        if !y.is_multiple_of(SEED_STEP) {
+            columns.filter(|x| is_flat(*x)).for_each(|x| found(x, y, row[x]));
+            return;
         }
+        let inner = BORDER..*width - BORDER;
+        mark_steep(&row[BORDER - 1..], &pixels[inner.clone()], threshold, &mut marks[inner]);
+        columns.filter(|x| is_flat(*x)).for_each(|x| marks[x] = true);
+        let marked = marks.iter().zip(row).enumerate().filter(|(_, (is_seed, _))| **is_seed);
+        marked.for_each(|(x, (_, m))| found(x, y, *m));
+    }
+}
+
+/// Marks the ridges of steep edges by the magnitudes of a row, which begin before the first pixel.
+#[inline(never)]
+fn mark_steep(row: &[i16], pixels: &[Pixel], threshold: i16, marks: &mut [bool]) {
+    let n = marks.len();
+    let ([left, row, right], pixels) = ([0, 1, 2].map(|k| &row[k..k + n]), &pixels[..n]);
+    for i in 0..n {
+        let m = row[i];
+        marks[i] = (m > threshold) & (m > left[i]) & (m >= right[i]) & pixels[i].is_steep();
     }
 }
 
@@ -267,7 +279,8 @@ fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], magnitudes:
     for i in 0..inner {
         let (gx, gy) = ((right[i] - left[i]) & !1, (a[i] + 2 * b[i] + c[i]) & !1);
         out[i] = Pixel { gx, gy };
-        magnitudes[i] = magnitude(gx.abs(), gy.abs());
+        // As `abs`, with an instruction less.
+        magnitudes[i] = magnitude(gx.max(-gx), gy.max(-gy));
     }
 }
 

@@ -6,7 +6,7 @@
 //! a visit, and visits are what the extractor's budget counts.
 
 use super::fit::LineMoments;
-use super::gradient::{BORDER, Gradients, SCALE};
+use super::gradient::{BORDER, Gradients, Pixel, SCALE};
 use super::segment::Place;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
@@ -50,8 +50,8 @@ pub struct Growth {
 struct EdgePixel {
     place: Place,
     index: usize,
-    /// Marks of the three pixels across the edge that it took.
-    marked: [bool; 3],
+    /// The three pixels across the edge before it took them.
+    before: [Pixel; 3],
     /// Steps from the seed.
     step: usize,
 }
@@ -108,6 +108,8 @@ struct Ridge {
 struct Following<'a, const STEEP: bool> {
     gradients: &'a mut Gradients,
     threshold: i16,
+    /// Distance in memory of the rows of the image, apart from its width: places then are sums, and not products each.
+    row: usize,
 }
 
 impl Growth {
@@ -132,7 +134,7 @@ impl Growth {
     }
 
     /// Follows the edge at `seed` (column and row) both ways, as long as the gradient exceeds `threshold` steps.
-    /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
+    /// Pixels of the segment stay marked as taken, unless [`Self::cut`] follows.
     pub fn grow(&mut self, gradients: &mut Gradients, (x, y): (usize, usize), threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
         let width = gradients.width;
@@ -143,9 +145,17 @@ impl Growth {
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
         if is_steep {
-            self.follow_both_ways(&mut Following::<true> { gradients, threshold }, &point, direction)
+            self.follow_both_ways(
+                &mut Following::<true> { gradients, threshold, row: width },
+                &point,
+                direction,
+            )
         } else {
-            self.follow_both_ways(&mut Following::<false> { gradients, threshold }, &point, direction)
+            self.follow_both_ways(
+                &mut Following::<false> { gradients, threshold, row: width },
+                &point,
+                direction,
+            )
         }
     }
 
@@ -166,11 +176,6 @@ impl Growth {
         Grown { direction: line.direction, steps: ahead + behind, support: self.pixels.len() }
     }
 
-    /// Gives the pixels of the last segment back: it was none.
-    pub fn reject(&mut self, gradients: &mut Gradients) {
-        self.cut(gradients, 0);
-    }
-
     /// Follows the edge one way along the major axis until it ends; the refined line, and the steps to its
     /// last pixel.
     fn follow<const STEEP: bool>(
@@ -184,9 +189,9 @@ impl Growth {
         let (mut gap, mut steps, mut refit_at) = (0, 0, FIT_FROM.max(from + 1));
         // The first pixel behind the last gap.
         let mut last_run = from;
-        while major >= BORDER as isize && major < course.limit_major() {
+        let [limit, _] = course.limits();
+        while major >= BORDER as isize && major < limit {
             steps += 1;
-            self.visits += 1;
             if let Some(ridge) = course.look(&line, major) {
                 if gap > 0 {
                     (gap, last_run) = (0, self.pixels.len());
@@ -210,6 +215,7 @@ impl Growth {
             }
             major += step;
         }
+        self.visits += steps;
         // A short run behind the last gap is a stub.
         if last_run > from && self.pixels.len() - last_run < MIN_LAST_RUN {
             self.cut(course.gradients, last_run);
@@ -231,20 +237,18 @@ impl Growth {
         let Ridge { place, index, gradient } = *ridge;
         self.gradient += gradient;
         self.moments.add(&place.px.cast(), 1.0);
-        let marked = [index - course.across(), index, index + course.across()].map(|k| {
+        let before = [index - course.across(), index, index + course.across()].map(|k| {
             let pixel = &mut course.gradients.pixels[k];
-            let is_new = !pixel.is_taken();
-            pixel.take();
-            is_new
+            std::mem::replace(pixel, pixel.taken())
         });
-        self.pixels.push(EdgePixel { place, index, marked, step });
+        self.pixels.push(EdgePixel { place, index, before, step });
     }
 
-    /// Gives back the pixels from number `from` on.
-    fn cut(&mut self, gradients: &mut Gradients, from: usize) {
+    /// Gives back the pixels from number `from` on: of a segment that was none, all of them.
+    pub(super) fn cut(&mut self, gradients: &mut Gradients, from: usize) {
         for pixel in &self.pixels[from..] {
             let three = [pixel.index - self.across, pixel.index, pixel.index + self.across];
-            for (k, _) in three.iter().zip(pixel.marked).filter(|(_, marked)| *marked) {
+            for (k, _) in three.iter().zip(pixel.before).filter(|(_, before)| !before.is_taken()) {
                 gradients.pixels[*k].give_back();
             }
         }
@@ -253,46 +257,40 @@ impl Growth {
 }
 
 impl<const STEEP: bool> Following<'_, STEEP> {
-    /// First coordinate beyond the image along the major axis.
-    fn limit_major(&self) -> isize {
-        let side = if STEEP { self.gradients.height } else { self.gradients.width };
-        (side - BORDER) as isize
-    }
-
-    /// First coordinate beyond the image along the minor axis.
-    fn limit_minor(&self) -> usize {
-        let side = if STEEP { self.gradients.width } else { self.gradients.height };
-        side - BORDER
+    /// First coordinates beyond the image, along the major and the minor axis.
+    fn limits(&self) -> [isize; 2] {
+        let [x, y] = [self.gradients.width, self.gradients.height].map(|side| (side - BORDER) as isize);
+        if STEEP { [y, x] } else { [x, y] }
     }
 
     /// Distance in memory of neighbours across the segment at hand.
     fn across(&self) -> usize {
-        if STEEP { 1 } else { self.gradients.width }
+        if STEEP { 1 } else { self.row }
     }
 
-    fn index(&self, major: isize, minor: usize) -> usize {
-        let (x, y) = if STEEP { (minor, major as usize) } else { (major as usize, minor) };
-        y * self.gradients.width + x
+    fn index(&self, major: isize, minor: isize) -> usize {
+        let (x, y) = if STEEP { (minor, major) } else { (major, minor) };
+        y as usize * self.gradients.width + x as usize
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
     fn look(&self, line: &Line, major: isize) -> Option<Ridge> {
-        let (predicted, limit) = (line.at(major), self.limit_minor());
-        let nearest = whole((predicted + 0.5).at_least(0.0).at_most(limit as f32)) as usize;
-        if nearest < BORDER || nearest >= limit {
+        let (predicted, [_, limit]) = (line.at(major), self.limits());
+        let nearest = whole((predicted + 0.5).at_least(0.0).at_most(limit as f32)) as isize;
+        if nearest < BORDER as isize || nearest >= limit {
             return None;
         }
-        let magnitudes = &self.gradients.magnitudes;
         let across = self.across();
-        let at = self.index(major, nearest);
-        let around = |index: usize| [index - across, index, index + across].map(|k| magnitudes[k]);
-        let [low, mid, high] = around(at);
+        let first = self.index(major, nearest - BORDER as isize);
+        let magnitudes = &self.gradients.magnitudes[first..];
+        let around = |k: usize| [k, k + across, k + 2 * across].map(|k| magnitudes[k]);
+        let [low, mid, high] = around(across);
         // The greatest of the three without a branch: which one it is is anybody's guess.
         let is_mid = (mid >= low) & (mid >= high);
         let peak = usize::from(is_mid) + 2 * usize::from(!is_mid & (low <= high));
-        let index = at - across + peak * across;
-        let [before, top, after] = around(index);
+        let [before, top, after] = around(peak * across);
+        let index = first + (peak + 1) * across;
         let pixel = self.gradients.pixels[index];
         if top <= self.threshold || before > top || after > top || pixel.is_taken() {
             return None;
@@ -305,7 +303,7 @@ impl<const STEEP: bool> Following<'_, STEEP> {
         let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
         let curvature = a - 2.0 * b + c;
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
-        let minor = (nearest + peak - 1) as f32 + shift;
+        let minor = (nearest + peak as isize - 1) as f32 + shift;
         if (minor - predicted).abs() > line.tolerance {
             return None;
         }

@@ -4,7 +4,7 @@
 //! where it is equal. Of an image with too many ridges only the strongest are seeds. Who grows segments probes
 //! a seed when its turn comes: by then a segment has taken most of those along an edge.
 
-use super::gradient::{Gradients, REDUCTION, SCALE, components};
+use super::gradient::{Gradients, REDUCTION, SCALE, of_word};
 use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
@@ -45,7 +45,7 @@ impl Seed {
     /// the mispredicted branches of stopping early.
     pub fn is_promising(self, gradients: &Gradients, threshold: i16) -> bool {
         let (width, height) = (gradients.width, gradients.height);
-        let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
+        let [right, bottom] = [width, height].map(|side| (side as i32 - 1) as f32);
         let pixels = &gradients.pixels;
         let gradient = pixels[usize::from(self.y) * width + usize::from(self.x)].vector();
         let squared_norm = gradient.norm_squared();
@@ -55,11 +55,7 @@ impl Seed {
         let mut places = [0; PROBES];
         probe_places((x, direction.x, right), (y, direction.y, bottom), width as u32, &mut places);
         let probes = places.map(|place| pixels[place as usize].word());
-        let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
-        components(&probes, &mut gx, &mut gy);
-        let mut is_alike = [0; PROBES];
-        compare(&gradient, [&gx, &gy], threshold, &mut is_alike);
-        is_alike.iter().sum::<u32>() >= MIN_ALIKE
+        alike(&gradient, &probes, threshold) >= MIN_ALIKE
     }
 }
 
@@ -144,15 +140,18 @@ fn probe_places(x: (f32, f32, f32), y: (f32, f32, f32), width: u32, out: &mut [u
     }
 }
 
-/// 1 where a probe has a gradient like that of the seed.
+/// Probes, by their words, that have a gradient like that of the seed.
 #[inline(never)]
-fn compare(seed: &Vector2<f32>, [gx, gy]: [&[f32; PROBES]; 2], threshold: i16, out: &mut [u32; PROBES]) {
+fn alike(seed: &Vector2<f32>, words: &[u32; PROBES], threshold: i16) -> u32 {
     let least = (MIN_PROBE_SHARE * f32::from(threshold)).squared();
     let limit = MIN_PROBE_COS2 * seed.norm_squared();
-    for k in 0..PROBES {
-        let (dot, squared) = (seed.x * gx[k] + seed.y * gy[k], gx[k] * gx[k] + gy[k] * gy[k]);
-        out[k] = u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
+    let mut count = 0;
+    for word in words {
+        let [gx, gy] = of_word(*word);
+        let (dot, squared) = (seed.x * gx + seed.y * gy, gx * gx + gy * gy);
+        count += u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
     }
+    count
 }
 
 #[cfg(test)]

@@ -77,7 +77,8 @@ pub struct TranslationTemplate {
     column_sums: Vector2<f32>,
     /// `J^T T`.
     correlations: Vector2<f32>,
-    mean: f32,
+    /// Mean intensity.
+    pub(super) mean: f32,
     energy: f32,
     inverse_hessian: Matrix2<f32>,
 }
@@ -133,10 +134,14 @@ impl TranslationTemplate {
         let mut out = Alignment { px: *start, zncc: -1.0, rms: f32::MAX, last_step_px: f32::MAX };
         let mut current = Patch::ZERO;
         for _ in 0..limits.max_iterations {
-            if !sample_patch(plane, &out.px, &mut current) {
+            if !sample_patch(plane, &out.px, self.mean, &mut current) {
                 return None;
             }
-            let (moments, projection) = self.compare(&current)?;
+            let [sum, square, x, y, correlation] = self.sums(&current);
+            let moments = Moments::new(sum, square, correlation, self.energy)?;
+            let projection = Vector2::new(x, y)
+                - self.column_sums * (sum / AREA as f32)
+                - self.correlations * (correlation / self.energy);
             let step = self.inverse_hessian * projection * moments.gain;
             out.px -= step;
             out.zncc = moments.zncc;
@@ -148,7 +153,8 @@ impl TranslationTemplate {
                 break;
             }
         }
-        out.rms = self.rms(out.zncc);
+        // The residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
+        out.rms = (2.0 * self.energy * (1.0 - out.zncc).at_least(0.0) / AREA as f32).sqrt();
         Some(out)
     }
 
@@ -156,32 +162,22 @@ impl TranslationTemplate {
     #[must_use]
     pub fn zncc_at(&self, plane: &Plane<'_>, px: &Vector2<f32>) -> Option<f32> {
         let mut current = Patch::ZERO;
-        sample_patch(plane, px, &mut current).then_some(())?;
-        current.subtract(self.mean);
-        let [sum, square, correlation] = agreement(&current, &self.intensity);
+        sample_patch(plane, px, self.mean, &mut current).then_some(())?;
+        self.zncc(&current)
+    }
+
+    /// Agreement with a patch less the template's mean.
+    pub(super) fn zncc(&self, centred: &Patch) -> Option<f32> {
+        let [sum, square, correlation] = agreement(centred, &self.intensity);
         Moments::new(sum, square, correlation, self.energy).map(|moments| moments.zncc)
-    }
-
-    /// Root mean square residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
-    fn rms(&self, zncc: f32) -> f32 {
-        (2.0 * self.energy * (1.0 - zncc).at_least(0.0) / AREA as f32).sqrt()
-    }
-
-    /// One pass over the current patch: its moments and `J'^T I`.
-    fn compare(&self, current: &Patch) -> Option<(Moments, Vector2<f32>)> {
-        let [sum, square, x, y, correlation] = self.sums(current);
-        let projection = Vector2::new(x, y)
-            - self.column_sums * (sum / AREA as f32)
-            - self.correlations * (correlation / self.energy);
-        Moments::new(sum, square, correlation, self.energy).map(|m| (m, projection))
     }
 
     /// Sums over the current patch `v`, less the template's mean: `v`, `v²`, `v gx`, `v gy`, `v T`.
     #[inline(never)]
     fn sums(&self, current: &Patch) -> [f32; 5] {
         sums(|i| {
-            // Taking the template's mean out keeps the sums small and so exact.
-            let v = current.0[i] - self.mean;
+            // Without the template's mean the sums are small and so exact.
+            let v = current.0[i];
             [v, v * v, v * self.gradient_x.0[i], v * self.gradient_y.0[i], v * self.intensity.0[i]]
         })
     }

@@ -125,27 +125,19 @@ impl CornerDetector {
         }
         self.mark(existing);
         let few = 2 * existing.len() < demand.wanted;
-        self.visit_cells(
-            plane,
-            existing,
-            if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS },
-        );
-        self.corners.sort_unstable_by(|a, b| {
-            let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
-            b.score.total_cmp(&a.score).then(place(a).cmp(&place(b)))
-        });
+        let budget = if few { MIN_CELLS.max(CELLS_PER_POINT * max_new) } else { MIN_CELLS };
+        self.visit_cells(plane, existing, budget, max_new);
         let strong = self.corners.partition_point(|c| c.score >= self.min_score);
         let poor = (POOR_SHARE * demand.wanted as f32) as usize;
-        let count = strong.max(poor.saturating_sub(existing.len()).min(self.corners.len()));
-        self.corners.truncate(count.min(max_new));
+        self.corners.truncate(strong.max(poor.saturating_sub(existing.len())));
         &self.corners
     }
 
-    /// Looks for a corner in at most `budget` empty cells, in turn: it goes on where the last frame ended.
-    fn visit_cells(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], budget: usize) {
+    /// Looks for corners, at most `max_new`, in at most `budget` empty cells, in turn: it goes on where the last frame ended.
+    fn visit_cells(&mut self, plane: &Plane<'_>, existing: &[Vector2<f32>], budget: usize, max_new: usize) {
         let columns = self.width.div_ceil(self.cell_px);
         let cells = self.taken.len();
-        let mut left = budget;
+        let (mut left, mut limit) = (budget, NOISE_SCORE);
         for _ in 0..cells {
             if left == 0 {
                 break;
@@ -155,8 +147,20 @@ impl CornerDetector {
             self.next_cell = (self.next_cell + self.stride) % cells;
             if !self.taken[cell] {
                 left -= 1;
-                let found = self.best_of_cell(plane, cell % columns, cell / columns, existing);
-                self.corners.extend(found);
+                let Some(found) = self.best_of_cell(plane, [cell % columns, cell / columns], existing, limit)
+                else {
+                    continue;
+                };
+                let place = |c: &DetectedCorner| (c.px.y as u32, c.px.x as u32);
+                let is_before = |c: &DetectedCorner| {
+                    found.score.total_cmp(&c.score).then(place(c).cmp(&place(&found))).is_lt()
+                };
+                self.corners.insert(self.corners.partition_point(is_before), found);
+                self.corners.truncate(max_new);
+                if self.corners.len() == max_new {
+                    // A weaker one would not be among them.
+                    limit = self.corners[max_new - 1].score.next_down();
+                }
             }
         }
     }
@@ -178,9 +182,9 @@ impl CornerDetector {
     fn best_of_cell(
         &mut self,
         plane: &Plane<'_>,
-        column: usize,
-        row: usize,
+        [column, row]: [usize; 2],
         existing: &[Vector2<f32>],
+        limit: f32,
     ) -> Option<DetectedCorner> {
         let span = |index: usize, size: usize| {
             let start = (index * self.cell_px).max(self.border_px);
@@ -199,7 +203,7 @@ impl CornerDetector {
                 .fold(true, |free, other| free & ((other - px).norm_squared() >= distance * distance));
             is_far && !mask.is_some_and(|mask| mask.hides(x0 + x, y0 + y))
         };
-        let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
+        let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], limit, is_free)?;
         Some(DetectedCorner { px: place(x, y), score })
     }
 }
@@ -226,9 +230,12 @@ struct ScoreMap {
     /// Products of gradients, `gx gx`, `gx gy`, `gy gy`, of the window's rows, and their sums over these.
     products: [[[i32; MAX_SPAN]; 3]; ROWS],
     columns: [[i32; MAX_SPAN]; 3],
-    /// The last three rows of scores, each with a place before and after for neighbours. One that cannot be the best is zero.
-    scores: [[f32; MAX_STRIDE + 2]; 3],
+    /// The last three rows of scores. One that cannot be the best is zero.
+    scores: [ScoreRow; 3],
 }
+
+/// Scores of a row, with a place before and after for neighbours.
+type ScoreRow = [f32; MAX_STRIDE + 2];
 
 impl ScoreMap {
     const EMPTY: Self = Self {
@@ -237,13 +244,14 @@ impl ScoreMap {
         scores: [[0.0; MAX_STRIDE + 2]; 3],
     };
 
-    /// The best local maximum of the score, above that of noise, that `is_free` accepts in the rectangle at `from` of `size`
+    /// The best local maximum of the score, above `limit`, that `is_free` accepts in the rectangle at `from` of `size`
     /// (image pixels), in coordinates within it. The plane is one with a rim.
     fn best(
         &mut self,
         plane: &Plane<'_>,
         from: [usize; 2],
         size: [usize; 2],
+        mut limit: f32,
         is_free: impl Fn(usize, usize) -> bool,
     ) -> Option<(usize, usize, f32)> {
         let [width, height] = size;
@@ -254,18 +262,24 @@ impl ScoreMap {
         let span = span_of(vectors);
         let sums = self.products.iter_mut().chain([&mut self.columns]).flatten();
         sums.for_each(|sums| sums[..span].fill(0));
-        let (mut best, mut limit) = (None, NOISE_SCORE);
+        let mut best = None;
         // Vectors with a score above the limit in the last row, one bit each.
         let mut last_above = 0;
         for y in 0..height + 2 * WINDOW + 2 {
-            self.replace_row(pixels, plane.columns, y, vectors);
+            // A row takes the place of the one that leaves the window.
+            let around = [0, 1, 2].map(|dy| &pixels[(y + dy) * plane.columns..][..span + 2]);
+            let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
+            let [old_xx, old_xy, old_yy] = self.products[y % ROWS].each_mut().map(|row| &mut row[..span]);
+            replace(around, xx, xy, yy, old_xx, old_xy, old_yy);
             let Some(scored) = y.checked_sub(2 * WINDOW) else { continue };
-            let above = std::mem::replace(&mut last_above, self.score_row(scored, vectors, limit));
+            let above = last_above;
+            last_above = score_row(&self.columns, vectors, limit, &mut self.scores[scored % 3]);
             // A row is looked at when the one below has its scores.
             let Some(row) = scored.checked_sub(2) else { continue };
+            let scores = [0, 1, 2].map(|dy| &self.scores[(row + dy) % 3]);
             for k in ones(above) {
-                for x in ones(self.maxima(row, k * LANES, limit)).map(|lane| k * LANES + lane) {
-                    let score = self.scores[(row + 1) % 3][x + 1];
+                for x in ones(maxima(scores, k * LANES, limit)).map(|lane| k * LANES + lane) {
+                    let score = scores[1][x + 1];
                     if (1..=width).contains(&x) && score > limit && is_free(x - 1, row) {
                         limit = score;
                         best = Some((x - 1, row, score));
@@ -274,36 +288,6 @@ impl ScoreMap {
             }
         }
         best
-    }
-
-    /// Puts a row in the place of the one that leaves the window. `pixels` begin above the first row, `step` from one row
-    /// to the next.
-    fn replace_row(&mut self, pixels: &[u8], step: usize, y: usize, vectors: usize) {
-        let span = span_of(vectors);
-        let around = [0, 1, 2].map(|dy| &pixels[(y + dy) * step..][..span + 2]);
-        let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
-        let [old_xx, old_xy, old_yy] = self.products[y % ROWS].each_mut().map(|row| &mut row[..span]);
-        replace(around, xx, xy, yy, old_xx, old_xy, old_yy);
-    }
-
-    /// Scores a row; which vectors have a score above `limit`.
-    fn score_row(&mut self, y: usize, vectors: usize, limit: f32) -> u32 {
-        let least = ((limit - ROUNDING) * AREA) as i32;
-        let [xx, xy, yy] = &self.columns;
-        let scores = &mut self.scores[y % 3][1..].as_chunks_mut().0[..vectors];
-        scores.fill([0.0; LANES]);
-        let mut above = 0;
-        for k in ones(promising(xx, yy, vectors, least)) {
-            let at = k * LANES;
-            above |= u32::from(score(&xx[at..], &xy[at..], &yy[at..], limit, &mut scores[k])) << k;
-        }
-        above
-    }
-
-    /// Local maxima above `limit` among the scores of a vector at `x`, of the row below `y`, one bit each.
-    fn maxima(&self, y: usize, x: usize, limit: f32) -> u32 {
-        let [above, row, below] = [0, 1, 2].map(|dy| &self.scores[(y + dy) % 3][x..]);
-        maxima(above, row, below, limit)
     }
 }
 
@@ -350,25 +334,33 @@ fn replace(
     }
 }
 
-/// Which of the first vectors of scores can have one whose sums exceed `least`, one bit each: the lesser eigenvalue is no
-/// greater than the lesser entry of the diagonal. Most have none.
+/// Scores from column sums, so many vectors; which of them have one above `limit`, one bit each. The lesser eigenvalue is no greater
+/// than either entry of the diagonal: most have no sums from which it can exceed the limit, and are left at zero.
 #[inline(never)]
-fn promising(xx: &[i32; MAX_SPAN], yy: &[i32; MAX_SPAN], vectors: usize, least: i32) -> u32 {
-    let mut promising = 0;
-    for vector in 0..vectors {
-        let [xx, yy] = [xx, yy].map(|columns| window_sums(&columns[vector * LANES..]));
-        let is_one = (0..LANES).fold(false, |found, k| found | (xx[k].min(yy[k]) > least));
-        promising |= u32::from(is_one) << vector;
+fn score_row(columns: &[[i32; MAX_SPAN]; 3], vectors: usize, limit: f32, scores: &mut ScoreRow) -> u32 {
+    let least = ((limit - ROUNDING) * AREA) as i32;
+    let mut above = 0;
+    for (k, scores) in scores[1..].as_chunks_mut().0[..vectors].iter_mut().enumerate() {
+        let sums = |of: usize| window_sums(&columns[of][k * LANES..]);
+        let may_exceed = |sums: &Lanes| sums.iter().fold(false, |found, sum| found | (*sum > least));
+        *scores = [0.0; LANES];
+        let xx = sums(0);
+        if !may_exceed(&xx) {
+            continue;
+        }
+        let yy = sums(2);
+        if may_exceed(&std::array::from_fn(|i| xx[i].min(yy[i]))) {
+            above |= u32::from(score(&xx, &sums(1), &yy, limit, scores)) << k;
+        }
     }
-    promising
+    above
 }
 
-/// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean
-/// structure tensor. Whether one exceeds `limit`.
+/// Scores from the sums of windows: the lesser eigenvalue of the window's mean structure tensor. Whether one exceeds `limit`.
 #[inline(never)]
-fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANES]) -> bool {
+fn score(xx: &Lanes, xy: &Lanes, yy: &Lanes, limit: f32, scores: &mut [f32; LANES]) -> bool {
     const NORM: f32 = 1.0 / AREA;
-    let [xx, xy, yy] = [xx, xy, yy].map(|columns| window_sums(columns).map(|sum| sum as f32 * NORM));
+    let [xx, xy, yy] = [xx, xy, yy].map(|sums| sums.map(|sum| sum as f32 * NORM));
     for k in 0..LANES {
         let difference = xx[k] - yy[k];
         scores[k] = 0.5 * (xx[k] + yy[k] - (difference * difference + 4.0 * xy[k] * xy[k]).sqrt());
@@ -376,10 +368,10 @@ fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANE
     scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
-/// Local maxima of a vector of scores, the second of `row` and those after: above `limit` and no less than any neighbour.
+/// Local maxima of a vector of scores at `x`, by the rows above, of it and below: above `limit` and no less than any neighbour.
 #[inline(never)]
-fn maxima(above: &[f32], row: &[f32], below: &[f32], limit: f32) -> u32 {
-    let [above, row, below] = [above, row, below].map(|scores| &scores[..LANES + 2]);
+fn maxima(scores: [&ScoreRow; 3], x: usize, limit: f32) -> u32 {
+    let [above, row, below] = scores.map(|scores| &scores[x..][..LANES + 2]);
     let mut bits = [0u32; LANES];
     for k in 0..LANES {
         let centre = row[k + 1];

@@ -110,7 +110,7 @@ pub fn prepare_at(
     let mut framed = [[0.0; FRAMED]; FRAMED];
     let plane = from.plane(level);
     let inside = if (warp - Matrix2::identity()).amax() < NEGLIGIBLE_WARP {
-        sample_upright(&plane, px, &mut framed)
+        sample_upright(&plane, px, 0.0, &mut framed)
     } else {
         sample_warped(&plane, px, warp, &mut framed)
     };

@@ -10,16 +10,17 @@
 use super::align::TranslationTemplate;
 use super::flow::{FlowOptions, MAX_LAST_STEP_PX, SAME_PLACE_PX, prepare_at, track_patch};
 use crate::image::Pyramid;
+use crate::image::patch::{Patch, SIDE, sample_patch, sample_upright};
 use nalgebra::{Matrix2, Vector2};
 
 /// Correlation above which two places of one image are alike: fewer are left below 0.7, and above 0.85 false depths are as many again.
 const ALIKE_ZNCC: f32 = 0.78;
 /// Radius within which a corner is compared with its surroundings, px.
 const SURROUNDINGS_PX: i32 = 12;
+/// Distance of the patches that a corner is compared with, px: those beside its surroundings, and what a sampled patch needs beside it.
+const REACH_PX: usize = SURROUNDINGS_PX as usize + 6;
 /// Radius of the search in the next image, px: 1.5 m/s at a depth of 1.5 m, at 20 Hz in images of half the usual size.
 const SEARCH_PX: i32 = 14;
-/// Places of a search.
-const PLACES: usize = (2 * SEARCH_PX as usize + 1) * (2 * SEARCH_PX as usize + 1);
 /// Least correlation of a place before its alignment, and after.
 const MIN_ZNCC: (f32, f32) = (0.6, 0.75);
 /// The best place is better than any other by this much.
@@ -96,18 +97,35 @@ impl RepetitionWatch {
     }
 }
 
-/// Correlation of the patch at `px` with that at an offset; `None` for a patch that can be compared with nothing.
-fn likeness(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<impl Fn(Vector2<f32>) -> f32> {
+/// A corner with its surroundings, less the mean of its patch.
+type Surroundings = [[f32; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+
+/// Correlation of the patch at a pixel `px` with that at a whole offset; `None` for a patch that can be compared with nothing. All
+/// these patches are parts of one that is sampled once, into `around`, if that lies in the image.
+fn likeness<'a>(
+    pyramid: &'a Pyramid,
+    px: &'a Vector2<f32>,
+    around: &'a mut Surroundings,
+) -> Option<impl Fn(Vector2<f32>) -> f32 + 'a> {
     let mut template = TranslationTemplate::empty();
-    prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template).then(|| {
-        let plane = pyramid.plane(0);
-        move |offset| template.zncc_at(&plane, &(px + offset)).unwrap_or(-1.0)
+    prepare_at(pyramid, 0, px, &Matrix2::identity(), &mut template).then_some(())?;
+    let plane = pyramid.plane(0);
+    let is_whole = sample_upright(&plane, px, template.mean, around);
+    Some(move |offset: Vector2<f32>| {
+        let mut patch = Patch::ZERO;
+        if is_whole {
+            patch.cut(around, [offset.x, offset.y].map(|x| (x + REACH_PX as f32) as usize));
+        } else if !sample_patch(&plane, &(px + offset), template.mean, &mut patch) {
+            return -1.0;
+        }
+        template.zncc(&patch).unwrap_or(-1.0)
     })
 }
 
 /// True if the patch at `px` is seen again at opposite places around it, in two directions.
 pub(super) fn is_in_lattice(pyramid: &Pyramid, px: &Vector2<f32>) -> bool {
-    let Some(zncc) = likeness(pyramid, px) else { return false };
+    let mut around = [[0.0; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+    let Some(zncc) = likeness(pyramid, px, &mut around) else { return false };
     let mut first: Option<Vector2<f32>> = None;
     for offset in offsets(SURROUNDINGS_PX).filter(|o| (o.y, o.x) < (0.0, 0.0) && is_around(o)) {
         let is_new = first.is_none_or(|a| a.perp(&offset).abs() > MIN_SINE * a.norm() * offset.norm());
@@ -141,7 +159,8 @@ fn is_rival(zncc: &impl Fn(Vector2<f32>) -> f32, offset: Vector2<f32>) -> bool {
 
 /// Distance from `px` to the nearest place around it where its patch is seen again, px; `None` for a corner of its own.
 pub(super) fn nearest_rival_px(pyramid: &Pyramid, px: &Vector2<f32>) -> Option<f32> {
-    let zncc = likeness(pyramid, px)?;
+    let mut around = [[0.0; SIDE + 2 * REACH_PX]; SIDE + 2 * REACH_PX];
+    let zncc = likeness(pyramid, px, &mut around)?;
     let mut nearest: Option<f32> = None;
     for offset in offsets(SURROUNDINGS_PX).filter(is_around) {
         let far = offset.norm();
@@ -163,7 +182,7 @@ pub(super) fn search(
     let mut template = TranslationTemplate::empty();
     prepare_at(from, 0, from_px, &warp.try_inverse()?, &mut template).then_some(())?;
     let plane = to.plane(0);
-    let mut zncc = [-1.0f32; PLACES];
+    let mut zncc = [-1.0f32; (2 * SEARCH_PX as usize + 1).pow(2)];
     let mut best = (*guess, MIN_ZNCC.0);
     for (value, offset) in zncc.iter_mut().zip(offsets(SEARCH_PX)) {
         let place = guess + offset;

@@ -224,8 +224,7 @@ impl AffineTemplate {
         let mut current = Patch::ZERO;
         let mut to_template = Matrix2::identity();
         for _ in 0..limits.max_iterations {
-            sample_patch(plane, &out.px, &mut current).then_some(())?;
-            current.subtract(self.mean);
+            sample_patch(plane, &out.px, self.mean, &mut current).then_some(())?;
             let (step, zncc) = self.step(&current)?;
             let edge = 1.0 / HALF;
             to_template = Matrix2::identity() + Matrix2::new(step[2], step[3], step[4], step[5]) * edge;

@@ -10,7 +10,7 @@ use super::motions::{
     GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET, motion_at,
     motion_of_camera, motion_of_frame, motion_of_lens,
 };
-use super::state::{MAX_FRAMES, POSE_DIM};
+use super::state::{INTRINSICS_DIM, MAX_FRAMES, POSE_DIM};
 use super::tiles::{LANES, add_times};
 
 /// Columns of an observation: motion of the host's camera in `O`, time offset, residual.
@@ -25,12 +25,12 @@ pub(super) type CameraRows = [[f64; COLUMNS]; 2];
 /// Both rows of an observation by the intrinsics of the observing camera.
 pub(super) type LensRows = [[f64; LENS]; 2];
 
-/// Products of columns, summed; the upper triangle counts.
+/// Products of columns, summed; the upper triangle counts, but for the square of the residual.
 #[derive(Clone, Debug)]
-struct Products([[f64; COLUMNS]; COLUMNS]);
+struct Products([[f64; COLUMNS]; AT_RESIDUAL]);
 
 impl Products {
-    const ZERO: Self = Self([[0.0; COLUMNS]; COLUMNS]);
+    const ZERO: Self = Self([[0.0; COLUMNS]; AT_RESIDUAL]);
 
     #[inline]
     fn add(&mut self, [a, b]: &CameraRows) {
@@ -51,11 +51,11 @@ impl Products {
 #[derive(Clone, Debug)]
 struct LensProducts {
     mixed: [[f64; LENS]; COLUMNS],
-    own: [[f64; LENS]; LENS],
+    own: [[f64; LENS]; INTRINSICS_DIM],
 }
 
 impl LensProducts {
-    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; LENS] };
+    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; INTRINSICS_DIM] };
 
     #[inline]
     fn add(&mut self, [a, b]: &CameraRows, [la, lb]: &LensRows) {
@@ -201,8 +201,8 @@ fn add_pair(
     // All six before any is read again: they are written in pieces, and would be waited for.
     let globals: [[f64; POSED]; POSE_DIM] = std::array::from_fn(|i| {
         let mut globals = [0.0; POSED];
-        add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
-        subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
+        add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), 1.0, &by_host[i]);
+        add(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), -1.0, &by_target[i]);
         globals[TIME_OFFSET] = products.0[i][AT_TIME];
         globals[RESIDUAL] = products.0[i][AT_RESIDUAL];
         globals
@@ -211,8 +211,8 @@ fn add_pair(
         let [of_own, of_other] = [own, other].map(|camera| motion_of_frame(camera / lifts.cameras));
         for (i, row) in rows[own].iter_mut().enumerate() {
             add_times(&mut row[..POSED], sign, &globals[i]);
-            add(motion_at(row, of_own), &motion[i]);
-            subtract(motion_at(row, of_other), &motion[i]);
+            add(motion_at(row, of_own), 1.0, &motion[i]);
+            add(motion_at(row, of_other), -1.0, &motion[i]);
         }
     }
 }
@@ -230,17 +230,11 @@ fn times(a: &[[f64; POSE_DIM]; POSE_DIM], b: &[[f64; POSE_DIM]; POSE_DIM]) -> [[
     })
 }
 
+/// `to += sign from`.
 #[inline]
-fn add(to: &mut [f64; POSE_DIM], from: &[f64; POSE_DIM]) {
+fn add(to: &mut [f64; POSE_DIM], sign: f64, from: &[f64; POSE_DIM]) {
     for k in 0..POSE_DIM {
-        to[k] += from[k];
-    }
-}
-
-#[inline]
-fn subtract(to: &mut [f64; POSE_DIM], from: &[f64; POSE_DIM]) {
-    for k in 0..POSE_DIM {
-        to[k] -= from[k];
+        to[k] += sign * from[k];
     }
 }
 

@@ -27,12 +27,8 @@ impl NormalEquations {
 
     /// Uses `dim` unknowns (at most the capacity), all zero.
     pub fn reset(&mut self, dim: usize) {
-        assert!(dim <= self.stride, "{dim} unknowns exceed the capacity {}", self.stride);
-        self.dim = dim;
-        for row in self.h.chunks_exact_mut(self.stride).take(dim) {
-            row[..dim].fill(0.0);
-        }
-        self.b[..dim].fill(0.0);
+        self.dim = 0;
+        self.grow(dim);
     }
 
     /// Appends unknowns without information, up to `dim`.
@@ -40,8 +36,7 @@ impl NormalEquations {
         assert!(dim <= self.stride, "{dim} unknowns exceed the capacity {}", self.stride);
         let old = self.dim;
         for (i, row) in self.h.chunks_exact_mut(self.stride).take(dim).enumerate() {
-            let from = if i < old { old } else { 0 };
-            row[from..dim].fill(0.0);
+            row[i.max(old)..dim].fill(0.0);
         }
         self.b[old..dim].fill(0.0);
         self.dim = dim;

@@ -43,10 +43,12 @@ impl Rows {
             if !is_host {
                 by_camera[..POSE_DIM].copy_from_slice(&row(&j.camera[d]));
                 let [of_host, of_target] = [host, target].map(|k| motion_of_camera(usize::from(k)));
-                // What is one camera's motion is subtracted in whole vectors.
-                let (by_host, other) = if host == target { (ZERO, j.host[d]) } else { (j.host[d], ZERO) };
-                *motion_at(by_globals, of_host) = row(&by_host);
-                *motion_at(by_globals, of_target) = row(&difference(&other, &j.target[d]));
+                if host == target {
+                    *motion_at(by_globals, of_host) = row(&difference(&j.host[d], &j.target[d]));
+                } else {
+                    *motion_at(by_globals, of_host) = row(&j.host[d]);
+                    *motion_at(by_globals, of_target) = row(&difference(&ZERO, &j.target[d]));
+                }
             }
             (by_globals[TIME_OFFSET], by_globals[RESIDUAL]) = (j.time_offset[d], r[d]);
             (by_camera[POSE_DIM], by_camera[POSE_DIM + 1]) = (j.time_offset[d], r[d]);
@@ -63,13 +65,7 @@ const ZERO: [Quad; 2] = [[0.0; 4]; 2];
 /// `a - b`.
 #[inline(always)]
 fn difference(a: &[Quad; 2], b: &[Quad; 2]) -> [Quad; 2] {
-    let mut out = *a;
-    for (out, b) in out.iter_mut().zip(b) {
-        for k in 0..4 {
-            out[k] -= b[k];
-        }
-    }
-    out
+    [0, 1].map(|i| [0, 1, 2, 3].map(|k| a[i][k] - b[i][k]))
 }
 
 /// The six columns of a derivative by a motion.

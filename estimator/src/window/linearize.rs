@@ -199,7 +199,8 @@ impl Linearizer {
         for landmark in landmarks.iter().filter(|l| l.is_triangulated) {
             let placed = self.poses.placed(landmark);
             for observation in &landmark.observations {
-                if let Some(r) = self.poses.residual::<F>(problem, &placed, observation) {
+                let measured = problem.moved_lenses.moved::<F>(observation);
+                if let Some(r) = self.poses.residual::<F>(problem, &placed, (observation, &measured)) {
                     costs.add(r.norm_squared());
                 }
             }
@@ -258,21 +259,22 @@ impl LandmarkEquations {
         // Residuals and weights first: divisions and roots of one need not wait for those of another.
         let mut seen = heapless::Vec::<_, MAX_OBSERVATIONS>::new();
         for observation in &landmark.observations {
-            let Some(r) = poses.residual::<F>(problem, &now, observation) else { continue };
+            let measured = problem.moved_lenses.moved::<F>(observation);
+            let Some(r) = poses.residual::<F>(problem, &now, (observation, &measured)) else { continue };
             let scale = self.costs.add(r.norm_squared()).sqrt() * self.weight_root;
             // There is room for all.
-            let _ = seen.push((observation, r * scale, scale));
+            let _ = seen.push((observation, F::weighed(&measured, scale), r * scale, scale));
         }
         let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
-        for &(observation, r, scale) in &seen {
-            if poses.linearize(problem, landmark, &first, (observation, scale), &mut j).is_none() {
+        for &(observation, ref measured, ref r, scale) in &seen {
+            if poses.linearize(landmark, &first, (observation, measured), &mut j).is_none() {
                 continue;
             }
             let target = camera_of(problem, observation.frame, observation.camera);
             let frame = usize::from(observation.frame);
             span = (span.0.min(frame), span.1.max(frame));
             let cameras = (landmark.host_camera, observation.camera);
-            rows.set(&j, &r, cameras, host == target);
+            rows.set(&j, r, cameras, host == target);
             let by_lens = poses.by_lens::<F>(problem, &first, (observation, scale));
             self.cameras.add(target, &rows.by_camera, by_lens.as_ref());
             sums.add(&rows, frame, entry);

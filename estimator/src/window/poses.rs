@@ -72,22 +72,18 @@ impl Poses {
         landmark.feature.placed(&self.cameras_first[host][camera])
     }
 
-    /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations. `None` where the
-    /// observer cannot see it.
+    /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations, where this was `measured` by the
+    /// present intrinsics. `None` where the observer cannot see it.
     #[inline]
     pub fn residual<F: Feature>(
         &self,
         problem: &Problem<'_>,
         placed: &F::Placed,
-        observation: &Observation<F::Measurement>,
+        (observation, measured): (&Observation<F::Measurement>, &F::Measurement),
     ) -> Option<Vector2<f64>> {
         let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-        let target = &self.cameras_now[frame][camera];
-        match problem.moved_lenses.moved::<F>(observation) {
-            Some(measured) => F::residual_of(placed, target, &measured, step_s),
-            None => F::residual_of(placed, target, &observation.measured, step_s),
-        }
+        F::residual_of(placed, &self.cameras_now[frame][camera], measured, step_s)
     }
 
     /// The derivatives of an observation by the intrinsics of its camera, times `scale`, of a landmark that is
@@ -106,24 +102,16 @@ impl Poses {
         Some(by_lens.map(|row| row.map(|x| x * scale)))
     }
 
-    /// The Jacobians of that, times `scale`, of a landmark that is [`Self::placed_first`].
+    /// The Jacobians of an observation of a landmark that is [`Self::placed_first`], by what was `measured`.
     #[inline]
     pub fn linearize<F: Feature>(
         &self,
-        problem: &Problem<'_>,
         landmark: &Landmark<F>,
         placed: &F::Placed,
-        (observation, scale): (&Observation<F::Measurement>, f64),
+        (observation, measured): (&Observation<F::Measurement>, &F::Measurement),
         jacobians: &mut F::Jacobians,
     ) -> Option<()> {
-        let pose = |frame: u8, camera: u8| &self.cameras_first[usize::from(frame)][usize::from(camera)];
-        let view = CameraView {
-            host: pose(landmark.host, landmark.host_camera),
-            target: pose(observation.frame, observation.camera),
-        };
-        let moved = problem.moved_lenses.moved::<F>(observation);
-        let measured = F::weighed(moved.as_ref().unwrap_or(&observation.measured), scale);
-        F::linearize(placed, view, &measured, jacobians)
+        F::linearize(placed, view(&self.cameras_first, landmark, observation), measured, jacobians)
     }
 
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and angular
@@ -148,7 +136,7 @@ impl Poses {
                     frame if frame < index => break,
                     _ => {}
                 }
-                let view = self.view(landmark, &observation);
+                let view = view(&self.cameras_now, landmark, &observation);
                 let motion = &motions[usize::from(observation.camera)];
                 if let Some(m) = landmark.feature.with_rate(view, &observation.measured, motion) {
                     landmark.observations[k].measured = m;
@@ -176,7 +164,8 @@ impl Poses {
             let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
                 continue;
             };
-            let Some(feature) = landmark.feature.hosted_by_target(self.view(landmark, &heir)) else {
+            let Some(feature) = landmark.feature.hosted_by_target(view(&self.cameras_now, landmark, &heir))
+            else {
                 continue;
             };
             landmark.feature = feature;
@@ -185,17 +174,18 @@ impl Poses {
             landmark.observations.retain(|o| usize::from(o.frame) != from);
         }
     }
+}
 
-    /// Present poses of the cameras that host a landmark and make an observation of it.
-    fn view<F: Feature>(
-        &self,
-        landmark: &Landmark<F>,
-        observation: &Observation<F::Measurement>,
-    ) -> CameraView<'_> {
-        let pose = |frame: u8, camera: u8| &self.cameras_now[usize::from(frame)][usize::from(camera)];
-        CameraView {
-            host: pose(landmark.host, landmark.host_camera),
-            target: pose(observation.frame, observation.camera),
-        }
+/// The cameras that host a landmark and make an observation of it.
+#[inline]
+fn view<'a, F: Feature>(
+    cameras: &'a [[CameraPose; 2]],
+    landmark: &Landmark<F>,
+    observation: &Observation<F::Measurement>,
+) -> CameraView<'a> {
+    let pose = |frame: u8, camera: u8| &cameras[usize::from(frame)][usize::from(camera)];
+    CameraView {
+        host: pose(landmark.host, landmark.host_camera),
+        target: pose(observation.frame, observation.camera),
     }
 }

@@ -73,16 +73,14 @@ impl<'a> MovedLenses<'a> {
         }))
     }
 
-    /// Measured direction by the present intrinsics; `None` where they are those of the reference.
+    /// What was measured by the present intrinsics.
     #[inline(always)]
-    pub(super) fn moved<F: Feature>(
-        &self,
-        observation: &Observation<F::Measurement>,
-    ) -> Option<F::Measurement> {
-        let (lens, step) = self.0[usize::from(observation.camera)].as_ref()?;
+    pub(super) fn moved<F: Feature>(&self, observation: &Observation<F::Measurement>) -> F::Measurement {
         let mut moved = observation.measured;
-        F::move_places(&mut moved, |xy| lens.shift(xy, step));
-        Some(moved)
+        if let Some((lens, step)) = &self.0[usize::from(observation.camera)] {
+            F::move_places(&mut moved, |xy| lens.shift(xy, step));
+        }
+        moved
     }
 }
 

@@ -125,7 +125,8 @@ pub(super) fn fits_within<F: Feature>(
     slack: f64,
 ) -> bool {
     let limit = slack * F::outlier_sigmas(problem.options);
-    poses.residual::<F>(problem, placed, o).is_some_and(|r| r.norm_squared() < limit * limit)
+    let measured = problem.moved_lenses.moved::<F>(o);
+    poses.residual::<F>(problem, placed, (o, &measured)).is_some_and(|r| r.norm_squared() < limit * limit)
 }
 
 /// Removes observations that do not fit, and landmarks that are left with less than two views. With `spares_newest` the
