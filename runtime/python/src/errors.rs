@@ -81,21 +81,21 @@ fn refusal(admission: ImuAdmission) -> Option<(&'static str, &'static str)> {
     })
 }
 
-/// Inertial sample that the estimator refused; `None` for an accepted one. `index` is its place in an array.
+/// Refuses an inertial sample that the estimator refused. `index` is its place in an array.
 pub fn of_sample(
     py: Python<'_>,
     admission: ImuAdmission,
     stamp_ns: i64,
     index: Option<usize>,
-) -> Option<PyErr> {
-    let (reason, words) = refusal(admission)?;
+) -> PyResult<()> {
+    let Some((reason, words)) = refusal(admission) else { return Ok(()) };
     let place = index.map_or_else(String::new, |index| format!(" {index}"));
     let message = format!("inertial sample{place} of {stamp_ns} ns refused: {words}");
     let error = match admission {
         ImuAdmission::NotLater => OutOfOrderError::new_err(message),
         _ => SampleError::new_err(message),
     };
-    Some(with_reason(py, error, reason, index))
+    Err(with_reason(py, error, reason, index))
 }
 
 /// Frame whose stamp the estimator refused.
