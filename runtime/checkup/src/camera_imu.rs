@@ -14,7 +14,7 @@ use plumbline_config::options::rows_from_isometry;
 use plumbline_config::{ConfigError, ImuSample, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimator, FrameInput};
 use std::collections::BTreeMap;
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 /// Fewest pieces of two seconds whose scatter tells how sure they are: 20 s.
 const LEAST_PIECES: usize = 10;
@@ -241,56 +241,51 @@ fn sigmas(covariance: &Covariance) -> [f64; 3] {
     [0..3, 3..6, 6..7].map(|range| range.map(|k| covariance[(k, k)].sqrt()).fold(0.0, f64::max))
 }
 
-/// Refuses what the motion did not show.
+/// Refuses what the motion did not show, and names the axis about which the attitude is known least: turns about any other show it.
 fn check_seen(covariance: &Covariance) -> Result<(), RigError> {
     let sigmas = sigmas(covariance);
     let Some(which) = (0..3).find(|k| sigmas[*k] > MOST_SIGMAS[*k]) else { return Ok(()) };
+    let attitude = covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigen();
+    let mut weakest = attitude.eigenvectors.column(attitude.eigenvalues.imax()).into_owned();
+    weakest *= weakest[weakest.iamax()].signum();
     let known = [
         format!("the position of the cameras is known to {:.1} mm", 1e3 * sigmas[0]),
         format!("the attitude of the cameras is known to {:.2} degrees", sigmas[1].to_degrees()),
         format!("the time offset is known to {:.2} ms", 1e3 * sigmas[2]),
     ];
-    Err(RigError::Unseen(format!("the motion does not determine the rig: {} only; {TURN}", known[which])))
+    Err(RigError::Unseen(format!(
+        "the motion does not determine the rig: {} only, and it turns too little about axes across ({}) of the left camera; {TURN}",
+        known[which],
+        words(&weakest, 1)
+    )))
 }
 
 impl FoundRig {
     /// The figures, a line each.
     #[must_use]
-    pub fn table(&self) -> Vec<String> {
-        let three = |from: usize, scale: f64, decimals: usize| {
-            let sigma = Vector3::from_fn(|k, _| self.covariance[(from + k, from + k)].sqrt() * scale);
-            let moved = self.step.fixed_rows::<3>(from) * scale;
-            (words(&moved, decimals), words(&sigma, decimals))
+    pub fn table(&self) -> [String; 4] {
+        let three = |from: usize| {
+            [self.step, self.covariance.diagonal().map(f64::sqrt)]
+                .map(|v| v.fixed_rows::<3>(from).into_owned())
         };
-        let degrees = 1.0_f64.to_degrees();
-        let place = self.config.setup().left().pose_b_c().translation.vector * 1e3;
-        let ((moved, place_sigma), (turned, attitude_sigma)) = (three(0, 1e3, 2), three(3, degrees, 4));
-        vec![
-            format!("left camera    at ({}) mm in the body, one sigma ({place_sigma})", words(&place, 2)),
-            format!("               moved by ({moved}) mm"),
-            format!("attitude       one sigma ({attitude_sigma}) deg about its x, y and z"),
-            format!("               turned by ({turned}) deg"),
+        let place = self.config.setup().left().pose_b_c().translation.vector;
+        let [moved, place_sigma] = three(0).map(|v| words(&(v * 1e3), 2));
+        let [turned, attitude_sigma] = three(3).map(|v| words(&v.map(f64::to_degrees), 4));
+        let [offset, late, late_sigma] =
+            [self.config.rig.time_offset_s, self.step[6], self.covariance[(6, 6)].sqrt()].map(|s| 1e3 * s);
+        [
             format!(
-                "time offset    {:.3} ms (t_imu - t_camera), one sigma {:.3}, moved by {:.3} ms",
-                1e3 * self.config.rig.time_offset_s,
-                1e3 * self.covariance[(6, 6)].sqrt(),
-                1e3 * self.step[6]
+                "left camera    at ({}) mm in the body, moved by ({moved}), one sigma ({place_sigma})",
+                words(&(place * 1e3), 2)
+            ),
+            format!(
+                "attitude       turned by ({turned}) deg about its x, y and z, one sigma ({attitude_sigma})"
+            ),
+            format!(
+                "time offset    {offset:.3} ms (t_imu - t_camera), moved by {late:.3}, one sigma {late_sigma:.3}"
             ),
             format!("of             {} pieces of two seconds in {:.1} s", self.pieces, self.span_s),
         ]
-    }
-
-    /// The covariance as comments of a file: rows of position (m), attitude (rad) and time offset (s).
-    #[must_use]
-    pub fn covariance_comment(&self) -> String {
-        let mut text = String::from(
-            "# Covariance of position x y z in the body (m), attitude about x y z of the left camera (rad), time offset (s):\n",
-        );
-        for row in self.covariance.row_iter() {
-            let values: Vec<String> = row.iter().map(|value| format!("{value:.3e}")).collect();
-            let _ = writeln!(text, "#   {}", values.join(" "));
-        }
-        text
     }
 }
 

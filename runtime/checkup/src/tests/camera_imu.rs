@@ -122,6 +122,11 @@ fn a_flight_that_turns_about_one_axis_alone_is_refused_by_what_it_does_not_show(
         matches!(refused, RigError::Unseen(_)) && words.contains("the position of the cameras is known to"),
         "{words}"
     );
+    // It yaws, about the vertical of the image.
+    let axis =
+        words.split_once("about axes across (").and_then(|(_, axis)| axis.split_once(") of the left camera"));
+    let axis: Vec<f64> = axis.unwrap().0.split(' ').map(|number| number.parse().unwrap()).collect();
+    assert!(Vector3::from_column_slice(&axis).normalize().y > 0.8, "{words}");
 }
 
 #[test]
