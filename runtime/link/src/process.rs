@@ -169,7 +169,8 @@ fn until_the_end(
         is_over.store(true, Ordering::Relaxed);
         ended
     });
-    outputs.stop();
+    // What waits is sent, and the sessions are closed.
+    drop(outputs);
     if stop.load(Ordering::Relaxed) { Ended::Stopped } else { ended }
 }
 
@@ -223,16 +224,6 @@ impl Outputs {
         }
         if let Some((_, feed)) = &mut self.net {
             feed.take(record, message);
-        }
-    }
-
-    /// Sends what waits, and closes the sessions.
-    fn stop(self) {
-        if let Some((publisher, _)) = self.net {
-            publisher.stop();
-        }
-        if let Some((ros, _)) = self.ros {
-            ros.stop();
         }
     }
 }

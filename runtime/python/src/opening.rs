@@ -52,7 +52,8 @@ impl OpeningOptions {
                 py.detach(|| open_simulation(config, &scenario, self.mono, 0.0, None))
             }
             None => {
-                let seconds = self.start..self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
+                let seconds =
+                    self.start..self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
                 let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
                 let [left, right, imu, accel] = self.topics.clone();
                 let topics = BagTopics { left, right, imu, accel };

@@ -25,7 +25,7 @@ const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 /// Parts of a flight that are kept.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct Keep {
+pub struct Keep {
     threads: usize,
     odometry: bool,
     record: Option<PathBuf>,

@@ -28,7 +28,7 @@ pub use open::{
     Cut, RecordingKind, is_log, open_bag, open_dataset, open_log, open_recording, open_simulation,
     preset_for, recording_kind, scenario_config,
 };
-pub use outputs::{Output, Outputs};
+pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::first_reset_counter;

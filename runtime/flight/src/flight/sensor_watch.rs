@@ -2,6 +2,7 @@
 //! drivers some times a second; nothing of it is on the way of a sample.
 
 use super::sensors::LiveSensors;
+use crate::schedule::worker::Worker;
 use crate::sensor_board::{SensorBoard, SensorNews};
 use parking_lot::Mutex;
 use plumbline_drivers::ImuFigures;
@@ -9,7 +10,6 @@ use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Drivers are asked this often.
@@ -55,10 +55,9 @@ pub struct SensorTrouble {
 /// The thread that asks.
 #[derive(Debug)]
 pub struct SensorWatch {
-    is_over: Arc<AtomicBool>,
     troubles: Arc<Mutex<[SensorTrouble; 2]>>,
     notices: SensorNotices,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl SensorWatch {
@@ -73,7 +72,8 @@ impl SensorWatch {
         let shown = notices.clone();
         let troubles = Arc::<Mutex<[SensorTrouble; 2]>>::default();
         let found = Arc::clone(&troubles);
-        let thread = std::thread::Builder::new().name("sensor-watch".into()).spawn(move || {
+        let stop = move || is_over.store(true, Ordering::Relaxed);
+        let worker = Worker::start("sensor-watch", stop, move || {
             let mut told = Told::default();
             while !theirs.load(Ordering::Relaxed) {
                 let news = told.look(&sensors);
@@ -85,7 +85,7 @@ impl SensorWatch {
                 std::thread::sleep(LOOK);
             }
         })?;
-        Ok(Self { is_over, troubles, notices, thread: Some(thread) })
+        Ok(Self { troubles, notices, _worker: worker })
     }
 
     /// Present faults of the sensors.
@@ -98,15 +98,6 @@ impl SensorWatch {
     #[must_use]
     pub fn troubles(&self) -> [SensorTrouble; 2] {
         self.troubles.lock().clone()
-    }
-}
-
-impl Drop for SensorWatch {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
