@@ -153,9 +153,8 @@ impl Content {
         if self.size_px.is_none() {
             self.size_px = pixels::size_px(image);
             self.unknown = match image {
-                ImageMessage::Raw { encoding, .. } => {
-                    (!pixels::is_known(encoding)).then(|| format!("encoding '{}'", printable(encoding)))
-                }
+                ImageMessage::Raw { encoding, .. } => (!pixels::is_known(encoding))
+                    .then(|| format!("encoding '{}'", topics::printable(encoding))),
                 ImageMessage::File(_) => self.size_px.is_none().then(|| "another format".to_owned()),
             };
         }
@@ -165,11 +164,6 @@ impl Content {
             self.largest = self.largest.max(pixels::largest_value(image));
         }
     }
-}
-
-/// The name of an encoding, for messages.
-fn printable(name: &str) -> String {
-    name.chars().filter(|c| !c.is_control()).take(40).collect()
 }
 
 /// A bag read once.
