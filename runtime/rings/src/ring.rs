@@ -102,6 +102,16 @@ impl<T> Reader<T> {
         self.ring.pop().ok()
     }
 
+    /// Waits on `bell` for the oldest entry, `nap` after `nap`; `None` when the writer has gone.
+    pub fn next(&mut self, bell: &Bell, nap: Duration) -> Option<T> {
+        loop {
+            let entry = bell.wait(nap, || self.pop());
+            if entry.is_some() || self.is_closed() {
+                return entry;
+            }
+        }
+    }
+
     /// Entries that it has room for.
     #[must_use]
     pub fn capacity(&self) -> usize {

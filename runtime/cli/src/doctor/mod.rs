@@ -45,7 +45,7 @@ type Verdict = (Fitness, String);
 type Check = (&'static str, Verdict);
 
 /// Arguments of `plumbline doctor`.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
     /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room?duration=10)
@@ -81,17 +81,7 @@ impl DoctorArgs {
     /// Checks of this host and of the sensors of a configuration, with every option as by default.
     #[must_use]
     pub fn live(config: PathBuf) -> Self {
-        Self {
-            source: None,
-            config: Some(config),
-            overrides: Vec::new(),
-            live: true,
-            record: None,
-            watch: 2.0,
-            seconds: None,
-            topics: TopicArgs::default(),
-            json: false,
-        }
+        Self { config: Some(config), live: true, watch: 2.0, ..Self::default() }
     }
 }
 
