@@ -106,7 +106,6 @@ impl SocketStereo {
     }
 
     /// Monitor that shows the figures to other threads.
-    #[must_use]
     pub fn monitor(&self) -> SocketMonitor {
         self.monitor.clone()
     }

@@ -20,7 +20,6 @@ pub struct Plumbline {
 
 impl Plumbline {
     /// One that is given these settings.
-    #[must_use]
     pub fn new(settings: Settings) -> Self {
         Self { settings, questions: Questions::default(), is_known: false, is_set: false, asked_ns: None }
     }

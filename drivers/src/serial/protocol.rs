@@ -116,7 +116,6 @@ impl Outgoing {
     }
 
     /// Bytes to be sent.
-    #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }

@@ -95,7 +95,6 @@ pub struct ByHand {
 
 impl ByHand {
     /// Empty recording of the rig of `config`.
-    #[must_use]
     pub fn new(config: &ValidConfig) -> Self {
         Self {
             config: config.clone(),
@@ -109,7 +108,6 @@ impl ByHand {
     }
 
     /// True if a frame of this stamp needs further samples before it is added.
-    #[must_use]
     pub fn needs_samples(&self, stamp: Timestamp) -> bool {
         let needed = self.estimator.imu_needed_until(stamp);
         self.samples.last().is_none_or(|sample| sample.stamp < needed)
@@ -262,7 +260,6 @@ fn check_seen(covariance: &Covariance) -> Result<(), RigError> {
 
 impl FoundRig {
     /// The figures, a line each.
-    #[must_use]
     pub fn table(&self) -> [String; 4] {
         let three = |from: usize| {
             [self.step, self.covariance.diagonal().map(f64::sqrt)]

@@ -39,7 +39,6 @@ impl Serialize for Fitness {
 
 impl Fitness {
     /// [`Fitness::Good`] up to `good`, [`Fitness::Mind`] up to `mind`, and beyond (or no number) [`Fitness::NotFit`].
-    #[must_use]
     pub fn within(value: f64, good: f64, mind: f64) -> Self {
         if value <= good {
             Self::Good
@@ -71,7 +70,6 @@ pub struct Measure {
 
 impl Measure {
     /// A measure of these words; the cure of a good one is left out.
-    #[must_use]
     pub fn new(
         name: &'static str,
         verdict: Fitness,
@@ -84,7 +82,6 @@ impl Measure {
     }
 
     /// Something that the data do not hold.
-    #[must_use]
     pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
         Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
     }
@@ -103,13 +100,11 @@ impl Measure {
     }
 
     /// True if a flight needs it and the data do not show it.
-    #[must_use]
     pub fn is_missing(&self) -> bool {
         self.verdict <= Fitness::Uncertain && self.motion.is_some()
     }
 
     /// The figure of this name.
-    #[must_use]
     pub fn figure(&self, name: &str) -> Option<f64> {
         self.figures.get(name).copied()
     }

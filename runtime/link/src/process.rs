@@ -40,7 +40,6 @@ pub struct LinkOptions {
 }
 
 /// True if there is anything to publish over Zenoh.
-#[must_use]
 pub fn has_network(config: &NetworkConfig, options: &LinkOptions) -> bool {
     let endpoints = Endpoints::of(config).and(&options.listen, &options.connect);
     options.publish || !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting
@@ -87,7 +86,6 @@ pub enum NetworkProcessError {
 
 impl NetworkProcessError {
     /// True if another attempt with the same configuration cannot succeed.
-    #[must_use]
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Net(error) => error.is_usage(),

@@ -61,7 +61,6 @@ pub struct Mavlink {
 
 impl Mavlink {
     /// Samples of `message`, which should come `rate_hz` times a second.
-    #[must_use]
     pub fn new(message: MavlinkImu, rate_hz: f64) -> Self {
         let id = match message {
             MavlinkImu::HighresImu => HIGHRES_IMU_DATA::ID,

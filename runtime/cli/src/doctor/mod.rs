@@ -79,7 +79,6 @@ pub struct DoctorArgs {
 
 impl DoctorArgs {
     /// Checks of this host and of the sensors of a configuration, with every option as by default.
-    #[must_use]
     pub fn live(config: PathBuf) -> Self {
         Self { config: Some(config), live: true, watch: 2.0, ..Self::default() }
     }

@@ -32,7 +32,6 @@ pub struct SensorNotices(Arc<Mutex<Vec<String>>>);
 
 impl SensorNotices {
     /// The notices.
-    #[must_use]
     pub fn read(&self) -> Vec<String> {
         self.0.lock().clone()
     }
@@ -89,13 +88,11 @@ impl SensorWatch {
     }
 
     /// Present faults of the sensors.
-    #[must_use]
     pub fn notices(&self) -> SensorNotices {
         self.notices.clone()
     }
 
     /// Faults of the inertial sensor and of the cameras at the last check.
-    #[must_use]
     pub fn troubles(&self) -> [SensorTrouble; 2] {
         self.troubles.lock().clone()
     }

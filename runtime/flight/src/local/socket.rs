@@ -80,13 +80,11 @@ impl LocalSocket {
     }
 
     /// Entrance for the network process.
-    #[must_use]
     pub fn link_door(&self) -> LinkDoor {
         LinkDoor { admissions: self.admissions.clone(), shared: Arc::clone(&self.shared) }
     }
 
     /// Where the state of live sensors is posted.
-    #[must_use]
     pub fn sensor_board(&self) -> SensorBoard {
         let shared = Arc::clone(&self.shared);
         SensorBoard::new(Arc::clone(&self.shared.sensors), move || shared.bell.ring())

@@ -18,7 +18,6 @@ pub struct LogEnd(Arc<Mutex<Option<String>>>);
 
 impl LogEnd {
     /// Place and reason of the break, in words.
-    #[must_use]
     pub fn words(&self) -> Option<String> {
         self.0.lock().clone()
     }
