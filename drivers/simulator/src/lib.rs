@@ -72,7 +72,7 @@ use imu::ImuModel;
 use lens::{Lens, TILE};
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
-use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
+use plumbline_drivers::{DriverError, ImuReading, ImuSource, StereoFrame, TruthState};
 use render::Renderer;
 use samples::Samples;
 use shot::Shot;
@@ -367,9 +367,5 @@ impl ImuSource for SimulatedImu {
         let reading = sample.map(|sample| ImuReading { sequence: self.next, sample: *sample });
         self.next += 1;
         Ok(reading)
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
     }
 }

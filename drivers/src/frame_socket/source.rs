@@ -282,10 +282,6 @@ impl StereoSource for SocketStereo {
         Ok(false)
     }
 
-    fn expected_frames(&self) -> Option<u64> {
-        None
-    }
-
     fn faults(&self) -> Faults {
         Faults {
             missing: self.numbering.missing(),

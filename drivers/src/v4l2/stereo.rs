@@ -319,10 +319,6 @@ impl StereoSource for V4l2Stereo {
         Ok(false)
     }
 
-    fn expected_frames(&self) -> Option<u64> {
-        None
-    }
-
     fn faults(&self) -> Faults {
         let sum = |of: fn(&Camera) -> u64| self.cameras.iter().map(of).sum::<u64>();
         Faults {

@@ -14,7 +14,6 @@ use plumbline_config::options::rows_from_isometry;
 use plumbline_config::{ConfigError, ImuSample, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimator, FrameInput};
 use std::collections::BTreeMap;
-use std::fmt;
 
 /// Fewest pieces of two seconds whose scatter tells how sure they are: 20 s.
 const LEAST_PIECES: usize = 10;
@@ -49,25 +48,6 @@ pub struct FoundRig {
     pub pieces: usize,
     /// Length of the recording, s.
     pub span_s: f64,
-}
-
-/// Readout of rolling shutters.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Readout {
-    /// Time from the first to the last row, s; 0 for a global shutter.
-    pub readout_s: f64,
-    /// Its standard deviation, s.
-    pub sigma_s: f64,
-}
-
-impl fmt::Display for Readout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [readout_ms, sigma_ms] = [self.readout_s, self.sigma_s].map(|s| 1e3 * s);
-        match self.readout_s {
-            0.0 => write!(f, "readout        none: a global shutter (one sigma {sigma_ms:.2} ms)"),
-            _ => write!(f, "readout        {readout_ms:.2} ms, one sigma {sigma_ms:.2} ms"),
-        }
-    }
 }
 
 /// Reason why there is no calibration.
@@ -156,21 +136,22 @@ impl ByHand {
         Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s() })
     }
 
-    /// Configuration with the readout that the recording shows, to calibrate by; 0 where it does not differ from that of a global shutter.
+    /// Configuration with the readout that the recording shows, from the first to the last row, to calibrate by; 0 where it does not differ
+    /// from that of a global shutter. The other number is its standard deviation, s.
     ///
     /// # Errors
     /// When the motion does not determine it; the message says what it lacks.
-    pub fn with_readout(&self) -> Result<(ValidConfig, Readout), RigError> {
+    pub fn with_readout(&self) -> Result<(ValidConfig, f64), RigError> {
         let [position, rotation, offset] = RIG;
         let (_, moved, covariance) = self.freed(&[READOUT_TIME, position, rotation, offset])?;
         let found_s = self.config.camera.first().map_or(0.0, |camera| camera.readout_s) + moved[0];
         let sigma_s = covariance[(0, 0)].sqrt();
         let is_none = found_s < LEAST_READOUT_S.max(SIGMAS * sigma_s);
-        let readout = Readout { readout_s: if is_none { 0.0 } else { found_s }, sigma_s };
+        let readout_s = if is_none { 0.0 } else { found_s };
         let config = self.config.with("calibrate rig", |config| {
-            config.camera.iter_mut().for_each(|camera| camera.readout_s = readout.readout_s);
+            config.camera.iter_mut().for_each(|camera| camera.readout_s = readout_s);
         })?;
-        Ok((config, readout))
+        Ok((config, sigma_s))
     }
 
     fn span_s(&self) -> f64 {

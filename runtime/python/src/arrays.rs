@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyByteArray, PyList, PyTuple};
+use pyo3::types::{PyByteArray, PyTuple};
 
 /// Function of the module `numpy`.
 fn numpy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -62,22 +62,7 @@ pub fn nanoseconds(value: &Bound<'_, PyAny>, name: &str) -> PyResult<i64> {
 
 /// Three numbers: a sequence, or an array of shape (3,).
 pub fn vector(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vector3<f64>> {
-    let py = value.py();
-    let wrong = || {
-        let message = format!("{name}: expected three numbers, got {}", kind_of(value));
-        ArgumentTypeError::new_err(message)
-    };
-    let list;
-    let sequence = if value.is_instance_of::<PyTuple>() || value.is_instance_of::<PyList>() {
-        value
-    } else if value.is_instance(ndarray(py)?)? {
-        list = value.call_method0("tolist")?;
-        &list
-    } else {
-        return Err(wrong());
-    };
-    let numbers: [f64; 3] = sequence.extract().map_err(|_| wrong())?;
-    Ok(Vector3::from(numbers))
+    Ok(checked(value.py(), "vector", (value, name))?.extract::<[f64; 3]>()?.into())
 }
 
 /// Result of a function of `plumbline._arguments`, which checks arguments.

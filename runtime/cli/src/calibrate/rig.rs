@@ -58,8 +58,12 @@ pub(super) fn run(args: &RigArgs) -> Result<()> {
     let told = || args.source.display().to_string();
     let mut recording = read(open(named)?)?;
     if args.readout {
-        let (config, readout) = recording.with_readout().with_context(told)?;
-        say(readout);
+        let (config, sigma_s) = recording.with_readout().with_context(told)?;
+        let found = match config.camera.first().map_or(0.0, |camera| 1e3 * camera.readout_s) {
+            0.0 => "none: a global shutter".to_owned(),
+            ms => format!("{ms:.2} ms"),
+        };
+        say(format_args!("readout        {found}, one sigma {:.2} ms", 1e3 * sigma_s));
         // Points are followed anew: they are lost where their rows are believed to be of another time.
         recording = read(open(Some(config))?)?;
     }

@@ -1,5 +1,6 @@
 """Arrays of arguments, checked, as the native part takes them."""
 
+from numbers import Real
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -12,6 +13,14 @@ def kind_of(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} and shape {value.shape}"
     return f"the float {value!r}" if isinstance(value, float) else type(value).__name__
+
+
+def vector(value: Any, name: str) -> Tuple[float, ...]:
+    """Three real numbers of a tuple, a list or an array."""
+    numbers = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(numbers, (tuple, list)) or len(numbers) != 3 or not all(isinstance(number, Real) for number in numbers):
+        raise ArgumentTypeError(f"{name}: expected three numbers, got {kind_of(value)}")
+    return tuple(map(float, numbers))
 
 
 def content(value: Any, name: str, width: Optional[int]) -> bytes:
