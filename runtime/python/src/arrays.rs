@@ -85,10 +85,13 @@ fn stamps_of(bytes: &[u8]) -> Vec<i64> {
     bytes.as_chunks().0.iter().copied().map(i64::from_ne_bytes).collect()
 }
 
+/// A stamp and its numbers.
+type Row<const A: usize, const B: usize> = (i64, [f64; A], [f64; B]);
+
 /// Stamps and rows of `A` and `B` numbers of three array-like values with their names, as many of each.
 pub fn rows<const A: usize, const B: usize>(
     [stamps, a, b]: [(&Bound<'_, PyAny>, &str); 3],
-) -> PyResult<Vec<(i64, [f64; A], [f64; B])>> {
+) -> PyResult<Vec<Row<A, B>>> {
     let arguments = [(stamps.0, stamps.1, None), (a.0, a.1, Some(A)), (b.0, b.1, Some(B))];
     let [stamps, a, b]: [Vec<u8>; 3] = checked(stamps.0.py(), "rows", (arguments.to_vec(),))?.extract()?;
     let rows = stamps_of(&stamps).into_iter().zip(numbers(&a)).zip(numbers(&b));
