@@ -26,6 +26,7 @@ const MAX_WAIT_S: f64 = 3e9;
 #[pyclass(frozen, module = "plumbline._native")]
 pub struct Connection {
     local: Mutex<Option<Local>>,
+    #[pyo3(get)]
     may_command: bool,
 }
 
@@ -77,11 +78,6 @@ impl Connection {
         });
         let local = connected.map_err(|error| lost(&error))?;
         Ok(Self { may_command: local.may_command(), local: Mutex::new(Some(local)) })
-    }
-
-    #[getter]
-    fn may_command(&self) -> bool {
-        self.may_command
     }
 
     /// Next odometry or estimate with the count of losses so far; the first is `None` when none came in time, and the whole is

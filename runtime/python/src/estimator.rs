@@ -7,7 +7,7 @@ use crate::image::LentImage;
 use crate::table::state;
 use nalgebra::Vector3;
 use plumbline_config::options::image_sizes;
-use plumbline_config::{ImuSample, Timestamp, ValidConfig};
+use plumbline_config::{ImuSample, Timestamp};
 use plumbline_estimator::{Estimator, FrameInput, ResetKind};
 use plumbline_record::digest::Digest;
 use pyo3::prelude::*;
@@ -27,7 +27,9 @@ struct State {
 /// One object serves one thread at a time: a call while another thread is in one raises `BusyError`.
 #[pyclass(frozen, name = "Estimator", module = "plumbline")]
 pub struct PyEstimator {
-    config: ValidConfig,
+    /// Configuration of the estimator.
+    #[pyo3(get)]
+    config: PyConfig,
     state: Mutex<State>,
 }
 
@@ -50,11 +52,11 @@ impl PyEstimator {
         camera: usize,
     ) -> PyResult<Option<LentImage>> {
         let Some(image) = image else { return Ok(None) };
-        if camera >= self.config.camera.len() {
+        if camera >= self.config.config.camera.len() {
             let message = format!("{name}: the configuration has one camera; leave it out");
             return Err(ArgumentError::new_err(message));
         }
-        LentImage::of(image, name, image_sizes(&self.config.camera)[camera]).map(Some)
+        LentImage::of(image, name, image_sizes(&self.config.config.camera)[camera]).map(Some)
     }
 }
 
@@ -86,13 +88,7 @@ impl PyEstimator {
     fn new(py: Python<'_>, config: &Bound<'_, PyAny>) -> PyResult<Self> {
         let config = config_of(config)?;
         let estimator = py.detach(|| Estimator::new(config.setup()));
-        Ok(Self { config, state: Mutex::new(State { estimator, digest: Digest::default() }) })
-    }
-
-    /// Configuration of the estimator.
-    #[getter]
-    fn config(&self) -> PyConfig {
-        self.config.clone().into()
+        Ok(Self { config: config.into(), state: Mutex::new(State { estimator, digest: Digest::default() }) })
     }
 
     /// Adds an inertial sample.
@@ -205,6 +201,6 @@ impl PyEstimator {
     }
 
     fn __repr__(&self) -> String {
-        format!("<plumbline.Estimator of {} camera(s)>", self.config.camera.len())
+        format!("<plumbline.Estimator of {} camera(s)>", self.config.config.camera.len())
     }
 }

@@ -39,21 +39,10 @@ fn health_bits() -> Vec<(u32, &'static str)> {
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::config::PyConfig;
-    #[pymodule_export]
-    use super::connection::Connection;
-    #[pymodule_export]
-    use super::estimator::PyEstimator;
-    #[pymodule_export]
-    use super::evaluate::{evaluate_trajectories, read_trajectory};
-    #[pymodule_export]
-    use super::health_bits;
-    #[pymodule_export]
-    use super::log::read_log;
-    #[pymodule_export]
-    use super::recording::Recording;
-    #[pymodule_export]
-    use super::replay::replay;
+    use super::{
+        config::PyConfig, connection::Connection, estimator::PyEstimator, evaluate::evaluate_trajectories,
+        evaluate::read_trajectory, health_bits, log::read_log, recording::Recording, replay::replay,
+    };
 
     /// Version of the package.
     #[pymodule_export]
