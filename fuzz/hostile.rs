@@ -5,7 +5,6 @@
 const DICTIONARY: &str = include_str!("dictionaries/zenoh_transport.dict");
 
 /// Entries of the dictionary as bytes: `name="\xNN..."` a line.
-#[must_use]
 pub fn dictionary() -> Vec<Vec<u8>> {
     let quoted = |line: &'static str| line.split_once('"')?.1.strip_suffix('"');
     let bytes =
@@ -14,7 +13,6 @@ pub fn dictionary() -> Vec<Vec<u8>> {
 }
 
 /// A number of the wire: seven bits a byte, the ninth byte has eight.
-#[must_use]
 pub fn number(mut number: u64) -> Vec<u8> {
     let mut bytes = Vec::new();
     while number > 0x7f && bytes.len() < 8 {
@@ -26,13 +24,11 @@ pub fn number(mut number: u64) -> Vec<u8> {
 }
 
 /// An OAM message of link states around this body.
-#[must_use]
 pub fn link_states(body: &[u8]) -> Vec<u8> {
     [&[0x5f, 0x01][..], &number(body.len() as u64), body].concat()
 }
 
 /// Bodies of link states that once made a router deaf, or ended it: a list, the links of a node and the number of a node.
-#[must_use]
 pub fn hostile_link_states() -> Vec<Vec<u8>> {
     let zid = [0x0f_u8; 16];
     let node = |psid: u64| [&[1, 1][..], &number(psid), &[1, 16], &zid, &[0]].concat();
@@ -49,7 +45,6 @@ pub fn hostile_link_states() -> Vec<Vec<u8>> {
 
 /// Messages of every kind as they should be: declarations of a key, a subscriber, a queryable and a token, an end of one, an
 /// interest, a query, an answer and its end, a sample, an OAM message of each form.
-#[must_use]
 pub fn messages() -> Vec<Vec<u8>> {
     let key = |header: &[u8]| [header, &[5], b"a/b/c"].concat();
     vec![
@@ -79,7 +74,6 @@ pub struct Hostile {
 
 impl Hostile {
     /// Draws from this seed on.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self { state: seed, messages: messages(), dictionary: dictionary() }
     }

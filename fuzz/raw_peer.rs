@@ -106,7 +106,6 @@ fn cookie(batch: &[u8]) -> Option<&[u8]> {
 }
 
 /// A declaration of a key expression under a number, behind the one that `scope` stands for (0: none).
-#[must_use]
 pub fn declare_key(id: u64, scope: u64, suffix: &str) -> Vec<u8> {
     let mut message = vec![DECLARE, NAMED];
     put_number(&mut message, id);

@@ -16,7 +16,6 @@ const NOISE_RATIO: f64 = 2.0;
 
 impl Config {
     /// Values that are valid, and yet probably a mistake: a sentence for each, with its key.
-    #[must_use]
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts: Vec<String> = self.camera.iter().enumerate().flat_map(of_camera).collect();
         if let [left, right, ..] = self.camera.as_slice() {

@@ -61,7 +61,6 @@ pub enum ConfigError {
 
 impl ConfigError {
     /// The refused keys; empty for errors of another kind.
-    #[must_use]
     pub fn violations(&self) -> &[Violation] {
         match self {
             Self::Invalid { violations, .. } => violations,

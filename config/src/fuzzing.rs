@@ -2,7 +2,7 @@
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
-use crate::import::{euroc_texts, kalibr_texts, rig_text};
+use crate::import::fuzzing::{euroc_texts, kalibr_texts, rig_text};
 use crate::options::{AutopilotEndpoint, ImuEndpoint, SerialLine};
 use crate::validate::is_endpoint;
 use crate::{Config, ConfigError, ValidConfig};
@@ -75,7 +75,7 @@ fn serial_line(text: &str, line: &SerialLine) {
 pub fn import_zed(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     check(
-        crate::import::zed_text_into(preset("zed-mini"), text, "fuzz")
+        crate::import::zed::zed_text_into(preset("zed-mini"), text, "fuzz")
             .and_then(|config| config.validated("fuzz")),
     );
 }

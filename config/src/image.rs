@@ -13,33 +13,28 @@ pub struct GrayImage {
 
 impl GrayImage {
     /// A black image of `width` x `height` pixels.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0; width * height] }
     }
 
     /// Takes `pixels` (row-major, `width * height` of them); `None` when their number differs.
-    #[must_use]
     pub fn from_pixels(width: usize, height: usize, pixels: Vec<u8>) -> Option<Self> {
         (pixels.len() == width * height).then_some(Self { width, height, pixels })
     }
 
     /// Width in pixels.
-    #[must_use]
     #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
-    #[must_use]
     #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// The pixels, row-major.
-    #[must_use]
     #[inline]
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
@@ -52,7 +47,6 @@ impl GrayImage {
     }
 
     /// A borrowed view of the whole image.
-    #[must_use]
     #[inline]
     pub fn view(&self) -> ImageView<'_> {
         ImageView { width: self.width, height: self.height, stride: self.width, pixels: &self.pixels }
@@ -123,14 +117,12 @@ impl<'a> ImageView<'a> {
     }
 
     /// Width in pixels.
-    #[must_use]
     #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
-    #[must_use]
     #[inline]
     pub fn height(&self) -> usize {
         self.height
@@ -140,7 +132,6 @@ impl<'a> ImageView<'a> {
     ///
     /// # Panics
     /// When `y` is not less than the height.
-    #[must_use]
     #[inline]
     pub fn row(&self, y: usize) -> &'a [u8] {
         assert!(y < self.height, "row {y} of {}", self.height);
@@ -151,7 +142,6 @@ impl<'a> ImageView<'a> {
     ///
     /// # Panics
     /// When the buffer ends before it; a column beyond `width` is padding.
-    #[must_use]
     #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> u8 {
         self.pixels[y * self.stride + x]
@@ -180,14 +170,12 @@ pub struct StereoFrame {
 
 impl StereoFrame {
     /// Buffers for a rig of up to two cameras, sizes in pixels (0x0 for a camera that is not there).
-    #[must_use]
     pub fn new(sizes_px: [(usize, usize); 2]) -> Self {
         let images = sizes_px.map(|(width, height)| GrayImage::new(width, height));
         Self { sequence: 0, stamp: Timestamp::default(), images, valid: [false; 2] }
     }
 
     /// The image of camera `index`, if it arrived.
-    #[must_use]
     pub fn image(&self, index: usize) -> Option<ImageView<'_>> {
         self.valid[index].then(|| self.images[index].view())
     }

@@ -88,7 +88,6 @@ impl Config {
 
     /// As [`Self::to_toml`], with the comment of every key. Keys for experiments are there `with_experiments`, and where one of them
     /// differs from its default. `header` is the first comment.
-    #[must_use]
     pub fn to_commented_toml(&self, header: &str, with_experiments: bool) -> String {
         let comment = format!("# {header}");
         let short = file::full(self, &comment, false);

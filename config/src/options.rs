@@ -96,13 +96,11 @@ pub struct Config {
 
 impl Config {
     /// These sensors, and the defaults for all else.
-    #[must_use]
     pub fn with_defaults(camera: Vec<CameraConfig>, imu: ImuConfig) -> Self {
         Self::with_required(camera, imu)
     }
 
     /// The part that concerns the estimator: cameras, IMU, rig, capacities and thresholds.
-    #[must_use]
     pub fn setup(&self) -> EstimatorSetup {
         EstimatorSetup {
             camera: self.camera.clone(),

@@ -16,7 +16,6 @@ pub struct ImuSample {
 
 impl ImuSample {
     /// True if every component is a finite number.
-    #[must_use]
     #[inline]
     pub fn is_finite(&self) -> bool {
         self.gyro.iter().chain(self.accel.iter()).all(|x| x.is_finite())

@@ -17,7 +17,6 @@ impl Timestamp {
     pub const MAX: Self = Self(i64::MAX);
 
     /// The stamp `nanos` after the origin of the time axis.
-    #[must_use]
     pub const fn from_nanos(nanos: i64) -> Self {
         Self(nanos)
     }

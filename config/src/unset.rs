@@ -10,7 +10,6 @@ pub const MARK: &str = "CHANGE-ME";
 impl Config {
     /// Keys that still hold the placeholder of a preset. Such a configuration is valid, and can be completed, but no sensor
     /// can be opened by it.
-    #[must_use]
     pub fn unset_keys(&self) -> Vec<Violation> {
         let mut found = Vec::new();
         if let Ok(table) = Table::try_from(self) {

@@ -18,7 +18,6 @@ pub struct ValidSetup(EstimatorSetup);
 
 impl ValidSetup {
     /// The left camera: validation has seen to it that there is one.
-    #[must_use]
     #[inline]
     pub fn left(&self) -> &CameraConfig {
         &self.0.camera[0]
@@ -70,7 +69,6 @@ impl PartialEq for ValidConfig {
 
 impl ValidConfig {
     /// The part that concerns the estimator.
-    #[must_use]
     #[inline]
     pub fn setup(&self) -> &ValidSetup {
         &self.setup
@@ -99,7 +97,6 @@ impl ValidConfig {
     }
 
     /// File, preset or other origin.
-    #[must_use]
     pub fn origin(&self) -> &str {
         &self.origin
     }

@@ -26,7 +26,6 @@ pub struct BagTopics {
 
 /// True if there may be a bag at `path`: a file with the ending of one, or a directory with a description or
 /// such files.
-#[must_use]
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() {
         return path.join(METADATA).is_file() || !listed(path).is_empty();

@@ -62,7 +62,6 @@ pub enum CameraMonitor {
 
 impl CameraMonitor {
     /// Reasons why left and right camera bring nothing; `None` while they do.
-    #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         match self {
             Self::V4l2(monitor) => monitor.trouble(),
@@ -73,7 +72,6 @@ impl CameraMonitor {
 
 impl CameraMonitor {
     /// Stamps of the frames, and what is wrong with them.
-    #[must_use]
     pub fn stamps(&self) -> (StampFigures, Option<StampProblem>) {
         match self {
             Self::V4l2(monitor) => {

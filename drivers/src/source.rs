@@ -40,7 +40,9 @@ pub trait ImuSource: Send {
     fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError>;
 
     /// Faults survived so far.
-    fn faults(&self) -> Faults;
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
 }
 
 /// A stream of stereo (or monocular) frames in order of measurement time.
@@ -58,10 +60,14 @@ pub trait StereoSource: Send {
     }
 
     /// Frames the stream will hold in all, where that is known (for progress bars).
-    fn expected_frames(&self) -> Option<u64>;
+    fn expected_frames(&self) -> Option<u64> {
+        None
+    }
 
     /// Faults survived so far.
-    fn faults(&self) -> Faults;
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
 }
 
 impl<S: ImuSource + ?Sized> ImuSource for Box<S> {

@@ -15,13 +15,11 @@ impl StopFlag {
     pub const PATIENCE_MS: u32 = 50;
 
     /// A flag that is not set.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
     /// Wraps a flag that is set elsewhere, such as by a signal handler.
-    #[must_use]
     pub fn of(flag: Arc<AtomicBool>) -> Self {
         Self(flag)
     }
@@ -32,7 +30,6 @@ impl StopFlag {
     }
 
     /// True once a stop was requested.
-    #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }

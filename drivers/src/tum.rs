@@ -98,7 +98,6 @@ pub(crate) fn unit_quaternion(w: f64, x: f64, y: f64, z: f64) -> Option<UnitQuat
 
 /// Decimal seconds as nanoseconds, exactly; further decimals are rounded half away from zero.
 /// Understands `1403638538.577829376`, fewer decimals, and `1.403638538577829e+09`.
-#[must_use]
 pub fn parse_seconds(text: &str) -> Option<Timestamp> {
     let (mantissa, exponent) = match text.find(['e', 'E']) {
         Some(at) => (&text[..at], text[at + 1..].parse::<i32>().ok()?),

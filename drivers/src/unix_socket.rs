@@ -58,7 +58,6 @@ impl Drop for SocketFile {
 
 /// True if a process listens on the socket at `path`, even one that accepts nobody and whose queue is full.
 /// Does not block.
-#[must_use]
 pub fn is_served(path: &Path) -> bool {
     let connected = SocketAddrUnix::new(path).and_then(|address| {
         let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;

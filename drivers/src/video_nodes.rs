@@ -52,7 +52,6 @@ pub struct UsbCamera {
 }
 
 /// Nodes of cameras, in order of their stable names; those without one come first.
-#[must_use]
 pub fn video_nodes(tree: &DeviceTree) -> Vec<VideoNode> {
     let links = stable_links(&tree.root.join("dev/v4l/by-path"));
     let folders = entries(&tree.root.join("sys/class/video4linux"));
@@ -62,7 +61,6 @@ pub fn video_nodes(tree: &DeviceTree) -> Vec<VideoNode> {
 }
 
 /// Cameras on USB, in order of their folders.
-#[must_use]
 pub fn usb_cameras(tree: &DeviceTree) -> Vec<UsbCamera> {
     let mut cameras: Vec<UsbCamera> = Vec::new();
     for node in video_nodes(tree) {
@@ -81,7 +79,6 @@ pub fn usb_cameras(tree: &DeviceTree) -> Vec<UsbCamera> {
 
 impl VideoNode {
     /// Number of the USB interface.
-    #[must_use]
     pub fn interface(&self) -> Option<u8> {
         self.usb.as_ref().map(|(_, interface)| *interface)
     }

@@ -4,7 +4,6 @@ use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use plumbline_client::Local;
 use plumbline_config::Config;
 use plumbline_estimator::ResetKind;
-use plumbline_flight::flight::Output as _;
 use plumbline_flight::local::LocalSocket;
 use plumbline_flight::local::record::Kinds;
 use plumbline_flight::local::request::{Request, RequestStatus};
@@ -418,7 +417,7 @@ mod realtime {
             20,
             Duration::from_millis(100),
         );
-        Box::new(socket).stop();
+        drop(socket);
         let got = reading.join().unwrap();
         println!("{got:?}");
         assert!(got.p50_us <= 100.0 && got.p99_us <= 300.0, "{got:?}");

@@ -3,7 +3,6 @@
 use super::vehicle::{PLUMBLINE, Page, Running, eventually, flight, free_port, render};
 use plumbline_config::{Config, Timestamp};
 use plumbline_estimator::{Estimate, NavCovariance, Odometry, TrackingState};
-use plumbline_flight::flight::Output as _;
 use plumbline_flight::local::LocalSocket;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
@@ -162,7 +161,7 @@ fn a_client_with_default_settings_receives_every_answer() {
         }
         let _ = session.close().await;
     });
-    publisher.stop();
+    drop(publisher);
 }
 
 /// The other side has time for what it does on a busy machine.
@@ -242,7 +241,7 @@ fn watched(vehicles: u32, seconds: u32) -> Value {
     });
     station.wait_for_silence();
     let report = station.finish();
-    publishers.into_iter().for_each(|(publisher, _)| publisher.stop());
+    drop(publishers);
     report
 }
 
@@ -323,7 +322,7 @@ fn measured_latency(seconds: u32) -> Latency {
     let mut tick = socket.listener(Producer::Tick);
     send_at_200_hz(|odometry| tick.said(&Said::Odometry(odometry)), seconds, Duration::ZERO);
     station.wait_for_silence();
-    Box::new(socket).stop();
+    drop(socket);
     drop(link);
     let report = station.finish();
     let vehicle = &report["vehicles"]["v0"];

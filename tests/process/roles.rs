@@ -432,7 +432,7 @@ fn network_nobody_commands_through_a_router_of_the_vehicles_host() {
         let _ = somebody.close().await;
         outcome
     });
-    drone.stop();
+    drop(drone);
     let _ = runtime.block_on(async { router.close().await });
     let words = outcome.unwrap_err();
     assert!(words.contains("without authentication"), "{words}");
@@ -470,7 +470,7 @@ fn network_somebody_who_answers_everything_reports_no_command_as_done() {
         assert!(heard.has("asked"), "the rogue was asked");
         outcome
     });
-    drone.stop();
+    drop(drone);
     let words = outcome.unwrap_err();
     assert!(words.contains("no frame has arrived since"), "{words}");
 }

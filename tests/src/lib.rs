@@ -7,20 +7,17 @@ use plumbline_simulator::{FlightPath, Scenario, Scene};
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.
-#[must_use]
 pub fn shared(what: &str) -> Option<PathBuf> {
     plumbline_test_support::shared(what).and_then(|_| plumbline_test_support::shared(""))
 }
 
 /// A simulated flight along a real trajectory, from 15 s into it.
-#[must_use]
 pub fn along(path: &str, scene: Scene, duration_s: f64) -> Option<Scenario> {
     let file = shared("euroc/trajectories")?.join(format!("euroc/trajectories/{path}.tum.gz"));
     Some(Scenario { scene, path: FlightPath::Tum(file), start_s: 15.0, duration_s, ..Scenario::default() })
 }
 
 /// Flies as fast as it goes, and sums the flight up.
-#[must_use]
 pub fn reported(flight: Flight) -> Report {
     let options = RunOptions { speed: None, threads: 2 };
     let report = Report::new(&fly(flight, &options, &Control::default(), vec![]).expect("it flies"));

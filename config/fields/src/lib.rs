@@ -44,7 +44,6 @@ pub enum Value<'a> {
 
 impl<'a> Value<'a> {
     /// Value of real numbers.
-    #[must_use]
     pub const fn floats(numbers: &'a [f64]) -> Self {
         Self::Floats([numbers, &[]])
     }
@@ -131,7 +130,6 @@ pub struct Outline {
 
 impl Outline {
     /// Message of a type.
-    #[must_use]
     pub const fn of<T: Record>() -> Self {
         Self {
             name: T::NAME,
@@ -217,7 +215,6 @@ impl<T> Copy for Field<T> {}
 
 impl<T> Field<T> {
     /// A field of this number, name, and name in the schema.
-    #[must_use]
     pub const fn new(
         (tag, name, wire, about): (u32, &'static str, &'static str, &'static str),
         shape: Shape,
@@ -320,7 +317,6 @@ pub trait Parts {
 }
 
 /// Measurement time of a record: that of its field `stamp_ns`, if it has one.
-#[must_use]
 pub fn stamp_of(record: &dyn Parts) -> Option<Timestamp> {
     let mut stamp = None;
     record.visit(&mut |about, value| match value {
@@ -409,7 +405,6 @@ pub trait FieldContent {
 }
 
 /// Form of what `place` points to.
-#[must_use]
 pub const fn shape_of<T, P: FieldContent>(_place: fn(&T) -> &P) -> Shape {
     P::SHAPE
 }

@@ -34,7 +34,6 @@ pub struct StampFigures {
 
 impl StampFigures {
     /// Frames or samples whose stamps were of no use.
-    #[must_use]
     pub fn bad(&self) -> u64 {
         self.restamped + self.refused
     }

@@ -58,7 +58,6 @@ macro_rules! lens_models {
             pub const MODELS: [&'static str; [$($name),*].len()] = [$($name),*];
 
             /// Distorted normalized coordinates of the ideal ones, and the derivative of the former by the latter.
-            #[must_use]
             #[inline]
             pub fn distort(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
                 match *self {
@@ -68,7 +67,6 @@ macro_rules! lens_models {
 
             /// Ideal normalized coordinates of distorted ones; `None` where the model has no inverse on the branch that holds the
             /// image, or one further than 89.4 degrees from the optical axis.
-            #[must_use]
             #[inline]
             pub fn undistort(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
                 match *self {
@@ -79,7 +77,6 @@ macro_rules! lens_models {
             /// True if ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
             /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
             /// beyond the image; what lies there would be projected into the image falsely.
-            #[must_use]
             #[inline]
             pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
                 let r2 = xy.norm_squared();
@@ -89,7 +86,6 @@ macro_rules! lens_models {
             }
 
             /// Derivatives of the distorted coordinates by the coefficients, in the order of [`Self::coefficients`].
-            #[must_use]
             pub fn by_coefficients(&self, xy: &Vector2<f64>) -> Vec<Vector2<f64>> {
                 match *self {
                     $(Self::$model { $($k),* } => $module::by_coefficients(xy, [$($k),*]).to_vec(),)*
@@ -97,7 +93,6 @@ macro_rules! lens_models {
             }
 
             /// Name of the model, as configurations have it.
-            #[must_use]
             pub fn model(&self) -> &'static str {
                 match self {
                     $(Self::$model { .. } => $name,)*
@@ -105,7 +100,6 @@ macro_rules! lens_models {
             }
 
             /// Coefficients with their names, in the order in which the literature and calibration files list them.
-            #[must_use]
             pub fn coefficients(&self) -> Vec<(&'static str, f64)> {
                 match *self {
                     $(Self::$model { $($k),* } => vec![$((stringify!($k), $k)),*],)*
@@ -113,7 +107,6 @@ macro_rules! lens_models {
             }
 
             /// Model of the same kind with `coefficients`, in the order of [`Self::coefficients`]. Default of missing ones: 0.
-            #[must_use]
             pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
                 let mut given = coefficients.iter().copied();
                 match self {
@@ -198,7 +191,6 @@ lens_models! {
 impl Distortion {
     /// Angle from the optical axis beyond which the model folds back or ends, rad; `None` where it grows as far as pixels are
     /// unprojected.
-    #[must_use]
     pub fn fold_rad(&self) -> Option<f64> {
         match *self {
             Self::Equidistant { k1, k2, k3, k4 } => equidistant::fold_rad([k1, k2, k3, k4]),
@@ -231,14 +223,12 @@ pub struct CameraModel {
 impl CameraModel {
     /// Pixel of a point in the camera frame; `None` behind or on the camera's plane, and further from the
     /// optical axis than the lens model reaches (see [`Distortion::is_regular`]). The pixel may lie outside the image: see [`Self::contains`].
-    #[must_use]
     #[inline]
     pub fn project(&self, p_c: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.project_with_jacobian(p_c).map(|(px, _)| px)
     }
 
     /// As [`Self::project`], with the derivative of the pixel by the point (px/m).
-    #[must_use]
     #[inline]
     pub fn project_with_jacobian(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         if p_c.z.is_nan() || p_c.z < MIN_DEPTH_M {
@@ -256,7 +246,6 @@ impl CameraModel {
 
     /// Pixel of ideal normalized coordinates, with its derivative (px per unit); as the formula says, also
     /// beyond the reach of the lens model.
-    #[must_use]
     #[inline]
     pub fn project_normalized(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (distorted, jacobian) = self.distortion.distort(xy);
@@ -266,7 +255,6 @@ impl CameraModel {
 
     /// Ideal normalized coordinates of a pixel; `None` where the model has no inverse on the branch that
     /// holds the image (see [`Distortion::is_regular`]), and of a pixel that is not a number.
-    #[must_use]
     #[inline]
     pub fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         self.distortion.undistort(&(px - self.centre_px).component_div(&self.focal_px))
@@ -274,7 +262,6 @@ impl CameraModel {
 
     /// True if a pixel has a direction by the lens model, although one further than 89.4 degrees from the optical axis is not
     /// used. Where the model folds back, pixels have none.
-    #[must_use]
     pub fn has_direction(&self, px: &Vector2<f64>) -> bool {
         if self.unproject(px).is_some() {
             return true;
@@ -289,7 +276,6 @@ impl CameraModel {
     }
 
     /// True if a pixel lies inside the image, at least `border_px` from its edge.
-    #[must_use]
     #[inline]
     pub fn contains(&self, px: &Vector2<f64>, border_px: f64) -> bool {
         px.x >= border_px

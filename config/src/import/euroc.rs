@@ -83,7 +83,7 @@ pub(super) fn read(base: Config, directory: &Path) -> Result<Import, ConfigError
         .put_into(base, &directory.display().to_string())
 }
 
-fn calibration(cameras: Vec<CameraConfig>, imu: &File) -> Result<Calibration, ConfigError> {
+pub(super) fn calibration(cameras: Vec<CameraConfig>, imu: &File) -> Result<Calibration, ConfigError> {
     let imu: Imu = imu.get()?;
     let noise = [
         imu.gyroscope_noise_density,
@@ -115,12 +115,12 @@ fn file(directory: &Path, layout: &str, sensor: &str) -> PathBuf {
     directory.join(layout.replace("{}", sensor))
 }
 
-fn pose(file: &File) -> Result<Isometry3<f64>, ConfigError> {
+pub(super) fn pose(file: &File) -> Result<Isometry3<f64>, ConfigError> {
     let at = At { file, path: "" };
     at.rigid("T_BS", &file.get::<Sensor>()?.pose.ok_or_else(|| at.missing("T_BS"))?)
 }
 
-fn camera(file: &File, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
+pub(super) fn camera(file: &File, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
     let pose_b_s = pose(file)?;
     let camera: Camera = file.get()?;
     let at = At { file, path: "" };
@@ -132,11 +132,4 @@ fn camera(file: &File, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, Conf
         _ => rows_from_isometry(&(pose_b_imu.inverse() * pose_b_s)),
     };
     Ok(config)
-}
-
-/// Reads the texts as the files of a data set; for tests that never touch the disk.
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) fn from_texts(base: Config, cam0: &str, imu0: &str) -> Result<Import, ConfigError> {
-    let (cam0, imu0) = (File::parse(cam0, "cam0")?, File::parse(imu0, "imu0")?);
-    calibration(vec![camera(&cam0, &pose(&imu0)?)?], &imu0)?.put_into(base, "texts")
 }

@@ -85,7 +85,7 @@ pub(super) fn read(base: Config, camchain: &Path, imu: &Path) -> Result<Import, 
     convert(base, &File::read(camchain)?, &File::read(imu)?)
 }
 
-fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigError> {
+pub(super) fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigError> {
     check_exchanged(camchain, imu)?;
     for (file, expected) in [(camchain, CAMCHAIN), (imu, IMU)] {
         // A file of Kalibr with more in it is still one.
@@ -242,11 +242,4 @@ fn inertial(file: &File) -> Result<(f64, [f64; 4]), ConfigError> {
         imu.accelerometer_random_walk,
     ];
     Ok((imu.update_rate, noise))
-}
-
-/// Reads texts instead of files; for tests that never touch the disk.
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) fn from_texts(base: Config, camchain: &str, imu: &str) -> Result<Import, ConfigError> {
-    let camchain = File::parse(camchain, "camchain.yaml")?;
-    convert(base, &camchain, &File::parse(imu, "imu.yaml")?)
 }

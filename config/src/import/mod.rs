@@ -13,24 +13,17 @@
 mod basalt;
 mod euroc;
 mod file;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) mod fuzzing;
 mod kalibr;
 mod lens;
 mod orb_slam;
 mod rig;
 mod vins;
-mod zed;
+pub(crate) mod zed;
 
 pub use euroc::{euroc_cameras_into, euroc_into, euroc_pose};
 pub use zed::zed_into;
-
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) use euroc::from_texts as euroc_texts;
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) use kalibr::from_texts as kalibr_texts;
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) use rig::from_text as rig_text;
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) use zed::zed_text_into;
 
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config, Mounting, VehicleConfig, rows_from_isometry};

@@ -42,7 +42,7 @@ pub(super) fn read(base: Config, path: &Path) -> Result<Import, ConfigError> {
     convert(base, &file, |name| File::read(&beside(name)))
 }
 
-fn convert(
+pub(super) fn convert(
     base: Config,
     file: &File,
     read: impl Fn(&Path) -> Result<File, ConfigError>,
@@ -59,11 +59,4 @@ fn convert(
         return Err(file.other(EXPECTED));
     };
     calibration.put_into(base, &file.origin)
-}
-
-/// Reads a text into `base`; every file that it names is `camera`. For tests that never touch the disk.
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) fn from_text(base: Config, text: &str, camera: &str) -> Result<Import, ConfigError> {
-    let file = File::parse(text, "rig.yaml")?;
-    convert(base, &file, |name| File::parse(camera, &name.display().to_string()))
 }

@@ -26,7 +26,6 @@ impl LocalConfig {
     pub const MAX_PATH_BYTES: usize = 100;
 
     /// Permission bits of the socket; `None` where the text is no octal number of permissions.
-    #[must_use]
     pub fn mode_bits(&self) -> Option<u32> {
         let digits = self.mode.strip_prefix("0o").unwrap_or(&self.mode);
         let is_octal = !digits.is_empty() && digits.bytes().all(|b| (b'0'..=b'7').contains(&b));

@@ -25,7 +25,6 @@ pub enum Mask {
 
 impl Mask {
     /// The pixels; `None` while the picture has not been read.
-    #[must_use]
     pub fn pixels(&self) -> Option<&PixelMask> {
         match self {
             Self::Picture(_) => None,
@@ -44,7 +43,6 @@ pub struct PixelMask {
 
 impl PixelMask {
     /// The mask of a size, by a function that says of column and row whether they are looked at.
-    #[must_use]
     pub fn of(width_px: usize, height_px: usize, is_seen: impl Fn(usize, usize) -> bool) -> Self {
         let (mut runs, mut seen, mut length) = (Vec::new(), true, 0);
         for pixel in (0..height_px).flat_map(|v| (0..width_px).map(move |u| (u, v))) {
@@ -59,13 +57,11 @@ impl PixelMask {
     }
 
     /// Width and height, px.
-    #[must_use]
     pub fn size_px(&self) -> (usize, usize) {
         (self.width_px, self.height_px)
     }
 
     /// Number of runs.
-    #[must_use]
     pub fn run_count(&self) -> usize {
         self.runs.len()
     }
@@ -77,14 +73,12 @@ impl PixelMask {
     }
 
     /// Share of the pixels that is looked at.
-    #[must_use]
     pub fn seen_share(&self) -> f64 {
         let seen: u64 = self.runs.iter().step_by(2).map(|length| u64::from(*length)).sum();
         seen as f64 / (self.width_px * self.height_px).max(1) as f64
     }
 
     /// This mask for images of another size, by the nearest pixel.
-    #[must_use]
     pub fn resized(&self, width_px: usize, height_px: usize) -> Self {
         let pixels: Vec<bool> = self.pixels().collect();
         let at = |k: usize, to: usize, from: usize| ((2 * k + 1) * from / (2 * to)).min(from - 1);

@@ -93,14 +93,12 @@ pub struct TlsConfig {
 
 impl TlsConfig {
     /// True if there are any.
-    #[must_use]
     pub fn is_given(&self) -> bool {
         [&self.authority, &self.certificate, &self.key].iter().any(|path| !path.as_os_str().is_empty())
     }
 }
 
 /// True if this names a certificate, such as `operator.1`, or all of a holder, such as `vehicle:drone`.
-#[must_use]
 pub fn is_certificate_name(text: &str) -> bool {
     let (holder, number) = text.rsplit_once('.').unwrap_or((text, "1"));
     let is_number = number.parse::<u32>().is_ok_and(|number| number > 0);

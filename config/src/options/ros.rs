@@ -90,7 +90,6 @@ pub enum RosStamp {
 
 impl RosConfig {
     /// The absolute namespace, `/` for none; `vehicle` is the name that stands in when none is given.
-    #[must_use]
     pub fn namespace(&self, vehicle: &str) -> String {
         if self.namespace.is_empty() {
             format!("/{}", vehicle.replace('-', "_"))

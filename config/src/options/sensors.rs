@@ -62,14 +62,12 @@ fn is_zero(value: &f64) -> bool {
 }
 
 /// Sizes of the images of left and right camera, px; (0, 0) for a camera that is not there.
-#[must_use]
 pub fn image_sizes(cameras: &[CameraConfig]) -> [(usize, usize); 2] {
     [0, 1].map(|k| cameras.get(k).map_or((0, 0), |camera| (camera.width_px, camera.height_px)))
 }
 
 impl CameraConfig {
     /// The camera model of this calibration.
-    #[must_use]
     #[inline]
     pub fn model(&self) -> CameraModel {
         CameraModel {
@@ -82,7 +80,6 @@ impl CameraConfig {
     }
 
     /// `pose_b_c` as a rigid transform (the rotation block made orthonormal).
-    #[must_use]
     #[inline]
     pub fn pose_b_c(&self) -> Isometry3<f64> {
         isometry_from_rows(&self.pose_b_c)
@@ -94,7 +91,6 @@ impl CameraConfig {
 /// The nearest rotation is found by the iteration `R <- R (3 - RᵀR) / 2` (Higham 1986), which squares the
 /// error in each step: from the 1e-3 that validation admits, three reach machine precision, and the fourth changes
 /// nothing but the last bit.
-#[must_use]
 #[inline]
 pub fn isometry_from_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
     let mut r = Matrix3::from_fn(|i, j| rows[i][j]);
@@ -106,7 +102,6 @@ pub fn isometry_from_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
 }
 
 /// The row-major 4x4 matrix of a rigid transform: the inverse of [`isometry_from_rows`].
-#[must_use]
 pub fn rows_from_isometry(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
     let matrix = pose.to_homogeneous();
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]))
@@ -177,7 +172,6 @@ pub struct ImuConfig {
 
 impl ImuConfig {
     /// A sensor of `(density, bias walk)` of the gyroscope and of the accelerometer, and the default limits.
-    #[must_use]
     pub fn with_noise(rate_hz: f64, gyro: (f64, f64), accel: (f64, f64)) -> Self {
         Self::with_required(rate_hz, gyro.0, gyro.1, accel.0, accel.1)
     }

@@ -23,7 +23,6 @@ pub struct EstimatorSetup {
 
 impl EstimatorSetup {
     /// These sensors, and the defaults for all else.
-    #[must_use]
     pub fn new(camera: Vec<CameraConfig>, imu: ImuConfig) -> Self {
         Self { camera, imu, rig: RigConfig::default(), estimator: EstimatorConfig::default() }
     }

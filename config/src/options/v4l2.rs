@@ -150,7 +150,6 @@ impl V4l2Control {
 
     /// A control's name as drivers spell it ("Power Line Frequency") in the spelling that is compared
     /// (`power_line_frequency`).
-    #[must_use]
     pub fn plain_name(name: &str) -> String {
         let words = name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
         words.collect::<Vec<_>>().join("_").to_ascii_lowercase()

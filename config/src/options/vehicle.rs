@@ -64,7 +64,6 @@ impl Mounting {
     pub const UNKNOWN: &'static str = "unknown";
 
     /// Mounting of this rotation from the IMU to the vehicle; angles are rounded to a thousandth of a degree.
-    #[must_use]
     pub fn of_rotation(rot_v_b: &UnitQuaternion<f64>) -> Self {
         let (roll, pitch, yaw) = rot_v_b.euler_angles();
         let rounded = |angle: f64| (angle.to_degrees() * 1e3).round() / 1e3;
@@ -73,7 +72,6 @@ impl Mounting {
     }
 
     /// Roll, pitch and yaw, degrees.
-    #[must_use]
     pub fn degrees(&self) -> Option<[f64; 3]> {
         match self {
             Self::Known(degrees) => Some(*degrees),
@@ -90,14 +88,12 @@ impl VehicleConfig {
                                     0.0]; `plumbline doctor --live` measures it";
 
     /// Mounting by roll, pitch and yaw, degrees.
-    #[must_use]
     pub fn mounted(imu_to_vehicle_deg: [f64; 3]) -> Self {
         Self { imu_to_vehicle_deg: Mounting::Known(imu_to_vehicle_deg) }
     }
 
     /// `R_VB`: takes coordinates from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up). `None` if
     /// the mounting is unknown.
-    #[must_use]
     pub fn rot_v_b(&self) -> Option<UnitQuaternion<f64>> {
         let [roll, pitch, yaw] = self.imu_to_vehicle_deg.degrees()?.map(f64::to_radians);
         Some(UnitQuaternion::from_euler_angles(roll, pitch, yaw))

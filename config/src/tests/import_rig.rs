@@ -3,7 +3,8 @@
 
 use super::{euroc, kalibr_texts, with};
 use crate::camera::Distortion;
-use crate::import::{Import, Source, read_into, rig_text};
+use crate::import::fuzzing::rig_text;
+use crate::import::{Import, Source, read_into};
 use crate::{CameraModel, ValidConfig};
 use nalgebra::{Isometry3, Vector2};
 

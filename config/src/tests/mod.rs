@@ -20,12 +20,12 @@ fn euroc() -> ValidConfig {
 
 /// The preset `euroc` with the calibration of Kalibr's files.
 fn kalibr_texts(camchain: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
-    import::kalibr_texts(euroc().into_inner(), camchain, imu).map(|import| import.config)
+    import::fuzzing::kalibr_texts(euroc().into_inner(), camchain, imu).map(|import| import.config)
 }
 
 /// The preset `euroc` with the calibration of the files of a data set.
 fn euroc_texts(camera: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
-    import::euroc_texts(euroc().into_inner(), camera, imu).map(|import| import.config)
+    import::fuzzing::euroc_texts(euroc().into_inner(), camera, imu).map(|import| import.config)
 }
 
 /// `text` with one occurrence of `from` replaced, which must be there.

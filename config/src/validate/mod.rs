@@ -37,7 +37,6 @@ const MIN_LEVEL_PX: usize = 16;
 
 impl EstimatorSetup {
     /// Violations by the values, ordered by part; empty when the setup is good.
-    #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = Vec::new();
         if !(1..=2).contains(&self.camera.len()) {
@@ -64,7 +63,6 @@ impl EstimatorSetup {
 
 impl Config {
     /// Violations by the values, ordered by part; empty when the configuration is good.
-    #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = self.setup().violations();
         // The first four are those of the setup.

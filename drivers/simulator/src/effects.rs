@@ -64,7 +64,6 @@ impl Default for Effects {
 
 impl Effects {
     /// A perfect camera.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             read_noise: 0.0,

@@ -75,7 +75,6 @@ impl Default for ImuEffects {
 
 impl ImuEffects {
     /// A perfect sensor: no noise, no bias.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             noise_scale: 0.0,

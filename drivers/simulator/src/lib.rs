@@ -72,7 +72,7 @@ use imu::ImuModel;
 use lens::{Lens, TILE};
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
-use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
+use plumbline_drivers::{DriverError, ImuReading, ImuSource, StereoFrame, TruthState};
 use render::Renderer;
 use samples::Samples;
 use shot::Shot;
@@ -160,43 +160,36 @@ impl Simulator {
     }
 
     /// The rig as simulated: the given one with the scenario's resolution.
-    #[must_use]
     pub fn config(&self) -> &Config {
         &self.inner.config
     }
 
     /// Simulated scenario.
-    #[must_use]
     pub fn scenario(&self) -> &Scenario {
         &self.inner.scenario
     }
 
     /// A stream of the inertial samples.
-    #[must_use]
     pub fn imu(&self) -> SimulatedImu {
         SimulatedImu { simulator: self.clone(), next: 0 }
     }
 
     /// A stream of the frames, with working memory of its own.
-    #[must_use]
     pub fn stereo(&self) -> SimulatedStereo {
         SimulatedStereo::new(self.clone())
     }
 
     /// Frames of the flight.
-    #[must_use]
     pub fn frame_count(&self) -> u64 {
         self.inner.frames
     }
 
     /// Cameras of the rig.
-    #[must_use]
     pub fn camera_count(&self) -> usize {
         self.inner.cameras.len()
     }
 
     /// Sizes of the images, px; 0x0 for a camera that is not there.
-    #[must_use]
     pub fn image_sizes(&self) -> [(usize, usize); 2] {
         let size = |camera: &(Lens, Sensor)| (camera.0.model.width_px, camera.0.model.height_px);
         [0, 1].map(|k| self.inner.cameras.get(k).map_or((0, 0), size))
@@ -204,19 +197,16 @@ impl Simulator {
 
     /// Time at which frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the
     /// middle row).
-    #[must_use]
     pub fn frame_time(&self, index: u64) -> Timestamp {
         self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)
     }
 
     /// Camera stamp of frame `index`.
-    #[must_use]
     pub fn frame_stamp(&self, index: u64) -> Timestamp {
         self.frame_time(index).plus_seconds(-self.inner.scenario.effects.time_offset_s)
     }
 
     /// Working memory for one thread that renders. The first one paints the world, which takes up to a second.
-    #[must_use]
     pub fn scratch(&self) -> RenderScratch {
         self.inner.world.paint();
         let sizes = self.image_sizes();
@@ -338,7 +328,6 @@ impl Simulator {
     }
 
     /// True state at `time` (of the inertial sensor's axis).
-    #[must_use]
     pub fn ground_truth(&self, time: Timestamp) -> TruthState {
         let motion = self.inner.flight.motion(time);
         let biases = self.inner.imu.biases(time);
@@ -357,7 +346,6 @@ impl Simulator {
     }
 
     /// The point of the world that pixel `px` of `camera` sees at `time` (of the inertial sensor's axis).
-    #[must_use]
     pub fn first_hit(&self, time: Timestamp, camera: usize, px: &Vector2<f64>) -> Option<Hit> {
         let lens = &self.inner.cameras.get(camera)?.0;
         let pose_w_c = self.pose_w_c(time, lens);
@@ -379,9 +367,5 @@ impl ImuSource for SimulatedImu {
         let reading = sample.map(|sample| ImuReading { sequence: self.next, sample: *sample });
         self.next += 1;
         Ok(reading)
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
     }
 }

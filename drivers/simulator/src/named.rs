@@ -89,7 +89,6 @@ impl<const IS_IMU: bool> Named<IS_IMU> {
     }
 
     /// One line for each kind: name, doses with units and defaults, and what it is.
-    #[must_use]
     pub fn help() -> String {
         let line = |kind: &NamedKind| {
             let doses = kind.doses.iter().map(|dose| format!("{} [{}]", dose.unit, dose.default));

@@ -4,7 +4,6 @@
 use plumbline_config::Random;
 
 /// Mixes 64 bits.
-#[must_use]
 pub(crate) const fn mix(value: u64) -> u64 {
     Random::new(value).next_bits()
 }

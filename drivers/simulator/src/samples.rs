@@ -26,7 +26,6 @@ pub enum Inertial {
 
 /// The file of the samples that were recorded along the trajectory `path`, in the folders of the shared data:
 /// `.../imu/NAME.csv.gz` for `.../trajectories/NAME.tum.gz`.
-#[must_use]
 pub fn recorded_along(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.split_once(".tum").map_or(&*name, |(name, _)| name);

@@ -42,7 +42,6 @@ impl FlightPath {
     pub const NAMES: [&str; 7] = ["demo", "hand-held", "hover", "drift", "carried", "yaws", "sweeps"];
 
     /// The built-in path of that name, else the path along that file.
-    #[must_use]
     pub fn named(name: &str) -> Self {
         match name {
             "demo" => Self::Demo,
@@ -183,7 +182,6 @@ impl Scenario {
     }
 
     /// True if the inertial samples are recorded ones, with which the path is reconciled.
-    #[must_use]
     pub fn has_recorded_samples(&self) -> bool {
         matches!(self.inertial, Inertial::Recorded(_))
     }
@@ -191,7 +189,6 @@ impl Scenario {
     /// The rig that is simulated: `config` at the scenario's resolution, with its readout and exposure. On
     /// a built-in path the vehicle is mounted around its left camera, and the mounting of the IMU follows; a file flies any
     /// vehicle.
-    #[must_use]
     pub fn rig(&self, config: &Config) -> Config {
         let mut rig = scaled_config(config, self.resolution_scale);
         if let (false, Some(left)) = (matches!(self.path, FlightPath::Tum(_)), rig.camera.first()) {
@@ -262,7 +259,6 @@ impl Scenario {
 }
 
 /// `config` with images `scale` times as large, intrinsics to match (pixel centres at whole numbers).
-#[must_use]
 fn scaled_config(config: &Config, scale: f64) -> Config {
     let mut scaled = config.clone();
     if scale == 1.0 {

@@ -41,7 +41,6 @@ pub enum Scene {
 
 impl Scene {
     /// The scene that is called `room`, `hall`, `low-texture` or `far`.
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         match name {
             "room" => Some(Self::Room),

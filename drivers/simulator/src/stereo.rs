@@ -2,7 +2,7 @@
 
 use super::{RenderScratch, Simulator};
 use plumbline_config::Timestamp;
-use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_drivers::{DriverError, StereoFrame, StereoSource};
 
 /// Frames of a simulated flight, in order. After it is made nothing is allocated.
 #[derive(Clone, Debug)]
@@ -39,9 +39,5 @@ impl StereoSource for SimulatedStereo {
 
     fn expected_frames(&self) -> Option<u64> {
         Some(self.simulator.frame_count())
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
     }
 }

@@ -52,7 +52,6 @@ impl Trajectory {
     ///
     /// Jumps of the recorded position, where the tracker corrected itself, are taken out, so the flight
     /// may end elsewhere than the record does.
-    #[must_use]
     pub fn from_poses(poses: &[StampedPose]) -> Option<Self> {
         let times = times(poses)?;
         Some(Self::fitted(poses, &times, &without_jumps(&times, poses), KNOT_STEP_S))
@@ -76,25 +75,21 @@ impl Trajectory {
     }
 
     /// First time of the flight.
-    #[must_use]
     pub fn begin(&self) -> Timestamp {
         self.begin
     }
 
     /// Last time of the flight.
-    #[must_use]
     pub fn end(&self) -> Timestamp {
         self.end
     }
 
     /// Motion at `stamp`; before and after the flight, that of its ends.
-    #[must_use]
     pub fn motion(&self, stamp: Timestamp) -> MotionState {
         self.motion_at(stamp.seconds_since(self.begin))
     }
 
     /// Motion `t_s` seconds after the beginning.
-    #[must_use]
     pub fn motion_at(&self, t_s: f64) -> MotionState {
         let (position, attitude) = (self.position.jet(t_s), self.attitude.jet(t_s));
         let q = Quaternion::from(nalgebra::Vector4::from(attitude.value));

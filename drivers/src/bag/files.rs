@@ -2,8 +2,9 @@
 
 use crate::DriverError;
 use crate::bag_name::{METADATA, listed, parts_of};
+use crate::euroc::pairing::is_plain_name;
 use std::collections::BTreeSet;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Longest description that is read, bytes.
 const MAX_METADATA_BYTES: u64 = 4 << 20;
@@ -71,11 +72,6 @@ fn described(path: &Path, text: &str) -> Result<Vec<String>, DriverError> {
 
 fn unquoted(text: &str) -> &str {
     text.trim().trim_matches(['"', '\''])
-}
-
-fn is_plain_name(name: &str) -> bool {
-    let mut parts = Path::new(name).components();
-    matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None))
 }
 
 /// `files`, if they are the parts of one recording: their names differ by a number only.

@@ -153,9 +153,8 @@ impl Content {
         if self.size_px.is_none() {
             self.size_px = pixels::size_px(image);
             self.unknown = match image {
-                ImageMessage::Raw { encoding, .. } => {
-                    (!pixels::is_known(encoding)).then(|| format!("encoding '{}'", printable(encoding)))
-                }
+                ImageMessage::Raw { encoding, .. } => (!pixels::is_known(encoding))
+                    .then(|| format!("encoding '{}'", topics::printable(encoding))),
                 ImageMessage::File(_) => self.size_px.is_none().then(|| "another format".to_owned()),
             };
         }
@@ -165,11 +164,6 @@ impl Content {
             self.largest = self.largest.max(pixels::largest_value(image));
         }
     }
-}
-
-/// The name of an encoding, for messages.
-fn printable(name: &str) -> String {
-    name.chars().filter(|c| !c.is_control()).take(40).collect()
 }
 
 /// A bag read once.
@@ -249,56 +243,47 @@ impl BagDataset {
     }
 
     /// Defects of the bag as a whole.
-    #[must_use]
     pub fn defects(&self) -> &[Defect] {
         &self.defects
     }
 
     /// Cameras in use: 1 or 2.
-    #[must_use]
     pub fn cameras(&self) -> usize {
         self.cameras.len()
     }
 
     /// Topics of the cameras in use.
-    #[must_use]
     pub fn camera_topics(&self) -> &[String] {
         &self.names
     }
 
     /// Topics of the inertial samples: one, or those of gyroscope and accelerometer where they are apart.
-    #[must_use]
     pub fn imu_topics(&self) -> &[String] {
         &self.imu_names
     }
 
     /// Image sizes in pixels; 0x0 for a camera that is not in use.
-    #[must_use]
     pub fn sizes_px(&self) -> [(usize, usize); 2] {
         [0, 1].map(|camera| self.sizes_px.get(camera).copied().unwrap_or_default())
     }
 
     /// Stamps of the first and the last frame that will be handed out.
-    #[must_use]
     pub fn span(&self) -> (Timestamp, Timestamp) {
         frames_span(self.frames.rest())
     }
 
     /// True if a file of the bag breaks off, as after a crash. The messages before are handed out.
-    #[must_use]
     pub fn is_truncated(&self) -> bool {
         self.is_truncated
     }
 
     /// The image stream, from its beginning.
-    #[must_use]
     pub fn stereo(&self) -> BagStereo {
         let messages = Messages::new(&self.files);
         BagStereo::new(&self.path, messages, self.names.clone(), self.frames.clone(), self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
-    #[must_use]
     pub fn imu(&self) -> EurocImu {
         self.imu.clone()
     }

@@ -235,7 +235,7 @@ fn list(topics: &[Topic]) -> String {
 }
 
 /// Names come from outside and go to a terminal.
-fn printable(name: &str) -> String {
+pub(super) fn printable(name: &str) -> String {
     name.chars().filter(|c| !c.is_control()).take(80).collect()
 }
 

@@ -9,7 +9,6 @@ pub struct Unwrap {
 
 impl Unwrap {
     /// For counters of 1 to 64 bits.
-    #[must_use]
     pub fn new(bits: u32) -> Self {
         Self { bits: bits.clamp(1, 64), last: None }
     }

@@ -123,7 +123,6 @@ struct Patience {
 impl DeviceClock {
     /// A clock nothing is known of. With `asks` the device is expected to answer questions for its time, and its
     /// arrivals alone are believed only after a while without.
-    #[must_use]
     pub fn new(asks: bool) -> Self {
         Self { asks, ..Self::default() }
     }
@@ -170,7 +169,6 @@ impl DeviceClock {
     }
 
     /// Present estimate of the device's clock.
-    #[must_use]
     pub fn figures(&self) -> ClockFigures {
         self.figures
     }

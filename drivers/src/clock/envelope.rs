@@ -42,19 +42,16 @@ impl LowerEnvelope {
     }
 
     /// Span of the samples seen, ns.
-    #[must_use]
     pub fn age_ns(&self) -> i64 {
         self.old.span().map_or(0, |(first, last)| last - first)
     }
 
     /// Points that it goes by.
-    #[must_use]
     pub fn points(&self) -> u64 {
         self.old.points()
     }
 
     /// The line that the points lie above.
-    #[must_use]
     pub fn line(&self) -> Option<Line> {
         self.old.line(MAX_SKEW)
     }

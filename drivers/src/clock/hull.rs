@@ -27,7 +27,6 @@ pub struct Line {
 
 impl Line {
     /// Height at `x`, ns.
-    #[must_use]
     pub fn at(&self, x: i64) -> i64 {
         self.y.saturating_add((self.slope * x.saturating_sub(self.x) as f64).round() as i64)
     }
@@ -54,13 +53,11 @@ impl Hull {
     }
 
     /// Points since it was cleared.
-    #[must_use]
     pub fn points(&self) -> u64 {
         self.points
     }
 
     /// Abscissae of the first point and of the last, ns.
-    #[must_use]
     pub fn span(&self) -> Option<(i64, i64)> {
         Some((self.vertices.first()?.x, self.vertices.last()?.x))
     }
@@ -101,7 +98,6 @@ impl Hull {
 
     /// The edge above the middle of the span, its slope held within `max_slope`: the line then touches the hull with
     /// that slope. None before there are two points.
-    #[must_use]
     pub fn line(&self, max_slope: f64) -> Option<Line> {
         let (first, last) = self.span()?;
         if self.vertices.len() < 2 {

@@ -68,7 +68,6 @@ impl RoundTrips {
     }
 
     /// Host less device at `x`, ns, and its slope, when enough recent round trips are there.
-    #[must_use]
     pub fn offset(&self, x: i64) -> Option<(i64, f64)> {
         let is_recent = self.latest_x.is_some_and(|latest| x.saturating_sub(latest) <= SPAN_NS);
         if !is_recent || self.answers.points() < ENOUGH || self.answers.age_ns() < ENOUGH_NS {
@@ -80,7 +79,6 @@ impl RoundTrips {
     }
 
     /// The quickest round trip, ns.
-    #[must_use]
     pub fn quickest_ns(&self) -> Option<i64> {
         self.quickest_ns
     }

@@ -67,7 +67,6 @@ pub struct StampProblem {
 
 impl StampProblem {
     /// Defect of a `stamp` that belongs to none of the host's clocks (monotonic and system, ns).
-    #[must_use]
     pub fn of_stamp(stamp: i64, monotonic_ns: i64, system_ns: i64) -> Self {
         let is_of = |factor: i64| {
             let ns = stamp.saturating_mul(factor);
@@ -85,7 +84,6 @@ impl StampProblem {
     }
 
     /// A stamp that is not after the one before.
-    #[must_use]
     pub fn repeated(stamp: i64, now_ns: i64) -> Self {
         Self { defect: StampDefect::Repeated, stamp, now_ns }
     }
@@ -101,7 +99,6 @@ impl StampProblem {
     }
 
     /// Clock seen and clock expected, in words. `expected` names the expected clock.
-    #[must_use]
     pub fn words(&self, expected: &str) -> String {
         let Self { defect, stamp, now_ns } = self;
         let seen = match defect {
@@ -160,7 +157,6 @@ impl StampPace {
     }
 
     /// Present defect of the device's stamps, if any.
-    #[must_use]
     pub fn problem(&self) -> Option<StampProblem> {
         self.problem
     }

@@ -92,20 +92,17 @@ impl FileDefects {
     }
 
     /// Images that could not be read so far.
-    #[must_use]
     pub fn images(&self) -> u64 {
         self.0.lock().images.iter().map(|bad| bad.count).sum()
     }
 
     /// True if all images that could not be read have another size, and all else could be read.
-    #[must_use]
     pub fn are_other_sizes(&self) -> bool {
         let found = self.0.lock();
         found.rows.is_none() && matches!(&found.images[..], [BadImages { why: NoImage::OtherSize(_), .. }])
     }
 
     /// Findings so far: a sentence for each kind, with the first file.
-    #[must_use]
     pub fn words(&self) -> Vec<String> {
         let found = self.0.lock();
         let rows = found.rows.as_ref().map(|(count, first)| match count {

@@ -81,7 +81,6 @@ impl Default for EurocOptions {
 
 impl EurocOptions {
     /// All frames, for the cameras of a configuration.
-    #[must_use]
     pub fn for_config(config: &Config) -> Self {
         Self {
             pair_tolerance_s: config.driver.pair_tolerance_s,
@@ -146,62 +145,52 @@ impl EurocDataset {
     }
 
     /// The directory of the tables (`mav0`).
-    #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
     }
 
     /// Cameras in use: 1 or 2.
-    #[must_use]
     pub fn cameras(&self) -> usize {
         self.sizes_px.len()
     }
 
     /// Image sizes in pixels; 0x0 for a camera that is not in use.
-    #[must_use]
     pub fn sizes_px(&self) -> [(usize, usize); 2] {
         [0, 1].map(|camera| self.sizes_px.get(camera).copied().unwrap_or_default())
     }
 
     /// A frame with buffers of the right size.
-    #[must_use]
     pub fn new_frame(&self) -> StereoFrame {
         StereoFrame::new(self.sizes_px())
     }
 
     /// Frames that will be handed out.
-    #[must_use]
     pub fn frame_count(&self) -> usize {
         self.frames.rest().len()
     }
 
     /// Stamps of the first and the last frame that will be handed out.
-    #[must_use]
     pub fn span(&self) -> (Timestamp, Timestamp) {
         frames_span(self.frames.rest())
     }
 
     /// Defects of the data set as a whole.
-    #[must_use]
     pub fn defects(&self) -> &[Defect] {
         &self.defects
     }
 
     /// Rows and images that cannot be read: what is found grows while the images are read.
-    #[must_use]
     pub fn file_defects(&self) -> FileDefects {
         self.file_defects.clone()
     }
 
     /// The image stream, from its beginning.
-    #[must_use]
     pub fn stereo(&self) -> EurocStereo {
         let folders = [0, 1].map(|camera| camera_folder(&self.root, camera).join("data"));
         EurocStereo::new(self.frames.clone(), folders, self.file_defects.clone(), self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
-    #[must_use]
     pub fn imu(&self) -> EurocImu {
         self.imu.clone()
     }

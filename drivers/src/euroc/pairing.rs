@@ -45,7 +45,7 @@ fn in_data(name: &str) -> &str {
     name.strip_prefix("data/").unwrap_or(name)
 }
 
-fn is_plain_name(name: &str) -> bool {
+pub(crate) fn is_plain_name(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && !name.contains('\0')
 }

@@ -14,7 +14,6 @@ const FOLDERS: [&str; 4] = ["state_groundtruth_estimate0", "mocap0", "vicon0", P
 const POSITIONS: &str = "leica0";
 
 /// The table of the truth of the data set at `path`: the directory that holds `mav0`, or `mav0` itself.
-#[must_use]
 pub fn ground_truth_table(path: &Path) -> Option<PathBuf> {
     let nested = path.join("mav0");
     let root = if nested.is_dir() { &nested } else { path };
@@ -22,7 +21,6 @@ pub fn ground_truth_table(path: &Path) -> Option<PathBuf> {
 }
 
 /// True if a table of the ground truth holds positions without attitudes.
-#[must_use]
 pub fn is_of_positions(table: &Path) -> bool {
     table.parent().is_some_and(|folder| folder.ends_with(POSITIONS)) || begins_with_a_position(table)
 }

@@ -3,7 +3,7 @@
 //! Everything goes to `mav0.partial` first, which becomes `mav0` when it is complete: a directory with
 //! `mav0` in it is whole. Numbers are printed with the digits that bring back the same bits.
 
-use crate::{DriverError, ImuSource, StereoFrame, StereoSource, TruthState};
+use crate::{DriverError, ImuReading, ImuSource, StereoFrame, StereoSource, TruthState};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::{CameraConfig, ImuConfig, Mounting};
 use plumbline_config::{Config, GrayImage};
@@ -128,25 +128,22 @@ fn create_dir(dir: &Path) -> Result<(), DriverError> {
     fs::create_dir_all(dir).map_err(|e| DriverError::io(dir, e))
 }
 
-/// A file with its path, so that errors name it.
-struct Out {
-    path: PathBuf,
-    file: BufWriter<File>,
-}
-
-impl Out {
-    fn create(path: PathBuf) -> Result<Self, DriverError> {
-        let file = File::create(&path).map_err(|e| DriverError::io(&path, e))?;
-        Ok(Self { path, file: BufWriter::new(file) })
+/// Writes a table of rows under a header, and returns their number.
+fn write_table(
+    path: &Path,
+    header: &str,
+    rows: impl Iterator<Item = Result<String, DriverError>>,
+) -> Result<u64, DriverError> {
+    let failed = |e| DriverError::io(path, e);
+    let mut file = BufWriter::new(File::create(path).map_err(failed)?);
+    writeln!(file, "{header}").map_err(failed)?;
+    let mut count = 0;
+    for row in rows {
+        writeln!(file, "{}", row?).map_err(failed)?;
+        count += 1;
     }
-
-    fn line(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), DriverError> {
-        writeln!(self.file, "{line}").map_err(|e| DriverError::io(&self.path, e))
-    }
-
-    fn finish(mut self) -> Result<(), DriverError> {
-        self.file.flush().map_err(|e| DriverError::io(&self.path, e))
-    }
+    file.flush().map_err(failed)?;
+    Ok(count)
 }
 
 fn write_images(
@@ -162,9 +159,7 @@ fn write_images(
         let folder = root.join(format!("cam{camera}"));
         create_dir(&folder.join("data"))?;
         write_text(&folder.join("sensor.yaml"), &camera_yaml(camera, calibration))?;
-        let mut table = Out::create(folder.join("data.csv"))?;
-        table.line(format_args!("{IMAGE_HEADER}"))?;
-        tables.push((folder.join("data"), table));
+        tables.push((folder, Vec::new()));
         *size = (calibration.width_px, calibration.height_px);
     }
     let mut frame = StereoFrame::new(sizes_px);
@@ -174,18 +169,22 @@ fn write_images(
                 continue;
             }
             let mut name = format!("{}.png", frame.stamp.as_nanos());
+            let folder = folder.join("data");
             if folder.join(&name).exists() {
                 // The clock was set back: the stamp is that of an earlier frame.
                 name = format!("{}-{}.png", frame.stamp.as_nanos(), written.frames);
             }
             write_png(&folder.join(&name), &frame.images[camera])?;
-            table.line(format_args!("{},{name}", frame.stamp.as_nanos()))?;
+            table.push(Ok(format!("{},{name}", frame.stamp.as_nanos())));
             written.images += 1;
         }
         written.frames += 1;
         progress(written.frames);
     }
-    tables.into_iter().try_for_each(|(_, table)| table.finish())
+    for (folder, table) in tables {
+        write_table(&folder.join("data.csv"), IMAGE_HEADER, table.into_iter())?;
+    }
+    Ok(())
 }
 
 /// 8-bit grey, with the compression that costs least time for its size.
@@ -205,17 +204,12 @@ fn write_imu(root: &Path, config: &Config, source: &mut dyn ImuSource) -> Result
     let folder = root.join("imu0");
     create_dir(&folder)?;
     write_text(&folder.join("sensor.yaml"), &imu_yaml(&config.imu, config.vehicle.imu_to_vehicle_deg))?;
-    let mut table = Out::create(folder.join("data.csv"))?;
-    table.line(format_args!("{IMU_HEADER}"))?;
-    let mut rows = 0;
-    while let Some(reading) = source.next_reading()? {
-        let (w, a) = (reading.sample.gyro, reading.sample.accel);
-        let stamp = reading.sample.stamp.as_nanos();
-        table.line(format_args!("{stamp},{},{},{},{},{},{}", w.x, w.y, w.z, a.x, a.y, a.z))?;
-        rows += 1;
-    }
-    table.finish()?;
-    Ok(rows)
+    let row = |reading: ImuReading| {
+        let (stamp, w, a) = (reading.sample.stamp.as_nanos(), reading.sample.gyro, reading.sample.accel);
+        format!("{stamp},{},{},{},{},{},{}", w.x, w.y, w.z, a.x, a.y, a.z)
+    };
+    let readings = std::iter::from_fn(|| source.next_reading().transpose());
+    write_table(&folder.join("data.csv"), IMU_HEADER, readings.map(|reading| reading.map(row)))
 }
 
 fn write_truth(root: &Path, truth: &mut dyn Iterator<Item = TruthState>) -> Result<u64, DriverError> {
@@ -225,15 +219,7 @@ fn write_truth(root: &Path, truth: &mut dyn Iterator<Item = TruthState>) -> Resu
     }
     let folder = root.join("state_groundtruth_estimate0");
     create_dir(&folder)?;
-    let mut table = Out::create(folder.join("data.csv"))?;
-    table.line(format_args!("{TRUTH_HEADER}"))?;
-    let mut rows = 0;
-    for state in truth {
-        table.line(format_args!("{}", truth_row(&state)))?;
-        rows += 1;
-    }
-    table.finish()?;
-    Ok(rows)
+    write_table(&folder.join("data.csv"), TRUTH_HEADER, truth.map(|state| Ok(truth_row(&state))))
 }
 
 fn truth_row(state: &TruthState) -> String {

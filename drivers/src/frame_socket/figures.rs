@@ -69,13 +69,11 @@ impl SocketMonitor {
     }
 
     /// The figures up to the last frame.
-    #[must_use]
     pub fn figures(&self) -> SocketFigures {
         self.figures.read()
     }
 
     /// Reason why no program sends; `None` while one does.
-    #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let trouble = self.trouble.read()?;
         let words = match trouble {

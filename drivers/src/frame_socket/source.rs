@@ -106,7 +106,6 @@ impl SocketStereo {
     }
 
     /// Monitor that shows the figures to other threads.
-    #[must_use]
     pub fn monitor(&self) -> SocketMonitor {
         self.monitor.clone()
     }
@@ -281,10 +280,6 @@ impl StereoSource for SocketStereo {
         }
         self.monitor.show(&self.figures);
         Ok(false)
-    }
-
-    fn expected_frames(&self) -> Option<u64> {
-        None
     }
 
     fn faults(&self) -> Faults {

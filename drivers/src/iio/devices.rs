@@ -54,13 +54,11 @@ pub struct IioDeviceInfo {
 }
 
 /// The inertial devices of this host, in order of their names.
-#[must_use]
 pub fn iio_devices() -> Vec<IioDeviceInfo> {
     devices_below(&IioRoots::default())
 }
 
 /// Inertial devices below other roots than `/sys` and `/dev`, in order of their names.
-#[must_use]
 pub fn devices_below(roots: &IioRoots) -> Vec<IioDeviceInfo> {
     let Ok(listed) = std::fs::read_dir(&roots.sys) else { return Vec::new() };
     let mut devices: Vec<IioDeviceInfo> =

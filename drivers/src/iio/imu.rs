@@ -83,7 +83,6 @@ impl IioImu {
     }
 
     /// Figures of the samples so far.
-    #[must_use]
     pub fn figures(&self) -> ImuFigures {
         let units = || std::iter::once(&self.gyro).chain(self.accel.iter().map(|(unit, _)| unit));
         let sum = |what: fn(UnitFigures) -> u64| units().map(|unit| what(unit.figures())).sum::<u64>();
@@ -113,7 +112,6 @@ impl IioImu {
     }
 
     /// Monitor of the figures for other threads; it lags by a moment.
-    #[must_use]
     pub fn monitor(&self) -> ImuMonitor {
         self.post.monitor()
     }

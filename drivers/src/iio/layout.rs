@@ -25,7 +25,6 @@ pub struct Storage {
 
 impl Storage {
     /// Reads `[be|le]:[s|u]bits/storagebits>>shift`. None for anything else, and for elements that repeat.
-    #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (order, rest) = text.trim().split_once(':')?;
         let (rest, shift) = rest.split_once(">>").unwrap_or((rest, "0"));
@@ -47,13 +46,11 @@ impl Storage {
     }
 
     /// Bits of the number.
-    #[must_use]
     pub fn bits(&self) -> u32 {
         self.bits
     }
 
     /// The number that is stored; unsigned ones of 64 bits wrap.
-    #[must_use]
     pub fn read(&self, bytes: &[u8]) -> i64 {
         let sum = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
         let raw = match self.is_big_endian {
@@ -160,7 +157,6 @@ impl Layout {
     }
 
     /// Values of a scan, which is [`Self::bytes`] long.
-    #[must_use]
     pub fn values(&self, scan: &[u8]) -> ScanValues {
         let Element { storage, place, .. } = self.stamp;
         ScanValues {

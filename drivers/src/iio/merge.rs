@@ -76,7 +76,6 @@ impl Merge {
     }
 
     /// Samples of the gyroscope that were given up.
-    #[must_use]
     pub fn alone(&self) -> u64 {
         self.alone
     }

@@ -75,13 +75,11 @@ pub struct ImuFigures {
 
 impl ImuFigures {
     /// Stamps of the samples.
-    #[must_use]
     pub fn stamps(&self) -> StampFigures {
         StampFigures { used: self.samples, restamped: 0, refused: self.disordered + self.clock.refused }
     }
 
     /// Returns the figures as the fault counters that all sources share.
-    #[must_use]
     pub fn faults(&self) -> Faults {
         Faults {
             missing: self.missing,
@@ -99,7 +97,6 @@ pub struct ImuMonitor(Board<ImuFigures>);
 
 impl ImuMonitor {
     /// The figures.
-    #[must_use]
     pub fn read(&self) -> ImuFigures {
         self.0.read()
     }

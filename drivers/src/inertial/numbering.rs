@@ -19,7 +19,6 @@ pub struct Numbering {
 
 impl Numbering {
     /// For a sensor that should give so many samples a second.
-    #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         let period_ns = (1e9 / rate_hz).round() as i64;
         Self { last: None, intervals_ns: [period_ns; INTERVALS], seen: 0, missing: 0 }
@@ -48,7 +47,6 @@ impl Numbering {
     }
 
     /// Samples that were lost so far.
-    #[must_use]
     pub fn missing(&self) -> u64 {
         self.missing
     }

@@ -33,7 +33,6 @@ pub struct SampleWatch {
 
 impl SampleWatch {
     /// For a sensor of these ranges.
-    #[must_use]
     pub fn new(imu: &ImuConfig) -> Self {
         Self {
             gyro_range: imu.gyro_range_rad_s,
@@ -69,7 +68,6 @@ impl SampleWatch {
     }
 
     /// Counts so far.
-    #[must_use]
     pub fn figures(&self) -> WatchFigures {
         self.figures
     }

@@ -1,9 +1,9 @@
 //! Fixtures of the tests of all protocols: lines with their usual troubles, and what came over them.
 
 use super::framing::Deframer;
+use super::fuzzing::STEP_RAD_S;
+pub use super::fuzzing::{Device, imu_config};
 use super::protocol::{Content, Protocol};
-use super::simulated::STEP_RAD_S;
-pub use super::simulated::{Device, imu_config};
 use plumbline_config::Random;
 
 /// Bytes written in hexadecimal.

@@ -92,7 +92,6 @@ impl Deframer {
     }
 
     /// Counts of received bytes and frames so far.
-    #[must_use]
     pub fn figures(&self) -> FramingFigures {
         self.figures
     }

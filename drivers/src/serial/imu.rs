@@ -48,13 +48,11 @@ impl SerialImu {
     }
 
     /// Figures of the samples so far.
-    #[must_use]
     pub fn figures(&self) -> ImuFigures {
         self.stream.figures(self.port.figures())
     }
 
     /// Monitor of the figures for other threads; it lags by a moment.
-    #[must_use]
     pub fn monitor(&self) -> ImuMonitor {
         self.post.monitor()
     }

@@ -8,6 +8,8 @@
 #[cfg(test)]
 mod fixture;
 pub mod framing;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) mod fuzzing;
 mod imu;
 mod low_latency;
 pub mod mavlink;
@@ -17,8 +19,6 @@ mod ports;
 pub mod protocol;
 #[cfg(test)]
 pub(crate) mod realtime;
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) mod simulated;
 mod stream;
 #[cfg(test)]
 mod tests;

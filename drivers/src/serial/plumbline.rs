@@ -20,7 +20,6 @@ pub struct Plumbline {
 
 impl Plumbline {
     /// One that is given these settings.
-    #[must_use]
     pub fn new(settings: Settings) -> Self {
         Self { settings, questions: Questions::default(), is_known: false, is_set: false, asked_ns: None }
     }
@@ -128,19 +127,6 @@ impl Protocol for Plumbline {
 
     fn restart(&mut self) {
         *self = Self::new(self.settings);
-    }
-
-    #[cfg(any(test, feature = "fuzzing"))]
-    fn played(&self, k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        let imu = Imu {
-            sequence: k as u32,
-            time_ns: device_ns as u64,
-            gyro_rad_s: gyro,
-            accel_m_s2: accel,
-            temperature_c: Some(30.0),
-            ..Imu::default()
-        };
-        encode(&Message::Imu(imu), &mut [0; MAX_FRAME]).to_vec()
     }
 }
 

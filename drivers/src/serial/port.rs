@@ -128,7 +128,6 @@ impl Port {
     }
 
     /// Connections of the device.
-    #[must_use]
     pub fn figures(&self) -> LinkFigures {
         self.figures
     }

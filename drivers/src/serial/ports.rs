@@ -29,7 +29,6 @@ pub struct SerialPortInfo {
 }
 
 /// The serial ports of this host, in order of their names.
-#[must_use]
 pub fn serial_ports() -> Vec<SerialPortInfo> {
     serial_ports_below(Path::new("/dev"), Path::new("/sys"))
 }

@@ -30,10 +30,6 @@ pub trait Protocol: Send {
 
     /// The line was opened anew: another device may be there.
     fn restart(&mut self) {}
-
-    /// Frame of sample `k`, measured at `device_ns` of the device's clock, as a device sends it.
-    #[cfg(any(test, feature = "fuzzing"))]
-    fn played(&self, k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8>;
 }
 
 /// Unit and width of a device's time.
@@ -120,7 +116,6 @@ impl Outgoing {
     }
 
     /// Bytes to be sent.
-    #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }

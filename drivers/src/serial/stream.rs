@@ -88,7 +88,6 @@ impl Stream {
     }
 
     /// Figures of the samples, with `link` from the port.
-    #[must_use]
     pub fn figures(&self, link: LinkFigures) -> ImuFigures {
         ImuFigures {
             missing: self.numbering.missing(),

@@ -1,7 +1,7 @@
 //! Whole lines without a device or a clock: what a device sends, what happens on the way, and what comes out.
 
 use super::fixture::{Device, Trouble, imu_config, number_of};
-use super::simulated::opened;
+use super::fuzzing::opened;
 use super::stream::Stream;
 use crate::ImuReading;
 use crate::inertial::{ImuFigures, LinkFigures};
@@ -146,7 +146,7 @@ fn a_device_that_was_started_anew_goes_on_after_a_second_and_its_numbers_rise() 
 
 #[test]
 fn what_an_output_lacks_is_told_until_it_is_there() {
-    use super::vectornav::fixture::frame;
+    use super::fuzzing::vectornav_frame as frame;
     let device = Device { protocol: ImuProtocol::VectorNav, rate_hz: 200, start_ns: 0, skew: 0.0 };
     let mut stream = stream(&device);
     feed(&mut stream, &frame(&[(0, 1 << 3)], &[0; 12]), 99, 0, |_| {});

@@ -199,18 +199,13 @@ impl Protocol for VectorNav {
     fn time_unit(&self) -> TimeUnit {
         TimeUnit::NANOS
     }
-
-    #[cfg(any(test, feature = "fuzzing"))]
-    fn played(&self, _k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        fixture::imu(device_ns as u64, gyro, accel)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::fixture::{contents, hex};
-    use super::fixture::frame;
     use super::*;
+    use crate::serial::fuzzing::vectornav_frame as frame;
 
     /// The manual's example: yaw, pitch and roll of the common group.
     const MANUAL: &str = "FA 01 08 00 93 50 2E 42 83 3E F1 3F 48 B5 04 BB 92 88";
@@ -308,27 +303,5 @@ mod tests {
     fn ascii_lines_between_do_not_matter() {
         let stream = [&b"$VNYMR,+010.071*60\r\n"[..], &hex(MANUAL), b"$VNERR,12*48\r\n"].concat();
         assert!(matches!(only(&stream), Content::Lacking(_)));
-    }
-}
-
-/// Frames for tests.
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) mod fixture {
-    use super::*;
-
-    /// A frame of these groups, fields and values.
-    pub fn frame(fields: &[(u8, u16)], values: &[u8]) -> Vec<u8> {
-        let mut covered = vec![fields.iter().fold(0, |groups, (group, _)| groups | 1 << group)];
-        fields.iter().for_each(|(_, bits)| covered.extend(bits.to_le_bytes()));
-        covered.extend(values);
-        covered.extend(CRC.checksum(&covered.clone()).to_be_bytes());
-        [&[SYNC], &covered[..]].concat()
-    }
-
-    /// TimeStartup and Imu.
-    pub fn imu(time_ns: u64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        let values = accel.iter().chain(&gyro).flat_map(|value| value.to_le_bytes());
-        let values: Vec<u8> = time_ns.to_le_bytes().into_iter().chain(values).collect();
-        frame(&[(0, 1 | 1 << 9)], &values)
     }
 }

@@ -167,18 +167,13 @@ impl Protocol for Xsens {
     fn counter_bits(&self) -> u32 {
         16
     }
-
-    #[cfg(any(test, feature = "fuzzing"))]
-    fn played(&self, k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        fixture::imu(k as u16, (device_ns / 100_000) as u32, gyro, accel)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::fixture::{contents, hex};
-    use super::fixture::message;
     use super::*;
+    use crate::serial::fuzzing::xsens_message as message;
     use nalgebra::Vector3;
 
     /// Payloads of an MTi-300, captured with the maker's MT Manager, and what that decoded
@@ -315,36 +310,5 @@ mod tests {
         assert_eq!(sample(&content).counter, Some(42_581));
         assert_eq!(Xsens.scan(&hex("FA FF 36 FF 08 00")), Scan::BadLength(1));
         assert_eq!(Xsens.scan(&hex("FA FF 36 FF FF")), Scan::More);
-    }
-}
-
-/// Messages for tests.
-#[cfg(any(test, feature = "fuzzing"))]
-pub(crate) mod fixture {
-    use super::*;
-
-    /// A message with a header and a checksum.
-    pub fn message(id: u8, content: &[u8]) -> Vec<u8> {
-        let mut bytes = match content.len() {
-            length @ 0..255 => vec![BUS, id, length as u8],
-            length => [&[BUS, id, EXTENDED], &(length as u16).to_be_bytes()[..]].concat(),
-        };
-        bytes.extend(content);
-        bytes.push(bytes.iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte)));
-        [&[PREAMBLE], &bytes[..]].concat()
-    }
-
-    /// PacketCounter, SampleTimeFine, Acceleration and RateOfTurn.
-    pub fn imu(counter: u16, time: u32, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        let mut content = vec![0x10, 0x20, 2];
-        content.extend(counter.to_be_bytes());
-        content.extend([0x10, 0x60, 4]);
-        content.extend(time.to_be_bytes());
-        for (number, values) in [(0x4020_u16, accel), (0x8020, gyro)] {
-            content.extend(number.to_be_bytes());
-            content.push(12);
-            content.extend(values.iter().flat_map(|value| value.to_be_bytes()));
-        }
-        message(MT_DATA_2, &content)
     }
 }

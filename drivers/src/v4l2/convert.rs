@@ -45,7 +45,6 @@ pub struct Converter {
 
 impl Converter {
     /// For buffers that lie so.
-    #[must_use]
     pub fn new(layout: RawLayout) -> Self {
         let width = layout.arrangement.device_width_px(layout.width_px);
         let jpeg = (layout.format == PixelFormat::Mjpeg).then(|| LumaDecoder::new(width, layout.height_px));
@@ -53,7 +52,6 @@ impl Converter {
     }
 
     /// Layout of the buffers.
-    #[must_use]
     pub fn layout(&self) -> &RawLayout {
         &self.layout
     }

@@ -65,13 +65,11 @@ pub struct V4l2Monitor {
 
 impl V4l2Monitor {
     /// The figures up to the last frame.
-    #[must_use]
     pub fn figures(&self) -> V4l2Figures {
         self.figures.read()
     }
 
     /// Reasons why left and right camera do not stream; `None` while they do.
-    #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
         self.trouble.read()
     }

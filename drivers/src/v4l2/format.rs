@@ -51,7 +51,6 @@ impl PixelFormat {
     }
 
     /// Format of a code of the kernel; `None` if it is not supported.
-    #[must_use]
     pub fn from_fourcc(fourcc: u32) -> Option<Self> {
         FORMATS.iter().find(|(code, ..)| u32::from_le_bytes(**code) == fourcc).map(|(.., format)| *format)
     }
@@ -64,7 +63,6 @@ pub(crate) fn candidates(wanted: V4l2Format) -> impl Iterator<Item = (u32, Pixel
 }
 
 /// A code of the kernel as text, without the spaces at its end.
-#[must_use]
 pub(crate) fn fourcc_text(fourcc: u32) -> String {
     let bytes = (fourcc & 0x7fff_ffff).to_le_bytes();
     let text: String = bytes.map(|b| if b.is_ascii_graphic() { b as char } else { ' ' }).iter().collect();
@@ -85,7 +83,6 @@ pub enum Arrangement {
 impl Arrangement {
     /// Returns the arrangement of a format; `both` says whether the device delivers both images. `None` if the format
     /// cannot.
-    #[must_use]
     pub fn of(format: PixelFormat, both: bool) -> Option<Self> {
         match (format, both) {
             (PixelFormat::Y8i, true) => Some(Self::Interleaved),

@@ -133,7 +133,6 @@ pub struct LumaDecoder {
 
 impl LumaDecoder {
     /// For images of this size, px.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, data: Vec::new(), luma: Vec::new() }
     }

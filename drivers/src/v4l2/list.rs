@@ -42,7 +42,6 @@ pub struct FormatInfo {
 }
 
 /// Every camera there is, by the number of its node.
-#[must_use]
 pub fn cameras() -> Vec<CameraInfo> {
     let mut numbers: Vec<u32> = entries(Path::new("/sys/class/video4linux"))
         .iter()

@@ -66,7 +66,6 @@ impl Display for FrameRates {
 
 impl SizeInfo {
     /// Width and height as text.
-    #[must_use]
     pub fn size_text(&self) -> String {
         let (width, height) = self.size_px;
         match self.largest_px {

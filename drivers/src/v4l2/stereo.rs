@@ -40,7 +40,6 @@ pub struct V4l2Options {
 
 impl V4l2Options {
     /// Options of a configuration; `None` if it names no device.
-    #[must_use]
     pub fn for_config(config: &Config) -> Option<Self> {
         let v4l2 = &config.driver.v4l2;
         (!v4l2.left.is_empty() && !config.camera.is_empty()).then(|| Self {
@@ -152,13 +151,11 @@ impl V4l2Stereo {
     }
 
     /// Monitor that shows the figures to other threads.
-    #[must_use]
     pub fn monitor(&self) -> V4l2Monitor {
         self.monitor.clone()
     }
 
     /// Figures of the cameras so far.
-    #[must_use]
     pub fn figures(&self) -> V4l2Figures {
         let mut figures = self.figures;
         for (shown, camera) in figures.cameras.iter_mut().zip(&self.cameras) {
@@ -320,10 +317,6 @@ impl StereoSource for V4l2Stereo {
         }
         self.monitor.show(&self.figures());
         Ok(false)
-    }
-
-    fn expected_frames(&self) -> Option<u64> {
-        None
     }
 
     fn faults(&self) -> Faults {

@@ -14,7 +14,6 @@ pub struct Registry<T>(Mutex<BTreeMap<usize, Arc<Mutex<T>>>>);
 
 impl<T> Registry<T> {
     /// Empty registry.
-    #[must_use]
     #[allow(clippy::new_without_default)]
     pub const fn new() -> Self {
         Self(Mutex::new(BTreeMap::new()))

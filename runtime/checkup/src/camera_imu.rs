@@ -14,7 +14,6 @@ use plumbline_config::options::rows_from_isometry;
 use plumbline_config::{ConfigError, ImuSample, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimator, FrameInput};
 use std::collections::BTreeMap;
-use std::fmt::{self, Write as _};
 
 /// Fewest pieces of two seconds whose scatter tells how sure they are: 20 s.
 const LEAST_PIECES: usize = 10;
@@ -51,25 +50,6 @@ pub struct FoundRig {
     pub span_s: f64,
 }
 
-/// Readout of rolling shutters.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Readout {
-    /// Time from the first to the last row, s; 0 for a global shutter.
-    pub readout_s: f64,
-    /// Its standard deviation, s.
-    pub sigma_s: f64,
-}
-
-impl fmt::Display for Readout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [readout_ms, sigma_ms] = [self.readout_s, self.sigma_s].map(|s| 1e3 * s);
-        match self.readout_s {
-            0.0 => write!(f, "readout        none: a global shutter (one sigma {sigma_ms:.2} ms)"),
-            _ => write!(f, "readout        {readout_ms:.2} ms, one sigma {sigma_ms:.2} ms"),
-        }
-    }
-}
-
 /// Reason why there is no calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
@@ -95,7 +75,6 @@ pub struct ByHand {
 
 impl ByHand {
     /// Empty recording of the rig of `config`.
-    #[must_use]
     pub fn new(config: &ValidConfig) -> Self {
         Self {
             config: config.clone(),
@@ -109,7 +88,6 @@ impl ByHand {
     }
 
     /// True if a frame of this stamp needs further samples before it is added.
-    #[must_use]
     pub fn needs_samples(&self, stamp: Timestamp) -> bool {
         let needed = self.estimator.imu_needed_until(stamp);
         self.samples.last().is_none_or(|sample| sample.stamp < needed)
@@ -158,21 +136,22 @@ impl ByHand {
         Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s() })
     }
 
-    /// Configuration with the readout that the recording shows, to calibrate by; 0 where it does not differ from that of a global shutter.
+    /// Configuration with the readout that the recording shows, from the first to the last row, to calibrate by; 0 where it does not differ
+    /// from that of a global shutter. The other number is its standard deviation, s.
     ///
     /// # Errors
     /// When the motion does not determine it; the message says what it lacks.
-    pub fn with_readout(&self) -> Result<(ValidConfig, Readout), RigError> {
+    pub fn with_readout(&self) -> Result<(ValidConfig, f64), RigError> {
         let [position, rotation, offset] = RIG;
         let (_, moved, covariance) = self.freed(&[READOUT_TIME, position, rotation, offset])?;
         let found_s = self.config.camera.first().map_or(0.0, |camera| camera.readout_s) + moved[0];
         let sigma_s = covariance[(0, 0)].sqrt();
         let is_none = found_s < LEAST_READOUT_S.max(SIGMAS * sigma_s);
-        let readout = Readout { readout_s: if is_none { 0.0 } else { found_s }, sigma_s };
+        let readout_s = if is_none { 0.0 } else { found_s };
         let config = self.config.with("calibrate rig", |config| {
-            config.camera.iter_mut().for_each(|camera| camera.readout_s = readout.readout_s);
+            config.camera.iter_mut().for_each(|camera| camera.readout_s = readout_s);
         })?;
-        Ok((config, readout))
+        Ok((config, sigma_s))
     }
 
     fn span_s(&self) -> f64 {
@@ -241,56 +220,50 @@ fn sigmas(covariance: &Covariance) -> [f64; 3] {
     [0..3, 3..6, 6..7].map(|range| range.map(|k| covariance[(k, k)].sqrt()).fold(0.0, f64::max))
 }
 
-/// Refuses what the motion did not show.
+/// Refuses what the motion did not show, and names the axis about which the attitude is known least: turns about any other show it.
 fn check_seen(covariance: &Covariance) -> Result<(), RigError> {
     let sigmas = sigmas(covariance);
     let Some(which) = (0..3).find(|k| sigmas[*k] > MOST_SIGMAS[*k]) else { return Ok(()) };
+    let attitude = covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigen();
+    let mut weakest = attitude.eigenvectors.column(attitude.eigenvalues.imax()).into_owned();
+    weakest *= weakest[weakest.iamax()].signum();
     let known = [
         format!("the position of the cameras is known to {:.1} mm", 1e3 * sigmas[0]),
         format!("the attitude of the cameras is known to {:.2} degrees", sigmas[1].to_degrees()),
         format!("the time offset is known to {:.2} ms", 1e3 * sigmas[2]),
     ];
-    Err(RigError::Unseen(format!("the motion does not determine the rig: {} only; {TURN}", known[which])))
+    Err(RigError::Unseen(format!(
+        "the motion does not determine the rig: {} only, and it turns too little about axes across ({}) of the left camera; {TURN}",
+        known[which],
+        words(&weakest, 1)
+    )))
 }
 
 impl FoundRig {
     /// The figures, a line each.
-    #[must_use]
-    pub fn table(&self) -> Vec<String> {
-        let three = |from: usize, scale: f64, decimals: usize| {
-            let sigma = Vector3::from_fn(|k, _| self.covariance[(from + k, from + k)].sqrt() * scale);
-            let moved = self.step.fixed_rows::<3>(from) * scale;
-            (words(&moved, decimals), words(&sigma, decimals))
+    pub fn table(&self) -> [String; 4] {
+        let three = |from: usize| {
+            [self.step, self.covariance.diagonal().map(f64::sqrt)]
+                .map(|v| v.fixed_rows::<3>(from).into_owned())
         };
-        let degrees = 1.0_f64.to_degrees();
-        let place = self.config.setup().left().pose_b_c().translation.vector * 1e3;
-        let ((moved, place_sigma), (turned, attitude_sigma)) = (three(0, 1e3, 2), three(3, degrees, 4));
-        vec![
-            format!("left camera    at ({}) mm in the body, one sigma ({place_sigma})", words(&place, 2)),
-            format!("               moved by ({moved}) mm"),
-            format!("attitude       one sigma ({attitude_sigma}) deg about its x, y and z"),
-            format!("               turned by ({turned}) deg"),
+        let place = self.config.setup().left().pose_b_c().translation.vector;
+        let [moved, place_sigma] = three(0).map(|v| words(&(v * 1e3), 2));
+        let [turned, attitude_sigma] = three(3).map(|v| words(&v.map(f64::to_degrees), 4));
+        let [offset, late, late_sigma] =
+            [self.config.rig.time_offset_s, self.step[6], self.covariance[(6, 6)].sqrt()].map(|s| 1e3 * s);
+        [
             format!(
-                "time offset    {:.3} ms (t_imu - t_camera), one sigma {:.3}, moved by {:.3} ms",
-                1e3 * self.config.rig.time_offset_s,
-                1e3 * self.covariance[(6, 6)].sqrt(),
-                1e3 * self.step[6]
+                "left camera    at ({}) mm in the body, moved by ({moved}), one sigma ({place_sigma})",
+                words(&(place * 1e3), 2)
+            ),
+            format!(
+                "attitude       turned by ({turned}) deg about its x, y and z, one sigma ({attitude_sigma})"
+            ),
+            format!(
+                "time offset    {offset:.3} ms (t_imu - t_camera), moved by {late:.3}, one sigma {late_sigma:.3}"
             ),
             format!("of             {} pieces of two seconds in {:.1} s", self.pieces, self.span_s),
         ]
-    }
-
-    /// The covariance as comments of a file: rows of position (m), attitude (rad) and time offset (s).
-    #[must_use]
-    pub fn covariance_comment(&self) -> String {
-        let mut text = String::from(
-            "# Covariance of position x y z in the body (m), attitude about x y z of the left camera (rad), time offset (s):\n",
-        );
-        for row in self.covariance.row_iter() {
-            let values: Vec<String> = row.iter().map(|value| format!("{value:.3e}")).collect();
-            let _ = writeln!(text, "#   {}", values.join(" "));
-        }
-        text
     }
 }
 

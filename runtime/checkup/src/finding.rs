@@ -69,7 +69,6 @@ impl Finding {
     }
 
     /// Cause and cure.
-    #[must_use]
     pub fn advice(&self) -> String {
         match self.cause.as_str() {
             "" => self.cure.clone(),

@@ -73,7 +73,6 @@ impl HealthTally {
     }
 
     /// Median quality; `None` without a pose.
-    #[must_use]
     pub fn median_quality(&self) -> Option<i8> {
         let all: u64 = self.qualities.iter().sum();
         let mut below = 0;
@@ -96,7 +95,6 @@ impl HealthTally {
 
     /// Health of the flight in one line: median quality, each bit that held for more than 2 % of the frames, and what to do; of
     /// `known`, which explains all of these, instead.
-    #[must_use]
     pub fn line(&self, known: Option<&Finding>) -> String {
         let quality = match self.median_quality() {
             None => "no valid estimate".to_owned(),
@@ -131,7 +129,6 @@ impl HealthTally {
 
     /// Warnings of bits that held for a tenth of the frames; of frozen images and stuck sensors for a fiftieth. While the flight
     /// goes on, such that held for three seconds. Bits of `known` are explained elsewhere.
-    #[must_use]
     pub fn findings(&self, is_over: bool, known: HealthBits) -> Vec<Finding> {
         let least = if is_over { MIN_FRAMES } else { LASTING };
         let is_warned = |held: &&HeldBit| {
@@ -155,7 +152,6 @@ impl HealthTally {
     }
 
     /// Reason why no pose was found in a flight with so many cameras, by the health bits, with the cure.
-    #[must_use]
     pub fn why_no_pose(&self, cameras: usize) -> String {
         if self.frames == 0 {
             return "no frame arrived".to_owned();

@@ -47,7 +47,6 @@ pub struct Rest {
 }
 
 /// The times in which the vehicle rests, by the samples alone.
-#[must_use]
 pub fn rest(samples: &[ImuSample]) -> Rest {
     rest_of(samples, |_, _| false, MIN_REST_S.1)
 }
@@ -107,7 +106,6 @@ fn still(piece: &[ImuSample]) -> Option<Means> {
 
 impl Rest {
     /// True if the vehicle stood long enough for a verdict.
-    #[must_use]
     pub(crate) fn is_enough(&self) -> bool {
         self.seconds > 0.0 && self.seconds >= self.least_s
     }
@@ -123,7 +121,6 @@ impl Rest {
 }
 
 /// Gravity and bias.
-#[must_use]
 pub fn at_rest(rest: &Rest, config: &Config) -> [Measure; 2] {
     [("gravity", gravity as fn(&'static str, &Rest, &Config) -> Measure), ("gyroscope bias", bias)]
         .map(|(name, judge)| rest.measure(name, || judge(name, rest, config)))
@@ -160,7 +157,6 @@ fn bias(name: &'static str, rest: &Rest, config: &Config) -> Measure {
 const REFUSED: f64 = 0.02;
 
 /// Judges how many samples the driver refused as impossible, beside those that it handed out.
-#[must_use]
 pub fn refused(count: u64, used: usize) -> Option<Finding> {
     let all = count + used as u64;
     (count as f64 > REFUSED * all as f64).then(|| {

@@ -79,7 +79,6 @@ pub struct Checkup {
 
 impl Checkup {
     /// For the rig of a configuration.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             config: config.clone(),
@@ -149,13 +148,11 @@ impl Checkup {
     }
 
     /// True if no further images are looked at.
-    #[must_use]
     pub fn has_seen_enough(&self) -> bool {
         self.seen == MAX_SEEN
     }
 
     /// Measurements so far with their verdicts: first what is wrong.
-    #[must_use]
     pub fn report(&self) -> Vec<Measure> {
         let config = &self.config;
         let (imu, frames) = self.arrivals();

@@ -53,7 +53,6 @@ pub struct Nod {
 }
 
 /// The first nod after the vehicle was level and at rest.
-#[must_use]
 pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
     let end = rest.first_end?;
     let up_b = rest.accel.try_normalize(1e-3)?;
@@ -114,7 +113,6 @@ fn by_axis(
 }
 
 /// Judges the mounting: roll and pitch by gravity at rest, the heading by a nod.
-#[must_use]
 pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2] {
     let nod = rest.is_enough().then(|| nod(samples, rest)).flatten();
     let mounting = config.vehicle.rot_v_b();
@@ -130,7 +128,6 @@ pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2
 }
 
 /// Warning of a mounting that gravity contradicts while the vehicle rests.
-#[must_use]
 pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
     let rest = inertial::rest(samples);
     let is_gravity = (rest.gravity_m_s2 - config.imu.gravity_m_s2).abs() < GRAVITY_M_S2;

@@ -60,7 +60,6 @@ pub struct Arrivals {
 
 impl Arrivals {
     /// Samples whose numbers do not matter, by their stamps.
-    #[must_use]
     pub fn of(stamps: Vec<Timestamp>) -> Self {
         Self { stamps, ..Self::default() }
     }
@@ -98,7 +97,6 @@ struct Stream {
 }
 
 /// Judges the stream of a sensor that is to deliver `nominal_hz` times a second.
-#[must_use]
 pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     let (name, device) = sensor.names();
     if arrivals.stamps.len() < MIN_STAMPS {
@@ -122,7 +120,6 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
 
 /// Finding about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts
 /// or a wild jitter. Losses are reported elsewhere.
-#[must_use]
 pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<Finding> {
     if arrivals.stamps.len() < MIN_STAMPS {
         return None;
@@ -272,7 +269,6 @@ fn mean_interval(stamps: &[Timestamp]) -> f64 {
 }
 
 /// Finding: frames and samples are stamped by different clocks.
-#[must_use]
 pub fn two_clocks(samples: &[Timestamp], frames: &[Timestamp]) -> Option<Finding> {
     let span = |stamps: &[Timestamp]| Some((*stamps.iter().min()?, *stamps.iter().max()?));
     let ((sample_a, sample_b), (frame_a, frame_b)) = (span(samples)?, span(frames)?);
@@ -289,7 +285,6 @@ pub fn two_clocks(samples: &[Timestamp], frames: &[Timestamp]) -> Option<Finding
 }
 
 /// Judges how many frames have both images.
-#[must_use]
 pub fn judge_pairs(whole: u64, frames: usize) -> Measure {
     let half = frames as f64 - whole as f64;
     let share = half / (frames as f64).max(1.0);

@@ -1,5 +1,7 @@
 //! Measurement, its verdict, and the cure.
 
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Verdict on a measurement, the mildest first.
@@ -29,9 +31,14 @@ impl fmt::Display for Fitness {
     }
 }
 
+impl Serialize for Fitness {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl Fitness {
     /// [`Fitness::Good`] up to `good`, [`Fitness::Mind`] up to `mind`, and beyond (or no number) [`Fitness::NotFit`].
-    #[must_use]
     pub fn within(value: f64, good: f64, mind: f64) -> Self {
         if value <= good {
             Self::Good
@@ -44,7 +51,7 @@ impl Fitness {
 }
 
 /// One thing that was looked at.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measure {
     /// Name, always the same.
     pub name: &'static str,
@@ -55,14 +62,14 @@ pub struct Measure {
     /// Cure, in one line; empty where it is good.
     pub cure: String,
     /// Measured values as numbers; each name ends with its unit.
-    pub figures: Vec<(&'static str, f64)>,
+    pub figures: BTreeMap<&'static str, f64>,
     /// Motion that shows it, where no flight should begin without it.
+    #[serde(skip)]
     pub motion: Option<&'static str>,
 }
 
 impl Measure {
     /// A measure of these words; the cure of a good one is left out.
-    #[must_use]
     pub fn new(
         name: &'static str,
         verdict: Fitness,
@@ -71,11 +78,10 @@ impl Measure {
         figures: &[(&'static str, f64)],
     ) -> Self {
         let cure = if verdict == Fitness::Good { String::new() } else { cure.into() };
-        Self { name, value, verdict, cure, figures: figures.to_vec(), motion: None }
+        Self { name, value, verdict, cure, figures: figures.iter().copied().collect(), motion: None }
     }
 
     /// Something that the data do not hold.
-    #[must_use]
     pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
         Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
     }
@@ -94,14 +100,12 @@ impl Measure {
     }
 
     /// True if a flight needs it and the data do not show it.
-    #[must_use]
     pub fn is_missing(&self) -> bool {
         self.verdict <= Fitness::Uncertain && self.motion.is_some()
     }
 
     /// The figure of this name.
-    #[must_use]
     pub fn figure(&self, name: &str) -> Option<f64> {
-        self.figures.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
+        self.figures.get(name).copied()
     }
 }

@@ -30,7 +30,6 @@ pub struct AccessArgs {
 
 impl AccessArgs {
     /// Where to listen and connect, with these keys; `vehicle` may be a pattern.
-    #[must_use]
     pub fn endpoints(&self, vehicle: &str, listen: &[String], connect: &[String]) -> Endpoints {
         let path = |path: &Option<PathBuf>| path.clone().unwrap_or_default();
         Endpoints {

@@ -2,10 +2,11 @@
 //! watched by a ground station with its page.
 
 use super::exit_status::{FAULT, last_resort};
+use super::ground::Background;
 use super::link_process::start_socket;
 use super::scenario::parse_scene;
 use super::{Usage, fly_status, log_lines, stop_on_signal};
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::Args;
 use parking_lot::Mutex;
 use plumbline_drivers::StereoFrame;
@@ -13,7 +14,6 @@ use plumbline_flight::flight::sensor_watch::SensorNotices;
 use plumbline_flight::flight::{Outputs, fly, open_simulation, scenario_config};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_ground as ground;
-use plumbline_ground::connection::StationSession;
 use plumbline_ground::fleet::Fleet;
 use plumbline_lab::report::Report;
 use plumbline_link::net::Endpoints;
@@ -80,8 +80,15 @@ pub fn run(args: &DemoArgs) -> Result<()> {
         "Flying for {:.0} s in the {} with {}x{} stereo images.",
         args.duration, args.scene, size.width_px, size.height_px
     );
-    let station = Station::open(args, &endpoint)?;
-    println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
+    let (station, fleet) = (Background::start()?, Arc::new(Mutex::new(Fleet::default())));
+    let hears = vec![DEFAULT_VEHICLE.to_owned()];
+    let endpoints = Endpoints { vehicle: "*".into(), hears, connect: vec![endpoint], ..Endpoints::default() };
+    let line = station.open(&endpoints, &fleet, false, &|| false)?.context("nothing ends the start")?;
+    // Another program may have the usual port.
+    let page =
+        ground::web::bind(args.http).or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
+    let address = station.serve(page, &fleet, &line, (true, &[]))?;
+    println!("Look at http://{address} (or from another terminal: plumbline ground --no-http)");
     let mut progress = fly_status::start(SensorNotices::default())?;
     let options = RunOptions { speed: Some(1.0), threads: 2 };
     let mut subscribers = outputs.subscribers();
@@ -90,39 +97,8 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     outputs.finish();
     progress.finish();
     println!("\n{}", Report::new(&flown).summary());
-    station.close();
+    station.close(&line);
     Ok(())
-}
-
-/// A ground station in this process: it knows of the flight what comes over the network.
-struct Station {
-    runtime: tokio::runtime::Runtime,
-    connection: StationSession,
-    address: SocketAddr,
-}
-
-impl Station {
-    /// Connects to the vehicle at `endpoint`; a page address that is taken is replaced by a free one.
-    fn open(args: &DemoArgs, endpoint: &str) -> Result<Self> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-        let connect = vec![endpoint.to_owned()];
-        let hears = vec![DEFAULT_VEHICLE.to_owned()];
-        let endpoints = Endpoints { vehicle: "*".into(), hears, connect, ..Endpoints::default() };
-        let fleet = Arc::new(Mutex::new(Fleet::default()));
-        let (connection, address) = runtime.block_on(async {
-            let connection = StationSession::open(&endpoints, &fleet, false).await?;
-            let page = ground::web::bind(args.http)
-                .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
-            let address = ground::web::serve(page, fleet, connection.clone(), true, &[]).await?;
-            Ok::<_, anyhow::Error>((connection, address))
-        })?;
-        Ok(Self { runtime, connection, address })
-    }
-
-    fn close(self) {
-        self.runtime.block_on(self.connection.close());
-        self.runtime.shutdown_timeout(Duration::from_millis(500));
-    }
 }
 
 /// Full resolution if this machine renders it in time, else half.

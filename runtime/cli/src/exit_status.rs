@@ -49,7 +49,6 @@ pub fn last_resort() {
 }
 
 /// The exit status of a command that ended with `error`.
-#[must_use]
 pub fn exit_status(error: &anyhow::Error) -> u8 {
     if error.chain().filter_map(|cause| cause.downcast_ref::<RunError>()).any(RunError::is_fault) {
         return FAULT;

@@ -121,7 +121,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let Some(line) = station.open(&endpoints, &fleet, args.json, &is_over)? else { return Ok(()) };
     let mut about = String::new();
     if let Some(page) = page {
-        let address = station.serve(page, Arc::clone(&fleet), line.clone(), args)?;
+        let address = station.serve(page, &fleet, &line, (args.gives_commands(), &args.http_name))?;
         about = format!("page: http://{address}");
         if !args.json {
             say(format_args!("the page is at http://{address}"));
@@ -170,10 +170,10 @@ fn show(
 
 /// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first
 /// connection without letting go of its thread.
-struct Background(Option<tokio::runtime::Runtime>);
+pub(super) struct Background(Option<tokio::runtime::Runtime>);
 
 impl Background {
-    fn start() -> std::io::Result<Self> {
+    pub(super) fn start() -> std::io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
         Ok(Self(Some(runtime)))
     }
@@ -183,7 +183,7 @@ impl Background {
     }
 
     /// Opens the connection; `None` when the command is over before that is done.
-    fn open(
+    pub(super) fn open(
         &self,
         endpoints: &Endpoints,
         fleet: &Arc<Mutex<Fleet>>,
@@ -203,19 +203,19 @@ impl Background {
         Ok(None)
     }
 
-    fn serve(
+    pub(super) fn serve(
         &self,
         page: std::net::TcpListener,
-        fleet: Arc<Mutex<Fleet>>,
-        line: StationSession,
-        args: &GroundArgs,
+        fleet: &Arc<Mutex<Fleet>>,
+        line: &StationSession,
+        (gives_commands, names): (bool, &[String]),
     ) -> Result<SocketAddr> {
-        let serving = web::serve(page, fleet, line, args.gives_commands(), &args.http_name);
+        let serving = web::serve(page, Arc::clone(fleet), line.clone(), gives_commands, names);
         Ok(self.runtime().block_on(serving)?)
     }
 
     /// Takes the station off the network, if that goes quickly.
-    fn close(&self, line: &StationSession) {
+    pub(super) fn close(&self, line: &StationSession) {
         let line = line.clone();
         let closing = self.runtime().spawn(async move { line.close().await });
         let _ = self.runtime().block_on(async { tokio::time::timeout(END_PATIENCE, closing).await });

@@ -61,7 +61,6 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// Runs the command line of this process.
-#[must_use]
 pub fn main() -> ExitCode {
     let mut known = help::command();
     let cli = Cli::from_arg_matches(&known.get_matches_mut())

@@ -3,10 +3,11 @@
 
 use super::restart::Restarts;
 use plumbline_config::ValidConfig;
-use plumbline_flight::flight::{Flight, Output, Outputs};
+use plumbline_flight::flight::{Flight, Outputs};
 use plumbline_flight::local::{Failure, LinkDoor, LinkWord, LocalSocket, SensorBoard};
 use plumbline_flight::pipeline::Control;
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_flight::schedule::worker::Worker;
 use plumbline_link::net::threads;
 use plumbline_link::process::LinkOptions;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
@@ -17,7 +18,6 @@ use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -81,8 +81,8 @@ pub enum LinkProcessError {
 #[derive(Debug)]
 pub struct LinkProcess {
     /// Dropped to end the process.
-    stop: Option<Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    _stop: Sender<()>,
+    _worker: Worker,
 }
 
 impl LinkProcess {
@@ -101,17 +101,10 @@ impl LinkProcess {
             (options.is_patient, (BASE_MB + u64::from(config.network.max_memory_mb)) * MB);
         let keeper = Keeper { door, options, max_bytes, stopped, tell: Some(tell) };
         // The process ends with the thread that has started it (PR_SET_PDEATHSIG).
-        let thread = std::thread::Builder::new().name("link-keeper".into()).spawn(move || keeper.run())?;
-        let process = Self { stop: Some(stop), thread: Some(thread) };
+        let worker = Worker::start("link-keeper", || {}, move || keeper.run())?;
+        let process = Self { _stop: stop, _worker: worker };
         outcome_of_start(&told, is_patient)?;
         Ok(process)
-    }
-
-    fn end(&mut self) {
-        self.stop.take();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
@@ -133,18 +126,6 @@ fn outcome_of_start(told: &Receiver<Start>, is_patient: bool) -> Result<(), Link
             Ok(Start::Failed(error)) => return Err(error),
             Err(RecvTimeoutError::Disconnected) => return Err(LinkProcessError::Died("no status".into())),
         }
-    }
-}
-
-impl Drop for LinkProcess {
-    fn drop(&mut self) {
-        self.end();
-    }
-}
-
-impl Output for LinkProcess {
-    fn stop(mut self: Box<Self>) {
-        self.end();
     }
 }
 

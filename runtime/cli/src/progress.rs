@@ -63,11 +63,7 @@ impl Progress {
     /// # Errors
     /// When the system refuses a thread.
     pub fn bar(expected: Option<u64>) -> std::io::Result<Self> {
-        let bar = expected.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
-        let template = "{bar:32} {pos}/{len} frames  {msg}  {elapsed} (eta {eta})";
-        bar.set_style(
-            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
-        );
+        let bar = bar(expected, "{pos}/{len} frames  {msg}");
         let theirs = bar.clone();
         let show = move |glance: Option<&Glance>| {
             let Some(glance) = glance else { return };
@@ -88,6 +84,13 @@ impl Progress {
             }
         }
     }
+}
+
+/// A bar of this length with `words`, the time it took, and the time that is left.
+pub(super) fn bar(length: Option<u64>, words: &str) -> ProgressBar {
+    let template = format!("{{bar:32}} {words}  {{elapsed}} (eta {{eta}})");
+    let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    length.map_or_else(ProgressBar::new_spinner, ProgressBar::new).with_style(style)
 }
 
 fn draw(mut glances: Reader<Glance>, mut show: impl FnMut(Option<&Glance>), end: impl FnOnce()) {

@@ -77,7 +77,6 @@ impl RunArgs {
     }
 
     /// Endpoints of the network process.
-    #[must_use]
     pub fn link(&self, is_patient: bool) -> LinkOptions {
         let (listen, connect) = (self.listen.clone(), self.connect.clone());
         LinkOptions { listen, connect, publish: false, is_patient }

@@ -36,13 +36,11 @@ const GLANCE: Duration = Duration::from_secs(1);
 const LEAVE_VIEW: &[u8] = b"\x1b[?1049l\x1b[?25h";
 
 /// True if this process is a worker.
-#[must_use]
 pub fn is_worker() -> bool {
     std::env::var_os(VARIABLE).is_some()
 }
 
 /// Moment at which the command began: before this process if that has been started again.
-#[must_use]
 pub fn begun() -> Instant {
     let since_ns = std::env::var(VARIABLE).ok().and_then(|text| text.parse::<u64>().ok());
     let age = since_ns.and_then(|since_ns| monotonic_ns().checked_sub(since_ns)).map(Duration::from_nanos);

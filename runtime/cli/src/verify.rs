@@ -1,11 +1,11 @@
 //! `plumbline verify`: is what a flight log holds what comes out of its inputs?
 
+use super::progress::bar;
 use super::simulated::check_recorded;
 use super::topics::TopicArgs;
 use super::{Usage, say};
 use anyhow::{Result, bail};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_drivers::StereoSource;
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::open_recording;
@@ -113,9 +113,7 @@ fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
 
 /// Executes a log under a bar of progress.
 pub(super) fn under_a_bar<T>(execute: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> T {
-    let bar = ProgressBar::new(STEPS);
-    let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
-    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = bar(Some(STEPS), "{percent} %  executing");
     let outcome = execute(&mut |done| bar.set_position((done * STEPS as f64) as u64));
     bar.finish_and_clear();
     outcome

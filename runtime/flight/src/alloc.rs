@@ -53,7 +53,6 @@ pub struct Count(u64);
 
 impl Count {
     /// Begins at zero.
-    #[must_use]
     pub fn begin() -> Self {
         Self(EVENTS.with(Cell::get))
     }

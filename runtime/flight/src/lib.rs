@@ -9,7 +9,7 @@
 //! - `sensor_board` holds the state of live sensors on its way to the local socket;
 //! - [`places`] are maps on disk, made of data sets and searched;
 //! - a [`flight`] puts sources, run and listeners together. What else listens is handed in by the caller
-//!   ([`flight::Output`]).
+//!   ([`pipeline::listener::Subscriber`]).
 
 pub mod alloc;
 pub mod autopilot;

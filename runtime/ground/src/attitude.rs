@@ -24,7 +24,6 @@ pub struct Attitude {
 impl Attitude {
     /// From the rotation that takes coordinates from `V` to `O`. A nose that points straight up or down has roll 0,
     /// and the heading that the wings have.
-    #[must_use]
     pub fn of(rot_o_v: &UnitQuaternion<f64>) -> Self {
         let [forward_o, left_o, up_o] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| rot_o_v * axis);
         let horizontal = forward_o.xy().norm();

@@ -129,19 +129,16 @@ impl Channel {
     }
 
     /// Time since the last message.
-    #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         self.last.map(|last| now.saturating_duration_since(last))
     }
 
     /// True if the last message is older than [`STALE_AFTER`].
-    #[must_use]
     pub fn is_stale(&self, now: Instant) -> bool {
         self.age(now).is_none_or(|age| age > STALE_AFTER)
     }
 
     /// Messages a second at `now`: zero when none has arrived for two seconds.
-    #[must_use]
     pub fn rate_hz(&self, now: Instant) -> f64 {
         if self.age(now).is_none_or(|age| age > 2 * RATE_WINDOW) { 0.0 } else { self.rate_hz }
     }
@@ -166,7 +163,6 @@ impl Delays {
     }
 
     /// The delay that a share of the messages stayed below, ms; `None` before the first.
-    #[must_use]
     pub fn quantile_ms(&self, share: f64) -> Option<f64> {
         (!self.0.is_empty()).then(|| self.0.value_at_quantile(share) as f64 * 1e-3)
     }

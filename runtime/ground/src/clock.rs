@@ -54,25 +54,21 @@ impl ClockEstimate {
     }
 
     /// Vehicle's clock minus this host's, ns.
-    #[must_use]
     pub fn offset_ns(&self) -> Option<i64> {
         self.best().map(Exchange::offset_ns)
     }
 
     /// Round trip of the last exchange, ns.
-    #[must_use]
     pub fn round_trip_ns(&self) -> Option<i64> {
         self.exchanges.back().map(Exchange::round_trip_ns)
     }
 
     /// Exchanges so far, up to what is kept.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.exchanges.len()
     }
 
     /// True if there was no exchange.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.exchanges.is_empty()
     }

@@ -62,7 +62,6 @@ impl StationSession {
     }
 
     /// The session; `None` while nobody has been reached.
-    #[must_use]
     pub fn session(&self) -> Option<&Session> {
         self.0.get()
     }

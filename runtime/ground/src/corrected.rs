@@ -71,33 +71,28 @@ impl Corrected {
     }
 
     /// The number of the newest path, where the one that is here is older.
-    #[must_use]
     pub fn missing(&self) -> Option<u64> {
         let newest = self.announced.checked_sub(1)?;
         self.path.as_ref().is_none_or(|path| path.sequence < newest).then_some(newest)
     }
 
     /// Takes coordinates from the odometry frame after so many resets to the map frame; `None` while that is not known.
-    #[must_use]
     pub fn pose_m_o(&self, resets: u32) -> Option<Isometry3<f64>> {
         let correction = &self.correction.as_ref()?.message;
         correction.pose_m_o.filter(|_| correction.reset_counter == resets)
     }
 
     /// Pieces of the corrected path: positions of the body in the map, m.
-    #[must_use]
     pub fn pieces(&self) -> &[Vec<[f32; 3]>] {
         self.path.as_ref().map_or(&[], |path| &path.pieces)
     }
 
     /// Loops that count: both ends in the map, m.
-    #[must_use]
     pub fn loops(&self) -> &[[[f32; 3]; 2]] {
         self.path.as_ref().map_or(&[], |path| &path.loops)
     }
 
     /// The map in words, such as "44 keyframes, 21 loops, drift taken out 0.02 m"; `None` where no word of a map has come.
-    #[must_use]
     pub fn words(&self, resets: u32) -> Option<String> {
         let MapEstimate { keyframes, sightings, loops_used, .. } = self.correction.as_ref()?.message;
         let count = |n: u32, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });

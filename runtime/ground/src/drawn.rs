@@ -64,13 +64,11 @@ impl DrawnTopic {
 }
 
 /// Name of the odometry frame of a vehicle.
-#[must_use]
 pub fn odometry_frame(vehicle: &str) -> String {
     format!("{vehicle}/odom")
 }
 
 /// Name of the body frame of a vehicle.
-#[must_use]
 pub fn body_frame(vehicle: &str) -> String {
     format!("{vehicle}/body")
 }

@@ -5,7 +5,6 @@ use plumbline_record::fields::{About, Parts, Shape, Value as Field};
 use serde_json::Value;
 
 /// Fields of a record by their names.
-#[must_use]
 pub fn fields(record: &dyn Parts) -> Value {
     let mut all = serde_json::Map::new();
     record.visit(&mut |about, value| _ = all.insert(about.wire.to_owned(), field(about, value)));

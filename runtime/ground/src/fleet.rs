@@ -172,7 +172,6 @@ impl Fleet {
     }
 
     /// Measurement time of the newest message of the first vehicle by name that is heard now, ns: vehicles may have other clocks.
-    #[must_use]
     pub fn data_time_ns(&self, now: Instant) -> Option<i64> {
         let is_heard = |vehicle: &&VehicleState| !vehicle.odom.is_stale(now) || !vehicle.state.is_stale(now);
         self.vehicles.values().find(is_heard).map(|vehicle| vehicle.stamp_ns)
@@ -186,7 +185,6 @@ impl Fleet {
     }
 
     /// A line for each vehicle.
-    #[must_use]
     pub fn lines(&self, now: Instant) -> Vec<String> {
         self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
     }
@@ -198,7 +196,6 @@ fn without_digits(notice: &str) -> impl Iterator<Item = char> {
 }
 
 /// True if a vehicle can have this name: it is one part of a key, and is shown in terminals.
-#[must_use]
 pub fn is_name(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
     !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(is_plain)

@@ -3,13 +3,14 @@
 use super::clock::Exchange;
 use super::fleet::Fleet;
 use super::foxglove;
-use super::listen::apply_numbered;
+use super::listen;
 use super::track::tum;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
 use parking_lot::Mutex;
 use plumbline_link::net::{read, security};
 use plumbline_record::messages::{MapSaved, PastTrajectory, ResetDone};
+use plumbline_record::topics::Topic;
 use std::time::Instant;
 
 /// Messages of a vehicle, one after the other: the number of the topic, the length as two bytes (little end first), and
@@ -32,6 +33,26 @@ fn heard(data: &[u8]) -> Mutex<Fleet> {
         rest = next;
     }
     fleet
+}
+
+/// Number of a published topic in seeds, which stays while others come: that of its kind, if it has one.
+pub fn seed_number(topic: Topic) -> u8 {
+    let mut without_kind = Topic::published().filter(|(topic, _)| topic.kind() == 0);
+    without_kind.position(|(known, _)| known == topic).map_or(topic.kind() as u8, |place| place as u8)
+}
+
+/// Takes `bytes` as a message of a vehicle on the topic of this number; others are counted round.
+pub fn apply_numbered(fleet: &Mutex<Fleet>, number: u8, bytes: &[u8]) {
+    let topics: Vec<Topic> = Topic::published().map(|(topic, _)| topic).collect();
+    let known = topics.iter().find(|topic| seed_number(**topic) == number);
+    listen::apply(
+        fleet,
+        *known.unwrap_or(&topics[usize::from(number) % topics.len()]),
+        "drone",
+        bytes,
+        0,
+        false,
+    );
 }
 
 /// A message of a topic, or the answer to a question.

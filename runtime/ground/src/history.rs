@@ -17,7 +17,6 @@ impl<T> Default for History<T> {
 
 impl<T> History<T> {
     /// A history of these entries, of which the newest `most` are kept.
-    #[must_use]
     pub fn of(mut entries: Vec<T>, most: usize) -> Self {
         entries.drain(..entries.len().saturating_sub(most));
         Self { total: entries.len() as u64, entries: entries.into() }
@@ -38,13 +37,11 @@ impl<T> History<T> {
     }
 
     /// Entries so far, those no longer kept included: the number of the next one.
-    #[must_use]
     pub fn total(&self) -> u64 {
         self.total
     }
 
     /// Number of the oldest entry that is kept.
-    #[must_use]
     pub fn first(&self) -> u64 {
         self.total - self.entries.len() as u64
     }
@@ -61,25 +58,21 @@ impl<T> History<T> {
     }
 
     /// The oldest.
-    #[must_use]
     pub fn oldest(&self) -> Option<&T> {
         self.entries.front()
     }
 
     /// The newest.
-    #[must_use]
     pub fn newest(&self) -> Option<&T> {
         self.entries.back()
     }
 
     /// Number of entries that are kept.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
     /// True if none is kept.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }

@@ -94,7 +94,7 @@ fn receive(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bo
 }
 
 /// Applies a payload of a vehicle, received at `received_ns` by this host's clock; what cannot be decoded is counted.
-fn apply(
+pub(super) fn apply(
     fleet: &Mutex<Fleet>,
     topic: Topic,
     vehicle: &str,
@@ -172,21 +172,6 @@ fn print_state(vehicle: &str, Heard { envelope, message }: &Heard<FullEstimate>)
     }
 }
 
-/// Number of a published topic in seeds, which stays while others come: that of its kind, if it has one.
-#[cfg(any(test, feature = "fuzzing"))]
-pub fn seed_number(topic: Topic) -> u8 {
-    let mut without_kind = Topic::published().filter(|(topic, _)| topic.kind() == 0);
-    without_kind.position(|(known, _)| known == topic).map_or(topic.kind() as u8, |place| place as u8)
-}
-
-/// Takes `bytes` as a message of a vehicle on the topic of this number; others are counted round.
-#[cfg(any(test, feature = "fuzzing"))]
-pub fn apply_numbered(fleet: &Mutex<Fleet>, number: u8, bytes: &[u8]) {
-    let topics: Vec<Topic> = Topic::published().map(|(topic, _)| topic).collect();
-    let known = topics.iter().find(|topic| seed_number(**topic) == number);
-    apply(fleet, *known.unwrap_or(&topics[usize::from(number) % topics.len()]), "drone", bytes, 0, false);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,7 +190,7 @@ mod tests {
             bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0u8..8
         ) {
             let fleet = Mutex::new(Fleet::default());
-            apply_numbered(&fleet, topic, &bytes);
+            crate::fuzzing::apply_numbered(&fleet, topic, &bytes);
             let fleet = fleet.lock();
             prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
         }

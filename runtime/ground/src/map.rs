@@ -145,19 +145,16 @@ impl Map {
     }
 
     /// Keyframes kept.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.keyframes.len()
     }
 
     /// True if the map has no keyframes.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.keyframes.is_empty()
     }
 
     /// The newest gap of at most `limit` keyframes that were announced and not received, among those that are kept.
-    #[must_use]
     pub fn missing(&self, limit: u64) -> Option<Range<u64>> {
         let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64).max(self.first);
         // Keyframes discarded for lack of memory are not queried again.
@@ -176,7 +173,6 @@ impl Map {
     }
 
     /// Keyframes from arrival number `from` on, at most `limit`, and the number after the last of them.
-    #[must_use]
     pub fn since(&self, from: u64, limit: usize) -> (u64, Vec<(u64, &MapKeyframe)>) {
         let from = from.clamp(self.arrivals.first(), self.arrivals.total());
         let some = self.arrivals.since(from).take(limit);

@@ -3,7 +3,6 @@
 use std::io::{self, ErrorKind};
 
 /// True if an error of the output means that its reader is gone.
-#[must_use]
 pub fn is_gone(error: &io::Error) -> bool {
     let gone = [rustix::io::Errno::IO, rustix::io::Errno::NXIO, rustix::io::Errno::BADF];
     error.kind() == ErrorKind::BrokenPipe

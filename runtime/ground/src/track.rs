@@ -26,7 +26,6 @@ pub struct PoseSample {
 }
 
 /// Poses in the TUM format: `t[s] x y z qx qy qz qw`.
-#[must_use]
 pub fn tum(poses: &[PoseSample]) -> String {
     let mut text = String::new();
     for PoseSample { stamp_ns, pose_o_b } in poses {

@@ -33,7 +33,6 @@ pub struct ReceivedPicture {
 }
 
 /// Name of a tracking state.
-#[must_use]
 pub const fn state_words(state: TrackingState) -> &'static str {
     match state {
         TrackingState::Initialising => "initialising",
@@ -108,13 +107,11 @@ pub struct VehicleState {
 
 impl VehicleState {
     /// One that nothing was heard of yet.
-    #[must_use]
     pub fn arrived(arrival: u64) -> Self {
         Self { arrival, ..Self::default() }
     }
 
     /// Name of the tracking state.
-    #[must_use]
     pub fn state_words(&self) -> &'static str {
         self.tracking.map_or("unknown", state_words)
     }

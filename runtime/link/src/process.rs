@@ -40,7 +40,6 @@ pub struct LinkOptions {
 }
 
 /// True if there is anything to publish over Zenoh.
-#[must_use]
 pub fn has_network(config: &NetworkConfig, options: &LinkOptions) -> bool {
     let endpoints = Endpoints::of(config).and(&options.listen, &options.connect);
     options.publish || !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting
@@ -87,7 +86,6 @@ pub enum NetworkProcessError {
 
 impl NetworkProcessError {
     /// True if another attempt with the same configuration cannot succeed.
-    #[must_use]
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Net(error) => error.is_usage(),
@@ -169,7 +167,8 @@ fn until_the_end(
         is_over.store(true, Ordering::Relaxed);
         ended
     });
-    outputs.stop();
+    // What waits is sent, and the sessions are closed.
+    drop(outputs);
     if stop.load(Ordering::Relaxed) { Ended::Stopped } else { ended }
 }
 
@@ -223,16 +222,6 @@ impl Outputs {
         }
         if let Some((_, feed)) = &mut self.net {
             feed.take(record, message);
-        }
-    }
-
-    /// Sends what waits, and closes the sessions.
-    fn stop(self) {
-        if let Some((publisher, _)) = self.net {
-            publisher.stop();
-        }
-        if let Some((ros, _)) = self.ros {
-            ros.stop();
         }
     }
 }

@@ -2,12 +2,13 @@
 //!
 //! Input is small and copied, except for [images](crate::image).
 
-use crate::errors::{ArgumentError, ArgumentTypeError};
+use crate::errors::ArgumentTypeError;
 use bytemuck::NoUninit;
 use nalgebra::Vector3;
+use pyo3::call::PyCallArgs;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyByteArray, PyBytes, PyFloat, PyList, PyTuple};
+use pyo3::types::{PyByteArray, PyTuple};
 
 /// Function of the module `numpy`.
 fn numpy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -61,84 +62,43 @@ pub fn nanoseconds(value: &Bound<'_, PyAny>, name: &str) -> PyResult<i64> {
 
 /// Three numbers: a sequence, or an array of shape (3,).
 pub fn vector(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vector3<f64>> {
-    let py = value.py();
-    let wrong = || {
-        let message = format!("{name}: expected three numbers, got {}", kind_of(value));
-        ArgumentTypeError::new_err(message)
-    };
-    let list;
-    let sequence = if value.is_instance_of::<PyTuple>() || value.is_instance_of::<PyList>() {
-        value
-    } else if value.is_instance(ndarray(py)?)? {
-        list = value.call_method0("tolist")?;
-        &list
-    } else {
-        return Err(wrong());
-    };
-    let numbers: [f64; 3] = sequence.extract().map_err(|_| wrong())?;
-    Ok(Vector3::from(numbers))
+    Ok(checked(value.py(), "vector", (value, name))?.extract::<[f64; 3]>()?.into())
+}
+
+/// Result of a function of `plumbline._arguments`, which checks arguments.
+fn checked<'py>(py: Python<'py>, name: &str, arguments: impl PyCallArgs<'py>) -> PyResult<Bound<'py, PyAny>> {
+    py.import("plumbline._arguments")?.call_method1(name, arguments)
 }
 
 /// Name of the type of a value, with dtype and shape of an array.
 pub fn kind_of(value: &Bound<'_, PyAny>) -> String {
-    let described = || -> PyResult<String> {
-        let py = value.py();
-        if value.is_instance(ndarray(py)?)? {
-            return Ok(format!(
-                "an array of {} and shape {}",
-                value.getattr("dtype")?,
-                value.getattr("shape")?
-            ));
-        }
-        if value.is_instance_of::<PyFloat>() {
-            return Ok(format!("the float {}", value.repr()?));
-        }
-        Ok(value.get_type().name()?.to_string())
-    };
-    described().unwrap_or_else(|_| "an object".into())
-}
-
-/// Real numbers of an array-like value of the shape (N, `width`), or (N,) for a width of 1, copied.
-pub fn numbers(value: &Bound<'_, PyAny>, name: &str, width: usize) -> PyResult<Vec<f64>> {
-    let shape = if width == 1 { "(N,)".to_owned() } else { format!("(N, {width})") };
-    let bytes = bytes(value, (name, "fiu", "numbers", &shape), "float64", width)?;
-    Ok(bytes.as_bytes().as_chunks().0.iter().copied().map(f64::from_ne_bytes).collect())
+    let described = checked(value.py(), "kind_of", (value,)).and_then(|words| words.extract());
+    described.unwrap_or_else(|_| "an object".into())
 }
 
 /// Stamps of an array-like value of the shape (N,), copied.
 pub fn stamps(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<i64>> {
-    let bytes = bytes(value, (name, "iu", "integer nanoseconds", "(N,)"), "int64", 1)?;
-    Ok(bytes.as_bytes().as_chunks().0.iter().copied().map(i64::from_ne_bytes).collect())
+    Ok(stamps_of(&checked(value.py(), "content", (value, name, None::<usize>))?.extract::<Vec<u8>>()?))
 }
 
-/// Content of an array-like value, after a check of the kind of its numbers and of its shape.
-fn bytes<'py>(
-    value: &Bound<'py, PyAny>,
-    (name, kinds, words, shape): (&str, &str, &str, &str),
-    dtype: &str,
-    width: usize,
-) -> PyResult<Bound<'py, PyBytes>> {
-    let py = value.py();
-    let wrong = |class: fn(String) -> PyErr, got: &Bound<'_, PyAny>| {
-        class(format!("{name}: expected {words} of shape {shape}, got {}", kind_of(got)))
-    };
-    let array = numpy(py, "asarray")?
-        .call1((value,))
-        .map_err(|_| wrong(ArgumentTypeError::new_err::<String>, value))?;
-    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
-    let sizes: Vec<usize> = array.getattr("shape")?.extract()?;
-    let is_empty = sizes == [0];
-    if !kinds.contains(&kind) && !is_empty {
-        return Err(wrong(ArgumentTypeError::new_err::<String>, &array));
-    }
-    let fits = match sizes[..] {
-        [_] => width == 1 || is_empty,
-        [_, columns] => width > 1 && columns == width,
-        _ => false,
-    };
-    if !fits {
-        return Err(wrong(ArgumentError::new_err::<String>, &array));
-    }
-    let copied = array.call_method1("astype", (dtype,))?.call_method0("tobytes")?;
-    Ok(copied.cast_into::<PyBytes>()?)
+fn stamps_of(bytes: &[u8]) -> Vec<i64> {
+    bytes.as_chunks().0.iter().copied().map(i64::from_ne_bytes).collect()
+}
+
+/// A stamp and its numbers.
+type Row<const A: usize, const B: usize> = (i64, [f64; A], [f64; B]);
+
+/// Stamps and rows of `A` and `B` numbers of three array-like values with their names, as many of each.
+pub fn rows<const A: usize, const B: usize>(
+    [stamps, a, b]: [(&Bound<'_, PyAny>, &str); 3],
+) -> PyResult<Vec<Row<A, B>>> {
+    let arguments = [(stamps.0, stamps.1, None), (a.0, a.1, Some(A)), (b.0, b.1, Some(B))];
+    let [stamps, a, b]: [Vec<u8>; 3] = checked(stamps.0.py(), "rows", (arguments.to_vec(),))?.extract()?;
+    let rows = stamps_of(&stamps).into_iter().zip(numbers(&a)).zip(numbers(&b));
+    Ok(rows.map(|((stamp, a), b)| (stamp, a, b)).collect())
+}
+
+fn numbers<const N: usize>(bytes: &[u8]) -> impl Iterator<Item = [f64; N]> {
+    let numbers: Vec<f64> = bytes.as_chunks().0.iter().copied().map(f64::from_ne_bytes).collect();
+    numbers.as_chunks().0.to_vec().into_iter()
 }

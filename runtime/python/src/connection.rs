@@ -1,13 +1,12 @@
 //! The local socket of a flight, by the client that every language has.
 
 use crate::errors::{ArgumentError, BusyError, ConnectionLost, RunError};
-use crate::estimate::{PyEstimate, PyOdometry};
 use crate::estimator::reset_kind;
-use crate::instant::PyInstant;
+use crate::table::state;
 use plumbline_client::{ClientError, Local};
 use plumbline_config::Timestamp;
 use plumbline_record::layout;
-use plumbline_record::local::record::{Header, Kind, Kinds};
+use plumbline_record::local::record::{Kind, Kinds};
 use plumbline_record::local::request::{At, MAX_PATIENCE_MS, Request, RequestStatus};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
@@ -27,6 +26,7 @@ const MAX_WAIT_S: f64 = 3e9;
 #[pyclass(frozen, module = "plumbline._native")]
 pub struct Connection {
     local: Mutex<Option<Local>>,
+    #[pyo3(get)]
     may_command: bool,
 }
 
@@ -39,37 +39,6 @@ fn seconds(name: &str, seconds: f64) -> PyResult<Duration> {
         return Ok(Duration::from_secs_f64(seconds));
     }
     Err(ArgumentError::new_err(format!("{name}: expected seconds from 0 on, got {seconds}")))
-}
-
-/// A record that Python is given.
-enum Known {
-    Odometry(PyOdometry),
-    Estimate(PyEstimate),
-    Lost(u64),
-    End,
-    Other,
-}
-
-fn known(header: &Header, content: &[u8]) -> Result<Known, &'static str> {
-    Ok(match Kind::of_kind(header.kind) {
-        Some(Kind::Odometry) => Known::Odometry(PyOdometry { odometry: layout::odometry(content)?.0 }),
-        Some(Kind::FullEstimate) => {
-            let FullEstimate { estimate, .. } = decode(content)?;
-            Known::Estimate(PyEstimate { estimate })
-        }
-        Some(Kind::Lost) => {
-            Known::Lost(u64::from_le_bytes(*content.first_chunk().ok_or("a count is too short")?))
-        }
-        Some(Kind::End) => Known::End,
-        _ => Known::Other,
-    })
-}
-
-/// Record received, as a Python object.
-#[derive(IntoPyObject)]
-enum Record {
-    Odometry(PyOdometry),
-    Estimate(PyEstimate),
 }
 
 impl Connection {
@@ -111,11 +80,6 @@ impl Connection {
         Ok(Self { may_command: local.may_command(), local: Mutex::new(Some(local)) })
     }
 
-    #[getter]
-    fn may_command(&self) -> bool {
-        self.may_command
-    }
-
     /// Next odometry or estimate with the count of losses so far; the first is `None` when none came in time, and the whole is
     /// `None` at the end of the flight.
     fn next(
@@ -123,7 +87,7 @@ impl Connection {
         py: Python<'_>,
         timeout_s: Option<f64>,
         losses: u64,
-    ) -> PyResult<Option<(Option<Record>, u64)>> {
+    ) -> PyResult<Option<(Option<Py<PyAny>>, u64)>> {
         let timeout = timeout_s.map(|timeout| seconds("timeout_s", timeout)).transpose()?;
         let deadline = timeout.and_then(|timeout| Instant::now().checked_add(timeout));
         let mut guard = self.lock()?;
@@ -140,19 +104,27 @@ impl Connection {
                 }
                 continue;
             };
-            let foreign = |what| lost(&ClientError::Foreign(what));
-            match known(&header, local.content()).map_err(foreign)? {
-                Known::Odometry(odometry) => return Ok(Some((Some(Record::Odometry(odometry)), losses))),
-                Known::Estimate(estimate) => return Ok(Some((Some(Record::Estimate(estimate)), losses))),
-                Known::Lost(count) => losses = count,
-                Known::End => return Ok(None),
-                Known::Other => {}
-            }
+            let (foreign, content) = (|what| lost(&ClientError::Foreign(what)), local.content());
+            let record = match Kind::of_kind(header.kind) {
+                Some(Kind::Odometry) => state(py, "Odometry", &layout::odometry(content).map_err(foreign)?.0),
+                Some(Kind::FullEstimate) => {
+                    let FullEstimate { estimate, .. } = decode(content).map_err(foreign)?;
+                    state(py, "Estimate", &estimate)
+                }
+                Some(Kind::Lost) => {
+                    let count = content.first_chunk().ok_or("a count is too short").map_err(foreign)?;
+                    losses = u64::from_le_bytes(*count);
+                    continue;
+                }
+                Some(Kind::End) => return Ok(None),
+                _ => continue,
+            };
+            return Ok(Some((Some(record?), losses)));
         }
     }
 
     /// State at an instant.
-    fn at(&self, py: Python<'_>, stamp_ns: i64, patience_s: f64, settled: bool) -> PyResult<PyInstant> {
+    fn at(&self, py: Python<'_>, stamp_ns: i64, patience_s: f64, settled: bool) -> PyResult<Py<PyAny>> {
         let patience_ms = seconds("patience_s", patience_s)?.as_millis();
         let patience_ms = u32::try_from(patience_ms).ok().filter(|ms| *ms <= MAX_PATIENCE_MS);
         let patience_ms = patience_ms.ok_or_else(|| {
@@ -166,7 +138,7 @@ impl Connection {
         let bytes = told.map_err(|answer| RunError::new_err(answer.words))?;
         let (answer, _) = layout::instant(&bytes).map_err(|what| lost(&ClientError::Foreign(what)))?;
         match answer.outcome.refusal() {
-            None => Ok(PyInstant { instant: answer.instant }),
+            None => state(py, "Instant", &answer),
             Some(why) => Err(RunError::new_err(format!("no state at {stamp_ns} ns: {why}"))),
         }
     }

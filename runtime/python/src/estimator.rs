@@ -1,13 +1,13 @@
 //! The estimator of a Python program: one object, samples in, estimates out.
 
-use crate::arrays::{nanoseconds, numbers, stamps, vector};
+use crate::arrays::{nanoseconds, rows, vector};
 use crate::config::{PyConfig, config_of};
 use crate::errors::{ArgumentError, ArgumentTypeError, BusyError, RunError, of_frame, of_sample};
-use crate::estimate::{PyEstimate, PyOdometry};
 use crate::image::LentImage;
+use crate::table::state;
 use nalgebra::Vector3;
 use plumbline_config::options::image_sizes;
-use plumbline_config::{ImuSample, Timestamp, ValidConfig};
+use plumbline_config::{ImuSample, Timestamp};
 use plumbline_estimator::{Estimator, FrameInput, ResetKind};
 use plumbline_record::digest::Digest;
 use pyo3::prelude::*;
@@ -27,7 +27,9 @@ struct State {
 /// One object serves one thread at a time: a call while another thread is in one raises `BusyError`.
 #[pyclass(frozen, name = "Estimator", module = "plumbline")]
 pub struct PyEstimator {
-    config: ValidConfig,
+    /// Configuration of the estimator.
+    #[pyo3(get)]
+    config: PyConfig,
     state: Mutex<State>,
 }
 
@@ -50,11 +52,11 @@ impl PyEstimator {
         camera: usize,
     ) -> PyResult<Option<LentImage>> {
         let Some(image) = image else { return Ok(None) };
-        if camera >= self.config.camera.len() {
+        if camera >= self.config.config.camera.len() {
             let message = format!("{name}: the configuration has one camera; leave it out");
             return Err(ArgumentError::new_err(message));
         }
-        LentImage::of(image, name, image_sizes(&self.config.camera)[camera]).map(Some)
+        LentImage::of(image, name, image_sizes(&self.config.config.camera)[camera]).map(Some)
     }
 }
 
@@ -69,28 +71,6 @@ fn sample_of(
     accel: &Bound<'_, PyAny>,
 ) -> PyResult<ImuSample> {
     Ok(sample(nanoseconds(stamp_ns, "stamp_ns")?, vector(gyro, "gyro")?, vector(accel, "accel")?))
-}
-
-/// Samples of arrays of the same length.
-fn samples_of(
-    stamps_ns: &Bound<'_, PyAny>,
-    gyro: &Bound<'_, PyAny>,
-    accel: &Bound<'_, PyAny>,
-) -> PyResult<Vec<ImuSample>> {
-    let stamps_ns = stamps(stamps_ns, "stamps_ns")?;
-    let (gyro_numbers, accel_numbers) = (numbers(gyro, "gyro", 3)?, numbers(accel, "accel", 3)?);
-    let (gyros, accels) = (gyro_numbers.as_chunks::<3>().0, accel_numbers.as_chunks::<3>().0);
-    if gyros.len() != stamps_ns.len() || accels.len() != stamps_ns.len() {
-        let message = format!(
-            "{} stamps, {} rows of gyro and {} of accel; give as many of each",
-            stamps_ns.len(),
-            gyros.len(),
-            accels.len()
-        );
-        return Err(ArgumentError::new_err(message));
-    }
-    let rows = stamps_ns.into_iter().zip(gyros).zip(accels);
-    Ok(rows.map(|((stamp, gyro), accel)| sample(stamp, (*gyro).into(), (*accel).into())).collect())
 }
 
 /// Kind of a reset by its name.
@@ -108,13 +88,7 @@ impl PyEstimator {
     fn new(py: Python<'_>, config: &Bound<'_, PyAny>) -> PyResult<Self> {
         let config = config_of(config)?;
         let estimator = py.detach(|| Estimator::new(config.setup()));
-        Ok(Self { config, state: Mutex::new(State { estimator, digest: Digest::default() }) })
-    }
-
-    /// Configuration of the estimator.
-    #[getter]
-    fn config(&self) -> PyConfig {
-        self.config.clone().into()
+        Ok(Self { config: config.into(), state: Mutex::new(State { estimator, digest: Digest::default() }) })
     }
 
     /// Adds an inertial sample.
@@ -130,10 +104,7 @@ impl PyEstimator {
     ) -> PyResult<()> {
         let sample = sample_of(stamp_ns, gyro, accel)?;
         let admission = self.lock()?.estimator.add_imu(&sample);
-        match of_sample(py, admission, sample.stamp.as_nanos(), None) {
-            Some(error) => Err(error),
-            None => Ok(()),
-        }
+        of_sample(py, admission, sample.stamp.as_nanos(), None)
     }
 
     /// Adds inertial samples in order of time, and returns their number.
@@ -147,16 +118,17 @@ impl PyEstimator {
         gyro: &Bound<'_, PyAny>,
         accel: &Bound<'_, PyAny>,
     ) -> PyResult<usize> {
-        let samples = samples_of(stamps_ns, gyro, accel)?;
-        let mut state = self.lock()?;
-        let estimator = &mut state.estimator;
+        let rows = rows([(stamps_ns, "stamps_ns"), (gyro, "gyro"), (accel, "accel")])?;
+        let samples: Vec<ImuSample> =
+            rows.into_iter().map(|(stamp, gyro, accel)| sample(stamp, gyro.into(), accel.into())).collect();
+        let mut guard = self.lock()?;
+        let estimator = &mut guard.estimator;
         let refused = py.detach(|| {
             let mut added = samples.iter().map(|sample| (sample.stamp, estimator.add_imu(sample)));
             added.by_ref().enumerate().find(|(_, (_, admission))| !admission.is_accepted())
         });
         let Some((index, (stamp, admission))) = refused else { return Ok(samples.len()) };
-        Err(of_sample(py, admission, stamp.as_nanos(), Some(index))
-            .unwrap_or_else(|| RunError::new_err("a sample was neither accepted nor refused")))
+        of_sample(py, admission, stamp.as_nanos(), Some(index)).map(|()| index)
     }
 
     /// Adds an inertial sample as `add_imu`, and returns the newest state carried forward to its time: odometry at the rate
@@ -167,13 +139,11 @@ impl PyEstimator {
         stamp_ns: &Bound<'_, PyAny>,
         gyro: &Bound<'_, PyAny>,
         accel: &Bound<'_, PyAny>,
-    ) -> PyResult<Option<PyOdometry>> {
+    ) -> PyResult<Option<Py<PyAny>>> {
         let sample = sample_of(stamp_ns, gyro, accel)?;
         let (admission, odometry) = self.lock()?.estimator.propagate_admitted(&sample);
-        match of_sample(py, admission, sample.stamp.as_nanos(), None) {
-            Some(error) => Err(error),
-            None => Ok(odometry.map(|odometry| PyOdometry { odometry })),
-        }
+        of_sample(py, admission, sample.stamp.as_nanos(), None)?;
+        odometry.map(|odometry| state(py, "Odometry", &odometry)).transpose()
     }
 
     /// Adds a frame, and returns the estimate at its time.
@@ -191,14 +161,14 @@ impl PyEstimator {
         left: Option<&Bound<'_, PyAny>>,
         right: Option<&Bound<'_, PyAny>>,
         sequence: Option<u64>,
-    ) -> PyResult<PyEstimate> {
+    ) -> PyResult<Py<PyAny>> {
         let stamp_ns = nanoseconds(stamp_ns, "stamp_ns")?;
         if left.is_none() && right.is_none() {
             return Err(ArgumentTypeError::new_err("left and right: both are None; pass at least one image"));
         }
         let images = [self.image(left, "left", 0)?, self.image(right, "right", 1)?];
-        let mut state = self.lock()?;
-        let State { estimator, digest } = &mut *state;
+        let mut guard = self.lock()?;
+        let State { estimator, digest } = &mut *guard;
         let estimate = py.detach(|| {
             let views = [0, 1].map(|camera: usize| images[camera].as_ref().and_then(LentImage::view));
             let frame = FrameInput { sequence, ..FrameInput::new(Timestamp::from_nanos(stamp_ns), views) };
@@ -206,7 +176,7 @@ impl PyEstimator {
             digest.add(&estimate);
             estimate
         });
-        if estimate.is_refused() { Err(of_frame(py, stamp_ns)) } else { Ok(PyEstimate { estimate }) }
+        if estimate.is_refused() { Err(of_frame(py, stamp_ns)) } else { state(py, "Estimate", &estimate) }
     }
 
     /// Time up to which inertial samples must have been added before the frame of that stamp is, ns.
@@ -231,6 +201,6 @@ impl PyEstimator {
     }
 
     fn __repr__(&self) -> String {
-        format!("<plumbline.Estimator of {} camera(s)>", self.config.camera.len())
+        format!("<plumbline.Estimator of {} camera(s)>", self.config.config.camera.len())
     }
 }

@@ -1,8 +1,7 @@
 //! Trajectories against their truth, as `plumbline evaluate` compares them.
 
-use crate::arrays::{numbers, stamps};
+use crate::arrays::{block, rows};
 use crate::errors::{ArgumentError, RunError, of_data};
-use crate::estimate::{matrix, vector};
 use crate::table;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;
@@ -12,8 +11,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 
-/// A quaternion printed with three decimals is still normal to this.
-const NORM_TOLERANCE: f64 = 0.01;
+/// Stamps, positions and orientations.
+type Columns<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 /// Options, as `plumbline.evaluate` puts them together.
 #[derive(FromPyObject)]
@@ -34,48 +33,21 @@ impl EvaluateArguments {
             let message = format!("align: expected none, origin, yaw, se3 or sim3, got '{}'", self.align);
             ArgumentError::new_err(message)
         })?;
-        let time_offset_s = self.time_offset_s;
-        if !time_offset_s.is_finite() {
-            let message = format!("time_offset: expected a number of seconds, got {time_offset_s}");
-            return Err(ArgumentError::new_err(message));
-        }
         let delta = self.delta_m.map_or(Delta::Frames(self.delta_frames), Delta::Metres);
-        let (max_difference_s, all_pairs) = (self.max_difference_s, self.all_pairs);
+        let Self { max_difference_s, all_pairs, time_offset_s, .. } = *self;
         Ok(EvaluateOptions { max_difference_s, alignment, delta, all_pairs, time_offset_s })
     }
 }
 
-/// Poses of three arrays: stamps (ns), positions (m), quaternions x y z w. Rows of NaN, which have no pose, are left out.
-fn poses(
-    (stamps_ns, positions, orientations): (&Bound<'_, PyAny>, &Bound<'_, PyAny>, &Bound<'_, PyAny>),
-) -> PyResult<Vec<StampedPose>> {
-    let stamps_ns = stamps(stamps_ns, "stamp_ns")?;
-    let (positions, orientations) =
-        (numbers(positions, "position", 3)?, numbers(orientations, "orientation", 4)?);
-    let (positions, orientations) = (positions.as_chunks::<3>().0, orientations.as_chunks::<4>().0);
-    if positions.len() != stamps_ns.len() || orientations.len() != stamps_ns.len() {
-        let (n, p, q) = (stamps_ns.len(), positions.len(), orientations.len());
-        let message = format!("{n} stamps, {p} positions and {q} orientations; give as many of each");
-        return Err(ArgumentError::new_err(message));
-    }
-    let mut poses = Vec::with_capacity(stamps_ns.len());
-    for (row, ((stamp, position), orientation)) in
-        stamps_ns.iter().zip(positions).zip(orientations).enumerate()
-    {
-        if position.iter().chain(orientation).all(|number| number.is_nan()) {
-            continue;
-        }
-        let rotation = Quaternion::from(*orientation);
-        if (rotation.norm() - 1.0).abs() > NORM_TOLERANCE {
-            let message =
-                format!("orientation {row}: a quaternion x y z w has length 1, this one {}", rotation.norm());
-            return Err(ArgumentError::new_err(message));
-        }
-        let pose =
-            Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_quaternion(rotation));
-        poses.push(StampedPose { stamp: Timestamp::from_nanos(*stamp), pose });
-    }
-    Ok(poses)
+/// Poses of three arrays: stamps (ns), positions (m), quaternions x y z w.
+fn poses((stamps_ns, position, orientation): &Columns<'_>) -> PyResult<Vec<StampedPose>> {
+    let arguments = [(stamps_ns, "stamp_ns"), (position, "position"), (orientation, "orientation")];
+    let poses = rows(arguments)?.into_iter().map(|(stamp, position, orientation)| {
+        let rotation = UnitQuaternion::from_quaternion(Quaternion::from(orientation));
+        let pose = Isometry3::from_parts(Translation3::from(position), rotation);
+        StampedPose { stamp: Timestamp::from_nanos(stamp), pose }
+    });
+    Ok(poses.collect())
 }
 
 /// Reads a trajectory file, or the truth of a EuRoC data set.
@@ -90,21 +62,21 @@ pub fn read_trajectory(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDi
 #[pyo3(name = "evaluate")]
 pub fn evaluate_trajectories<'py>(
     py: Python<'py>,
-    estimate: (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>),
-    truth: (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>),
+    estimate: Columns<'py>,
+    truth: Columns<'py>,
     options: EvaluateArguments,
 ) -> PyResult<Bound<'py, PyDict>> {
     let options = options.checked()?;
-    let estimate = poses((&estimate.0, &estimate.1, &estimate.2))?;
-    let truth = poses((&truth.0, &truth.1, &truth.2))?;
+    let (estimate, truth) = (poses(&estimate)?, poses(&truth)?);
     let evaluated = py.detach(|| evaluate(&estimate, &truth, &options));
     let evaluation = evaluated.map_err(|error| of_data(&error))?;
     let similarity = &evaluation.similarity;
     let values = PyDict::new(py);
     let json = serde_json::to_string(&evaluation).map_err(|error| RunError::new_err(error.to_string()))?;
     values.set_item("figures", json)?;
-    values.set_item("rotation", matrix(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
-    values.set_item("translation", vector(py, &similarity.translation)?)?;
+    let rotation = similarity.rotation.to_rotation_matrix().matrix().transpose();
+    values.set_item("rotation", block(py, rotation.as_slice(), &[3, 3])?)?;
+    values.set_item("translation", block(py, similarity.translation.as_slice(), &[3])?)?;
     values.set_item("scale", similarity.scale)?;
     Ok(values)
 }

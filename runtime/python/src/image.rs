@@ -68,7 +68,6 @@ impl LentImage {
     }
 
     /// The image.
-    #[must_use]
     pub fn view(&self) -> Option<ImageView<'_>> {
         let (width, height) = self.size_px;
         let bytes = self.stride * height.checked_sub(1)? + width;

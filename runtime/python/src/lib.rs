@@ -1,6 +1,6 @@
 //! Extension module of the Python package `plumbline`: what its `plumbline/*.py` is made on.
 //!
-//! - [`estimator`] is the estimator itself, with [`estimate`] for what it says and [`image`] for what it is lent;
+//! - [`estimator`] is the estimator itself, with [`image`] for what it is lent;
 //! - [`replay`] flies what [`opening`] opens, [`recording`] hands out its samples, [`log`] reads flight logs, [`evaluate`]
 //!   compares trajectories, [`connection`] reads the local socket of a flight;
 //! - [`config`] is the configuration, [`errors`] makes exceptions of errors, [`arrays`] and [`table`] make arrays.
@@ -12,11 +12,9 @@ mod arrays;
 mod config;
 mod connection;
 mod errors;
-mod estimate;
 mod estimator;
 mod evaluate;
 mod image;
-mod instant;
 mod log;
 mod opening;
 mod recording;
@@ -41,25 +39,10 @@ fn health_bits() -> Vec<(u32, &'static str)> {
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::config::PyConfig;
-    #[pymodule_export]
-    use super::connection::Connection;
-    #[pymodule_export]
-    use super::estimate::{PyEstimate, PyOdometry};
-    #[pymodule_export]
-    use super::estimator::PyEstimator;
-    #[pymodule_export]
-    use super::evaluate::{evaluate_trajectories, read_trajectory};
-    #[pymodule_export]
-    use super::health_bits;
-    #[pymodule_export]
-    use super::instant::PyInstant;
-    #[pymodule_export]
-    use super::log::read_log;
-    #[pymodule_export]
-    use super::recording::Recording;
-    #[pymodule_export]
-    use super::replay::replay;
+    use super::{
+        config::PyConfig, connection::Connection, estimator::PyEstimator, evaluate::evaluate_trajectories,
+        evaluate::read_trajectory, health_bits, log::read_log, recording::Recording, replay::replay,
+    };
 
     /// Version of the package.
     #[pymodule_export]

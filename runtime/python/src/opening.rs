@@ -9,7 +9,6 @@ use plumbline_flight::flight::{
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_simulator::{FlightPath, Scenario, Scene, USUAL_DURATION_S};
 use pyo3::prelude::*;
-use std::ops::Range;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -53,7 +52,8 @@ impl OpeningOptions {
                 py.detach(|| open_simulation(config, &scenario, self.mono, 0.0, None))
             }
             None => {
-                let seconds = self.seconds()?;
+                let seconds =
+                    self.start..self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
                 let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
                 let [left, right, imu, accel] = self.topics.clone();
                 let topics = BagTopics { left, right, imu, accel };
@@ -77,28 +77,10 @@ impl OpeningOptions {
         })?)
     }
 
-    /// Seconds of a recording, from its first frame.
-    fn seconds(&self) -> PyResult<Range<f64>> {
-        let end = self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
-        if self.start.is_finite() && self.start >= 0.0 && end > self.start {
-            return Ok(self.start..end);
-        }
-        let message = format!(
-            "start {} s and the end at {end} s leave nothing: give seconds from the first frame",
-            self.start
-        );
-        Err(ArgumentError::new_err(message))
-    }
-
     fn scenario(&self, scene: &str) -> PyResult<Scenario> {
-        let refuse = |message: String| Err(ArgumentError::new_err(message));
-        let Some(scene) = Scene::named(scene) else {
-            return refuse(format!("no scene '{scene}': choose room, hall, low-texture or far"));
-        };
-        if self.frames.is_some() || self.truth.is_some() {
-            let message = "frames and truth are for recordings; a simulated flight takes start and duration, and knows its truth";
-            return refuse(message.into());
-        }
+        let scene = Scene::named(scene).ok_or_else(|| {
+            ArgumentError::new_err(format!("no scene '{scene}': choose room, hall, low-texture or far"))
+        })?;
         let mut scenario = Scenario {
             scene,
             path: FlightPath::named(&self.path),

@@ -6,7 +6,7 @@ use crate::errors::{BusyError, of_data};
 use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_config::options::image_sizes;
-use plumbline_config::{GrayImage, ImuSample, ValidConfig};
+use plumbline_config::{GrayImage, ImuSample};
 use plumbline_drivers::{ImuSource, StereoFrame, StereoSource};
 use plumbline_flight::flight::Truth;
 use pyo3::prelude::*;
@@ -23,8 +23,11 @@ struct Streams {
 /// Samples of a recording: see `plumbline.Recording`.
 #[pyclass(frozen, module = "plumbline._native")]
 pub struct Recording {
-    config: ValidConfig,
+    #[pyo3(get)]
+    config: PyConfig,
+    #[pyo3(get)]
     name: String,
+    #[pyo3(get)]
     findings: Vec<String>,
     truth: Truth,
     streams: Mutex<Streams>,
@@ -57,27 +60,12 @@ impl Recording {
         let frame = StereoFrame::new(image_sizes(&flight.config.camera));
         let streams = Streams { imu: flight.imu, stereo: flight.stereo, frame, newest_imu_ns: i64::MIN };
         Ok(Self {
-            config: flight.config,
+            config: flight.config.into(),
             name: flight.name,
             findings: flight.findings.iter().map(ToString::to_string).collect(),
             truth: flight.truth,
             streams: Mutex::new(streams),
         })
-    }
-
-    #[getter]
-    fn config(&self) -> PyConfig {
-        self.config.clone().into()
-    }
-
-    #[getter]
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    #[getter]
-    fn findings(&self) -> Vec<String> {
-        self.findings.clone()
     }
 
     /// Next frame, or `None` at the end.

@@ -1,19 +1,19 @@
 //! A whole flight in virtual time, as `plumbline replay` flies it.
 
 use crate::config::PyConfig;
-use crate::errors::{ArgumentError, RunError, of_flight};
+use crate::errors::{RunError, of_flight};
 use crate::opening::OpeningOptions;
 use crate::table;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::{Flight, FlightError, Flown, KeptOdometry, KeptStates, Outputs, fly, is_log};
+use plumbline_flight::flight::{Flight, FlightError, Flown, KeptOdometry, KeptStates, Outputs, fly};
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::pipeline::{self, Control, RunOptions};
 use plumbline_lab::report::{Report, late_findings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,13 +21,11 @@ use std::time::Duration;
 
 /// Period of the check for Ctrl-C.
 const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
-/// Largest number of threads, as of the command line.
-const MAX_THREADS: usize = 8;
 
 /// Parts of a flight that are kept.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct Keep {
+pub struct Keep {
     threads: usize,
     odometry: bool,
     record: Option<PathBuf>,
@@ -99,14 +97,6 @@ fn interruptible<T: Send>(py: Python<'_>, control: &Control, work: impl FnOnce()
     })
 }
 
-/// Refuses a log that could not be written, before the flight rather than after it.
-fn check_record(path: &Path) -> PyResult<()> {
-    if is_log(path) {
-        return Ok(());
-    }
-    Err(ArgumentError::new_err(format!("{}: name the log with the ending .mcap", path.display())))
-}
-
 /// Flies a recording or a simulated flight: see `plumbline.replay`.
 #[pyfunction]
 pub fn replay<'py>(
@@ -114,16 +104,8 @@ pub fn replay<'py>(
     dataset: &Bound<'py, PyAny>,
     config: Option<&Bound<'py, PyAny>>,
     options: OpeningOptions,
-    keep: Bound<'py, PyAny>,
+    keep: Keep,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let keep: Keep = keep.extract()?;
-    if !(1..=MAX_THREADS).contains(&keep.threads) {
-        return Err(ArgumentError::new_err(format!(
-            "threads: expected 1 to {MAX_THREADS}, got {}",
-            keep.threads
-        )));
-    }
-    keep.record.as_deref().map_or(Ok(()), check_record)?;
     let flight = options.open(dataset, config)?;
     let control = Arc::new(Control::stopped_by(Arc::new(AtomicBool::new(false))));
     let replayed = interruptible(py, &control, || flown(flight, &keep, &control))?;

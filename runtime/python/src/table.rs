@@ -1,10 +1,10 @@
 //! Many values of a flight as columns: one array for each quantity.
 
 use crate::arrays::{Number, column};
-use crate::estimate::has_pose;
 use nalgebra::{Isometry3, SVector};
 use plumbline_config::ImuSample;
 use plumbline_drivers::StampedPose;
+use plumbline_estimator::estimate::TrackingState;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::fields::{Field, Record, Shape, Value};
@@ -128,6 +128,17 @@ pub fn estimates<'py>(py: Python<'py>, rows: &[Estimate]) -> PyResult<Bound<'py,
     let columns = records(py, rows, Estimate::has_pose)?;
     columns.put("has_pose", rows.iter().map(Estimate::has_pose))?;
     Ok(columns.0)
+}
+
+/// A record as an object of this class of `plumbline.states`.
+pub fn state<R: Record>(py: Python<'_>, class: &str, record: &R) -> PyResult<Py<PyAny>> {
+    let columns = records(py, std::slice::from_ref(record), |_| true)?;
+    Ok(py.import("plumbline.states")?.call_method1(class, (columns.0,))?.unbind())
+}
+
+/// True if there is a pose in this state.
+const fn has_pose(state: TrackingState) -> bool {
+    matches!(state, TrackingState::Tracking | TrackingState::Blind)
 }
 
 /// Columns of odometry, one row an inertial sample; real numbers are NaN in a row without a pose.

@@ -52,7 +52,6 @@ fn off_diagonal() -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Names of all columns, in order.
-#[must_use]
 pub fn names() -> Vec<String> {
     let blank = Estimate::default();
     let named = fields(&blank).into_iter().flat_map(|(about, _)| about.columns.1).map(|n| (*n).to_owned());

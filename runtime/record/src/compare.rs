@@ -154,7 +154,6 @@ impl<T: ComparedOutput> Pairing<T> {
     }
 
     /// Recorded outputs that nothing was compared with.
-    #[must_use]
     pub fn left_over(&self) -> u64 {
         self.recorded.len() as u64
     }

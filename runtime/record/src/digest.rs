@@ -36,7 +36,6 @@ impl Digest {
     }
 
     /// The digest so far, in hexadecimal.
-    #[must_use]
     pub fn hex(&self) -> String {
         self.0.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect()
     }
@@ -51,19 +50,16 @@ impl Digest {
 }
 
 /// SHA-256 of the configuration as TOML.
-#[must_use]
 pub fn config_hash(config: &Config) -> String {
     hash_of(&config.to_toml().unwrap_or_default())
 }
 
 /// SHA-256 of a text, in hexadecimal.
-#[must_use]
 pub fn hash_of(text: &str) -> String {
     hash_of_bytes(text.as_bytes())
 }
 
 /// SHA-256 of bytes, in hexadecimal.
-#[must_use]
 pub fn hash_of_bytes(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -32,7 +32,6 @@ pub struct Event {
 
 impl Event {
     /// An event; a text that is too long is cut off.
-    #[must_use]
     pub fn new(stamp: Timestamp, severity: Severity, text: fmt::Arguments<'_>) -> Self {
         let mut kept = CutOff(heapless::String::new());
         // Never fails: what has no room is cut off.

@@ -123,7 +123,6 @@ pub struct Envelope {
 
 impl Envelope {
     /// Envelope of a record and its message, with the stamp, the count of resets and the quality that the record has.
-    #[must_use]
     pub fn around(record: &dyn Parts, message: Vec<u8>, sequence: u64, published_ns: i64) -> Self {
         let mut envelope = Self { published_ns, sequence, message, ..Self::default() };
         envelope.look(record);
@@ -131,7 +130,6 @@ impl Envelope {
     }
 
     /// Measurement time.
-    #[must_use]
     pub const fn stamp(&self) -> Timestamp {
         Timestamp::from_nanos(self.stamp_ns)
     }

@@ -12,7 +12,6 @@ const MAX_NUMBERS: usize = 81;
 const ROWS: usize = 9;
 
 /// Message of `record`.
-#[must_use]
 pub fn encode(record: &dyn Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     append(record, &mut bytes);
@@ -27,7 +26,6 @@ pub fn append(record: &dyn Parts, to: &mut Vec<u8>) {
 }
 
 /// Message of `record` with no more of a covariance than its diagonal.
-#[must_use]
 pub fn encode_brief(record: &dyn Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (tag, (about, value)) in numbered(record) {

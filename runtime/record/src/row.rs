@@ -165,7 +165,6 @@ macro_rules! topics {
 
         impl Said {
             /// Its topic.
-            #[must_use]
             pub const fn topic(&self) -> Topic {
                 match self {
                     $($(Self::$said(_) => Topic::$topic,)?)*
@@ -173,7 +172,6 @@ macro_rules! topics {
             }
 
             /// Its record; none for an event, which is drawn.
-            #[must_use]
             pub fn record(&self) -> Option<&dyn $crate::fields::Parts> {
                 match self {
                     $($(Self::$said(record) => $crate::said::Told::record(record),)?)*

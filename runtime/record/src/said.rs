@@ -76,19 +76,16 @@ pub struct Dropped(pub [u64; EntryKind::NAMES.len()]);
 
 impl Dropped {
     /// Dropped entries of one kind.
-    #[must_use]
     pub fn of(&self, kind: EntryKind) -> u64 {
         self.0[kind as usize]
     }
 
     /// Dropped entries of all kinds.
-    #[must_use]
     pub fn total(&self) -> u64 {
         self.0.iter().sum()
     }
 
     /// Dropped entries of the kinds that a re-execution needs.
-    #[must_use]
     pub fn inputs(&self) -> u64 {
         [EntryKind::Imu, EntryKind::Frame, EntryKind::Order].iter().map(|kind| self.of(*kind)).sum()
     }

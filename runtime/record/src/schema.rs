@@ -58,7 +58,6 @@ pub(crate) fn enumerations(message: &Outline, is_inside: bool) -> impl Iterator<
 }
 
 /// The `FileDescriptorSet` of the messages.
-#[must_use]
 pub fn descriptors() -> Vec<u8> {
     let messages = messages();
     let file = FileDescriptorProto {

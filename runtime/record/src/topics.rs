@@ -34,7 +34,6 @@ impl Topic {
     }
 
     /// The topic of a channel of the log.
-    #[must_use]
     pub fn of_channel(channel: &str) -> Option<Self> {
         Self::LOGGED.into_iter().find(|topic| topic.channel() == channel)
     }
@@ -73,7 +72,6 @@ impl Topic {
     }
 
     /// The topic of this kind on the local socket.
-    #[must_use]
     pub fn of_kind(kind: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| kind > 0 && topic.kind() == kind)
     }
@@ -95,7 +93,6 @@ impl Topic {
 
 impl Said {
     /// Its kind, as it is counted when it is dropped.
-    #[must_use]
     pub fn kind(&self) -> EntryKind {
         match self {
             Self::Imu(_) => EntryKind::Imu,
@@ -114,7 +111,6 @@ impl Said {
     }
 
     /// Its measurement time; none for an order, which has no time of its own.
-    #[must_use]
     pub fn stamp(&self) -> Option<Timestamp> {
         stamp_of(self.record()?)
     }

@@ -37,7 +37,6 @@ pub struct LaneLosses {
 /// others. Writing is wait-free: a thread of high priority never spins on a reader that it has interrupted, as it could
 /// if it took the oldest out itself. The price is that a reader which was away for long, so that the writer found no
 /// room, finds old entries only; it forgets them all.
-#[must_use]
 pub fn lane<T>(keep: usize) -> (LaneWriter<T>, LaneReader<T>, LaneLosses) {
     let (writer, reader) = ring(ROOM_PER_KEPT * keep, &Bell::default());
     let losses = LaneLosses { refused: Arc::default(), forgotten: Arc::default() };
@@ -70,7 +69,6 @@ impl<T> LaneReader<T> {
 
 impl LaneLosses {
     /// Entries lost so far.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.refused.load(Ordering::Relaxed) + self.forgotten.load(Ordering::Relaxed)
     }

@@ -1,5 +1,5 @@
-//! What threads hand to each other, and by which clock: rings that nobody waits for, bells, paces, absolute deadlines
-//! and places.
+//! What threads hand to each other, and by which clock: rings that nobody waits for, bells, paces, absolute deadlines,
+//! places, and threads that end with their owners.
 
 pub mod event_bell;
 pub mod lane;
@@ -7,6 +7,7 @@ pub mod pace;
 pub mod places;
 pub mod ring;
 pub mod ticker;
+pub mod worker;
 
 /// Clock domain of the sample timestamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

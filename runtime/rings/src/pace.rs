@@ -15,7 +15,6 @@ pub struct Pace {
 
 impl Pace {
     /// At `rate_hz` at most.
-    #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         Self { period_ns: (rate_hz > 0.0).then(|| (1e9 / rate_hz) as i64), due: None }
     }

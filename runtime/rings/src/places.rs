@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 /// Number and rank of the entry that gives way: of the owner who has most entries, the one of the highest rank. Entries are
 /// numbers with their owner and rank; those without a rank stay.
-#[must_use]
 pub fn gives_way<O: Ord, R: Ord>(
     entries: impl IntoIterator<Item = (usize, O, Option<R>)>,
 ) -> Option<(usize, R)> {

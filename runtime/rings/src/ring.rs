@@ -58,7 +58,6 @@ pub struct Reader<T> {
 }
 
 /// A ring for `capacity` entries whose reader sleeps on `bell`.
-#[must_use]
 pub fn ring<T>(capacity: usize, bell: &Bell) -> (Writer<T>, Reader<T>) {
     let (producer, consumer) = RingBuffer::new(capacity);
     (Writer { ring: producer, bell: bell.clone(), refused: 0 }, Reader { ring: consumer, deepest: 0 })
@@ -77,19 +76,16 @@ impl<T> Writer<T> {
     }
 
     /// Entries that found the ring full.
-    #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
     }
 
     /// True if the reader has gone: nothing reads what is written.
-    #[must_use]
     pub fn is_closed(&self) -> bool {
         self.ring.is_abandoned()
     }
 
     /// True if an entry would find room.
-    #[must_use]
     pub fn has_room(&self) -> bool {
         !self.ring.is_full()
     }
@@ -102,32 +98,37 @@ impl<T> Reader<T> {
         self.ring.pop().ok()
     }
 
+    /// Waits on `bell` for the oldest entry, `nap` after `nap`; `None` when the writer has gone.
+    pub fn next(&mut self, bell: &Bell, nap: Duration) -> Option<T> {
+        loop {
+            let entry = bell.wait(nap, || self.pop());
+            if entry.is_some() || self.is_closed() {
+                return entry;
+            }
+        }
+    }
+
     /// Entries that it has room for.
-    #[must_use]
     pub fn capacity(&self) -> usize {
         self.ring.buffer().capacity()
     }
 
     /// Entries that wait.
-    #[must_use]
     pub fn waiting(&self) -> usize {
         self.ring.slots()
     }
 
     /// Looks at the oldest entry.
-    #[must_use]
     pub fn peek(&self) -> Option<&T> {
         self.ring.peek().ok()
     }
 
     /// Most entries that ever waited when one was taken.
-    #[must_use]
     pub fn deepest(&self) -> usize {
         self.deepest
     }
 
     /// True if the writer has gone and nothing is left.
-    #[must_use]
     pub fn is_closed(&self) -> bool {
         self.ring.is_abandoned() && self.ring.is_empty()
     }

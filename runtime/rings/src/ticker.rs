@@ -11,7 +11,6 @@ pub struct Monotonic(pub i64);
 
 impl Monotonic {
     /// Now.
-    #[must_use]
     pub fn now() -> Self {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         Self(time.tv_sec * NANOS_PER_SECOND + time.tv_nsec)
@@ -60,19 +59,16 @@ pub struct Release {
 
 impl Ticker {
     /// The first release is at `first`.
-    #[must_use]
     pub fn new(first: Monotonic, period: Duration) -> Self {
         Self { next: first, period_ns: i64::try_from(period.as_nanos()).unwrap_or(i64::MAX).max(1) }
     }
 
     /// Time at which the next release is due.
-    #[must_use]
     pub fn due(&self) -> Monotonic {
         self.next
     }
 
     /// Time until the next release.
-    #[must_use]
     pub fn until_next(&self) -> Duration {
         Duration::from_nanos(u64::try_from(self.next.0 - Monotonic::now().0).unwrap_or(0))
     }

@@ -30,7 +30,6 @@ const KEPT: [f64; 3] = [0.35, 0.6, 0.95];
 const AXES: [[f64; 3]; 3] = [[0.9, 0.2, 0.2], [0.2, 0.8, 0.2], [0.25, 0.4, 1.0]];
 
 /// `FileDescriptorSet` of the message `name`, such as `foxglove.Log`; `None` for a message that nobody here draws.
-#[must_use]
 pub fn descriptors(name: &str) -> Option<Cow<'static, [u8]>> {
     let schemas = [
         CameraCalibration::get_schema(),
@@ -47,20 +46,17 @@ pub fn descriptors(name: &str) -> Option<Cow<'static, [u8]>> {
 }
 
 /// Time of a message, ns; the format knows none before its origin.
-#[must_use]
 pub fn log_time(stamp: Timestamp) -> u64 {
     u64::try_from(stamp.as_nanos()).unwrap_or(0)
 }
 
 /// Time of a message as Foxglove's messages carry it: none before 1970 or after 2106.
-#[must_use]
 pub fn timestamp(stamp: Timestamp) -> Option<MessageTime> {
     let (nanos, second) = (log_time(stamp), 1_000_000_000);
     MessageTime::new_checked(u32::try_from(nanos / second).ok()?, (nanos % second) as u32)
 }
 
 /// Takes coordinates from `child` to `parent`, as a transform to be drawn.
-#[must_use]
 pub fn frame_transform(
     stamp: Timestamp,
     parent: &str,
@@ -88,13 +84,11 @@ fn pose(of: &Isometry3<f64>) -> Pose {
 }
 
 /// A pose in a frame.
-#[must_use]
 pub fn pose_in(stamp: Timestamp, frame: &str, of: &Isometry3<f64>) -> PoseInFrame {
     PoseInFrame { timestamp: timestamp(stamp), frame_id: frame.to_owned(), pose: Some(pose(of)) }
 }
 
 /// An event of `name` as a line of a log.
-#[must_use]
 pub fn event(stamp: Timestamp, severity: Severity, name: &str, text: &str) -> Log {
     let level = match severity {
         Severity::Info => log::Level::Info,
@@ -132,7 +126,6 @@ pub struct SceneContent {
 
 impl SceneContent {
     /// From flat coordinates: x y z of each point, and of both ends of each line.
-    #[must_use]
     pub fn of_coordinates(points: &[f32], lines: &[f32], keyframes: &[Isometry3<f64>]) -> Self {
         let point = |at: &[f32]| Vector3::new(f64::from(at[0]), f64::from(at[1]), f64::from(at[2]));
         Self {
@@ -144,7 +137,6 @@ impl SceneContent {
 }
 
 /// The entity `id` in `frame`.
-#[must_use]
 pub fn entity(
     stamp: Timestamp,
     frame: &str,
@@ -171,13 +163,11 @@ pub fn entity(
 }
 
 /// A change that puts `entities` into a scene.
-#[must_use]
 pub fn update(entities: Vec<SceneEntity>) -> SceneUpdate {
     SceneUpdate { deletions: Vec::new(), entities }
 }
 
 /// A change that empties a scene.
-#[must_use]
 pub fn cleared(stamp: Timestamp) -> SceneUpdate {
     let deletion = SceneEntityDeletion {
         timestamp: timestamp(stamp),
@@ -188,7 +178,6 @@ pub fn cleared(stamp: Timestamp) -> SceneUpdate {
 }
 
 /// A path.
-#[must_use]
 pub fn poses(stamp: Timestamp, frame: &str, poses: &[Isometry3<f64>]) -> PosesInFrame {
     let poses = poses.iter().map(pose).collect();
     PosesInFrame { timestamp: timestamp(stamp), frame_id: frame.to_owned(), poses }

@@ -32,7 +32,6 @@ impl Board {
     ///
     /// # Panics
     /// When OpenCV does not know its code.
-    #[must_use]
     pub fn print(target: Target, black_first: bool) -> Self {
         let border = if matches!(target, Target::AprilGrid { .. }) { TAG_BORDER } else { MARKER_BORDER };
         let draw = |n: usize| marker_bits(target.dictionary().unwrap(), n as u32, border).unwrap();
@@ -121,7 +120,6 @@ pub struct BoardCamera {
 
 impl BoardCamera {
     /// A camera.
-    #[must_use]
     pub fn new(model: CameraModel) -> Self {
         let corner = |k: usize| {
             let width = model.width_px + 1;
@@ -131,7 +129,6 @@ impl BoardCamera {
     }
 
     /// Takes a picture of a board at the pose `T_CT`; what is random in it is a function of `seed`.
-    #[must_use]
     pub fn take(&self, board: &Board, pose_c_t: &Isometry3<f64>, seed: u64) -> GrayImage {
         let (width, height) = (self.model.width_px, self.model.height_px);
         let inverse = pose_c_t.inverse();
@@ -172,7 +169,6 @@ impl BoardCamera {
 ///
 /// # Panics
 /// When the camera cannot see there.
-#[must_use]
 pub fn poses(
     camera: &CameraModel,
     board: &Board,

@@ -10,7 +10,6 @@ use std::time::UNIX_EPOCH;
 ///
 /// # Panics
 /// When it cannot be made.
-#[must_use]
 pub fn folder() -> PathBuf {
     let tests = std::env::current_exe().expect("the tests have a path");
     let built = tests.metadata().and_then(|data| data.modified()).expect("the tests have a date");
@@ -43,7 +42,6 @@ fn file(folder: &Path, what: &str) -> PathBuf {
 ///
 /// # Panics
 /// When there can be no such lock.
-#[must_use]
 pub fn alone(what: &str) -> File {
     let lock = File::create(file(&folder(), what).with_extension("lock")).expect("a file for the lock");
     lock.lock().expect("a lock");

@@ -10,7 +10,6 @@ use std::path::PathBuf;
 
 /// `what` in the folder of shared data: the environment variable `PLUMBLINE_SHARED`, else `../shared` beside the
 /// workspace. Where it is not there, the test is to [`skip()`] itself.
-#[must_use]
 pub fn shared(what: &str) -> Option<PathBuf> {
     let path = folder("PLUMBLINE_SHARED", "../shared").join(what);
     if path.exists() {
@@ -22,7 +21,6 @@ pub fn shared(what: &str) -> Option<PathBuf> {
 
 /// The interpreter of the tests' Python environment: in `PLUMBLINE_VENV`, else in `VENV`, which `make` sets, else in
 /// `.venv` of the workspace. It may not be there.
-#[must_use]
 pub fn python() -> PathBuf {
     let venv = if std::env::var_os("PLUMBLINE_VENV").is_some() { "PLUMBLINE_VENV" } else { "VENV" };
     folder(venv, ".venv").join("bin/python")
@@ -30,7 +28,6 @@ pub fn python() -> PathBuf {
 
 /// Duration of the soak tests' long flight, minutes, as `make soak SOAK_MINUTES=30` sets it. Below [`SOAK_IN_FULL_MIN`] the
 /// others do less too.
-#[must_use]
 pub fn soak_minutes() -> u32 {
     std::env::var("PLUMBLINE_SOAK_MINUTES")
         .ok()
@@ -42,7 +39,6 @@ pub fn soak_minutes() -> u32 {
 pub const SOAK_IN_FULL_MIN: u32 = 10;
 
 /// The workspace.
-#[must_use]
 pub fn workspace() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }

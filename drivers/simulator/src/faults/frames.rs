@@ -41,7 +41,6 @@ impl<S: StereoSource> InjectedFrames<S> {
     }
 
     /// Stamp of the first frame, from which the times of faults count.
-    #[must_use]
     pub fn begin(&self) -> Timestamp {
         self.begin
     }

@@ -20,7 +20,6 @@ pub struct InjectedImu<S> {
 
 impl<S: ImuSource> InjectedImu<S> {
     /// Wraps `source` of a sensor of `config`, in a flight whose first frame is at `begin`.
-    #[must_use]
     pub fn new(source: S, config: &ImuConfig, begin: Timestamp, faults: &[InjectedFault], seed: u64) -> Self {
         let slot =
             |(place, fault): (usize, &InjectedFault)| Slot::new(*fault, fault.seed(seed, place), config);

@@ -68,13 +68,11 @@ impl InjectedFault {
     }
 
     /// Time in which it acts for the first time, s after the first frame.
-    #[must_use]
     pub fn span_s(&self) -> Range<f64> {
         self.from_s..self.from_s + self.lasts_s
     }
 
     /// True if it affects the second camera, so that a rig of one cannot have it.
-    #[must_use]
     pub fn needs_two_cameras(&self) -> bool {
         let is_of_right = matches!(self.target, Target::Cameras([_, true]));
         is_of_right && self.target != Target::Cameras([true; 2]) || self.kind.is_of_pair()
@@ -94,7 +92,6 @@ impl InjectedFault {
     }
 
     /// The fault for people: as it is written, what it is, and when.
-    #[must_use]
     pub fn words(&self) -> String {
         let Range { start, end } = self.span_s();
         let when = match (self.is_of_rig(), end.is_finite()) {
@@ -112,13 +109,11 @@ impl InjectedFault {
     }
 
     /// By how much the clocks of all sensors step back, and when, s after the first frame.
-    #[must_use]
     pub fn clock_step_s(&self) -> Option<(f64, f64)> {
         matches!(self.kind.effect, Effect::Clocks).then_some((self.from_s, -self.doses[0]))
     }
 
     /// True for a mistake in the calibration.
-    #[must_use]
     pub fn is_of_rig(&self) -> bool {
         matches!(self.kind.effect, Effect::Rig(_))
     }
@@ -131,7 +126,6 @@ impl InjectedFault {
     }
 
     /// One line for each kind: how it is written, with units and defaults, and what it is.
-    #[must_use]
     pub fn help() -> String {
         KINDS.iter().map(FaultKind::help).collect::<Vec<_>>().join("\n")
     }

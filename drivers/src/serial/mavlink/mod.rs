@@ -61,7 +61,6 @@ pub struct Mavlink {
 
 impl Mavlink {
     /// Samples of `message`, which should come `rate_hz` times a second.
-    #[must_use]
     pub fn new(message: MavlinkImu, rate_hz: f64) -> Self {
         let id = match message {
             MavlinkImu::HighresImu => HIGHRES_IMU_DATA::ID,
@@ -194,25 +193,6 @@ impl Protocol for Mavlink {
         self.questions = Questions::default();
         self.looked = None;
     }
-
-    #[cfg(any(test, feature = "fuzzing"))]
-    fn played(&self, _k: i64, device_ns: i64, gyro: [f32; 3], accel: [f32; 3]) -> Vec<u8> {
-        let ([xgyro, ygyro, zgyro], [xacc, yacc, zacc]) = (gyro, accel);
-        let fields_updated = mavlink::dialects::common::HighresImuUpdatedFlags::from_bits_retain(UPDATED);
-        let message = MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
-            time_usec: (device_ns / 1000) as u64,
-            xacc,
-            yacc,
-            zacc,
-            xgyro,
-            ygyro,
-            zgyro,
-            fields_updated,
-            ..HIGHRES_IMU_DATA::default()
-        });
-        let header = MavHeader { system_id: 1, component_id: 1, sequence: 0 };
-        written(header, &message).raw_bytes().to_vec()
-    }
 }
 
 /// A whole frame with the right checksum.
@@ -229,7 +209,7 @@ fn taken_apart(frame: &[u8]) -> Option<MAVLinkMessageRaw> {
 }
 
 /// A message as a frame of MAVLink 2.
-fn written(header: MavHeader, message: &MavMessage) -> MAVLinkV2MessageRaw {
+pub(super) fn written(header: MavHeader, message: &MavMessage) -> MAVLinkV2MessageRaw {
     let mut raw = MAVLinkV2MessageRaw::new();
     raw.serialize_message(header, message);
     raw

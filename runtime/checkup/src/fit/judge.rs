@@ -43,7 +43,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     if measures.is_empty() {
         for cause in &found {
             let mut measure = of_cause(&causes, &parts, cause, &found, &fitted);
-            measure.figures.push(("explains_share", cause.share));
+            measure.figures.insert("explains_share", cause.share);
             if measure.verdict > Fitness::Good && !told.contains(&parts[cause.part].subject) {
                 told.push(parts[cause.part].subject);
                 measures.push(measure);

@@ -36,7 +36,6 @@ pub(crate) const WITH_GRAVITY: &str = "deliver the raw specific force with gravi
 pub(crate) const ANOTHER_UNIT: &str = "write it in m/s^2, gravity included";
 
 /// Columns and units that cannot be right.
-#[must_use]
 pub fn nonsense(samples: &[ImuSample]) -> Vec<Finding> {
     let sum = |samples: &[ImuSample]| samples.iter().map(|sample| sample.accel).sum::<Vector3<f64>>();
     let means = samples.chunks_exact(MEAN_OF).map(|chunk| sum(chunk).norm() / MEAN_OF as f64);
@@ -112,7 +111,6 @@ fn filled(samples: &[ImuSample]) -> Option<Finding> {
 }
 
 /// Samples that are bit for bit the one before, in runs that are too short for a sensor that is stuck.
-#[must_use]
 pub fn repeats(samples: &[ImuSample]) -> Option<Finding> {
     let mut run = 0;
     let is_repeated = |pair: &&[ImuSample]| {

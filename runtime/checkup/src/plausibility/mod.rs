@@ -43,7 +43,6 @@ pub struct Plausibility {
 
 impl Plausibility {
     /// For flights of a configuration; in a live one frames must come in time.
-    #[must_use]
     pub fn new(config: &Config, is_live: bool) -> Self {
         Self {
             config: config.clone(),
@@ -104,7 +103,6 @@ impl Plausibility {
     }
 
     /// Findings by all data so far, or about the whole flight at its end, the most probable cause first.
-    #[must_use]
     pub fn findings(&self, is_over: bool) -> Vec<Finding> {
         let mut findings = self.stamp_findings();
         let mut known = if findings.is_empty() { HealthBits::default() } else { GAPS };
@@ -139,7 +137,6 @@ const CONNECT: &str = "connect it, or remove the second [[camera]] from the conf
 pub const COPY: &str = "copy cam1 too, or remove the second [[camera]] from the configuration, as `plumbline replay --mono` does";
 
 /// The right camera of the configuration delivers nothing.
-#[must_use]
 pub fn missing_camera(evidence: &str, cure: &str) -> Finding {
     Finding::new(
         "the configuration has two cameras, but no image of cam1 arrives",

@@ -1,12 +1,12 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration and a table out.
 
 use crate::checks::choice;
+use crate::progress::bar;
 use crate::simulated::check_recorded;
 use crate::topics::TopicArgs;
 use crate::{Usage, check_new, load_config, say, write_config};
 use anyhow::{Context as _, Result};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::camera::Distortion;
 use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
@@ -145,9 +145,7 @@ fn read_pairs(args: &CameraArgs) -> Result<Vec<Pair>> {
 /// Calibrates under a bar of progress.
 fn calibrated(args: &CameraArgs, pairs: &[Pair], detector: &Detector) -> Result<Calibration> {
     let images: usize = pairs.iter().map(|pair| pair.images.iter().flatten().count()).sum();
-    let bar = ProgressBar::new(images as u64);
-    let template = "{bar:32} {pos}/{len} images  {elapsed} (eta {eta})";
-    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = bar(Some(images as u64), "{pos}/{len} images");
     let calibration = calibrate(pairs, &args.target, args.lens, detector, &mut || bar.inc(1));
     bar.finish_and_clear();
     Ok(calibration?)

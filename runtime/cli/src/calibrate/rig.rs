@@ -6,7 +6,7 @@ use super::super::{check_new, load_config, say, write_config};
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
-use plumbline_checkup::camera_imu::{ByHand, FoundRig};
+use plumbline_checkup::camera_imu::ByHand;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::{Prefetch, StereoFrame, StereoSource as _};
 use plumbline_estimator::FrameInput;
@@ -58,14 +58,24 @@ pub(super) fn run(args: &RigArgs) -> Result<()> {
     let told = || args.source.display().to_string();
     let mut recording = read(open(named)?)?;
     if args.readout {
-        let (config, readout) = recording.with_readout().with_context(told)?;
-        say(readout);
+        let (config, sigma_s) = recording.with_readout().with_context(told)?;
+        let found = match config.camera.first().map_or(0.0, |camera| 1e3 * camera.readout_s) {
+            0.0 => "none: a global shutter".to_owned(),
+            ms => format!("{ms:.2} ms"),
+        };
+        say(format_args!("readout        {found}, one sigma {:.2} ms", 1e3 * sigma_s));
         // Points are followed anew: they are lost where their rows are believed to be of another time.
         recording = read(open(Some(config))?)?;
     }
     let found = recording.calibrate().with_context(told)?;
     found.table().iter().for_each(say);
-    let text = format!("{}\n{}", comment(args, &found), found.config.to_toml()?);
+    let text = format!(
+        "# Made by `plumbline calibrate rig` of {}, {:.1} s.\n# Measured: {}camera.pose_b_c of the rig as a whole, and [rig].\n\n{}",
+        args.source.display(),
+        found.span_s,
+        if args.readout { "camera.readout_s, " } else { "" },
+        found.config.to_toml()?
+    );
     let written = write_config(&args.out, &text)?;
     say(format_args!("{}: written, valid, hash {}", args.out.display(), config_hash(&written)));
     Ok(())
@@ -90,14 +100,4 @@ fn read(flight: Flight) -> Result<ByHand> {
     }
     bar.finish_and_clear();
     Ok(recording)
-}
-
-fn comment(args: &RigArgs, found: &FoundRig) -> String {
-    format!(
-        "# Made by `plumbline calibrate rig` of {}, {:.1} s.\n# Measured: {}camera.pose_b_c of the rig as a whole, and [rig].\n{}",
-        args.source.display(),
-        found.span_s,
-        if args.readout { "camera.readout_s, " } else { "" },
-        found.covariance_comment()
-    )
 }

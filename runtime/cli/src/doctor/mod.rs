@@ -17,7 +17,7 @@ use plumbline_checkup::{Fitness, Measure};
 use plumbline_config::Config;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
@@ -45,7 +45,7 @@ type Verdict = (Fitness, String);
 type Check = (&'static str, Verdict);
 
 /// Arguments of `plumbline doctor`.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
     /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room?duration=10)
@@ -79,19 +79,8 @@ pub struct DoctorArgs {
 
 impl DoctorArgs {
     /// Checks of this host and of the sensors of a configuration, with every option as by default.
-    #[must_use]
     pub fn live(config: PathBuf) -> Self {
-        Self {
-            source: None,
-            config: Some(config),
-            overrides: Vec::new(),
-            live: true,
-            record: None,
-            watch: 2.0,
-            seconds: None,
-            topics: TopicArgs::default(),
-            json: false,
-        }
+        Self { config: Some(config), live: true, watch: 2.0, ..Self::default() }
     }
 }
 
@@ -112,7 +101,8 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     if let Some(source) = &args.source {
         let mut flight = data::open(source, config, &args.topics.names()?, seconds)?;
         flight.config = with_overrides(&flight.config, &args.overrides)?;
-        return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
+        let sensors = Some((flight.name.clone(), data::examine(flight.into())?));
+        return Report { host: None, sensors }.tell(args.json);
     }
     if args.seconds.is_some() && !args.live {
         return Err(Usage("--seconds: name a source to check, or give --live".into()).into());
@@ -130,52 +120,81 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     let checks =
         checks.into_iter().map(|(name, (verdict, words))| Measure::new(name, verdict, words, "", &[]));
     let sensors = sensors.map(|measures| ("the configured sensors".to_owned(), measures));
-    tell(args, Some((checks.collect(), table)), sensors)
+    Report { host: Some((checks.collect(), table)), sensors }.tell(args.json)
 }
 
-/// Prints the measures of the host with the tasks of a flight, and those of the sensors of a source, and the verdict on all.
-fn tell(
-    args: &DoctorArgs,
+/// What was looked at.
+struct Report {
+    /// The host, with the tasks of a flight.
     host: Option<(Vec<Measure>, TaskTable)>,
+    /// Sensors with the name of their source.
     sensors: Option<(String, Vec<Measure>)>,
-) -> Result<()> {
-    if args.json {
-        say(serde_json::to_string_pretty(&as_json(host.as_ref(), sensors.as_ref()))?);
+}
+
+fn names(measures: &[&Measure]) -> String {
+    measures.iter().map(|measure| measure.name).collect::<Vec<_>>().join(", ")
+}
+
+impl Report {
+    /// The measures of the host or of the sensors of which this holds.
+    fn those(&self, wanted: impl Fn(&Measure) -> bool) -> Vec<&Measure> {
+        let host = self.host.iter().flat_map(|(checks, _)| checks);
+        host.chain(self.sensors.iter().flat_map(|(_, measures)| measures)).filter(|m| wanted(m)).collect()
     }
-    if let Some((checks, table)) = host.as_ref().filter(|_| !args.json) {
-        lines("this host", checks).into_iter().for_each(say);
-        say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+
+    /// Prints everything, and fails where a flight is not to be begun.
+    fn tell(&self, is_json: bool) -> Result<()> {
+        let of = |verdict: Fitness| self.those(|measure| measure.verdict == verdict);
+        let (against, missing) = (of(Fitness::NotFit), self.those(Measure::is_missing));
+        let aside = [
+            self.host.is_none().then_some("this host (`plumbline doctor --config`)"),
+            self.sensors.is_none().then_some("the sensors (--live)"),
+        ];
+        let aside: Vec<&str> = aside.into_iter().flatten().collect();
+        if is_json {
+            let mut json = json!({
+                "fit": against.is_empty() && missing.is_empty(),
+                "not_looked_at": aside,
+                "not_shown": missing.iter().map(|measure| measure.name).collect::<Vec<_>>(),
+            });
+            if let Some((checks, _)) = &self.host {
+                json["host"] = json!(checks);
+            }
+            if let Some((name, measures)) = &self.sensors {
+                (json["source"], json["measures"]) = (json!(name), json!(measures));
+            }
+            say(serde_json::to_string_pretty(&json)?);
+        } else {
+            if let Some((checks, table)) = &self.host {
+                lines("this host", checks).into_iter().for_each(say);
+                say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+            }
+            if let Some((name, measures)) = &self.sensors {
+                lines(name, measures).into_iter().for_each(say);
+            }
+        }
+        if !against.is_empty() {
+            bail!("not fit to fly: {}", names(&against));
+        }
+        if !missing.is_empty() {
+            return Err(NotShown::of(&missing).into());
+        }
+        if !is_json {
+            let what = match (&self.host, &self.sensors) {
+                (Some(_), Some(_)) => "Fit to fly",
+                (Some(_), None) => "This host is fit to fly",
+                (None, _) => "The sensors are fit to fly",
+            };
+            let mend = match names(&of(Fitness::Mind)) {
+                names if names.is_empty() => names,
+                names => format!(", with these to mend: {names}"),
+            };
+            let aside = aside.join(", ");
+            let aside = if aside.is_empty() { aside } else { format!(" Not looked at: {aside}.") };
+            say(format_args!("\n{what}{mend}.{aside}"));
+        }
+        Ok(())
     }
-    if let Some((name, measures)) = sensors.as_ref().filter(|_| !args.json) {
-        lines(name, measures).into_iter().for_each(say);
-    }
-    let names = |verdict: Fitness| {
-        let all = all(host.as_ref(), sensors.as_ref()).filter(|measure| measure.verdict == verdict);
-        all.map(|measure| measure.name).collect::<Vec<_>>().join(", ")
-    };
-    let against = names(Fitness::NotFit);
-    if !against.is_empty() {
-        bail!("not fit to fly: {against}");
-    }
-    let missing: Vec<&Measure> = missing(sensors.as_ref()).collect();
-    if !missing.is_empty() {
-        return Err(NotShown::of(&missing).into());
-    }
-    if !args.json {
-        let what = match (&host, &sensors) {
-            (Some(_), Some(_)) => "Fit to fly",
-            (Some(_), None) => "This host is fit to fly",
-            (None, _) => "The sensors are fit to fly",
-        };
-        let mend = match names(Fitness::Mind) {
-            names if names.is_empty() => names,
-            names => format!(", with these to mend: {names}"),
-        };
-        let aside = left_aside(host.is_some(), sensors.is_some()).join(", ");
-        let aside = if aside.is_empty() { aside } else { format!(" Not looked at: {aside}.") };
-        say(format_args!("\n{what}{mend}.{aside}"));
-    }
-    Ok(())
 }
 
 /// Data that do not show everything that a flight needs.
@@ -190,29 +209,8 @@ impl NotShown {
     fn of(missing: &[&Measure]) -> Self {
         let mut motions: Vec<&str> = missing.iter().filter_map(|measure| measure.motion).collect();
         motions.dedup();
-        let names: Vec<&str> = missing.iter().map(|measure| measure.name).collect();
-        Self { names: names.join(", "), motions: motions.join("; ") }
+        Self { names: names(missing), motions: motions.join("; ") }
     }
-}
-
-/// All measures.
-fn all<'a>(
-    host: Option<&'a (Vec<Measure>, TaskTable)>,
-    sensors: Option<&'a (String, Vec<Measure>)>,
-) -> impl Iterator<Item = &'a Measure> {
-    let checks = host.into_iter().flat_map(|(checks, _)| checks);
-    checks.chain(sensors.into_iter().flat_map(|(_, measures)| measures))
-}
-
-/// Measures that a flight needs and the data do not show.
-fn missing(sensors: Option<&(String, Vec<Measure>)>) -> impl Iterator<Item = &Measure> {
-    sensors.into_iter().flat_map(|(_, measures)| measures).filter(|measure| measure.is_missing())
-}
-
-/// Subjects that were not to be looked at.
-fn left_aside(has_host: bool, has_sensors: bool) -> Vec<&'static str> {
-    let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
-    host.into_iter().chain((!has_sensors).then_some("the sensors (--live)")).collect()
 }
 
 /// A line for each measure, and its cure below it; one for all that were not measured for one reason.
@@ -239,33 +237,4 @@ fn lines(name: &str, measures: &[Measure]) -> Vec<String> {
         told.extend(alike);
     }
     lines
-}
-
-fn as_json(host: Option<&(Vec<Measure>, TaskTable)>, sensors: Option<&(String, Vec<Measure>)>) -> Value {
-    let is_fit = |measure: &Measure| measure.verdict != Fitness::NotFit && !measure.is_missing();
-    let mut json = json!({
-        "fit": all(host, sensors).all(is_fit),
-        "not_looked_at": left_aside(host.is_some(), sensors.is_some()),
-        "not_shown": missing(sensors).map(|measure| measure.name).collect::<Vec<_>>(),
-    });
-    if let Some((checks, _)) = host {
-        json["host"] = checks.iter().map(measure_json).collect();
-    }
-    if let Some((name, measures)) = sensors {
-        json["source"] = json!(name);
-        json["measures"] = measures.iter().map(measure_json).collect();
-    }
-    json
-}
-
-fn measure_json(measure: &Measure) -> Value {
-    let figures: serde_json::Map<String, Value> =
-        measure.figures.iter().map(|(name, value)| ((*name).to_owned(), json!(value))).collect();
-    json!({
-        "name": measure.name,
-        "verdict": measure.verdict.to_string(),
-        "value": measure.value,
-        "cure": measure.cure,
-        "figures": figures,
-    })
 }

@@ -17,7 +17,6 @@ pub struct Awaited<T> {
 
 impl<T: Send + 'static> Awaited<T> {
     /// Asks `look` for it until there is one.
-    #[must_use]
     pub fn search(mut look: impl FnMut() -> Option<T> + Send + 'static) -> Self {
         let (finder, found) = sync_channel(1);
         let wanted = Arc::new(());

@@ -13,6 +13,7 @@ use crate::schedule::ring::Writer;
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
+use crate::schedule::worker::Worker;
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidSetup;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, FlowMessages, VehicleConfig};
@@ -21,7 +22,6 @@ use plumbline_record::Said;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::JoinHandle;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -55,7 +55,7 @@ pub enum BridgeError {
 #[derive(Debug)]
 pub struct Bridge {
     signals: Arc<Signals>,
-    thread: Option<JoinHandle<BridgeFigures>>,
+    worker: Worker<BridgeFigures>,
     pulse: Arc<Pulse>,
     /// Taken by the listener of the tick.
     tick: Option<TickListener>,
@@ -88,10 +88,11 @@ impl Bridge {
         let (flow_writer, flows) = flow_ring();
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
-        let theirs = Arc::clone(&signals);
+        let (theirs, ours) = (Arc::clone(&signals), Arc::clone(&signals));
         let pulse = Arc::new(Pulse::new(TaskId::Autopilot));
         let beating = Arc::clone(&pulse);
-        let thread = std::thread::Builder::new().name("plumbline-pilot".into()).spawn(move || {
+        let stop = move || ours.stop.store(true, Ordering::Relaxed);
+        let worker = Worker::start("plumbline-pilot", stop, move || {
             if is_realtime {
                 // What the host refuses is told by the run.
                 let _ = raise_priority(PRIORITY);
@@ -111,15 +112,7 @@ impl Bridge {
         })?;
         let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
         let flows = (config.flow != FlowMessages::Off).then_some((flow_writer, stamps));
-        Ok(Self {
-            signals,
-            thread: Some(thread),
-            pulse,
-            tick: Some(tick),
-            flows,
-            front_end: None,
-            has_flow: false,
-        })
+        Ok(Self { signals, worker, pulse, tick: Some(tick), flows, front_end: None, has_flow: false })
     }
 
     /// Measures the flow of the points that a rig tracks, where the configuration wants it sent.
@@ -138,22 +131,11 @@ impl Bridge {
 
     /// Says that there will be no more odometry, and ends. The counts, unless the thread ended by a fault.
     pub fn stop(mut self) -> Option<BridgeFigures> {
-        self.end()
-    }
-
-    fn end(&mut self) -> Option<BridgeFigures> {
-        self.signals.stop.store(true, Ordering::Relaxed);
-        let ended = self.thread.take()?.join();
-        if ended.is_err() {
+        let ended = self.worker.end();
+        if ended.is_none() {
             tracing::error!("the autopilot's thread ended by a fault of its own; please report this");
         }
-        ended.ok()
-    }
-}
-
-impl Drop for Bridge {
-    fn drop(&mut self) {
-        self.end();
+        ended
     }
 }
 

@@ -19,7 +19,6 @@ pub struct StampClock {
 
 impl StampClock {
     /// A clock that has seen nothing.
-    #[must_use]
     pub fn new(stamps: Stamps) -> Self {
         Self { stamps, began: Monotonic(i64::MIN), smallest_ns: [i64::MAX; 2] }
     }

@@ -29,7 +29,6 @@ pub struct MessageFeed {
 
 impl MessageFeed {
     /// A feed without odometry.
-    #[must_use]
     pub fn new(frames: VehicleFrames, lost_pose: LostPose) -> Self {
         Self { frames, lost_pose, newest: None, last: None, sent: Monotonic(i64::MIN) }
     }
@@ -75,7 +74,6 @@ impl MessageFeed {
     }
 
     /// True if the odometry in this condition is good enough for flight: it tracks, and its velocity is known well.
-    #[must_use]
     pub fn is_usable(&self, condition: OdometryCondition) -> bool {
         let quality = self.newest.as_ref().map_or(0, |newest| newest.odometry.quality);
         condition == OdometryCondition::Tracking && quality >= QUALITY_TO_USE

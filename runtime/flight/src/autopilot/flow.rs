@@ -80,7 +80,6 @@ pub struct FlowMeter {
 
 impl FlowMeter {
     /// A meter for the left camera of the rig; `None` where the mounting of the IMU is unknown.
-    #[must_use]
     pub fn new(setup: &ValidSetup, mounting: &VehicleConfig) -> Option<Self> {
         let rot_f_b = super::frames::half_turn_about_x() * mounting.rot_v_b()?;
         let left = setup.camera.first()?.pose_b_c();

@@ -36,14 +36,12 @@ pub struct VehicleOdometry {
 
 impl VehicleFrames {
     /// Frames of an IMU whose axes `rot_v_b` takes to those of the vehicle.
-    #[must_use]
     pub fn new(rot_v_b: &UnitQuaternion<f64>) -> Self {
         Self { rot_f_b: half_turn_about_x() * rot_v_b }
     }
 
     /// The rotation from `O` to LOCAL_FRD that makes the nose of this pose point along x; one whose nose
     /// points straight up or down keeps the heading of `O`.
-    #[must_use]
     pub fn local_frame(&self, first_pose_o_b: &Isometry3<f64>) -> UnitQuaternion<f64> {
         let nose_o = first_pose_o_b.rotation * (self.rot_f_b.inverse() * Vector3::x());
         let horizontal = nose_o.xy().norm();
@@ -53,7 +51,6 @@ impl VehicleFrames {
 
     /// `odometry` in the frames of the autopilot. The covariance is that since the last reset: the autopilot is informed of
     /// resets, and takes the pose after one for its new reference.
-    #[must_use]
     pub fn convert(&self, odometry: &Odometry, rot_l_o: &UnitQuaternion<f64>) -> VehicleOdometry {
         let rot_o_b = odometry.pose_o_b.rotation;
         let v_b = rot_o_b.inverse() * odometry.v_o_b;
@@ -83,7 +80,6 @@ impl VehicleFrames {
 
 impl VehicleOdometry {
     /// True if every number is one.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         let pose = self.pose_l_f.translation.vector.iter().chain(self.pose_l_f.rotation.coords.iter());
         let rates = self.v_f.iter().chain(self.angular_rate_f.iter());

@@ -36,13 +36,11 @@ pub struct FlowHandover {
 }
 
 /// The ring from the front-end to the autopilot's thread.
-#[must_use]
 pub fn flow_ring() -> (Writer<FlowHandover>, Reader<FlowHandover>) {
     ring(FLOW_RING, &Bell::default())
 }
 
 /// The ring from the tick to the autopilot's thread.
-#[must_use]
 pub fn handover_ring() -> (Writer<Handover>, Reader<Handover>) {
     // Nobody is woken: the autopilot's thread keeps its own rate.
     ring(RING, &Bell::default())
@@ -68,7 +66,6 @@ impl Signals {
     }
 
     /// The gyroscope's bias as last estimated, rad/s.
-    #[must_use]
     pub fn bias_gyro(&self) -> Vector3<f64> {
         Vector3::from_fn(|k, _| f64::from_bits(self.bias_gyro[k].load(Ordering::Relaxed)))
     }

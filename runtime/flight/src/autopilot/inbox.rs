@@ -89,7 +89,6 @@ impl MavlinkInbox {
     }
 
     /// The counts so far.
-    #[must_use]
     pub fn figures(&self) -> InboxFigures {
         InboxFigures { passed_over: self.bytes.0.saturating_sub(self.bytes.1), ..self.figures }
     }

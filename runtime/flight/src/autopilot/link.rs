@@ -52,7 +52,6 @@ impl AutopilotLink {
     }
 
     /// Opens the line, now or as soon as that can be done.
-    #[must_use]
     pub fn open_patiently(endpoint: &AutopilotEndpoint) -> Self {
         Self::open(endpoint).unwrap_or_else(|error| {
             tracing::warn!("{error}; retrying until it is available");

@@ -24,7 +24,6 @@ const LOST_SIGMA_RAD: f64 = 3.2;
 const MAVLINK_VERSION: u8 = 3;
 
 /// Odometry while the estimator is tracking. `quality` is 1 to 100: MAVLink's 0 stands for an unknown one.
-#[must_use]
 pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter: u32) -> ODOMETRY_DATA {
     let mut rates = Matrix6::zeros();
     rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&v.velocity_covariance);
@@ -46,7 +45,6 @@ pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter:
 }
 
 /// The last pose that was known, standing still, while the odometry is lost: quality -1, and a covariance that is worth nothing.
-#[must_use]
 pub fn lost(last: &VehicleOdometry, time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
     let variances = [LOST_SIGMA_M, LOST_SIGMA_RAD].map(|sigma| sigma * sigma);
     let covariance = Matrix6::from_fn(|i, j| if i == j { variances[i / 3] } else { 0.0 });
@@ -85,7 +83,6 @@ fn triangle(matrix: &Matrix6<f64>) -> Triangle {
 }
 
 /// Flow as PX4 takes it, its distance with it. `time_usec` is that of the later frame.
-#[must_use]
 pub fn flow_rad(flow: &FlowMeasurement, time_usec: u64) -> OPTICAL_FLOW_RAD_DATA {
     let [integrated_x, integrated_y] = flow.flow_rad.map(|x| x as f32).into();
     let [integrated_xgyro, integrated_ygyro, integrated_zgyro] = flow.gyro_rad.map(|x| x as f32).into();
@@ -106,7 +103,6 @@ pub fn flow_rad(flow: &FlowMeasurement, time_usec: u64) -> OPTICAL_FLOW_RAD_DATA
 }
 
 /// Flow as ArduPilot takes it: rates about the axes, with the turn of the vehicle in them.
-#[must_use]
 pub fn flow_rate(flow: &FlowMeasurement, time_usec: u64) -> OPTICAL_FLOW_DATA {
     let [flow_rate_x, flow_rate_y] = flow.flow_rad.map(|x| (x / flow.span_s) as f32).into();
     OPTICAL_FLOW_DATA {
@@ -124,7 +120,6 @@ fn distance_or_unknown(flow: &FlowMeasurement) -> f32 {
 }
 
 /// Distance of the ground below the vehicle.
-#[must_use]
 pub fn distance(ground: &GroundDistance, time_usec: u64) -> DISTANCE_SENSOR_DATA {
     let cm = |m: f64| (m * 100.0).round() as u16;
     DISTANCE_SENSOR_DATA {
@@ -141,7 +136,6 @@ pub fn distance(ground: &GroundDistance, time_usec: u64) -> DISTANCE_SENSOR_DATA
 }
 
 /// A sign of life; `state` says how far the estimator is.
-#[must_use]
 pub fn heartbeat(state: MavState) -> HEARTBEAT_DATA {
     HEARTBEAT_DATA {
         custom_mode: 0,
@@ -154,7 +148,6 @@ pub fn heartbeat(state: MavState) -> HEARTBEAT_DATA {
 }
 
 /// Words for the pilot, at most 50 bytes.
-#[must_use]
 pub fn statustext(severity: MavSeverity, text: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: text.into(), id: 0, chunk_seq: 0 }
 }

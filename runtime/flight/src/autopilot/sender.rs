@@ -121,7 +121,6 @@ pub struct Sender {
 
 impl Sender {
     /// A sender that has sent nothing.
-    #[must_use]
     pub fn new(config: &AutopilotConfig, link: AutopilotLink, frames: VehicleFrames) -> Self {
         Self {
             link,

@@ -45,7 +45,6 @@ pub enum Reason {
 
 impl OdometryCondition {
     /// Returns the condition for odometry in this state.
-    #[must_use]
     pub fn of(state: TrackingState) -> Self {
         match state {
             TrackingState::Tracking => Self::Tracking,
@@ -125,7 +124,6 @@ pub struct FlowSwitch {
 
 impl FlowSwitch {
     /// A switch that is off until the first update.
-    #[must_use]
     pub fn new(mode: FlowMessages) -> Self {
         Self { mode, is_on: false, usable_since: None, told: false }
     }
@@ -143,7 +141,6 @@ impl FlowSwitch {
     }
 
     /// True if flow is sent, by the last update.
-    #[must_use]
     pub fn is_on(&self) -> bool {
         self.is_on
     }

@@ -106,13 +106,11 @@ impl TimeSync {
     }
 
     /// The autopilot's clock less ours, ns, once locked.
-    #[must_use]
     pub fn offset_ns(&self) -> Option<i64> {
         self.is_locked.then_some(self.offset_ns)
     }
 
     /// The quickest round trip that is remembered, ns.
-    #[must_use]
     pub fn round_trip_ns(&self) -> Option<i64> {
         self.samples.iter().map(|s| s.round_trip_ns).min()
     }

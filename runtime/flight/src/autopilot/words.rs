@@ -84,7 +84,6 @@ impl News {
 }
 
 /// Has news of the line at `address` told for as long as the writer lives. Where the system refuses a thread they are lost.
-#[must_use]
 pub fn teller(address: String) -> Writer<News> {
     let bell = Bell::default();
     let (writer, mut reader) = ring::<News>(WAITING, &bell);

@@ -6,7 +6,7 @@
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_drivers::{DriverError, StereoFrame, StereoSource};
 use plumbline_simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
@@ -177,10 +177,6 @@ impl StereoSource for CachedFrames {
 
     fn expected_frames(&self) -> Option<u64> {
         Some(self.simulator.frame_count())
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
     }
 }
 

@@ -110,7 +110,6 @@ impl SharedMeter {
     }
 
     /// After the flight: what was brought.
-    #[must_use]
     pub fn figures(&self) -> (StreamFigures, PairCounts) {
         let held = self.0.lock();
         (held.0.figures(), held.1)
@@ -125,7 +124,6 @@ pub struct Watched<S: ?Sized> {
 
 impl<S: ?Sized> Watched<S> {
     /// Wraps a source of this rate, and returns the meter of what it delivers.
-    #[must_use]
     pub fn new(source: Box<S>, rate_hz: f64) -> (Self, SharedMeter) {
         let meter = SharedMeter::new(rate_hz);
         (Self { meter: meter.clone(), source }, meter)

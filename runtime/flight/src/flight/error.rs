@@ -54,7 +54,6 @@ pub enum FlightError {
 
 impl FlightError {
     /// True if the request is wrong, rather than the flight.
-    #[must_use]
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::Invalid(_) | Self::Autopilot(BridgeError::Mounting))
     }

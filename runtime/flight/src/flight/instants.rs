@@ -73,7 +73,6 @@ pub type KeptInstants = Kept<InstantAnswer>;
 
 impl KeptInstants {
     /// Has the run of `control` asked for the states at `stamps`.
-    #[must_use]
     pub fn of(stamps: Vec<Timestamp>, control: &Control) -> Self {
         let room = stamps.len();
         control.keep_instants().expect(stamps);

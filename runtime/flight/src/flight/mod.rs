@@ -28,7 +28,7 @@ pub use open::{
     Cut, RecordingKind, is_log, open_bag, open_dataset, open_log, open_recording, open_simulation,
     preset_for, recording_kind, scenario_config,
 };
-pub use outputs::{Output, Outputs};
+pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::first_reset_counter;
@@ -75,7 +75,6 @@ pub struct Flight {
 
 impl Flight {
     /// A flight of these streams, without truth, map or earlier flight, whose samples are stamped already.
-    #[must_use]
     pub fn new(
         config: ValidConfig,
         imu: Box<dyn ImuSource>,
@@ -99,7 +98,6 @@ impl Flight {
     }
 
     /// Number of inertial samples that the flight is expected to have; 0 if that is unknown.
-    #[must_use]
     pub fn expected_readings(&self) -> usize {
         let frames = self.stereo.expected_frames().unwrap_or(0) as f64;
         (frames * self.config.imu.rate_hz / self.config.camera[0].rate_hz).ceil() as usize

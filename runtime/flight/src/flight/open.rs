@@ -90,7 +90,6 @@ fn of_defect(defect: &Defect) -> Finding {
 }
 
 /// True if `path` is that of a flight log.
-#[must_use]
 pub fn is_log(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "mcap") && !path.is_dir()
 }
@@ -126,7 +125,6 @@ pub enum RecordingKind {
 }
 
 /// Kind of the recording at `path`: an .mcap file is one of our logs if it says so, else a bag.
-#[must_use]
 pub fn recording_kind(path: &Path) -> RecordingKind {
     let is_dataset = ["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir());
     if is_log(path) {

@@ -1,5 +1,5 @@
-//! Outputs of a flight while it goes on: autopilot, map file, recorder, and those of the caller, such as the network
-//! ([`Output`]). Each listens to the run on the threads that produce, and has a thread of its own for the rest.
+//! Outputs of a flight while it goes on: autopilot, map file, recorder, and those of the caller, such as the network.
+//! Each listens to the run on the threads that produce, and has a thread of its own for the rest.
 
 use super::{Flight, FlightError};
 use crate::autopilot::{Bridge, BridgeFigures};
@@ -11,17 +11,11 @@ use crate::places::MapSaver;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Listener to a flight that the caller brings: this crate knows of no network.
-pub trait Output: Subscriber {
-    /// Ends the output once the run is over: what waits is sent.
-    fn stop(self: Box<Self>);
-}
-
 /// Outputs of a flight.
 #[derive(Default)]
 pub struct Outputs {
     bridge: Option<Bridge>,
-    others: Vec<Box<dyn Output>>,
+    others: Vec<Box<dyn Subscriber>>,
     saver: Option<MapSaver>,
     recorder: Option<Recorder>,
 }
@@ -54,8 +48,9 @@ impl Outputs {
         Ok(())
     }
 
-    /// Adds what the caller brings; several are told in the order in which they were added.
-    pub fn add(&mut self, output: impl Output + 'static) {
+    /// Adds what the caller brings, such as the network, which this crate does not know; several are told, and end, in the order in
+    /// which they were added.
+    pub fn add(&mut self, output: impl Subscriber + 'static) {
         self.others.push(Box::new(output));
     }
 
@@ -85,7 +80,7 @@ impl Outputs {
         let Self { bridge, others, saver, recorder } = self;
         let mut all: Vec<&mut dyn Subscriber> = Vec::new();
         all.extend(bridge.as_mut().map(|bridge| bridge as &mut dyn Subscriber));
-        all.extend(others.iter_mut().map(|other| other.as_mut() as &mut dyn Subscriber));
+        all.extend(others.iter_mut().map(|other| other.as_mut() as _));
         all.extend(saver.as_mut().map(|saver| saver as &mut dyn Subscriber));
         all.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Subscriber));
         all
@@ -96,12 +91,7 @@ impl Outputs {
         let Self { bridge, others, saver, recorder } = self;
         let autopilot = bridge.and_then(Bridge::stop);
         let recording = recorder.map(Recorder::finish);
-        for other in others {
-            other.stop();
-        }
-        if let Some(saver) = saver {
-            saver.finish();
-        }
+        drop((others, saver));
         OutputFigures { autopilot, recording }
     }
 }

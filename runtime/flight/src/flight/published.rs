@@ -74,7 +74,6 @@ pub struct PublishedStates {
 impl PublishedStates {
     /// With room for the estimates of so many frames, resident from now on: a long flight does not grow. Of a flight whose length is
     /// not known, the first [`LIVE_FRAMES`] are kept. The rest is kept `is_judged`.
-    #[must_use]
     pub fn with_room_for(frames: Option<usize>, config: &ValidConfig, is_judged: bool) -> Self {
         let most = if frames.is_some() { usize::MAX } else { LIVE_FRAMES };
         let room = frames.unwrap_or(LIVE_FRAMES).min(MAX_RESERVED_FRAMES);

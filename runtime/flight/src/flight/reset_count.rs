@@ -19,7 +19,6 @@ const MAX_BYTES: u64 = 64;
 const STEP: u32 = 64;
 
 /// The number that a flight begins with, by the file in `folder`.
-#[must_use]
 pub fn first_reset_counter(folder: &Path) -> u32 {
     let path = folder.join(FILE);
     let first = read(&path);

@@ -31,7 +31,6 @@ pub struct Flown {
 
 impl Flown {
     /// The poses in the map as they were known when their frames came, where they were.
-    #[must_use]
     pub fn poses_in_map(&self) -> Vec<StampedPose> {
         let in_map =
             |p: &PublishedState| Some(StampedPose { stamp: p.stamp, pose: p.pose_m_o? * p.pose_o_b });
@@ -39,7 +38,6 @@ impl Flown {
     }
 
     /// The poses in the map by all that was known at the end; empty where places are switched off.
-    #[must_use]
     pub fn final_poses(&self) -> Vec<StampedPose> {
         let Some(places) = &self.outcome.places else { return Vec::new() };
         let corrected = |p: &PublishedState| {

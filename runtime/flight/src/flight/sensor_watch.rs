@@ -2,6 +2,7 @@
 //! drivers some times a second; nothing of it is on the way of a sample.
 
 use super::sensors::LiveSensors;
+use crate::schedule::worker::Worker;
 use crate::sensor_board::{SensorBoard, SensorNews};
 use parking_lot::Mutex;
 use plumbline_drivers::ImuFigures;
@@ -9,7 +10,6 @@ use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Drivers are asked this often.
@@ -32,7 +32,6 @@ pub struct SensorNotices(Arc<Mutex<Vec<String>>>);
 
 impl SensorNotices {
     /// The notices.
-    #[must_use]
     pub fn read(&self) -> Vec<String> {
         self.0.lock().clone()
     }
@@ -55,10 +54,9 @@ pub struct SensorTrouble {
 /// The thread that asks.
 #[derive(Debug)]
 pub struct SensorWatch {
-    is_over: Arc<AtomicBool>,
     troubles: Arc<Mutex<[SensorTrouble; 2]>>,
     notices: SensorNotices,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl SensorWatch {
@@ -73,7 +71,8 @@ impl SensorWatch {
         let shown = notices.clone();
         let troubles = Arc::<Mutex<[SensorTrouble; 2]>>::default();
         let found = Arc::clone(&troubles);
-        let thread = std::thread::Builder::new().name("sensor-watch".into()).spawn(move || {
+        let stop = move || is_over.store(true, Ordering::Relaxed);
+        let worker = Worker::start("sensor-watch", stop, move || {
             let mut told = Told::default();
             while !theirs.load(Ordering::Relaxed) {
                 let news = told.look(&sensors);
@@ -85,28 +84,17 @@ impl SensorWatch {
                 std::thread::sleep(LOOK);
             }
         })?;
-        Ok(Self { is_over, troubles, notices, thread: Some(thread) })
+        Ok(Self { troubles, notices, _worker: worker })
     }
 
     /// Present faults of the sensors.
-    #[must_use]
     pub fn notices(&self) -> SensorNotices {
         self.notices.clone()
     }
 
     /// Faults of the inertial sensor and of the cameras at the last check.
-    #[must_use]
     pub fn troubles(&self) -> [SensorTrouble; 2] {
         self.troubles.lock().clone()
-    }
-}
-
-impl Drop for SensorWatch {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

@@ -32,7 +32,6 @@ pub struct SensorView<M> {
 
 impl<M> SensorView<M> {
     /// Figures of its stream, complete after the flight.
-    #[must_use]
     pub fn figures(&self) -> (StreamFigures, PairCounts) {
         self.meter.figures()
     }

@@ -45,7 +45,6 @@ pub type OdometryTrajectory = Kept<StampedPose>;
 
 impl KeptStates {
     /// With room for the frames of `flight`.
-    #[must_use]
     pub fn for_flight(flight: &Flight) -> Self {
         let expected = flight.stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
         let room = expected.unwrap_or(0).min(MAX_RESERVED_FRAMES);
@@ -58,7 +57,6 @@ impl KeptStates {
 
 impl KeptOdometry {
     /// With room for the odometry of `flight`.
-    #[must_use]
     pub fn for_flight(flight: &Flight) -> Self {
         let room = flight.expected_readings().min(LIVE_READINGS);
         Self::new(room, Producer::Tick, |said| match said {
@@ -70,7 +68,6 @@ impl KeptOdometry {
 
 impl OdometryTrajectory {
     /// With room for so many poses.
-    #[must_use]
     pub fn with_room_for(readings: usize) -> Self {
         Self::new(readings, Producer::Tick, |said| match said {
             Said::Odometry(odometry) => Some(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b }),

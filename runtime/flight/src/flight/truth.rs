@@ -67,7 +67,6 @@ pub enum Truth {
 
 impl Truth {
     /// Measured poses without velocities, in any order.
-    #[must_use]
     pub fn of_poses(poses: &[StampedPose]) -> Self {
         let mut states: Vec<TrueState> = poses.iter().copied().map(TrueState::from).collect();
         states.sort_by_key(|state| state.stamp);
@@ -75,7 +74,6 @@ impl Truth {
     }
 
     /// Measured states; a table of nothing but zero velocities has none.
-    #[must_use]
     pub fn of_states(states: &[TruthState]) -> Self {
         let has_velocity = states.iter().any(|state| state.v_w_b != Vector3::zeros());
         let state = |state: &TruthState| TrueState {
@@ -87,7 +85,6 @@ impl Truth {
     }
 
     /// The true pose measured nearest to `stamp`, if known.
-    #[must_use]
     pub fn pose_at(&self, stamp: Timestamp) -> Option<Isometry3<f64>> {
         match self {
             Self::None => None,
@@ -103,7 +100,6 @@ impl Truth {
     }
 
     /// The true state at `stamp`, if known; between measured states that follow each other closely it is interpolated.
-    #[must_use]
     pub fn state_at(&self, stamp: Timestamp) -> Option<TrueState> {
         match self {
             Self::None => None,
@@ -120,7 +116,6 @@ impl Truth {
     }
 
     /// The true poses as they were measured, or at the `stamps` where they are known at any time; empty if unknown.
-    #[must_use]
     pub fn poses(&self, stamps: impl IntoIterator<Item = Timestamp>) -> Vec<StampedPose> {
         match self {
             Self::None => Vec::new(),

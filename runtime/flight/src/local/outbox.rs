@@ -32,7 +32,6 @@ pub struct Outbox {
 
 impl Outbox {
     /// Empty, for at most `max_bytes` beside what is never dropped.
-    #[must_use]
     pub fn new(max_bytes: usize) -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -75,19 +74,16 @@ impl Outbox {
     }
 
     /// True if the reader leaves its answers unread: it gets no more of them.
-    #[must_use]
     pub fn is_unread(&self) -> bool {
         self.kept_bytes > MAX_KEPT_BYTES
     }
 
     /// Bytes that the reader's socket took in all.
-    #[must_use]
     pub fn taken(&self) -> u64 {
         self.taken
     }
 
     /// True if nothing waits.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()
     }

@@ -6,10 +6,10 @@ use super::listener::{Lanes, RelayListener, SocketState};
 use super::picture::Shot;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
-use crate::flight::Output;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::{Control, Stamps};
 use crate::schedule::watchdog::Pulse;
+use crate::schedule::worker::Worker;
 use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
 use plumbline_record::digest::config_hash;
@@ -19,7 +19,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};
-use std::thread::JoinHandle;
 
 /// Entrance for the network process, which does not come by the socket's path.
 #[derive(Clone, Debug)]
@@ -45,7 +44,7 @@ pub struct LocalSocket {
     writers: Lanes,
     shot: Option<Shot>,
     admissions: Sender<Admission>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl LocalSocket {
@@ -67,46 +66,28 @@ impl LocalSocket {
         let shot = Shot::new(config);
         let server =
             Server::new((Arc::clone(&shared), waiting), door, admitted, control, &configuration, &shot)?;
-        let theirs = Arc::clone(&shared);
-        let thread = std::thread::Builder::new().name("local-socket".into()).spawn(move || {
+        let (theirs, ours) = (Arc::clone(&shared), Arc::clone(&shared));
+        let stop = move || {
+            ours.stop.store(true, Ordering::Release);
+            ours.bell.ring();
+        };
+        let worker = Worker::start("local-socket", stop, move || {
             if catch_unwind(AssertUnwindSafe(|| server.run())).is_err() {
                 theirs.pulse.die();
             }
         })?;
-        Ok(Self { shared, writers, shot: Some(shot), admissions, thread: Some(thread) })
+        Ok(Self { shared, writers, shot: Some(shot), admissions, _worker: worker })
     }
 
     /// Entrance for the network process.
-    #[must_use]
     pub fn link_door(&self) -> LinkDoor {
         LinkDoor { admissions: self.admissions.clone(), shared: Arc::clone(&self.shared) }
     }
 
     /// Where the state of live sensors is posted.
-    #[must_use]
     pub fn sensor_board(&self) -> SensorBoard {
         let shared = Arc::clone(&self.shared);
         SensorBoard::new(Arc::clone(&self.shared.sensors), move || shared.bell.ring())
-    }
-
-    fn end(&mut self) {
-        self.shared.stop.store(true, Ordering::Release);
-        self.shared.bell.ring();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for LocalSocket {
-    fn drop(&mut self) {
-        self.end();
-    }
-}
-
-impl Output for LocalSocket {
-    fn stop(mut self: Box<Self>) {
-        self.end();
     }
 }
 

@@ -41,7 +41,6 @@ pub struct BuildId {
 
 impl BuildId {
     /// Returns the build of this process. The first call reads the executable.
-    #[must_use]
     pub fn current() -> &'static Self {
         static CURRENT: OnceLock<BuildId> = OnceLock::new();
         CURRENT.get_or_init(|| Self {
@@ -56,7 +55,6 @@ impl BuildId {
     }
 
     /// True if both are the same executable; false if either is unknown.
-    #[must_use]
     pub fn is_same_executable(&self, other: &Self) -> bool {
         self.executable == other.executable && self.executable != UNKNOWN
     }
@@ -68,7 +66,6 @@ impl BuildId {
     }
 
     /// From the metadata of a log; what is missing is unknown.
-    #[must_use]
     pub fn read(from: &BTreeMap<String, String>) -> Self {
         let mut build = Self::default();
         for (key, field) in FIELDS {

@@ -9,7 +9,6 @@ use std::sync::OnceLock;
 pub use plumbline_record::topics::Topic as Channel;
 
 /// The `FileDescriptorSet` that the schema of a channel is in, in a log with such images.
-#[must_use]
 pub fn descriptors(channel: Channel, images: ImageRecording) -> Cow<'static, [u8]> {
     static OWN: OnceLock<Vec<u8>> = OnceLock::new();
     let drawn = plumbline_scene::descriptors(channel.schema(images));

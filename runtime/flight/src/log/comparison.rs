@@ -28,7 +28,6 @@ pub struct ComparedOutputs {
 
 impl ComparedOutputs {
     /// The first output that differs.
-    #[must_use]
     pub fn difference(&self) -> Option<&Difference> {
         let Self { estimates, odometry, map, instants, .. } = self;
         let of_map = map.difference.as_ref().or(instants.difference.as_ref());

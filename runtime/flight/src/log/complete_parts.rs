@@ -23,7 +23,6 @@ struct Kept {
 
 impl CompleteParts {
     /// No part yet of the log at `path`.
-    #[must_use]
     pub fn new(path: &Path, keep: KeepPolicy) -> Self {
         let kept = Kept { path: path.to_owned(), keep, parts: VecDeque::new(), deleted_bytes: 0 };
         Self(Arc::new(Mutex::new(kept)))
@@ -43,13 +42,11 @@ impl CompleteParts {
     }
 
     /// Bytes in the files.
-    #[must_use]
     pub fn bytes(&self) -> u64 {
         self.0.lock().parts.iter().map(|(_, bytes)| bytes).sum()
     }
 
     /// Bytes that were written and deleted again.
-    #[must_use]
     pub fn deleted_bytes(&self) -> u64 {
         self.0.lock().deleted_bytes
     }

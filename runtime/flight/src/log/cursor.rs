@@ -41,13 +41,11 @@ impl Cursor {
     }
 
     /// Damage of the log where it ceased to be whole, if it did: nothing after that is handed out.
-    #[must_use]
     pub fn damage(&self) -> Option<&str> {
         self.damage.as_deref()
     }
 
     /// The log.
-    #[must_use]
     pub fn reader(&self) -> &LogReader {
         &self.reader
     }

@@ -16,7 +16,6 @@ pub enum LogEntry {
 
 impl LogEntry {
     /// Kind of the entry.
-    #[must_use]
     pub fn kind(&self) -> EntryKind {
         match self {
             Self::Said(said) => said.kind(),

@@ -101,7 +101,6 @@ impl Readings {
 
 impl<'a> LogOrders<'a> {
     /// Orders from the beginning of `log`, with the images of a data set or its own.
-    #[must_use]
     pub fn new(
         log: Cursor,
         images: Option<Box<dyn StereoSource>>,
@@ -130,25 +129,21 @@ impl<'a> LogOrders<'a> {
     }
 
     /// The log.
-    #[must_use]
     pub fn log(&self) -> &Cursor {
         &self.log
     }
 
     /// Readings executed so far.
-    #[must_use]
     pub fn readings(&self) -> u64 {
         self.ticked
     }
 
     /// Time of data that was executed, s.
-    #[must_use]
     pub fn span_s(&self) -> f64 {
         self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 
     /// Reason why the execution ended before the log, if it did.
-    #[must_use]
     pub fn break_off(&self) -> Option<&str> {
         self.gap.as_deref().or(self.log.damage())
     }

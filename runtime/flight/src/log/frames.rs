@@ -15,7 +15,6 @@ pub struct FramePlayback {
 
 impl FramePlayback {
     /// Frames of a flight with this configuration.
-    #[must_use]
     pub fn new(config: &Config, images: Option<Box<dyn StereoSource>>) -> Self {
         Self { images, frame: StereoFrame::new(image_sizes(&config.camera)) }
     }

@@ -16,13 +16,11 @@ const MAX_SIDE_PX: u32 = 4096;
 const MAX_DECODER_BYTES: usize = 64 << 20;
 
 /// SHA-256 of the pixels.
-#[must_use]
 pub fn hash(image: &GrayImage) -> Vec<u8> {
     Sha256::digest(image.pixels()).to_vec()
 }
 
 /// A frame with the hashes of its images.
-#[must_use]
 pub fn frame(frame: &StereoFrame) -> FrameAbout {
     let image = |camera: usize| {
         let image = &frame.images[camera];

@@ -75,13 +75,11 @@ impl Part {
     }
 
     /// Bytes in the file once the last chunk was complete.
-    #[must_use]
     pub fn complete_bytes(&self) -> u64 {
         self.complete_bytes
     }
 
     /// Size of the file with the chunk, a further message and the summary at its end, at most.
-    #[must_use]
     pub fn bytes_after(&self, message_bytes: usize) -> u64 {
         let message = message_bytes as u64 + MESSAGE_OVERHEAD;
         let chunk_end = RECORDING_BYTES + MESSAGE_OVERHEAD;
@@ -90,26 +88,22 @@ impl Part {
     }
 
     /// True if it holds more than its beginning.
-    #[must_use]
     pub fn has_data(&self) -> bool {
         self.chunks > 1 || self.has_chunk()
     }
 
     /// True if a chunk has been begun.
-    #[must_use]
     pub fn has_chunk(&self) -> bool {
         self.chunk_since_ns.is_some()
     }
 
     /// True if the chunk must be completed after a message of `time_ns`.
-    #[must_use]
     pub fn is_chunk_due(&self, time_ns: u64) -> bool {
         let age_ns = self.chunk_since_ns.map_or(0, |since| time_ns.saturating_sub(since));
         self.chunk_bytes >= CHUNK_BYTES || age_ns >= CHUNK_NS
     }
 
     /// The seal over its inputs and orders so far.
-    #[must_use]
     pub fn seal(&self) -> Vec<u8> {
         self.seal.value()
     }

@@ -194,7 +194,6 @@ pub struct OpenPart {
 
 impl OpenPart {
     /// Opens files, which must not exist.
-    #[must_use]
     pub fn files() -> Self {
         Self::with(|path| {
             let file = OpenOptions::new().write(true).create_new(true).open(path)?;
@@ -204,7 +203,6 @@ impl OpenPart {
     }
 
     /// Opens whatever `open` makes of a path.
-    #[must_use]
     pub fn with(open: impl FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send + 'static) -> Self {
         Self { open: Box::new(open), patience: Patience::default(), newest: None, position: Arc::default() }
     }
@@ -228,7 +226,6 @@ impl OpenPart {
     }
 
     /// The patience of this and of all parts.
-    #[must_use]
     pub fn patience(&self) -> Patience {
         self.patience.clone()
     }
@@ -239,7 +236,6 @@ impl OpenPart {
     }
 
     /// Bytes written to the part that was opened last.
-    #[must_use]
     pub fn position(&self) -> u64 {
         self.position.load(Ordering::Relaxed)
     }

@@ -4,13 +4,11 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// The file of part `part` of the log at `path`.
-#[must_use]
 pub fn part_path(path: &Path, part: u32) -> PathBuf {
     if part == 0 { path.to_owned() } else { path.with_extension(format!("{part}.mcap")) }
 }
 
 /// The parts of the log at `path` that are there, with their numbers, in order.
-#[must_use]
 pub fn existing_parts(path: &Path) -> Vec<(u32, PathBuf)> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).into_iter().flatten().flatten();

@@ -92,49 +92,41 @@ impl LogReader {
     }
 
     /// Beginning of the log: flight, configuration, build.
-    #[must_use]
     pub fn about(&self) -> &PartHeader {
         &self.about
     }
 
     /// Files of the log.
-    #[must_use]
     pub fn parts(&self) -> usize {
         self.parts
     }
 
     /// The file that is being read.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.part.path
     }
 
     /// Bytes of all files.
-    #[must_use]
     pub fn total_bytes(&self) -> u64 {
         self.total_bytes
     }
 
     /// Bytes read so far.
-    #[must_use]
     pub fn read_bytes(&self) -> u64 {
         self.read_bytes + self.part.read_bytes
     }
 
     /// End of the log; known once [`Self::next_message`] has returned `None`.
-    #[must_use]
     pub fn ending(&self) -> Ending {
         self.ending
     }
 
     /// Entries dropped, by the part read so far.
-    #[must_use]
     pub fn dropped(&self) -> Dropped {
         self.dropped
     }
 
     /// True if an input differs from the recorded one, by the part read so far.
-    #[must_use]
     pub fn is_seal_broken(&self) -> bool {
         self.is_seal_broken
     }

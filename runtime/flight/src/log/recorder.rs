@@ -251,7 +251,6 @@ impl Recorder {
     }
 
     /// A handle for a producer.
-    #[must_use]
     pub fn handle(&self) -> RecorderHandle {
         RecorderHandle(Arc::clone(&self.shared))
     }

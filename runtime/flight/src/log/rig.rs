@@ -18,7 +18,6 @@ pub const CAMERA_FRAMES: [&str; 2] = ["left", "right"];
 pub const MAX_BYTES: u64 = 2_048;
 
 /// The messages of a rig of up to two cameras.
-#[must_use]
 pub fn messages(config: &Config, stamp: Timestamp) -> Vec<(Channel, Vec<u8>)> {
     let channels = [Channel::LeftCalibration, Channel::RightCalibration];
     let cameras = config.camera.iter().zip(CAMERA_FRAMES).zip(channels);

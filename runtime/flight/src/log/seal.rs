@@ -26,7 +26,6 @@ impl Seal {
     }
 
     /// The hash of all messages so far.
-    #[must_use]
     pub fn value(&self) -> Vec<u8> {
         self.0.clone().finalize().to_vec()
     }

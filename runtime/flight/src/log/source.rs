@@ -7,7 +7,7 @@ use super::reader::Ending;
 use parking_lot::Mutex;
 use plumbline_config::Timestamp;
 use plumbline_config::options::ImageRecording;
-use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_drivers::{DriverError, ImuReading, ImuSource, StereoFrame, StereoSource};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -18,7 +18,6 @@ pub struct LogEnd(Arc<Mutex<Option<String>>>);
 
 impl LogEnd {
     /// Place and reason of the break, in words.
-    #[must_use]
     pub fn words(&self) -> Option<String> {
         self.0.lock().clone()
     }
@@ -123,10 +122,6 @@ impl ImuSource for LogImu {
         let read = self.cursor.next(Channel::Imu);
         self.end.or_end(&self.cursor, read)
     }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
-    }
 }
 
 impl StereoSource for LogStereo {
@@ -146,13 +141,5 @@ impl StereoSource for LogStereo {
             }
         }
         Ok(false)
-    }
-
-    fn expected_frames(&self) -> Option<u64> {
-        None
-    }
-
-    fn faults(&self) -> Faults {
-        Faults::default()
     }
 }

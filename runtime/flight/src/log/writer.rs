@@ -40,7 +40,6 @@ pub struct Limits {
 
 impl Limits {
     /// As configured.
-    #[must_use]
     pub fn of(config: &RecorderConfig) -> Self {
         let bytes = |megabytes: usize| megabytes as u64 * 1_000_000;
         Self {
@@ -108,25 +107,21 @@ impl LogWriter {
     }
 
     /// Bytes in the files, chunks in the making left out.
-    #[must_use]
     pub fn bytes(&self) -> u64 {
         self.part.as_ref().map_or(0, Part::complete_bytes) + self.room.bytes()
     }
 
     /// Bytes that were written and deleted again.
-    #[must_use]
     pub fn deleted_bytes(&self) -> u64 {
         self.room.deleted_bytes()
     }
 
     /// Entries that were taken and are not in the files: lost when writing has failed.
-    #[must_use]
     pub fn unsaved(&self) -> Dropped {
         self.unsaved
     }
 
     /// Files begun so far.
-    #[must_use]
     pub fn parts(&self) -> u32 {
         self.about.part + 1
     }
@@ -352,7 +347,6 @@ impl LogWriter {
     }
 
     /// Patience of the writer in waiting for descriptors and room; ending it ends the wait.
-    #[must_use]
     pub fn patience(&self) -> Patience {
         self.open.patience()
     }

@@ -9,13 +9,11 @@ pub struct Stopwatch(Instant);
 
 impl Stopwatch {
     /// Starts.
-    #[must_use]
     pub fn start() -> Self {
         Self(Instant::now())
     }
 
     /// Milliseconds since the start.
-    #[must_use]
     pub fn elapsed_ms(&self) -> f64 {
         self.0.elapsed().as_secs_f64() * 1e3
     }
@@ -27,13 +25,11 @@ pub struct CpuStopwatch(f64);
 
 impl CpuStopwatch {
     /// Starts.
-    #[must_use]
     pub fn start() -> Self {
         Self(thread_cpu_ms())
     }
 
     /// Milliseconds since the start.
-    #[must_use]
     pub fn elapsed_ms(&self) -> f64 {
         thread_cpu_ms() - self.0
     }

@@ -23,7 +23,6 @@ pub struct Control {
 
 impl Control {
     /// A run that ends when `stop` is set.
-    #[must_use]
     pub fn stopped_by(stop: Arc<AtomicBool>) -> Self {
         Self { stop, ..Self::default() }
     }
@@ -51,13 +50,11 @@ impl Control {
     }
 
     /// True if the run is to stop.
-    #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
     /// Requests to keep the map.
-    #[must_use]
     pub fn map_saves(&self) -> &MapSaves {
         &self.map_saves
     }
@@ -68,7 +65,6 @@ impl Control {
     }
 
     /// Entrance for requests of states at instants; `None` if the run does not keep its last seconds.
-    #[must_use]
     pub fn instants(&self) -> Option<&Arc<Instants>> {
         self.instants.get()
     }

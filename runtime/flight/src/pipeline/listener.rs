@@ -92,7 +92,6 @@ pub struct Solved<'a> {
 
 impl Solved<'_> {
     /// The window, to be looked at.
-    #[must_use]
     pub fn window(&self) -> &Window {
         self.window
     }

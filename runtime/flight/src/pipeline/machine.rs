@@ -88,7 +88,6 @@ struct Places {
 impl<'a> Machine<'a> {
     /// Machine with everything allocated for the configuration. The map goes on with the keyframes of `known`; with `instants` the last
     /// seconds are kept.
-    #[must_use]
     pub fn new(
         config: &ValidConfig,
         (known, instants): (Option<PlaceMap>, Option<Arc<Instants>>),
@@ -212,31 +211,26 @@ impl<'a> Machine<'a> {
     }
 
     /// The front-end.
-    #[must_use]
     pub fn front(&self) -> &FrontStage {
         &self.front
     }
 
     /// The window.
-    #[must_use]
     pub fn window(&self) -> &WindowStage {
         &self.window
     }
 
     /// The odometry.
-    #[must_use]
     pub fn tick(&self) -> &TickStage {
         &self.tick
     }
 
     /// The newest time that is believed of the readings fed so far.
-    #[must_use]
     pub fn newest_imu(&self) -> Timestamp {
         self.newest_imu
     }
 
     /// The time of the frame that was tracked and is not solved yet.
-    #[must_use]
     pub fn unsolved(&self) -> Option<Timestamp> {
         self.is_in_flight.then_some(self.in_flight.tracked.time.stamp)
     }

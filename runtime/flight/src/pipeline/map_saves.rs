@@ -36,7 +36,6 @@ impl MapSaves {
     }
 
     /// Result of a request: `None` until it has ended. Does not wait.
-    #[must_use]
     pub fn outcome(&self, request: MapRequest) -> MapSaveResult {
         let saved = self.saved.lock();
         if saved.0 == request.0 { None } else { saved.1.clone() }

@@ -127,7 +127,6 @@ pub enum RunError {
 
 impl RunError {
     /// True if the same run, started again, may succeed: the fault lies in the program, and not in its input.
-    #[must_use]
     pub fn is_fault(&self) -> bool {
         matches!(self, Self::Fault(_) | Self::Stalled(_))
     }

@@ -74,7 +74,6 @@ pub struct PlacesStage {
 
 impl PlacesStage {
     /// Stage with everything allocated for the configuration; `None` where places are switched off.
-    #[must_use]
     pub fn new(config: &ValidConfig, known: Option<PlaceMap>, listener: Box<dyn Listener>) -> Option<Self> {
         config.estimator.places.enabled.then(|| Self {
             listener,
@@ -120,7 +119,6 @@ pub struct MapStage {
 
 impl MapStage {
     /// A map of which nothing is known yet.
-    #[must_use]
     pub fn new(effect: Effect) -> Self {
         Self {
             follower: MapFollower::default(),
@@ -142,7 +140,6 @@ impl MapStage {
     }
 
     /// The frame that an order named and the map was not given.
-    #[must_use]
     pub fn missing(&self) -> Option<u64> {
         self.missing
     }
@@ -153,7 +150,6 @@ impl MapStage {
     }
 
     /// SHA-256 over the bits so far; `None` where it has ended before the flight.
-    #[must_use]
     pub fn digest(&self) -> Option<String> {
         (!self.is_ended).then(|| self.digest.hex())
     }
@@ -199,7 +195,6 @@ impl MapStage {
     }
 
     /// Figures of the whole stage, with the times of the map.
-    #[must_use]
     pub fn figures(&self, times_ms: Times, passed_over: u64, mapper: &Mapper) -> PlacesFigures {
         PlacesFigures {
             times_ms,

@@ -31,7 +31,6 @@ pub struct Job {
 
 impl Job {
     /// An empty one, with room for any frame.
-    #[must_use]
     pub fn new(config: &ValidConfig) -> Self {
         Self { tracked: Tracked::new(config.setup()), cost: Cost::default(), is_after_fault: false }
     }
@@ -65,7 +64,6 @@ pub struct FrontStage {
 
 impl FrontStage {
     /// Stage with everything allocated for the configuration.
-    #[must_use]
     pub fn new(config: &ValidConfig, subscriber: &mut dyn Subscriber) -> Self {
         Self {
             config: config.clone(),
@@ -90,13 +88,11 @@ impl FrontStage {
     }
 
     /// True if a frame of `image_stamp` is worth waiting for its readings.
-    #[must_use]
     pub fn expects(&self, image_stamp: Timestamp) -> bool {
         self.front_end.expects(image_stamp)
     }
 
     /// Readings up to this time must have been added before the frame of `image_stamp` is.
-    #[must_use]
     pub fn needed_until(&self, image_stamp: Timestamp) -> Timestamp {
         self.front_end.imu_needed_until(image_stamp)
     }
@@ -172,7 +168,6 @@ impl FrontStage {
     }
 
     /// The time of each stage so far.
-    #[must_use]
     pub fn times(&self) -> [&StageTimes; 2] {
         [&self.point_times, &self.line_times]
     }
@@ -202,7 +197,6 @@ pub struct WindowStage {
 
 impl WindowStage {
     /// Stage with everything allocated for the configuration.
-    #[must_use]
     pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         let mut odometer = Odometer::new(config.setup());
         odometer.keep_steps(listener.keeps_steps());
@@ -245,7 +239,6 @@ impl WindowStage {
     }
 
     /// The pose of the odometry in the map, with its figures; `None` where places are switched off.
-    #[must_use]
     pub fn map(&self) -> Option<&MapStage> {
         self.map.as_ref()
     }
@@ -321,14 +314,12 @@ impl WindowStage {
     }
 
     /// SHA-256 over the bits of all estimates so far.
-    #[must_use]
     pub fn digest(&self) -> String {
         self.digest.hex()
     }
 }
 
 /// Counts and times of all stages of a run, after their end.
-#[must_use]
 pub fn total(front: &FrontStage, window: &WindowStage, tick: &TickStage, team: &Team) -> Figures {
     let mut figures = window.figures.clone();
     figures.finish();

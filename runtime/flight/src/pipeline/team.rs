@@ -40,7 +40,6 @@ impl Team {
     }
 
     /// Allocations and frees on other threads than those that led.
-    #[must_use]
     pub fn allocations(&self) -> u64 {
         self.allocations.load(Ordering::Relaxed)
     }

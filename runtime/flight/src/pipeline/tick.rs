@@ -68,7 +68,6 @@ pub struct TickStage {
 
 impl TickStage {
     /// Stage with everything allocated for the configuration. With `instants` it answers requests for states of the last seconds.
-    #[must_use]
     pub fn new(
         config: &ValidConfig,
         effect: Effect,
@@ -181,7 +180,6 @@ impl TickStage {
     }
 
     /// True if a reading follows those before it. One that does not is refused, whenever it comes.
-    #[must_use]
     pub fn expects(&self, reading: &ImuReading) -> bool {
         self.propagator.expects(&reading.sample)
     }
@@ -213,19 +211,16 @@ impl TickStage {
     }
 
     /// The first frame from `frame` on whose estimate waits to take effect.
-    #[must_use]
     pub fn waiting_from(&self, frame: u64) -> Option<u64> {
         self.pending.iter().map(|estimate| estimate.frame_sequence).find(|waiting| *waiting >= frame)
     }
 
     /// True if the estimates of two more frames, one of them in flight, find room among those that wait.
-    #[must_use]
     pub fn has_room(&self) -> bool {
         self.pending.len() + 2 <= MAX_PENDING
     }
 
     /// SHA-256 over the bits of all odometry so far.
-    #[must_use]
     pub fn digest(&self) -> String {
         self.digest.hex()
     }

@@ -90,7 +90,6 @@ pub struct MapContents {
 
 impl MapContents {
     /// The contents of a map.
-    #[must_use]
     pub fn of(map: &PlaceMap) -> Self {
         let mut keyframes: Vec<_> = map.keyframes().collect();
         keyframes.sort_unstable_by_key(|(_, k)| k.id);
@@ -106,19 +105,16 @@ impl MapContents {
     }
 
     /// Features in all.
-    #[must_use]
     pub fn feature_count(&self) -> usize {
         self.keyframes.iter().map(|k| k.features.len()).sum()
     }
 
     /// Lines in all.
-    #[must_use]
     pub fn line_count(&self) -> usize {
         self.keyframes.iter().map(|k| k.lines.len()).sum()
     }
 
     /// Limits of a map that holds these.
-    #[must_use]
     pub fn limits(&self) -> MapLimits {
         let features = self.keyframes.iter().map(|k| k.features.len()).max().unwrap_or(0);
         MapLimits { keyframes: self.keyframes.len(), features }
@@ -139,7 +135,6 @@ impl MapContents {
 }
 
 /// The bytes of a map.
-#[must_use]
 pub fn encode(map: &MapContents) -> Vec<u8> {
     let counts =
         Counts { keyframes: map.keyframes.len(), features: map.feature_count(), lines: map.line_count() };
@@ -231,7 +226,6 @@ pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
 
 /// Bytes with a checksum that fits, in place of the last eight: for tests that look past the checksum.
 #[doc(hidden)]
-#[must_use]
 pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     let body = &bytes[..bytes.len().saturating_sub(CHECKSUM_BYTES)];
     [body, &xxh3_64(body).to_le_bytes()].concat()

@@ -28,7 +28,6 @@ pub struct MapFit {
 
 /// Finds how the second map lies in the first; `None` when too few of its keyframes are found there, or they
 /// contradict each other.
-#[must_use]
 pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<MapFit> {
     let limits = second.limits();
     let mut locator = Locator::new(&LocatorOptions::default(), first.limits().keyframes, limits.features);
@@ -60,7 +59,6 @@ pub fn fit(first: &PlaceMap, second: &MapContents) -> Option<MapFit> {
 }
 
 /// The second map's keyframes in the first, those of the second as later flights.
-#[must_use]
 pub fn merged(first: MapContents, second: MapContents, fit: &MapFit, limits: MapLimits) -> PlaceMap {
     let sessions = first.keyframes.iter().map(|k| k.session + 1).max().unwrap_or(0);
     let mut all = first;

@@ -6,18 +6,19 @@
 use super::{MapContents, write_map};
 use crate::pipeline::Control;
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
+use crate::schedule::worker::Worker;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread::JoinHandle;
 
 /// Keeps the map in a file on request.
 #[derive(Debug)]
 pub struct MapSaver {
     control: Arc<Control>,
     to_write: Option<SyncSender<MapContents>>,
-    thread: Option<JoinHandle<()>>,
+    /// Ends when nothing comes any more.
+    _worker: Worker,
 }
 
 impl MapSaver {
@@ -28,29 +29,9 @@ impl MapSaver {
     pub fn start(path: &Path, control: &Arc<Control>) -> io::Result<Self> {
         let (to_write, contents) = sync_channel(1);
         let (path, theirs) = (path.to_owned(), Arc::clone(control));
-        let thread = std::thread::Builder::new()
-            .name("plumbline-map".into())
-            .spawn(move || write_each(&contents, &path, &theirs))?;
+        let worker = Worker::start("plumbline-map", || {}, move || write_each(&contents, &path, &theirs))?;
         control.map_saves().open();
-        Ok(Self { control: Arc::clone(control), to_write: Some(to_write), thread: Some(thread) })
-    }
-
-    /// Ends when what was asked for is on the disk.
-    pub fn finish(mut self) {
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.to_write = None;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for MapSaver {
-    fn drop(&mut self) {
-        self.end();
+        Ok(Self { control: Arc::clone(control), to_write: Some(to_write), _worker: worker })
     }
 }
 

@@ -17,7 +17,6 @@ pub struct BareTimer {
 
 /// Releases every `period` at `priority`, where the host allows it, until `stop` is set or `duration` has
 /// passed. Runs on the calling thread.
-#[must_use]
 pub fn run(
     period: Duration,
     priority: Option<u8>,

@@ -57,7 +57,6 @@ pub struct Host {
 
 impl Host {
     /// Locks the memory of the process and limits the sleep of the processors, if wanted.
-    #[must_use]
     pub fn new(wants: &RuntimeConfig) -> Self {
         if wants.lock_memory
             && let Err(refusal) = lock_memory()

@@ -50,7 +50,6 @@ impl Rung {
     ];
 
     /// The rung `level` steps below the top, if there is one.
-    #[must_use]
     pub fn of_level(level: u8) -> Option<Self> {
         Self::ALL.get(usize::from(level)).copied()
     }
@@ -124,7 +123,6 @@ impl Default for Ladder {
 
 impl Ladder {
     /// The rung of the next frame.
-    #[must_use]
     pub fn rung(&self) -> Rung {
         self.rung
     }

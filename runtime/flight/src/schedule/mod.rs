@@ -15,4 +15,4 @@ pub mod tasks;
 pub mod times;
 pub mod watchdog;
 
-pub use plumbline_rings::{event_bell, lane, pace, ring, ticker};
+pub use plumbline_rings::{event_bell, lane, pace, ring, ticker, worker};

@@ -29,7 +29,6 @@ impl<T> Slot<T> {
 
 impl<T> Pool<T> {
     /// `count` entries, at least two: while one is read another is filled.
-    #[must_use]
     pub fn new(count: usize, make: impl Fn() -> T) -> Self {
         let slot = |_| Slot { number: AtomicU64::new(0), entry: Mutex::new(make()) };
         let slots = (0..count.max(2)).map(slot).collect();

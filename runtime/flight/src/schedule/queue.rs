@@ -21,7 +21,6 @@ pub struct Queue<T> {
 
 impl<T> Queue<T> {
     /// With room for so many entries, at least one.
-    #[must_use]
     pub fn new(capacity: usize) -> Self {
         let capacity = capacity.max(1);
         Self { entries: ArrayQueue::new(capacity), given: AtomicUsize::new(0), whole: AtomicUsize::new(0) }
@@ -52,7 +51,6 @@ impl<T> Queue<T> {
     }
 
     /// True if no entry is whole.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.whole.load(Ordering::Acquire) == 0
     }

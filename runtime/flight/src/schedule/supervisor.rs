@@ -46,7 +46,6 @@ pub struct Supervisor {
 
 impl Supervisor {
     /// The one that the environment of this process names.
-    #[must_use]
     pub fn of_environment() -> Self {
         let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
         let is_for_us = number(PROCESS).is_none_or(|pid| pid == u64::from(std::process::id()));
@@ -59,7 +58,6 @@ impl Supervisor {
     }
 
     /// Timeout of the supervisor for a sign of life.
-    #[must_use]
     pub fn patience(&self) -> Option<Duration> {
         self.patience
     }

@@ -123,7 +123,6 @@ pub struct TaskTable([Task; TaskId::ALL.len()]);
 
 impl TaskTable {
     /// The table for a configuration: periods are those of its sensors.
-    #[must_use]
     pub fn new(config: &Config, speed: f64) -> Self {
         let period = |rate_hz: f64| Duration::from_secs_f64(1.0 / (rate_hz.max(SLOWEST_HZ) * speed));
         let (sample, frame) = (period(config.imu.rate_hz), period(config.camera[0].rate_hz));
@@ -164,7 +163,6 @@ impl TaskTable {
     }
 
     /// The row of a task.
-    #[must_use]
     pub fn row(&self, id: TaskId) -> &Task {
         &self.0[id as usize]
     }

@@ -43,7 +43,6 @@ impl Serialize for Times {
 
 impl Times {
     /// Times recorded.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.0.len()
     }
@@ -60,13 +59,11 @@ impl Times {
     }
 
     /// The time that the share `q` of all does not exceed.
-    #[must_use]
     pub fn quantile(&self, q: f64) -> f64 {
         if self.count() == 0 { 0.0 } else { self.0.value_at_quantile(q) as f64 / PER_UNIT }
     }
 
     /// The percentiles, in the unit of the times.
-    #[must_use]
     pub fn percentiles(&self) -> Percentiles {
         if self.0.is_empty() {
             return Percentiles::default();

@@ -35,13 +35,11 @@ pub enum TaskSign {
 
 impl Pulse {
     /// Creates the heartbeat of a task that waits.
-    #[must_use]
     pub fn new(id: TaskId) -> Self {
         Self { id, beat: AtomicI64::new(IDLE), deaths: AtomicU32::new(0) }
     }
 
     /// Task of the heartbeat.
-    #[must_use]
     pub fn id(&self) -> TaskId {
         self.id
     }
@@ -71,13 +69,11 @@ impl Pulse {
     }
 
     /// Number of times it has ended by a fault.
-    #[must_use]
     pub fn deaths(&self) -> u32 {
         self.deaths.load(Ordering::Relaxed)
     }
 
     /// Sign at `now`.
-    #[must_use]
     pub fn sign(&self, now: Monotonic) -> TaskSign {
         match self.beat.load(Ordering::Relaxed) {
             IDLE => TaskSign::Idle,
@@ -105,7 +101,6 @@ impl Heartbeats {
     }
 
     /// Returns the heartbeat of a task.
-    #[must_use]
     pub fn of(&self, id: TaskId) -> &Pulse {
         &self.0[id as usize]
     }
@@ -196,7 +191,6 @@ impl Watchdog {
     }
 
     /// True if there is no odometry because a task is stalled or dead: systemd then gets no sign of life.
-    #[must_use]
     pub fn is_critical(&self) -> bool {
         [TaskId::Imu, TaskId::Tick]
             .map(|id| self.tasks[id as usize])
@@ -205,13 +199,11 @@ impl Watchdog {
     }
 
     /// Stalls found so far.
-    #[must_use]
     pub fn stalls(&self) -> u64 {
         self.stalls
     }
 
     /// Tasks that ended by a fault of their own so far.
-    #[must_use]
     pub fn deaths(&self) -> u64 {
         self.deaths
     }

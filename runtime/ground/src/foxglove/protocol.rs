@@ -33,7 +33,6 @@ pub struct Advertised {
 }
 
 /// First message of a server, which describes it.
-#[must_use]
 pub fn server_info(session: &str) -> String {
     json!({
         "op": "serverInfo",
@@ -47,7 +46,6 @@ pub fn server_info(session: &str) -> String {
 }
 
 /// Offers channels.
-#[must_use]
 pub fn advertise(channels: &[Advertised]) -> String {
     let channel = |channel: &Advertised| {
         json!({
@@ -63,26 +61,22 @@ pub fn advertise(channels: &[Advertised]) -> String {
 }
 
 /// Takes channels back.
-#[must_use]
 pub fn unadvertise(channels: &[u32]) -> String {
     json!({"op": "unadvertise", "channelIds": channels}).to_string()
 }
 
 /// Says something for people.
-#[must_use]
 pub fn status(level: Level, message: &str) -> String {
     let level = if level == Level::Warning { 1 } else { 2 };
     json!({"op": "status", "level": level, "message": message}).to_string()
 }
 
 /// A message of a channel for a subscription, and when it was measured, ns.
-#[must_use]
 pub fn message_data(subscription: u32, time_ns: u64, payload: &[u8]) -> Vec<u8> {
     [&[MESSAGE_DATA][..], &subscription.to_le_bytes(), &time_ns.to_le_bytes(), payload].concat()
 }
 
 /// The time of the data, ns.
-#[must_use]
 pub fn time(time_ns: u64) -> Vec<u8> {
     [&[TIME][..], &time_ns.to_le_bytes()].concat()
 }
@@ -118,7 +112,6 @@ pub struct ClientSubscription {
 }
 
 /// The request in `text`; `None` where it is none.
-#[must_use]
 pub fn request(text: &str) -> Option<ClientRequest> {
     serde_json::from_str(text).ok()
 }

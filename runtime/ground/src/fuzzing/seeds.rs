@@ -1,8 +1,8 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-ground --run-ignored only fuzz_seeds`.
 
-use super::super::listen::seed_number;
 use super::super::test_messages::window;
 use super::fixture::{estimate, odometry, put};
+use super::seed_number;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};

@@ -8,19 +8,16 @@ use std::time::{Duration, Instant};
 
 impl VehicleState {
     /// True if two vehicles publish under its name.
-    #[must_use]
     pub fn is_shared(&self) -> bool {
         self.odom.is_shared || self.state.is_shared
     }
 
     /// Time since the last message on any key.
-    #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
     }
 
     /// Presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
-    #[must_use]
     pub fn presence(&self, now: Instant) -> &'static str {
         let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
         if !self.is_alive || (is_silent && self.age(now).is_some()) {
@@ -38,51 +35,43 @@ impl VehicleState {
     }
 
     /// Takes coordinates from the odometry to the map frame; `None` while that is not known.
-    #[must_use]
     pub fn pose_m_o(&self) -> Option<Isometry3<f64>> {
         self.corrected.pose_m_o(self.resets)
     }
 
     /// The map as text; `None` where the vehicle has said nothing of one.
-    #[must_use]
     pub fn map_words(&self) -> Option<String> {
         self.corrected.words(self.resets)
     }
 
     /// Number of messages received from the vehicle.
-    #[must_use]
     pub fn heard(&self) -> u64 {
         self.odom.received + self.state.received + self.health.received
     }
 
     /// Largest standard deviation of the position, m.
-    #[must_use]
     pub fn sigma_m(&self) -> f64 {
         self.sigmas[..3].iter().copied().fold(0.0, f64::max)
     }
 
     /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
-    #[must_use]
     pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
         let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.news.rot_v_b?);
         Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
     }
 
     /// Attitude of the vehicle; `None` without a pose, or while its mounting is unknown.
-    #[must_use]
     pub fn attitude(&self) -> Option<Attitude> {
         self.pose_o_v().map(|pose_o_v| Attitude::of(&pose_o_v.rotation))
     }
 
     /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
-    #[must_use]
     pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
         let rate_v = self.news.rot_v_b? * self.rate_b;
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
     /// True if its last state is its present one: messages arrive, with a pose if there was one.
-    #[must_use]
     pub fn is_current(&self, now: Instant) -> bool {
         !["lost", "stale", "unknown"].contains(&self.presence(now))
     }
@@ -93,7 +82,6 @@ impl VehicleState {
     }
 
     /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
-    #[must_use]
     pub fn quality_words(&self, now: Instant) -> String {
         if !self.is_current(now) {
             return "-".into();
@@ -103,7 +91,6 @@ impl VehicleState {
 
     /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate"; "health unknown"
     /// for a vehicle that is gone.
-    #[must_use]
     pub fn health_summary(&self, now: Instant) -> String {
         if !self.is_current(now) {
             return "health unknown".into();
@@ -149,7 +136,6 @@ impl VehicleState {
     }
 
     /// Position, attitude, speed, rates and health in one line of text.
-    #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
         let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
         format!(

@@ -20,13 +20,11 @@ fn pose(pose: &Isometry3<f64>) -> [f64; 7] {
 }
 
 /// The first message of a connection.
-#[must_use]
 pub fn hello(commands: bool) -> String {
     json!({"type": "hello", "version": env!("CARGO_PKG_VERSION"), "commands": commands}).to_string()
 }
 
 /// The figures of every vehicle.
-#[must_use]
 pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
     let vehicles: Vec<Value> = fleet.vehicles.iter().map(|(name, v)| vehicle(name, v, now)).collect();
     json!({
@@ -100,7 +98,6 @@ fn link(v: &VehicleState, now: Instant) -> Value {
 }
 
 /// Points of a path.
-#[must_use]
 pub fn track(vehicle: &str, is_new: bool, points: &[[f64; 4]]) -> String {
     // Millimetres and milliseconds are enough to look at.
     let rounded: Vec<[f64; 4]> = points.iter().map(|p| p.map(|x| (x * 1e3).round() / 1e3)).collect();
@@ -108,7 +105,6 @@ pub fn track(vehicle: &str, is_new: bool, points: &[[f64; 4]]) -> String {
 }
 
 /// The corrected path in the map frame, piece by piece, and both ends of each loop.
-#[must_use]
 pub fn corrected(vehicle: &str, map: &Corrected) -> String {
     // Millimetres are enough to look at.
     let rounded = |p: &[f32; 3]| p.map(|x| (f64::from(x) * 1e3).round() / 1e3);
@@ -124,7 +120,6 @@ fn keyframe_row(id: u64, at: &Isometry3<f64>) -> Vec<f64> {
 }
 
 /// Keyframes that no longer change.
-#[must_use]
 pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> String {
     let rows: Vec<_> = keyframes.iter().map(|(id, k)| keyframe_row(*id, &k.pose_o_b)).collect();
     let points: Vec<f32> = keyframes.iter().flat_map(|(_, k)| k.points_o.iter().copied()).collect();
@@ -136,7 +131,6 @@ pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> St
 }
 
 /// Keyframes and landmarks of the window.
-#[must_use]
 pub fn scene(vehicle: &str, scene: &WindowScene) -> String {
     let rows: Vec<_> = (0u64..).zip(&scene.keyframes).map(|(id, pose)| keyframe_row(id, pose)).collect();
     json!({
@@ -153,13 +147,11 @@ struct Event<'a> {
 }
 
 /// An event.
-#[must_use]
 pub fn event(event: &FleetEvent) -> String {
     serde_json::to_string(&Event { r#type: "event", event }).unwrap_or_default()
 }
 
 /// A camera image: length of a JSON header (u32, little-endian), the header, and the JPEG.
-#[must_use]
 pub fn picture(vehicle: &str, Heard { envelope, message }: &Heard<Picture>) -> Vec<u8> {
     let header = json!({
         "vehicle": vehicle, "stamp_ns": envelope.stamp_ns.to_string(),

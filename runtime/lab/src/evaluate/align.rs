@@ -51,13 +51,11 @@ pub struct Similarity {
 
 impl Similarity {
     /// The transformation that changes nothing.
-    #[must_use]
     pub fn identity() -> Self {
         Self { rotation: UnitQuaternion::identity(), translation: Vector3::zeros(), scale: 1.0 }
     }
 
     /// A pose, transformed.
-    #[must_use]
     pub fn apply(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         let position = self.rotation * (pose.translation.vector * self.scale) + self.translation;
         Isometry3::from_parts(Translation3::from(position), self.rotation * pose.rotation)
@@ -79,7 +77,6 @@ pub fn align(pairs: &Pairs, mode: AlignmentMode) -> Result<Similarity, EvaluateE
 }
 
 /// The estimate, transformed; stamps unchanged.
-#[must_use]
 pub fn aligned(pairs: &Pairs, by: &Similarity) -> Pairs {
     let mut pairs = pairs.clone();
     for pose in &mut pairs.estimate {

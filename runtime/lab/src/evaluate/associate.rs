@@ -20,13 +20,11 @@ pub struct Pairs {
 
 impl Pairs {
     /// Number of pairs.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.estimate.len()
     }
 
     /// True if there is none.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.estimate.is_empty()
     }

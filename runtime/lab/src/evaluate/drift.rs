@@ -12,7 +12,6 @@ const YAW_END_SHARE: f64 = 0.1;
 const INTERRUPTION_PERIODS: f64 = 3.0;
 
 /// Length of the path, m.
-#[must_use]
 pub fn path_length_m(poses: &[StampedPose]) -> f64 {
     travelled_m(poses).last().copied().unwrap_or(0.0)
 }
@@ -20,7 +19,6 @@ pub fn path_length_m(poses: &[StampedPose]) -> f64 {
 /// Drift of the heading in degrees per minute: the mean error of the last tenth of the time less that of
 /// the first. Both frames have z up; a constant difference of heading between them cancels.
 /// `None` for fewer than two stamps.
-#[must_use]
 pub fn yaw_drift_deg_per_min(pairs: &Pairs) -> Option<f64> {
     let (first, last) = (pairs.reference.first()?.stamp, pairs.reference.last()?.stamp);
     let duration = last.seconds_since(first);
@@ -64,7 +62,6 @@ impl Mean {
 
 /// Share of the reference's time during which there is an estimate: gaps of more than three median periods
 /// are missing, as are the time before its first and after its last pose.
-#[must_use]
 pub fn coverage(estimate: &[StampedPose], reference: &[StampedPose]) -> f64 {
     let nanos = |poses: &[StampedPose]| {
         let mut stamps: Vec<i64> = poses.iter().map(|p| p.stamp.as_nanos()).collect();

@@ -138,7 +138,6 @@ pub fn evaluate(
 }
 
 /// Excess of the estimate's length, percent; `None` where the reference hardly moves, against the errors of positions.
-#[must_use]
 pub fn scale_error_percent(pairs: &Pairs) -> Option<f64> {
     let (scale, residual_m) = best_fit(pairs)?;
     let error = 100.0 * (1.0 / scale - 1.0);
@@ -146,7 +145,6 @@ pub fn scale_error_percent(pairs: &Pairs) -> Option<f64> {
 }
 
 /// Probable cause where only a reflection, or only another unit, brings the reference onto the estimate.
-#[must_use]
 pub fn doubt(pairs: &Pairs) -> Option<String> {
     const FEWER: f64 = 0.2;
     const UNITS: [(&str, f64); 3] = [("millimetres", 1e3), ("centimetres", 1e2), ("kilometres", 1e-3)];

@@ -25,7 +25,6 @@ pub struct Statistics {
 
 impl Statistics {
     /// Statistics of `errors`, all finite; `None` of an empty list.
-    #[must_use]
     pub fn of(errors: &[f64]) -> Option<Self> {
         let mut sorted = errors.to_vec();
         sorted.sort_by(f64::total_cmp);

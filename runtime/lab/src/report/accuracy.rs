@@ -41,7 +41,6 @@ pub struct Accuracy {
 
 impl Accuracy {
     /// Compares poses with the truth; `None` where it is known for too few.
-    #[must_use]
     pub fn of(poses: &[PublishedState], truth: &Truth) -> Option<Self> {
         let known: Vec<(&PublishedState, Isometry3<f64>)> =
             poses.iter().filter_map(|p| Some((p, truth.pose_at(p.stamp)?))).collect();
@@ -124,7 +123,6 @@ impl ForeignTruth {
 }
 
 /// Root mean square position error of poses after SE(3) alignment, m; `None` where the truth is known for too few.
-#[must_use]
 pub fn ate_rmse_m(poses: &[StampedPose], truth: &Truth) -> Option<f64> {
     let known = poses.iter().filter_map(|p| Some((*p, truth.pose_at(p.stamp)?)));
     let (estimate, reference): (Vec<_>, Vec<_>) =

@@ -40,7 +40,6 @@ impl HonestyFigures {
     }
 
     /// The largest of the three.
-    #[must_use]
     pub fn largest(&self) -> f64 {
         self.position.max(self.velocity).max(self.tilt)
     }
@@ -70,7 +69,6 @@ pub struct Honesty {
 impl Honesty {
     /// Judges what was published by the truth, with a fault that begins `begin_s` after the first frame, if there is one; `None`
     /// without a pose whose truth is known.
-    #[must_use]
     pub fn of(
         estimates: &[PublishedState],
         frames: &[FrameStatus],
@@ -100,7 +98,6 @@ impl Honesty {
     }
 
     /// True if the estimates that may be used were as good as they said, and no jump was kept from the reader.
-    #[must_use]
     pub fn is_honest(&self) -> bool {
         self.worst_sigmas.largest() <= MAX_SIGMAS && self.jumps == 0
     }

@@ -115,7 +115,6 @@ pub struct Report {
 }
 
 /// Findings that show only at the end of a flight: what its drivers survived, and a log that breaks off. `known` were found before.
-#[must_use]
 pub fn late_findings(
     flown: &Flown,
     log_end: Option<&LogEnd>,
@@ -161,7 +160,6 @@ pub fn late_findings(
 
 impl Report {
     /// The report of a flight, compared with the truth where that is known.
-    #[must_use]
     pub fn new(flown: &Flown) -> Self {
         let outcome = &flown.outcome;
         let f = &outcome.figures;
@@ -235,7 +233,6 @@ impl Report {
     }
 
     /// Why there is no pose, and what to do: the first grave warning, and what the health bits tell.
-    #[must_use]
     pub fn why_no_pose(&self) -> String {
         match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
             Some(warning) => format!("{}: {}", warning.what, warning.advice()),
@@ -244,7 +241,6 @@ impl Report {
     }
 
     /// The report for people: a few aligned lines.
-    #[must_use]
     pub fn summary(&self) -> String {
         let mut lines = vec![
             format!("{:<18}{}{}", "flight", self.name, if self.cameras == 1 { ", one camera" } else { "" }),

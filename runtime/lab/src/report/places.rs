@@ -21,7 +21,6 @@ pub struct PlacesReport {
 
 impl PlacesReport {
     /// Figures of a flight; `None` if places are switched off.
-    #[must_use]
     pub fn of(flown: &Flown) -> Option<Self> {
         let in_map = flown.poses_in_map();
         Some(Self {
@@ -33,7 +32,6 @@ impl PlacesReport {
     }
 
     /// For people.
-    #[must_use]
     pub fn line(&self) -> String {
         let counted = |n: u32, one: &str, many: &str| match n {
             0 => format!("no {one}"),

@@ -50,7 +50,6 @@ pub struct CameraReport {
 
 impl SensorReport {
     /// After a flight.
-    #[must_use]
     pub fn of(sensors: &LiveSensors) -> Self {
         let imu = ImuReport {
             name: sensors.imu.name.clone(),
@@ -77,7 +76,6 @@ impl SensorReport {
     }
 
     /// For people: a line or two for each sensor.
-    #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let (imu, cameras) = (&self.imu, &self.cameras);
         let gaps = |stream: &StreamFigures| match stream.gaps {

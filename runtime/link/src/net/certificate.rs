@@ -16,39 +16,33 @@ pub const OPERATOR: &str = "operator";
 const VEHICLE: &str = "vehicle:";
 
 /// The holder that the vehicle of a name is.
-#[must_use]
 pub fn vehicle(name: &str) -> String {
     format!("{VEHICLE}{name}")
 }
 
 /// The name of the vehicle that a holder is, if it is one.
-#[must_use]
 pub fn vehicle_of(holder: &str) -> Option<&str> {
     holder.strip_prefix(VEHICLE)
 }
 
 /// The name of a certificate.
-#[must_use]
 pub fn common_name(holder: &str, number: u32) -> String {
     format!("{holder}.{number}")
 }
 
 /// Holder and number of a certificate by its name.
-#[must_use]
 pub fn parse(common_name: &str) -> Option<(&str, u32)> {
     let (holder, number) = common_name.rsplit_once('.')?;
     Some((holder, number.parse().ok()?))
 }
 
 /// The names of a holder's certificates, without those that are excluded: by name, or all of a holder's.
-#[must_use]
 pub fn believed(holder: &str, excluded: &[String]) -> Vec<String> {
     let is_excluded = |name: &String| excluded.iter().any(|other| other == name || other == holder);
     (1..=MAX_NUMBER).map(|number| common_name(holder, number)).filter(|name| !is_excluded(name)).collect()
 }
 
 /// The name of a certificate (PEM); `None` when it has none.
-#[must_use]
 pub fn name_of(pem: &[u8]) -> Option<String> {
     let (_, block) = parse_x509_pem(pem).ok()?;
     let certificate = block.parse_x509().ok()?;
@@ -57,7 +51,6 @@ pub fn name_of(pem: &[u8]) -> Option<String> {
 }
 
 /// The name of the certificate in a file; `None` when there is none.
-#[must_use]
 pub fn name_in(path: &Path) -> Option<String> {
     name_of(&std::fs::read(path).ok()?)
 }

@@ -29,7 +29,6 @@ struct State {
 
 impl CommandRelay {
     /// Commands to the flight behind `requests`, which takes them or not.
-    #[must_use]
     pub fn new(requests: Requests, may_command: bool) -> Self {
         let state = State { requests: Some(requests), is_refused: !may_command, ..State::default() };
         Self(Mutex::new(state))
@@ -118,7 +117,6 @@ impl CommandRelay {
 }
 
 /// Name of a kind of reset.
-#[must_use]
 pub fn reset_words(kind: ResetKind) -> &'static str {
     match kind {
         ResetKind::Soft => "soft",

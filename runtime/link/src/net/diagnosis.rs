@@ -93,7 +93,6 @@ pub fn check_listener(endpoint: &str) -> Result<(), NetError> {
 }
 
 /// Message of Zenoh without the places in its sources: `words at /path/file.rs:12. - Caused by ...`.
-#[must_use]
 pub fn plain_words(message: &str) -> String {
     let is_source = |word: &str| {
         let line = word.rsplit_once(".rs:").map(|(_, line)| line.trim_end_matches(['.', ',']));
@@ -158,7 +157,6 @@ const CAUSES: [(&[&str], &str); 11] = [
 ];
 
 /// The cause of a failed attempt and what to do about it, by what Zenoh said of it.
-#[must_use]
 pub fn explain(endpoint: &str, reason: &str) -> String {
     let words = plain_words(reason);
     let lower = words.to_lowercase();
@@ -183,7 +181,6 @@ pub struct Told(BTreeMap<String, Instant>);
 
 impl Told {
     /// No message yet.
-    #[must_use]
     pub const fn new() -> Self {
         Self(BTreeMap::new())
     }
@@ -223,7 +220,6 @@ pub fn record_link() {
 
 /// True if another session has an identifier that is needed for a link, since the last call. The other side refuses a session
 /// with the same words where it has no place left: they count where the identifier was told before.
-#[must_use]
 pub fn is_identifier_taken() -> bool {
     let [theirs, ours] = &REFUSED;
     let is_refused = theirs.swap(false, Ordering::Relaxed);
@@ -245,7 +241,6 @@ pub fn record(endpoint: &str, reason: &str) {
 }
 
 /// Message of Zenoh about the newest attempt to connect to `endpoint` that waits to be logged.
-#[must_use]
 pub fn newest_attempt(endpoint: &str) -> Option<String> {
     let attempts = ATTEMPTS.lock();
     let newest = attempts.waiting.iter().rev().find(|(other, _)| other == endpoint);
@@ -284,7 +279,6 @@ impl DroppedRoutes {
 }
 
 /// Reason of the last failed attempt, if one failed.
-#[must_use]
 pub fn newest_failure() -> Option<String> {
     ATTEMPTS.lock().newest.clone()
 }

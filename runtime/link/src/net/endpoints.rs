@@ -52,7 +52,6 @@ impl Default for Endpoints {
 
 impl Endpoints {
     /// As configured.
-    #[must_use]
     pub fn of(config: &NetworkConfig) -> Self {
         Self {
             mode: Mode::Peer,
@@ -71,7 +70,6 @@ impl Endpoints {
     }
 
     /// True if this is a vehicle's own session.
-    #[must_use]
     pub fn is_vehicle(&self) -> bool {
         self.hears.is_empty()
     }
@@ -86,7 +84,6 @@ impl Endpoints {
 }
 
 /// True if an endpoint such as `tcp/127.0.0.1:7447` is this host's alone.
-#[must_use]
 pub fn is_loopback(endpoint: &str) -> bool {
     let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
     let host = address.split(['?', '#']).next().and_then(|a| a.rsplit_once(':')).map_or("", |(host, _)| host);

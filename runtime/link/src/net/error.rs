@@ -56,7 +56,6 @@ pub enum NetError {
 
 impl NetError {
     /// True if another attempt with the same configuration cannot succeed.
-    #[must_use]
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::Endpoint { .. } | Self::File { .. })
     }

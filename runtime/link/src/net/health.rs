@@ -24,7 +24,6 @@ pub struct HealthFeed {
 
 impl HealthFeed {
     /// A message every `period` at least, also before the first estimate.
-    #[must_use]
     pub fn new(period: Duration, health: Health) -> Self {
         let (envelope, told) = (Envelope::default(), Self::told(&health));
         Self { period, health, envelope, sent: Instant::now(), told, last_stamp_ns: 0 }

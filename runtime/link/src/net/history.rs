@@ -35,7 +35,6 @@ pub struct History {
 
 impl History {
     /// Creates the history; of each keyframe it keeps at most `max_landmarks` points and as many lines.
-    #[must_use]
     pub fn new(max_landmarks: usize) -> Self {
         Self {
             max_landmarks,
@@ -61,7 +60,6 @@ impl History {
     }
 
     /// Poses from `wanted.start` to before `wanted.end`, at least `step_ns` apart, in answers of at most `size` poses.
-    #[must_use]
     pub fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<PastTrajectory> {
         let mut next_ns = i64::MIN;
         let mut is_due = |pose: &&PastPose| {
@@ -80,7 +78,6 @@ impl History {
     }
 
     /// Keyframes so far.
-    #[must_use]
     pub fn keyframe_count(&self) -> u64 {
         self.next_keyframe
     }
@@ -106,7 +103,6 @@ impl History {
     }
 
     /// Sequence numbers and messages of keyframes, oldest first, at most `limit`; those that were forgotten are left out.
-    #[must_use]
     pub fn keyframes(&self, wanted: &Range<u64>, limit: usize) -> Vec<(u64, Vec<u8>)> {
         let first = self.next_keyframe - self.keyframes.len() as u64;
         let numbered = (first..).zip(&self.keyframes).filter(|(number, _)| wanted.contains(number));

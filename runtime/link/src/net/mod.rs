@@ -43,14 +43,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub const ROOT: &str = "plumbline";
 
 /// This host's clock, nanoseconds since 1970.
-#[must_use]
 pub fn now_ns() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
 }
 
 /// Words of somebody else as a terminal and a log may show them: without what controls a terminal or turns the direction of the
 /// text (Unicode 16, UAX #9, 2).
-#[must_use]
 pub fn plain(words: &str) -> String {
     let turns = |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     words.chars().map(|c| if c.is_control() || turns(c) { '?' } else { c }).collect()

@@ -68,7 +68,6 @@ impl Outlet {
 }
 
 /// Key of a topic of a vehicle.
-#[must_use]
 pub fn key_of(vehicle: &str, topic: Topic) -> String {
     let row = topic.row();
     let name = row.key.map(|key| key.name).or(row.question.map(|question| question.name));
@@ -76,7 +75,6 @@ pub fn key_of(vehicle: &str, topic: Topic) -> String {
 }
 
 /// Encoding of the messages of a topic.
-#[must_use]
 pub fn encoding(topic: Topic) -> Encoding {
     Encoding::APPLICATION_PROTOBUF.with_schema(topic.row().message)
 }

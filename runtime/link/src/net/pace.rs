@@ -24,7 +24,6 @@ pub struct Rates {
 
 impl Rates {
     /// Rates for a link.
-    #[must_use]
     pub fn of(link: Link) -> Self {
         match link {
             Link::Lan => Self {
@@ -48,13 +47,11 @@ impl Rates {
     }
 
     /// Messages of a topic a second; infinity is everything, zero nothing.
-    #[must_use]
     pub fn hz(&self, topic: Topic) -> f64 {
         topic.rate_hz(self.link)
     }
 
     /// Time between two messages of a topic.
-    #[must_use]
     pub fn period(&self, topic: Topic) -> Duration {
         Duration::from_secs_f64(1.0 / self.hz(topic))
     }

@@ -8,7 +8,6 @@ use plumbline_record::messages::{Envelope, Picture};
 use plumbline_record::protobuf::encode;
 
 /// Message of a picture in its envelope: at most `max_width_px` wide, compressed with `quality` (1 to 100). `None` without image.
-#[must_use]
 pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> Option<Vec<u8>> {
     let factor = shot.image.width().div_ceil(max_width_px.max(1)).max(1);
     let (width, height) = (shot.image.width() / factor, shot.image.height() / factor);
@@ -57,7 +56,6 @@ fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
 }
 
 /// Width and height that a JPEG image says it has, px (T.81, Annex B); `None` when it does not begin as one.
-#[must_use]
 pub fn jpeg_size(jpeg: &[u8]) -> Option<(u32, u32)> {
     /// Markers of frames are C0 to CF without tables and the like.
     const FRAMES: std::ops::RangeInclusive<u8> = 0xc0..=0xcf;

@@ -13,10 +13,10 @@ use plumbline_record::local::request::Failure;
 use plumbline_record::local::request::Request;
 use plumbline_record::messages::Configuration;
 use plumbline_record::topics::Topic;
+use plumbline_rings::worker::Worker;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// A start that is patient waits this long for what is wrong with the endpoints.
@@ -27,8 +27,7 @@ const RETRY: Duration = Duration::from_millis(500);
 /// A vehicle's presence on the network, for one flight.
 #[derive(Debug)]
 pub struct Publisher {
-    shared: Arc<RelayState>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl Publisher {
@@ -72,9 +71,11 @@ impl Publisher {
             .thread_name("plumbline-net")
             .enable_all()
             .build()?;
-        let thread = std::thread::Builder::new()
-            .name("plumbline-net".into())
-            .spawn(move || runtime.block_on(start.publish(&theirs, waiting)))?;
+        let worker = Worker::start(
+            "plumbline-net",
+            move || shared.end(),
+            move || runtime.block_on(start.publish(&theirs, waiting)),
+        )?;
         let outcome = match wait.recv_timeout(if is_patient { BRIEFLY } else { Duration::MAX }) {
             Ok(outcome) => outcome,
             // It goes on trying.
@@ -83,19 +84,7 @@ impl Publisher {
                 Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
             }
         };
-        outcome.map(|()| (Self { shared, thread: Some(thread) }, feed))
-    }
-
-    /// Sends what is left and closes the session.
-    pub fn stop(mut self) {
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.shared.end();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        outcome.map(|()| (Self { _worker: worker }, feed))
     }
 }
 
@@ -170,11 +159,5 @@ impl Start {
 async fn is_over(shared: &RelayState) {
     while !shared.stop.load(Ordering::Relaxed) {
         tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-}
-
-impl Drop for Publisher {
-    fn drop(&mut self) {
-        self.end();
     }
 }

@@ -31,7 +31,6 @@ pub struct Heard<T> {
 }
 
 /// Reads a message in its envelope; `None` for what is too long, malformed or not a number.
-#[must_use]
 pub fn heard<T: Record>(payload: &[u8]) -> Option<Heard<T>> {
     // What has not been published is no envelope: of no bytes at all others would make a message.
     let mut envelope = decode::<Envelope>(payload).filter(|envelope| envelope.published_ns > 0)?;
@@ -40,7 +39,6 @@ pub fn heard<T: Record>(payload: &[u8]) -> Option<Heard<T>> {
 }
 
 /// Reads a message without an envelope, as the answer to a question; `None` for what is too long, malformed or not a number.
-#[must_use]
 pub fn decode<T: Record>(payload: &[u8]) -> Option<T> {
     if payload.len() > MAX_MESSAGE_BYTES {
         return None;
@@ -49,7 +47,6 @@ pub fn decode<T: Record>(payload: &[u8]) -> Option<T> {
 }
 
 /// True if all numbers of a record are finite, its rotations are such, and its lists and texts within bounds.
-#[must_use]
 pub fn is_sound(record: &dyn Parts) -> bool {
     let mut is_so = true;
     record.visit(&mut |about, value| is_so &= is_sound_value(about, value));
@@ -85,7 +82,6 @@ fn is_sound_value(about: &About, value: Value<'_>) -> bool {
 
 /// Reads a picture, whose JPEG has the size that it says: the browser decodes the rest, and makes room for the size that the JPEG
 /// itself says.
-#[must_use]
 pub fn picture(payload: &[u8]) -> Option<Heard<Picture>> {
     let sides = 1..=MAX_SIDE_PX;
     heard::<Picture>(payload).filter(|Heard { message: m, .. }| {
@@ -96,7 +92,6 @@ pub fn picture(payload: &[u8]) -> Option<Heard<Picture>> {
 }
 
 /// Reads an answer about the clock.
-#[must_use]
 pub fn clock(payload: &[u8]) -> Option<Clock> {
     decode::<Clock>(payload).filter(|clock| clock.received_ns > 0 && clock.answered_ns >= clock.received_ns)
 }

@@ -126,7 +126,6 @@ impl RelayState {
     }
 
     /// Records dropped because the network was slower than the vehicle.
-    #[must_use]
     pub fn dropped(&self) -> u64 {
         let here: u64 = self.losses.iter().map(LaneLosses::count).sum();
         here + self.lost_before.load(Ordering::Relaxed)

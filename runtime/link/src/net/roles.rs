@@ -71,7 +71,6 @@ impl Keys {
 }
 
 /// The access control of a session with certificates.
-#[must_use]
 pub fn access(endpoints: &Endpoints) -> Value {
     let mut table = Table::default();
     // Allows nothing there is: a peer without any other right is a subject of the rules as well.

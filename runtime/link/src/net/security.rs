@@ -61,7 +61,6 @@ const PLACES_FOR_OPERATORS: usize = 4;
 
 /// An endpoint whose TLS handshakes refuse the certificates of these names; a listener also bounds the sessions that come in:
 /// `places` for all certificates together.
-#[must_use]
 pub fn guarded(endpoint: &str, excluded: &[String], places: Option<usize>) -> String {
     if !endpoint.starts_with("tls/") {
         return endpoint.to_owned();
@@ -82,7 +81,6 @@ pub fn guarded(endpoint: &str, excluded: &[String], places: Option<usize>) -> St
 }
 
 /// The endpoint of which [`guarded`] has made this one.
-#[must_use]
 pub fn as_given(endpoint: &str) -> &str {
     let is_ours = |at: &usize| {
         let setting = &endpoint[*at + 1..];
@@ -95,7 +93,6 @@ pub fn as_given(endpoint: &str) -> &str {
 }
 
 /// Reason why commands are refused whoever gives them; `None` when the access rules decide.
-#[must_use]
 pub fn refusal(commands: CommandAccess, endpoints: &Endpoints) -> Option<String> {
     match commands {
         CommandAccess::Anybody => return None,
@@ -123,7 +120,6 @@ pub fn refusal(commands: CommandAccess, endpoints: &Endpoints) -> Option<String>
 }
 
 /// Warning of what others can read and do over plain TCP; `None` if there is nothing of that kind.
-#[must_use]
 pub fn exposure(endpoints: &Endpoints) -> Option<String> {
     let mut all = endpoints.listen.iter().chain(&endpoints.connect);
     let open = all.find(|endpoint| !is_loopback(endpoint) && !endpoint.starts_with("tls/"))?;

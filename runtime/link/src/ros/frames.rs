@@ -35,7 +35,6 @@ pub struct RosFrames<'a> {
 
 impl<'a> RosFrames<'a> {
     /// Names of the configuration, and the mounting of the IMU.
-    #[must_use]
     pub fn new(options: &'a RosConfig, rot_v_b: UnitQuaternion<f64>) -> Self {
         Self {
             map: &options.map_frame,
@@ -48,7 +47,6 @@ impl<'a> RosFrames<'a> {
     }
 
     /// Pose and twist with their covariances.
-    #[must_use]
     pub fn odometry(&self, o: &Odometry, stamp: Time) -> OdometryMessage<'a> {
         let rot_o_b = &o.pose_o_b.rotation;
         let v_b = rot_o_b.inverse() * o.v_o_b;
@@ -71,13 +69,11 @@ impl<'a> RosFrames<'a> {
     }
 
     /// Pose of the vehicle where the body has this pose.
-    #[must_use]
     pub fn vehicle(&self, pose_b: &Isometry3<f64>) -> Isometry3<f64> {
         Isometry3::from_parts(pose_b.translation, pose_b.rotation * self.rot_v_b.inverse())
     }
 
     /// The pose alone.
-    #[must_use]
     pub fn pose(&self, o: &Odometry, stamp: Time) -> PoseStamped<'a> {
         PoseStamped { header: self.header(stamp), pose: self.vehicle(&o.pose_o_b).into() }
     }
@@ -85,7 +81,6 @@ impl<'a> RosFrames<'a> {
     /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`. Where it is known how `O` lies in `M`, that
     /// is the parent of `O`. All have one stamp, so that every frame can be brought to every other at it: tf2 looks into no
     /// future.
-    #[must_use]
     pub fn transforms(&self, o: &Odometry, pose_m_o: Option<&Isometry3<f64>>, stamp: Time) -> TfMessage<'a> {
         let pose_v_b = Isometry3::from_parts(Vector3::zeros().into(), self.rot_v_b);
         let map = pose_m_o.map(|pose_m_o| TransformStamped {
@@ -109,7 +104,6 @@ impl<'a> RosFrames<'a> {
     }
 
     /// Header of a message in the odometry frame.
-    #[must_use]
     pub fn header(&self, stamp: Time) -> Header<'a> {
         Header { stamp, frame_id: self.odom }
     }

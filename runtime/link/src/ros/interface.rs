@@ -22,13 +22,11 @@ pub struct InterfaceType {
 
 impl InterfaceType {
     /// Names and hash of `T`.
-    #[must_use]
     pub fn of<T: Interface>() -> Self {
         Self::new(T::NAME, &format!("RIHS01_{}", T::HASH))
     }
 
     /// Names of the type `name`, whose definition has this hash.
-    #[must_use]
     pub fn new(name: &str, hash: &str) -> Self {
         let (package, own) = name.rsplit_once('/').unwrap_or(("", name));
         let dds_name = format!("{}::dds_::{own}_", package.replace('/', "::"));

@@ -102,7 +102,6 @@ interfaces! {
 
 impl Time {
     /// Time `nanos` after the origin; seconds end in 2038.
-    #[must_use]
     pub fn from_nanos(nanos: i64) -> Self {
         let sec = nanos.div_euclid(1_000_000_000).clamp(i32::MIN.into(), i32::MAX.into());
         Self { sec: sec as i32, nanosec: nanos.rem_euclid(1_000_000_000) as u32 }

@@ -57,26 +57,22 @@ pub struct NodeName {
 
 impl NodeName {
     /// A name in the node's namespace, fully qualified.
-    #[must_use]
     pub fn qualified(&self, name: &str) -> String {
         format!("{}/{name}", self.namespace.trim_end_matches('/'))
     }
 
     /// Key on which messages of a topic go out, and on which a service is called.
-    #[must_use]
     pub fn key(&self, topic: &RosTopic) -> String {
         let name = topic.name.trim_matches('/');
         format!("{}/{name}/{}", self.domain_id, self.type_chunks(topic))
     }
 
     /// The token by which the node is listed. The node is the session's only one, so its number is 0.
-    #[must_use]
     pub fn token(&self) -> String {
         self.token_of("0/NN")
     }
 
     /// Token by which an endpoint of this node is listed; `entity` is its number in the node, from 1.
-    #[must_use]
     pub fn endpoint_token(&self, endpoint: Endpoint, entity: u32, topic: &RosTopic) -> String {
         let token = self.token_of(&format!("{entity}/{}", endpoint.code()));
         format!("{token}/{}/{}/{}", mangled(&topic.name), self.type_chunks(topic), qos(topic))
@@ -108,7 +104,6 @@ fn qos(topic: &RosTopic) -> String {
 }
 
 /// The identifier of a publisher: XXH3-128 of its token, low half first.
-#[must_use]
 pub fn gid(token: &str) -> [u8; 16] {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }
@@ -126,7 +121,6 @@ pub struct Attachment {
 
 impl Attachment {
     /// Bytes of the attachment: both numbers little-endian, the identifier behind its length.
-    #[must_use]
     pub fn encode(&self) -> [u8; ATTACHMENT_BYTES] {
         let mut bytes = [0; ATTACHMENT_BYTES];
         bytes[..8].copy_from_slice(&self.sequence.to_le_bytes());

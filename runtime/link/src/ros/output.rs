@@ -8,9 +8,9 @@ use plumbline_config::ValidConfig;
 use plumbline_record::local::content::LocalRecord;
 use plumbline_rings::Stamps;
 use plumbline_rings::lane::{LaneReader, LaneWriter, lane};
+use plumbline_rings::worker::Worker;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use tokio::sync::Notify;
 
 /// Records that wait for the network: a quarter of a second of odometry, with poses in the map and states at instants among it.
@@ -19,8 +19,7 @@ const RING: usize = 116;
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
 pub struct RosOutput {
-    shared: Arc<RosOutputState>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 #[derive(Debug)]
@@ -54,29 +53,12 @@ impl RosOutput {
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("plumbline-ros2".into())
-            .spawn(move || runtime.block_on(publish(publisher, waiting, &theirs)))?;
-        Ok((Self { shared, thread: Some(thread) }, feed))
-    }
-
-    /// Sends what is left, and takes the node off the network.
-    pub fn stop(mut self) {
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
-        self.shared.bell.notify_one();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for RosOutput {
-    fn drop(&mut self) {
-        self.end();
+        let stop = move || {
+            shared.stop.store(true, Ordering::Relaxed);
+            shared.bell.notify_one();
+        };
+        let work = move || runtime.block_on(publish(publisher, waiting, &theirs));
+        Ok((Self { _worker: Worker::start("plumbline-ros2", stop, work)? }, feed))
     }
 }
 

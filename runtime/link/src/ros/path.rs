@@ -21,7 +21,6 @@ pub struct PathHistory {
 
 impl PathHistory {
     /// Creates an empty path of at most `limit` poses.
-    #[must_use]
     pub fn new(limit: usize) -> Self {
         let limit = limit.max(2);
         Self { limit, spacing_ns: FINEST_NS, reset_counter: 0, poses: Vec::with_capacity(limit + 1) }
@@ -50,14 +49,12 @@ impl PathHistory {
     }
 
     /// Poses with their stamps, oldest first.
-    #[must_use]
     pub fn poses(&self) -> &[(Timestamp, Isometry3<f64>)] {
         &self.poses
     }
 }
 
 /// Path of the vehicle from poses of the body, each with its stamp. `time` gives stamps as headers have them.
-#[must_use]
 pub fn message<'a>(
     frames: &RosFrames<'a>,
     poses: &[(Timestamp, Isometry3<f64>)],

@@ -20,19 +20,16 @@ pub struct Declaring<'a> {
 
 impl<'a> Declaring<'a> {
     /// Declares for `node`, which has no endpoints yet.
-    #[must_use]
     pub fn new(session: &'a Session, node: &'a NodeName) -> Self {
         Self { session, node, entity: 0 }
     }
 
     /// Session of the node.
-    #[must_use]
     pub fn session(&self) -> &'a Session {
         self.session
     }
 
     /// Node of the endpoints.
-    #[must_use]
     pub fn node(&self) -> &'a NodeName {
         self.node
     }

@@ -24,7 +24,7 @@ from plumbline._processor import check as _check_processor
 _check_processor()
 
 from plumbline._native import VERSION as __version__
-from plumbline._native import Config, Estimate, Estimator, Instant, Odometry
+from plumbline._native import Config, Estimator
 from plumbline.arrays import Estimates, Imu, MapPoses, Odometries, Poses
 from plumbline.errors import (
     ArgumentError,
@@ -44,6 +44,7 @@ from plumbline.evaluation import Evaluation, Statistics, evaluate, read_trajecto
 from plumbline.flights import Event, Frame, Log, Recording, Replay, open_recording, read_log, replay
 from plumbline.health import Health
 from plumbline.live import Connection, connect
+from plumbline.states import Estimate, Instant, Odometry
 
 __all__ = [
     "ArgumentError",

@@ -6,6 +6,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.states import Estimate, Instant, Odometry
+
 _Path = Union[str, "os.PathLike[str]"]
 _Floats = NDArray[np.float64]
 _Image = NDArray[np.uint8]
@@ -13,10 +15,7 @@ _Image = NDArray[np.uint8]
 __all__ = [
     "Config",
     "Connection",
-    "Estimate",
     "Estimator",
-    "Instant",
-    "Odometry",
     "Recording",
     "VERSION",
     "evaluate",
@@ -71,157 +70,6 @@ class Config:
     def __ne__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
     def __reduce__(self) -> Any: ...
-
-@final
-class Estimate:
-    """Estimate at the time of one frame. `O` is the odometry frame: z up along gravity, origin at the first pose. `B` is the
-    body, the frame of the IMU."""
-
-    @property
-    def frame(self) -> int:
-        """Sequence number of the frame."""
-    @property
-    def stamp_ns(self) -> int:
-        """Time of the state on the clock of the IMU, ns."""
-    @property
-    def state(self) -> str:
-        """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
-    @property
-    def has_pose(self) -> bool:
-        """True if pose, velocity, biases and covariance are valid."""
-    @property
-    def position(self) -> _Floats:
-        """Position of B in O, m, shape (3,)."""
-    @property
-    def orientation(self) -> _Floats:
-        """Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,)."""
-    @property
-    def velocity(self) -> _Floats:
-        """Velocity of B in O, m/s, shape (3,)."""
-    @property
-    def gyro_bias(self) -> _Floats:
-        """Bias of the gyroscope, rad/s, shape (3,)."""
-    @property
-    def accel_bias(self) -> _Floats:
-        """Bias of the accelerometer, m/s^2, shape (3,)."""
-    @property
-    def covariance(self) -> _Floats:
-        """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
-    @property
-    def bias_variances(self) -> _Floats:
-        """Variances of the biases: gyroscope (0:3, rad^2/s^2) and accelerometer (3:6, m^2/s^4), shape (6,)."""
-    @property
-    def camera_position(self) -> _Floats:
-        """Position of the left camera in B, refined online, m, shape (3,)."""
-    @property
-    def camera_orientation(self) -> _Floats:
-        """Rotation that takes coordinates from the left camera to B, refined online: quaternion x y z w, shape (4,)."""
-    @property
-    def time_offset_s(self) -> float:
-        """Time of the IMU minus time of the cameras, refined online, s."""
-    @property
-    def time_offset_sigma_s(self) -> float:
-        """Standard deviation of `time_offset_s`, s."""
-    @property
-    def quality(self) -> int:
-        """Quality from 0 to 100; -1 if the estimator failed."""
-    @property
-    def health(self) -> int:
-        """Errors and warnings: bits of `plumbline.Health`."""
-    @property
-    def health_names(self) -> List[str]:
-        """Names of the bits of `health`."""
-    @property
-    def reset_counter(self) -> int:
-        """Number of resets so far: the pose may jump where it changes."""
-    @property
-    def figures(self) -> Dict[str, int]:
-        """Counts of the frame by name: points, lines, landmarks, iterations."""
-    def matrix(self) -> _Floats:
-        """Pose of B in O as a matrix, shape (4, 4), m."""
-
-@final
-class Odometry:
-    """State carried forward to an inertial sample, at the rate of the IMU. Frames as in `Estimate`."""
-
-    @property
-    def sequence(self) -> int:
-        """Count of odometry outputs."""
-    @property
-    def stamp_ns(self) -> int:
-        """Time of the state on the clock of the IMU, ns."""
-    @property
-    def state(self) -> str:
-        """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
-    @property
-    def has_pose(self) -> bool:
-        """True if pose, velocity and covariance are valid."""
-    @property
-    def position(self) -> _Floats:
-        """Position of B in O, m, shape (3,)."""
-    @property
-    def orientation(self) -> _Floats:
-        """Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,)."""
-    @property
-    def velocity(self) -> _Floats:
-        """Velocity of B in O, m/s, shape (3,)."""
-    @property
-    def angular_rate(self) -> _Floats:
-        """Angular rate of B in B, bias removed, rad/s, shape (3,)."""
-    @property
-    def covariance(self) -> _Floats:
-        """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
-    @property
-    def quality(self) -> int:
-        """Quality from 0 to 100; -1 if the estimator failed."""
-    @property
-    def reset_counter(self) -> int:
-        """Number of resets so far: the pose may jump where it changes."""
-    @property
-    def jumps(self) -> int:
-        """Number of steps within the same odometry frame so far: corrections that were too large to enter bit by bit."""
-    def matrix(self) -> _Floats:
-        """Pose of B in O as a matrix, shape (4, 4), m."""
-
-@final
-class Instant:
-    """State at an instant that was asked for. Frames as in `Estimate`."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time of the state on the clock of the IMU, ns."""
-    @property
-    def estimated_ns(self) -> int:
-        """Time of the estimate before it, ns."""
-    @property
-    def settled(self) -> bool:
-        """True if there is an estimate after it too: the answer would not change any more."""
-    @property
-    def state(self) -> str:
-        """"initialising", "tracking", "blind" (IMU alone) or "failed"."""
-    @property
-    def position(self) -> _Floats:
-        """Position of B in O, m, shape (3,)."""
-    @property
-    def orientation(self) -> _Floats:
-        """Rotation that takes coordinates from B to O: quaternion x y z w, shape (4,)."""
-    @property
-    def velocity(self) -> _Floats:
-        """Velocity of B in O, m/s, shape (3,)."""
-    @property
-    def angular_rate(self) -> _Floats:
-        """Angular rate of B in B, bias removed, rad/s, shape (3,)."""
-    @property
-    def covariance(self) -> _Floats:
-        """Covariance of position (0:3, m), attitude (3:6, rad, right perturbation) and velocity (6:9, m/s), shape (9, 9)."""
-    @property
-    def quality(self) -> int:
-        """Quality from 0 to 100; -1 if the estimator failed."""
-    @property
-    def reset_counter(self) -> int:
-        """Number of resets so far: the pose may jump where it changes."""
-    def matrix(self) -> _Floats:
-        """Pose of B in O as a matrix, shape (4, 4), m."""
 
 @final
 class Estimator:

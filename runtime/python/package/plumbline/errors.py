@@ -1,6 +1,6 @@
 """Exceptions of Plumbline. Each derives from `PlumblineError` and from the built-in exception of its kind."""
 
-from typing import NamedTuple, Optional, Tuple
+from typing import Iterable, NamedTuple, Optional, Tuple
 
 __all__ = [
     "ArgumentError",
@@ -81,3 +81,37 @@ class ConnectionLost(PlumblineError, ConnectionError):
 
 class DataWarning(UserWarning):
     """Something cannot be right with the data or the calibration of a flight."""
+
+
+_REFUSALS = {
+    "NotLater": ("not later", "its stamp is not later than that of the newest sample"),
+    "FarAhead": ("far ahead", "its stamp is far ahead of the newest sample; are all stamps nanoseconds of one clock?"),
+    "NotFinite": ("not finite", "a component is NaN or infinite"),
+    "OutOfRange": ("out of range", "a component is far beyond the range of the sensor; give rad/s and m/s^2"),
+}
+
+
+def of_sample(admission: str, stamp_ns: int, index: Optional[int]) -> SampleError:
+    """Inertial sample that the estimator refused; `index` is its place in an array."""
+    reason, words = _REFUSALS[admission]
+    place = "" if index is None else f" {index}"
+    kind = OutOfOrderError if admission == "NotLater" else SampleError
+    error = kind(f"inertial sample{place} of {stamp_ns} ns refused: {words}")
+    error.reason, error.index = reason, index
+    return error
+
+
+def of_frame(stamp_ns: int) -> OutOfOrderError:
+    """Frame whose stamp the estimator refused."""
+    error = OutOfOrderError(
+        f"frame of {stamp_ns} ns refused: its stamp does not follow those before; give nanoseconds of one clock, in order"
+    )
+    error.reason = "not later"
+    return error
+
+
+def of_config(message: str, violations: Iterable[Tuple[str, Optional[int], str, str]]) -> ConfigError:
+    """Configuration that is refused, with each refused key."""
+    error = ConfigError(message)
+    error.violations = tuple(Violation(*violation) for violation in violations)
+    return error

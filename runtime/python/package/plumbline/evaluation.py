@@ -8,8 +8,9 @@ from typing import Any, Dict, Optional, Tuple, Union
 import numpy as np
 
 from plumbline import _native
-from plumbline.arrays import Estimates, Floats, Odometries, Poses, Stamps
-from plumbline.errors import ArgumentTypeError
+from plumbline._arguments import rows
+from plumbline.arrays import Estimates, Floats, Odometries, Poses
+from plumbline.errors import ArgumentError, ArgumentTypeError
 from plumbline.flights import Path, Replay
 
 Trajectory = Union[Path, Poses, Estimates, Odometries, Replay, Tuple[Any, Any, Any]]
@@ -72,14 +73,20 @@ def _arrays(trajectory: Trajectory, name: str) -> Tuple[Any, Any, Any]:
     elif isinstance(trajectory, (str, os.PathLike)):
         trajectory = read_trajectory(trajectory)
     if isinstance(trajectory, (Poses, Estimates, Odometries)):
-        return trajectory.stamp_ns, trajectory.position, trajectory.orientation
-    if isinstance(trajectory, tuple) and len(trajectory) == 3:
-        stamps: Union[Stamps, Any] = trajectory[0]
-        return stamps, trajectory[1], trajectory[2]
-    raise ArgumentTypeError(
-        f"{name}: expected a path, Poses, Estimates, Odometries, a Replay, or a tuple of stamps, positions and quaternions, "
-        f"got {type(trajectory).__name__}"
-    )
+        trajectory = trajectory.stamp_ns, trajectory.position, trajectory.orientation
+    if not (isinstance(trajectory, tuple) and len(trajectory) == 3):
+        raise ArgumentTypeError(
+            f"{name}: expected a path, Poses, Estimates, Odometries, a Replay, or a tuple of stamps, positions and quaternions, "
+            f"got {type(trajectory).__name__}"
+        )
+    stamps, *numbers = rows(list(zip(trajectory, ("stamp_ns", "position", "orientation"), (None, 3, 4))))
+    position, orientation = (np.frombuffer(column).reshape(-1, width) for column, width in zip(numbers, (3, 4)))
+    known = ~(np.isnan(position).all(axis=1) & np.isnan(orientation).all(axis=1))
+    lengths = np.linalg.norm(orientation, axis=1)
+    # A quaternion printed with three decimals is still normal to this.
+    for row in np.flatnonzero(known & (np.abs(lengths - 1.0) > 0.01)):
+        raise ArgumentError(f"orientation {row}: a quaternion x y z w has length 1, this one {lengths[row]}")
+    return np.frombuffer(stamps, np.int64)[known], position[known], orientation[known]
 
 
 def evaluate(
@@ -106,6 +113,8 @@ def evaluate(
     """
     if not isinstance(time_offset, (int, float)):
         raise ArgumentTypeError(f"time_offset: expected a number of seconds, got {time_offset!r}")
+    if not np.isfinite(time_offset):
+        raise ArgumentError(f"time_offset: expected a number of seconds, got {time_offset}")
     options = {
         "align": align,
         "delta_frames": delta_frames,

@@ -1,6 +1,7 @@
 """Whole flights: replays, recordings sample by sample, and flight logs."""
 
 import json
+import math
 import os
 import warnings
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from plumbline import _native
 from plumbline._native import Config
 from plumbline.arrays import Estimates, Imu, MapPoses, Odometries, Poses, Stamps
-from plumbline.errors import DataWarning
+from plumbline.errors import ArgumentError, DataWarning
 from plumbline.settings import Setting, changes
 
 Path = Union[str, "os.PathLike[str]"]
@@ -108,6 +109,7 @@ class Log:
 
 
 def _options(
+    dataset: Path,
     settings: Mapping[str, Setting],
     start: float,
     duration: Optional[float],
@@ -127,7 +129,12 @@ def _options(
     named = dict(topics or {})
     sides = [named.pop(side, None) for side in ("left", "right", "imu", "accel")]
     if named:
-        raise _native_argument_error(f"topics: expected the keys left, right, imu and accel, got {', '.join(named)}")
+        raise ArgumentError(f"topics: expected the keys left, right, imu and accel, got {', '.join(named)}")
+    if not (0.0 <= start < math.inf and (duration is None or duration > 0.0)):
+        raise ArgumentError(f"start {start} s and duration {duration} s leave nothing: give seconds from the first frame")
+    if str(dataset).startswith("sim:") and (frames is not None or truth is not None):
+        words = "frames and truth are for recordings; a simulated flight takes start and duration, and knows its truth"
+        raise ArgumentError(words)
     first, end = frames if frames is not None else (0, None)
     return {
         "set": changes(settings),
@@ -146,12 +153,6 @@ def _options(
         "conditions": list(conditions),
         "imu_errors": list(imu_errors),
     }
-
-
-def _native_argument_error(message: str) -> Exception:
-    from plumbline.errors import ArgumentError
-
-    return ArgumentError(message)
 
 
 def _warn(findings: Iterable[str]) -> None:
@@ -202,8 +203,12 @@ def replay(
     the flight.
     """
     options = _options(
-        set, start, duration, frames, mono, lines, loops, truth, topics, path, seed, scale, laps, conditions, imu_errors
+        dataset, set, start, duration, frames, mono, lines, loops, truth, topics, path, seed, scale, laps, conditions, imu_errors
     )
+    if not 1 <= threads <= 8:
+        raise ArgumentError(f"threads: expected 1 to 8, got {threads}")
+    if record is not None and not os.fspath(record).endswith(".mcap"):
+        raise ArgumentError(f"{os.fspath(record)}: name the log with the ending .mcap")
     keep = {"threads": threads, "odometry": odometry, "record": None if record is None else os.fspath(record)}
     values = _native.replay(dataset, config, options, keep)
     _warn(values.pop("findings"))
@@ -277,7 +282,7 @@ def open_recording(
 ) -> Recording:
     """Opens a recording or a simulated flight, to be read sample by sample. Arguments and exceptions are those of `replay`."""
     options = _options(
-        set, start, duration, frames, mono, lines, True, truth, topics, path, seed, scale, laps, conditions, imu_errors
+        dataset, set, start, duration, frames, mono, lines, True, truth, topics, path, seed, scale, laps, conditions, imu_errors
     )
     native = _native.Recording(dataset, config, options)
     _warn(native.findings)

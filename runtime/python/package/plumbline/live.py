@@ -4,8 +4,8 @@ from types import TracebackType
 from typing import Iterator, Optional, Type, Union
 
 from plumbline import _native
-from plumbline._native import Estimate, Instant, Odometry
 from plumbline.flights import Path
+from plumbline.states import Estimate, Instant, Odometry
 
 
 class Connection:

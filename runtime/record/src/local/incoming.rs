@@ -64,7 +64,6 @@ impl Incoming {
     }
 
     /// Content of the record that [`Self::next_header`] took last, until the next call for room.
-    #[must_use]
     pub fn content(&self) -> &[u8] {
         &self.bytes[self.content.clone()]
     }

@@ -63,7 +63,6 @@ impl TryFrom<Picture> for Shot {
 
 impl Shot {
     /// Room for any frame of the configuration.
-    #[must_use]
     pub fn new(config: &ValidConfig) -> Self {
         let (width_px, height_px) = config.camera.first().map_or((0, 0), |c| (c.width_px, c.height_px));
         Self {

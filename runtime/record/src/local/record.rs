@@ -45,7 +45,6 @@ impl Kinds {
     }
 
     /// Set of these kinds.
-    #[must_use]
     pub const fn of(kinds: &[Kind]) -> Self {
         let (mut bits, mut k) = (0, 0);
         while k < kinds.len() {
@@ -56,7 +55,6 @@ impl Kinds {
     }
 
     /// Set of the kinds in a mask, as far as a reader can subscribe to them: bit `k` stands for kind `k`.
-    #[must_use]
     pub fn of_mask(mask: u64) -> Self {
         Self(mask & Self::SUBSCRIBABLE.0)
     }
@@ -104,7 +102,6 @@ impl Header {
     pub const BYTES: usize = 16;
 
     /// Bytes of the header.
-    #[must_use]
     pub fn encode(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..2].copy_from_slice(&self.kind.to_le_bytes());
@@ -115,7 +112,6 @@ impl Header {
     }
 
     /// Header in these bytes.
-    #[must_use]
     pub fn decode(bytes: &[u8; Self::BYTES]) -> Self {
         let [a, b, c, d, e, f, g, h, sequence @ ..] = *bytes;
         Self {
@@ -128,7 +124,6 @@ impl Header {
 }
 
 /// Encodes a record or request: the header, then what `fill` appends.
-#[must_use]
 pub fn encoded(kind: u16, sequence: u64, fill: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut bytes = vec![0; Header::BYTES];
     fill(&mut bytes);

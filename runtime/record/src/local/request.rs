@@ -76,7 +76,6 @@ pub struct Numbered {
 
 impl Request {
     /// Bytes of the request under this number.
-    #[must_use]
     pub fn encode(&self, number: u64) -> Vec<u8> {
         let kind = match self {
             Self::Subscribe(_) => number::SUBSCRIBE,
@@ -223,7 +222,6 @@ pub struct Answer {
 
 impl Answer {
     /// Bytes of the record.
-    #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         encoded(Kind::Result.kind(), self.number, |to| {
             to.extend((self.status as u32).to_le_bytes());

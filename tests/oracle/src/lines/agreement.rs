@@ -10,7 +10,6 @@ pub const WITHIN_DEG: f64 = 3.0;
 
 /// Share of the length of `lines`, sampled at each pixel, that lies within [`WITHIN_PX`] of one of `others`
 /// and within [`WITHIN_DEG`] of its direction; 0 of nothing.
-#[must_use]
 pub fn covered_share(lines: &[Line], others: &[Line]) -> f64 {
     let (mut covered, mut total) = (0.0, 0.0);
     for line in lines {
@@ -21,7 +20,6 @@ pub fn covered_share(lines: &[Line], others: &[Line]) -> f64 {
 }
 
 /// Share of a single segment that is covered by `others`.
-#[must_use]
 pub fn covered_share_of(line: &Line, others: &[Line]) -> f64 {
     let limit = WITHIN_DEG.to_radians();
     let aligned: Vec<&Line> = others.iter().filter(|other| line.angle(other) <= limit).collect();

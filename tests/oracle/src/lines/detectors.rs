@@ -31,7 +31,6 @@ impl Detector {
     }
 
     /// Ours with `options`; an image of another size has no segments.
-    #[must_use]
     pub fn ours(name: &'static str, (width, height): (usize, usize), options: &LinesConfig) -> Self {
         let mut extractor = LineExtractor::new(width, height, options);
         let find = move |image: &GrayImage| {
@@ -98,7 +97,6 @@ impl Detector {
 }
 
 /// Options that keep all segments of an image, whatever their number and length, merged or not.
-#[must_use]
 pub fn unfiltered(merge: bool) -> LinesConfig {
     let defaults = LinesConfig::default();
     LinesConfig { length_filter: false, merge, max_segments: defaults.max_raw, ..defaults }

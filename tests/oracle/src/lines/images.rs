@@ -94,7 +94,6 @@ pub enum Adversary {
 
 impl Adversary {
     /// One of all kinds with parameters at random.
-    #[must_use]
     pub fn drawn(seed: u64) -> Self {
         let mut draws = Draws::new(seed);
         let mut range = |low: f64, high: f64| low + (high - low) * draws.unit();
@@ -114,7 +113,6 @@ impl Adversary {
     }
 
     /// The image of `width` x `height`; what is random in it is a function of `seed`.
-    #[must_use]
     pub fn render(&self, width: usize, height: usize, seed: u64) -> GrayImage {
         let mut draws = Draws::new(seed ^ 0x5eed);
         let mut image = GrayImage::new(width, height);

@@ -20,38 +20,32 @@ pub struct Line {
 
 impl Line {
     /// From `x1, y1, x2, y2`.
-    #[must_use]
     pub fn new([x1, y1, x2, y2]: [f64; 4]) -> Self {
         Self { start: Vector2::new(x1, y1), end: Vector2::new(x2, y2) }
     }
 
     /// Length, px.
-    #[must_use]
     pub fn length(&self) -> f64 {
         (self.end - self.start).norm()
     }
 
     /// Unit vector from start to end.
-    #[must_use]
     pub fn direction(&self) -> Vector2<f64> {
         (self.end - self.start) / self.length().max(f64::MIN_POSITIVE)
     }
 
     /// Angle to another, whichever way both point, rad.
-    #[must_use]
     pub fn angle(&self, other: &Self) -> f64 {
         let (a, b) = (self.direction(), other.direction());
         a.perp(&b).abs().atan2(a.dot(&b).abs())
     }
 
     /// Distance of a point from the infinite line, px.
-    #[must_use]
     pub fn distance_across(&self, px: &Vector2<f64>) -> f64 {
         self.direction().perp(&(px - self.start)).abs()
     }
 
     /// Distance of a point from the segment, px.
-    #[must_use]
     pub fn distance(&self, px: &Vector2<f64>) -> f64 {
         let along = self.direction().dot(&(px - self.start)).clamp(0.0, self.length());
         (px - self.start - self.direction() * along).norm()
@@ -70,13 +64,11 @@ pub fn longest_first(lines: &mut [Line]) {
 }
 
 /// The median; 0 of nothing.
-#[must_use]
 pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
 /// The value that the share `at` of all values do not exceed; 0 of nothing.
-#[must_use]
 pub fn quantile(values: &[f64], at: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

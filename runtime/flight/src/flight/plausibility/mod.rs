@@ -10,7 +10,6 @@ use plumbline_drivers::Faults;
 
 /// Finding about the faults that the drivers survived, if they are worth a word; `files` names the files of a recording, `None`
 /// is a live flight.
-#[must_use]
 pub fn of_faults(imu: Faults, cameras: Faults, files: Option<&[String]>) -> Option<Finding> {
     let counts = [
         (cameras.missing, "images or frames missing"),
@@ -39,7 +38,6 @@ pub fn of_faults(imu: Faults, cameras: Faults, files: Option<&[String]>) -> Opti
 
 /// Stamps that ran backwards or repeated, of so many frames that were flown; of a live flight from `LIVE` on, since single ones are
 /// refused without harm.
-#[must_use]
 pub fn of_stamps(imu: Faults, cameras: Faults, frames: u64, is_live: bool) -> Option<Finding> {
     let counts = [(imu.disordered, "inertial samples"), (cameras.disordered, "images")];
     let least = if is_live { LIVE } else { 1 };

@@ -5,6 +5,7 @@
 
 use crate::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use crate::schedule::queue::Queue;
+use crate::schedule::worker::Worker;
 use crate::sensor_board::SensorBoard;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Plausibility};
 use plumbline_config::{Config, ImuSample, Timestamp};
@@ -13,7 +14,6 @@ use plumbline_record::said::FullEstimate;
 use plumbline_record::{Event, Said, Severity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Things that wait to be looked at.
@@ -60,7 +60,7 @@ impl Shared {
 /// Looks at the data of a run, and warns of what cannot be right as soon as it shows.
 pub struct Watch {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<Vec<Finding>>>,
+    worker: Worker<Vec<Finding>>,
 }
 
 impl Watch {
@@ -80,28 +80,19 @@ impl Watch {
             may_wait: !is_live,
             is_over: AtomicBool::new(false),
         });
-        let (theirs, plausibility) = (Arc::clone(&shared), Plausibility::new(config, is_live));
-        let thread = std::thread::Builder::new().name("plausibility".into()).spawn(move || {
+        let (theirs, ours) = (Arc::clone(&shared), Arc::clone(&shared));
+        let plausibility = Plausibility::new(config, is_live);
+        let stop = move || ours.is_over.store(true, Ordering::Release);
+        let worker = Worker::start("plausibility", stop, move || {
             look(&theirs, plausibility, Told { findings: Vec::new(), notices: Vec::new(), board }, known)
         })?;
-        Ok(Self { shared, thread: Some(thread) })
+        Ok(Self { shared, worker })
     }
 
     /// After the run: everything that cannot be right.
     #[must_use]
     pub fn finish(mut self) -> Vec<Finding> {
-        self.end()
-    }
-
-    fn end(&mut self) -> Vec<Finding> {
-        self.shared.is_over.store(true, Ordering::Release);
-        self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default()
-    }
-}
-
-impl Drop for Watch {
-    fn drop(&mut self) {
-        self.end();
+        self.worker.end().unwrap_or_default()
     }
 }
 

@@ -47,7 +47,7 @@ impl PlacesTask {
     /// Works until the front-end has ended.
     pub fn run(mut self, shared: &RunState<'_>) -> PlacesStage {
         self.bell.listen();
-        while let Some(job) = self.next_job() {
+        while let Some(job) = self.jobs.next(&self.bell, NAP) {
             shared.heartbeats.busy(TaskId::Places);
             let update = self.stage.work(&job);
             // A window that has gone wants no more.
@@ -56,17 +56,5 @@ impl PlacesTask {
             shared.heartbeats.idle(TaskId::Places);
         }
         self.stage
-    }
-
-    fn next_job(&mut self) -> Option<PlaceJob> {
-        let Self { jobs, bell, .. } = self;
-        loop {
-            if let Some(job) = bell.wait(NAP, || jobs.pop()) {
-                return Some(job);
-            }
-            if jobs.is_closed() {
-                return None;
-            }
-        }
     }
 }

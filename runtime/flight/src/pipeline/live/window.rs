@@ -62,7 +62,7 @@ impl WindowTask {
     }
 
     fn solve_all(&mut self, shared: &RunState<'_>) {
-        while let Some(job) = self.next_job() {
+        while let Some(job) = self.rings.jobs.next(&self.rings.bell, NAP) {
             if self.is_down && !job.is_after_fault {
                 let _ = self.rings.spare.push(job);
                 continue;
@@ -97,18 +97,6 @@ impl WindowTask {
         *awaits_pose &= !estimate.has_pose();
         if !*awaits_pose {
             let _ = rings.corrections.push(estimate);
-        }
-    }
-
-    fn next_job(&mut self) -> Option<Job> {
-        let WindowRings { jobs, bell, .. } = &mut self.rings;
-        loop {
-            if let Some(job) = bell.wait(NAP, || jobs.pop()) {
-                return Some(job);
-            }
-            if jobs.is_closed() {
-                return None;
-            }
         }
     }
 }

@@ -57,19 +57,16 @@ pub struct Cameras {
 
 impl Cameras {
     /// A camera by itself.
-    #[must_use]
     pub fn single(model: CameraModel) -> Self {
         Self { models: vec![model], pose_c1_c0: Isometry3::identity() }
     }
 
     /// The pose of camera `index` against the left one, `T_CC0`.
-    #[must_use]
     pub fn pose_c_c0(&self, index: usize) -> Isometry3<f64> {
         if index == 0 { Isometry3::identity() } else { self.pose_c1_c0 }
     }
 
     /// Where a point of the board is in camera `index`, m.
-    #[must_use]
     pub fn seen_from(&self, index: usize, pose_c0_t: &Isometry3<f64>, point: &Vector2<f64>) -> Vector3<f64> {
         let p_t = nalgebra::Point3::new(point.x, point.y, 0.0);
         (self.pose_c_c0(index) * pose_c0_t * p_t).coords
@@ -251,7 +248,6 @@ fn reduce(systems: &[ViewSystem], damping: f64) -> Option<(SharedMatrix, SharedV
 
 /// Adjusts cameras and poses to what is seen of the board's points; `None` when what is given is so far off that a point
 /// lies behind a camera, or determines nothing.
-#[must_use]
 pub fn adjust(
     points_m: &[Vector2<f64>],
     sights: &[Sight],
@@ -313,7 +309,6 @@ fn step(
 /// far each view pulls by itself (the cluster-robust sandwich of Liang and Zeger 1986, with a view as a cluster); it is
 /// larger where errors of a view have a common cause, such as a bent board, motion blur or a lens model that does not
 /// fit.
-#[must_use]
 pub fn covariance(points_m: &[Vector2<f64>], sights: &[Sight], adjusted: &Adjusted) -> Option<SharedMatrix> {
     let problem = Problem { points_m, sights };
     let systems = problem.linearize_all(&adjusted.cameras, &adjusted.poses_c0_t)?;

@@ -45,7 +45,6 @@ pub fn markers(
 }
 
 /// Widths of borders that a board's markers may have, the usual one first.
-#[must_use]
 pub fn borders(target: &Target) -> &'static [i32] {
     match target {
         Target::Chessboard { .. } => &[],
@@ -69,7 +68,6 @@ pub fn chessboard(
 }
 
 /// The corners of a board that the markers in an image tell; none of too few.
-#[must_use]
 pub fn by_markers(target: &Target, layout: CharucoLayout, markers: &[Marker]) -> FirstSight {
     let of_board = |marker: &&Marker| usize::try_from(marker.0).is_ok_and(|n| n < target.marker_count());
     let known: Vec<&Marker> = markers.iter().filter(of_board).collect();
@@ -117,7 +115,6 @@ fn charuco_corners(target: &Target, layout: CharucoLayout, markers: &[&Marker]) 
 }
 
 /// Print of a ChArUco board: the layout under which its markers lie in a plane.
-#[must_use]
 pub fn layout_of(target: &Target, images: &[Vec<Marker>]) -> CharucoLayout {
     let Target::Charuco { rows, .. } = *target else { return CharucoLayout::BlackFirst };
     if !rows.is_multiple_of(2) {

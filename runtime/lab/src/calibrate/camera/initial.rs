@@ -17,7 +17,6 @@ const LONGEST: f64 = 5.0;
 const TRIED: usize = 60;
 
 /// A first guess of a camera of `size_px`; `None` when no view has a pose under any.
-#[must_use]
 pub fn first_guess(
     lens: Distortion,
     size_px: (usize, usize),
@@ -47,7 +46,6 @@ fn camera(distortion: Distortion, (width_px, height_px): (usize, usize), focal_p
 }
 
 /// The pose `T_CT` of the board in a view.
-#[must_use]
 pub fn pose(model: &CameraModel, points_m: &[Vector2<f64>], corners: &[Corner]) -> Option<Isometry3<f64>> {
     let seen: Vec<_> = corners.iter().map(|corner| (points_m[corner.number], corner.px)).collect();
     pose_of_board(model, &seen)
@@ -71,7 +69,6 @@ fn misfit_px(model: &CameraModel, points_m: &[Vector2<f64>], views: &[&[Corner]]
 }
 
 /// The pose `T_C1C0` that most views agree on: the one from which the others are least far, m and rad alike.
-#[must_use]
 pub fn pose_between(poses: &[(Isometry3<f64>, Isometry3<f64>)]) -> Option<Isometry3<f64>> {
     let each: Vec<Isometry3<f64>> =
         poses.iter().map(|(pose_c0_t, pose_c1_t)| pose_c1_t * pose_c0_t.inverse()).collect();

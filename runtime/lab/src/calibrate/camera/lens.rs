@@ -45,14 +45,12 @@ pub const LENSES: [(&str, &str, Distortion); 6] = [
 ];
 
 /// Names of the unknowns of a camera.
-#[must_use]
 pub fn names(model: &CameraModel) -> Vec<&'static str> {
     let of_lens = model.distortion.coefficients().into_iter().map(|(name, _)| name);
     ["fx", "fy", "cx", "cy"].into_iter().chain(of_lens).collect()
 }
 
 /// The unknowns of a camera; 0 for those that its lens lacks.
-#[must_use]
 pub fn unknowns(model: &CameraModel) -> SVector<f64, LENS> {
     let mut all: SVector<f64, LENS> = SVector::zeros();
     all.fixed_rows_mut::<2>(0).copy_from(&model.focal_px);
@@ -64,7 +62,6 @@ pub fn unknowns(model: &CameraModel) -> SVector<f64, LENS> {
 }
 
 /// The camera with its unknowns changed by `step`.
-#[must_use]
 pub fn stepped(model: &CameraModel, step: &SVector<f64, LENS>) -> CameraModel {
     let u = unknowns(model) + step;
     CameraModel {
@@ -87,7 +84,6 @@ pub struct Projection {
 
 /// Projects a point in the camera frame, m; `None` behind the camera. Beyond the reach of the lens model the formula is
 /// followed, so that a solution on its way is not held up there.
-#[must_use]
 pub fn project(model: &CameraModel, p_c: &Vector3<f64>) -> Option<Projection> {
     if p_c.z.is_nan() || p_c.z < MIN_DEPTH_M {
         return None;

@@ -16,7 +16,6 @@ const MIN_SPREAD: f64 = 1e-9;
 
 /// The homography `H` with `H (x, y, 1) ~ (u, v, 1)` for pairs of `(x, y)` and `(u, v)`, by least squares; `None` of fewer
 /// than four pairs, or when they are on a line.
-#[must_use]
 pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
     if pairs.len() < MIN_POINTS {
         return None;
@@ -60,14 +59,12 @@ fn normalization<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> 
 }
 
 /// Where a homography takes a point; `None` at infinity.
-#[must_use]
 pub fn transfer(h: &Matrix3<f64>, point: &Vector2<f64>) -> Option<Vector2<f64>> {
     let q = h * point.push(1.0);
     (q.z.abs() > f64::EPSILON).then(|| q.xy() / q.z)
 }
 
 /// The pose `T_CT` of a board whose points `(x, y, 0)` are seen at pixels; `None` where there is none before the camera.
-#[must_use]
 pub fn pose_of_board(model: &CameraModel, seen: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Isometry3<f64>> {
     let rays: Vec<(Vector2<f64>, Vector2<f64>)> =
         seen.iter().filter_map(|(point, px)| Some((*point, model.unproject(px)?))).collect();

@@ -69,7 +69,6 @@ fn chosen(
 }
 
 /// True if number `k` of `total` is one of `most` that are spread evenly.
-#[must_use]
 pub fn is_chosen(k: usize, total: usize, most: usize) -> bool {
     let most = most.max(1);
     total <= most || (k * most) / total != ((k + 1) * most) / total

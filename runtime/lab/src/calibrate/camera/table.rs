@@ -16,7 +16,6 @@ pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
 }
 
 /// A row for each view.
-#[must_use]
 pub fn views(calibration: &Calibration) -> String {
     let is_stereo = calibration.pair.is_some();
     let width = calibration.views.iter().map(|view| view.name.chars().count()).max().unwrap_or(0).max(5);
@@ -49,7 +48,6 @@ fn row(view: &ViewResult, is_stereo: bool) -> String {
 }
 
 /// The figures, a line each.
-#[must_use]
 pub fn figures(calibration: &Calibration) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for (index, camera) in calibration.cameras.iter().enumerate() {

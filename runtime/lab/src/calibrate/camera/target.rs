@@ -102,7 +102,6 @@ pub struct TargetError(String);
 
 impl Target {
     /// The corners that are measured, by their numbers, m.
-    #[must_use]
     pub fn corners_m(&self) -> Vec<Vector2<f64>> {
         match *self {
             Self::Chessboard { columns, rows, square_m } => grid(columns, rows, square_m, 0.0),
@@ -119,7 +118,6 @@ impl Target {
     }
 
     /// The code of its markers as OpenCV counts them; `None` for a chessboard.
-    #[must_use]
     pub fn dictionary(&self) -> Option<i32> {
         match *self {
             Self::Chessboard { .. } => None,
@@ -129,7 +127,6 @@ impl Target {
     }
 
     /// Number of its markers.
-    #[must_use]
     pub fn marker_count(&self) -> usize {
         match *self {
             Self::Chessboard { .. } => 0,
@@ -139,7 +136,6 @@ impl Target {
     }
 
     /// The corners of a marker in the order in which OpenCV finds them, m; `None` of a number that the board does not have.
-    #[must_use]
     pub fn marker_corners_m(&self, number: u32, layout: CharucoLayout) -> Option<[Vector2<f64>; 4]> {
         let number = usize::try_from(number).ok().filter(|number| *number < self.marker_count())?;
         match *self {
@@ -160,14 +156,12 @@ impl Target {
     }
 
     /// The numbers of the corners that are those of a marker of an AprilGrid, in the order in which OpenCV finds them.
-    #[must_use]
     pub fn numbers_of_tag(&self, number: u32) -> Option<[usize; 4]> {
         let number = usize::try_from(number).ok().filter(|number| *number < self.marker_count())?;
         matches!(self, Self::AprilGrid { .. }).then(|| KALIBR_ORDER.map(|k| 4 * number + k))
     }
 
     /// Orders of the corners of a chessboard that look alike: the board as it is, and turned.
-    #[must_use]
     pub fn turns(&self) -> Vec<Vec<usize>> {
         let count = self.corners_m().len();
         let as_it_is: Vec<usize> = (0..count).collect();

@@ -40,14 +40,12 @@ pub struct Claim<const N: usize> {
 
 impl<const N: usize> Claim<N> {
     /// `e' P^-1 e`; `None` where the covariance is not positive definite.
-    #[must_use]
     pub fn nees(&self) -> Option<f64> {
         nees(&self.error, &self.covariance)
     }
 }
 
 /// Tilt error in the horizontal axes of `O`, rad.
-#[must_use]
 pub fn tilt(pose: &PublishedState, truth: &TrueState) -> Claim<2> {
     let rot_o_b = pose.pose_o_b.rotation;
     let (up, true_up) = (rot_o_b.inverse() * Vector3::z(), truth.pose_w_b.rotation.inverse() * Vector3::z());
@@ -62,7 +60,6 @@ pub fn tilt(pose: &PublishedState, truth: &TrueState) -> Claim<2> {
 }
 
 /// Velocity error in the body, m/s; `None` where the true velocity is unknown.
-#[must_use]
 pub fn velocity(pose: &PublishedState, truth: &TrueState) -> Option<Claim<3>> {
     let rot_b_o = pose.pose_o_b.rotation.inverse();
     let v_b = rot_b_o * pose.v_o_b;
@@ -94,7 +91,6 @@ fn carried(from: &PublishedState, to: &PublishedState) -> Matrix4<f64> {
 pub type Known<'a> = (&'a PublishedState, &'a TrueState);
 
 /// Error of position (m) and yaw (rad) of `pose` against the first pose of its odometry frame.
-#[must_use]
 pub fn since_start(first: Known<'_>, pose: Known<'_>) -> Claim<4> {
     let f = carried(first.0, pose.0);
     let covariance = gauge_covariance(pose.0) - f * gauge_covariance(first.0) * f.transpose();
@@ -102,7 +98,6 @@ pub fn since_start(first: Known<'_>, pose: Known<'_>) -> Claim<4> {
 }
 
 /// Error of the way (m) and of the turn about the vertical (rad) between two published poses.
-#[must_use]
 pub fn step(from: Known<'_>, to: Known<'_>, known: &StepCovariance) -> Claim<4> {
     let f = carried(from.0, to.0);
     let of_from = positive_part(gauge_covariance(from.0) - known.of_from);
@@ -127,7 +122,6 @@ fn motion_error(from: Known<'_>, to: Known<'_>) -> Vector4<f64> {
 
 /// The frame of `pose` in the world of `truth`: takes the truth to the odometry frame by position and yaw, so that the two
 /// agree.
-#[must_use]
 pub fn frame_of(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
     let angle = yaw_of(&(pose.rotation * truth.rotation.inverse()));
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);

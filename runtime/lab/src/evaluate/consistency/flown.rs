@@ -43,7 +43,6 @@ impl Nees {
     pub const NAMES: [&str; 5] = ["position", "tilt", "yaw", "velocity", "steps"];
 
     /// The five mean ratios, in the order of [`Self::NAMES`].
-    #[must_use]
     pub fn ratios(&self) -> [Option<f64>; 5] {
         [self.position, self.tilt, self.yaw, self.velocity, self.steps]
             .map(|figure| figure.map(|figure| figure.mean_ratio))
@@ -52,7 +51,6 @@ impl Nees {
 
 impl FlightConsistency {
     /// Judges estimates, and what else was published, by the truth; `None` where no truth is known.
-    #[must_use]
     pub fn of(estimates: &[PublishedState], published: &Published, truth: &Truth) -> Option<Self> {
         let (estimates, odometry) = (known(estimates, truth), known(&published.odometry, truth));
         (!estimates.is_empty()).then(|| Self {

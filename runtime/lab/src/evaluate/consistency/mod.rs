@@ -16,7 +16,6 @@ use serde::Serialize;
 
 /// Error of a pose: position (m) in the outer frame, then attitude (rad) as right perturbation,
 /// `true = (p + e_p, R Exp(e_r))`: the order of the estimator's covariances.
-#[must_use]
 pub fn pose_error(estimate: &Isometry3<f64>, truth: &Isometry3<f64>) -> Vector6<f64> {
     let position = truth.translation.vector - estimate.translation.vector;
     let rotation = (estimate.rotation.inverse() * truth.rotation).scaled_axis();
@@ -24,7 +23,6 @@ pub fn pose_error(estimate: &Isometry3<f64>, truth: &Isometry3<f64>) -> Vector6<
 }
 
 /// `eᵀ P⁻¹ e`; `None` where the covariance is not positive definite.
-#[must_use]
 pub fn nees<const N: usize>(error: &SVector<f64, N>, covariance: &SMatrix<f64, N, N>) -> Option<f64> {
     let half = covariance.cholesky()?.l().solve_lower_triangular(error)?;
     Some(half.norm_squared()).filter(|value| value.is_finite())
