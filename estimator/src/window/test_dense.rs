@@ -145,8 +145,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
         let cameras = (host_camera, usize::from(o.camera));
         let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
         let mut j = Jacobians::zeros();
-        let moved = MovedLenses::of(window.options.lenses.as_ref(), &window.rig).moved::<F>(o);
-        let measured = moved.unwrap_or(o.measured);
+        let measured = MovedLenses::of(window.options.lenses.as_ref(), &window.rig).moved::<F>(o);
         with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
             let request = Linearization { at, jacobians: &mut j };
             let _ = landmark.feature.residual(at, &measured, step_s, Some(request));
