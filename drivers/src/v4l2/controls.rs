@@ -97,6 +97,10 @@ pub(crate) enum ControlError {
     Device(Errno),
 }
 
+fn refused<T>(words: String) -> Result<T, ControlError> {
+    Err(ControlError::Refused(words))
+}
+
 impl From<Errno> for ControlError {
     fn from(error: Errno) -> Self {
         Self::Device(error)
@@ -127,9 +131,7 @@ fn set_named(fd: BorrowedFd<'_>, name: &str, value: i32, key: &str) -> Result<()
     let Some(info) = there.iter().find(|info| info.name == name) else {
         let names: Vec<_> = there.iter().map(|info| info.name.as_str()).collect();
         let names = names.join(", ");
-        return Err(ControlError::Refused(format!(
-            "{key}: this device has no control `{name}`; it has {names}"
-        )));
+        return refused(format!("{key}: this device has no control `{name}`; it has {names}"));
     };
     set(fd, info, value, key)
 }
@@ -177,16 +179,13 @@ pub fn set_controls(path: &Path, controls: &[String]) -> Result<(), DriverError>
 fn set(fd: BorrowedFd<'_>, info: &ControlInfo, value: i32, key: &str) -> Result<(), ControlError> {
     let (least, most, _) = info.range;
     if !info.is_button && !(least..=most).contains(&value.into()) {
-        let refused = format!("{key}: `{}` takes {least} to {most}, and not {value}", info.name);
-        return Err(ControlError::Refused(refused));
+        return refused(format!("{key}: `{}` takes {least} to {most}, and not {value}", info.name));
     }
     match calls::set_control(fd, info.id, value) {
-        Err(Errno::ACCESS | Errno::INVAL | Errno::RANGE | Errno::BUSY) => {
-            Err(ControlError::Refused(format!(
-                "{key}: the device does not take {value} for `{}` now; `plumbline devices` says which controls can be set",
-                info.name
-            )))
-        }
+        Err(Errno::ACCESS | Errno::INVAL | Errno::RANGE | Errno::BUSY) => refused(format!(
+            "{key}: the device does not take {value} for `{}` now; `plumbline devices` says which controls can be set",
+            info.name
+        )),
         result => Ok(result?),
     }
 }
@@ -213,25 +212,18 @@ fn apply_exposure(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), Contro
         (Some(info), _) => (info, ABSOLUTE_UNIT_US),
         (None, Some(info)) if options.row_us > 0.0 => (info, options.row_us),
         (None, Some(_)) => {
-            return Err(ControlError::Refused(format!(
+            return refused(format!(
                 "{KEY}: this device counts the exposure in rows of the sensor; give the time of a row in \
                  `driver.v4l2.row_us`, or leave it 0 and set `exposure` by `driver.v4l2.controls`"
-            )));
+            ));
         }
-        (None, None) => {
-            return Err(ControlError::Refused(format!(
-                "{KEY}: this device has no exposure to set; leave it 0"
-            )));
-        }
+        (None, None) => return refused(format!("{KEY}: this device has no exposure to set; leave it 0")),
     };
     let steps = (options.exposure_us / unit_us).round().at_least(1.0);
     let (least, most, _) = info.range;
     if steps < least as f64 || steps > most as f64 {
-        return Err(ControlError::Refused(format!(
-            "{KEY}: this device takes {} to {} us",
-            least as f64 * unit_us,
-            most as f64 * unit_us
-        )));
+        let [least_us, most_us] = [least, most].map(|steps| steps as f64 * unit_us);
+        return refused(format!("{KEY}: this device takes {least_us} to {most_us} us"));
     }
     set(fd, &info, steps as i32, KEY)
 }
@@ -247,7 +239,7 @@ fn apply_gain(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), ControlErr
     }
     match settable(fd, ID_ANALOGUE_GAIN).or_else(|| settable(fd, ID_GAIN)) {
         Some(info) => set(fd, &info, gain, KEY),
-        None => Err(ControlError::Refused(format!("{KEY}: this device has no gain to set; leave it -1"))),
+        None => refused(format!("{KEY}: this device has no gain to set; leave it -1")),
     }
 }
 

@@ -72,7 +72,8 @@ impl Found {
     fn text(&self) -> String {
         let mut text = String::from("Cameras (driver.v4l2.left, driver.v4l2.right)\n");
         for camera in &self.cameras {
-            let _ = writeln!(text, "\n  {:?}", camera_name(camera).display().to_string());
+            let path = camera.stable_paths.first().unwrap_or(&camera.path);
+            let _ = writeln!(text, "\n  {:?}", path.display().to_string());
             for line in camera.to_string().lines() {
                 let _ = writeln!(text, "    {line}");
             }
@@ -96,11 +97,6 @@ impl Found {
         }
         text
     }
-}
-
-/// The name that stays, where there is one.
-fn camera_name(camera: &CameraInfo) -> &Path {
-    camera.stable_paths.first().unwrap_or(&camera.path)
 }
 
 fn port_line(port: &SerialPortInfo) -> String {

@@ -4,7 +4,6 @@ use crate::config::PyConfig;
 use crate::errors::{RunError, of_flight};
 use crate::opening::OpeningOptions;
 use crate::table;
-use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
 use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::{Flight, FlightError, Flown, KeptOdometry, KeptStates, Outputs, fly};
@@ -118,9 +117,7 @@ pub fn replay<'py>(
 
 fn result(py: Python<'_>, replayed: Replayed) -> PyResult<Bound<'_, PyDict>> {
     let Replayed { flown, estimates, odometry, report } = replayed;
-    let causal =
-        |p: &plumbline_flight::flight::PublishedState| StampedPose { stamp: p.stamp, pose: p.pose_o_b };
-    let stamps: Vec<_> = flown.poses.iter().map(|p| causal(p).stamp).collect();
+    let stamps: Vec<_> = flown.poses.iter().map(|state| state.stamp).collect();
     let json = serde_json::to_string(&report).map_err(|error| RunError::new_err(error.to_string()))?;
     let values = PyDict::new(py);
     values.set_item("name", &flown.name)?;

@@ -181,7 +181,7 @@ fn rig(cameras: &[CameraModel]) -> ValidConfig {
 /// Returns the pictures as read back from a flight log.
 fn recorded(taken: &[Pair], cameras: &[CameraModel], folder: &Path) -> Vec<Pair> {
     let (config, log) = (rig(cameras), folder.join("log.mcap"));
-    let recorder = Recorder::start(&log, &config, WhenFull::Wait).unwrap();
+    let recorder = Recorder::start(&log, &config, (None, 0), WhenFull::Wait).unwrap();
     for (k, pair) in taken.iter().enumerate() {
         let images = pair.images.each_ref().map(|image| image.clone().unwrap());
         let stamp = Timestamp::from_nanos(50_000_000 * k as i64);

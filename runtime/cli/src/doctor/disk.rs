@@ -59,28 +59,19 @@ fn judge(rate_mb_s: f64, limit_mb: f64, room_mb: f64, speed_mb_s: f64) -> Verdic
         "room for {minutes:.0} minutes ({:.1} GB), takes {speed_mb_s:.0} MB/s, a recording needs {rate_mb_s:.1}",
         room_mb * 1e-3
     );
-    if room_mb < LEAST_S * rate_mb_s {
-        return (Fitness::NotFit, format!("{words}; make room"));
-    }
-    if speed_mb_s < rate_mb_s {
-        return (
-            Fitness::NotFit,
-            format!("{words}: frames would be lost; take a faster disk, or recorder.images = \"none\""),
-        );
-    }
-    if speed_mb_s < RESERVE * rate_mb_s {
-        return (
-            Fitness::Mind,
-            format!("{words}: little reserve; a faster disk loses nothing when it stalls"),
-        );
-    }
-    if room_mb < limit_mb {
-        return (
-            Fitness::Mind,
-            format!("{words}; recorder.max_total_mb = {limit_mb:.0} is more than there is room for"),
-        );
-    }
-    (Fitness::Good, words)
+    let (fitness, cure) = if room_mb < LEAST_S * rate_mb_s {
+        (Fitness::NotFit, "; make room".to_owned())
+    } else if speed_mb_s < rate_mb_s {
+        let cure = ": frames would be lost; take a faster disk, or recorder.images = \"none\"";
+        (Fitness::NotFit, cure.to_owned())
+    } else if speed_mb_s < RESERVE * rate_mb_s {
+        (Fitness::Mind, ": little reserve; a faster disk loses nothing when it stalls".to_owned())
+    } else if room_mb < limit_mb {
+        (Fitness::Mind, format!("; recorder.max_total_mb = {limit_mb:.0} is more than there is room for"))
+    } else {
+        (Fitness::Good, String::new())
+    };
+    (fitness, words + &cure)
 }
 
 /// Speed at which what is written reaches the disk, MB/s.

@@ -77,13 +77,6 @@ pub struct DoctorArgs {
     pub json: bool,
 }
 
-impl DoctorArgs {
-    /// Checks of this host and of the sensors of a configuration, with every option as by default.
-    pub fn live(config: PathBuf) -> Self {
-        Self { config: Some(config), live: true, watch: 2.0, ..Self::default() }
-    }
-}
-
 /// Runs the command: a line for each check.
 ///
 /// # Errors

@@ -155,7 +155,7 @@ fn examine(options: &SetupOptions, config: &ValidConfig, out: PathBuf) -> Result
         say(format_args!("next        plumbline doctor --config {} --live", out.display()));
         return Ok(());
     }
-    doctor::run(&DoctorArgs::live(out))
+    doctor::run(&DoctorArgs { config: Some(out), live: true, watch: 2.0, ..DoctorArgs::default() })
 }
 
 /// Heading of the file: where its values come from.

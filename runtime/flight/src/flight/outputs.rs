@@ -71,7 +71,7 @@ impl Outputs {
     pub fn record(&mut self, path: &Path, flight: &Flight, when_full: WhenFull) -> Result<(), FlightError> {
         let known_map = flight.map.as_ref().map(|known| known.sha256.clone());
         let before = (known_map, flight.first_reset_counter);
-        self.recorder = Some(Recorder::start_going_on(path, &flight.config, before, when_full)?);
+        self.recorder = Some(Recorder::start(path, &flight.config, before, when_full)?);
         Ok(())
     }
 

@@ -20,7 +20,7 @@ fn flight(images: ImageRecording) -> Flight {
 
 fn recorded(path: &std::path::Path, images: ImageRecording) -> Flown {
     let flight = flight(images);
-    let mut recorder = Recorder::start(path, &flight.config, WhenFull::Wait).unwrap();
+    let mut recorder = Recorder::start(path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     let flown = fly(flight, &OPTIONS, &Control::default(), vec![&mut recorder]).unwrap();
     assert_eq!(recorder.finish().not_recorded, 0);
     flown

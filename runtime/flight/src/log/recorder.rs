@@ -177,35 +177,12 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Begins to record a flight with `config` at `path`.
+    /// Begins to record a flight with `config` at `path`, which goes on with the map whose file has this SHA-256, if any, and counts
+    /// its resets from `first_reset_counter` on.
     ///
     /// # Errors
     /// When there is a log of that name, its file cannot be created, or the system refuses a thread.
-    pub fn start(path: &Path, config: &ValidConfig, when_full: WhenFull) -> Result<Self, LogError> {
-        Self::start_going_on(path, config, (None, 0), when_full)
-    }
-
-    /// Starts a recorder with other limits, in files opened by `open`.
-    ///
-    /// # Errors
-    /// As [`Self::start`].
-    pub fn start_on(
-        open: OpenPart,
-        limits: Limits,
-        path: &Path,
-        config: &ValidConfig,
-        when_full: WhenFull,
-    ) -> Result<Self, LogError> {
-        let writer = LogWriter::create(path, PartHeader::new(config)?, limits, open)?;
-        Self::start_writing(writer, path, config, when_full)
-    }
-
-    /// As [`Self::start`], of a flight that goes on with the map whose file has this SHA-256, and counts its resets from
-    /// `first_reset_counter` on.
-    ///
-    /// # Errors
-    /// As [`Self::start`].
-    pub fn start_going_on(
+    pub fn start(
         path: &Path,
         config: &ValidConfig,
         (known_map, first_reset_counter): (Option<String>, u32),
@@ -216,7 +193,7 @@ impl Recorder {
         Self::start_writing(writer, path, config, when_full)
     }
 
-    fn start_writing(
+    pub(super) fn start_writing(
         writer: LogWriter,
         path: &Path,
         config: &ValidConfig,

@@ -98,16 +98,11 @@ impl ForeignTruth {
     /// # Errors
     /// When it is of another time.
     pub fn check(flight: &str, poses: &[PublishedState], truth: &Truth, file: &Path) -> Result<(), Self> {
-        let span = |stamps: &mut dyn Iterator<Item = Timestamp>| {
-            stamps.fold(None, |span: Option<(Timestamp, Timestamp)>, stamp| {
-                let (first, last) = span.unwrap_or((stamp, stamp));
-                Some((first.min(stamp), last.max(stamp)))
-            })
-        };
+        let span = |stamps: Vec<Timestamp>| Some((*stamps.iter().min()?, *stamps.iter().max()?));
         let known = poses.iter().filter(|pose| truth.pose_at(pose.stamp).is_some()).count();
         let true_poses = truth.poses(poses.iter().map(|pose| pose.stamp));
-        let of_truth = span(&mut true_poses.iter().map(|pose| pose.stamp));
-        let of_flight = span(&mut poses.iter().map(|pose| pose.stamp));
+        let of_truth = span(true_poses.iter().map(|pose| pose.stamp).collect());
+        let of_flight = span(poses.iter().map(|pose| pose.stamp).collect());
         match of_truth.zip(of_flight) {
             Some((of_truth, of_flight)) if known < MIN_POSES => Err(Self {
                 truth: file.to_owned(),

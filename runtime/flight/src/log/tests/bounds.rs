@@ -60,7 +60,7 @@ fn the_newest_of_the_flight_is_kept_within_the_limit() {
 #[test]
 fn a_log_is_never_overwritten() {
     let (_folder, path, _) = recorded_within(Limits { part_bytes: 600_000, ..NO_LIMITS });
-    let start = || Recorder::start(&path, &config(), WhenFull::Drop).err().unwrap();
+    let start = || Recorder::start(&path, &config(), (None, 0), WhenFull::Drop).err().unwrap();
     assert!(matches!(start(), LogError::Exists { .. }));
     std::fs::remove_file(&path).unwrap();
     assert!(start().to_string().contains("flight.1.mcap: exists"));

@@ -153,7 +153,7 @@ fn what_the_clock_decided_is_followed() {
     let mut flight = flight();
     // The run in small has no map.
     flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
-    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     fly_with_orders(flight, &mut recorder.handle());
     assert_eq!(recorder.finish().not_recorded, 0);
     let v = verified(&path).unwrap();
@@ -214,7 +214,7 @@ fn frames_in_masses_between_two_readings_come_out_again() {
     let path = folder.path().join("masses.mcap");
     let mut flight = flight_of(1, 1.5);
     flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
-    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     let frames = fly_frames_in_masses(flight, &mut recorder.handle());
     assert_eq!(recorder.finish().not_recorded, 0);
     assert!(frames > 20, "{frames} frames were estimated");
@@ -247,7 +247,7 @@ fn a_reset_on_command_is_recorded_and_executed_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("reset.mcap");
     let flight = flight();
-    let mut recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let mut recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     let control = Arc::new(Control::default());
     let mut asker = Asker(Arc::clone(&control));
     let outcome = fly(flight, &control, &mut Several(vec![&mut asker, &mut recorder]));
@@ -337,7 +337,7 @@ fn a_flight_whose_cameras_pause_comes_out_again() {
     let path = folder.path().join("gap.mcap");
     let mut flight = flight_of(1, 3.5);
     flight.streams.stereo = Box::new(Gap(flight.streams.stereo));
-    let mut recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let mut recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     let outcome = fly(flight, &Control::default(), &mut recorder);
     assert_eq!(recorder.finish().not_recorded, 0);
     assert!(outcome.figures.frames < 40, "{}", outcome.figures.frames);

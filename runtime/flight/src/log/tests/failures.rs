@@ -398,7 +398,7 @@ fn a_folder_that_is_removed_or_moved_is_noticed_within_a_second() {
         let folder = parent.path().join("logs");
         std::fs::create_dir(&folder).unwrap();
         let path = folder.join("flight.mcap");
-        let recorder = Recorder::start(&path, &config(), WhenFull::Drop).unwrap();
+        let recorder = Recorder::start(&path, &config(), (None, 0), WhenFull::Drop).unwrap();
         let handle = recorder.handle();
         assert!(offer_until(&handle, || bytes_in(&folder) > 100_000));
         match is_moved {

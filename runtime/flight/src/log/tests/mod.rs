@@ -9,10 +9,10 @@ mod rig;
 
 use super::channel::Channel;
 use super::part_file::OpenPart;
-use super::part_header::METADATA_NAME;
+use super::part_header::{METADATA_NAME, PartHeader};
 use super::recorder::{Recorder, RecorderSummary, WhenFull};
 use super::verify::{Verification, verify};
-use super::writer::Limits;
+use super::writer::{Limits, LogWriter};
 use super::{LogError, LogReader};
 use crate::pipeline::listener::Subscriber;
 use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
@@ -30,6 +30,20 @@ use tempfile::TempDir;
 const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
 const NO_LIMITS: Limits =
     Limits { part_bytes: u64::MAX / 4, total_bytes: u64::MAX / 2, keep: KeepPolicy::Beginning };
+
+impl Recorder {
+    /// Begins with other limits, in files opened by `open`.
+    fn start_on(
+        open: OpenPart,
+        limits: Limits,
+        path: &Path,
+        config: &ValidConfig,
+        when_full: WhenFull,
+    ) -> Result<Self, LogError> {
+        let writer = LogWriter::create(path, PartHeader::new(config)?, limits, open)?;
+        Self::start_writing(writer, path, config, when_full)
+    }
+}
 
 /// Streams of a short flight in small images, and what the estimator believes.
 struct Flight {

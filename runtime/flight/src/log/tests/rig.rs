@@ -52,7 +52,7 @@ fn images_poses_and_cameras_are_in_one_tree_of_frames_named_by_the_configuration
             config.ros.body_frame = "imu".into();
         })
         .unwrap();
-    let mut recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let mut recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     fly(flight, &Control::default(), &mut recorder);
     assert_eq!(recorder.finish().not_recorded, 0);
     let messages = messages(&path);
