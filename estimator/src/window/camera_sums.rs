@@ -10,7 +10,7 @@ use super::motions::{
     GLOBALS, LENS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, POSED, RESIDUAL, TIME_OFFSET, motion_at,
     motion_of_camera, motion_of_frame, motion_of_lens,
 };
-use super::state::{INTRINSICS_DIM, MAX_FRAMES, POSE_DIM};
+use super::state::{MAX_FRAMES, POSE_DIM};
 use super::tiles::{LANES, add_times};
 
 /// Columns of an observation: motion of the host's camera in `O`, time offset, residual.
@@ -51,11 +51,11 @@ impl Products {
 #[derive(Clone, Debug)]
 struct LensProducts {
     mixed: [[f64; LENS]; COLUMNS],
-    own: [[f64; LENS]; INTRINSICS_DIM],
+    own: [[f64; LENS]; LENS],
 }
 
 impl LensProducts {
-    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; INTRINSICS_DIM] };
+    const ZERO: Self = Self { mixed: [[0.0; LENS]; COLUMNS], own: [[0.0; LENS]; LENS] };
 
     #[inline]
     fn add(&mut self, [a, b]: &CameraRows, [la, lb]: &LensRows) {
