@@ -58,12 +58,11 @@ fn docstring(paragraphs: &[String], indent: &str) -> String {
 
 /// Comments above classes and their methods in all sources.
 fn docs(folder: &Path) -> Docs {
-    let (mut docs, mut shared) = (Docs::new(), BTreeMap::new());
-    let mut sharing = Vec::new();
+    let mut docs = Docs::new();
     for file in std::fs::read_dir(folder).unwrap() {
         let source = std::fs::read_to_string(file.unwrap().path()).unwrap();
         let (mut class, mut named, mut above) = (String::new(), BTreeMap::new(), Vec::new());
-        let mut python_name = None;
+        let (mut python_name, mut holder) = (None, String::new());
         for line in source.lines().map(str::trim_start) {
             if let Some(text) = line.strip_prefix("///") {
                 above.push(text.trim().to_owned());
@@ -81,25 +80,21 @@ fn docs(folder: &Path) -> Docs {
             if let Some(rest) = text.strip_prefix("struct ") {
                 let (rust, python) = (name(rest), python_name.map_or_else(|| name(rest), str::to_owned));
                 docs.insert((python.clone(), String::new()), paragraphs(&above));
+                holder.clone_from(&python);
                 named.insert(rust, python);
+            } else if let Some((field, _)) =
+                text.split_once(": ").filter(|_| !holder.is_empty() && !above.is_empty())
+            {
+                docs.insert((holder.clone(), field.to_owned()), paragraphs(&above));
             } else if let Some(rest) = text.strip_prefix("impl ") {
+                holder.clear();
                 class = named.get(&name(rest)).cloned().unwrap_or_default();
-                if rest.contains(" of ") && !class.is_empty() {
-                    sharing.push(class.clone());
-                }
-            } else if let Some(rest) = text.strip_prefix("fn ").filter(|_| !above.is_empty()) {
-                // What is written once for several classes is in a macro.
-                match class.is_empty() {
-                    true => shared.insert(name(rest), paragraphs(&above)),
-                    false => docs.insert((class.clone(), name(rest)), paragraphs(&above)),
-                };
+            } else if let Some(rest) =
+                text.strip_prefix("fn ").filter(|_| !above.is_empty() && !class.is_empty())
+            {
+                docs.insert((class.clone(), name(rest)), paragraphs(&above));
             }
             (above, python_name) = (Vec::new(), None);
-        }
-    }
-    for class in sharing {
-        for (member, text) in &shared {
-            docs.entry((class.clone(), member.clone())).or_insert_with(|| text.clone());
         }
     }
     docs
