@@ -70,7 +70,6 @@ impl StampGate {
     }
 
     /// The last stamp that was believed.
-    #[must_use]
     pub const fn newest(&self) -> Option<Timestamp> {
         self.newest
     }
@@ -81,14 +80,12 @@ impl StampGate {
     }
 
     /// True if `stamp` is later than the last believed one.
-    #[must_use]
     pub fn is_later(&self, stamp: Timestamp) -> bool {
         self.newest.is_none_or(|newest| stamp > newest)
     }
 
     /// True if `stamp` follows the last one; `other` is the newest stamp of the other stream, if there is
     /// one.
-    #[must_use]
     pub fn follows(&self, stamp: Timestamp, other: Option<Timestamp>) -> bool {
         let latest = self.newest.max(other);
         self.is_later(stamp) && latest.is_none_or(|latest| stamp <= latest.plus_nanos(MAX_HOLE_NS))
@@ -124,7 +121,6 @@ impl StampGate {
     }
 
     /// True if the next stamp of a run of refused ones would be believed.
-    #[must_use]
     pub fn is_running(&self) -> bool {
         self.run.is_some_and(|run| run.count + 1 >= self.run_count)
     }
@@ -156,7 +152,6 @@ impl ImuDoor {
     }
 
     /// The stamp of the last sample that was let in.
-    #[must_use]
     pub const fn newest(&self) -> Option<Timestamp> {
         self.gate.newest()
     }
@@ -167,7 +162,6 @@ impl ImuDoor {
     }
 
     /// True if a sample follows those before it and can have been measured.
-    #[must_use]
     pub fn expects(&self, sample: &ImuSample) -> bool {
         self.fault(sample).is_none() && self.gate.follows(sample.stamp, None)
     }

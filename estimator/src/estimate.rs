@@ -104,20 +104,17 @@ pub struct Estimate {
 
 impl Estimate {
     /// True if pose, velocity, biases and covariance are valid, at the time of the frame.
-    #[must_use]
     pub fn has_pose(&self) -> bool {
         matches!(self.state, TrackingState::Tracking | TrackingState::Blind) && !self.is_refused()
     }
 
     /// True if the frame was refused for its stamp: the state is that of the frame before, and nothing in it
     /// is new.
-    #[must_use]
     pub fn is_refused(&self) -> bool {
         self.health.contains(HealthBits::BAD_STAMP)
     }
 
     /// The pose of the body in the odometry frame; `None` while there is none to use.
-    #[must_use]
     pub fn pose(&self) -> Option<&Isometry3<f64>> {
         self.has_pose().then_some(&self.pose_o_b)
     }
@@ -209,14 +206,12 @@ pub struct Odometry {
 impl Odometry {
     /// Number of steps of any kind so far: resets and jumps. A filter that integrates the odometry restarts from it where
     /// this changes.
-    #[must_use]
     pub fn steps(&self) -> u32 {
         self.reset_counter.wrapping_add(self.jumps)
     }
 
     /// Covariance against the start after the last reset, in the order of [`NavCovariance`]. For a receiver that is
     /// informed of resets, and takes the start for its new origin.
-    #[must_use]
     pub fn covariance_since_reset(&self) -> NavCovariance {
         let (p_o_b, rot_o_b) = (&self.pose_o_b.translation.vector, &self.pose_o_b.rotation);
         match self.origin.share(p_o_b, rot_o_b, &self.v_o_b) {

@@ -109,7 +109,6 @@ impl Estimator {
 
     /// Inertial samples up to this time must have been added before the frame of `image_stamp` is: the stamp on
     /// the IMU's clock.
-    #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
         self.front_end.imu_needed_until(image_stamp)
     }
@@ -142,7 +141,6 @@ impl Estimator {
     }
 
     /// The lines seen in the last frame, for display.
-    #[must_use]
     pub fn line_observations(&self) -> &[LineObservation] {
         self.front_end.line_observations()
     }

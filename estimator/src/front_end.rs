@@ -131,7 +131,6 @@ impl FrontEnd {
 
     /// True if a frame of `image_stamp` is worth waiting for its samples: it is later than the last, and not
     /// so far ahead that its stamp must be wrong, unless those before it were as far.
-    #[must_use]
     pub fn expects(&self, image_stamp: Timestamp) -> bool {
         let stamp = self.imu_time(image_stamp);
         let latest = self.door.newest().or(self.stamps.newest());
@@ -140,7 +139,6 @@ impl FrontEnd {
     }
 
     /// Samples up to this time must have been added before the frame of `image_stamp` is: the time of its last row.
-    #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
         let after_s = self.readouts.map(|readout| readout.after_s());
         self.imu_time(image_stamp).plus_seconds(after_s[0].at_least(after_s[1]))
@@ -284,7 +282,6 @@ impl FrontEnd {
     }
 
     /// The lines seen in the last frame, for display.
-    #[must_use]
     pub fn line_observations(&self) -> &[LineObservation] {
         self.lines.as_ref().map_or(&[], LineTracker::observations)
     }

@@ -42,7 +42,6 @@ pub struct HealthBit {
 
 impl HealthBit {
     /// True if the bit is a fault. Standing still, for example, is none.
-    #[must_use]
     pub const fn is_fault(&self) -> bool {
         !self.cure.is_empty()
     }

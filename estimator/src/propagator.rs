@@ -142,13 +142,11 @@ impl Propagator {
     }
 
     /// True if the samples have reached `stamp`.
-    #[must_use]
     pub fn has_reached(&self, stamp: Timestamp) -> bool {
         self.samples.back().is_some_and(|newest| newest.sample.stamp >= stamp)
     }
 
     /// True if the state at `stamp` is final: there is an estimate after it, or none is expected any more.
-    #[must_use]
     pub fn is_settled(&self, stamp: Timestamp) -> bool {
         let is_old =
             self.samples.back().is_some_and(|newest| newest.sample.stamp.seconds_since(stamp) > STALE_S);
@@ -188,7 +186,6 @@ impl Propagator {
     }
 
     /// True if a sample follows those before it: see [`crate::admission`].
-    #[must_use]
     pub fn expects(&self, sample: &ImuSample) -> bool {
         self.door.expects(sample)
     }

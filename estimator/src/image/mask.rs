@@ -36,13 +36,11 @@ impl ImageMask {
     }
 
     /// True if the pixel at column `u` and row `v` is hidden; false outside of the image.
-    #[must_use]
     pub fn hides(&self, u: usize, v: usize) -> bool {
         u < self.width && v < self.height && self.is_hidden[v * self.width + u]
     }
 
     /// True if the image at `px` is hidden.
-    #[must_use]
     pub fn hides_px(&self, px: &Vector2<f64>) -> bool {
         // A cast saturates, and takes what is no number for 0.
         let whole = px.map(|x| (x + 0.5) as usize);
@@ -50,7 +48,6 @@ impl ImageMask {
     }
 
     /// The mask at half the resolution: a pixel is hidden if one of its four is.
-    #[must_use]
     pub fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let four = |u: usize, v: usize| [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(a, b)| (2 * u + a, 2 * v + b));

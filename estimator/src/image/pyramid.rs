@@ -113,13 +113,11 @@ impl Pyramid {
     }
 
     /// Number of levels.
-    #[must_use]
     pub fn level_count(&self) -> usize {
         self.levels.len()
     }
 
     /// Width and height of a level in pixels, without its rim.
-    #[must_use]
     pub fn size(&self, level: usize) -> (usize, usize) {
         (self.levels[level].width, self.levels[level].height)
     }
@@ -164,7 +162,6 @@ impl Pyramid {
     }
 
     /// A level to be sampled from.
-    #[must_use]
     pub fn plane(&self, level: usize) -> Plane<'_> {
         let l = &self.levels[level];
         Plane { pixels: &l.pixels, columns: l.stride(), rows: l.height + 2 * PAD, origin: PAD }

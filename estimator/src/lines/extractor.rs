@@ -123,19 +123,16 @@ impl LineExtractor {
     }
 
     /// Gradients of the last image.
-    #[must_use]
     pub fn gradients(&self) -> &Gradients {
         &self.gradients
     }
 
     /// Segments of the last image after filter and merging, clearest first.
-    #[must_use]
     pub fn segments(&self) -> &[Segment] {
         &self.merged
     }
 
     /// Work and outcome of the last image.
-    #[must_use]
     pub fn figures(&self) -> ExtractionFigures {
         self.figures
     }

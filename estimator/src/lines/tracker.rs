@@ -180,13 +180,11 @@ impl LineTracker {
     }
 
     /// Counts of the last frame.
-    #[must_use]
     pub fn figures(&self) -> LineFigures {
         self.figures
     }
 
     /// The lines seen in the last frame, in order of track id.
-    #[must_use]
     pub fn observations(&self) -> &[LineObservation] {
         &self.observations
     }

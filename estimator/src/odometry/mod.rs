@@ -145,19 +145,16 @@ impl Odometer {
     }
 
     /// The window.
-    #[must_use]
     pub fn window(&self) -> &Window {
         &self.estimation.window
     }
 
     /// Why the estimate was last started anew.
-    #[must_use]
     pub fn reset_reason(&self) -> Option<&ResetReason> {
         self.start.reset_reason.as_ref()
     }
 
     /// What an attempt to start with one camera lacked; `None` where the newest frame was no attempt.
-    #[must_use]
     pub fn missing(&self) -> Option<&Missing> {
         self.start.missing.as_ref()
     }

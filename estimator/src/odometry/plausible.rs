@@ -42,13 +42,11 @@ pub enum ResetReason {
 
 impl ResetReason {
     /// Extent of the reset.
-    #[must_use]
     pub fn kind(&self) -> ResetKind {
         if let Self::AskedFor(kind) = self { *kind } else { ResetKind::Soft }
     }
 
     /// True if the reset was requested.
-    #[must_use]
     pub fn is_asked_for(&self) -> bool {
         matches!(self, Self::AskedFor(_))
     }

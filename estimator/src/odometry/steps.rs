@@ -32,7 +32,6 @@ impl Odometer {
 
     /// Covariance of the step to the newest pose from one about a second before; `None` unless [`Self::keep_steps`] was asked
     /// for it, where the window holds no frame of that time, and without a covariance.
-    #[must_use]
     pub fn step_covariance(&self) -> Option<&StepCovariance> {
         self.step.as_ref()
     }

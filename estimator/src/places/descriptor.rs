@@ -31,7 +31,6 @@ impl Descriptor {
     }
 
     /// Bytes, the lowest first.
-    #[must_use]
     pub fn bytes(&self) -> [u8; BITS / 8] {
         let mut bytes = [0; BITS / 8];
         for (to, word) in bytes.chunks_exact_mut(8).zip(self.0) {

@@ -100,7 +100,6 @@ impl Extractor {
     }
 
     /// The features of the last frame.
-    #[must_use]
     pub fn features(&self) -> &[Feature] {
         &self.features
     }

@@ -65,7 +65,6 @@ impl RigCamera {
     }
 
     /// Mean focal length, px.
-    #[must_use]
     pub fn focal_px(&self) -> f64 {
         0.5 * (self.model.focal_px.x + self.model.focal_px.y)
     }

@@ -225,7 +225,6 @@ impl PointTracker {
     }
 
     /// Frames tracked so far: the number of the last one, counted from 1.
-    #[must_use]
     pub fn frame(&self) -> u64 {
         self.frame
     }
@@ -245,13 +244,11 @@ impl PointTracker {
     }
 
     /// Turn since the frame before by corners of their own, where it was looked for and they agree.
-    #[must_use]
     pub fn turn(&self) -> Option<WitnessedTurn> {
         self.turn
     }
 
     /// The points seen in the last frame, in order of track id.
-    #[must_use]
     pub fn observations(&self) -> &[PointObservation] {
         &self.observations
     }

@@ -88,7 +88,6 @@ impl History {
     }
 
     /// True if the state at `stamp` is to be kept although it is no estimate.
-    #[must_use]
     pub fn wants_mark(&self, stamp: Timestamp) -> bool {
         self.bases.back().is_some_and(|last| stamp.seconds_since(last.stamp) > MARK_S)
     }
@@ -123,7 +122,6 @@ impl History {
     }
 
     /// True if there is an estimate at or after `stamp`.
-    #[must_use]
     pub fn reaches(&self, stamp: Timestamp) -> bool {
         self.newest.is_some_and(|newest| newest >= stamp)
     }

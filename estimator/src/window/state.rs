@@ -76,7 +76,6 @@ impl NavState {
     }
 
     /// Biases of the gyroscope, rad/s, and of the accelerometer, m/s².
-    #[must_use]
     pub fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
         (self.bias_gyro, self.bias_accel)
     }
@@ -109,7 +108,6 @@ impl NavState {
     }
 
     /// True if every component is a finite number.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         let vectors = [&self.p_o_b, &self.v_o_b, &self.bias_gyro, &self.bias_accel];
         vectors.into_iter().flatten().chain(self.rot_o_b.coords.iter()).all(|x| x.is_finite())
@@ -130,7 +128,6 @@ impl NavState {
     }
 
     /// The pose.
-    #[must_use]
     pub fn pose_o_b(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(self.p_o_b), self.rot_o_b)
     }
@@ -198,7 +195,6 @@ impl Rig {
     }
 
     /// Pose of camera 0 or 1 in the body.
-    #[must_use]
     pub fn pose_b_c(&self, camera: usize) -> Isometry3<f64> {
         if camera == 0 { self.pose_b_c0 } else { self.pose_b_c0 * self.pose_c0_c1 }
     }
@@ -239,7 +235,6 @@ impl Rig {
 
     /// True if every parameter that has a standard deviation is within `times` that of `origin`; intrinsics within
     /// [`INTRINSICS_TIMES`] as many.
-    #[must_use]
     pub fn is_within(&self, times: f64, origin: &Self, sigmas: &SVector<f64, RIG_DIM>) -> bool {
         let offsets = self.minus(origin);
         let times = |k: usize| if k < Self::INTRINSICS { times } else { INTRINSICS_TIMES * times };

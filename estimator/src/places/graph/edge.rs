@@ -40,7 +40,6 @@ impl Node {
     }
 
     /// Pose of the body in the map.
-    #[must_use]
     pub fn pose_m_b(&self) -> Isometry3<f64> {
         Isometry3::from_parts(self.p_m_b.into(), turn(self.yaw) * self.pose_o_b.rotation)
     }
@@ -51,7 +50,6 @@ impl Node {
     }
 
     /// Pose of the odometry frame in the map, as this keyframe has it.
-    #[must_use]
     pub fn pose_m_o(&self) -> Isometry3<f64> {
         let rotation = turn(self.yaw);
         let shift = self.p_m_b - rotation * self.pose_o_b.translation.vector;
@@ -129,7 +127,6 @@ impl Edge {
     }
 
     /// What it says, with its covariance.
-    #[must_use]
     pub(super) fn known_way(&self) -> Option<Way> {
         let covariance = self.information.cholesky()?.inverse();
         Some(Way { way: self.way, turn: self.turn, covariance })
@@ -170,13 +167,11 @@ impl Edge {
     }
 
     /// True if most of it counts in the graph.
-    #[must_use]
     pub fn counts(&self) -> bool {
         self.weight > 0.5
     }
 
     /// True if it may count: a loop without supporters does not.
-    #[must_use]
     pub fn is_supported(&self) -> bool {
         self.kind != EdgeKind::Loop { supporters: 0 }
     }

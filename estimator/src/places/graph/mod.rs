@@ -86,13 +86,11 @@ impl PoseGraph {
     }
 
     /// The nodes, in the order in which they were added.
-    #[must_use]
     pub fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
     /// Edges of both kinds.
-    #[must_use]
     pub fn edges(&self) -> &[Edge] {
         &self.edges
     }

@@ -23,19 +23,16 @@ pub struct Located {
 
 impl Located {
     /// Evidence for the pose: inliers found without guidance, and a quarter of those found with it.
-    #[must_use]
     pub fn evidence(&self) -> f64 {
         self.first_inliers as f64 + 0.25 * self.inliers as f64
     }
 
     /// Standard deviation of the position in its worst direction, m.
-    #[must_use]
     pub fn sigma_m(&self) -> f64 {
         self.worst_sigma(0)
     }
 
     /// Standard deviation of the attitude about its worst axis, rad.
-    #[must_use]
     pub fn sigma_rad(&self) -> f64 {
         self.worst_sigma(3)
     }

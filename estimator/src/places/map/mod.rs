@@ -62,13 +62,11 @@ impl Keyframe {
     }
 
     /// Pose of the left camera in the map.
-    #[must_use]
     pub fn pose_m_c(&self) -> Isometry3<f64> {
         self.pose_m_b * self.pose_b_c
     }
 
     /// Direction of up in the left camera.
-    #[must_use]
     pub fn up_c(&self) -> Vector3<f64> {
         self.pose_m_c().rotation.inverse() * Vector3::z()
     }
@@ -139,25 +137,21 @@ impl PlaceMap {
     }
 
     /// Limits of the map.
-    #[must_use]
     pub fn limits(&self) -> MapLimits {
         self.limits
     }
 
     /// Keyframes in it.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.len
     }
 
     /// True if the map is empty.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
     /// The keyframe in a slot.
-    #[must_use]
     pub fn keyframe(&self, slot: usize) -> Option<&Keyframe> {
         self.keyframes.get(slot).and_then(Option::as_ref)
     }
@@ -168,14 +162,12 @@ impl PlaceMap {
     }
 
     /// Features of the keyframe in a slot.
-    #[must_use]
     pub fn features(&self, slot: usize) -> &[Feature] {
         let start = slot * self.limits.features;
         self.features.get(start..start + usize::from(self.counts[slot])).unwrap_or(&[])
     }
 
     /// Lines of the keyframe in a slot.
-    #[must_use]
     pub fn lines(&self, slot: usize) -> &[MapLine] {
         let start = slot * MAX_LINES;
         self.lines.get(start..start + usize::from(self.line_counts[slot])).unwrap_or(&[])

@@ -122,31 +122,26 @@ impl Mapper {
     }
 
     /// The map.
-    #[must_use]
     pub fn map(&self) -> &PlaceMap {
         &self.map
     }
 
     /// The pose graph of this flight.
-    #[must_use]
     pub fn graph(&self) -> &PoseGraph {
         &self.graph
     }
 
     /// Places seen again so far.
-    #[must_use]
     pub fn sightings(&self) -> u32 {
         self.sightings
     }
 
     /// Places that looked like one seen before, and were not believed because the odometry speaks against it.
-    #[must_use]
     pub fn contradicted(&self) -> u32 {
         self.contradicted
     }
 
     /// Loops that count, as of the last call.
-    #[must_use]
     pub fn loops_used(&self) -> u32 {
         self.loops_used
     }

@@ -56,7 +56,6 @@ impl PointTracker {
     }
 
     /// True if the texture in view repeats itself, so that points are predicted, or else only those followed that are unique.
-    #[must_use]
     pub fn is_repeating(&self) -> bool {
         self.rig.len() > 1 && self.repetition.is_repeating()
     }
