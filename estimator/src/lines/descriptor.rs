@@ -35,7 +35,6 @@ pub struct LineDescriptor([u64; 4]);
 
 impl LineDescriptor {
     /// Hamming distance: bits that differ, 0 to 256.
-    #[must_use]
     pub fn hamming(&self, other: &Self) -> u32 {
         self.0.iter().zip(&other.0).map(|(a, b)| (a ^ b).count_ones()).sum()
     }

@@ -22,7 +22,6 @@ pub struct Descriptor(pub [u64; 4]);
 
 impl Descriptor {
     /// Number of bits in which two descriptors differ.
-    #[must_use]
     #[inline]
     pub fn distance(&self, other: &Self) -> u32 {
         let [a, b, c, d] = self.0;

@@ -18,7 +18,6 @@ impl MapLine {
     }
 
     /// Both ends in the frame in which the left camera has the pose `pose_c`, m.
-    #[must_use]
     pub fn ends(&self, pose_c: &Isometry3<f64>) -> [Vector3<f64>; 2] {
         self.ends_c.map(|end| (pose_c * Point3::from(end.cast())).coords)
     }

@@ -98,7 +98,6 @@ impl RigCamera {
     }
 
     /// Rotation of this camera that belongs to one of the body: both take current to previous coordinates.
-    #[must_use]
     pub fn rotation_of(&self, rot_prev_cur_b: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         self.pose_b_c.rotation.inverse() * rot_prev_cur_b * self.pose_b_c.rotation
     }

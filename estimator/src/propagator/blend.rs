@@ -67,7 +67,6 @@ impl Blend {
     }
 
     /// State to be published for `nav`.
-    #[must_use]
     pub fn told(&self, nav: &NavState) -> NavState {
         let mut step = SVector::<f64, FRAME_DIM>::zeros();
         step.fixed_rows_mut::<DIM>(0).copy_from(&self.offset);

@@ -39,17 +39,24 @@ pub enum Missing {
     /// Time gathered, s.
     #[error("gathered {0:.1} of {SPAN_S:.1} s")]
     Time(f64),
-    /// Points in view.
-    #[error("{0} points in view, too few: show more texture, or move more slowly")]
+    /// Points that are followed for [`PAIR_SPAN_S`].
+    #[error("{0} points followed for a quarter of a second, too few: show more texture, or move more slowly")]
     Points(usize),
+    /// Points in view whose depth is known.
+    #[error(
+        "{0} points in view with a known depth, {MIN_TRACKS} are needed: move sideways, and turn more slowly"
+    )]
+    Depths(usize),
     /// Parallax beside that of the turn, of a pair of frames or of all, in standard deviations.
-    #[error("moved the view by {0:.1} sigmas beside the turn: move sideways, and further")]
+    #[error(
+        "points moved by {0:.0} sigmas beside the turn, {MIN_PARALLAX_SIGMAS:.0} are needed: move sideways, and further"
+    )]
     Way(f64),
     /// Time offset and readout that were found, s: what comes is stamped by them.
     #[error("found `rig.time_offset_s` = {0:.3} and `camera.0.readout_s` = {1:.3}")]
     Delay(f64, f64),
     /// Uncertainty of a delay or readout that differs from the one told, s: the camera hardly turns.
-    #[error("the images are late, known to {0:.3} s: turn the camera")]
+    #[error("the time offset is known to {:.0} ms only: turn the camera", 1e3 * .0)]
     Turn(f64),
     /// Uncertainty of the scale, as a share of it: hardly any acceleration.
     #[error("the scale is uncertain by {:.0} %: move faster, to and fro", 100.0 * .0)]
@@ -172,8 +179,9 @@ impl Start {
     fn find_timing(&mut self, estimation: &Estimation) -> Result<Timing, Missing> {
         let frames = self.gathering.frames();
         let tracks = frames.last().map_or(0, |newest| newest.tracks.len());
-        let missing = Missing::Points(tracks);
-        let ([first, .., newest], true) = (frames, tracks >= MIN_TRACKS) else { return Err(missing) };
+        let ([first, .., newest], true) = (frames, tracks >= MIN_TRACKS) else {
+            return Err(Missing::Points(tracks));
+        };
         let OneCamera { turns, timing, is_delay_known, .. } = &mut self.one_camera;
         let rotations =
             [0, 1].map(|c| estimation.window.rig.pose_b_c(c).rotation.to_rotation_matrix().into_inner());
@@ -188,7 +196,8 @@ impl Start {
             values: Unknowns::new(bias.x, bias.y, bias.z, 0.0, 0.0),
             sigmas: Unknowns::new(sigma, sigma, sigma, delay_s, readout_s),
         };
-        timing.estimate(turns, &known).ok_or(missing)
+        let common = timing.bearings.chunk_by(|a, b| a.stamps == b.stamps).last().map_or(0, <[_]>::len);
+        timing.estimate(turns, &known).ok_or(Missing::Points(common))
     }
 
     /// Takes over delay and readout where the images contradict what is told of them. For a readout frames are gathered anew, but if those that
@@ -272,7 +281,7 @@ impl Start {
     fn judge_settled(&self, estimation: &mut Estimation, variance: f64) -> Result<(), Missing> {
         let landmarks = estimation.measurer.landmarks_in_view(&estimation.window.points);
         if landmarks < MIN_TRACKS {
-            return Err(Missing::Points(landmarks));
+            return Err(Missing::Depths(landmarks));
         }
         if variance > MAX_MEAN_COST {
             return Err(Missing::Consistency(variance));

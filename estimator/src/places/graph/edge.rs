@@ -177,7 +177,6 @@ impl Edge {
     }
 
     /// Square of the Mahalanobis distance of the residual.
-    #[must_use]
     pub fn distance2(&self, nodes: &[Node]) -> f64 {
         let error = self.error(&nodes[self.from], &nodes[self.to]);
         error.dot(&(self.information * error))

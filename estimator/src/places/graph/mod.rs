@@ -114,7 +114,6 @@ impl PoseGraph {
 
     /// Square of the Mahalanobis distance between a loop and the way along the odometry; `None` where no odometry leads
     /// from end to end. The work is that of a walk along all edges.
-    #[must_use]
     pub fn odometry_distance2(&self, edge: &Edge) -> Option<f64> {
         self.joins_nodes(edge).then(|| drift::distance2(&self.nodes, &self.edges, edge)).flatten()
     }

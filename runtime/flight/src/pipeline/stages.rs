@@ -296,9 +296,11 @@ impl WindowStage {
     fn report_start(&mut self, estimate: &Estimate) {
         let Some(missing) = self.odometer.missing() else { return };
         let is_due = self.said_missing.is_none_or(|last| estimate.stamp.seconds_since(last).abs() >= 1.0);
-        if is_due || matches!(missing, Missing::Delay(..)) {
+        let is_found = matches!(missing, Missing::Delay(..));
+        if is_due || is_found {
             self.said_missing = Some(estimate.stamp);
-            let text = format_args!("frame {}: no start yet: {missing}", estimate.frame_sequence);
+            let why = if is_found { "" } else { "no start yet: " };
+            let text = format_args!("frame {}: {why}{missing}", estimate.frame_sequence);
             self.listener.said(&Said::Event(Event::new(estimate.stamp, Severity::Info, text)));
         }
     }
