@@ -28,8 +28,6 @@ impl Config {
                     left_px, right_px
                 ));
             }
-        }
-        if let [left, right, ..] = self.camera.as_slice() {
             doubts.extend(of_pair(&left.pose_b_c(), &right.pose_b_c()));
         }
         doubts.extend(of_mounting(&self.vehicle.imu_to_vehicle_deg));

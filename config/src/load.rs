@@ -11,7 +11,7 @@ use crate::keys::file;
 use crate::mask_file;
 use crate::options::Config;
 use crate::presets::{DEFAULTS, PRESETS, choice, preset_file};
-use crate::shape::{BASE_KEY, Document};
+use crate::shape::{BASE_KEY, Document, alike};
 use crate::text;
 use crate::valid::ValidConfig;
 use std::path::Path;
@@ -48,7 +48,7 @@ impl Config {
     /// # Errors
     /// When the text is not TOML or is refused.
     pub fn from_toml_str(text: &str, origin: &str) -> Result<ValidConfig, ConfigError> {
-        Self::parse(text, origin, |_| Ok(()))
+        Self::parse(text, origin, None)
     }
 
     /// As [`Self::from_toml_str`], with the pictures that the text names: relative paths start at `folder`.
@@ -56,17 +56,14 @@ impl Config {
     /// # Errors
     /// When the text is not TOML, or it or a picture is refused.
     pub fn from_toml_in(text: &str, origin: &str, folder: &Path) -> Result<ValidConfig, ConfigError> {
-        Self::parse(text, origin, |config| mask_file::read_all(config, folder, origin))
+        Self::parse(text, origin, Some(folder))
     }
 
-    fn parse(
-        text: &str,
-        origin: &str,
-        complete: impl FnOnce(&mut Self) -> Result<(), ConfigError>,
-    ) -> Result<ValidConfig, ConfigError> {
+    fn parse(text: &str, origin: &str, folder: Option<&Path>) -> Result<ValidConfig, ConfigError> {
         let document = Document::parse(text, origin)?;
         let mut config = document.read(base_of(&document, origin)?, origin)?;
-        let valid = complete(&mut config).and_then(|()| config.validated(origin));
+        let masks = folder.map_or(Ok(()), |folder| mask_file::read_all(&mut config, folder, origin));
+        let valid = masks.and_then(|()| config.validated(origin));
         valid.map_err(|error| error.with_lines(|key| document.line_of(key)))
     }
 
@@ -103,29 +100,24 @@ fn no_preset(name: &str) -> ConfigError {
                       (`plumbline config defaults` prints every key), or";
         return ConfigError::unusable(name, format!("{reason} {}", choice()));
     }
-    let nearest = PRESETS.iter().map(|known| (strsim::levenshtein(name, known), *known)).min();
     let begins = PRESETS.iter().copied().filter(|known| !name.is_empty() && known.starts_with(name));
-    let alike = match nearest {
-        Some((edits, known)) if edits <= name.len() / 3 => vec![known],
-        _ => begins.collect(),
-    };
-    let cure = if alike.is_empty() { choice() } else { format!("did you mean {}?", alike.join(" or ")) };
+    let mut meant: Vec<&str> = begins.collect();
+    if meant.is_empty() {
+        meant.extend(alike(name, PRESETS.iter().copied()));
+    }
+    let cure = if meant.is_empty() { choice() } else { format!("did you mean {}?", meant.join(" or ")) };
     ConfigError::unusable(name, format!("no such file, and no preset of this name; {cure}"))
 }
 
 /// Table that a text starts from: a preset in full, or nothing where it is the defaults.
 fn base_of(document: &Document<'_>, origin: &str) -> Result<Table, ConfigError> {
-    let Some((name, line)) = document.base().filter(|(name, _)| *name != DEFAULTS) else {
-        return Ok(Table::new());
-    };
-    let unknown = || {
+    let Some(name) = document.base().filter(|name| *name != DEFAULTS) else { return Ok(Table::new()) };
+    if !PRESETS.contains(&&*name) {
         let cure = format!("choose one of {DEFAULTS}, {}", PRESETS.join(", "));
         let violation = Violation::new(BASE_KEY, format!("there is no preset {name:?}"), cure);
-        ConfigError::one(origin, violation.at_line(Some(line)))
-    };
-    let base =
-        if PRESETS.contains(&name) { Config::preset(name)?.into_inner() } else { return Err(unknown()) };
-    Table::try_from(base).map_err(unwritable)
+        return Err(ConfigError::one(origin, violation.at_line(document.line_of(BASE_KEY))));
+    }
+    Table::try_from(Config::preset(&name)?.into_inner()).map_err(unwritable)
 }
 
 fn unwritable(error: toml::ser::Error) -> ConfigError {

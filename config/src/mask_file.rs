@@ -1,7 +1,7 @@
 //! Pictures of masks, beside the configuration that names them.
 
 use crate::error::{ConfigError, Violation};
-use crate::options::{CameraConfig, Config, MAX_MASK_RUNS, Mask, PixelMask};
+use crate::options::{Config, MAX_MASK_RUNS, Mask, PixelMask};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -15,7 +15,7 @@ pub(crate) fn read_all(config: &mut Config, folder: &Path, origin: &str) -> Resu
     let mut found = Vec::new();
     for (k, camera) in config.camera.iter_mut().enumerate() {
         let Some(Mask::Picture(picture)) = &camera.mask else { continue };
-        match read(&folder.join(picture), camera) {
+        match read(&folder.join(picture)) {
             Ok(mask) => camera.mask = Some(Mask::Pixels(mask)),
             Err((reason, cure)) => found.push(Violation::new(format!("camera[{k}].mask"), reason, cure)),
         }
@@ -23,28 +23,20 @@ pub(crate) fn read_all(config: &mut Config, folder: &Path, origin: &str) -> Resu
     ConfigError::if_any(origin, found)
 }
 
-/// Reads a mask for the images of `camera`; else what is wrong and what to do about it.
-fn read(file: &Path, camera: &CameraConfig) -> Result<PixelMask, (String, String)> {
+/// Reads a mask; else what is wrong and what to do about it.
+fn read(file: &Path) -> Result<PixelMask, (String, &'static str)> {
     let name = file.display();
     let opened = File::open(file).map_err(|error| {
         let cure = "give the path of a PNG picture, from the folder of the configuration on";
-        (format!("{name} cannot be read ({error})"), cure.to_owned())
+        (format!("{name} cannot be read ({error})"), cure)
     })?;
-    let not_png = |error: png::DecodingError| {
-        (format!("{name} is no PNG picture ({error})"), "save the mask as PNG".to_owned())
-    };
+    let not_png =
+        |error: png::DecodingError| (format!("{name} is no PNG picture ({error})"), "save the mask as PNG");
     let mut decoder =
         png::Decoder::new_with_limits(BufReader::new(opened), png::Limits { bytes: MAX_DECODED_BYTES });
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info().map_err(not_png)?;
     let size = (reader.info().width as usize, reader.info().height as usize);
-    let wanted = (camera.width_px, camera.height_px);
-    if size != wanted {
-        let reason =
-            format!("{name} has {}x{} px, the images have {}x{}", size.0, size.1, wanted.0, wanted.1);
-        let cure = format!("draw the mask over an image of this camera: {}x{} px", wanted.0, wanted.1);
-        return Err((reason, cure));
-    }
     let mut pixels = vec![0; reader.output_buffer_size().unwrap_or(0)];
     let frame = reader.next_frame(&mut pixels).map_err(not_png)?;
     let channels = frame.color_type.samples();
@@ -57,7 +49,7 @@ fn read(file: &Path, camera: &CameraConfig) -> Result<PixelMask, (String, String
     let mask = PixelMask::of(size.0, size.1, is_seen);
     if mask.run_count() > MAX_MASK_RUNS {
         let reason = format!("{name} has {} edges, more than {MAX_MASK_RUNS}", mask.run_count());
-        return Err((reason, "draw it with plain black areas on white, without noise".to_owned()));
+        return Err((reason, "draw it with plain black areas on white, without noise"));
     }
     Ok(mask)
 }

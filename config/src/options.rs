@@ -9,47 +9,36 @@
 
 mod autopilot;
 mod estimator;
-mod frames;
 mod imu_driver;
-mod lines;
-mod local;
 mod mask;
 mod network;
-mod places;
 mod recorder;
 mod ros;
 mod runtime;
 mod sensors;
 mod serial_line;
-mod setup;
+mod sockets;
 mod v4l2;
 mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, FlowMessages, LostPose};
-pub use estimator::{EstimatorConfig, HealthConfig, PointsConfig, WindowConfig};
-pub use frames::FramesConfig;
+pub use estimator::{EstimatorConfig, HealthConfig, LinesConfig, PlacesConfig, PointsConfig, WindowConfig};
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
-pub use lines::LinesConfig;
-pub use local::LocalConfig;
 pub use mask::{MAX_MASK_RUNS, Mask, PixelMask};
 pub use network::{CommandAccess, Link, NetworkConfig, TlsConfig, is_certificate_name};
-pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;
-pub use setup::EstimatorSetup;
+pub use sockets::{FramesConfig, LocalConfig};
 pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::{Mounting, VehicleConfig};
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Everything Plumbline needs to know before the first sample.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Config {
     /// The cameras: one `[[camera]]` (monocular) or two (stereo, left first).
     #[key]
@@ -95,11 +84,6 @@ pub struct Config {
 }
 
 impl Config {
-    /// These sensors, and the defaults for all else.
-    pub fn with_defaults(camera: Vec<CameraConfig>, imu: ImuConfig) -> Self {
-        Self::with_required(camera, imu)
-    }
-
     /// The part that concerns the estimator: cameras, IMU, rig, capacities and thresholds.
     pub fn setup(&self) -> EstimatorSetup {
         EstimatorSetup {
@@ -111,10 +95,27 @@ impl Config {
     }
 }
 
+/// Everything that an estimate depends on but the samples: the tables `[[camera]]`, `[imu]`, `[rig]` and
+/// `[estimator...]` of a configuration file. Raw: [`Self::validate`] makes the
+/// [`ValidSetup`](crate::ValidSetup) that an estimator is built from.
+#[keys]
+pub struct EstimatorSetup {
+    /// One or two cameras: `camera[0]` is left (`C0`), `camera[1]` right (`C1`).
+    #[key]
+    pub camera: Vec<CameraConfig>,
+    /// The inertial sensor, whose frame is the body frame `B`.
+    #[key]
+    pub imu: ImuConfig,
+    /// Uncertainty of the extrinsics of the sensors.
+    #[key(default)]
+    pub rig: RigConfig,
+    /// Capacities and thresholds.
+    #[key(default)]
+    pub estimator: EstimatorConfig,
+}
+
 /// Source of the samples if none is named on the command line.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DriverConfig {
     /// Number of stereo pairs decoded or rendered ahead.
     #[key(default = 4, range = 1..=64)]

@@ -4,7 +4,6 @@
 use crate::Config;
 use crate::error::ConfigError;
 use crate::keys::file;
-use std::sync::LazyLock;
 
 /// Names of the presets that [`Config::preset`](crate::Config::preset) knows: two that are printed in full, with a comment at
 /// every key, and one for each rig of `docs/rigs`, with the keys in which it differs from the defaults.
@@ -24,13 +23,11 @@ pub(crate) fn choice() -> String {
 ///
 /// # Errors
 /// When there is no preset of that name.
-pub fn preset_text(name: &str) -> Result<&'static str, ConfigError> {
-    static IN_FULL: [LazyLock<String>; 2] =
-        [LazyLock::new(|| in_full("euroc", false)), LazyLock::new(|| in_full("sim", false))];
-    match name {
-        "euroc" => Ok(&IN_FULL[0]),
-        "sim" => Ok(&IN_FULL[1]),
-        _ => preset_file(name),
+pub fn preset_text(name: &str) -> Result<String, ConfigError> {
+    if ["euroc", "sim"].contains(&name) {
+        every_key(name, false)
+    } else {
+        preset_file(name).map(str::to_owned)
     }
 }
 

@@ -2,13 +2,16 @@
 
 use crate::Config;
 use crate::error::{ConfigError, Violation};
-use crate::keys::{Key, Kind, Table as _};
+use crate::keys::{Key, Kind, Table as _, joined};
 use crate::text::{Lines, line_and_column};
-use toml::de::DeTable;
-use toml::{Spanned, Table, Value};
+use toml::de::{DeTable, DeValue};
+use toml::{Table, Value};
 
 /// The key that names what a file starts from.
 pub(crate) const BASE_KEY: &str = "base";
+
+/// Likeness, by Jaro and Winkler, from which one name is a slip of another.
+const ALIKE: f64 = 0.85;
 
 /// What to do with a text that is YAML.
 const YAML: &str = "is YAML, and a configuration is TOML; make one of calibration files with `plumbline config import` (Kalibr: \
@@ -27,7 +30,7 @@ fn is_yaml(text: &str) -> bool {
 /// A parsed text that still knows the lines of its keys.
 pub(crate) struct Document<'a> {
     lines: Lines,
-    root: Spanned<DeTable<'a>>,
+    root: DeValue<'a>,
     written: Table,
 }
 
@@ -36,7 +39,7 @@ impl<'a> Document<'a> {
     pub fn parse(text: &'a str, origin: &str) -> Result<Self, ConfigError> {
         let refused = |error: toml::de::Error| {
             let offset = error.span().map_or(0, |span| span.start);
-            let (line, column) = line_and_column(text, offset);
+            let (line, column) = line_and_column(text.as_bytes(), offset);
             if is_yaml(text) {
                 return ConfigError::unusable(origin, YAML);
             }
@@ -44,27 +47,22 @@ impl<'a> Document<'a> {
             let cure = "correct the syntax there; texts stand in quotation marks, numbers without their unit";
             ConfigError::unusable(origin, format!("line {line}, column {column}: {message}; {cure}"))
         };
-        let root = DeTable::parse(text).map_err(refused)?;
+        let root = DeValue::Table(DeTable::parse(text).map_err(refused)?.into_inner());
         let written = text.parse().map_err(refused)?;
         Ok(Self { lines: Lines::of(text), root, written })
     }
 
-    /// The name of what the file starts from, with its line.
-    pub fn base(&self) -> Option<(&str, usize)> {
-        let (key, value) = self.root.get_ref().get_key_value(BASE_KEY)?;
-        Some((value.get_ref().as_str()?, self.lines.at(key.span().start)))
+    /// The name of what the file starts from.
+    pub fn base(&self) -> Option<String> {
+        self.written.get(BASE_KEY).map(|base| base.as_str().map_or_else(|| base.to_string(), str::to_owned))
     }
 
     /// Reads what the text says, in place of what its `base` says.
     pub fn read(&self, base: Table, origin: &str) -> Result<Config, ConfigError> {
         let mut written = self.written.clone();
-        if self.base().is_some() {
-            written.remove(BASE_KEY);
-        }
+        written.remove(BASE_KEY);
         let mut unknown = Vec::new();
         find_unknown(&written, Config::keys(), "", &mut unknown);
-        let unknown =
-            unknown.into_iter().map(|(key, cure)| Violation::new(key, "unknown key", cure)).collect();
         ConfigError::if_any(origin, unknown).map_err(|error| error.with_lines(|key| self.line_of(key)))?;
         serde_path_to_error::deserialize(Value::Table(merged(base, written))).map_err(|error| {
             let violation = refused(&error.path().to_string(), error.inner().message().trim());
@@ -75,29 +73,19 @@ impl<'a> Document<'a> {
 
     /// The line of a key such as `camera[1].pose_b_c`, or of the innermost of its tables that is there.
     pub fn line_of(&self, key: &str) -> Option<usize> {
-        let mut table = Some(self.root.get_ref());
-        let mut line = None;
-        for part in key.split('.') {
-            let (name, index) = split_index(part);
-            let Some((found, mut value)) = table.and_then(|t| t.get_key_value(name)) else {
-                return line;
+        let (mut inside, mut line) = (&self.root, None);
+        for part in key.split(['.', '[', ']']).filter(|part| !part.is_empty()) {
+            let found = match inside {
+                DeValue::Table(table) => table.get_key_value(part).map(|(key, value)| (key.span(), value)),
+                DeValue::Array(list) => {
+                    part.parse().ok().and_then(|i: usize| list.get(i)).map(|value| (value.span(), value))
+                }
+                _ => None,
             };
-            line = Some(self.lines.at(found.span().start));
-            if let Some(element) = index.and_then(|i| value.get_ref().get(i)) {
-                value = element;
-                line = Some(self.lines.at(value.span().start));
-            }
-            table = value.get_ref().as_table();
+            let Some((span, value)) = found else { break };
+            (inside, line) = (value.get_ref(), Some(self.lines.at(span.start)));
         }
         line
-    }
-}
-
-/// `camera[1]` as `("camera", Some(1))`.
-fn split_index(part: &str) -> (&str, Option<usize>) {
-    match part.split_once('[') {
-        Some((name, index)) => (name, index.trim_end_matches(']').parse().ok()),
-        None => (part, None),
     }
 }
 
@@ -116,55 +104,41 @@ fn merged(mut base: Table, written: Table) -> Table {
 /// Violation of the key at `path` that serde refuses with this message.
 fn refused(path: &str, message: &str) -> Violation {
     // The names of types are those of the program.
-    let message = message.replace("expected usize", "expected a whole number from 0");
-    let message = message.replace("expected u32", "expected a whole number from 0");
-    let message = message.replace("expected f64", "expected a number");
-    let message = message.as_str();
-    let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-    match names.split_first() {
-        Some((name, _)) if message.starts_with("missing field") => {
-            let key = if path == "." { (*name).to_owned() } else { format!("{path}.{name}") };
-            let cure = match path {
-                "." => "add it, or begin the file with `base = \"euroc\"` or another preset",
-                path if path.starts_with("camera[") => {
-                    "add it (a base gives no keys of a list: copy the cameras whole)"
-                }
-                _ => "add it",
-            };
-            Violation::new(key, "missing", cure)
-        }
-        Some((&BASE_KEY, _)) if message.starts_with("unknown field") => {
-            let reason =
-                if path == BASE_KEY { "is no name of a preset" } else { "belongs to the whole file" };
-            Violation::new(path, reason, "name a preset in the first line of the file: base = \"euroc\"")
-        }
-        Some((_, known)) if message.starts_with("unknown field") => {
-            Violation::new(path, "unknown key", format!("remove it; known here: {}", known.join(", ")))
-        }
-        Some(_) if message.starts_with("unknown variant") => {
-            Violation::new(path, message, "choose one of these")
-        }
-        _ => Violation::new(
-            path,
-            message,
-            "write a value of that type; numbers have no unit and no quotation marks",
-        ),
+    let message =
+        ["usize", "u32"].iter().fold(message.replace("expected f64", "expected a number"), |text, kind| {
+            text.replace(&format!("expected {kind}"), "expected a whole number from 0")
+        });
+    if message.starts_with("missing field") {
+        let cure = match path {
+            "." => "add it, or begin the file with `base = \"euroc\"` or another preset",
+            _ if path.starts_with("camera[") => {
+                "add it (a base gives no keys of a list: copy the cameras whole)"
+            }
+            _ => "add it",
+        };
+        let name = message.split('`').nth(1).unwrap_or_default();
+        return Violation::new(joined(path.trim_matches('.'), name), "missing", cure);
     }
+    let cure = match message.starts_with("unknown") {
+        true => "choose one of these",
+        false => "write a value of that type; numbers have no unit and no quotation marks",
+    };
+    Violation::new(path, message, cure)
 }
 
 /// Finds keys that no declaration has, each with its cure.
-fn find_unknown(written: &Table, keys: &[Key], path: &str, found: &mut Vec<(String, String)>) {
+fn find_unknown(written: &Table, keys: &[Key], path: &str, found: &mut Vec<Violation>) {
     for (name, value) in written {
-        let at = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
-        let Some(key) = keys.iter().find(|key| key.name == name) else {
-            if name != BASE_KEY {
-                found.push((at, suggestion(name, keys)));
+        let at = joined(path, name);
+        let key = keys.iter().find(|key| key.name == name);
+        match (key.map(|key| (key.kind)()), value) {
+            (None, _) if name == BASE_KEY => {
+                let cure = "name a preset in the first line of the file: base = \"euroc\"";
+                found.push(Violation::new(at, "belongs to the whole file", cure));
             }
-            continue;
-        };
-        match ((key.kind)(), value) {
-            (Kind::Table(inner), Value::Table(table)) => find_unknown(table, inner(), &at, found),
-            (Kind::Tables(inner), Value::Array(list)) => {
+            (None, _) => found.push(Violation::new(at, "unknown key", suggestion(name, keys))),
+            (Some(Kind::Table(inner)), Value::Table(table)) => find_unknown(table, inner(), &at, found),
+            (Some(Kind::Tables(inner)), Value::Array(list)) => {
                 for (i, table) in
                     list.iter().enumerate().filter_map(|(i, value)| Some((i, value.as_table()?)))
                 {
@@ -176,40 +150,43 @@ fn find_unknown(written: &Table, keys: &[Key], path: &str, found: &mut Vec<(Stri
     }
 }
 
-/// Paths of all keys.
-fn paths(keys: &[Key], path: &str, found: &mut Vec<String>) {
+/// Adds the paths of all keys of a name.
+fn find_paths(name: &str, keys: &[Key], path: &str, found: &mut Vec<String>) {
     for key in keys {
-        let at = if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
+        let at = joined(path, key.name);
         if let Kind::Table(inner) = (key.kind)() {
-            paths(inner(), &at, found);
+            find_paths(name, inner(), &at, found);
         }
-        found.push(at);
+        if key.name == name {
+            found.push(at);
+        }
     }
+}
+
+/// Name among `known` that is probably meant.
+pub(crate) fn alike<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    // What is longer is no slip of a name.
+    let start: String = name.chars().take(64).collect();
+    let likeness = known.map(|known| (strsim::jaro_winkler(&start, known), known));
+    likeness
+        .filter(|(likeness, _)| *likeness > ALIKE)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, known)| known)
 }
 
 /// Key that is probably meant: one with a similar name among `keys`, or the only one of that name elsewhere.
 fn suggestion(name: &str, keys: &[Key]) -> String {
-    // What is longer is no slip of a key.
-    let start: String = name.chars().take(64).collect();
-    let limit = (start.chars().count() / 3).max(1);
-    let nearest = keys.iter().map(|key| (strsim::levenshtein(&start, key.name), key.name)).min();
-    let slip = nearest.filter(|(edits, _)| *edits <= limit).map(|(_, key)| key.to_owned());
-    let elsewhere = || {
-        let mut all = Vec::new();
-        paths(Config::keys(), "", &mut all);
-        all.retain(|path| path.rsplit('.').next() == Some(name));
-        <[String; 1]>::try_from(all).ok().map(|[path]| path)
-    };
-    let part =
-        || nearest.filter(|(_, key)| key.contains(name) || name.contains(key)).map(|(_, key)| key.to_owned());
-    slip.or_else(elsewhere).or_else(part).map_or_else(
-        || {
+    let mut elsewhere = Vec::new();
+    find_paths(name, Config::keys(), "", &mut elsewhere);
+    match (alike(name, keys.iter().map(|key| key.name)), &elsewhere[..]) {
+        (_, [key]) => format!("did you mean `{key}`?"),
+        (Some(key), _) => format!("did you mean `{key}`?"),
+        _ => {
             let mut known: Vec<&str> = keys.iter().map(|key| key.name).collect();
             known.sort_unstable();
             format!("remove it; known here: {}", known.join(", "))
-        },
-        |key| format!("did you mean `{key}`?"),
-    )
+        }
+    }
 }
 
 /// A configuration with every key that has numbers: a camera of each lens model, no list of numbers empty.

@@ -23,17 +23,15 @@ pub(crate) fn read_bounded(path: &Path) -> Result<String, ConfigError> {
         return Err(ConfigError::unusable(path.display(), reason));
     }
     String::from_utf8(bytes).map_err(|error| {
-        let valid = error.utf8_error().valid_up_to();
-        let before = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
-        let (line, column) = line_and_column(&before, before.len());
+        let (line, column) = line_and_column(error.as_bytes(), error.utf8_error().valid_up_to());
         let reason = format!("line {line}, column {column}: not UTF-8 text; save the file as UTF-8");
         ConfigError::unusable(path.display(), reason)
     })
 }
 
 /// Line and column (in characters), both from 1, of a byte offset; an offset outside is taken to the end.
-pub(crate) fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
-    let before = &text.as_bytes()[..offset.min(text.len())];
+pub(crate) fn line_and_column(text: &[u8], offset: usize) -> (usize, usize) {
+    let before = &text[..offset.min(text.len())];
     let line = before.iter().filter(|b| **b == b'\n').count() + 1;
     let start = before.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
     (line, String::from_utf8_lossy(&before[start..]).chars().count() + 1)

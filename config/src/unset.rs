@@ -1,6 +1,7 @@
 //! Keys that a preset leaves to the user: their values hold [`MARK`] until they are set.
 
 use crate::error::{ConfigError, Violation};
+use crate::keys::joined;
 use crate::{Config, ValidConfig};
 use toml::{Table, Value};
 
@@ -32,8 +33,7 @@ impl ValidConfig {
 fn collect(value: &Value, key: &str, found: &mut Vec<Violation>) {
     match value {
         Value::Table(table) => {
-            let dot = if key.is_empty() { "" } else { "." };
-            table.iter().for_each(|(name, inner)| collect(inner, &format!("{key}{dot}{name}"), found));
+            table.iter().for_each(|(name, inner)| collect(inner, &joined(key, name), found))
         }
         Value::Array(list) => {
             list.iter().enumerate().for_each(|(k, inner)| collect(inner, &format!("{key}[{k}]"), found));

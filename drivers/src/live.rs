@@ -122,10 +122,8 @@ mod tests {
     use plumbline_config::options::{CameraConfig, ImuConfig};
 
     fn config(connect: &str) -> Config {
-        let mut config = Config::with_defaults(
-            Vec::<CameraConfig>::new(),
-            ImuConfig::with_noise(200.0, (1e-3, 1e-5), (1e-2, 1e-3)),
-        );
+        let mut config =
+            Config::new(Vec::<CameraConfig>::new(), ImuConfig::with_noise(200.0, (1e-3, 1e-5), (1e-2, 1e-3)));
         config.driver.imu.connect = connect.into();
         config
     }

@@ -195,7 +195,7 @@ health_bits! {
          focal length, stamps that are off, or things that move and fill the view",
         "run `plumbline doctor` on the data",
     );
-    /// By the gyroscope, the image moved by more than 3 px during the exposure; only with `camera.exposure_s`.
+    /// By the gyroscope, the image moved by more than 3 px during the exposure; only with `camera.0.exposure_s`.
     24 BLURRED "blurred", "turning blurs the images", (
         "an exposure that is too long for these turns",
         "turn more slowly, or expose for a shorter time with more light",

@@ -83,7 +83,7 @@ def backward_settings(config: Path | None) -> list[str]:
         return []
     document = tomlkit.parse(config.read_text()).unwrap()
     if any(camera.get("readout_s", 0) > 0 for camera in document.get("camera", [])):
-        raise LabError(f"{config}: camera.readout_s: a rolling shutter cannot be played backward; use a global shutter")
+        raise LabError(f"{config}: camera.0.readout_s: a rolling shutter cannot be played backward; use a global shutter")
     offset_s = document.get("rig", {}).get("time_offset_s", 0)
     return ["--set", f"rig.time_offset_s={-offset_s}"] if offset_s else []
 

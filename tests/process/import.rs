@@ -155,13 +155,10 @@ fn every_lens_goes_through_a_data_set() {
     for (k, lens) in lenses.iter().enumerate() {
         let (rig, flight, out) =
             (at(&format!("rig{k}.toml")), at(&format!("flight{k}")), at(&format!("{k}.toml")));
-        // The tables of both cameras begin with their model and end before the next table.
-        let mut parts = preset.split("[camera.distortion]\n");
-        let mut text = parts.next().unwrap().to_owned();
-        for part in parts {
-            let next = part.find("\n[").or_else(|| part.find("\n# ---")).unwrap();
-            text = format!("{text}[camera.distortion]\n{lens}{}", &part[next..]);
-        }
+        let lens_line = format!("distortion = {{ {} }}", lens.trim().replace('\n', ", "));
+        let lines =
+            preset.lines().map(|line| if line.starts_with("distortion = ") { &lens_line } else { line });
+        let text = lines.collect::<Vec<_>>().join("\n");
         std::fs::write(&rig, &text).unwrap();
         let simulated =
             plumbline(&["simulate", &flight, "--duration", "0.2", "--scale", "0.5", "--config", &rig]);

@@ -241,14 +241,6 @@ impl<T: Record> FieldContent for T {
         Value::Part(self)
     }
 
-    fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
-        Err("a part is missing")
-    }
-
-    fn open(&mut self) -> Option<&mut dyn Parts> {
-        Some(self)
-    }
-
     fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {
         *self = T::default();
         Ok(self)
@@ -266,10 +258,6 @@ impl<T: Record> FieldContent for Option<T> {
     fn set(&mut self, _: Value<'_>) -> Result<(), &'static str> {
         *self = None;
         Ok(())
-    }
-
-    fn open(&mut self) -> Option<&mut dyn Parts> {
-        self.as_mut().map(|part| part as &mut dyn Parts)
     }
 
     fn begin(&mut self) -> Result<&mut dyn Parts, &'static str> {

@@ -16,7 +16,6 @@ pub use plumbline_keys::Record;
 pub use sensors::{ImuReading, StampFigures};
 
 use plumbline_config::Timestamp;
-use std::fmt;
 
 /// Finding about bytes that are no message.
 pub const NO_MESSAGE: &str = "not a message of its schema";
@@ -118,7 +117,7 @@ impl Shape {
 }
 
 /// Message of a record in the schema.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Outline {
     /// Its name.
     pub name: &'static str,
@@ -136,12 +135,6 @@ impl Outline {
             about: T::ABOUT,
             fields: || T::FIELDS.iter().map(|field| &field.about).collect(),
         }
-    }
-}
-
-impl fmt::Debug for Outline {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name)
     }
 }
 
@@ -199,19 +192,9 @@ pub struct Field<T: 'static> {
     pub get_for_digest: fn(&T) -> Value<'_>,
     /// Writes it; the error says what does not fit.
     pub set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
-    /// Opens the record inside the record, if it is one.
-    pub open: fn(&mut T) -> Option<&mut dyn Parts>,
     /// Begins the record inside the record, or the next of its list, anew.
     pub begin: fn(&mut T) -> Result<&mut dyn Parts, &'static str>,
 }
-
-impl<T> Clone for Field<T> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<T> Copy for Field<T> {}
 
 impl<T> Field<T> {
     /// A field of this number, name, and name in the schema.
@@ -222,67 +205,7 @@ impl<T> Field<T> {
         set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
     ) -> Self {
         let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]), most: 0 };
-        Self { about, get, get_for_digest: get, set, open: |_| None, begin: |_| Err(NO_MESSAGE) }
-    }
-
-    /// Returns the field as one that can be opened, and begun anew.
-    #[must_use]
-    pub const fn opened(
-        mut self,
-        open: fn(&mut T) -> Option<&mut dyn Parts>,
-        begin: fn(&mut T) -> Result<&mut dyn Parts, &'static str>,
-    ) -> Self {
-        (self.open, self.begin) = (open, begin);
-        self
-    }
-
-    /// Returns the field with its bound where it comes from the network: items of a list, bytes of a text, or numbers.
-    #[must_use]
-    pub const fn most(mut self, most: usize) -> Self {
-        self.about.most = most;
-        self
-    }
-
-    /// Returns the field as one number, which is 0 where it is absent.
-    #[must_use]
-    pub const fn one(mut self) -> Self {
-        self.about.shape = Shape::Double;
-        self
-    }
-
-    /// Returns the field as numbers of single precision.
-    #[must_use]
-    pub const fn single(mut self) -> Self {
-        self.about.shape = Shape::Singles;
-        self
-    }
-
-    /// Returns the field with its place in the digest, from 1.
-    #[must_use]
-    pub const fn digest(mut self, place: u8) -> Self {
-        self.about.digest = place;
-        self
-    }
-
-    /// Returns the field with `get` taken for it by the digest.
-    #[must_use]
-    pub const fn digest_as(mut self, get: fn(&T) -> Value<'_>) -> Self {
-        self.get_for_digest = get;
-        self
-    }
-
-    /// Returns the field with its first byte in the fixed layout.
-    #[must_use]
-    pub const fn at(mut self, byte: usize) -> Self {
-        self.about.at = Some(byte);
-        self
-    }
-
-    /// Returns the field with its place among the columns, from 1, and their names.
-    #[must_use]
-    pub const fn columns(mut self, columns: (u8, &'static [&'static str])) -> Self {
-        self.about.columns = columns;
-        self
+        Self { about, get, get_for_digest: get, set, begin: |_| Err(NO_MESSAGE) }
     }
 }
 
@@ -360,23 +283,13 @@ pub trait Items {
     fn item(&self, at: usize) -> Value<'_>;
 }
 
-impl<T: Record> Items for Vec<T> {
+impl<T: FieldContent> Items for Vec<T> {
     fn count(&self) -> usize {
         self.len()
     }
 
     fn item(&self, at: usize) -> Value<'_> {
-        self.as_slice().get(at).map_or(Value::Missing, |item| Value::Part(item))
-    }
-}
-
-impl Items for Vec<String> {
-    fn count(&self) -> usize {
-        self.len()
-    }
-
-    fn item(&self, at: usize) -> Value<'_> {
-        self.as_slice().get(at).map_or(Value::Missing, |text| Value::Text(text))
+        self.as_slice().get(at).map_or(Value::Missing, FieldContent::get)
     }
 }
 
@@ -390,10 +303,8 @@ pub trait FieldContent {
     ///
     /// # Errors
     /// When the value does not fit: what is wrong, in words.
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str>;
-    /// Opens it, if it is a record.
-    fn open(&mut self) -> Option<&mut dyn Parts> {
-        None
+    fn set(&mut self, _value: Value<'_>) -> Result<(), &'static str> {
+        Err("a part is missing")
     }
     /// Begins the record, or the next of a list, anew.
     ///

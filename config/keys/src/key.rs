@@ -1,86 +1,74 @@
 //! Contents of `#[key(...)]`.
 
-use proc_macro2::{Ident, Literal, Span, TokenStream, TokenTree};
+use proc_macro2::{Ident, TokenStream, TokenTree};
 use quote::quote;
-use syn::parse::{ParseStream, Parser as _};
-use syn::{Attribute, Error, Expr, Field, Lit, Meta, Result, Token};
+use syn::parse::ParseStream;
+use syn::{Attribute, Error, Expr, ExprLit, Field, Lit, Meta, Result, Token, Type};
 
 /// The declaration of a key.
-#[derive(Default)]
 pub struct KeyDeclaration {
+    pub name: String,
     pub default: Option<TokenStream>,
-    range: Option<[TokenStream; 2]>,
-    unit: Option<TokenStream>,
-    cure: Option<TokenStream>,
-    is_experiment: bool,
+    /// Members of `crate::keys::Key` that are not those of a plain key.
+    members: TokenStream,
     text: String,
 }
 
 impl KeyDeclaration {
     /// The key of a field, whose attribute is taken off.
     pub fn take_from(field: &mut Field) -> Result<Self> {
-        let name = field.ident.clone();
+        const KNOWN: &str = "a key says #[key(...)]: default, range, unit, cure, experiment";
         let at = field.attrs.iter().position(|attribute| attribute.path().is_ident("key"));
-        let Some(at) = at else {
-            return Err(Error::new_spanned(
-                name,
-                "a key says #[key(...)]: default, range, unit, cure, experiment",
-            ));
-        };
+        let at = at.ok_or_else(|| Error::new_spanned(&field.ident, KNOWN))?;
         let attribute = field.attrs.remove(at);
-        let mut key = Self { text: comment(&field.attrs), ..Self::default() };
-        if let Meta::List(list) = &attribute.meta {
-            let mut read = |input: ParseStream<'_>| key.read(input);
-            (|input: ParseStream<'_>| read(input)).parse2(list.tokens.clone())?;
+        let name = field.ident.as_ref().map(Ident::to_string).unwrap_or_default();
+        let mut key = Self { name, default: None, members: TokenStream::new(), text: comment(&field.attrs) };
+        let read = |input: ParseStream<'_>| {
+            while !input.is_empty() {
+                let name: Ident = input.parse()?;
+                let has_value = input.parse::<Option<Token![=]>>()?.is_some();
+                match (name.to_string().as_str(), has_value) {
+                    ("default", true) => key.default = Some(owned(input.parse()?)),
+                    ("default", false) => key.default = Some(quote!(::core::default::Default::default())),
+                    ("range", true) => {
+                        let mut low = TokenStream::new();
+                        while !input.peek(Token![..=]) {
+                            low.extend([input.parse::<TokenTree>()?]);
+                        }
+                        input.parse::<Token![..=]>()?;
+                        let high: Expr = input.parse()?;
+                        key.members.extend(quote!(range: Some((#low as f64, #high as f64)),));
+                    }
+                    ("unit", true) => {
+                        let unit: Ident = input.parse()?;
+                        key.members.extend(quote!(unit: Some(crate::keys::#unit),));
+                    }
+                    ("cure", true) => {
+                        let cure: Expr = input.parse()?;
+                        key.members.extend(quote!(cure: Some(#cure),));
+                    }
+                    ("experiment", false) => key.members.extend(quote!(is_experiment: true,)),
+                    _ => return Err(Error::new(name.span(), KNOWN)),
+                }
+                input.parse::<Option<Token![,]>>()?;
+            }
+            Ok(())
+        };
+        if matches!(attribute.meta, Meta::List(_)) {
+            attribute.parse_args_with(read)?;
         }
         Ok(key)
     }
 
-    fn read(&mut self, input: ParseStream<'_>) -> Result<()> {
-        while !input.is_empty() {
-            let name: Ident = input.parse()?;
-            let value = match input.parse::<Option<Token![=]>>()? {
-                Some(_) => tokens(input)?,
-                None => Vec::new(),
-            };
-            match (name.to_string().as_str(), value.is_empty()) {
-                ("default", true) => self.default = Some(quote!(::core::default::Default::default())),
-                ("default", false) => self.default = Some(owned(value)),
-                ("range", false) => self.range = Some(ends(value, name.span())?),
-                ("unit", false) => self.unit = Some(value.into_iter().collect()),
-                ("cure", false) => self.cure = Some(value.into_iter().collect()),
-                ("experiment", true) => self.is_experiment = true,
-                _ => return Err(Error::new(name.span(), "a key has default, range, unit, cure, experiment")),
-            }
-            input.parse::<Option<Token![,]>>()?;
-        }
-        Ok(())
-    }
-
-    /// The constant `crate::keys::Key` of a field.
-    pub fn constant(&self, table: &Ident, field: &Field, default_function: &Ident) -> TokenStream {
-        let (name, text, kind) = (field.ident.as_ref().map(Ident::to_string), &self.text, &field.ty);
-        let is_experiment = self.is_experiment;
-        let default = self.default.as_ref().map_or(
-            quote!(None),
-            |_| quote!(Some(|| crate::keys::Value::text(&#table::#default_function()))),
-        );
-        let range =
-            self.range.as_ref().map_or(quote!(None), |[low, high]| quote!(Some((#low as f64, #high as f64))));
-        let unit = self.unit.as_ref().map_or(quote!(None), |unit| quote!(Some(crate::keys::#unit)));
-        let cure = self.cure.as_ref().map_or(quote!(None), |cure| quote!(Some(#cure)));
+    /// The constant `crate::keys::Key` of a field of a table.
+    pub fn constant(&self, table: &Ident, kind: &Type, default_function: &Ident) -> TokenStream {
+        let Self { name, members, text, .. } = self;
+        let default = self
+            .default
+            .as_ref()
+            .map(|_| quote!(default: Some(|| crate::keys::Text::text(&#table::#default_function())),));
         quote! {
-            crate::keys::Key {
-                name: #name,
-                text: #text,
-                kind: <#kind as crate::keys::Value>::kind,
-                #[cfg(feature = "toml")]
-                default: #default,
-                range: #range,
-                unit: #unit,
-                cure: #cure,
-                is_experiment: #is_experiment,
-            }
+            crate::keys::Key { #default #members ..crate::keys::Key::of::<#kind>(#name, #text) }
         }
     }
 }
@@ -97,32 +85,10 @@ pub fn comment(attributes: &[Attribute]) -> String {
     lines.collect::<Vec<_>>().join(" ")
 }
 
-/// Tokens before the next comma.
-pub fn tokens(input: ParseStream<'_>) -> Result<Vec<TokenTree>> {
-    let mut found = Vec::new();
-    while !input.is_empty() && !input.peek(Token![,]) {
-        found.push(input.parse()?);
-    }
-    Ok(found)
-}
-
 /// A default; of a text in its owned form.
-fn owned(value: Vec<TokenTree>) -> TokenStream {
-    let is_text = |literal: &Literal| literal.to_string().starts_with('"');
-    match &value[..] {
-        [TokenTree::Literal(literal)] if is_text(literal) => quote!(#literal.into()),
-        _ => value.into_iter().collect(),
+fn owned(value: Expr) -> TokenStream {
+    match value {
+        Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) => quote!(#text.into()),
+        value => quote!(#value),
     }
-}
-
-/// Both ends of `LOW..=HIGH`.
-fn ends(value: Vec<TokenTree>, span: Span) -> Result<[TokenStream; 2]> {
-    let is_point =
-        |token: &TokenTree, point: char| matches!(token, TokenTree::Punct(p) if p.as_char() == point);
-    let is_range =
-        |tokens: &[TokenTree]| tokens.iter().zip("..=".chars()).all(|(token, point)| is_point(token, point));
-    let at = value.windows(3).position(is_range);
-    let at = at.ok_or_else(|| Error::new(span, "a range is LOW..=HIGH"))?;
-    let side = |tokens: &[TokenTree]| tokens.iter().cloned().collect();
-    Ok([side(&value[..at]), side(&value[at + 3..])])
 }

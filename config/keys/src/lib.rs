@@ -5,8 +5,6 @@
 //! ```text
 //! /// Detection and tracking of points.
 //! #[keys]
-//! #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-//! #[serde(deny_unknown_fields)]
 //! pub struct PointsConfig {
 //!     /// Largest number of points tracked at a time.
 //!     #[key(default = 120, range = 8..=2000)]
@@ -22,8 +20,9 @@
 //! - `cure = "..."`, for a value whose cure is another;
 //! - `experiment`, for a key that no user has a reason to turn: it can be set, and no list shows it.
 //!
-//! The keys of the table (`crate::keys::Table`), serde's defaults and `Default` (`with_required` where keys are required) are made from a
-//! struct; the words that a key may have from an enum. The comment of a field is the text of its key.
+//! A struct becomes a table (`crate::keys::Table`) that serde reads and writes, in which unknown keys are refused. Its `Default` (`new`
+//! of the values of required keys) is made of the defaults. An enum becomes a choice of words, which `#[keys(...)]` spells by a rule of
+//! serde (`"lowercase"`); its variant for `#[default]` is that of the type. The comment of a field is the text of its key.
 //!
 //! # Records, for the crate `plumbline-fields`
 //!
@@ -58,22 +57,34 @@ mod record;
 use key::KeyDeclaration;
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
-use syn::{Data, DeriveInput, Error, Field, Fields, Ident, Result, parse_macro_input, parse_quote};
+use syn::{Data, DeriveInput, Error, Fields, Ident, LitStr, Result, parse_macro_input, parse_quote};
 
 /// Makes a struct a table of the configuration, and an enum a choice of words.
 #[proc_macro_attribute]
-pub fn keys(_: proc_macro::TokenStream, item: proc_macro::TokenStream) -> proc_macro::TokenStream {
+pub fn keys(spelling: proc_macro::TokenStream, item: proc_macro::TokenStream) -> proc_macro::TokenStream {
     let mut input = parse_macro_input!(item as DeriveInput);
-    let name = input.ident.clone();
-    let made = match &mut input.data {
-        Data::Struct(data) => of_table(&name, &mut data.fields),
-        Data::Enum(_) => Ok(of_words(&name)),
-        Data::Union(_) => {
-            Err(Error::new(name.span(), "a table of keys is a struct, a choice of words an enum"))
+    let name = &input.ident;
+    match &mut input.data {
+        Data::Struct(data) => {
+            let made = of_table(name, &mut data.fields).unwrap_or_else(Error::into_compile_error);
+            quote! {
+                #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+                #[serde(deny_unknown_fields)]
+                #input
+                #made
+            }
         }
-    };
-    let made = made.unwrap_or_else(Error::into_compile_error);
-    quote!(#input #made).into()
+        _ => {
+            let spelling = parse_macro_input!(spelling as LitStr);
+            quote! {
+                #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ::serde::Serialize, ::serde::Deserialize)]
+                #[serde(rename_all = #spelling)]
+                #input
+                impl crate::keys::Value for #name {}
+            }
+        }
+    }
+    .into()
 }
 
 /// Makes a struct a record, and an enumeration a field of records.
@@ -83,41 +94,40 @@ pub fn record(item: proc_macro::TokenStream) -> proc_macro::TokenStream {
     record::of(&input).unwrap_or_else(Error::into_compile_error).into()
 }
 
-/// A field with its key.
-struct Entry {
-    field: Field,
-    key: KeyDeclaration,
-}
-
-impl Entry {
-    fn name(&self) -> &Ident {
-        self.field.ident.as_ref().expect("a named field has a name")
-    }
-
-    fn default_function(&self) -> Ident {
-        format_ident!("default_{}", self.name())
-    }
-}
-
 fn of_table(name: &Ident, fields: &mut Fields) -> Result<TokenStream> {
-    let Fields::Named(fields) = fields else {
-        return Err(Error::new(name.span(), "the keys of a table have names"));
-    };
-    let mut entries = Vec::new();
-    for field in &mut fields.named {
+    let (mut keys, mut names, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    // What serde calls for a key that is not there, and the values of keys that must be.
+    let (mut functions, mut required) = (Vec::new(), Vec::new());
+    for field in fields {
         let key = KeyDeclaration::take_from(field)?;
-        let entry = Entry { field: field.clone(), key };
-        if entry.key.default.is_some() {
-            let path = format!("{name}::{}", entry.default_function());
-            field.attrs.push(parse_quote!(#[serde(default = #path)]));
+        let (ident, kind, function) = (&field.ident, &field.ty, format_ident!("default_{}", key.name));
+        keys.push(key.constant(name, kind, &function));
+        names.push(ident.clone());
+        match &key.default {
+            None => {
+                required.push(quote!(#ident: #kind));
+                values.push(quote!(#ident));
+            }
+            Some(value) => {
+                functions.push(quote!(fn #function() -> #kind { #value }));
+                values.push(quote!(#ident: Self::#function()));
+                let path = format!("{name}::{function}");
+                field.attrs.push(parse_quote!(#[serde(default = #path)]));
+            }
         }
-        entries.push(entry);
     }
-    let (defaults, constructor) = (defaults(name, &entries), constructor(name, &entries));
-    let keys = entries.iter().map(|entry| entry.key.constant(name, &entry.field, &entry.default_function()));
-    let names = entries.iter().map(Entry::name);
+    let value = quote!(Self { #(#values),* });
+    let constructor = match required.is_empty() {
+        true => quote!(impl Default for #name { fn default() -> Self { #value } }),
+        false => quote! {
+            impl #name {
+                /// Values of the required keys, and the defaults for all else.
+                pub fn new(#(#required),*) -> Self { #value }
+            }
+        },
+    };
     Ok(quote! {
-        #defaults
+        impl #name { #(#functions)* }
         #constructor
         impl crate::keys::Table for #name {
             fn keys() -> &'static [crate::keys::Key] {
@@ -130,44 +140,4 @@ fn of_table(name: &Ident, fields: &mut Fields) -> Result<TokenStream> {
             }
         }
     })
-}
-
-/// A function for each default: what serde calls for a key that is not there.
-fn defaults(name: &Ident, entries: &[Entry]) -> TokenStream {
-    let functions = entries.iter().filter_map(|entry| {
-        let (function, kind, value) =
-            (entry.default_function(), &entry.field.ty, entry.key.default.as_ref()?);
-        Some(quote!(fn #function() -> #kind { #value }))
-    });
-    quote!(impl #name { #(#functions)* })
-}
-
-/// `Default`, or a function of the required values.
-fn constructor(name: &Ident, entries: &[Entry]) -> TokenStream {
-    let (given, others): (Vec<&Entry>, Vec<&Entry>) =
-        entries.iter().partition(|entry| entry.key.default.is_none());
-    let names: Vec<&Ident> = given.iter().map(|entry| entry.name()).collect();
-    let types = given.iter().map(|entry| &entry.field.ty);
-    let (fields, functions) = (others.iter().map(|e| e.name()), others.iter().map(|e| e.default_function()));
-    let value = quote!(Self { #(#names,)* #(#fields: Self::#functions(),)* });
-    if given.is_empty() {
-        return quote!(impl Default for #name { fn default() -> Self { #value } });
-    }
-    quote! {
-        impl #name {
-            #[allow(dead_code, clippy::too_many_arguments, reason = "not every table is made so")]
-            fn with_required(#(#names: #types),*) -> Self { #value }
-        }
-    }
-}
-
-fn of_words(name: &Ident) -> TokenStream {
-    quote! {
-        impl crate::keys::Value for #name {
-            #[cfg(feature = "toml")]
-            fn text(&self) -> String {
-                crate::keys::text_of(self)
-            }
-        }
-    }
 }

@@ -1,16 +1,15 @@
 //! `#[derive(Record)]`: the fields of a record, and the names of an enumeration, as `plumbline-fields` has them.
 
-use crate::key::{comment, tokens};
-use proc_macro2::{Ident, TokenStream};
+use crate::key::comment;
+use heck::ToShoutySnakeCase as _;
+use proc_macro2::{Ident, TokenStream, TokenTree};
 use quote::{ToTokens as _, quote};
-use syn::parse::{ParseStream, Parser as _};
-use syn::{
-    Attribute, Data, DataEnum, DeriveInput, Error, Field, Fields, LitInt, LitStr, Meta, Result, Token,
-};
+use syn::parse::ParseStream;
+use syn::{Attribute, Data, DataEnum, DeriveInput, Error, Field, Fields, LitInt, LitStr, Result, Token};
 
 /// The implementation for a struct or an enumeration.
 pub fn of(input: &DeriveInput) -> Result<TokenStream> {
-    let list = input.attrs.iter().find_map(|attribute| list(attribute, "record"));
+    let list = input.attrs.iter().find(|attribute| attribute.path().is_ident("record"));
     let list = list.ok_or_else(|| Error::new_spanned(&input.ident, "a record says #[record(\"NAME\")]"))?;
     match &input.data {
         Data::Struct(data) => of_struct(input, &data.fields, list),
@@ -19,33 +18,21 @@ pub fn of(input: &DeriveInput) -> Result<TokenStream> {
     }
 }
 
-/// Content of the attribute, if it has this name.
-fn list<'a>(attribute: &'a Attribute, name: &str) -> Option<&'a TokenStream> {
-    match &attribute.meta {
-        Meta::List(list) if list.path.is_ident(name) => Some(&list.tokens),
-        _ => None,
-    }
-}
-
-fn of_struct(input: &DeriveInput, fields: &Fields, list: &TokenStream) -> Result<TokenStream> {
-    let read = |input: ParseStream<'_>| -> Result<(LitStr, TokenStream)> {
+fn of_struct(input: &DeriveInput, fields: &Fields, list: &Attribute) -> Result<TokenStream> {
+    let (name, more) = list.parse_args_with(|input: ParseStream<'_>| -> Result<(LitStr, TokenStream)> {
         let name = input.parse()?;
         input.parse::<Option<Token![,]>>()?;
         Ok((name, input.parse()?))
-    };
-    let (name, more) = read.parse2(list.clone())?;
+    })?;
     let mut all = Vec::new();
     for field in fields {
-        let lists: Vec<_> =
-            field.attrs.iter().filter_map(|attribute| self::list(attribute, "field")).collect();
-        if lists.is_empty() {
-            return Err(Error::new_spanned(
-                &field.ident,
-                "a field says #[field(NUMBER, ...)] or #[field(none)]",
-            ));
+        let mut lists = field.attrs.iter().filter(|attribute| attribute.path().is_ident("field")).peekable();
+        if lists.peek().is_none() {
+            let cure = "a field says #[field(NUMBER, ...)] or #[field(none)]";
+            return Err(Error::new_spanned(&field.ident, cure));
         }
-        for list in lists.into_iter().filter(|list| list.to_string() != "none") {
-            all.push((|input: ParseStream<'_>| row(field, input)).parse2(list.clone())?);
+        for list in lists.filter(|list| !list.parse_args::<Ident>().is_ok_and(|word| word == "none")) {
+            all.push(list.parse_args_with(|input: ParseStream<'_>| row(field, input))?);
         }
     }
     let (kind, about) = (&input.ident, comment(&input.attrs));
@@ -65,11 +52,11 @@ fn row(field: &Field, input: ParseStream<'_>) -> Result<TokenStream> {
         field.ident.as_ref().ok_or_else(|| Error::new_spanned(field, "fields of a record have names"))?;
     let (mut place, mut name, mut about) =
         (quote!(#ident), ident.clone(), comment(&field.attrs).to_token_stream());
-    let (mut wire, mut second, mut readers) = (None, None, TokenStream::new());
+    let (mut wire, mut second, mut facts) = (None, None, TokenStream::new());
     while input.parse::<Option<Token![,]>>()?.is_some() && !input.is_empty() {
         let key: Ident = input.parse()?;
         let value: TokenStream = match input.parse::<Option<Token![=]>>()? {
-            Some(_) => tokens(input)?.into_iter().collect(),
+            Some(_) => tokens(input)?,
             None => TokenStream::new(),
         };
         match key.to_string().as_str() {
@@ -80,48 +67,60 @@ fn row(field: &Field, input: ParseStream<'_>) -> Result<TokenStream> {
                 name = syn::parse2(value)?;
                 (place, about) = (quote!(#ident.#name), quote!(""));
             }
-            _ => readers.extend(quote!(.#key(#value))),
+            "at" => facts.extend(quote!(field.about.at = Some(#value);)),
+            "one" => facts.extend(quote!(field.about.shape = ::plumbline_fields::Shape::Double;)),
+            "single" => facts.extend(quote!(field.about.shape = ::plumbline_fields::Shape::Singles;)),
+            "digest_as" => facts.extend(quote!(field.get_for_digest = #value;)),
+            _ => facts.extend(quote!(field.about.#key = #value;)),
         }
     }
     let name = name.to_string();
     let wire = wire.unwrap_or_else(|| name.to_token_stream());
-    let facts = quote!((#tag, #name, #wire, #about));
-    Ok(match second {
+    let functions = match second {
         Some(second) => quote! {
-            ::plumbline_fields::Field::<Self>::new(
-                #facts,
-                ::plumbline_fields::Shape::Floats,
-                |o| ::plumbline_fields::Value::Floats([
-                    ::core::slice::from_ref(&o.#place), ::core::slice::from_ref(&o.#second),
-                ]),
-                |o, value| ::plumbline_fields::set_pair(&mut o.#place, &mut o.#second, value),
-            )#readers
+            ::plumbline_fields::Shape::Floats,
+            |o| ::plumbline_fields::Value::Floats([
+                ::core::slice::from_ref(&o.#place), ::core::slice::from_ref(&o.#second),
+            ]),
+            |o, value| ::plumbline_fields::set_pair(&mut o.#place, &mut o.#second, value)
         },
-        None => quote! {
-            ::plumbline_fields::Field::<Self>::new(
-                #facts,
+        None => {
+            facts.extend(quote!(field.begin = |o| ::plumbline_fields::FieldContent::begin(&mut o.#place);));
+            quote! {
                 ::plumbline_fields::shape_of(|o: &Self| &o.#place),
                 |o| ::plumbline_fields::FieldContent::get(&o.#place),
-                |o, value| ::plumbline_fields::FieldContent::set(&mut o.#place, value),
-            )
-            .opened(
-                |o| ::plumbline_fields::FieldContent::open(&mut o.#place),
-                |o| ::plumbline_fields::FieldContent::begin(&mut o.#place),
-            )#readers
-        },
-    })
+                |o, value| ::plumbline_fields::FieldContent::set(&mut o.#place, value)
+            }
+        }
+    };
+    Ok(quote! {{
+        let mut field = ::plumbline_fields::Field::<Self>::new((#tag, #name, #wire, #about), #functions);
+        #facts
+        field
+    }})
 }
 
-fn of_enum(kind: &Ident, data: &DataEnum, list: &TokenStream) -> Result<TokenStream> {
-    let read = |input: ParseStream<'_>| -> Result<(LitStr, LitStr)> {
+/// Tokens before the next comma.
+fn tokens(input: ParseStream<'_>) -> Result<TokenStream> {
+    let mut found = TokenStream::new();
+    while !input.is_empty() && !input.peek(Token![,]) {
+        found.extend(Some(input.parse::<TokenTree>()?));
+    }
+    Ok(found)
+}
+
+fn of_enum(kind: &Ident, data: &DataEnum, list: &Attribute) -> Result<TokenStream> {
+    let (name, otherwise) = list.parse_args_with(|input: ParseStream<'_>| -> Result<(LitStr, LitStr)> {
         let name = input.parse()?;
         input.parse::<Token![,]>()?;
         Ok((name, input.parse()?))
-    };
-    let (name, otherwise) = read.parse2(list.clone())?;
+    })?;
     let prefix = name.value().rsplit('.').next().unwrap_or_default().to_uppercase();
     let variants = data.variants.iter().map(|variant| &variant.ident);
-    let names = data.variants.iter().map(|variant| format!("{prefix}_{}", upper(&variant.ident.to_string())));
+    let names = data
+        .variants
+        .iter()
+        .map(|variant| format!("{prefix}_{}", variant.ident.to_string().to_shouty_snake_case()));
     let abouts = data.variants.iter().map(|variant| comment(&variant.attrs));
     let unspecified = format!("{prefix}_UNSPECIFIED");
     Ok(quote! {
@@ -147,16 +146,4 @@ fn of_enum(kind: &Ident, data: &DataEnum, list: &TokenStream) -> Result<TokenStr
             }
         }
     })
-}
-
-/// `NoPose` as `NO_POSE`.
-fn upper(name: &str) -> String {
-    let mut upper = String::new();
-    for letter in name.chars() {
-        if letter.is_uppercase() && !upper.is_empty() {
-            upper.push('_');
-        }
-        upper.extend(letter.to_uppercase());
-    }
-    upper
 }

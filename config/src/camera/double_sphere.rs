@@ -30,12 +30,6 @@ fn reach([xi, alpha]: Coefficients) -> f64 {
     xi * rest + w1 * (1.0 - xi * xi * rest).sqrt()
 }
 
-/// Angle from the axis within which the model is injective, rad; `None` where it is more than a right angle.
-pub(super) fn fold_rad(k: Coefficients) -> Option<f64> {
-    let limit = reach(k);
-    (limit < 0.0).then(|| libm::acos(-limit))
-}
-
 /// True if ideal coordinates lie on the branch that holds the image.
 #[inline]
 pub(super) fn is_regular(r2: f64, k: Coefficients) -> bool {

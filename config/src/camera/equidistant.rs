@@ -15,16 +15,8 @@ use super::{MAX_RADIUS_SQUARED, MAX_THETA_RAD};
 use crate::Portable;
 use nalgebra::{Matrix2, Vector2};
 
-/// Angles at which a fold is looked for: a tenth of a degree apart.
-const FOLD_ANGLES: usize = 900;
 /// Points between the axis and an angle at which the equidistant polynomial is watched for a fold.
 const FOLD_SAMPLES: usize = 8;
-
-/// Angle at which the polynomial folds back, rad.
-pub(super) fn fold_rad(k: [f64; 4]) -> Option<f64> {
-    let mut angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
-    angles.find(|theta| d_theta_d(*theta, k) <= 0.0)
-}
 
 /// True if ideal coordinates lie before the fold.
 #[inline]

@@ -106,6 +106,20 @@ macro_rules! lens_models {
                 }
             }
 
+            /// Model of a name, with every coefficient by `of`; `None` for a name that is no model's.
+            ///
+            /// # Errors
+            /// That of `of`.
+            pub fn read<E>(
+                name: &str,
+                mut of: impl FnMut(&'static str) -> Result<f64, E>,
+            ) -> Result<Option<Self>, E> {
+                Ok(Some(match name {
+                    $($name => Self::$model { $($k: of(stringify!($k))?),* },)*
+                    _ => return Ok(None),
+                }))
+            }
+
             /// Model of the same kind with `coefficients`, in the order of [`Self::coefficients`]. Default of missing ones: 0.
             pub fn with_coefficients(&self, coefficients: &[f64]) -> Self {
                 let mut given = coefficients.iter().copied();
@@ -192,16 +206,8 @@ impl Distortion {
     /// Angle from the optical axis beyond which the model folds back or ends, rad; `None` where it grows as far as pixels are
     /// unprojected.
     pub fn fold_rad(&self) -> Option<f64> {
-        match *self {
-            Self::Equidistant { k1, k2, k3, k4 } => equidistant::fold_rad([k1, k2, k3, k4]),
-            Self::DoubleSphere { xi, alpha } if double_sphere::fold_rad([xi, alpha]).is_some() => {
-                double_sphere::fold_rad([xi, alpha]).filter(|fold_rad| *fold_rad < MAX_THETA_RAD)
-            }
-            _ => {
-                let mut angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
-                angles.find(|theta| !self.is_regular(&Vector2::new(libm::tan(*theta), 0.0)))
-            }
-        }
+        let mut angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
+        angles.find(|theta| !self.is_regular(&Vector2::new(libm::tan(*theta), 0.0)))
     }
 }
 

@@ -7,10 +7,9 @@
 //!
 //! [`RigConfig::time_offset_s`]: crate::options::RigConfig::time_offset_s
 
+use super::Calibration;
 use super::file::{At, File, Values};
-use super::lens::{Lens, STRAIGHT};
-use super::{Calibration, camera_of};
-use crate::camera::Distortion;
+use super::lens::{Lens, camera_of};
 use crate::error::ConfigError;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
@@ -20,6 +19,16 @@ const MAX_QUATERNION_ERROR: f64 = 1e-3;
 /// Largest scale error and misalignment of an IMU that may be left in its samples: sensors that nobody calibrated have as much,
 /// and the noise model of flight covers it.
 const MAX_SCALE: f64 = 5e-3;
+
+/// Models of Basalt, and ours.
+const MODELS: [(&str, &str); 6] = [
+    ("pinhole", "radial-tangential"),
+    ("pinhole-radtan8", "rational"),
+    ("kb4", "equidistant"),
+    ("ds", "double-sphere"),
+    ("eucm", "eucm"),
+    ("ucm", "eucm"),
+];
 
 #[derive(Deserialize)]
 struct Root {
@@ -31,7 +40,7 @@ struct Value {
     #[serde(rename = "T_imu_cam")]
     poses: Vec<Values>,
     intrinsics: Vec<Model>,
-    resolution: Vec<[f64; 2]>,
+    resolution: Vec<[usize; 2]>,
     gyro_noise_std: Density,
     gyro_bias_std: Density,
     accel_noise_std: Density,
@@ -83,41 +92,26 @@ pub(super) fn convert(file: &File, camera_rate_hz: f64) -> Result<Calibration, C
         value.intrinsics.iter().zip(&value.poses).zip(&value.resolution).enumerate()
     {
         let path = |table: &str| format!("value0.{table}[{index}].");
-        let size = at.whole_size(&format!("resolution[{index}]"), *size)?;
         let lens = lens_of(&At { file, path: &path("intrinsics") }, model)?;
         let pose = pose_of(&At { file, path: &path("T_imu_cam") }, pose)?;
-        cameras.push(camera_of(lens, size, camera_rate_hz, &pose));
+        cameras.push(camera_of(*size, camera_rate_hz, lens, &pose));
     }
-    let noise = [
-        value.gyro_noise_std.largest(),
-        value.gyro_bias_std.largest(),
-        value.accel_noise_std.largest(),
-        value.accel_bias_std.largest(),
-    ];
+    let noise = [&value.gyro_noise_std, &value.gyro_bias_std, &value.accel_noise_std, &value.accel_bias_std];
+    let noise = noise.map(Density::largest);
     let time_offset_s = Some(value.cam_time_offset_ns * 1e-9);
     Ok(Calibration { cameras, imu_rate_hz: value.imu_update_rate, noise, time_offset_s, mounting: None })
 }
 
 fn lens_of(at: &At<'_>, model: &Model) -> Result<Lens, ConfigError> {
     let of = |key| at.number(&model.intrinsics, key);
-    let distortion = match model.camera_type.as_str() {
-        "pinhole" => STRAIGHT,
-        "kb4" => Distortion::Equidistant { k1: of("k1")?, k2: of("k2")?, k3: of("k3")?, k4: of("k4")? },
-        "ds" => Distortion::DoubleSphere { xi: of("xi")?, alpha: of("alpha")? },
-        "eucm" => Distortion::Eucm { alpha: of("alpha")?, beta: of("beta")? },
+    let name = model.camera_type.as_str();
+    let distortion = at.distortion("camera_type", name, &MODELS, |key| match (name, key) {
+        ("pinhole", _) => Ok(0.0),
         // The unified model with the share `alpha` is the enhanced one on a sphere.
-        "ucm" => Distortion::Eucm { alpha: of("alpha")?, beta: 1.0 },
-        "pinhole-radtan8" => {
-            let ([k1, k2, p1], [p2, k3, k4]) =
-                ([of("k1")?, of("k2")?, of("p1")?], [of("p2")?, of("k3")?, of("k4")?]);
-            Distortion::Rational { k1, k2, p1, p2, k3, k4, k5: of("k5")?, k6: of("k6")? }
-        }
-        _ => {
-            let cure = "calibrate with one of pinhole, pinhole-radtan8, kb4, ds, eucm, ucm";
-            return Err(at.refuse("camera_type", "is no known model", cure));
-        }
-    };
-    Ok(Lens::new([of("fx")?, of("fy")?, of("cx")?, of("cy")?], distortion))
+        ("ucm", "beta") => Ok(1.0),
+        _ => of(key),
+    })?;
+    Ok(([of("fx")?, of("fy")?, of("cx")?, of("cy")?], distortion))
 }
 
 fn pose_of(at: &At<'_>, pose: &Values) -> Result<Isometry3<f64>, ConfigError> {

@@ -1,7 +1,9 @@
 //! Calibration files: read into the structs of a format, named by their keys where they are of another program, and refused
 //! with file, key and cure.
 
+use super::lens::distortion;
 use super::{Matrix, pose_problem};
+use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
 use crate::options::isometry_from_rows;
 use crate::text;
@@ -16,40 +18,26 @@ const MAX_DEPTH: usize = 32;
 const MAX_NODES: usize = 50_000;
 
 /// Cure for files that another option takes, with keys at the top of them. Prefixes end with `*`.
-const OTHER_OPTIONS: [(&[&str], &str); 3] = [
+const OTHER_OPTIONS: [(&str, &str); 3] = [
     (
-        &[
-            "value0",
-            "body_T_cam0",
-            "num_of_cam",
-            "cam0_calib",
-            "extrinsicRotation",
-            "relative_config_imu",
-            "Camera.*",
-            "Camera1.*",
-        ],
+        "value0 body_T_cam0 num_of_cam cam0_calib extrinsicRotation relative_config_imu Camera.* Camera1.*",
         "`plumbline config import --rig` takes it as it is",
     ),
-    (&["T_BS"], "a sensor.yaml: give the folder of its data set with --euroc"),
+    ("T_BS", "a sensor.yaml: give the folder of its data set with --euroc"),
     (
-        &["projection_parameters", "mirror_parameters"],
+        "projection_parameters mirror_parameters",
         "a camera file of camodocal: give the configuration of VINS-Fusion or VINS-Mono that names it",
     ),
 ];
+
+const ANOTHER: &str = "calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: T_cam_imu \
+                       takes coordinates from the IMU to the camera)";
 
 /// A calibration file whose syntax is sound.
 pub(super) struct File {
     pub origin: String,
     text: String,
     keys: Vec<String>,
-}
-
-/// The keys of a file, if it has any.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Top {
-    Keys(BTreeMap<String, IgnoredAny>),
-    Other(IgnoredAny),
 }
 
 impl File {
@@ -61,11 +49,10 @@ impl File {
     /// Parses the text of a file, as [`Self::read`].
     pub fn parse(content: &str, origin: &str) -> Result<Self, ConfigError> {
         let text = without_directive(content);
-        let keys = match deserialized(&text, origin)? {
-            Top::Keys(keys) => keys.into_keys().collect(),
-            Top::Other(_) => Vec::new(),
-        };
-        Ok(Self { origin: origin.to_owned(), text, keys })
+        // A text may have no keys, if its syntax is sound.
+        let keys: BTreeMap<String, IgnoredAny> = deserialized(&text, origin)
+            .or_else(|_| deserialized(&text, origin).map(|IgnoredAny| BTreeMap::new()))?;
+        Ok(Self { origin: origin.to_owned(), text, keys: keys.into_keys().collect() })
     }
 
     pub fn has(&self, key: &str) -> bool {
@@ -85,25 +72,15 @@ impl File {
         ConfigError::one(&self.origin, Violation::new(key, reason, cure))
     }
 
-    /// The first keys, for a file that is not known by them.
-    pub fn first_keys(&self) -> String {
-        match &self.keys[..] {
-            [] => "it has no keys".to_owned(),
-            keys => format!("its first keys: {}", keys[..keys.len().min(3)].join(", ")),
-        }
-    }
-
     /// Refusal of the file of another program, or of no calibration at all.
     pub fn other(&self, expected: &str) -> ConfigError {
-        let is_of = |(keys, _): &&(&[&str], &str)| keys.iter().any(|key| self.has(key));
-        let cure = OTHER_OPTIONS.iter().find(is_of).map_or_else(
-            || {
-                "calibrate with Kalibr, or write its keys with these numbers (mind the direction of the extrinsics: T_cam_imu takes \
-                 coordinates from the IMU to the camera)"
-            },
-            |(_, cure)| *cure,
-        );
-        let reason = format!("is no file of Kalibr ({}); {expected} is expected", self.first_keys());
+        let is_of = |(keys, _): &&(&str, &str)| keys.split(' ').any(|key| self.has(key));
+        let cure = OTHER_OPTIONS.iter().find(is_of).map_or(ANOTHER, |(_, cure)| cure);
+        let content = match &self.keys[..] {
+            [] => "it has no keys".to_owned(),
+            keys => format!("its first keys: {}", keys[..keys.len().min(3)].join(", ")),
+        };
+        let reason = format!("is no file of Kalibr ({content}); {expected} is expected");
         self.refuse("(file)", reason, cure)
     }
 }
@@ -129,7 +106,7 @@ fn deserialized<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, Conf
     });
     read.map_err(|error| {
         let at = error.location().map_or((1, 1), |at| (at.line() as usize, at.column() as usize));
-        let message = error.to_string().replace('\n', " ");
+        let message = error.to_string().replace('\n', " ").replace("invalid u64", "no whole number");
         let missing = message.split('`').nth(1).filter(|_| message.contains("missing field"));
         let path = track.path().to_string();
         let violation = match (missing, path.as_str()) {
@@ -196,11 +173,18 @@ impl At<'_> {
         }
     }
 
-    /// Image size of two numbers.
-    pub fn whole_size(&self, key: &str, size: [f64; 2]) -> Result<[usize; 2], ConfigError> {
-        if size.iter().any(|s| !(1.0..=65_535.0).contains(s) || s.fract() != 0.0) {
-            return Err(self.refuse(key, "is no image size", "give width and height in whole pixels"));
-        }
-        Ok(size.map(|s| s as usize))
+    /// Distortion of the model that the program calls `name`, each coefficient by `of`. `models` are those that it may name, and ours.
+    pub fn distortion(
+        &self,
+        key: &str,
+        name: &str,
+        models: &[(&str, &str)],
+        of: impl FnMut(&'static str) -> Result<f64, ConfigError>,
+    ) -> Result<Distortion, ConfigError> {
+        let ours = models.iter().find(|(theirs, _)| *theirs == name).map_or("", |(_, ours)| ours);
+        distortion(ours, of)?.ok_or_else(|| {
+            let names: Vec<&str> = models.iter().map(|(name, _)| *name).collect();
+            self.refuse(key, "is no known model", format!("calibrate with one of {}", names.join(", ")))
+        })
     }
 }

@@ -23,15 +23,7 @@ const CAMCHAIN: &str = "Kalibr's camchain-imucam.yaml";
 const IMU: &str = "Kalibr's imu.yaml";
 
 /// Keys by which a file of Kalibr is known, cut off or not.
-const KEYS: [&str; 7] = [
-    "cam0",
-    "cam1",
-    "imu0",
-    "update_rate",
-    "accelerometer_noise_density",
-    "gyroscope_noise_density",
-    "rostopic",
-];
+const KEYS: [&str; 7] = ["cam0", "cam1", "imu0", "update_rate", "accelerometer_*", "gyroscope_*", "rostopic"];
 
 #[derive(Deserialize)]
 struct Chain {
@@ -86,8 +78,13 @@ pub(super) fn read(base: Config, camchain: &Path, imu: &Path) -> Result<Import, 
 }
 
 pub(super) fn convert(base: Config, camchain: &File, imu: &File) -> Result<Import, ConfigError> {
-    check_exchanged(camchain, imu)?;
-    for (file, expected) in [(camchain, CAMCHAIN), (imu, IMU)] {
+    let is_imu = |file: &File| file.has("imu0") || file.has("update_rate");
+    let is_exchanged = [!camchain.has("cam0") && is_imu(camchain), imu.has("cam0") && !is_imu(imu)];
+    for (i, (file, expected)) in [(camchain, CAMCHAIN), (imu, IMU)].into_iter().enumerate() {
+        if is_exchanged[i] {
+            let reason = format!("is the other file, {expected} is expected");
+            return Err(file.refuse("(file)", reason, "are --camchain and --imu exchanged?"));
+        }
         // A file of Kalibr with more in it is still one.
         if !KEYS.iter().any(|key| file.has(key)) {
             return Err(file.other(expected));
@@ -98,19 +95,6 @@ pub(super) fn convert(base: Config, camchain: &File, imu: &File) -> Result<Impor
     let calibration =
         Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(shift_s), mounting: None };
     calibration.put_into(base, &format!("{}, {}", camchain.origin, imu.origin))
-}
-
-/// Refuses files that were given for each other.
-fn check_exchanged(camchain: &File, imu: &File) -> Result<(), ConfigError> {
-    const CURE: &str = "are --camchain and --imu exchanged?";
-    let is_imu = |file: &File| file.has("imu0") || file.has("update_rate");
-    if !camchain.has("cam0") && is_imu(camchain) {
-        return Err(camchain.refuse("(file)", "is an imu.yaml, a camchain is expected", CURE));
-    }
-    if imu.has("cam0") && !is_imu(imu) {
-        return Err(imu.refuse("(file)", "is a camchain, an imu.yaml is expected", CURE));
-    }
-    Ok(())
 }
 
 /// Cameras of a chain, and their time shift, s.

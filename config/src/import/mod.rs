@@ -26,10 +26,9 @@ pub use euroc::{euroc_cameras_into, euroc_into, euroc_pose};
 pub use zed::zed_into;
 
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, Config, Mounting, VehicleConfig, rows_from_isometry};
+use crate::options::{CameraConfig, Config, Mounting, VehicleConfig};
 use crate::valid::ValidConfig;
 use crate::validate::pose_problem;
-use lens::Lens;
 use nalgebra::{Isometry3, Vector3};
 use serde::Deserialize;
 use std::path::Path;
@@ -110,27 +109,6 @@ impl Calibration {
 
 fn rate_of(base: &Config) -> f64 {
     base.camera.first().map_or(DEFAULT_CAMERA_RATE_HZ, |camera| camera.rate_hz)
-}
-
-/// A camera of a file: its lens, image size and pose.
-fn camera_of(
-    lens: Lens,
-    [width_px, height_px]: [usize; 2],
-    rate_hz: f64,
-    pose_b_c: &Isometry3<f64>,
-) -> CameraConfig {
-    CameraConfig {
-        width_px,
-        height_px,
-        rate_hz,
-        readout_s: 0.0,
-        exposure_s: 0.0,
-        mask: None,
-        focal_px: lens.focal_px,
-        centre_px: lens.centre_px,
-        distortion: lens.distortion,
-        pose_b_c: rows_from_isometry(pose_b_c),
-    }
 }
 
 /// Square matrix.

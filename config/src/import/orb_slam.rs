@@ -6,17 +6,24 @@
 //! Source: ORB-SLAM3, `Settings.cc`.
 
 use super::file::{At, File, Values};
-use super::lens::{Lens, STRAIGHT, brown};
-use super::{Calibration, Matrix, camera_of};
-use crate::camera::Distortion;
+use super::lens::{Lens, camera_of};
+use super::{Calibration, Matrix};
 use crate::error::ConfigError;
 use nalgebra::Isometry3;
 use serde::Deserialize;
+
+/// Models of ORB-SLAM3, and ours.
+const MODELS: [(&str, &str); 3] =
+    [("PinHole", "rational"), ("KannalaBrandt8", "equidistant"), ("Rectified", "radial-tangential")];
 
 #[derive(Deserialize)]
 struct Settings {
     #[serde(rename = "Camera.type")]
     model: String,
+    #[serde(rename = "Camera.width")]
+    width: usize,
+    #[serde(rename = "Camera.height")]
+    height: usize,
     #[serde(rename = "IMU.T_b_c1")]
     pose_b_c1: Option<Matrix<4>>,
     #[serde(rename = "Stereo.T_c1_c2")]
@@ -31,8 +38,7 @@ pub(super) fn convert(file: &File) -> Result<Calibration, ConfigError> {
     }
     let (settings, values): (Settings, Values) = (file.get()?, file.get()?);
     let of = |key| at.number(&values, key);
-    let size = at.whole_size("Camera.width", [of("Camera.width")?, of("Camera.height")?])?;
-    let rate_hz = of("Camera.fps")?;
+    let (size, rate_hz) = ([settings.width, settings.height], of("Camera.fps")?);
     let Some(rows) = &settings.pose_b_c1 else {
         let cure = "give settings of an inertial example: the pose of the left camera in the axes of the IMU is needed";
         return Err(at.refuse("IMU.T_b_c1", "missing", cure));
@@ -45,10 +51,10 @@ pub(super) fn convert(file: &File) -> Result<Calibration, ConfigError> {
         None => None,
     };
     let lens = |camera| lens(&at, &values, &settings.model, camera);
-    let mut cameras = vec![camera_of(lens("Camera1")?, size, rate_hz, &pose_b_c1)];
+    let mut cameras = vec![camera_of(size, rate_hz, lens("Camera1")?, &pose_b_c1)];
     if let Some(pose_c1_c2) = pose_c1_c2 {
         let second = if settings.model == "Rectified" { "Camera1" } else { "Camera2" };
-        cameras.push(camera_of(lens(second)?, size, rate_hz, &(pose_b_c1 * pose_c1_c2)));
+        cameras.push(camera_of(size, rate_hz, lens(second)?, &(pose_b_c1 * pose_c1_c2)));
     }
     let noise = [of("IMU.NoiseGyro")?, of("IMU.GyroWalk")?, of("IMU.NoiseAcc")?, of("IMU.AccWalk")?];
     let imu_rate_hz = of("IMU.Frequency")?;
@@ -57,19 +63,11 @@ pub(super) fn convert(file: &File) -> Result<Calibration, ConfigError> {
 
 fn lens(at: &At<'_>, values: &Values, model: &str, camera: &str) -> Result<Lens, ConfigError> {
     let of = |key: &str| at.number(values, &format!("{camera}.{key}"));
-    let or_zero = |key: &str| {
-        if values.contains_key(&format!("{camera}.{key}")) { of(key) } else { Ok(0.0) }
-    };
-    let distortion = match model {
-        "PinHole" => brown(or_zero("k1")?, or_zero("k2")?, or_zero("p1")?, or_zero("p2")?, or_zero("k3")?),
-        "KannalaBrandt8" => {
-            Distortion::Equidistant { k1: of("k1")?, k2: of("k2")?, k3: of("k3")?, k4: of("k4")? }
-        }
-        "Rectified" => STRAIGHT,
-        _ => {
-            let cure = "calibrate with one of PinHole, KannalaBrandt8, Rectified";
-            return Err(at.refuse("Camera.type", "is no known model", cure));
-        }
-    };
-    Ok(Lens::new([of("fx")?, of("fy")?, of("cx")?, of("cy")?], distortion))
+    let distortion = at.distortion("Camera.type", model, &MODELS, |key| match model {
+        "Rectified" => Ok(0.0),
+        // Coefficients may be left out.
+        "PinHole" if !values.contains_key(&format!("{camera}.{key}")) => Ok(0.0),
+        _ => of(key),
+    })?;
+    Ok(([of("fx")?, of("fy")?, of("cx")?, of("cy")?], distortion))
 }

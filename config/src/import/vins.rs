@@ -10,14 +10,21 @@
 //! [`RigConfig::time_offset_s`]: crate::options::RigConfig::time_offset_s
 
 use super::file::{At, File, Values};
-use super::lens::Lens;
-use super::{Calibration, Matrix, Numbers, camera_of, rate_of};
-use crate::camera::Distortion;
+use super::lens::camera_of;
+use super::{Calibration, Matrix, Numbers, rate_of};
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 use std::path::Path;
+
+/// Models of camodocal, and ours.
+const MODELS: [(&str, &str); 4] = [
+    ("PINHOLE", "radial-tangential"),
+    ("PINHOLE_FULL", "rational"),
+    ("KANNALA_BRANDT", "equidistant"),
+    ("MEI", "omni"),
+];
 
 #[derive(Deserialize)]
 struct Vins {
@@ -43,8 +50,8 @@ struct Vins {
 #[derive(Deserialize)]
 struct Camodocal {
     model_type: String,
-    image_width: f64,
-    image_height: f64,
+    image_width: usize,
+    image_height: usize,
     projection_parameters: Values,
     #[serde(default)]
     distortion_parameters: Values,
@@ -110,37 +117,23 @@ fn pose(at: &At<'_>, vins: &Vins, index: usize) -> Result<Isometry3<f64>, Config
 
 fn camera(file: &File, rate_hz: f64, pose_b_c: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
     let (at, camera): (_, Camodocal) = (At { file, path: "" }, file.get()?);
-    let size = at.whole_size("image_width", [camera.image_width, camera.image_height])?;
-    let table = |path| At { file, path };
-    let p = |key| table("projection_parameters.").number(&camera.projection_parameters, key);
-    let d = |key| table("distortion_parameters.").number(&camera.distortion_parameters, key);
-    let lens = match camera.model_type.as_str() {
-        "PINHOLE" | "PINHOLE_FULL" => {
-            let (k1, k2, p1, p2) = (d("k1")?, d("k2")?, d("p1")?, d("p2")?);
-            let distortion = match camera.model_type.as_str() {
-                "PINHOLE" => Distortion::RadialTangential { k1, k2, p1, p2 },
-                _ => {
-                    let (k3, k4, k5, k6) = (d("k3")?, d("k4")?, d("k5")?, d("k6")?);
-                    Distortion::Rational { k1, k2, p1, p2, k3, k4, k5, k6 }
-                }
-            };
-            Lens::new([p("fx")?, p("fy")?, p("cx")?, p("cy")?], distortion)
-        }
-        "KANNALA_BRANDT" => Lens::new(
-            [p("mu")?, p("mv")?, p("u0")?, p("v0")?],
-            Distortion::Equidistant { k1: p("k2")?, k2: p("k3")?, k3: p("k4")?, k4: p("k5")? },
-        ),
-        "MEI" => {
-            let xi = table("mirror_parameters.").number(&camera.mirror_parameters, "xi")?;
-            Lens::new(
-                [p("gamma1")?, p("gamma2")?, p("u0")?, p("v0")?],
-                Distortion::Omni { xi, k1: d("k1")?, k2: d("k2")?, p1: d("p1")?, p2: d("p2")? },
-            )
-        }
-        _ => {
-            let cure = "calibrate with one of PINHOLE, PINHOLE_FULL, KANNALA_BRANDT, MEI";
-            return Err(at.refuse("model_type", "is no known model", cure));
-        }
+    let of = |path, values, key| At { file, path }.number(values, key);
+    let p = |key| of("projection_parameters.", &camera.projection_parameters, key);
+    let model = camera.model_type.as_str();
+    let distortion = at.distortion("model_type", model, &MODELS, |key| match (model, key) {
+        ("KANNALA_BRANDT", "k1") => p("k2"),
+        ("KANNALA_BRANDT", "k2") => p("k3"),
+        ("KANNALA_BRANDT", "k3") => p("k4"),
+        ("KANNALA_BRANDT", _) => p("k5"),
+        (_, "xi") => of("mirror_parameters.", &camera.mirror_parameters, key),
+        _ => of("distortion_parameters.", &camera.distortion_parameters, key),
+    })?;
+    let names = match model {
+        "KANNALA_BRANDT" => ["mu", "mv", "u0", "v0"],
+        "MEI" => ["gamma1", "gamma2", "u0", "v0"],
+        _ => ["fx", "fy", "cx", "cy"],
     };
-    Ok(camera_of(lens, size, rate_hz, pose_b_c))
+    let [fx, fy, cx, cy] = names.map(p);
+    let size = [camera.image_width, camera.image_height];
+    Ok(camera_of(size, rate_hz, ([fx?, fy?, cx?, cy?], distortion), pose_b_c))
 }

@@ -4,8 +4,7 @@
 //! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the manufacturer does not document its
 //! direction, and the flight refines it.
 
-use super::lens::brown;
-use crate::camera::Distortion;
+use super::lens::distortion;
 use crate::error::{ConfigError, Violation};
 use crate::options::{CameraConfig, Config, rows_from_isometry};
 use crate::text::read_bounded;
@@ -76,15 +75,13 @@ impl<'a> Sections<'a> {
         };
         let section = format!("{side}_cam_{suffix}");
         let required = |key| self.required(&section, key);
-        let optional = |key| self.number(&section, key).map(|number| number.unwrap_or(0.0));
         camera.focal_px = [required("fx")?, required("fy")?];
         camera.centre_px = [required("cx")?, required("cy")?];
-        let (k1, k2, p1, p2) = (required("k1")?, required("k2")?, optional("p1")?, optional("p2")?);
-        let [k3, k4, k5, k6] = [optional("k3")?, optional("k4")?, optional("k5")?, optional("k6")?];
-        camera.distortion = match [k4, k5, k6] {
-            [0.0, 0.0, 0.0] => brown(k1, k2, p1, p2, k3),
-            _ => Distortion::Rational { k1, k2, p1, p2, k3, k4, k5, k6 },
-        };
+        let lens = distortion("rational", |key| match key {
+            "k1" | "k2" => required(key),
+            _ => self.number(&section, key).map(Option::unwrap_or_default),
+        });
+        camera.distortion = lens?.unwrap_or(camera.distortion);
         Ok(())
     }
 
@@ -107,6 +104,7 @@ impl<'a> Sections<'a> {
 #[cfg(all(test, feature = "toml"))]
 mod tests {
     use super::*;
+    use crate::camera::Distortion;
 
     const FILE: &str = "[LEFT_CAM_VGA]\nfx=350.494\nfy=350.5\ncx=331.039\ncy=189.714\nk1=-0.174488\nk2=0.027323\n\n\
         [RIGHT_CAM_VGA]\nfx = 349.663\nfy = 349.6\ncx = 335.323 ; a remark\ncy = 189.551\nk1 = -0.175561\nk2 = 0.0269139\n\

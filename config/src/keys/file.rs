@@ -1,14 +1,12 @@
 //! The commented file of all keys, from their declarations.
 
-use super::{Key, Kind, Value};
+use super::{Key, Kind, Table, Value, joined};
 use crate::Config;
-use crate::keys::Table as _;
 
 /// Longest line of a comment, characters.
 const WIDTH: usize = 120;
 /// Line before each part of a file.
-const RULE: &str =
-    "# ----------------------------------------------------------------------------------------------------";
+const RULE: &str = "\n# ----------------------------------------------------------------------------------------------------";
 
 const DEFAULTS: &str = "\
 # Every key of a configuration, with its default.
@@ -27,14 +25,14 @@ const VALUES: &str = "
 /// Every key with its default; those for experiments too where it is said.
 pub(crate) fn defaults(with_experiments: bool) -> String {
     let mut file = File { text: DEFAULTS.to_owned(), with_experiments };
-    file.tables("", Config::keys(), None);
+    file.table("", "", Config::keys(), None, true);
     file.text
 }
 
 /// Every key with its value in `config`, below the comment `header`.
 pub(crate) fn full(config: &Config, header: &str, with_experiments: bool) -> String {
     let mut file = File { text: header.to_owned() + VALUES, with_experiments };
-    file.tables("", Config::keys(), Some(&config.values()));
+    file.table("", "", Config::keys(), Some(config), true);
     file.text
 }
 
@@ -53,78 +51,47 @@ impl File {
             && (inner.is_empty() || inner.iter().any(|key| self.is_shown(key)))
     }
 
-    /// The keys of a table that are no tables.
-    fn keys(&mut self, keys: &[Key], values: Option<&[&dyn Value]>, is_commented: bool) {
-        for (i, key) in keys.iter().enumerate().filter(|(_, key)| !is_table(key)) {
-            if !self.is_shown(key) {
-                continue;
-            }
+    /// The keys of a table below its header, then the tables in it.
+    fn table(
+        &mut self,
+        header: &str,
+        path: &str,
+        keys: &[Key],
+        table: Option<&dyn Table>,
+        is_commented: bool,
+    ) {
+        let values = table.map(Table::values);
+        let shown = keys.iter().enumerate().filter(|(_, key)| self.is_shown(key));
+        let shown = shown.map(|(i, key)| (key, values.as_ref().map(|values| values[i])));
+        let (plain, tables): (Vec<_>, Vec<_>) =
+            shown.partition(|(key, _)| matches!((key.kind)(), Kind::Value));
+        if !plain.is_empty() {
+            self.line(&format!("\n{header}"));
+        }
+        for (key, value) in plain {
             if is_commented {
                 self.comment(&format!("{} {} {}", key.text, range_of(key), default_of(key)));
             }
-            match values.map(|values| values[i].text()).or_else(|| key.default.map(|default| default())) {
+            match value.map(|value| value.text()).or_else(|| key.default.map(|default| default())) {
                 Some(value) => self.line(&format!("{} = {value}", key.name)),
                 None => self.line(&format!("# {} = ", key.name)),
             }
         }
-    }
-
-    /// The tables of a table.
-    fn tables(&mut self, path: &str, keys: &[Key], values: Option<&[&dyn Value]>) {
-        for (i, key) in keys.iter().enumerate().filter(|(_, key)| is_table(key)) {
-            if !self.is_shown(key) {
-                continue;
-            }
-            let inner_path =
-                if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
-            let value = values.map(|values| values[i]);
-            if path.is_empty() {
-                self.line(&format!("\n{RULE}"));
-            } else {
-                self.line("");
-            }
+        for (key, value) in tables {
+            let path = joined(path, key.name);
+            self.line(if header.is_empty() { RULE } else { "" });
             self.comment(key.text);
-            match (key.kind)() {
-                Kind::Table(inner) => self.table(&inner_path, inner(), value),
-                Kind::Tables(inner) => self.list(&inner_path, inner(), value),
-                _ => self.variants(&inner_path, value),
+            let (keys, header) = match (key.kind)() {
+                Kind::Tables(keys) => (keys(), format!("[[{path}]]")),
+                Kind::Table(keys) => (keys(), format!("[{path}]")),
+                Kind::Value => continue,
+            };
+            let tables = value.map(Value::tables).unwrap_or_default();
+            // The keys of a second table of a list are those of the first.
+            for i in 0..tables.len().max(1) {
+                self.table(&header, &path, keys, tables.get(i).copied(), i == 0);
             }
         }
-    }
-
-    fn table(&mut self, path: &str, keys: &[Key], value: Option<&dyn Value>) {
-        let tables = value.map(Value::tables);
-        let values = tables.as_ref().and_then(|tables| tables.first()).map(|table| table.values());
-        if keys.iter().any(|key| !is_table(key) && self.is_shown(key)) {
-            self.line(&format!("\n[{path}]"));
-            self.keys(keys, values.as_deref(), true);
-        }
-        self.tables(path, keys, values.as_deref());
-    }
-
-    /// A list of tables: the first with comments.
-    fn list(&mut self, path: &str, keys: &[Key], value: Option<&dyn Value>) {
-        let tables = value.map(Value::tables).unwrap_or_default();
-        for i in 0..tables.len().max(1) {
-            let values = tables.get(i).map(|table| table.values());
-            self.line(&format!("\n[[{path}]]"));
-            if i > 0 {
-                self.line("# The keys are those of the first.");
-            }
-            self.keys(keys, values.as_deref(), i == 0);
-            for (k, key) in keys.iter().enumerate().filter(|(_, key)| is_table(key)) {
-                self.line("");
-                if i == 0 {
-                    self.comment(key.text);
-                }
-                self.variants(&format!("{path}.{}", key.name), values.as_ref().map(|values| values[k]));
-            }
-        }
-    }
-
-    fn variants(&mut self, path: &str, value: Option<&dyn Value>) {
-        let lines = value.map_or_else(|| "# model = \n".to_owned(), Value::text);
-        self.text += &format!("[{path}]\n{lines}");
     }
 
     fn line(&mut self, line: &str) {
@@ -144,14 +111,19 @@ impl File {
     }
 }
 
-/// True for a table, and for a list of them.
-pub(super) fn is_table(key: &Key) -> bool {
-    matches!((key.kind)(), Kind::Table(_) | Kind::Tables(_) | Kind::Variants)
-}
-
 /// Range and unit, as a sentence.
 fn range_of(key: &Key) -> String {
-    key.range_with_unit().map_or_else(String::new, |range| format!("Range {range}."))
+    let unit = key.unit.map_or("", |unit| unit.symbol);
+    key.range.map_or_else(String::new, |(low, high)| {
+        let sentence = format!("{} to {} {unit}", short(low.to_string()), short(high.to_string()));
+        format!("Range {}.", sentence.trim_end())
+    })
+}
+
+/// A number in the shorter of its forms, as many zeros are hard to count; else the text.
+pub(super) fn short(plain: String) -> String {
+    let short = plain.parse::<f64>().map_or_else(|_| plain.clone(), |number| format!("{number:e}"));
+    if plain.len() > 6 && short.len() < plain.len() { short } else { plain }
 }
 
 fn default_of(key: &Key) -> String {

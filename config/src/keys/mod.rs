@@ -17,13 +17,13 @@ pub(crate) use units::*;
 use crate::error::Violation;
 
 /// One key of a table.
+#[derive(Clone, Copy)]
 pub(crate) struct Key {
     pub name: &'static str,
     /// Comment of the key in a file.
     pub text: &'static str,
     pub kind: fn() -> Kind,
     /// The default, as it is written.
-    #[cfg(feature = "toml")]
     pub default: Option<fn() -> String>,
     /// Smallest and largest value that is accepted: beyond it is a mistake (a wrong unit, a lost sign, a slipped digit), or more
     /// memory than a companion computer has. Inside it a value may still be a poor choice.
@@ -38,17 +38,38 @@ pub(crate) struct Key {
 /// Form in which a key is written.
 pub(crate) enum Kind {
     Value,
-    /// Row of values.
-    Row,
     Table(fn() -> &'static [Key]),
     /// List of tables.
     Tables(fn() -> &'static [Key]),
-    /// Table whose keys depend on the word of one of them.
-    Variants,
+}
+
+/// The value of a key as it is written in a file.
+pub(crate) trait Text {
+    fn text(&self) -> String;
+}
+
+impl<T: serde::Serialize> Text for T {
+    #[cfg(feature = "toml")]
+    fn text(&self) -> String {
+        let mut text = String::new();
+        if self.serialize(toml::ser::ValueSerializer::new(&mut text)).is_err() {
+            return "\"\"".to_owned();
+        }
+        if text.starts_with("[[") {
+            // The rows of a matrix stand below each other.
+            return text.replace("[[", "[\n    [").replace("], [", "],\n    [").replace("]]", "],\n]");
+        }
+        if text.contains('.') { file::short(text) } else { text }
+    }
+
+    #[cfg(not(feature = "toml"))]
+    fn text(&self) -> String {
+        String::new()
+    }
 }
 
 /// A value that a key can have.
-pub(crate) trait Value {
+pub(crate) trait Value: Text {
     fn kind() -> Kind
     where
         Self: Sized,
@@ -56,15 +77,10 @@ pub(crate) trait Value {
         Kind::Value
     }
 
-    /// The value as it is written in a file.
-    #[cfg(feature = "toml")]
-    fn text(&self) -> String;
-
     /// Refuses what is out of the key's range; `at` is the key's path.
     fn check(&self, _key: &Key, _at: &str, _found: &mut Vec<Violation>) {}
 
     /// The tables that this value consists of.
-    #[cfg(feature = "toml")]
     fn tables(&self) -> Vec<&dyn Table> {
         Vec::new()
     }
@@ -80,40 +96,32 @@ pub(crate) trait Table {
     fn values(&self) -> Vec<&dyn Value>;
 }
 
+/// Path of a key in the table at `at`.
+pub(crate) fn joined(at: &str, key: &str) -> String {
+    if at.is_empty() { key.to_owned() } else { format!("{at}.{key}") }
+}
+
 /// Every number of the table out of its range; `at` is the table's path.
 pub(crate) fn check<T: Table>(table: &T, at: &str, found: &mut Vec<Violation>) {
     for (key, value) in T::keys().iter().zip(table.values()) {
-        value.check(key, &format!("{at}.{}", key.name), found);
+        value.check(key, &joined(at, key.name), found);
     }
 }
 
 impl Key {
-    /// `0.05 to 100 s`, where there is a range.
-    #[cfg(feature = "toml")]
-    fn range_with_unit(&self) -> Option<String> {
-        // Many zeros are hard to count.
-        let written = |x: f64| {
-            let (plain, short) = (x.to_string(), format!("{x:e}"));
-            if plain.len() > 6 && short.len() < plain.len() { short } else { plain }
-        };
-        let unit = self.unit.map(|unit| unit.symbol).filter(|symbol| !symbol.is_empty());
-        let unit = unit.map_or_else(String::new, |symbol| format!(" {symbol}"));
-        self.range.map(|(low, high)| format!("{} to {}{unit}", written(low), written(high)))
+    /// A required key of a type, of any value.
+    pub const fn of<T: Value>(name: &'static str, text: &'static str) -> Self {
+        let kind = T::kind;
+        Self { name, text, kind, default: None, range: None, unit: None, cure: None, is_experiment: false }
     }
 
-    /// Refuses a number out of the range, by the key's cure, that of its unit, or `otherwise`.
-    fn check_number(&self, value: f64, at: &str, otherwise: &'static str, found: &mut Vec<Violation>) {
+    /// Refuses a number out of the range, by the key's cure, or that of its unit.
+    fn check_number(&self, value: f64, at: &str, found: &mut Vec<Violation>) {
         let Some((low, high)) = self.range else { return };
         // NaN lies in no range.
         if !(low..=high).contains(&value) {
-            let cure = self.cure.or(self.unit.map(|unit| unit.cure)).unwrap_or(otherwise);
+            let cure = self.cure.or(self.unit.map(|unit| unit.cure)).unwrap_or("choose a value in the range");
             found.push(Violation::new(at, format!("{value} is outside {low} to {high}"), cure));
         }
     }
-}
-
-/// A value as TOML.
-#[cfg(feature = "toml")]
-pub(crate) fn text_of<T: serde::Serialize>(value: &T) -> String {
-    toml::Value::try_from(value).map_or_else(|_| String::new(), |value| value.to_string())
 }

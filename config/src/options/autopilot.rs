@@ -2,13 +2,10 @@
 
 use super::serial_line::{SerialLine, split_address};
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 use std::net::IpAddr;
 
 /// Odometry for PX4 or ArduPilot as MAVLink `ODOMETRY`.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct AutopilotConfig {
     /// Address: "udp://HOST:PORT" if the autopilot listens; "udpin://ADDRESS:PORT" if this computer listens, or
     /// "udpin://ADDRESS:PORT?from=HOST" to accept that address only; "serial://DEVICE:BAUD", such as
@@ -36,9 +33,7 @@ pub struct AutopilotConfig {
 }
 
 /// Condition on which optical flow is sent.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[keys("kebab-case")]
 pub enum FlowMessages {
     /// Never.
     #[default]
@@ -50,9 +45,7 @@ pub enum FlowMessages {
 }
 
 /// Clock that stamps the odometry.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum AutopilotClock {
     /// This computer's (since boot); the autopilot converts. PX4 does by its own TIMESYNC, ArduPilot by the
     /// smallest delay it sees.
@@ -63,9 +56,7 @@ pub enum AutopilotClock {
 }
 
 /// Messages while the odometry is lost.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum LostPose {
     /// The last pose with quality -1 and a large covariance.
     #[default]

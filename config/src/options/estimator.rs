@@ -1,14 +1,9 @@
-//! Capacities and thresholds of the estimator: points, window, initialisation, health. Lines have their own
-//! module.
+//! Capacities and thresholds of the estimator: points, lines, window, health, places.
 
-use super::{LinesConfig, PlacesConfig};
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Capacities and thresholds of the estimator.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct EstimatorConfig {
     /// Detection and tracking of points.
     #[key(default)]
@@ -29,8 +24,6 @@ pub struct EstimatorConfig {
 
 /// Detection and tracking of points.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct PointsConfig {
     /// Largest number of points tracked at a time.
     #[key(default = 120, range = 8..=2000)]
@@ -70,8 +63,6 @@ pub struct PointsConfig {
 
 /// The sliding window and its solver.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct WindowConfig {
     /// Number of keyframes in the window.
     #[key(default = 7, range = 2..=14)]
@@ -111,8 +102,6 @@ pub struct WindowConfig {
 
 /// When an estimate counts as failed.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct HealthConfig {
     /// Speed above which the estimate counts as diverged.
     #[key(default = 20.0, range = 0.5..=300.0, unit = METRES_PER_SECOND, cure = "write it in m/s (is this in km/h?)")]
@@ -137,4 +126,74 @@ pub struct HealthConfig {
     /// while the vehicle stands.
     #[key(default = true)]
     pub refuse_repeated_images: bool,
+}
+
+/// Line segments and line landmarks.
+#[keys]
+pub struct LinesConfig {
+    /// Extract and use lines.
+    #[key(default = true)]
+    pub enabled: bool,
+    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are detected at half the resolution, with a
+    /// threshold of 0.7 times this value per half-resolution pixel.
+    #[key(default = 8.0, range = 0.5..=200.0, cure = "write it in grey levels per pixel")]
+    pub min_gradient: f64,
+    /// Shortest raw segment, px.
+    #[key(default = 22.0, range = 8.0..=500.0, unit = PIXELS, experiment)]
+    pub min_raw_length_px: f64,
+    /// Apply the adaptive length threshold.
+    #[key(default = true, experiment)]
+    pub length_filter: bool,
+    /// Join broken segments.
+    #[key(default = true, experiment)]
+    pub merge: bool,
+    /// Widening of a segment's outer rectangle across the segment for joining, px.
+    #[key(default = 1.0, range = 0.0..=50.0, unit = PIXELS, experiment)]
+    pub merge_across_px: f64,
+    /// Widening of a segment's outer rectangle along the segment for joining, px.
+    #[key(default = 10.0, range = 0.0..=200.0, unit = PIXELS, experiment)]
+    pub merge_along_px: f64,
+    /// Smallest angle threshold for joining, degrees.
+    #[key(default = 2.0, range = 0.0..=45.0, unit = DEGREES, experiment)]
+    pub merge_angle_deg: f64,
+    /// Largest number of edge pixels visited in an image. At this limit, the strongest segments found so far are used.
+    #[key(default = 24_000, range = 1000..=100_000_000)]
+    pub max_visits: usize,
+    /// Largest number of raw segments of an image.
+    #[key(default = 1000, range = 8..=10_000, experiment)]
+    pub max_raw: usize,
+    /// Largest number of segments of an image that are refined and matched. Long segments of high contrast are
+    /// preferred.
+    #[key(default = 48, range = 8..=500)]
+    pub max_segments: usize,
+    /// Largest Hamming distance of a match, of 256 bits.
+    #[key(default = 60, range = 1..=256, experiment)]
+    pub max_hamming: u32,
+    /// Largest ratio of the distances of the best and the second best match.
+    #[key(default = 0.75, range = 0.1..=1.0, experiment)]
+    pub max_hamming_ratio: f64,
+    /// Largest number of line landmarks in the window.
+    #[key(default = 120, range = 4..=2000, experiment)]
+    pub max_landmarks: usize,
+    /// Standard deviation of a segment's end points, across the segment. It is larger for real lenses than for
+    /// simulated ones.
+    #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
+    pub sigma_px: f64,
+}
+
+/// Recognition of places and the map that a flight makes.
+#[keys]
+pub struct PlacesConfig {
+    /// Recognize places, and build a map.
+    #[key(default = true)]
+    pub enabled: bool,
+    /// Largest number of keyframes in the map, 27 kB each. Above it, the most redundant keyframe is dropped.
+    #[key(default = 1000, range = 16..=20_000)]
+    pub max_keyframes: usize,
+    /// Largest number of features of a keyframe.
+    #[key(default = 400, range = 50..=2000, experiment)]
+    pub max_features: usize,
+    /// Smallest distance between successive keyframes, m; a rotation of 30 degrees counts as one metre.
+    #[key(default = 0.2, range = 0.0..=10.0, unit = METRES, experiment)]
+    pub spacing_m: f64,
 }

@@ -2,12 +2,9 @@
 
 use super::serial_line::{SerialLine, split_address};
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Inertial sensor of a live flight. `[imu]` states its rate and its ranges.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct ImuDriverConfig {
     /// Address of the sensor. On a serial line: "serial://DEVICE:BAUD", such as "serial:///dev/serial/by-id/usb-...:921600".
     /// With a kernel driver: "iio://NAME", or "iio://GYROSCOPE,ACCELEROMETER" for two devices. `plumbline devices` lists both
@@ -35,9 +32,7 @@ pub struct ImuDriverConfig {
 }
 
 /// Protocol of an inertial sensor on a serial line.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum ImuProtocol {
     /// Protocol of Plumbline, for a microcontroller: `docs/serial-protocol.md`.
     #[default]
@@ -79,9 +74,7 @@ impl ImuProtocol {
 }
 
 /// Message of MAVLink that carries the samples.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[keys("snake_case")]
 pub enum MavlinkImu {
     /// Real numbers, stamps of a microsecond. PX4 has subtracted its own estimate of the biases.
     #[default]

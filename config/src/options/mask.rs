@@ -10,8 +10,6 @@ use std::path::PathBuf;
 const RUNS: &str = "runs ";
 /// Most runs of a mask: what outlines of a vehicle have stays far below, and noise is above.
 pub const MAX_MASK_RUNS: usize = 20_000;
-/// Most pixels of a mask: those of the largest image.
-const MAX_PIXELS: u64 = 4096 * 4096;
 
 /// Part of a camera's image that is ignored: parts of the vehicle, say, or the rim of the lens.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,16 +94,12 @@ impl PixelMask {
         let Some((width, height)) = size else {
             return Err("a mask begins with its size, as 752x480".into());
         };
-        let mut runs = Vec::new();
-        let mut sum = 0u64;
-        for word in words {
-            let length: u32 = word.parse().map_err(|_| format!("`{word}` is no length of a run"))?;
-            sum += u64::from(length);
-            runs.push(length);
-            if runs.len() > MAX_MASK_RUNS || sum > MAX_PIXELS {
-                return Err(format!("a mask has at most {MAX_MASK_RUNS} runs"));
-            }
+        let length = |word: &str| word.parse().map_err(|_| format!("`{word}` is no length of a run"));
+        let runs = words.map(length).collect::<Result<Vec<u32>, String>>()?;
+        if runs.len() > MAX_MASK_RUNS {
+            return Err(format!("a mask has at most {MAX_MASK_RUNS} runs"));
         }
+        let sum: u64 = runs.iter().map(|length| u64::from(*length)).sum();
         if sum != u64::from(width) * u64::from(height) {
             return Err(format!("the runs of the mask have {sum} pixels, and its size is {width}x{height}"));
         }
@@ -129,12 +123,8 @@ impl From<Mask> for String {
         match mask {
             Mask::Picture(path) => path.to_string_lossy().into_owned(),
             Mask::Pixels(mask) => {
-                let mut text = format!("{RUNS}{}x{}", mask.width_px, mask.height_px);
-                for length in &mask.runs {
-                    text.push(' ');
-                    text.push_str(&length.to_string());
-                }
-                text
+                let size = format!("{RUNS}{}x{}", mask.width_px, mask.height_px);
+                mask.runs.iter().fold(size, |text, length| text + " " + &length.to_string())
             }
         }
     }

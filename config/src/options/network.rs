@@ -1,13 +1,10 @@
 //! Network: identity, endpoints and permissions.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Publication over Zenoh. By default there is no listener.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
     /// Name of this vehicle in the keys `plumbline/<vehicle>/...`: letters, digits, `-`, `_`.
     #[key(default = "drone")]
@@ -23,7 +20,7 @@ pub struct NetworkConfig {
     pub scouting: bool,
     /// Capacity of the link: "lan" (everything), "wifi" (fewer messages, smaller pictures) or "radio" (poses and keyframes
     /// only, a few per second).
-    #[key(default = Link::Lan)]
+    #[key(default)]
     pub link: Link,
     /// Offer camera pictures if the link can carry them. They are encoded only while a client subscribes.
     #[key(default = true)]
@@ -34,7 +31,7 @@ pub struct NetworkConfig {
     pub max_memory_mb: u32,
     /// Clients that may give commands: "nobody"; "authenticated" (processes of this host, and operators with a certificate;
     /// refused while an unauthenticated listener is open); or "anybody".
-    #[key(default = CommandAccess::Authenticated)]
+    #[key(default)]
     pub commands: CommandAccess,
     /// Certificates for `tls/` endpoints, PEM files from `plumbline keys`; empty for none.
     #[key(default)]
@@ -42,9 +39,7 @@ pub struct NetworkConfig {
 }
 
 /// Capacity of a link.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum Link {
     /// A cable: everything.
     #[default]
@@ -56,9 +51,7 @@ pub enum Link {
 }
 
 /// Clients that may give commands to a vehicle.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum CommandAccess {
     /// No client.
     Nobody,
@@ -73,8 +66,7 @@ pub enum CommandAccess {
 /// Certificates for `tls/...` endpoints; empty paths for none. The name of a peer's certificate is its role, such as
 /// `operator.1` or `vehicle:drone.2`, as `plumbline keys` makes them.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Eq)]
 pub struct TlsConfig {
     /// Certificate of the common authority.
     #[key(default)]

@@ -1,19 +1,16 @@
 //! Options of the flight recorder: what it keeps, and how much of it.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Flight recorder. The command line enables it.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct RecorderConfig {
     /// Images: "png" compresses them without loss, "raw" does not, "none" keeps only a hash of their pixels.
-    #[key(default = ImageRecording::Png)]
+    #[key(default)]
     pub images: ImageRecording,
     /// Action at max_total_mb: "beginning" stops recording, "newest" deletes the oldest files. A re-execution needs the
     /// beginning of the flight.
-    #[key(default = KeepPolicy::Beginning)]
+    #[key(default)]
     pub keep: KeepPolicy,
     /// Size at which a new file is started (MB: 10^6 bytes).
     #[key(default = 1024, range = 32..=65_536, unit = MEGABYTES)]
@@ -32,24 +29,22 @@ pub struct RecorderConfig {
 }
 
 /// Form in which images are kept.
-#[keys]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum ImageRecording {
     /// Not at all, but for the hash of their pixels: a re-execution takes them from the data set.
     None,
     /// Compressed without loss.
+    #[default]
     Png,
     /// Uncompressed.
     Raw,
 }
 
 /// Part of a flight that is kept when the size limit is reached.
-#[keys]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum KeepPolicy {
     /// Beginning of the flight: recording stops at the limit, and the recording can be re-executed.
+    #[default]
     Beginning,
     /// End of the flight: the oldest files are deleted, and the rest cannot be re-executed.
     Newest,

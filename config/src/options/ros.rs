@@ -1,13 +1,10 @@
 //! Options of the publication as ROS 2 messages.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Publication of odometry, path and transforms as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
 /// Plumbline's own keys and by a session of its own.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct RosConfig {
     /// Publish to ROS 2.
     #[key(default = false)]
@@ -19,7 +16,7 @@ pub struct RosConfig {
     #[key(default = 0, range = 0..=232, cure = "give the ROS_DOMAIN_ID of the others")]
     pub domain_id: u32,
     /// ROS 2 release of the subscribers: "humble", "iron", "jazzy", "kilted", "rolling".
-    #[key(default = RosDistribution::Jazzy)]
+    #[key(default)]
     pub distribution: RosDistribution,
     /// Namespace, such as "/robots/one"; "" for `/<vehicle>`, "/" for none.
     #[key(default)]
@@ -42,7 +39,7 @@ pub struct RosConfig {
     pub rate_hz: f64,
     /// Time in header.stamp: "measurement" (live flights: converted to system time, as ROS expects; recordings and simulations:
     /// their own time) or "publication" (system time).
-    #[key(default = RosStamp::Measurement)]
+    #[key(default)]
     pub stamp: RosStamp,
     /// Publish /tf; false if another node does. The transforms are map_frame -> odom_frame -> base_frame ->
     /// body_frame.
@@ -61,15 +58,14 @@ pub struct RosConfig {
 }
 
 /// Releases of ROS 2 that have `rmw_zenoh`.
-#[keys]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum RosDistribution {
     /// The only one without hashes of types.
     Humble,
     /// 2023.
     Iron,
     /// 2024.
+    #[default]
     Jazzy,
     /// 2025.
     Kilted,
@@ -78,11 +74,10 @@ pub enum RosDistribution {
 }
 
 /// Meaning of the time in a message's header.
-#[keys]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum RosStamp {
     /// The measurement: live by the system clock, as ROS expects; of a recording or a simulation by its own time.
+    #[default]
     Measurement,
     /// Time of publication, system clock: for sensors that use another clock.
     Publication,

@@ -1,12 +1,9 @@
 //! Options of a live run: what is asked of the host.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Requests of a live run to the host. A refused request is logged, and the run continues without it.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct RuntimeConfig {
     /// Use real-time priorities (SCHED_FIFO).
     #[key(default = true)]

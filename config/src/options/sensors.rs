@@ -6,12 +6,10 @@ use crate::camera::Distortion;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2};
 use plumbline_keys::keys;
 use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer};
 
 /// One camera: intrinsics and extrinsics.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct CameraConfig {
     /// Image width in pixels.
     #[key(range = 64..=4096, unit = PIXELS)]
@@ -109,8 +107,6 @@ pub fn rows_from_isometry(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 
 /// Noise model and limits of the inertial sensor (the IMU frame is the body frame `B`).
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct ImuConfig {
     /// Samples per second.
     #[key(range = 50.0..=4000.0, unit = HZ)]
@@ -173,15 +169,13 @@ pub struct ImuConfig {
 impl ImuConfig {
     /// A sensor of `(density, bias walk)` of the gyroscope and of the accelerometer, and the default limits.
     pub fn with_noise(rate_hz: f64, gyro: (f64, f64), accel: (f64, f64)) -> Self {
-        Self::with_required(rate_hz, gyro.0, gyro.1, accel.0, accel.1)
+        Self::new(rate_hz, gyro.0, gyro.1, accel.0, accel.1)
     }
 }
 
 /// Uncertainty of the calibration of the rig, one standard deviation each: the priors of the online
 /// refinement. Zero switches the refinement of that quantity off.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct RigConfig {
     /// `t_imu = t_camera + time_offset_s`, s.
     #[key(default = 0.0, range = -0.1..=0.1, unit = SECONDS)]

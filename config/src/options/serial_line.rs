@@ -2,6 +2,8 @@
 
 /// Slowest and fastest serial lines that are accepted, baud.
 const BAUD: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
+/// Bits on a serial line for one byte: start, eight bits, stop.
+const BAUD_PER_BYTE: f64 = 10.0;
 /// The longest text that is looked at, bytes.
 const MAX_BYTES: usize = 256;
 
@@ -31,6 +33,13 @@ impl SerialLine {
             return Err(format!("{device:?} is not an absolute path of a device"));
         }
         Ok(Self { device: device.to_owned(), baud })
+    }
+
+    /// Reason why the line is too slow for bytes a second, which `rate` makes; `None` where it is not.
+    pub(crate) fn too_slow(&self, bytes_s: f64, rate: &str) -> Option<String> {
+        let (baud, needed) = (self.baud, bytes_s * BAUD_PER_BYTE);
+        let is_slow = f64::from(baud) < needed;
+        is_slow.then(|| format!("{baud} baud are too slow for {rate}: {needed:.0} are needed"))
     }
 }
 

@@ -1,15 +1,12 @@
 //! Cameras of the Linux kernel (Video4Linux): which devices, what is asked of them, how images become pairs.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Cameras behind Video4Linux: two devices, or one that gives both images.
 ///
 /// Sizes and rate are those of `[[camera]]`. With two cameras and no `right`, the device of `left` gives both images:
 /// side by side in an image of twice the width, or interleaved (`Y8I`).
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct V4l2Config {
     /// Left camera, such as "/dev/v4l/by-path/platform-...-video-index0"; empty for none. The device may deliver both
     /// images: side by side in an image of twice the width, or interleaved.
@@ -49,9 +46,7 @@ pub struct V4l2Config {
 }
 
 /// Encoding of a device's images; luma of all of them becomes 8-bit grey.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "UPPERCASE")]
+#[keys("UPPERCASE")]
 pub enum V4l2Format {
     /// The first of the others, in their order, that the device offers in the size of the camera.
     #[default]
@@ -78,9 +73,7 @@ pub enum V4l2Format {
 }
 
 /// Rule by which left and right images find each other.
-#[keys]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[keys("lowercase")]
 pub enum PairBy {
     /// The nearest in time.
     #[default]

@@ -2,13 +2,12 @@
 
 use nalgebra::UnitQuaternion;
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Mounting of the IMU in the vehicle. Ground station, autopilot and ROS 2 speak of the vehicle's attitude
 /// by it; the estimator does not depend on it.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
     /// Roll, pitch and yaw of the rotation from the IMU's axes to the vehicle's (x forward, y left, z up). Rz(yaw)
     /// Ry(pitch) Rx(roll) transforms coordinates from the IMU to the vehicle. "unknown" if not known: then neither
@@ -19,44 +18,23 @@ pub struct VehicleConfig {
 
 /// Rotation from the IMU to the vehicle, as far as it is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "WrittenMounting", into = "WrittenMounting")]
+#[serde(untagged, expecting = "a list of 3 numbers or \"unknown\" is expected")]
 pub enum Mounting {
     /// Not known: nothing that depends on the vehicle's attitude may start.
     #[default]
+    #[serde(serialize_with = "write_unknown", deserialize_with = "read_unknown")]
     Unknown,
     /// Roll, pitch and yaw, degrees.
     Known([f64; 3]),
 }
 
-/// A mounting as it is written in a file.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged, expecting = "a list of 3 numbers or \"unknown\" is expected")]
-enum WrittenMounting {
-    Degrees([f64; 3]),
-    Word(String),
+fn write_unknown<S: Serializer>(serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(Mounting::UNKNOWN)
 }
 
-impl TryFrom<WrittenMounting> for Mounting {
-    type Error = String;
-
-    fn try_from(written: WrittenMounting) -> Result<Self, String> {
-        match written {
-            WrittenMounting::Degrees(degrees) => Ok(Self::Known(degrees)),
-            WrittenMounting::Word(word) if word == Self::UNKNOWN => Ok(Self::Unknown),
-            WrittenMounting::Word(word) => {
-                Err(format!("is {word:?} where a list of 3 numbers or \"unknown\" is expected"))
-            }
-        }
-    }
-}
-
-impl From<Mounting> for WrittenMounting {
-    fn from(mounting: Mounting) -> Self {
-        match mounting {
-            Mounting::Known(degrees) => Self::Degrees(degrees),
-            Mounting::Unknown => Self::Word(Mounting::UNKNOWN.to_owned()),
-        }
-    }
+fn read_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
+    let is_unknown = String::deserialize(deserializer)? == Mounting::UNKNOWN;
+    is_unknown.then_some(()).ok_or_else(|| D::Error::custom("another word"))
 }
 
 impl Mounting {

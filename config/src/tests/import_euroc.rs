@@ -107,7 +107,7 @@ fn an_imu_off_the_body_moves_the_cameras() {
 fn what_is_wrong_is_named_by_file_and_key() {
     for (from, to, says) in [
         ("resolution: [752, 480]", "resolution: [752]", "cam0: `resolution"),
-        ("resolution: [752, 480]", "resolution: [752.5, 480]", "`resolution`: is no image size"),
+        ("resolution: [752, 480]", "resolution: [752.5, 480]", "`resolution[0]` (line 13): no whole number"),
         ("intrinsics: [458.654", "intrinsics: [abc", "`intrinsics[0]` (line 15)"),
         ("intrinsics: [458.654", "intrinsics: [.nan", "`intrinsics[0]` (line 15)"),
         ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),

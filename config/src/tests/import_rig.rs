@@ -370,7 +370,7 @@ fn what_is_wrong_is_named_by_file_and_key_with_what_is_known() {
             "rig.yaml: `Camera.type`: is no known model; calibrate with one of PinHole",
         ),
         ("Camera2.k4: 0.0003299517423931039\n", "", "`Camera2.k4`: missing"),
-        ("Camera.width: 512", "Camera.width: 512.5", "`Camera.width`: is no image size"),
+        ("Camera.width: 512", "Camera.width: 512.5", "`Camera.width` (line"),
         ("[-0.9995250378696743,", "[0.5,", "`IMU.T_b_c1`: the upper-left 3x3 block is not a rotation"),
         ("IMU.Frequency: 200.0\n", "", "`IMU.Frequency`: missing"),
         (

@@ -6,7 +6,7 @@ fn refused(text: &str) -> ConfigError {
     Config::from_toml_str(text, "drone.toml").expect_err("is refused")
 }
 
-fn preset() -> &'static str {
+fn preset() -> String {
     preset_text("euroc").expect("exists")
 }
 
@@ -57,7 +57,7 @@ fn a_syntax_error_has_line_and_column() {
 
 #[test]
 fn an_unknown_key_suggests_the_nearest() {
-    let error = refused(&with(preset(), "keyframes = 7", "keyframe = 7"));
+    let error = refused(&with(&preset(), "keyframes = 7", "keyframe = 7"));
     let line = 1 + preset().lines().position(|l| l == "keyframes = 7").expect("is there");
     assert_eq!(
         error.to_string(),
@@ -65,32 +65,26 @@ fn an_unknown_key_suggests_the_nearest() {
             "drone.toml: `estimator.window.keyframe` (line {line}): unknown key; did you mean `keyframes`?"
         )
     );
-    let error = refused(&with(preset(), "keyframes = 7", "colour = 7"));
-    assert!(error.to_string().contains("remove it; known here: cauchy_scale"), "{error}");
-}
-
-#[test]
-fn a_key_that_is_like_none_suggests_none() {
-    let error = refused(&with(preset(), "max_iterations = ", "shoe_size = "));
+    let error = refused(&with(&preset(), "keyframes = 7", "colour = 7"));
     let message = error.to_string();
-    assert!(message.contains("known here") && !message.contains("did you mean"), "{message}");
+    assert!(message.contains("remove it; known here: cauchy_scale") && !message.contains("did you mean"));
 }
 
 #[test]
 fn a_mounting_may_be_unknown_and_no_other_word() {
     let degrees = "imu_to_vehicle_deg = [180.0, -70.3, 0.0]";
-    let unknown = with(preset(), degrees, "imu_to_vehicle_deg = \"unknown\"");
+    let unknown = with(&preset(), degrees, "imu_to_vehicle_deg = \"unknown\"");
     let config = Config::from_toml_str(&unknown, "drone.toml").expect("is good");
     assert_eq!(config.vehicle.rot_v_b(), None);
     let written = config.to_toml().expect("is plain data");
     assert_eq!(Config::from_toml_str(&written, "written").expect("is good"), config);
-    let error = refused(&with(preset(), degrees, "imu_to_vehicle_deg = \"upright\"")).to_string();
-    assert!(error.contains("where a list of 3 numbers or \"unknown\" is expected"), "{error}");
+    let error = refused(&with(&preset(), degrees, "imu_to_vehicle_deg = \"upright\"")).to_string();
+    assert!(error.contains("a list of 3 numbers or \"unknown\" is expected"), "{error}");
 }
 
 #[test]
 fn all_values_out_of_range_are_collected() {
-    let text = with(preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81");
+    let text = with(&preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81");
     let text = with(&text, "border_px = 8", "border_px = 99999999999");
     let error = refused(&text);
     let keys: Vec<&str> = error.violations().iter().map(|v| v.key.as_str()).collect();
@@ -107,12 +101,12 @@ fn a_wrong_type_or_size_is_refused_by_its_key_and_line() {
         ("focal_px = [458.654, 457.296]", "focal_px = [1.0]", "camera[0].focal_px"),
         ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0]", "camera[0].pose_b_c[3]"),
         ("listen = []", "listen = [7447]", "network.listen[0]"),
-        ("\"radial-tangential\"\n# Radial", "\"fisheye\"\n# Radial", "camera[0].distortion"),
+        ("model = \"radial-tangential\"", "model = \"fisheye\"", "camera[0].distortion"),
         ("k1 = -0.28340811", "k3 = -0.28340811", "camera[0].distortion"),
         ("scouting = false", "scouting = \"no\"", "network.scouting"),
         ("border_px = 8", "border_px = -120", "estimator.points.border_px"),
     ] {
-        let error = refused(&with(preset(), from, to));
+        let error = refused(&with(&preset(), from, to));
         let [found] = error.violations() else { panic!("{to}: {error}") };
         assert!(found.key.starts_with(key) && found.line.is_some(), "{to}: {error}");
     }
@@ -122,14 +116,15 @@ fn a_wrong_type_or_size_is_refused_by_its_key_and_line() {
 fn a_missing_part_is_named_and_defaults_may_be_missing() {
     let error = refused("[imu]\nrate_hz = 200.0\n");
     assert!(error.violations()[0].reason == "missing", "{error}");
-    let bare: &str = preset().split("[rig]").next().expect("has a head");
+    let text = preset();
+    let bare = text.split("[rig]").next().expect("has a head");
     let config = Config::from_toml_str(bare, "bare").expect("all else has defaults");
-    assert_eq!(config.estimator, Config::with_defaults(Vec::new(), config.imu.clone()).estimator);
+    assert_eq!(config.estimator, Config::new(Vec::new(), config.imu.clone()).estimator);
 }
 
 #[test]
 fn values_are_refused_with_their_line() {
-    let error = refused(&with(preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81"));
+    let error = refused(&with(&preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81"));
     let line = 1 + preset().lines().position(|l| l == "gravity_m_s2 = 9.81").expect("is there");
     assert_eq!(
         error.to_string(),
@@ -143,7 +138,7 @@ fn values_are_refused_with_their_line() {
 #[test]
 fn a_long_list_of_violations_is_cut() {
     let names = ["\"!\""; 100].join(", ");
-    let error = refused(&with(preset(), "excluded = []", &format!("excluded = [{names}]")));
+    let error = refused(&with(&preset(), "excluded = []", &format!("excluded = [{names}]")));
     let message = error.to_string();
     assert!(error.violations().len() == 100 && message.lines().count() == 42, "{message}");
     assert!(message.ends_with("and 60 more"), "{message}");

@@ -73,9 +73,9 @@ fn documented(text: &str) -> Vec<(String, String, String)> {
 fn comments_state_the_true_defaults() {
     let preset = Config::preset("euroc").expect("is good");
     let imu = crate::options::ImuConfig::with_noise(1.0, (1.0, 1.0), (1.0, 1.0));
-    let defaults = Value::try_from(Config::with_defaults(preset.camera.clone(), imu)).expect("is plain data");
+    let defaults = Value::try_from(Config::new(preset.camera.clone(), imu)).expect("is plain data");
     for name in FULL {
-        for (table, key, comment) in documented(preset_text(name).expect("exists")) {
+        for (table, key, comment) in documented(&preset_text(name).expect("exists")) {
             let has_default = !table.starts_with("camera")
                 && !(table == "imu"
                     && (key.ends_with("density") || key.ends_with("walk") || key == "rate_hz"));

@@ -42,7 +42,7 @@ proptest! {
 
     #[test]
     fn damaged_files(edits in prop::collection::vec((any::<usize>(), any::<u8>(), 0usize..12), 1..6)) {
-        for text in [preset_text("euroc").expect("exists"), CAM0, IMU0, RADTAN, EQUIDISTANT, IMU] {
+        for text in [&*preset_text("euroc").expect("exists"), CAM0, IMU0, RADTAN, EQUIDISTANT, IMU] {
             parse_all(&damaged(text, &edits));
         }
     }

@@ -245,7 +245,7 @@ fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a
     for (connect, protocol) in [(line, ImuProtocol::Xsens), ("iio://bmi088", ImuProtocol::Plumbline)] {
         assert_eq!(triggered(connect, protocol)[0].key, "driver.imu.trigger_cameras");
     }
-    check("driver.imu.trigger_pulse_s", "1 / camera.rate_hz", |c| {
+    check("driver.imu.trigger_pulse_s", "1 / camera[0].rate_hz", |c| {
         c.driver.imu.trigger_cameras = true;
         c.driver.imu.trigger_pulse_s = 0.06;
     });

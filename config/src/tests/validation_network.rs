@@ -10,7 +10,7 @@ fn names_must_fit_into_keys() {
     for name in ["", "a/b", "a*", "a#", "a?", "a$b", "a b", "größe", "a\n"] {
         check("network.vehicle", "drone-1", |c| c.network.vehicle = name.into());
     }
-    check("network.vehicle", "65 bytes", |c| c.network.vehicle = "x".repeat(65));
+    check("network.vehicle", "1 to 64", |c| c.network.vehicle = "x".repeat(65));
     assert_eq!(refused(|c| c.network.vehicle = "Drone_1-b".into()), []);
 }
 
@@ -109,7 +109,7 @@ fn the_local_socket_has_a_path_permissions_and_a_group() {
     for bad in ["local", "/run/", "/a\0b"] {
         check("local.path", "/run/plumbline/local", |c| c.local.path = bad.into());
     }
-    check("local.path", "longer than 100", |c| c.local.path = format!("/{}", "x".repeat(100)));
+    check("local.path", "at most 100", |c| c.local.path = format!("/{}", "x".repeat(100)));
     for bad in ["", "0o", "rw", "660 ", "1777", "+66"] {
         check("local.mode", "\"0660\"", |c| c.local.mode = bad.into());
     }

@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::error::Violation;
-use crate::options::{AutopilotConfig, AutopilotEndpoint, FlowMessages, SerialLine};
+use crate::options::{AutopilotEndpoint, FlowMessages};
 use nalgebra::Vector3;
 
 /// An ODOMETRY message on the wire, bytes.
@@ -13,10 +13,9 @@ const FLOW_BYTES_S: f64 = 4600.0;
 const MIN_COS_DOWN: f64 = 0.7;
 /// All other messages in a second, bytes.
 const OTHERS_BYTES_S: f64 = 800.0;
-/// Bits on a serial line for one byte: start, eight bits, stop.
-const BAUD_PER_BYTE: f64 = 10.0;
 
-pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
+pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
+    let autopilot = &config.autopilot;
     if autopilot.connect.is_empty() {
         return;
     }
@@ -29,26 +28,24 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
             "write udp://HOST:PORT, udpin://ADDRESS:PORT or serial://DEVICE:BAUD, such as \
              \"udp://127.0.0.1:14540\" or \"serial:///dev/ttyS0:921600\", or \"\" for no autopilot",
         ),
-        Ok(AutopilotEndpoint::Serial(SerialLine { baud, .. })) => {
+        Ok(AutopilotEndpoint::Serial(line)) => {
             let flow_bytes_s = if autopilot.flow == FlowMessages::Off { 0.0 } else { FLOW_BYTES_S };
-            let needed = (autopilot.rate_hz * ODOMETRY_BYTES + OTHERS_BYTES_S + flow_bytes_s) * BAUD_PER_BYTE;
-            if f64::from(baud) < needed {
-                let reason = format!(
-                    "{baud} baud are too slow for autopilot.rate_hz = {}: {needed:.0} are needed",
-                    autopilot.rate_hz
-                );
+            let bytes_s = autopilot.rate_hz * ODOMETRY_BYTES + OTHERS_BYTES_S + flow_bytes_s;
+            if let Some(reason) =
+                line.too_slow(bytes_s, &format!("autopilot.rate_hz = {}", autopilot.rate_hz))
+            {
                 refuse(reason, "use a faster line, such as 921600");
             }
         }
         Ok(AutopilotEndpoint::Udp(_) | AutopilotEndpoint::UdpIn { .. }) => {}
     }
+    if autopilot.flow != FlowMessages::Off {
+        check_flow(config, found);
+    }
 }
 
-/// Checks that the left camera looks down if its flow is to be sent: autopilots accept no other direction.
-pub(super) fn check_flow(config: &Config, found: &mut Vec<Violation>) {
-    if config.autopilot.flow == FlowMessages::Off || config.autopilot.connect.is_empty() {
-        return;
-    }
+/// Checks that the left camera looks down: autopilots accept flow from no other direction.
+fn check_flow(config: &Config, found: &mut Vec<Violation>) {
     let (Some(rot_v_b), Some(left)) = (config.vehicle.rot_v_b(), config.camera.first()) else { return };
     let axis_v = rot_v_b * (left.pose_b_c().rotation * Vector3::z());
     if axis_v.z > -MIN_COS_DOWN {

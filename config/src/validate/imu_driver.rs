@@ -4,9 +4,6 @@ use crate::Config;
 use crate::error::Violation;
 use crate::options::{ImuEndpoint, ImuProtocol};
 
-/// Bits on a serial line for one byte: start, eight bits, stop.
-const BAUD_PER_BYTE: f64 = 10.0;
-
 pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     let driver = &config.driver.imu;
     let mut refuse = |key: &str, reason: String, cure: &str| {
@@ -15,7 +12,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     let rate_hz = config.camera.first().map_or(0.0, |camera| camera.rate_hz);
     if driver.trigger_cameras && driver.trigger_pulse_s * rate_hz >= 1.0 {
         let reason = format!("{} s are as long as the time from image to image", driver.trigger_pulse_s);
-        refuse("trigger_pulse_s", reason, "choose less than 1 / camera.rate_hz");
+        refuse("trigger_pulse_s", reason, "choose less than 1 / camera[0].rate_hz");
     }
     if driver.connect.is_empty() {
         return;
@@ -38,12 +35,8 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     }
     if let ImuEndpoint::Serial(line) = endpoint {
         let sample_bytes = driver.protocol.sample_bytes(driver.mavlink_message);
-        let needed = config.imu.rate_hz * sample_bytes * BAUD_PER_BYTE;
-        if f64::from(line.baud) < needed {
-            let reason = format!(
-                "{} baud are too slow for imu.rate_hz = {}: {needed:.0} are needed",
-                line.baud, config.imu.rate_hz
-            );
+        let rate_hz = config.imu.rate_hz;
+        if let Some(reason) = line.too_slow(rate_hz * sample_bytes, &format!("imu.rate_hz = {rate_hz}")) {
             refuse("connect", reason, "use a faster line, such as 921600, or a lower rate");
         }
     }

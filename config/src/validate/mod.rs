@@ -1,14 +1,13 @@
 //! Validation: which values are refused. Ranges of single numbers stand beside their fields ([`crate::keys`]); here is what
 //! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
-//! [`frames`], [`imu_driver`], [`local`], [`ros`] and [`v4l2`].
+//! [`imu_driver`], [`ros`], [`sockets`] and [`v4l2`].
 
 mod autopilot;
 mod extrinsics;
-mod frames;
 mod imu_driver;
-mod local;
 mod network;
 mod ros;
+mod sockets;
 mod v4l2;
 
 #[cfg(feature = "yaml")]
@@ -43,12 +42,7 @@ impl EstimatorSetup {
             let reason = format!("there are {} cameras", self.camera.len());
             found.push(Violation::new("camera", reason, "give one `[[camera]]` or two, left and right"));
         }
-        keys::check(&self.imu, "imu", &mut found);
-        keys::check(&self.rig, "rig", &mut found);
-        keys::check(&self.estimator, "estimator", &mut found);
-        for (i, camera) in self.camera.iter().enumerate() {
-            keys::check(camera, &format!("camera[{i}]"), &mut found);
-        }
+        keys::check(self, "", &mut found);
         for (i, camera) in self.camera.iter().enumerate() {
             check_camera(camera, &format!("camera[{i}]"), &mut found);
         }
@@ -72,14 +66,12 @@ impl Config {
         check_pairing(self, &mut found);
         let recorder = [self.recorder.max_file_mb as f64, self.recorder.max_total_mb as f64];
         check_order(&mut found, ["recorder.max_file_mb", "recorder.max_total_mb"], recorder, true);
-        local::check(&self.local, &mut found);
+        sockets::check(self, &mut found);
         network::check(&self.network, &mut found);
-        autopilot::check(&self.autopilot, &mut found);
-        autopilot::check_flow(self, &mut found);
+        autopilot::check(self, &mut found);
         imu_driver::check(self, &mut found);
         ros::check(self, &mut found);
         v4l2::check(self, &mut found);
-        frames::check(self, &mut found);
         found
     }
 }
@@ -113,7 +105,7 @@ fn check_mask(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
             let ((a, b), (c, d)) = (mask.size_px(), (camera.width_px, camera.height_px));
             refuse(
                 format!("the mask has {a}x{b} px, the images have {c}x{d}"),
-                "draw it over an image of this camera",
+                "draw it over an image of this camera, pixel by pixel",
             );
         }
         Some(Mask::Pixels(mask)) if mask.seen_share() < MIN_SEEN_SHARE => refuse(
@@ -129,12 +121,9 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
         let (low, high) = range_of_coefficient(&camera.distortion, name);
         if !(low..=high).contains(&value) {
             let reason = format!("{value} is outside {low} to {high}");
-            let cure = match camera.distortion {
-                Distortion::RadialTangential { .. } | Distortion::Equidistant { .. } => {
-                    "calibrate the camera again".to_owned()
-                }
-                lens => format!("check the model ({}) and the order of the coefficients", lens.model()),
-            };
+            let model = camera.distortion.model();
+            let cure =
+                format!("check the model ({model}) and the order of the coefficients, or calibrate again");
             found.push(Violation::new(format!("{key}.distortion.{name}"), reason, cure));
         }
     }
@@ -149,10 +138,9 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
     let fold_rad = camera.distortion.fold_rad();
     let is_wide = fold_rad.is_some_and(|fold_rad| fold_rad > WIDE_FOLD_RAD);
     if !is_wide && edges.iter().any(|(x, y)| !model.has_direction(&Vector2::new(*x, *y))) {
-        let at = match fold_rad {
-            Some(fold_rad) => format!(" {:.0} degrees from the optical axis", fold_rad.to_degrees()),
-            None => String::new(),
-        };
+        let at = fold_rad.map_or_else(String::new, |fold_rad| {
+            format!(" {:.0} degrees from the optical axis", fold_rad.to_degrees())
+        });
         let reason =
             format!("the lens model folds back within the image{at}, so pixels there have no direction");
         let cure = format!(
@@ -193,7 +181,7 @@ fn check_pairing(config: &Config, found: &mut Vec<Violation>) {
     let Some(first) = config.camera.first() else { return };
     if config.driver.pair_tolerance_s * first.rate_hz >= 0.5 {
         let reason = format!("{} s is half a frame interval or more", config.driver.pair_tolerance_s);
-        let cure = "choose less than half of 1 / camera.rate_hz, else frames pair with their neighbours";
+        let cure = "choose less than half of 1 / camera[0].rate_hz, else frames pair with their neighbours";
         found.push(Violation::new("driver.pair_tolerance_s", reason, cure));
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::error::Violation;
 use crate::options::{NetworkConfig, TlsConfig, is_certificate_name};
-use std::path::Path;
 
 /// Longest vehicle name: it is part of every key on the wire.
 const MAX_VEHICLE_BYTES: usize = 64;
@@ -13,7 +12,11 @@ const MAX_ENDPOINT_BYTES: usize = 256;
 const PROTOCOLS: [&str; 2] = ["tcp", "tls"];
 
 pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
-    if let Some(reason) = vehicle_problem(&network.vehicle) {
+    // One chunk of a Zenoh key: `/` would split it, `*`, `$`, `#` and `?` have meanings there.
+    let vehicle = &network.vehicle;
+    let is_plain = vehicle.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'));
+    if !is_plain || !(1..=MAX_VEHICLE_BYTES).contains(&vehicle.len()) {
+        let reason = format!("{} is no chunk of a key on the wire", shortened(vehicle));
         let cure = format!("use 1 to {MAX_VEHICLE_BYTES} of a-z, A-Z, 0-9, `-`, `_`, such as \"drone-1\"");
         found.push(Violation::new("network.vehicle", reason, cure));
     }
@@ -34,7 +37,7 @@ pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
 fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
     let TlsConfig { authority, certificate, key, excluded } = &network.tls;
     for (name, path) in [("authority", authority), ("certificate", certificate), ("key", key)] {
-        if network.tls.is_given() && is_empty(path) {
+        if network.tls.is_given() && path.as_os_str().is_empty() {
             let cure = "give all three files of [network.tls], as `plumbline keys` writes them, or none";
             found.push(Violation::new(format!("network.tls.{name}"), "is empty beside the others", cure));
         }
@@ -51,25 +54,9 @@ fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
     }
 }
 
-fn is_empty(path: &Path) -> bool {
-    path.as_os_str().is_empty()
-}
-
 pub(super) fn no_endpoint(key: String, text: &str) -> Violation {
     let cure = "write protocol/host:port with tcp or tls, such as \"tcp/127.0.0.1:7447\"";
     Violation::new(key, format!("{} is no endpoint", shortened(text)), cure)
-}
-
-/// The name is one chunk of a Zenoh key: `/` would split it, `*`, `$`, `#` and `?` have meanings there.
-fn vehicle_problem(name: &str) -> Option<String> {
-    if name.is_empty() {
-        return Some("is empty".into());
-    }
-    if name.len() > MAX_VEHICLE_BYTES {
-        return Some(format!("is {} bytes long", name.len()));
-    }
-    let bad = name.chars().find(|c| !(c.is_ascii_alphanumeric() || matches!(c, '-' | '_')));
-    bad.map(|c| format!("contains {c:?}, which a key on the wire must not"))
 }
 
 pub(crate) fn is_endpoint(text: &str) -> bool {

@@ -65,7 +65,7 @@ pub(crate) fn config() -> Config {
         accel_bias_sigma_m_s2: 0.3,
         gravity_m_s2: 9.81,
     };
-    Config::with_defaults(vec![left, right], imu)
+    Config::new(vec![left, right], imu)
 }
 
 /// Poses at 200 Hz of a flight that turns about all axes.

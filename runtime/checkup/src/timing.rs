@@ -217,7 +217,7 @@ impl Trouble {
         let (_, device) = sensor.names();
         let key = match sensor {
             Sensor::Imu => "imu.rate_hz",
-            Sensor::Cameras => "camera.rate_hz",
+            Sensor::Cameras => "camera.0.rate_hz",
         };
         let factor = rate_hz / nominal_hz;
         let is_near = |too_fast: f64| factor > too_fast / UNIT_FACTOR && factor < too_fast * UNIT_FACTOR;

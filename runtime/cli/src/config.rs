@@ -112,7 +112,7 @@ fn give_preset(name: &str, args: &ConfigArgs) -> Result<()> {
     let text = match args.all || name == DEFAULTS {
         true => every_key(name, args.all)?,
         false if args.merged => every_key(name, false)?,
-        false => preset_text(name)?.to_owned(),
+        false => preset_text(name)?,
     };
     give(&text, &format!("preset {name}"), args)
 }

@@ -109,7 +109,7 @@ fn config() -> Config {
         accel_bias_sigma_m_s2: 0.3,
         gravity_m_s2: 9.81,
     };
-    Config::with_defaults(vec![camera.clone(), camera], imu)
+    Config::new(vec![camera.clone(), camera], imu)
 }
 
 fn write_to(out: &Path, fail_at: u64, overwrite: bool) -> Result<Written, DriverError> {

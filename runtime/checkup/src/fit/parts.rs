@@ -52,7 +52,7 @@ const LENS: &str = "use the lens model and the coefficients of this camera";
 const PAIR: &str =
     "calibrate the pair again: a camera has been knocked, or its extrinsics are of another rig";
 const BASELINE: &str = "correct the distance between the cameras";
-const MOUNT: &str = "correct `camera.pose_b_c`, or run `plumbline calibrate rig`";
+const MOUNT: &str = "correct `camera.0.pose_b_c`, or run `plumbline calibrate rig`";
 const COLUMNS: &str = "put columns, signs and unit of the sensor in order, or the extrinsics right";
 const CLOCKS: &str = "stamp samples and images by one clock: that of the IMU runs at another rate than the images' clock, so the delay grows \
                       all the time; samples that are counted need the rate that is delivered";
@@ -115,7 +115,7 @@ pub(crate) fn parts(config: &Config) -> Vec<Part> {
         // Two crystals differ by 100 ppm at most (data sheets: 50 ppm each over temperature).
         with_delay(part("clock rate", 7, one(CLOCK_RATE), 5e-5, ppm, CLOCKS, None)),
         with_delay(part("even and odd frames", 8, one(ALTERNATING), 1e-3, ms, IN_TURN, None)),
-        key(readout_s, part(READOUT_TIME, 9, one(READOUT), 2e-3, ms, "camera.readout_s", None)),
+        key(readout_s, part(READOUT_TIME, 9, one(READOUT), 2e-3, ms, "camera.0.readout_s", None)),
         part("gyroscope scale", 10, diagonal(GYRO), scales[0], share, COLUMNS, None),
         part("gyroscope axes", 10, span(GYRO, 9), 3.0 * scales[0], share, COLUMNS, None),
         part("accelerometer scale", 11, diagonal(ACCEL), scales[1], share, COLUMNS, Some(SHAKE)),

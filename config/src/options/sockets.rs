@@ -1,12 +1,9 @@
-//! Local socket: a flight's records for programs of this computer.
+//! Sockets of this computer: a flight's records for programs, and frames of a program of the user's own.
 
 use plumbline_keys::keys;
-use serde::{Deserialize, Serialize};
 
 /// Unix socket on which programs of this computer read the flight; `docs/local-socket.md` is its interface.
 #[keys]
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct LocalConfig {
     /// Unix socket, such as "/run/plumbline/local"; empty for none.
     #[key(default)]
@@ -31,4 +28,18 @@ impl LocalConfig {
         let is_octal = !digits.is_empty() && digits.bytes().all(|b| (b'0'..=b'7').contains(&b));
         u32::from_str_radix(digits, 8).ok().filter(|bits| is_octal && *bits <= 0o777)
     }
+}
+
+/// Frames that a program sends which knows the cameras: one with a maker's SDK, or one that plays a recording. What it is
+/// to send is in `docs/own-sensors.md`.
+#[keys]
+pub struct FramesConfig {
+    /// Unix socket to listen on, such as "/run/plumbline/frames"; empty for none.
+    #[key(default)]
+    pub listen: String,
+}
+
+impl FramesConfig {
+    /// The longest path of a socket, bytes: the kernel's address has room for 108 with the zero at its end.
+    pub const MAX_PATH_BYTES: usize = 107;
 }
