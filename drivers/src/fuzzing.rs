@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn fuzz_imu_serial() {
-        over_seeds_and_mutations("imu_serial", 8000, super::imu_serial);
+        over_seeds_and_mutations("imu_serial", 5000, super::imu_serial);
     }
 
     #[test]

@@ -191,26 +191,6 @@ mod tests {
     }
 
     #[test]
-    fn buffers_of_another_size_do_not_enter_the_pool() {
-        let (mut prefetch, _) = counter(20, || Ok(false));
-        for n in 0..20 {
-            let mut frame = StereoFrame::new([(0, 0); 2]);
-            assert!(prefetch.next_frame(&mut frame).unwrap());
-            assert_eq!(frame.images[0].pixels(), [n as u8; 12]);
-        }
-    }
-
-    #[test]
-    fn an_error_of_the_source_is_passed_on_once() {
-        let (mut prefetch, _) = counter(2, || Err(DriverError::refused("x", "broken")));
-        let mut frame = StereoFrame::new(SIZES);
-        assert!(prefetch.next_frame(&mut frame).unwrap());
-        assert!(prefetch.next_frame(&mut frame).unwrap());
-        assert_eq!(prefetch.next_frame(&mut frame).unwrap_err().to_string(), "x: broken");
-        assert!(!prefetch.next_frame(&mut frame).unwrap());
-    }
-
-    #[test]
     #[should_panic(expected = "source gave up")]
     fn a_panic_of_the_source_is_passed_on() {
         let (mut prefetch, _) = counter(1, || panic!("source gave up"));

@@ -34,20 +34,3 @@ impl StopFlag {
         self.0.load(Ordering::Acquire)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn clones_are_one_flag() {
-        let (ours, theirs) = (StopFlag::new(), StopFlag::new());
-        let held = ours.clone();
-        ours.stop();
-        assert!(held.is_stopped() && !theirs.is_stopped());
-        let flag = Arc::new(AtomicBool::new(false));
-        let of_flag = StopFlag::of(Arc::clone(&flag));
-        flag.store(true, Ordering::Release);
-        assert!(of_flag.is_stopped());
-    }
-}

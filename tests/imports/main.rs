@@ -174,40 +174,6 @@ fn a_circle_is_found_with_its_file_however_it_is_written() {
 }
 
 #[test]
-fn longer_circles_are_found_and_what_is_for_tests_alone_is_none() {
-    let sources = made_up(&[
-        ("lib.rs", "mod a; mod b; mod c; mod d; #[cfg(test)] mod tests;"),
-        ("a.rs", "use crate::b;"),
-        ("b.rs", "use crate::c; #[cfg(test)] mod tests { use crate::d; }"),
-        ("c.rs", "use crate::a;"),
-        ("d.rs", "use crate::a;"),
-        ("tests.rs", "use crate::d;"),
-    ]);
-    let names = ["a", "b", "c"].map(str::to_owned);
-    assert_eq!(circles(&top(&sources)), [BTreeSet::from(names)]);
-    assert_eq!(against(&["a", "b", "c", "d"], &top(&sources)).len(), 2);
-}
-
-#[test]
-fn circles_are_found_within_a_folder_and_a_child_may_use_its_parent() {
-    let sources = made_up(&[
-        ("lib.rs", "mod room;"),
-        ("room/mod.rs", "mod bed; mod chair; pub struct Room; use bed::Bed;"),
-        ("room/bed.rs", "use super::Room; use super::chair::Chair; pub struct Bed;"),
-        ("room/chair.rs", "use super::bed::Bed; pub struct Chair;"),
-    ]);
-    let all = arrows(&sources);
-    assert_eq!(all.keys().collect::<Vec<_>>(), [&["room".to_owned()]]);
-    assert_eq!(circles(&all[&vec!["room".to_owned()]]).len(), 1);
-}
-
-#[test]
-fn a_module_without_a_place_in_the_order_is_named() {
-    let sources = made_up(&[("lib.rs", "mod a; mod new;"), ("a.rs", ""), ("new.rs", "use crate::a;")]);
-    assert_eq!(against(&["a"], &top(&sources)), ["src/new.rs: new has no place in the order"]);
-}
-
-#[test]
 fn a_function_is_measured_from_its_signature_to_its_end() {
     let sources = made_up(&[("lib.rs", "/// Words.\nfn long(\n    a: u8,\n) {\n    let _ = a;\n}\n")]);
     assert_eq!(sources.functions[0].lines, 5);

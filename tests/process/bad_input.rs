@@ -1,5 +1,6 @@
 //! Every bad input of a first use: one line that names cause and cure, and the right exit status.
 
+use super::dataset::{copy, dataset};
 use super::{plumbline, stderr};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -300,6 +301,31 @@ const CASES: &[Case] = &[
         words: &["none of the 10 images", "copy them here"],
     },
     Case {
+        name: "no inertial samples",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| fs::write(folder.join(IMU), "#timestamp [ns],w,w,w,a,a,a\n").unwrap(),
+        status: 2,
+        words: &["imu0"],
+    },
+    Case {
+        name: "a focal length below zero",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| {
+            let file = folder.join("flight/mav0/cam0/sensor.yaml");
+            let text = fs::read_to_string(&file).unwrap();
+            fs::write(&file, text.replace("intrinsics: [", "intrinsics: [-")).unwrap();
+        },
+        status: 2,
+        words: &["camera[0].focal_px"],
+    },
+    Case {
+        name: "a folder that is no data set",
+        command: &["replay", "FOLDER"],
+        damage: none,
+        status: 2,
+        words: &["case-"],
+    },
+    Case {
         name: "an empty table",
         command: &["replay", "FLIGHT"],
         damage: |folder| fs::write(folder.join(LEFT), "#timestamp [ns],filename\n").unwrap(),
@@ -377,31 +403,15 @@ const CASES: &[Case] = &[
     },
 ];
 
-/// Copies a folder.
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        match entry.file_type().unwrap().is_dir() {
-            true => copy(&entry.path(), &target),
-            false => drop(fs::copy(entry.path(), target).unwrap()),
-        }
-    }
-}
-
 /// A simulated data set of half a second, a configuration and a trajectory.
 fn sound(folder: &Path) -> PathBuf {
     let sound = folder.join("sound");
     fs::create_dir(&sound).unwrap();
-    let flight = sound.join("flight");
-    let arguments = ["simulate", flight.to_str().unwrap(), "--duration", "0.5", "--scale", "0.5"];
-    let written = plumbline(&arguments);
-    assert!(written.status.success(), "{}", stderr(&written));
+    let flight = dataset(&sound, "0.5");
     fs::write(sound.join("drone.toml"), plumbline(&["config", "sim"]).stdout).unwrap();
     // A configuration for these images, of half the size.
     let imported = sound.join("drone.toml");
-    let scaled =
-        ["config", "import", "--euroc", flight.to_str().unwrap(), "--out", imported.to_str().unwrap()];
+    let scaled = ["config", "import", "--euroc", &flight, "--out", imported.to_str().unwrap()];
     let imported = plumbline(&[&scaled[..], &["--base", "sim", "--overwrite"]].concat());
     assert!(imported.status.success(), "{}", stderr(&imported));
     fs::write(sound.join("est.tum"), "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n").unwrap();
@@ -450,10 +460,7 @@ fn every_bad_input_is_named_with_its_cure_and_ends_with_the_right_status() {
 #[test]
 fn stamps_of_a_recording_in_microseconds_are_named() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight");
-    let path = path.to_str().unwrap();
-    let written = plumbline(&["simulate", path, "--start", "3", "--duration", "3", "--scale", "0.5"]);
-    assert!(written.status.success(), "{}", stderr(&written));
+    let path = dataset(folder.path(), "3");
     for table in BOTH {
         rows(&folder.path().join(table), |mut row| {
             row[0] = (row[0].parse::<i64>().unwrap() / 1000).to_string();
@@ -461,9 +468,9 @@ fn stamps_of_a_recording_in_microseconds_are_named() {
         });
     }
     let words = "that they are in microseconds; write them in nanoseconds";
-    let flown = plumbline(&["replay", path]);
+    let flown = plumbline(&["replay", &path]);
     assert!(stderr(&flown).contains(words), "{}", stderr(&flown));
-    let checked = plumbline(&["doctor", path]);
+    let checked = plumbline(&["doctor", &path]);
     let text = String::from_utf8_lossy(&checked.stdout);
     assert!(checked.status.code() == Some(1) && text.contains(words), "{text}");
 }

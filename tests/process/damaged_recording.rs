@@ -1,5 +1,6 @@
 //! Recordings that were cut off or damaged in part: `replay` and `doctor` name the file, the first place and what to do.
 
+use super::dataset::dataset;
 use super::vehicle::{PLUMBLINE, Running, eventually};
 use super::{plumbline, stderr};
 use plumbline_client::Local;
@@ -8,30 +9,18 @@ use plumbline_flight::local::request::Request;
 use plumbline_record::local::content::LocalRecord;
 use std::fs;
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// A simulated flight of so many seconds.
-fn recording(folder: &Path, seconds: &str) -> PathBuf {
-    let path = folder.join("flight");
-    let arguments =
-        ["simulate", path.to_str().unwrap(), "--start", "3", "--duration", seconds, "--scale", "0.5"];
-    let written = plumbline(&arguments);
-    assert!(written.status.success(), "{}", stderr(&written));
-    path
-}
-
 /// Keeps the share `kept` of the rows of a table.
-fn cut(table: &Path, kept: f64) {
+fn cut(table: &str, kept: f64) {
     let text = fs::read_to_string(table).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     fs::write(table, lines[..(lines.len() as f64 * kept) as usize].join("\n")).unwrap();
 }
 
 /// Warnings of `replay`, and status and output of `doctor`.
-fn told(flight: &Path) -> (String, Option<i32>, String) {
-    let flight = flight.to_str().unwrap();
+fn told(flight: &str) -> (String, Option<i32>, String) {
     let flown = plumbline(&["replay", flight]);
     assert_eq!(flown.status.code(), Some(0), "{}", stderr(&flown));
     let checked = plumbline(&["doctor", flight]);
@@ -42,8 +31,8 @@ fn told(flight: &Path) -> (String, Option<i32>, String) {
 #[test]
 fn samples_that_end_before_the_images_are_named_with_the_time() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path(), "3");
-    cut(&flight.join("mav0/imu0/data.csv"), 0.5);
+    let flight = dataset(folder.path(), "3");
+    cut(&format!("{flight}/mav0/imu0/data.csv"), 0.5);
     let (replayed, status, checked) = told(&flight);
     for said in [&replayed, &checked] {
         for words in
@@ -58,8 +47,8 @@ fn samples_that_end_before_the_images_are_named_with_the_time() {
 #[test]
 fn a_camera_with_half_of_the_images_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path(), "3");
-    cut(&flight.join("mav0/cam0/data.csv"), 0.5);
+    let flight = dataset(folder.path(), "3");
+    cut(&format!("{flight}/mav0/cam0/data.csv"), 0.5);
     let (replayed, _, checked) = told(&flight);
     for said in [&replayed, &checked] {
         assert!(said.contains("images more than cam0") && said.contains("copy cam0 again"), "{said}");
@@ -69,8 +58,8 @@ fn a_camera_with_half_of_the_images_is_named() {
 #[test]
 fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path(), "3");
-    let table = flight.join("mav0/imu0/data.csv");
+    let flight = dataset(folder.path(), "3");
+    let table = format!("{flight}/mav0/imu0/data.csv");
     let text = fs::read_to_string(&table).unwrap();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut row: Vec<&str> = lines[99].split(',').collect();
@@ -83,8 +72,10 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     }
     assert_eq!(status, Some(4), "{checked}");
 
-    let mut images: Vec<_> =
-        fs::read_dir(flight.join("mav0/cam0/data")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut images: Vec<_> = fs::read_dir(format!("{flight}/mav0/cam0/data"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     images.sort();
     fs::remove_file(&images[5]).unwrap();
     fs::write(&images[6], b"no image").unwrap();
@@ -114,10 +105,31 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
 }
 
 #[test]
+fn truncated_images_and_a_nan_are_survived_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let flight = dataset(folder.path(), "0.5");
+    let images = fs::read_dir(format!("{flight}/mav0/cam0/data")).unwrap();
+    let image = images.map(|entry| entry.unwrap().path()).min().unwrap();
+    let bytes = fs::read(&image).unwrap();
+    fs::write(&image, &bytes[..bytes.len() / 3]).unwrap();
+    let table = format!("{flight}/mav0/imu0/data.csv");
+    let mut lines: Vec<String> = fs::read_to_string(&table).unwrap().lines().map(str::to_owned).collect();
+    let stamp = lines[50].split(',').next().unwrap().to_owned();
+    lines[50] = format!("{stamp},NaN,0,0,0,0,9.81");
+    fs::write(&table, lines.join("\n")).unwrap();
+    let output = plumbline(&["replay", &flight, "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["faults"]["imu"]["corrupt"], 1);
+    assert_eq!(report["faults"]["cameras"]["corrupt"], 1);
+    assert_eq!(report["resets"], 0);
+}
+
+#[test]
 fn readers_of_the_local_socket_hear_what_the_data_of_a_flight_show_to_be_wrong() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path(), "7");
-    let table = flight.join("mav0/imu0/data.csv");
+    let flight = dataset(folder.path(), "6");
+    let table = format!("{flight}/mav0/imu0/data.csv");
     let exchanged = |line: &str| {
         let row: Vec<&str> = line.split(',').collect();
         if line.starts_with('#') {

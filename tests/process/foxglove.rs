@@ -39,7 +39,7 @@ fn an_export_of_a_log_holds_scene_path_and_images_in_foxgloves_schemas() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (log, out) = (at("log.mcap"), at("scene.mcap"));
-    let flown = ["replay", "sim:room", "--start", "2", "--duration", "6", "--scale", "0.5", "--record", &log];
+    let flown = ["replay", "sim:room", "--start", "2", "--duration", "5", "--scale", "0.5", "--record", &log];
     assert!(plumbline(&flown).status.success());
     let exported = plumbline(&["log", &log, "--foxglove", &out]);
     assert!(exported.status.success(), "{}", stderr(&exported));
@@ -95,7 +95,7 @@ fn a_log_without_images_is_exported_with_those_of_its_data_set() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (log, out, clip) = (at("log.mcap"), at("scene.mcap"), clip.to_str().unwrap().to_owned());
-    let lean = ["--frames", "0..60", "--record", &log, "--set", "recorder.images=none"];
+    let lean = ["--frames", "0..40", "--record", &log, "--set", "recorder.images=none"];
     assert!(plumbline(&[&["replay", &clip][..], &lean].concat()).status.success());
     fails(&["log", &log, "--foxglove", &out], 1, &["log.mcap", "--images"]);
     assert!(!Path::new(&out).exists(), "no half file is left");
@@ -154,10 +154,10 @@ impl Drop for Station {
 #[test]
 fn a_flight_is_seen_live_by_several_clients_and_a_slow_one_is_told_what_it_missed() {
     let Some(python) = interpreter(PACKAGES) else { return };
-    render(40);
+    render(20);
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let station = Station::start(&endpoint);
-    let mut vehicle = flight("drone", 40);
+    let mut vehicle = flight("drone", 20);
     vehicle.args(["--connect", &endpoint]);
     let _vehicle = Running::start(vehicle);
     // One that subscribes two hundred times and reads nothing.
@@ -204,17 +204,4 @@ fn check_live(told: &Value) {
     assert!(topics["/drone/scene"]["spheres"].as_u64().unwrap() > 50, "{topics}");
     assert!(topics["/drone/path"]["poses"].as_u64().unwrap() > 0, "{topics}");
     assert_eq!(topics["/events"]["schema"], "foxglove.Log");
-}
-
-#[test]
-fn a_taken_address_of_foxglove_is_told() {
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap().to_string();
-    let refused = plumbline(&["ground", "--no-http", "--foxglove", &address, "--duration", "1"]);
-    assert!(!refused.status.success());
-    assert!(
-        stderr(&refused).contains(&address) && stderr(&refused).contains("--foxglove"),
-        "{}",
-        stderr(&refused)
-    );
 }

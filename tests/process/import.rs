@@ -128,18 +128,6 @@ fn every_key_is_printed_with_its_default_and_a_file_may_start_from_a_preset() {
     );
 }
 
-#[test]
-fn a_euroc_data_set_is_imported_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (flight, out) = (at("flight"), at("my.toml"));
-    let simulated = plumbline(&["simulate", &flight, "--duration", "0.2", "--scale", "0.5"]);
-    assert!(simulated.status.success(), "{}", stderr(&simulated));
-    let imported = plumbline(&["config", "import", "--euroc", &flight, "--out", &out]);
-    assert!(imported.status.success(), "{}", stderr(&imported));
-    assert!(plumbline(&["config", &out]).status.success());
-}
-
 /// A simulated data set states its lens as Kalibr does, and gives it back with all its digits.
 #[test]
 fn every_lens_goes_through_a_data_set() {

@@ -46,7 +46,7 @@ fn sensors(folder: &Path) -> Vec<String> {
 fn doctor<S>(start: impl FnOnce(&Path) -> S) -> (Option<i32>, String, String) {
     let folder = tempfile::tempdir().unwrap();
     let mut command = Command::new(PLUMBLINE);
-    command.args(["doctor", "--config", "sim", "--live", "--seconds", "6", "--watch", "0.1"]);
+    command.args(["doctor", "--config", "sim", "--live", "--seconds", "3", "--watch", "0.1"]);
     command.args(sensors(folder.path())).stdout(Stdio::piped()).stderr(Stdio::piped());
     let running = command.spawn().unwrap();
     let sending = start(folder.path());

@@ -201,7 +201,7 @@ fn commands_of_users_without_rights_are_refused() {
         return skip(Need::OtherUser, "another user can be had by root alone");
     }
     let flight = Flight::new(READ_S);
-    let vehicle = Running::start(flight.command());
+    let mut vehicle = Running::start(flight.command());
     drop(connected(&flight.socket()));
     let output = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "local::a_reader_of_another_user", "--ignored"])
@@ -211,6 +211,7 @@ fn commands_of_users_without_rights_are_refused() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    vehicle.interrupt();
     assert_eq!(flight.finish(vehicle)["resets"], 0);
 }
 

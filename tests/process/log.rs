@@ -70,7 +70,7 @@ fn a_killed_recording_is_read_up_to_its_last_chunk() {
     let log = folder.path().join("flight.mcap");
     let path = log.to_str().unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
-    command.args(["replay", "sim:low-texture", "--duration", "20", "--scale", "0.5", "--record", path]);
+    command.args(["replay", "sim:low-texture", "--duration", "12", "--scale", "0.5", "--record", path]);
     let mut flying = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(60);
     let bytes = |log: &Path| log.metadata().map_or(0, |m| m.len());

@@ -247,9 +247,9 @@ fn watched(vehicles: u32, seconds: u32) -> Value {
 
 #[test]
 fn a_station_that_comes_late_gets_the_map_from_before() {
-    render(40);
+    render(20);
     let (early, endpoint) = (Station::start(), format!("tcp/127.0.0.1:{}", free_port()));
-    let mut command = flight("drone", 40);
+    let mut command = flight("drone", 20);
     command.args(["--connect", &early.endpoint, "--connect", &endpoint]);
     let mut vehicle = Running::start(command);
     let count = |fleet: &Value, name| fleet["vehicles"][0]["keyframes"][name].as_u64().unwrap_or(0);

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 /// A vehicle that flies at real time and publishes; its `--duration` is to be added.
-pub const FLIGHT: [&str; 6] =
-    ["replay", "sim:low-texture", "--start=2", "--scale=0.5", "--speed=1", "--publish"];
+pub const FLIGHT: [&str; 6] = ["replay", "sim:room", "--start=2", "--scale=0.5", "--speed=1", "--publish"];
 
 /// The interpreter, where it can import `packages`; else the test is to skip itself.
 pub fn interpreter(packages: &str) -> Option<PathBuf> {

@@ -1,14 +1,13 @@
 //! `simulate`, `replay` and `evaluate` fit together.
 
+use super::dataset::dataset;
 use super::{plumbline, stderr};
 
 #[test]
 fn a_written_flight_is_replayed_and_evaluated() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (flight, trajectory, report) = (at("flight"), at("out.tum"), at("report.json"));
-    let simulated = plumbline(&["simulate", &flight, "--start", "2", "--duration", "4", "--scale", "0.5"]);
-    assert!(simulated.status.success(), "{}", stderr(&simulated));
+    let (flight, trajectory, report) = (dataset(folder.path(), "3"), at("out.tum"), at("report.json"));
     let replayed = plumbline(&["replay", &flight, "--trajectory", &trajectory, "--report", &report]);
     assert!(replayed.status.success(), "{}", stderr(&replayed));
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
@@ -47,12 +46,9 @@ fn a_written_flight_is_replayed_and_evaluated() {
 #[test]
 fn faults_are_put_into_recorded_frames_too() {
     let folder = tempfile::tempdir().unwrap();
-    let dataset = folder.path().join("flight");
-    let dataset = dataset.to_str().unwrap();
-    let output = plumbline(&["simulate", dataset, "--duration", "4", "--scale", "0.3", "--start", "2"]);
-    assert!(output.status.success(), "{}", stderr(&output));
+    let dataset = dataset(folder.path(), "3");
     let report = |faults: &[&str]| -> serde_json::Value {
-        let output = plumbline(&[&["replay", dataset, "--json"], faults].concat());
+        let output = plumbline(&[&["replay", &dataset, "--json"], faults].concat());
         assert!(output.status.success(), "{}", stderr(&output));
         serde_json::from_slice(&output.stdout).unwrap()
     };

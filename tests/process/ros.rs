@@ -65,7 +65,7 @@ fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
     // The vehicle says that it waits after three seconds.
     let duration_s = match when {
         Machine::Before => 4,
-        Machine::Later => 10,
+        Machine::Later => 8,
     };
     // A vehicle that draws its images while it flies falls behind on a busy host.
     render_as(&FLIGHT[1..4], duration_s);
@@ -148,6 +148,7 @@ fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
     let Some(python) = interpreter(PACKAGES) else { return };
     let seen = fly(&python, &[], Machine::Before);
     check_graph(&seen);
+    path::check_paths(&seen);
     for topic in TOPICS {
         check_samples(&seen, topic);
     }

@@ -51,11 +51,11 @@ def test_the_stubs_are_those_of_the_module(tmp_path):
 
 
 def test_a_program_is_checked_strictly(tmp_path):
-    (tmp_path / "program.py").write_text(PROGRAM)
-    done = checked("-m", "mypy", "--strict", "program.py", folder=tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    (tmp_path / "program.py").write_text(PROGRAM.replace("add_imu(0,", 'add_imu("now",'))
-    assert checked("-m", "mypy", "--strict", "program.py", folder=tmp_path).returncode == 1
+    (tmp_path / "right.py").write_text(PROGRAM)
+    (tmp_path / "wrong.py").write_text(PROGRAM.replace("add_imu(0,", 'add_imu("now",'))
+    done = checked("-m", "mypy", "--strict", "right.py", "wrong.py", folder=tmp_path)
+    complaints = [line for line in done.stdout.splitlines() if ": error: " in line]
+    assert len(complaints) == 1 and complaints[0].startswith("wrong.py:8: "), done.stdout + done.stderr
 
 
 def test_everything_public_is_documented():

@@ -63,7 +63,7 @@ fn a_camera_of_unknown_delay_finds_the_same_way_from_any_start() {
     let Some(shared) = shared("real/L515_mono") else { return };
     // All starts fly what is 20 s after the first image and later.
     let begin = Timestamp::from_nanos(1_650_458_716_848_712_921);
-    let ways_m = [0.0, 2.0, 4.0, 6.0].map(|start_s| {
+    let ways_m = [0.0, 3.0, 6.0].map(|start_s| {
         let cut = Cut { frames: None, seconds: start_s..f64::INFINITY };
         let flight = open_dataset(&shared.join("real/L515_mono"), None, cut, true).unwrap();
         let flown = fly(flight, &OPTIONS, &Control::default(), vec![]).unwrap();

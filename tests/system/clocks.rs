@@ -2,9 +2,10 @@
 
 use plumbline_config::Timestamp;
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StampedPose, StereoFrame, StereoSource};
-use plumbline_flight::flight::{Flight, Flown, OdometryTrajectory, fly, open_simulation};
+use plumbline_flight::flight::{Flight, Flown, OdometryTrajectory, fly};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_simulator::{Scenario, Scene};
+use plumbline_tests::simulated;
 
 const HOUR_S: f64 = 3600.0;
 const DURATION_S: f64 = 4.0;
@@ -66,7 +67,7 @@ fn flown(imu: Clock, cameras: Clock, speed: Option<f64>) -> (Flown, Vec<StampedP
         resolution_scale: 0.4,
         ..Scenario::default()
     };
-    let flight = open_simulation(None, &scenario, false, 0.0, None).unwrap();
+    let flight = simulated(&scenario);
     let flight = Flight {
         imu: Box::new(Clocked { source: flight.imu, clock: imu, first: None }),
         stereo: Box::new(Clocked { source: flight.stereo, clock: cameras, first: None }),

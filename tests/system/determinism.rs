@@ -1,8 +1,9 @@
 //! Equal input gives equal bits: again, under load, and with another number of threads.
 
-use plumbline_flight::flight::{fly, open_simulation};
+use plumbline_flight::flight::fly;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_simulator::{Scenario, Scene};
+use plumbline_tests::simulated;
 use std::hint::black_box;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,7 +16,7 @@ fn digests(seed: u64, threads: usize) -> (String, String) {
         resolution_scale: 0.5,
         ..Scenario::default()
     };
-    let flight = open_simulation(None, &scenario, false, 0.0, None).unwrap();
+    let flight = simulated(&scenario);
     let options = RunOptions { speed: None, threads };
     let flown = fly(flight, &options, &Control::default(), vec![]).unwrap();
     assert!(10 * flown.poses.len() as u64 > 9 * flown.outcome.figures.frames);

@@ -10,6 +10,7 @@ use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::consistency::errors::{since_start, tilt, velocity};
 use plumbline_record::{InstantAnswer, InstantOutcome};
 use plumbline_simulator::{Scenario, Scene};
+use plumbline_tests::simulated;
 
 /// Instants of each flight.
 const COUNT: usize = 500;
@@ -70,14 +71,8 @@ fn beside(instants: &[PublishedState], estimates: &[PublishedState]) -> Vec<Publ
 }
 
 fn flies(scene: Scene, seed: u64) {
-    let scenario = Scenario {
-        scene,
-        start_s: 2.0,
-        duration_s: 12.0,
-        seed,
-        resolution_scale: 0.5,
-        ..Scenario::default()
-    };
+    let scenario =
+        Scenario { scene, start_s: 2.0, duration_s: 8.0, seed, resolution_scale: 0.5, ..Scenario::default() };
     let flight = open_simulation(None, &scenario, false, 0.0, None).unwrap();
     let mut random = Random::new(seed);
     let begin = first_frame(&flight);
@@ -132,7 +127,7 @@ fn asking_for_instants_changes_no_bit_of_a_flight() {
     let digests = |since_ns: Option<[i64; 5]>| {
         let scenario =
             Scenario { start_s: 2.0, duration_s: 2.0, resolution_scale: 0.5, ..Scenario::default() };
-        let flight = open_simulation(None, &scenario, false, 0.0, None).unwrap();
+        let flight = simulated(&scenario);
         let control = Control::default();
         let begin = first_frame(&flight);
         let mut instants = since_ns.map(|since_ns| {

@@ -4,15 +4,13 @@ use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{MapPath, MapUpdate, Mapper};
-use plumbline_flight::flight::{Flight, Flown, PublishedState, fly, open_simulation};
+use plumbline_flight::flight::{Flight, Flown, PublishedState, fly};
 use plumbline_flight::pipeline::listener::{Listener, ListenerView, Producer, Subscriber};
 use plumbline_flight::pipeline::places::PlacesFigures;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_simulator::{FlightPath, Scenario, Scene};
-use plumbline_test_support::kept;
-use plumbline_tests::shared;
-use std::path::Path;
+use plumbline_tests::{shared, simulated};
 use std::sync::{Arc, Mutex};
 
 /// A frame is a revisit when a keyframe at least this much older was taken from within so many metres, and looked the
@@ -79,15 +77,6 @@ impl Recognition {
     }
 }
 
-impl Recognition {
-    fn add(&mut self, other: &Self) {
-        self.revisits += other.revisits;
-        self.found += other.found;
-        self.sightings += other.sightings;
-        self.wrong += other.wrong;
-    }
-}
-
 /// Metres and degrees; both are compared.
 #[derive(Debug, PartialEq)]
 struct Apart(f64, f64);
@@ -113,12 +102,6 @@ impl PartialOrd<(f64, f64)> for Apart {
 
 fn scenario(laps: u32) -> Scenario {
     Scenario { start_s: 4.0, duration_s: 14.0, laps, resolution_scale: 0.4, ..Scenario::default() }
-}
-
-/// A flight whose frames are rendered once for all tests.
-fn simulated(scenario: &Scenario) -> Flight {
-    let _alone = kept::alone(&format!("{scenario:?}"));
-    open_simulation(None, scenario, false, 0.0, Some(&kept::folder())).unwrap()
 }
 
 /// Two laps are flown once, for all that is said of them and of their map.
@@ -280,47 +263,6 @@ fn two_laps_of_recorded_paths() {
         }
     }
     assert!(failures.is_empty(), "{failures:?}");
-}
-
-/// Seeds of the flights whose recall is measured, each along another path than the one before.
-const RECALL_SEEDS: std::ops::RangeInclusive<u64> = 1..=10;
-
-/// Two short laps along a recorded path.
-fn short_laps(folder: &Path, seed: u64) -> Scenario {
-    let (path, start_s, scene) = PATHS[seed as usize % PATHS.len()];
-    Scenario {
-        scene,
-        seed,
-        path: FlightPath::Tum(folder.join(format!("euroc/trajectories/{path}.tum.gz"))),
-        start_s,
-        duration_s: 12.0,
-        laps: 2,
-        resolution_scale: 0.6,
-        ..Scenario::default()
-    }
-}
-
-#[test]
-#[ignore = "a campaign of half an hour: make loops"]
-fn places_are_found_whatever_the_seed() {
-    let Some(shared) = shared("euroc/trajectories") else { return };
-    let mut sum = Recognition::default();
-    println!("seed  revisits  found  sightings  wrong  contradicted");
-    for seed in RECALL_SEEDS {
-        let frames = tempfile::tempdir().unwrap();
-        let scenario = short_laps(&shared, seed);
-        let flight = open_simulation(None, &scenario, false, 0.0, Some(frames.path())).unwrap();
-        let (flown, updates) = flown(flight);
-        let recognition = Recognition::of(&flown, &updates);
-        let Recognition { revisits, found, sightings, wrong } = recognition;
-        let contradicted = flown.outcome.places.as_ref().unwrap().figures.contradicted;
-        println!("{seed:>4} {revisits:>9} {found:>6} {sightings:>10} {wrong:>6} {contradicted:>13}");
-        sum.add(&recognition);
-    }
-    let share = 100 * sum.found / sum.revisits.max(1);
-    println!("{} of {} revisits found, {share} %, {} wrong", sum.found, sum.revisits, sum.wrong);
-    assert_eq!(sum.wrong, 0);
-    assert!(sum.revisits >= 200 && share >= 70, "{sum:?}");
 }
 
 fn a_flight_that_goes_on_is_located_within_two_seconds_and_an_abducted_one_too(first: &Flown) {

@@ -3,7 +3,7 @@
 
 use super::accuracy::with_and_without_lines;
 use plumbline_flight::flight::open_simulation;
-use plumbline_simulator::Scene;
+use plumbline_simulator::{Scenario, Scene};
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
 use plumbline_tests::{along, reported};
 
@@ -22,6 +22,7 @@ fn soak_a_minute_of_flight_keeps_heading_and_covariance() {
     for (i, (scene, max_ate_percent)) in SCENES.into_iter().enumerate() {
         for (_, path) in PATHS.into_iter().enumerate().filter(|(j, _)| is_flown(i + j)) {
             let Some(scenario) = along(path, scene, 60.0) else { return };
+            let scenario = Scenario { resolution_scale: 1.0, ..scenario };
             let report = reported(open_simulation(None, &scenario, false, 0.0, None).unwrap());
             let accuracy = report.accuracy.as_ref().unwrap();
             let yaw = accuracy.yaw_drift_deg_per_min.unwrap();
@@ -46,6 +47,7 @@ fn soak_lines_lower_the_error_by_a_third_where_texture_is_missing() {
     let mut sums_m = [0.0; 2];
     for path in PATHS {
         let Some(scenario) = along(path, Scene::LowTexture, 60.0) else { return };
+        let scenario = Scenario { resolution_scale: 1.0, ..scenario };
         for (sum_m, report) in sums_m.iter_mut().zip(with_and_without_lines(&scenario)) {
             *sum_m += report.ate_rmse_m.unwrap();
         }

@@ -224,20 +224,4 @@ mod tests {
             assert!(correlation.abs() < 0.02, "lag {lag}: {correlation}");
         }
     }
-
-    #[test]
-    fn corners_are_darker() {
-        let effects = Effects { vignetting: 0.3, ..Effects::none() };
-        let image = developed(&sensor(&effects, 1), 100.0, 0);
-        assert_eq!((image[0], image[240 * 752 + 376]), (70, 100));
-    }
-
-    #[test]
-    fn blur_spreads_a_spot_evenly() {
-        let mut light = vec![0.0; 25];
-        light[12] = 1.0;
-        blur(&mut light, &mut [0.0; 10], 5, 0.125);
-        assert!((light.iter().sum::<f32>() - 1.0).abs() < 1e-6);
-        assert_eq!((light[7], light[17], light[11], light[13]), (0.09375, 0.09375, 0.09375, 0.09375));
-    }
 }

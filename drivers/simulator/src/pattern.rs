@@ -261,31 +261,3 @@ fn grid() -> Canvas {
     }
     c
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::texture::Footprints;
-    use super::*;
-
-    #[test]
-    fn patterns_are_contrasty() {
-        for (number, (material, _)) in Material::ALL.into_iter().enumerate() {
-            assert_eq!(material as usize, number);
-            let texture = material.texture();
-            let values: Vec<f32> = (0..4096)
-                .map(|i| {
-                    let (u, v) = ([(i % 64) as f32 * 7.3], [(i / 64) as f32 * 5.9]);
-                    let (one, none) = ([1.0], [0.0]);
-                    let step = Footprints { u, v, u_right: one, v_right: none, u_down: none, v_down: one };
-                    texture.means(&texture.plan(&step))[0]
-                })
-                .collect();
-            let mean = values.iter().sum::<f32>() / 4096.0;
-            let sigma = (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 4096.0).sqrt();
-            println!("{material:?}: mean {mean:.0} sigma {sigma:.1}");
-            assert!((60.0..215.0).contains(&mean));
-            let plain = matches!(material, Material::Paint | Material::Panels);
-            assert!(if plain { sigma < 20.0 } else { sigma > 18.0 }, "{material:?} {sigma}");
-        }
-    }
-}

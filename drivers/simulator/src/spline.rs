@@ -169,22 +169,6 @@ mod tests {
     }
 
     #[test]
-    fn weights_sum_to_one_and_join_smoothly() {
-        for u in [0.0, 0.3, 1.0] {
-            let w = weights(u);
-            assert!((w[0].iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            assert!(w[1].iter().sum::<f64>().abs() < 1e-12);
-            assert!(w[2].iter().sum::<f64>().abs() < 1e-12);
-        }
-        let (end, start) = (weights(1.0), weights(0.0));
-        for order in 0..3 {
-            for j in 1..ORDER {
-                assert!((end[order][j] - start[order][j - 1]).abs() < 1e-12);
-            }
-        }
-    }
-
-    #[test]
     fn a_smooth_curve_is_reproduced_with_its_derivatives() {
         let spline = fitted();
         for i in 1..100 {

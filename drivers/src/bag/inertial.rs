@@ -144,19 +144,4 @@ mod tests {
         assert_eq!((read.table.rows.len(), read.table.corrupt, read.table.order.repeated), (40, 2, 0));
         assert!(read.table.rows.iter().all(|row| row.accel.x == 3.0));
     }
-
-    #[test]
-    fn topics_without_a_time_in_common_or_stamps_are_refused() {
-        let apart = ImuTopics { gyro: 0, accel: 1, holds: Holds::Gyro };
-        let name = |topic: usize| ["/gyro", "/accel"][topic].to_owned();
-        let refusal = |shift_ms: f64, scale: f64| {
-            let messages = |topic: usize| -> Vec<ImuMessage> {
-                let at = |k: u32| topic as f64 * shift_ms + scale * f64::from(k);
-                (0..50).map(|k| message(at(k), 1.0, 2.0, [topic == 1, topic == 0])).collect()
-            };
-            samples(apart, name, |topic| (messages(topic), 0)).err().unwrap()
-        };
-        assert!(refusal(10_000.0, 5.0).contains("no time in common"));
-        assert!(refusal(0.0, 0.0).contains("/gyro is not stamped: all 50 messages have the stamp 0"));
-    }
 }

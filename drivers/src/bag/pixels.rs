@@ -221,29 +221,6 @@ mod tests {
     }
 
     #[test]
-    fn ten_bits_in_sixteen_are_scaled_in_either_byte_order() {
-        let values = [0_u16, 1023, 512, 100];
-        let little: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        let big: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
-        for (encoding, is_big, data) in [("mono16", false, &little), ("16UC1", true, &big)] {
-            let message = ImageMessage::Raw { width: 2, height: 2, encoding, is_big, step: 4, data };
-            assert_eq!(largest_value(&message), Some(1023));
-            let mut image = GrayImage::new(2, 2);
-            ImageDecoder::new(Depth::of_largest(1023)).decode(&message, &mut image).unwrap();
-            assert_eq!(image.pixels(), [0, 255, 128, 25]);
-        }
-        let eight = ImageMessage::Raw {
-            width: 2,
-            height: 2,
-            encoding: "mono8",
-            is_big: false,
-            step: 2,
-            data: &[9; 4],
-        };
-        assert_eq!(largest_value(&eight), None);
-    }
-
-    #[test]
     fn what_is_too_short_too_narrow_or_unknown_is_no_image() {
         assert_eq!(decoded("mono8", false, 2, &[10, 20, 30]), None);
         assert_eq!(decoded("mono8", false, 1, &[10, 20, 30, 40]), None);

@@ -259,52 +259,6 @@ mod tests {
     }
 
     #[test]
-    fn gyroscope_and_accelerometer_apart_find_each_other() {
-        let none = BagTopics::default();
-        let named = |imu: Option<&str>, accel: Option<&str>| BagTopics {
-            imu: imu.map(str::to_owned),
-            accel: accel.map(str::to_owned),
-            ..BagTopics::default()
-        };
-        let of = |names: &[&str]| topics(&names.iter().map(|name| (*name, Kind::Imu)).collect::<Vec<_>>());
-        // By what is in them, whatever they are called.
-        let by_name = |topics: &[Topic]| {
-            let held: Vec<Holds> = topics
-                .iter()
-                .map(|topic| match &topic.name {
-                    name if name.contains("gyro") => Holds::Gyro,
-                    name if name.contains("accel") => Holds::Accel,
-                    _ => Holds::Both,
-                })
-                .collect();
-            move |topic: usize| held[topic]
-        };
-        let apart = |gyro: usize, accel: usize| Ok(ImuTopics { gyro, accel, holds: Holds::Gyro });
-        let two = of(&["/camera/accel/sample", "/camera/gyro/sample"]);
-        for named in [
-            none.clone(),
-            named(Some("/camera/gyro/sample"), None),
-            named(Some("/camera/accel/sample"), None),
-        ] {
-            assert_eq!(imu(&two, &named, by_name(&two)), apart(1, 0));
-        }
-        // United beside them by the same driver, and another IMU beside them.
-        let three = of(&["/camera/accel/sample", "/camera/gyro/sample", "/camera/imu"]);
-        assert_eq!(imu(&three, &none, by_name(&three)), Ok(whole(2)));
-        let other = of(&["/camera/accel/sample", "/camera/gyro/sample", "/mavros/imu/data"]);
-        assert!(imu(&other, &none, by_name(&other)).unwrap_err().contains("--topic accel=NAME"));
-        // Two devices: the namesake, or by name.
-        let four = of(&["/a/gyro", "/b/gyro", "/a/accel", "/b/accel"]);
-        assert_eq!(imu(&four, &named(Some("/b/gyro"), None), by_name(&four)), apart(1, 3));
-        assert_eq!(imu(&four, &named(Some("/b/gyro"), Some("/a/accel")), by_name(&four)), apart(1, 2));
-        assert!(imu(&four, &none, by_name(&four)).is_err());
-        // One without the other.
-        let alone = of(&["/camera/gyro/sample"]);
-        let words = imu(&alone, &none, by_name(&alone)).unwrap_err();
-        assert!(words.contains("rates of rotation alone") && words.contains("unite_imu_method"), "{words}");
-    }
-
-    #[test]
     fn topics_are_found_where_there_can_be_no_doubt() {
         let euroc = topics(&[
             ("/cam1/image_raw", Kind::Image),

@@ -31,33 +31,3 @@ impl Depth {
         u8::try_from(value >> (self.0 - 8)).unwrap_or(u8::MAX)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_largest_value_says_how_many_bits_there_are() {
-        for (largest, bits) in [
-            (1, 8),
-            (255, 8),
-            (256, 10),
-            (1023, 10),
-            (1024, 12),
-            (4095, 12),
-            (16_383, 14),
-            (16_384, 16),
-            (0, 16),
-            (u16::MAX, 16),
-        ] {
-            assert_eq!(Depth::of_largest(largest), Depth(bits), "{largest}");
-        }
-        let ten = Depth::of_largest(1023);
-        assert_eq!(
-            [0, 4, 512, 1023, 1024, u16::MAX].map(|value| ten.grey(value)),
-            [0, 1, 128, 255, 255, 255]
-        );
-        assert_eq!(Depth::FULL.grey(0x1234), 0x12);
-        assert_eq!(Depth::of_largest(200).grey(200), 200);
-    }
-}

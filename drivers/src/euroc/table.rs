@@ -249,28 +249,6 @@ mod tests {
     use super::*;
     use crate::euroc::imu::parse_imu_row;
 
-    fn why(text: &str) -> String {
-        parse_imu_row(&row(text)).unwrap_err().describe(&row(text))
-    }
-
-    #[test]
-    fn a_bad_row_is_told_with_the_column_and_the_cure() {
-        for (text, words) in [
-            (
-                "1403636579.758,1,2,3,4,5,6",
-                "'1403636579.758' is not a whole number of nanoseconds; if it is in seconds",
-            ),
-            ("x,1,2,3,4,5,6", "the time 'x' is not a whole number"),
-            ("5;1;2;3;4;5;6", "commas separate columns"),
-            ("5,1,2,3,4", "ends before column 6"),
-            ("5,1,2,3,4,abc,6", "column 6 is 'abc'"),
-            ("5,1,2,3,4,inf,6", "column 6 is 'inf'"),
-            ("5,1e9,2,3,4,5,6", "beyond"),
-        ] {
-            assert!(why(text).contains(words), "{text}: {}", why(text));
-        }
-    }
-
     #[test]
     fn columns_in_quotation_marks_are_read_with_their_header() {
         let rows = "\"#timestamp\",\"w_x\"\n\"5\", \"1\",2,3,4,5,\"6\"\n\"6\",1,2,3,4,5,6\n";

@@ -101,24 +101,6 @@ mod tests {
     }
 
     #[test]
-    fn the_accelerometer_is_interpolated_to_the_gyroscope() {
-        let mut merge = Merge::default();
-        [0, 4, 8].into_iter().for_each(|ms| merge.accel((ms * MS, of(ms as f64))));
-        [1, 2, 4, 7].into_iter().for_each(|ms| merge.gyro((ms * MS, of(0.0))));
-        assert_eq!(all(&mut merge), [(1, 1.0), (2, 2.0), (4, 4.0), (7, 7.0)]);
-    }
-
-    #[test]
-    fn a_sample_waits_for_the_accelerometer_behind_it() {
-        let mut merge = Merge::default();
-        merge.accel((0, of(0.0)));
-        merge.gyro((3 * MS, of(0.0)));
-        assert_eq!(all(&mut merge), []);
-        merge.accel((6 * MS, of(6.0)));
-        assert_eq!(all(&mut merge), [(3, 3.0)]);
-    }
-
-    #[test]
     fn before_the_first_and_within_a_long_gap_there_is_no_accelerometer() {
         let mut merge = Merge::default();
         [1, 2, 3, 20, 70].into_iter().for_each(|ms| merge.gyro((ms * MS, of(0.0))));

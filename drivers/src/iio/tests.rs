@@ -248,18 +248,20 @@ fn a_device_may_be_missing_at_the_start_and_may_go_away_and_come_back() {
     assert!(!imu.figures().link.is_open);
     for life in 1..=2 {
         let chip = both(&kernel);
-        let end = chip.kernel_end();
-        let feeder = std::thread::spawn(move || {
-            for k in 0..400 {
-                // The buffer of a device that nobody reads yet fills up.
-                let _ = rustix::io::write(&end, &scan_of_both([k, 0, 0, 0, 0, 0], monotonic_ns()));
-                std::thread::sleep(std::time::Duration::from_millis(5));
-            }
-            end
+        let (end, is_read) = (chip.kernel_end(), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for k in (0..400).take_while(|_| !is_read.load(Ordering::Relaxed)) {
+                    // The buffer of a device that nobody reads yet fills up.
+                    let _ = rustix::io::write(&end, &scan_of_both([k, 0, 0, 0, 0, 0], monotonic_ns()));
+                    std::thread::sleep(std::time::Duration::from_millis(5));
+                }
+            });
+            assert_eq!(readings(&mut imu, 50).len(), 50);
+            chip.unplug();
+            is_read.store(true, Ordering::Relaxed);
         });
-        assert_eq!(readings(&mut imu, 50).len(), 50);
-        chip.unplug();
-        drop(feeder.join().unwrap());
+        drop(end);
         while imu.figures().link.is_open {
             imu.exchange();
         }

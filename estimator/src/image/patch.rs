@@ -286,16 +286,6 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_part_is_that_of_the_language() {
-        for k in 0..200_000_u32 {
-            let x = (f64::from(k) * 0.371_234_567).powf(1.2) as f32;
-            for x in [x, x.floor(), x.next_down().max(0.0), x.floor() + 0.5, x.floor().next_down().max(0.0)] {
-                assert_eq!(whole(x), x as i32, "{x}");
-            }
-        }
-    }
-
-    #[test]
     fn leaving_the_plane_is_reported() {
         let mut pyramid = Pyramid::new(64, 64, 1);
         assert!(pyramid.build(&Texture::new(3).render(64, 64).view()));

@@ -20,15 +20,3 @@ pub fn clearest_first(segments: &mut [Segment]) {
             .then(a.end.x.total_cmp(&b.end.x))
     });
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_threshold_has_the_values_of_the_formula() {
-        assert!((min_length_px(100, 752, 480) - 45.6).abs() < 0.1);
-        assert!((min_length_px(847, 752, 480) - 123.4).abs() < 0.1);
-        assert_eq!(min_length_px(0, 752, 480), 0.0);
-    }
-}

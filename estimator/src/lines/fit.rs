@@ -50,28 +50,3 @@ impl LineMoments {
         })
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_found_in_every_direction() {
-        for k in 0..36 {
-            let angle = f64::from(k) * 10.0_f64.to_radians();
-            let (s, c) = angle.sin_cos();
-            let mut moments = LineMoments::default();
-            for i in -20..=20 {
-                let along = f64::from(i);
-                // Off the line by turns to both sides: the fit lies between.
-                let across = if i % 2 == 0 { 0.5 } else { -0.5 } * f64::from(i32::from(i != 0));
-                let px = Vector2::new(300.0 + along * c - across * s, 200.0 + along * s + across * c);
-                moments.add(&px, 1.0);
-            }
-            let (centroid, axis) = moments.line().expect("has a direction");
-            assert!((centroid - Vector2::new(300.0, 200.0)).norm() < 0.1);
-            let sine = axis.perp(&Vector2::new(c, s)).abs();
-            assert!(sine < 0.01, "{k}: {sine}");
-        }
-    }
-}

@@ -287,47 +287,7 @@ fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], magnitudes:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::synthetic::Texture;
     use plumbline_config::GrayImage;
-
-    /// Gradient by the definition, one pixel at a time.
-    fn reference(image: &GrayImage, x: usize, y: usize) -> (i16, i16) {
-        const BINOMIAL: [i32; 3] = [1, 2, 1];
-        let (width, height) = (image.width() as i32 / 2, image.height() as i32 / 2);
-        let pixel = |x: i32, y: i32| {
-            let (x, y) = (2 * x.clamp(0, width - 1), 2 * y.clamp(0, height - 1));
-            let at = |x: i32, y: i32| i32::from(image.pixels()[y as usize * image.width() + x as usize]);
-            at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)
-        };
-        let smooth = |x: i32, y: i32| -> i32 {
-            let row = |y: i32| (0..3).map(|i| BINOMIAL[i as usize] * pixel(x + i - 1, y)).sum::<i32>();
-            (0..3).map(|j| BINOMIAL[j as usize] * row(y + j - 1)).sum::<i32>() >> 2
-        };
-        let (x, y) = (x as i32, y as i32);
-        let gx = |y: i32| smooth(x + 1, y) - smooth(x - 1, y);
-        let gy = |x: i32| smooth(x, y + 1) - smooth(x, y - 1);
-        let (gx, gy) = (gx(y - 1) + 2 * gx(y) + gx(y + 1), gy(x - 1) + 2 * gy(x) + gy(x + 1));
-        (gx as i16 & !1, gy as i16 & !1)
-    }
-
-    #[test]
-    fn rows_at_once_give_the_bits_of_the_definition() {
-        for (width, height) in [(64, 64), (75, 67)] {
-            let image = Texture::new(3).render(width, height);
-            let mut gradients = Gradients::new(width, height);
-            gradients.compute(&image.view(), i16::MAX, |_, _, _| {});
-            let (width, height) = (width / 2, height / 2);
-            for y in 1..height - 1 {
-                for x in 1..width - 1 {
-                    assert_eq!(
-                        gradients.pixels[y * width + x].gradient(),
-                        reference(&image, x, y),
-                        "at {x}, {y}"
-                    );
-                }
-            }
-        }
-    }
 
     #[test]
     fn the_steepest_image_does_not_overflow() {

@@ -348,14 +348,4 @@ mod tests {
         let turned = Segment { start: coarse(false, f).end, end: coarse(false, f).start, ..coarse(false, f) };
         assert!(refiner.refine(&image(false, f).view(), &turned, None).is_none());
     }
-
-    #[test]
-    fn segments_at_the_rim_of_the_image_are_looked_at_within_it() {
-        let mut refiner = Refiner::new(SIZE.0, SIZE.1);
-        for f in [|_: f64| 2.0, |_: f64| 118.5, |major: f64| 1.2 * (major - 90.0)] {
-            for is_steep in [false, true] {
-                let _ = refiner.refine(&image(is_steep, f).view(), &coarse(is_steep, f), None);
-            }
-        }
-    }
 }

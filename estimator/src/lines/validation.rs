@@ -61,24 +61,3 @@ impl Validation {
         first + libm::log(sum)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_tail_is_that_of_the_binomial_distribution() {
-        let validation = Validation::new(752, 480, ALIGNED_BY_CHANCE);
-        // 4 or more of 5 at p = 0.2: 5 * 0.2^4 * 0.8 + 0.2^5.
-        let expected: f64 = 5.0 * 0.2_f64.powi(4) * 0.8 + 0.2_f64.powi(5);
-        assert!((validation.ln_tail(5, 4) - expected.ln()).abs() < 1e-9);
-    }
-
-    #[test]
-    fn long_aligned_runs_are_edges_and_short_or_broken_ones_are_not() {
-        let validation = Validation::new(752, 480, ALIGNED_BY_CHANCE);
-        assert!(validation.is_meaningful(20, 20) && validation.is_meaningful(100, 70));
-        assert!(!validation.is_meaningful(12, 12) && !validation.is_meaningful(60, 25));
-        assert!(validation.is_meaningful(5000, 4000) && !validation.is_meaningful(5000, 500));
-    }
-}

@@ -21,7 +21,7 @@ const NAMES: [HealthBits; 5] = [
 ];
 
 fn judged(seed: u64, trouble: &Trouble) -> Vec<Judged> {
-    fly(&mut World::new(&config(2), seed, 500), 12.0, trouble)
+    fly(&mut World::new(&config(2), seed, 500), 9.0, trouble)
 }
 
 /// Flies with `trouble`, which `names` alone report, all of them within a second.

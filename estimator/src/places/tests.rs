@@ -145,21 +145,6 @@ fn another_world_is_not_found_in_the_map() {
 }
 
 #[test]
-fn the_same_frame_gives_the_same_bits() {
-    let mut random = Random::new(5);
-    let world = World::new(1, 900);
-    let map = map_of(&world, 16, &mut random);
-    let truth = some_pose(&mut random, 1.0);
-    let features = world.seen(&(truth * pose_b_c()), 0.4, &mut random);
-    let locate =
-        |locator: &mut Locator| locator.locate(&map, &query(&features, &truth, 9), |_| true).unwrap();
-    let mut used = Locator::new(&options(), 16, FEATURES);
-    let other = world.seen(&(some_pose(&mut random, 4.0) * pose_b_c()), 0.2, &mut random);
-    used.locate(&map, &query(&other, &truth, 1), |_| true);
-    assert_eq!(locate(&mut used), locate(&mut Locator::new(&options(), 16, FEATURES)));
-}
-
-#[test]
 fn keyframes_that_are_not_allowed_are_not_used() {
     let mut random = Random::new(6);
     let world = World::new(1, 900);

@@ -121,26 +121,3 @@ pub(super) fn gram(gx: &Patch, gy: &Patch) -> AffineMatrix {
         moments[a + b][WEIGHT[u][v]]
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::image::patch::AREA;
-    use plumbline_config::Random;
-
-    #[test]
-    fn the_sums_are_those_of_the_written_out_jacobian() {
-        let mut random = Random::new(4);
-        let mut patch = || Patch(std::array::from_fn(|_| random.range(-20.0, 20.0) as f32));
-        let (gx, gy, v) = (patch(), patch(), patch());
-        let jacobian = |i: usize| {
-            let (dx, dy) = (OFFSET[i % SIDE], OFFSET[i / SIDE]);
-            let (x, y) = (gx.0[i], gy.0[i]);
-            AffineVector::from([x, y, x * dx, x * dy, y * dx, y * dy])
-        };
-        let expected: AffineVector = (0..AREA).map(|i| jacobian(i) * v.0[i]).sum();
-        assert!((products(&gx, &gy, &v) - expected).amax() < 0.05);
-        let expected: AffineMatrix = (0..AREA).map(|i| jacobian(i) * jacobian(i).transpose()).sum();
-        assert!((gram(&gx, &gy) - expected).amax() < 0.05);
-    }
-}

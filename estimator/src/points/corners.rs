@@ -429,24 +429,6 @@ mod tests {
     }
 
     #[test]
-    fn the_score_is_that_of_the_definition() {
-        let image = Texture::new(6).render(128, 128);
-        let g = |x: usize, y: usize| f64::from(image.pixels()[y * 128 + x]);
-        for corner in detect(&image, &[], &ALL) {
-            let (cx, cy) = (corner.px.x as usize, corner.px.y as usize);
-            let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-            for y in cy - 3..=cy + 3 {
-                for x in cx - 3..=cx + 3 {
-                    let (gx, gy) = ((g(x + 1, y) - g(x - 1, y)) / 2.0, (g(x, y + 1) - g(x, y - 1)) / 2.0);
-                    (xx, xy, yy) = (xx + gx * gx / 49.0, xy + gx * gy / 49.0, yy + gy * gy / 49.0);
-                }
-            }
-            let lesser = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
-            assert!((lesser - f64::from(corner.score)).abs() < 1e-3 * lesser, "{lesser} {}", corner.score);
-        }
-    }
-
-    #[test]
     fn taken_cells_stay_free_and_distances_are_kept() {
         let image = Texture::new(7).render(376, 240);
         let first: Vec<_> =

@@ -237,7 +237,3 @@ fn add(to: &mut [f64; POSE_DIM], sign: f64, from: &[f64; POSE_DIM]) {
         to[k] += sign * from[k];
     }
 }
-
-#[cfg(test)]
-#[path = "camera_sums_tests.rs"]
-mod tests;

@@ -101,7 +101,3 @@ impl<const D: usize> Eliminated<D> {
         is_met
     }
 }
-
-#[cfg(test)]
-#[path = "eliminate_tests.rs"]
-mod tests;

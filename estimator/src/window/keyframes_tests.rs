@@ -69,14 +69,6 @@ fn a_new_keyframe_is_needed_when_tracks_have_gone_or_time_has_passed() {
 }
 
 #[test]
-fn an_empty_window_needs_nothing() {
-    let mut window = window(&[]);
-    assert!(!window.needs_keyframe(0, 100));
-    window.make_room();
-    assert!(window.frames.is_empty());
-}
-
-#[test]
 fn a_frame_that_is_no_keyframe_goes_when_it_is_no_longer_recent() {
     let mut window = window(&[
         (0.0, 0.0, true),
@@ -87,14 +79,6 @@ fn a_frame_that_is_no_keyframe_goes_when_it_is_no_longer_recent() {
     ]);
     window.make_room();
     assert_eq!(times(&window), [0, 200, 300, 400]);
-}
-
-#[test]
-fn a_window_within_its_limits_stays() {
-    let frames = [(0.0, 0.0, true), (0.1, 0.1, true), (0.2, 0.2, true), (0.3, 0.3, false), (0.4, 0.4, false)];
-    let mut window = window(&frames);
-    window.make_room();
-    assert_eq!(window.frames.len(), 5);
 }
 
 #[test]

@@ -73,25 +73,3 @@ pub(super) fn scaled(v: &Quad, s: f64) -> Quad {
 pub(super) fn dot3(a: &Quad, b: &Quad) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::window::test_room::scatter;
-
-    #[test]
-    fn results_are_those_of_vectors() {
-        let vector = |seed: u32| Vector3::new(scatter(seed), scatter(seed + 1), scatter(seed + 2));
-        let three = |q: Quad| Vector3::new(q[0], q[1], q[2]);
-        for seed in 0..50 {
-            let (a, b) = (vector(seed), vector(seed + 100));
-            let matrix = Matrix3::from_columns(&[a, b, vector(seed + 200)]);
-            let (rot, v) = (QuadMatrix::of(&matrix), vector(seed + 300));
-            assert_eq!(three(rot.times(&quad(&v))), matrix * v);
-            assert_eq!(three(rot.transpose_times(&quad(&v))), matrix.tr_mul(&v));
-            assert_eq!(three(cross(&quad(&a), &quad(&b))), a.cross(&b));
-            assert_eq!(dot3(&quad(&a), &quad(&b)).to_bits(), a.dot(&b).to_bits());
-            assert_eq!(three(scaled(&quad(&a), 0.3)), a * 0.3);
-        }
-    }
-}

@@ -2,7 +2,6 @@ use super::super::test_room::scatter_step;
 use super::super::test_views::{isometry, vector};
 use super::*;
 use crate::inertial::ImuNoise;
-use plumbline_config::Config;
 use proptest::prelude::*;
 
 prop_compose! {
@@ -17,13 +16,6 @@ proptest! {
         let d = scatter_step::<FRAME_DIM>(seed, 0.5);
         prop_assert!((nav.plus(&d).minus(&nav) - d).norm() < 1e-9);
         prop_assert!(nav.plus(&SVector::zeros()).minus(&nav).norm() < 1e-9);
-    }
-
-    #[test]
-    fn the_same_holds_for_the_rig(pose_b_c0 in isometry(0.2, 2.0), pose_c0_c1 in isometry(0.2, 0.3), seed in 0u32..1000) {
-        let rig = Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.004, intrinsics: Default::default() };
-        let d = scatter_step::<RIG_DIM>(seed, 0.3);
-        prop_assert!((rig.plus(&d).minus(&rig) - d).norm() < 1e-9);
     }
 
     #[test]
@@ -58,23 +50,6 @@ proptest! {
         prop_assert!(after.rot_o_b.angle_to(&(nav.rot_o_b * exp_so3(&(rate * 0.2)))) < 1e-7);
         prop_assert_eq!((after.bias_gyro - nav.bias_gyro + zero).norm(), 0.0);
     }
-}
-
-#[test]
-fn unknowns_of_a_frame_begin_with_its_pose_and_leave_no_gap() {
-    assert_eq!([NavState::V, NavState::BIAS_ACCEL + 3, Rig::of_lens(2)], [POSE_DIM, FRAME_DIM, RIG_DIM]);
-    assert_eq!([unknown_of_frame(0), unknown_of_frame(1)], [RIG_DIM, RIG_DIM + FRAME_DIM]);
-}
-
-#[test]
-fn one_camera_has_no_second_pose_to_refine() {
-    let config = Config::preset("sim").expect("is good");
-    let config = config.setup();
-    let (one, two) =
-        (Rig::sigmas(&config.rig, &config.camera[..1]), Rig::sigmas(&config.rig, &config.camera));
-    assert!(one.fixed_rows::<6>(Rig::P_C0_C1).iter().all(|sigma| *sigma == 0.0));
-    assert_eq!(one.fixed_rows::<6>(Rig::P_B_C0), two.fixed_rows::<6>(Rig::P_B_C0));
-    assert_eq!(two[Rig::TIME_OFFSET], config.rig.time_offset_sigma_s);
 }
 
 #[test]

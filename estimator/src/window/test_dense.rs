@@ -6,7 +6,6 @@ use super::factor::{Linearization, RobustSum};
 use super::feature::{Estimated, Jacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
-use super::motions::MotionEquations;
 use super::refined_lens::MovedLenses;
 use super::state::{FRAME_DIM, FrameMatrix, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
@@ -216,12 +215,6 @@ fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
     to += prior_h;
     let mut to = b.rows_mut(0, dim);
     to += moved;
-}
-
-/// The normal equations of motions as a full matrix, the gradient in the row and the column of the residual.
-pub fn full_motions(equations: &MotionEquations) -> DMatrix<f64> {
-    let dim = equations.dim;
-    DMatrix::from_fn(dim, dim, |i, k| equations.rows[i.min(k)][i.max(k)])
 }
 
 /// The normal equations of a window as a full matrix and a vector.

@@ -1,4 +1,3 @@
-use super::super::line::HostedLine;
 use super::super::reprojection::{InversePoint, PointMeasurement};
 use super::super::test_room::{Room, always};
 use super::*;
@@ -38,46 +37,6 @@ fn a_new_landmark_is_hosted_by_the_first_camera_that_sees_its_track() {
     assert!(!of(3).is_triangulated);
 }
 
-#[test]
-fn measurements_go_to_the_landmark_of_their_track() {
-    let mut store = LandmarkStore::new(4);
-    host(&mut store, 0, &[track(1, [Some(seen(0.1)), None]), track(2, [Some(seen(0.2)), None])], guess);
-    let next = [track(2, [Some(seen(0.25)), Some(seen(0.15))]), track(9, [Some(seen(0.0)), None])];
-    assert_eq!(link(&mut store, 1, &next), 1, "one of them has a landmark");
-    let landmark = &store.all()[store.of_track(2).expect("is there")];
-    let seen: Vec<(u8, u8)> = landmark.observations.iter().map(|o| (o.frame, o.camera)).collect();
-    assert_eq!(seen, [(0, 0), (1, 0), (1, 1)]);
-}
-
-#[test]
-fn a_track_with_a_landmark_gets_no_second_one() {
-    let mut store = LandmarkStore::new(4);
-    for frame in 0..2 {
-        host(&mut store, frame, &[track(1, [Some(seen(0.1)), None])], guess);
-    }
-    assert_eq!((store.all().len(), store.all()[0].host), (1, 0));
-}
-
-#[test]
-fn a_full_store_refuses() {
-    let mut store = LandmarkStore::<InversePoint>::new(2);
-    let tracks: Vec<_> = (0..5).map(|id| track(id, [Some(seen(0.1)), None])).collect();
-    host(&mut store, 0, &tracks, guess);
-    assert_eq!(store.all().len(), 2);
-    store.retain(|landmark| landmark.track_id != 0);
-    host(&mut store, 1, &tracks[4..], guess);
-    assert_eq!(store.all().len(), 2);
-    assert!(store.of_track(4).is_some() && store.of_track(0).is_none());
-}
-
-#[test]
-fn a_contradiction_is_told_by_its_track_id() {
-    let mut outliers = Vec::new();
-    assert!(keep(Triangulation::Done, 1, &mut outliers) && keep(Triangulation::Waiting, 2, &mut outliers));
-    assert!(!keep(Triangulation::Contradiction, 3, &mut outliers));
-    assert_eq!(outliers, [3]);
-}
-
 /// A window whose measurements fit, `spoil` applied to the observations of track 4.
 fn spoiled(spoil: impl Fn(&mut Observation<PointMeasurement>)) -> super::super::Window {
     let mut window = Room { frames: 4, sees: always, disturbance: 0.0, ..Room::default() }.window();
@@ -86,14 +45,6 @@ fn spoiled(spoil: impl Fn(&mut Observation<PointMeasurement>)) -> super::super::
     let _ = window.linearize(0.0);
     window.remove_outliers();
     window
-}
-
-#[test]
-fn what_fits_stays() {
-    let window = spoiled(|_| {});
-    assert!(window.outliers().points.is_empty() && window.outliers().lines.is_empty());
-    assert!(window.points.all().iter().all(|l| l.observations.len() == 8));
-    assert_eq!(window.lines.all().iter().filter(|l| l.feature == HostedLine::UNKNOWN).count(), 0);
 }
 
 #[test]

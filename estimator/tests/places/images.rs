@@ -1,27 +1,17 @@
-//! Features of real and of rendered stereo pairs, with their true poses.
+//! Features of real stereo pairs.
 
 use super::building::FEATURES;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 use plumbline_config::{Config, import};
-use plumbline_drivers::tum::read_tum;
-use plumbline_drivers::{EurocDataset, EurocOptions, StereoFrame, StereoSource as _};
+use plumbline_drivers::{EurocDataset, EurocOptions, StereoFrame};
 use plumbline_estimator::image::Pyramid;
+use plumbline_estimator::places::Feature;
 use plumbline_estimator::places::extractor::{Extractor, View};
-use plumbline_estimator::places::{Feature, Keyframe};
 use plumbline_estimator::points::rig::RigCamera;
 use std::path::Path;
 
 /// Pyramid levels of an image, as `plumbline map` has them.
 const LEVELS: usize = 3;
-
-/// A stereo pair.
-#[derive(Clone)]
-pub struct Pair {
-    /// Truth.
-    pub keyframe: Keyframe,
-    /// Patches turned by the true vertical.
-    pub features: Vec<Feature>,
-}
 
 /// Makes features of images.
 pub struct Eyes {
@@ -62,13 +52,6 @@ impl Eyes {
     pub fn usual_up_c(&self) -> Vector3<f64> {
         self.rig[0].pose_b_c.rotation.inverse() * Vector3::x()
     }
-
-    fn pair(&mut self, frame: &StereoFrame, pose_m_b: Isometry3<f64>) -> Pair {
-        self.look(frame);
-        let keyframe = Keyframe::new(0, frame.stamp, pose_m_b, self.rig[0].pose_b_c);
-        let features = self.features(keyframe.up_c()).to_vec();
-        Pair { keyframe, features }
-    }
 }
 
 /// A EuRoC folder without an IMU: its frames, and eyes for them.
@@ -78,17 +61,4 @@ pub fn open(folder: &Path) -> (EurocDataset, Eyes) {
     let dataset = EurocDataset::open(folder, &euroc).unwrap();
     let eyes = Eyes::new(&config, dataset.sizes_px());
     (dataset, eyes)
-}
-
-/// The stereo pairs of a EuRoC folder with poses.
-pub fn real(folder: &Path) -> Vec<Pair> {
-    let poses = read_tum(&folder.join("poses.tum")).unwrap();
-    let (dataset, mut eyes) = open(folder);
-    let (mut stereo, mut frame) = (dataset.stereo(), dataset.new_frame());
-    let mut pairs = Vec::new();
-    while stereo.next_frame(&mut frame).unwrap() {
-        let pose = poses.iter().find(|p| p.stamp == frame.stamp).unwrap().pose;
-        pairs.push(eyes.pair(&frame, pose));
-    }
-    pairs
 }

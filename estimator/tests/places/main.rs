@@ -4,5 +4,4 @@ mod building;
 mod flight;
 mod images;
 mod look_alike;
-mod recall;
 mod scale;

@@ -235,13 +235,6 @@ mod tests {
     }
 
     #[test]
-    fn help_of_replay_is_a_hundred_and_twenty_lines_at_most() {
-        let found = all_helps();
-        let (_, help) = found.iter().find(|(name, _)| name == "replay").unwrap();
-        assert!(help.lines().count() <= 120, "{} lines:\n{help}", help.lines().count());
-    }
-
-    #[test]
     fn options_that_the_help_of_replay_leaves_out_stand_in_that_of_simulate() {
         let found = all_helps();
         let help = |wanted: &str| &found.iter().find(|(name, _)| name == wanted).unwrap().1;
@@ -269,11 +262,5 @@ mod tests {
             let text = of(name);
             assert!(kinds.iter().all(|kind| text.contains(&format!("\n  {kind}"))), "{name}: {text}");
         }
-    }
-
-    #[test]
-    fn a_command_that_is_not_there_is_refused_with_the_list() {
-        let refused = run(&HelpArgs { topic: vec!["fault".into()] }).unwrap_err().to_string();
-        assert!(refused.contains("faults") && refused.contains("`plumbline help all` lists the commands"));
     }
 }

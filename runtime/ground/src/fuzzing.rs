@@ -36,7 +36,7 @@ fn heard(data: &[u8]) -> Mutex<Fleet> {
 }
 
 /// Number of a published topic in seeds, which stays while others come: that of its kind, if it has one.
-pub fn seed_number(topic: Topic) -> u8 {
+fn seed_number(topic: Topic) -> u8 {
     let mut without_kind = Topic::published().filter(|(topic, _)| topic.kind() == 0);
     without_kind.position(|(known, _)| known == topic).map_or(topic.kind() as u8, |place| place as u8)
 }
@@ -131,13 +131,6 @@ pub fn peer_endpoint(data: &[u8]) {
 #[cfg(test)]
 #[path = "../../../fuzz/smoke.rs"]
 mod smoke;
-
-#[cfg(test)]
-#[path = "../../../fuzz/fixture.rs"]
-mod fixture;
-
-#[cfg(test)]
-mod seeds;
 
 #[cfg(test)]
 mod tests {

@@ -10,15 +10,13 @@ use crate::parts::{FrameAbout, ImageAbout, RecordingState};
 use crate::protobuf::{decode, encode};
 use crate::said::FullEstimate;
 use crate::schema;
-use crate::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use crate::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::mapper::path::{LoopEnd, LoopEnds, PathPose};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{
-    Estimate, FrameFigures, MapSnapshot, NavCovariance, Odometry, OriginUncertainty, TrackingState,
-};
+use plumbline_estimator::{Estimate, FrameFigures, MapSnapshot, Odometry, TrackingState};
 use plumbline_fields::ImuReading;
 use prost::Message as _;
 use prost_types::{FieldDescriptorProto, FileDescriptorSet};
@@ -136,25 +134,6 @@ fn a_state_at_an_instant_comes_back_from_log_and_socket() {
 }
 
 #[test]
-fn every_verdict_comes_back() {
-    let again = |verdict| {
-        let order = FrameOrder { frame: 3, readings_before: 9, verdict };
-        assert_eq!(decode(&encode(&order)), Ok(order));
-    };
-    for verdict in [Verdict::Taken { level: 0 }, Verdict::Taken { level: 4 }, Verdict::Refused, Verdict::Lost]
-    {
-        again(verdict);
-    }
-    let again = |verdict| {
-        let order = MapOrder { frame: 3, verdict };
-        assert_eq!(decode(&encode(&order)), Ok(order));
-    };
-    for verdict in [MapVerdict::PassedOver, MapVerdict::Applied { at_frame: 7 }] {
-        again(verdict);
-    }
-}
-
-#[test]
 fn what_is_missing_in_a_message_is_refused() {
     let refused = |without: u32| {
         let estimate = fixture::estimate();
@@ -211,21 +190,6 @@ fn every_field_of_the_digest_changes_it() {
         }
     }
     assert_eq!(left_out, ["figures", "bias_variances"]);
-}
-
-#[test]
-fn odometry_comes_back_from_its_layout() {
-    let mut sent = fixture::odometry();
-    sent.covariance = NavCovariance::from_fn(|row, column| (row * column) as f64 + 1.0);
-    sent.quality = -1;
-    let mut bytes = Vec::new();
-    layout::put_odometry(&sent, 7, 5, &mut bytes);
-    assert_eq!(bytes.len(), layout::ODOMETRY_BYTES);
-    assert_eq!(layout::odometry(&bytes), Ok((Odometry { origin: OriginUncertainty::default(), ..sent }, 7)));
-    assert_eq!(bytes[488..492], 5u32.to_le_bytes());
-    assert!(layout::odometry(&bytes[1..]).is_err());
-    bytes[500] = 4;
-    assert_eq!(layout::odometry(&bytes), Err("an unknown state"));
 }
 
 #[test]
@@ -309,27 +273,6 @@ fn cells_stand_below_their_names_bit_for_bit_and_a_frame_without_a_pose_has_empt
         }
         let none = cells(&Estimate { state: TrackingState::Failed, quality: -1, ..estimate });
         assert_eq!((none["quality"].as_str(), none["v_o_b_y_m_s"].as_str()), ("-1", ""));
-    }
-}
-
-#[test]
-fn every_column_has_a_name_of_its_own() {
-    let mut line = String::new();
-    columns::write_row(&mut line, &row(1.0));
-    let names = columns::names();
-    assert_eq!(line.split(',').count(), names.len());
-    assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len());
-    for name in [
-        "stamp_ns",
-        "p_o_b_z_m",
-        "q_o_b_w",
-        "bias_accel_y_m_s2",
-        "var_theta_z_rad2",
-        "p_b_c0_x_m",
-        "var_bias_gyro_y_rad2_s2",
-        "cov_p_x_theta_z_m_rad",
-    ] {
-        assert!(names.iter().any(|known| known == name), "{name} is missing in {names:?}");
     }
 }
 

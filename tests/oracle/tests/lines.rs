@@ -1,5 +1,4 @@
 //! The line extractor: how good its segments are against OpenCV's LSD, and that its work is bounded.
 
 mod bounds;
-mod motion;
 mod york;

@@ -2,14 +2,12 @@
 
 use super::*;
 
-#[test]
-fn the_path_is_what_was_computed() {
-    let Some(python) = interpreter(PACKAGES) else { return };
-    let seen = fly(&python, &[], Machine::Before);
+/// The path grows, and is what was computed.
+pub(super) fn check_paths(seen: &Seen) {
     let paths = seen.samples("/drone_1/path");
     assert!(paths.iter().all(|sample| sample["same_bytes"] == true));
     let newest = paths.last().expect("there are samples");
-    check_path(&seen, newest);
+    check_path(seen, newest);
     let poses = |path: &Value| path["message"]["poses"].as_array().unwrap().len();
     assert!((2..=5).contains(&paths.len()) && poses(newest) > poses(paths[0]), "{}", paths.len());
 }

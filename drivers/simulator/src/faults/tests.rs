@@ -358,20 +358,6 @@ fn every_kind_is_read_and_written() {
 }
 
 #[test]
-fn faults_are_written_with_all_defaults() {
-    for (text, full) in [
-        ("accel-pulse", "accel-pulse:x:30@6+0.1"),
-        ("accel-pulse:z:-5@2", "accel-pulse:z:-5@2+0.1"),
-        ("accel-step:y@12+3", "accel-step:y:3@12+3"),
-        ("image-frozen:left", "image-frozen:left:1.5@10"),
-        ("stamp-swing:5", "stamp-swing:5:8@0"),
-        ("rig-baseline", "rig-baseline:2"),
-    ] {
-        assert_eq!(text.parse::<InjectedFault>().unwrap().to_string(), full);
-    }
-}
-
-#[test]
 fn what_cannot_be_read_is_refused_with_the_cure() {
     for (text, cure) in [
         ("akkel-dead", "choose stamp-jitter"),

@@ -121,7 +121,7 @@ fn damage_bombs_and_other_versions_are_refused() {
     let sized = |size: u32, compression: &[u8], data: &[u8]| {
         with(record(&[("op", &[5]), ("compression", compression), ("size", &size.to_le_bytes())], data))
     };
-    let zeros = chunk("bz2", &vec![0; 64 << 20]);
+    let zeros = chunk("bz2", &vec![0; 16 << 20]);
     for (bytes, words) in [
         (b"#ROSBAG V1.2\nand more of it".to_vec(), "another version"),
         (with(record(&[("op", &[3]), ("encryptor", b"rosbag/AesCbcEncryptor")], b"")), "encrypted"),

@@ -45,18 +45,3 @@ fn the_monocular_clip_has_ground_truth() {
     let readings = all_readings(&mut dataset.imu());
     assert!(readings.len() > 3000);
 }
-
-/// Says what decoding costs; run it with `--nocapture`.
-#[test]
-fn decoding_time_per_image() {
-    let Some(path) = shared("euroc/V1_01_easy_clip") else { return };
-    let dataset = EurocDataset::open(&path, &EurocOptions::default()).unwrap();
-    let mut frame = dataset.new_frame();
-    let mut stereo = dataset.stereo();
-    let start = std::time::Instant::now();
-    let mut images = 0;
-    while stereo.next_frame(&mut frame).unwrap() {
-        images += 2;
-    }
-    println!("{:.2} ms per image", start.elapsed().as_secs_f64() * 1e3 / f64::from(images));
-}

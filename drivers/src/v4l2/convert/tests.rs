@@ -166,21 +166,3 @@ fn converting_allocates_nothing() {
         }
     }
 }
-
-/// `cargo test --release -p plumbline-drivers --lib convert_speed -- --ignored --nocapture`
-#[test]
-#[ignore = "prints figures"]
-fn convert_speed() {
-    for format in ALL {
-        let both = format == PixelFormat::Y8i;
-        let arrangement = Arrangement::of(format, both).unwrap();
-        let stride = 752 * format.bytes_per_pixel().unwrap();
-        let layout = RawLayout { format, arrangement, width_px: 752, height_px: 480, stride };
-        let bytes = vec![77; layout.needed()];
-        let mut converter = Converter::new(layout);
-        let mut images = vec![GrayImage::new(752, 480); if both { 2 } else { 1 }];
-        let begin = std::time::Instant::now();
-        (0..500).for_each(|_| converter.convert(&bytes, &mut images).unwrap());
-        println!("{format:?} 752x480: {:.1} us", begin.elapsed().as_secs_f64() * 1e6 / 500.0);
-    }
-}

@@ -263,16 +263,6 @@ fn work_in_small_pieces_gives_the_same_bits() {
 }
 
 #[test]
-fn a_full_graph_refuses_what_is_more() {
-    let mut graph = PoseGraph::new(2, 0);
-    let node = Node::new(Isometry3::identity(), &Isometry3::identity(), true);
-    assert_eq!([graph.add_node(node), graph.add_node(node), graph.add_node(node)], [Some(0), Some(1), None]);
-    let edge = Edge::of_odometry(graph.nodes(), 0, 1, Matrix4::identity());
-    assert_eq!(graph.add_loop(edge, false), Err(LoopRefused::NoRoom));
-    assert!(!graph.add_sequential(Edge { to: 7, ..edge }));
-}
-
-#[test]
 fn a_node_that_goes_leaves_what_was_known_over_it() {
     let flight = Flight::new(4);
     let mut whole = flight.graph();
@@ -313,26 +303,4 @@ fn a_segment_is_placed_by_a_loop_and_free_to_move_from_then_on() {
     settle(&mut graph);
     assert!(graph.nodes().iter().all(|n| n.is_placed));
     assert!(flight.ate_m(&graph) < 0.2, "{}", flight.ate_m(&graph));
-}
-
-#[test]
-fn an_edge_the_other_way_round_says_as_much_about_where_its_ends_are() {
-    let flight = Flight::new(7);
-    let mut graph = flight.two_segments();
-    graph.add_loop(flight.closure(&graph, 40, Vector3::zeros(), 0.0), false).unwrap();
-    let nodes = graph.nodes().to_vec();
-    // Exact at these nodes, and better known across than along.
-    let information = Matrix4::from_diagonal(&Vector4::new(1e4, 4e2, 9e2, 1e5));
-    let mut edge = *graph.edges().last().unwrap();
-    let error = edge.error(&nodes[edge.from], &nodes[edge.to]);
-    edge = Edge { way: edge.way + error.xyz(), turn: edge.turn + error.w, information, ..edge };
-    let back = edge.reversed(&nodes).unwrap();
-    assert!(back.distance2(&nodes) < 1e-12);
-    let mut moved = nodes;
-    moved[edge.to].p_m_b += Vector3::new(1e-4, -2e-4, 3e-4);
-    moved[edge.to].yaw += 2e-4;
-    moved[edge.from].p_m_b += Vector3::new(-2e-4, 1e-4, 1e-4);
-    moved[edge.from].yaw -= 1e-4;
-    let (forth, back) = (edge.distance2(&moved), back.distance2(&moved));
-    assert!((forth / back - 1.0).abs() < 2e-3, "{forth} against {back}");
 }

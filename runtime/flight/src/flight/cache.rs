@@ -24,7 +24,7 @@ const ABANDONED_AFTER: Duration = Duration::from_secs(60);
 ///
 /// # Errors
 /// When the cache cannot be written or read.
-pub(super) fn frames(
+pub(crate) fn frames(
     folder: &Path,
     simulator: &Simulator,
     scenario: &Scenario,

@@ -3,7 +3,7 @@
 //! The output is data: the outcome of the run and the published states. Reports are made of it further up. What a flight is
 //! handed to while it goes on (recorder, autopilot, what the caller adds) is put together in [`outputs`].
 
-mod cache;
+pub(crate) mod cache;
 pub mod capture;
 pub mod error;
 mod injected;

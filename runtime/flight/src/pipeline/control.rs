@@ -87,17 +87,3 @@ impl Control {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_reset_is_taken_once_and_the_newest_counts() {
-        let control = Control::default();
-        control.ask_reset(ResetKind::Soft);
-        control.ask_reset(ResetKind::Hard);
-        assert_eq!(control.take_reset(), Some(ResetKind::Hard));
-        assert_eq!(control.take_reset(), None);
-    }
-}

@@ -52,28 +52,3 @@ impl MapSaves {
         *saved = (saved.0 + 1, Some(outcome));
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nobody_can_ask_where_no_map_is_kept() {
-        let saves = MapSaves::default();
-        assert!(saves.ask().is_none());
-        assert!(!saves.take());
-    }
-
-    #[test]
-    fn a_request_is_taken_once_and_its_outcome_told() {
-        let saves = MapSaves::default();
-        saves.open();
-        let request = saves.ask().unwrap();
-        assert!(saves.take() && !saves.take());
-        assert_eq!(saves.outcome(request), None);
-        saves.tell(Ok(7));
-        assert_eq!(saves.outcome(request), Some(Ok(7)));
-        // Who asks again waits for another.
-        assert_eq!(saves.outcome(saves.ask().unwrap()), None);
-    }
-}

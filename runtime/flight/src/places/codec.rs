@@ -276,7 +276,6 @@ mod tests {
     use super::*;
     use nalgebra::{Vector2, Vector3};
     use plumbline_estimator::places::Descriptor;
-    use proptest::prelude::*;
 
     fn contents() -> MapContents {
         let feature = |i: u64| Feature {
@@ -352,15 +351,5 @@ mod tests {
         assert!(impossible(|b| b[92..100].copy_from_slice(&2.0f64.to_le_bytes())));
         assert!(impossible(|b| b[156..160].copy_from_slice(&9u32.to_le_bytes())));
         assert!(impossible(|b| b[200..204].copy_from_slice(&f32::NAN.to_le_bytes())));
-    }
-
-    proptest! {
-        #[test]
-        fn no_bytes_make_the_reader_panic(mut bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
-            let _ = decode(&bytes);
-            let at = bytes.len().min(8);
-            bytes[..at].copy_from_slice(&MAGIC[..at]);
-            let _ = decode(&bytes);
-        }
     }
 }

@@ -115,30 +115,3 @@ pub struct ClientSubscription {
 pub fn request(text: &str) -> Option<ClientRequest> {
     serde_json::from_str(text).ok()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn requests_are_understood_or_refused() {
-        let subscribe = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":3}]}"#;
-        let subscription = ClientSubscription { id: 7, channel_id: 3 };
-        assert_eq!(request(subscribe), Some(ClientRequest::Subscribe { subscriptions: vec![subscription] }));
-        let unsubscribe = r#"{"op":"unsubscribe","subscriptionIds":[7]}"#;
-        assert_eq!(request(unsubscribe), Some(ClientRequest::Unsubscribe { subscription_ids: vec![7] }));
-        assert_eq!(request(r#"{"op":"getParameters","parameterNames":[]}"#), Some(ClientRequest::Other));
-        for bad in
-            ["", "{}", "[1]", r#"{"op":"subscribe"}"#, r#"{"op":"subscribe","subscriptions":[{"id":-1}]}"#]
-        {
-            assert_eq!(request(bad), None, "{bad}");
-        }
-    }
-
-    #[test]
-    fn data_are_laid_out_as_the_protocol_says() {
-        let bytes = message_data(0x0102_0304, 5, b"xy");
-        assert_eq!(bytes, [1, 4, 3, 2, 1, 5, 0, 0, 0, 0, 0, 0, 0, b'x', b'y']);
-        assert_eq!(time(256), [2, 0, 1, 0, 0, 0, 0, 0, 0]);
-    }
-}

@@ -38,23 +38,6 @@ mod tests {
     }
 
     #[test]
-    fn each_embedded_file_is_found_by_its_name() {
-        for (name, media_type, contents) in FILES {
-            assert_eq!(file(name), Some((*media_type, *contents)), "{name}");
-            assert!(!contents.is_empty(), "{name}");
-        }
-    }
-
-    #[test]
-    fn every_script_and_style_has_its_media_type() {
-        let of = |path| file(path).map(|(media_type, _)| media_type);
-        assert_eq!(of("js/main.js"), Some("text/javascript"));
-        assert_eq!(of("vendor/three/three.core.min.js"), Some("text/javascript"));
-        assert_eq!(of("style.css"), Some("text/css"));
-        assert_eq!(of("icon.svg"), Some("image/svg+xml"));
-    }
-
-    #[test]
     fn tests_of_the_page_and_files_outside_are_not_served() {
         for path in ["tests/ring.test.js", "package.json", "README.md", "../Cargo.toml", "js", "js/"] {
             assert_eq!(file(path), None, "{path}");

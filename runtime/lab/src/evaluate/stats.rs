@@ -40,19 +40,3 @@ impl Statistics {
         Some(Self { rmse, mean, median, std: variance.sqrt(), min, max, sse, count: errors.len() })
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn known_figures() {
-        let stats = Statistics::of(&[3.0, 1.0, 2.0, 6.0]).unwrap();
-        assert_eq!((stats.mean, stats.median, stats.min, stats.max), (3.0, 2.5, 1.0, 6.0));
-        assert_eq!((stats.sse, stats.count), (50.0, 4));
-        assert!((stats.rmse - 12.5_f64.sqrt()).abs() < 1e-15);
-        assert!((stats.std - 3.5_f64.sqrt()).abs() < 1e-15);
-        assert_eq!(Statistics::of(&[5.0]).unwrap().median, 5.0);
-        assert_eq!(Statistics::of(&[]), None);
-    }
-}

@@ -385,25 +385,6 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_is_added_by_name_and_the_other_files_stay() {
-        let folder = tempfile::tempdir().unwrap();
-        make(&request(folder.path(), &[], &[])).unwrap();
-        let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
-        let before = [read("authority.pem"), read("vehicle.pem")];
-        let hawk = strings(&["hawk"]);
-        let written = make(&request(folder.path(), &[], &hawk)).unwrap();
-        assert_eq!(written, ["vehicle-hawk.key", "vehicle-hawk.pem"].map(|name| folder.path().join(name)));
-        assert_eq!(before, [read("authority.pem"), read("vehicle.pem")]);
-        for name in ["", "../hawk", "a b", "a/b", &"x".repeat(MAX_NAME + 1)] {
-            let names = strings(&[name]);
-            assert!(
-                matches!(make(&request(folder.path(), &[], &names)), Err(KeysError::Name { .. })),
-                "{name}"
-            );
-        }
-    }
-
-    #[test]
     fn certificates_that_could_not_be_told_apart_are_not_made() {
         let folder = tempfile::tempdir().unwrap();
         let roles = strings(&["viewer"]);
@@ -413,25 +394,5 @@ mod tests {
             make(&renewed).unwrap();
         }
         assert!(make(&renewed).unwrap_err().to_string().contains("the last certificate number"));
-    }
-
-    #[test]
-    fn renewal_keeps_file_names_authority_and_hosts() {
-        let folder = tempfile::tempdir().unwrap();
-        let (roles, vehicles, hosts) =
-            (strings(&["router"]), strings(&["hawk"]), strings(&["hawk.local", "10.0.0.7", "::1"]));
-        make(&KeysRequest { hosts: &hosts, ..request(folder.path(), &roles, &vehicles) }).unwrap();
-        let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
-        let (authority, before) = (read("authority.pem"), read("vehicle-hawk.pem"));
-        let renewed = KeysRequest { renew: true, ..request(folder.path(), &[], &[]) };
-        assert_eq!(make(&renewed).unwrap().len(), 4);
-        assert_eq!(read("authority.pem"), authority);
-        let name = |file: &str| certificate::name_in(&folder.path().join(file)).unwrap();
-        assert_eq!([name("router.pem"), name("vehicle-hawk.pem")], ["router.2", "vehicle:hawk.2"]);
-        assert_ne!(read("vehicle-hawk.pem"), before);
-        assert_eq!(hosts_of(&read("vehicle-hawk.pem")).unwrap(), hosts);
-        let viewer = strings(&["viewer"]);
-        let error = make(&KeysRequest { renew: true, ..request(folder.path(), &viewer, &[]) }).unwrap_err();
-        assert!(error.to_string().contains("it cannot be renewed"), "{error}");
     }
 }

@@ -217,16 +217,4 @@ mod tests {
         assert!(!asked.is_empty() && !asked.iter().any(|key| key.contains("command")), "{asked:?}");
         assert!(rights(&certified(), "this host", "ingress", "query").is_empty());
     }
-
-    #[test]
-    fn an_excluded_certificate_is_no_subject() {
-        let mut endpoints = certified();
-        endpoints.tls.excluded = vec!["operator".into(), "viewer.2".into()];
-        let settings = access(&endpoints);
-        let subjects = settings["subjects"].as_array().unwrap();
-        assert!(!subjects.iter().any(|subject| subject["id"] == "operator"));
-        let viewer = subjects.iter().find(|subject| subject["id"] == "viewer").unwrap();
-        let names = viewer["cert_common_names"].as_array().unwrap();
-        assert!(names.contains(&json!("viewer.1")) && !names.contains(&json!("viewer.2")));
-    }
 }

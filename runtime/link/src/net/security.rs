@@ -192,37 +192,11 @@ mod tests {
     }
 
     #[test]
-    fn commands_are_refused_where_anybody_can_connect() {
-        let open = listening_on("tcp/0.0.0.0:7447");
-        let words = refusal(CommandAccess::Authenticated, &open).unwrap();
-        assert!(words.contains("tcp/0.0.0.0:7447") && words.contains("others can read"), "{words}");
-        assert_eq!(refusal(CommandAccess::Anybody, &open), None);
-        let alone = listening_on("tcp/127.0.0.1:7447");
-        assert_eq!(refusal(CommandAccess::Authenticated, &alone), None);
-        assert!(refusal(CommandAccess::Nobody, &alone).is_some());
-        assert!(refusal(CommandAccess::Authenticated, &Endpoints { scouting: true, ..alone }).is_some());
-        assert!(
-            refusal(CommandAccess::Authenticated, &connecting_to("tcp/10.0.0.1:7447"))
-                .unwrap()
-                .contains("10.0")
-        );
-    }
-
-    #[test]
     fn a_router_of_this_host_may_listen_openly() {
         assert!(refusal(CommandAccess::Authenticated, &connecting_to("tcp/127.0.0.1:7447")).is_some());
         let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
         let signed = Endpoints { tls, ..connecting_to("tls/127.0.0.1:7447") };
         assert_eq!(refusal(CommandAccess::Authenticated, &signed), None);
-    }
-
-    #[test]
-    fn certificates_open_the_way_for_commands_and_not_over_plain_tcp() {
-        let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
-        let closed = Endpoints { tls: tls.clone(), ..listening_on("tls/0.0.0.0:7447") };
-        assert_eq!(refusal(CommandAccess::Authenticated, &closed), None);
-        let half = Endpoints { tls, ..listening_on("tcp/0.0.0.0:7447") };
-        assert!(refusal(CommandAccess::Authenticated, &half).is_some());
     }
 
     #[test]

@@ -16,22 +16,3 @@ pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, cdr_encoding::Error>
     cdr_encoding::to_writer::<T, LittleEndian, &mut Vec<u8>>(&mut bytes, message)?;
     Ok(bytes)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_aligned_from_behind_the_encapsulation() {
-        #[derive(Serialize)]
-        struct Sample<'a> {
-            word: &'a str,
-            number: f64,
-            list: &'a [u16],
-        }
-        let bytes = encode(&Sample { word: "odom", number: 1.0, list: &[7] }).unwrap();
-        let expected: [&[u8]; 7] =
-            [&[0, 1, 0, 0], &[5, 0, 0, 0], b"odom\0", &[0; 7], &1f64.to_le_bytes(), &[1, 0, 0, 0], &[7, 0]];
-        assert_eq!(bytes, expected.concat());
-    }
-}

@@ -115,8 +115,7 @@ fn rows(matrix: &Matrix6<f64>) -> Rows6 {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::cdr::encode;
-    use super::super::messages::{self, Transform};
+    use super::super::messages;
     use super::*;
     use plumbline_config::Timestamp;
     use plumbline_estimator::{NavCovariance, TrackingState};
@@ -162,59 +161,6 @@ pub(super) mod tests {
             jumps: 0,
             origin: plumbline_estimator::OriginUncertainty::default(),
         }
-    }
-
-    fn number(bytes: &[u8], at: usize) -> f64 {
-        f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
-    }
-
-    #[test]
-    fn the_bytes_of_a_pose_are_where_its_definition_puts_them() {
-        let o = odometry();
-        let bytes = encode(&aligned().pose(&o, Time::from_nanos(5_000_000_007))).unwrap();
-        // Encapsulation, stamp, length and text of the frame, padding to 8 from behind the encapsulation.
-        let expected: [&[u8]; 6] =
-            [&[0, 1, 0, 0], &[5, 0, 0, 0], &[7, 0, 0, 0], &[5, 0, 0, 0], b"odom\0", &[0; 7]];
-        assert_eq!(bytes[..28], expected.concat());
-        let numbers: Vec<f64> = (0..7).map(|k| number(&bytes, 28 + 8 * k)).collect();
-        let q = o.pose_o_b.rotation.coords;
-        assert_eq!(numbers, [1.0, -2.0, 0.1, q.x, q.y, q.z, q.w]);
-        assert_eq!(bytes.len(), 28 + 56);
-    }
-
-    #[test]
-    fn an_odometry_message_has_its_definition_s_length() {
-        let bytes = encode(&aligned().odometry(&odometry(), Time::from_nanos(0))).unwrap();
-        // Header up to 17, child frame at 20 with 4 + 10 bytes, then doubles from 40: 7 + 36 + 6 + 36.
-        assert_eq!(bytes.len(), 4 + 40 + 8 * (7 + 36 + 6 + 36));
-        let twist = 4 + 40 + 8 * (7 + 36);
-        assert_eq!((number(&bytes, twist + 24), number(&bytes, twist + 40)), (0.4, 0.6));
-    }
-
-    #[test]
-    fn the_tree_of_transforms_leads_from_odometry_by_the_vehicle_to_the_imu() {
-        let o = odometry();
-        let tree = upright().transforms(&o, None, Time::from_nanos(0));
-        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
-        assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
-        let isometry = |p: &Transform| {
-            let q = &p.rotation;
-            let q = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
-            Isometry3::from_parts(Vector3::new(p.translation.x, p.translation.y, p.translation.z).into(), q)
-        };
-        let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
-        assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
-        assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
-    }
-
-    #[test]
-    fn the_map_is_the_parent_of_the_odometry_once_it_is_known() {
-        let pose_m_o = Isometry3::translation(1.0, 2.0, 3.0);
-        let tree = aligned().transforms(&odometry(), Some(&pose_m_o), Time::from_nanos(5));
-        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
-        assert_eq!(names, [("map", "odom"), ("odom", "base_link"), ("base_link", "body")]);
-        assert_eq!(tree.transforms[0].transform, pose_m_o.into());
-        assert!(tree.transforms.iter().all(|t| t.header.stamp == Time::from_nanos(5)));
     }
 
     #[test]

@@ -151,24 +151,6 @@ mod tests {
         RosTopic { name: node.qualified(name), interface, depth }
     }
 
-    /// The examples of `docs/design.md` of `rmw_zenoh`, letter by letter.
-    #[test]
-    fn keys_and_tokens_are_those_of_the_documentation() {
-        let talker = node(2, "8b20917502ee955ac4476e0266340d5c", "/", "talker");
-        let chatter = topic(&talker, "chatter", 7);
-        assert_eq!(
-            talker.endpoint_token(Endpoint::Publisher, 10, &chatter),
-            "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,7:,:,:,,"
-        );
-        let listener = node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "/", "listener");
-        assert_eq!(listener.token(), "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener");
-        let there = node(0, "1", "/robot1", "talker");
-        assert_eq!(
-            there.key(&topic(&there, "chatter", 7)),
-            "0/robot1/chatter/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-        );
-    }
-
     #[test]
     fn slashes_of_names_do_not_split_tokens() {
         let node = node(0, "1", "/robots/one", "plumbline");
@@ -184,15 +166,5 @@ mod tests {
         let chatter = topic(&node, "chatter", 7);
         assert_eq!(node.key(&chatter), "0/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported");
         assert!(node.endpoint_token(Endpoint::Publisher, 1, &chatter).contains("/TypeHashNotSupported/"));
-    }
-
-    #[test]
-    fn an_attachment_is_sequence_time_and_identifier_behind_its_length() {
-        let attachment = Attachment { sequence: 1, source_ns: -2, gid: gid("a token") };
-        let bytes = attachment.encode();
-        assert_eq!(bytes[..8], [1, 0, 0, 0, 0, 0, 0, 0]);
-        assert_eq!(bytes[8..16], (-2i64).to_le_bytes());
-        assert_eq!(bytes[16], 16);
-        assert_eq!(bytes[17..], attachment.gid);
     }
 }

@@ -72,8 +72,7 @@ pub fn message<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::frames::tests::{odometry, upright};
-    use super::super::messages::Point;
+    use super::super::frames::tests::odometry;
     use super::*;
 
     fn flown(path: &mut PathHistory, seconds: std::ops::Range<i64>, reset_counter: u32) {
@@ -94,24 +93,5 @@ mod tests {
         assert_eq!(stamps[0], 0);
         assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] == stamps[1] - stamps[0]), "{stamps:?}");
         assert!(*stamps.last().unwrap() > 98_000_000_000);
-    }
-
-    #[test]
-    fn a_reset_starts_another_path() {
-        let mut path = PathHistory::new(100);
-        flown(&mut path, 0..50, 0);
-        flown(&mut path, 50..51, 1);
-        assert_eq!(path.poses().len(), 10);
-    }
-
-    #[test]
-    fn a_path_has_the_vehicle_s_poses_and_the_newest_stamp() {
-        let frames = upright();
-        let poses = [1, 2].map(|k| (Timestamp::from_nanos(k), Isometry3::translation(k as f64, 0.0, 0.0)));
-        let path = message(&frames, &poses, |stamp| Time::from_nanos(stamp.as_nanos()));
-        assert_eq!(path.header, Header { stamp: Time::from_nanos(2), frame_id: "odom" });
-        assert_eq!(path.poses.len(), 2);
-        assert_eq!(path.poses[0].pose.position, Point { x: 1.0, y: 0.0, z: 0.0 });
-        assert_eq!(path.poses[0].pose.orientation, frames.rot_v_b.inverse().into());
     }
 }

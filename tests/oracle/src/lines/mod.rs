@@ -40,11 +40,6 @@ impl Line {
         a.perp(&b).abs().atan2(a.dot(&b).abs())
     }
 
-    /// Distance of a point from the infinite line, px.
-    pub fn distance_across(&self, px: &Vector2<f64>) -> f64 {
-        self.direction().perp(&(px - self.start)).abs()
-    }
-
     /// Distance of a point from the segment, px.
     pub fn distance(&self, px: &Vector2<f64>) -> f64 {
         let along = self.direction().dot(&(px - self.start)).clamp(0.0, self.length());

@@ -119,11 +119,4 @@ proptest! {
         let _ = read_all(&path);
         let _ = verified(&path);
     }
-
-    #[test]
-    fn no_bytes_make_the_reader_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
-        bytes.splice(0..0, *b"\x89MCAP0\r\n");
-        let (_folder, path) = written(&bytes);
-        prop_assert!(read_all(&path).is_err());
-    }
 }

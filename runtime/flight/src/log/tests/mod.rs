@@ -14,6 +14,7 @@ use super::recorder::{Recorder, RecorderSummary, WhenFull};
 use super::verify::{Verification, verify};
 use super::writer::{Limits, LogWriter};
 use super::{LogError, LogReader};
+use crate::flight::cache;
 use crate::pipeline::listener::Subscriber;
 use crate::pipeline::{self, Control, RunOptions, RunOutcome, Stamps, Streams};
 use mcap::records::Metadata;
@@ -22,6 +23,7 @@ use plumbline_config::options::{ImageRecording, KeepPolicy};
 use plumbline_config::{Config, ValidConfig};
 use plumbline_record::digest::config_hash;
 use plumbline_simulator::{Scenario, Scene, Simulator};
+use plumbline_test_support::kept;
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -63,9 +65,11 @@ fn flight_of(seed: u64, duration_s: f64) -> Flight {
     let scenario =
         Scenario { scene: Scene::Room, seed, duration_s, resolution_scale: 0.3, ..Scenario::default() };
     let simulator = Simulator::new(&config(), &scenario).unwrap();
+    // Rendered once for all tests.
+    let _alone = kept::alone(&format!("{scenario:?}"));
     let streams = Streams {
         imu: Box::new(simulator.imu()),
-        stereo: Box::new(simulator.stereo()),
+        stereo: cache::frames(&kept::folder(), &simulator, &scenario).unwrap(),
         map: None,
         stamps: Stamps::Replayed,
         first_reset_counter: 0,

@@ -1,0 +1,33 @@
+//! Simulated data sets that tests look at or damage: rendered once, and copied for each of them.
+
+use super::{plumbline, stderr};
+use plumbline_test_support::kept;
+use std::fs;
+use std::path::Path;
+
+/// Copies a folder.
+pub fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        match entry.file_type().unwrap().is_dir() {
+            true => copy(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
+
+/// A flight of so many seconds in images of half the size, as `flight` in `folder`.
+pub fn dataset(folder: &Path, seconds: &str) -> String {
+    let made = kept::folder().join(format!("flight-{seconds}"));
+    kept::done_once(&format!("data set of {seconds} s"), || {
+        let _ = fs::remove_dir_all(&made);
+        let arguments =
+            ["simulate", made.to_str().unwrap(), "--start", "3", "--duration", seconds, "--scale", "0.5"];
+        let written = plumbline(&arguments);
+        assert!(written.status.success(), "{}", stderr(&written));
+    });
+    let path = folder.join("flight");
+    copy(&made, &path);
+    path.to_str().unwrap().to_owned()
+}
