@@ -7,9 +7,7 @@ use crate::estimate::{Estimate, Odometry, StageProbe};
 use crate::exchange::{Feedback, Tracked};
 use crate::front_end::FrontEnd;
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
-use crate::lines::LineObservation;
 use crate::odometry::Odometer;
-use crate::points::PointObservation;
 use crate::propagator::Propagator;
 use crate::propagator::history::{Instant, NoInstant};
 use crate::work_budget::{InTurn, WorkBudget};
@@ -133,16 +131,6 @@ impl Estimator {
         let estimate = self.odometer.process(&self.tracked, point_probe, &mut self.feedback);
         self.propagator.correct(&estimate);
         estimate
-    }
-
-    /// The points seen in the last frame.
-    pub fn point_observations(&self) -> &[PointObservation] {
-        &self.tracked.points
-    }
-
-    /// The lines seen in the last frame, for display.
-    pub fn line_observations(&self) -> &[LineObservation] {
-        self.front_end.line_observations()
     }
 
     /// Starts anew before the next frame.

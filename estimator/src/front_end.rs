@@ -12,7 +12,7 @@ use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise, Preintegration};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
-use crate::lines::{LineObservation, LineTracker};
+use crate::lines::LineTracker;
 use crate::places::images::FrameImages;
 use crate::points::prediction::{KnownPoint, PredictedMotion};
 use crate::points::{PointTracker, TrackerInput};
@@ -279,11 +279,6 @@ impl FrontEnd {
             tracked.health.insert(HealthBits::BAD_STAMP);
         }
         is_admitted
-    }
-
-    /// The lines seen in the last frame, for display.
-    pub fn line_observations(&self) -> &[LineObservation] {
-        self.lines.as_ref().map_or(&[], LineTracker::observations)
     }
 
     fn forget(&mut self) {

@@ -145,8 +145,9 @@ fn a_simulated_flight_with_options_is_a_recording_for_all_that_fly_one() {
     let looked = plumbline(&["doctor", flight, "--json"]);
     let report: Value =
         serde_json::from_slice(&looked.stdout).unwrap_or_else(|_| panic!("{}", stderr(&looked)));
-    let pairs = report["measures"].as_array().unwrap().iter().find(|m| m["name"] == "stereo pairs").unwrap();
-    assert_eq!(pairs["figures"]["frames"].as_f64(), Some(20.0), "{pairs}");
+    let timing =
+        report["measures"].as_array().unwrap().iter().find(|m| m["name"] == "camera timing").unwrap();
+    assert_eq!(timing["figures"]["rate_hz"].as_f64().map(f64::round), Some(20.0), "{timing}");
     fails(&["verify", flight], 2, &["sim:room?", "plumbline simulate FOLDER", "--record LOG.mcap"]);
 }
 

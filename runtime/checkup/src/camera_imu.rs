@@ -1,19 +1,17 @@
 //! Calibration of the cameras on the IMU: pose of the left camera in the body, and time offset, by a recording in which the rig is
 //! turned and moved by hand.
 //!
-//! The estimator follows points through the recording; the fit of the checkup (`fit`) holds all of the calibration but the wanted part as
-//! it is configured. What the motion does not show, by the covariance of the fit, is refused by name.
+//! Points are followed through the recording, and the fit of the checkup (`fit`) holds all of the calibration but the wanted part as it is
+//! configured. What the motion does not show, by the covariance of the fit, is refused by name.
 
 use crate::fit::causes::{Causes, SIGMAS};
 use crate::fit::parts::{CAMERA_IMU_POSITION, CAMERA_IMU_ROTATION, Course, READOUT_TIME, TIME_OFFSET, parts};
 use crate::fit::rig::BIASES;
 use crate::fit::{FirstLook, fit};
-use crate::tracks::{Sighting, Tracks, frames_to_a_key};
+use crate::tracks::Tracker;
 use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, UnitQuaternion, Vector3};
 use plumbline_config::options::rows_from_isometry;
-use plumbline_config::{ConfigError, ImuSample, Timestamp, ValidConfig};
-use plumbline_estimator::{Estimator, FrameInput};
-use std::collections::BTreeMap;
+use plumbline_config::{ConfigError, ImageView, ImuSample, Timestamp, ValidConfig};
 
 /// Fewest pieces of two seconds whose scatter tells how sure they are: 20 s.
 const LEAST_PIECES: usize = 10;
@@ -64,63 +62,29 @@ pub enum RigError {
 /// Recording of a rig that is moved by hand.
 pub struct ByHand {
     config: ValidConfig,
-    estimator: Estimator,
+    tracker: Option<Tracker>,
     samples: Vec<ImuSample>,
     span: Option<(Timestamp, Timestamp)>,
-    frames: u64,
-    tracks: Tracks,
-    /// Place in `tracks` of each point of the estimator.
-    places: BTreeMap<u32, usize>,
 }
 
 impl ByHand {
     /// Empty recording of the rig of `config`.
     pub fn new(config: &ValidConfig) -> Self {
-        Self {
-            config: config.clone(),
-            estimator: Estimator::new(config.setup()),
-            samples: Vec::new(),
-            span: None,
-            frames: 0,
-            tracks: Tracks::default(),
-            places: BTreeMap::new(),
-        }
-    }
-
-    /// True if a frame of this stamp needs further samples before it is added.
-    pub fn needs_samples(&self, stamp: Timestamp) -> bool {
-        let needed = self.estimator.imu_needed_until(stamp);
-        self.samples.last().is_none_or(|sample| sample.stamp < needed)
+        Self { config: config.clone(), tracker: Tracker::new(config), samples: Vec::new(), span: None }
     }
 
     /// Takes an inertial sample.
     pub fn add_sample(&mut self, sample: &ImuSample) {
-        self.estimator.add_imu(sample);
         self.samples.push(*sample);
     }
 
-    /// Takes a frame.
-    pub fn add_frame(&mut self, frame: &FrameInput<'_>) {
-        let first = self.span.map_or(frame.stamp, |(first, _)| first);
-        self.span = Some((first, frame.stamp));
-        self.estimator.add_frame(frame);
-        let rate_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);
-        if self.frames.is_multiple_of(frames_to_a_key(rate_hz)) {
-            self.add_key(frame.stamp);
+    /// Takes a frame with its number.
+    pub fn add_frame(&mut self, number: u64, stamp: Timestamp, images: &[Option<ImageView<'_>>; 2]) {
+        let first = self.span.map_or(stamp, |(first, _)| first);
+        self.span = Some((first, stamp));
+        if let Some(tracker) = &mut self.tracker {
+            tracker.add(number, stamp, images);
         }
-        self.frames += 1;
-    }
-
-    fn add_key(&mut self, stamp: Timestamp) {
-        let Self { tracks: Tracks { keys, tracks }, places, .. } = self;
-        for point in self.estimator.point_observations() {
-            let at = *places.entry(point.track_id).or_insert(tracks.len());
-            if at == tracks.len() {
-                tracks.push(Vec::new());
-            }
-            tracks[at].push(Sighting { key: keys.len(), px: point.px.map(|px| Some(px?.cast())) });
-        }
-        keys.push((stamp, self.frames % 2 == 1));
     }
 
     /// Calibration that the recording shows.
@@ -136,22 +100,22 @@ impl ByHand {
         Ok(FoundRig { config, step, covariance, pieces, span_s: self.span_s() })
     }
 
-    /// Configuration with the readout that the recording shows, from the first to the last row, to calibrate by; 0 where it does not differ
-    /// from that of a global shutter. The other number is its standard deviation, s.
+    /// Takes over the readout that the recording shows, from the first to the last row, and returns it with its standard deviation, s; 0
+    /// where it does not differ from that of a global shutter.
     ///
     /// # Errors
     /// When the motion does not determine it; the message says what it lacks.
-    pub fn with_readout(&self) -> Result<(ValidConfig, f64), RigError> {
+    pub fn find_readout(&mut self) -> Result<(f64, f64), RigError> {
         let [position, rotation, offset] = RIG;
         let (_, moved, covariance) = self.freed(&[READOUT_TIME, position, rotation, offset])?;
         let found_s = self.config.camera.first().map_or(0.0, |camera| camera.readout_s) + moved[0];
         let sigma_s = covariance[(0, 0)].sqrt();
         let is_none = found_s < LEAST_READOUT_S.max(SIGMAS * sigma_s);
         let readout_s = if is_none { 0.0 } else { found_s };
-        let config = self.config.with("calibrate rig", |config| {
+        self.config = self.config.with("calibrate rig", |config| {
             config.camera.iter_mut().for_each(|camera| camera.readout_s = readout_s);
         })?;
-        Ok((config, sigma_s))
+        Ok((readout_s, sigma_s))
     }
 
     fn span_s(&self) -> f64 {
@@ -165,13 +129,14 @@ impl ByHand {
         let free: Vec<usize> = names.iter().filter_map(named).collect();
         let is_free =
             |k: usize| k >= BIASES || free.iter().any(|part| parts[*part].basis.row(k).amax() > 0.0);
-        let first = FirstLook::at(&self.config, &self.tracks, &self.samples);
-        if first.as_ref().is_some_and(|first| !first.turns_enough()) {
+        let tracks = self.tracker.as_ref().map(Tracker::tracks).ok_or_else(|| self.too_short(0))?;
+        let first = FirstLook::at(&self.config, tracks, &self.samples);
+        if first.as_ref().is_some_and(|first| !first.turns_enough) {
             return Err(RigError::Unseen(format!(
                 "the motion does not determine the rig: it hardly turns; {TURN}"
             )));
         }
-        let fitted = first.and_then(|first| fit(&self.config, &self.tracks, &self.samples, &first, &is_free));
+        let fitted = first.and_then(|first| fit(&self.config, tracks, &self.samples, &first, &is_free));
         let pieces = fitted.as_ref().map_or(0, |fitted| fitted.pieces.len());
         let fitted = fitted.filter(|_| pieces >= LEAST_PIECES).ok_or_else(|| self.too_short(pieces))?;
         let free: Vec<_> = free.into_iter().map(|part| (part, Course::Constant)).collect();

@@ -3,6 +3,7 @@
 use crate::finding::Finding;
 use plumbline_estimator::HealthBits;
 use plumbline_estimator::health::HealthBit;
+use plumbline_estimator::odometry::Missing;
 
 /// Cure of bits that have several causes.
 const LOOK: &str = "run `plumbline doctor` on the data";
@@ -19,12 +20,8 @@ const WARNED_OF_NOISE: f64 = 0.25;
 const MIN_FRAMES: u64 = 20;
 /// Frames with a bit that are worth a warning while the flight goes on: three seconds at 20 Hz.
 const LASTING: u64 = 60;
-/// Share of the frames from which a bit may be why there is no pose, and reasons that are given.
-const HINDERED: f64 = 0.1;
+/// Reasons that are given why there is no pose.
 const MAX_REASONS: usize = 3;
-/// Cure for one camera that finds no scale.
-const ONE_CAMERA: &str = "one camera finds the scale by translation alone, not while it hovers or turns in place: move it sideways \
-                          for two seconds, by a tenth of the distance to what it sees, or use two cameras";
 /// A bit that explains so many of the frames of another one is its cause.
 const CAUSED: f64 = 0.8;
 /// Qualities from -1 to 100.
@@ -37,12 +34,22 @@ pub struct HealthTally {
     pub frames: u64,
     /// Frames with each health bit, in the order of [`HealthBits::NAMES`].
     pub bits: [u64; HealthBits::COUNT],
+    /// What the last attempt to start with one camera lacked, and the delay that one found.
+    pub missing: Option<Missing>,
+    /// See [`Self::missing`].
+    pub found: Option<Missing>,
     qualities: [u64; QUALITIES],
 }
 
 impl Default for HealthTally {
     fn default() -> Self {
-        Self { frames: 0, bits: [0; HealthBits::COUNT], qualities: [0; QUALITIES] }
+        Self {
+            frames: 0,
+            bits: [0; HealthBits::COUNT],
+            missing: None,
+            found: None,
+            qualities: [0; QUALITIES],
+        }
     }
 }
 
@@ -151,36 +158,24 @@ impl HealthTally {
             .collect()
     }
 
-    /// Reason why no pose was found in a flight with so many cameras, by the health bits, with the cure.
-    pub fn why_no_pose(&self, cameras: usize) -> String {
+    /// Reason why no pose was found, with the cure: what the last start with one camera lacked, else the health bits.
+    pub fn why_no_pose(&self) -> String {
         if self.frames == 0 {
             return "no frame arrived".to_owned();
+        }
+        if let Some(missing) = self.missing {
+            return format!("the start with one camera: {missing}");
         }
         if self.frames < MIN_FRAMES {
             return format!("{} frames are too few for a start: give two seconds and more", self.frames);
         }
-        let held = self.held(HINDERED);
-        let faults = held
-            .iter()
-            .filter(|held| held.about.is_fault() && held.about.bit != HealthBits::VELOCITY_UNCERTAIN);
-        let reasons: Vec<String> = faults
-            .take(MAX_REASONS)
-            .map(|held| {
-                let HealthBit { name, finding, cure, .. } = held.about;
-                format!("{finding} (`{name}` in {} of {} frames): {cure}", held.frames, self.frames)
-            })
-            .collect();
-        let reason = reasons.join("; ");
-        match (reasons.is_empty(), cameras) {
-            (true, 1) => ONE_CAMERA.to_owned(),
-            (false, 1) => format!("{reason}; besides, {ONE_CAMERA}"),
-            (true, _) => {
-                "no health bit tells why: run `plumbline doctor` on the data, which checks stamps, units and \
-                          calibration"
-                    .to_owned()
-            }
-            (false, _) => reason,
+        let findings = self.findings(true, HealthBits::VELOCITY_UNCERTAIN);
+        let reasons: Vec<String> = findings.iter().take(MAX_REASONS).map(ToString::to_string).collect();
+        if reasons.is_empty() {
+            return "no health bit tells why: run `plumbline doctor` on the data, which checks stamps, units and calibration"
+                .to_owned();
         }
+        reasons.join("; ")
     }
 
     /// True if a bit only follows from another one: images that are missing or repeat have no
@@ -206,11 +201,24 @@ impl HealthTally {
             self.frames,
             100.0 * held.share
         );
-        Finding::new(finding, evidence, causes, cure).mild()
+        let finding = Finding::new(finding, evidence, causes, cure);
+        if REPEATS.contains(&held.about.bit) || FAILING.contains(&held.about.bit) {
+            finding
+        } else {
+            finding.mild()
+        }
     }
 }
 
-/// Bits of sensors that repeat their data bit for bit.
+/// Bits of sensors that fail otherwise: no calibration explains it.
+const FAILING: [HealthBits; 4] = [
+    HealthBits::IMU_SATURATED,
+    HealthBits::LEFT_MISSING,
+    HealthBits::RIGHT_MISSING,
+    HealthBits::BAD_IMAGE_SIZE,
+];
+
+/// Bits of sensors that repeat their data.
 const REPEATS: [HealthBits; 4] =
     [HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK, HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
 
@@ -290,21 +298,19 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_of_no_pose_is_that_of_the_bits_and_of_the_rig() {
-        assert!(tally(1, &[], 0).why_no_pose(2).contains("too few"));
-        assert!(tally(196, &[], 0).why_no_pose(1).contains("one camera finds the scale by translation"));
-        assert!(tally(196, &[], 0).why_no_pose(2).contains("plumbline doctor"));
-        let dark = tally(196, &[(HealthBits::NO_FEATURES, 190), (HealthBits::LOW_FEATURES, 150)], 0);
-        let words = dark.why_no_pose(1);
+    fn the_reason_of_no_pose_is_what_the_start_lacked_or_that_of_the_bits() {
+        assert!(tally(1, &[], 0).why_no_pose().contains("too few"));
+        assert!(tally(196, &[], 0).why_no_pose().contains("plumbline doctor"));
+        let dark = [(HealthBits::NO_FEATURES, 190), (HealthBits::LOW_FEATURES, 150)];
+        let words = tally(196, &dark, 0).why_no_pose();
         assert!(
             words.starts_with(
-                "no point was found in the images (`no features` in 190 of 196 frames): look at light"
-            ),
+                "no point was found in the images (health bit `no features` in 190 of 196 frames"
+            ) && words.contains("few features"),
             "{words}"
         );
-        assert!(words.contains("few features") && words.contains("translation"), "{words}");
-        let words = tally(55, &[(HealthBits::CAMERAS_DISAGREE, 36)], 0).why_no_pose(2);
-        assert!(words.contains("cameras disagree` in 36 of 55") && !words.contains("translation"), "{words}");
+        let lacking = HealthTally { missing: Some(Missing::Time(1.0)), ..tally(10, &dark, 0) };
+        assert_eq!(lacking.why_no_pose(), "the start with one camera: gathered 1.0 of 1.5 s");
     }
 
     #[test]

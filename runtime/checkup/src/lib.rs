@@ -6,15 +6,15 @@
 //! | module | measures |
 //! |---|---|
 //! | [`timing`] | rates, jitter, gaps and order of the stamps of both sensors |
-//! | [`plausibility`] | units and columns that cannot be right; of a flight too, while it goes on |
-//! | `images` | images that are dark, burnt out, repeated, frozen, interlaced, or hold marks or bars |
-//! | [`inertial`] | gravity and bias at rest, noise, stuck and saturated axes |
+//! | [`plausibility`] | units and columns that cannot be right, and the health bits of the flight: while it goes on, too |
+//! | `images` | images that are black, interlaced, or hold marks |
 //! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | `fit` | everything that a calibration consists of, by one fit of images and samples (points by `tracks`) |
 //! | [`camera_imu`] | pose of the cameras on the IMU and time offset, to be written into a configuration |
 //! | [`health`] | the health bits of a flight: a line at its end, and warnings |
 //!
-//! What stamps, units or images alone show to be wrong is named first, and nothing is fitted through it. A quantity that the data do
+//! What stamps, units, images or sensors that fail show to be wrong is named first, and nothing is fitted through it. What the estimator
+//! found to contradict each other as it flew is a consequence, and reported only where nothing else is wrong. A quantity that the data do
 //! not hold is reported as not measured. There is no clock and no random number here: the same data give the same report.
 
 pub mod camera_imu;
@@ -22,9 +22,9 @@ pub mod finding;
 mod fit;
 pub mod health;
 mod images;
-pub mod inertial;
 pub mod mounting;
 pub mod plausibility;
+mod rest;
 mod statistics;
 pub mod timing;
 mod tracks;
@@ -35,16 +35,16 @@ mod tests;
 
 pub use verdict::{Fitness, Measure};
 
+use finding::Finding;
 use images::ImageTests;
-use plausibility::inertial::{nonsense, repeats};
-use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
-use timing::{Arrivals, Sensor};
+use plausibility::{GAPS, Plausibility, inertial};
+use plumbline_config::{ImageView, ImuSample, Timestamp, ValidConfig};
+use plumbline_estimator::{Estimator, FrameInput};
+use timing::Sensor;
 use tracks::Tracker;
 
-/// Inertial samples that are kept: five minutes at 1 kHz. Later ones are left out.
+/// Inertial samples that are kept, and stamps of frames: five minutes at 1 kHz. Later ones are left out.
 const MAX_SAMPLES: usize = 300_000;
-/// Frames whose stamps are kept.
-const MAX_FRAMES: usize = 60_000;
 /// Frames whose images are looked at: half a minute at 20 Hz.
 const MAX_SEEN: usize = 600;
 
@@ -59,39 +59,31 @@ pub struct Frame<'a> {
     pub images: [Option<ImageView<'a>>; 2],
 }
 
-/// Gathers what sensors deliver, and judges it.
+/// Gathers what sensors deliver, flies it, and judges it.
 pub struct Checkup {
-    config: Config,
-    samples: Vec<ImuSample>,
-    sequences: Vec<u64>,
-    frames: Arrivals,
-    /// Frames with both images, where both are configured.
-    whole: u64,
+    config: ValidConfig,
+    data: Plausibility,
+    estimator: Estimator,
+    newest: Option<Timestamp>,
     seen: usize,
     images: ImageTests,
     tracker: Option<Tracker>,
     /// Troubles reported by the drivers of IMU and cameras.
     troubles: [Option<String>; 2],
-    refused_samples: u64,
-    /// Samples and frames out of order or of the same stamp.
-    disordered: [u64; 2],
 }
 
 impl Checkup {
     /// For the rig of a configuration.
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &ValidConfig) -> Self {
         Self {
             config: config.clone(),
-            samples: Vec::new(),
-            sequences: Vec::new(),
-            frames: Arrivals::default(),
-            whole: 0,
+            data: Plausibility::with_room(config, false, MAX_SAMPLES),
+            estimator: Estimator::new(config.setup()),
+            newest: None,
             seen: 0,
             images: ImageTests::default(),
             tracker: Tracker::new(config),
             troubles: [None, None],
-            refused_samples: 0,
-            disordered: [0; 2],
         }
     }
 
@@ -103,122 +95,94 @@ impl Checkup {
 
     /// Takes the number of inertial samples that the driver of a live sensor dropped as impossible.
     pub fn tell_refused(&mut self, samples: u64) {
-        self.refused_samples = samples;
+        self.data.arrivals[0].refused = samples;
     }
 
     /// Takes the number of samples or frames that a driver put right or refused, since their stamps ran backwards or repeated.
     pub fn tell_disordered(&mut self, sensor: Sensor, count: u64) {
-        self.disordered[sensor as usize] = count;
+        self.data.arrivals[sensor as usize].disordered = count;
+    }
+
+    /// True if a frame of this stamp needs further samples before it is looked at.
+    pub fn needs_samples(&self, stamp: Timestamp) -> bool {
+        self.newest < Some(self.estimator.imu_needed_until(stamp))
     }
 
     /// Takes an inertial sample with its number in the sensor's stream.
     pub fn add_sample(&mut self, sequence: u64, sample: &ImuSample) {
-        if self.samples.len() < MAX_SAMPLES && sample.is_finite() {
-            self.samples.push(*sample);
-            self.sequences.push(sequence);
-        }
+        self.newest = self.newest.max(Some(sample.stamp));
+        self.data.add_sample(sequence, sample);
+        self.estimator.add_imu(sample);
     }
 
-    /// Takes a frame.
-    pub fn add_frame(&mut self, frame: &Frame<'_>) {
-        let arrived = [0, 1].map(|camera| frame.images[camera].is_some());
-        self.note_frame(frame.sequence, frame.stamp, arrived);
-        self.look_at(frame);
+    /// Takes note of a frame that came.
+    pub fn note_frame(&mut self, sequence: u64, stamp: Timestamp) {
+        self.data.add_frame(sequence, stamp);
     }
 
-    /// Takes note that a frame came, and which of its images, for one whose images there is no time to look at.
-    pub fn note_frame(&mut self, sequence: u64, stamp: Timestamp, arrived: [bool; 2]) {
-        if self.frames.stamps.len() < MAX_FRAMES {
-            self.frames.push(stamp, sequence);
-            let wanted = self.config.camera.len().min(2);
-            self.whole += u64::from(arrived[..wanted].iter().all(|is_there| *is_there));
-        }
-    }
-
-    /// Looks at the images of a frame that was taken note of.
+    /// Looks at the images of a frame: live sensors may bring more than there is time for.
     pub fn look_at(&mut self, frame: &Frame<'_>) {
-        if self.has_seen_enough() {
+        if self.seen == MAX_SEEN {
             return;
         }
         self.seen += 1;
-        self.images.add(frame.stamp, &frame.images);
+        let &Frame { sequence, stamp, images } = frame;
+        self.images.add(stamp, &images);
         if let Some(tracker) = &mut self.tracker {
-            tracker.add(frame.sequence, frame.stamp, &frame.images);
+            tracker.add(sequence, stamp, &images);
         }
+        let flown = self.estimator.add_frame(&FrameInput { sequence: Some(sequence), stamp, images });
+        self.data.add_estimate(flown.health);
     }
 
-    /// True if no further images are looked at.
-    pub fn has_seen_enough(&self) -> bool {
-        self.seen == MAX_SEEN
+    /// Frames that came.
+    pub fn frames(&self) -> usize {
+        self.data.arrivals[1].stamps.len()
     }
 
     /// Measurements so far with their verdicts: first what is wrong.
     pub fn report(&self) -> Vec<Measure> {
-        let config = &self.config;
-        let (imu, frames) = self.arrivals();
-        let refused = inertial::refused(self.refused_samples, self.samples.len());
-        let clocks = timing::two_clocks(&imu.stamps, &frames.stamps);
-        let wrong = nonsense(&self.samples).into_iter().chain(refused).chain(clocks);
-        let mut measures: Vec<Measure> = wrong.map(finding::Finding::into_measure).collect();
+        let (config, data, samples) = (&self.config, &self.data, &self.data.samples);
+        let wrong = inertial::nonsense(samples).into_iter().chain(data.two_clocks());
+        let mut measures: Vec<Measure> = wrong.map(Finding::into_measure).collect();
         let has_nonsense = !measures.is_empty();
-        measures.extend(self.timing(&imu, &frames));
-        measures.extend(repeats(&self.samples).map(finding::Finding::into_measure));
-        let images = self.images.judge(&self.samples, config.camera.len());
-        let is_bad = |measure: &Measure| measure.verdict == Fitness::NotFit;
-        let is_spoilt = has_nonsense || measures.iter().chain(&images).any(is_bad);
-        measures.extend(images);
-        measures.extend(inertial::axes(&self.samples, &config.imu));
-        let mut of_samples = inertial::noise(&self.samples, &config.imu);
-        let tracks = self.tracker.as_ref().map(Tracker::tracks);
-        let rest = match tracks.filter(|tracks| !tracks.keys.is_empty()) {
-            Some(tracks) => inertial::rest_seen(&self.samples, &tracks.moving()),
-            None => inertial::rest(&self.samples),
-        };
-        of_samples.extend(inertial::at_rest(&rest, config));
-        of_samples.extend(mounting::judge(&self.samples, &rest, config));
-        if has_nonsense || self.samples.is_empty() {
-            of_samples.iter_mut().for_each(Measure::spoil);
+        measures.extend(self.timing());
+        measures.extend(self.images.judge(config.camera.len()));
+        let is_wrong = |measure: &Measure| measure.verdict == Fitness::NotFit;
+        let flown = if has_nonsense { Vec::new() } else { data.of_flight(true, GAPS) };
+        let flown = flown.into_iter().map(|finding| finding.into_measure_of("flight"));
+        let (failing, contradicted): (Vec<_>, Vec<_>) = flown.partition(is_wrong);
+        measures.extend(failing);
+        let is_spoilt = measures.iter().any(is_wrong);
+        let mut mounting = mounting::judge(samples, config);
+        if has_nonsense || samples.is_empty() {
+            mounting.iter_mut().for_each(Measure::spoil);
         }
-        measures.extend(of_samples);
-        let fitted = tracks.map_or_else(Vec::new, |tracks| match is_spoilt {
-            true => fit::judge::spoilt(config),
-            false => fit::judge::judge(config, tracks, &self.samples),
-        });
+        let fitted = match self.tracker.as_ref().map(Tracker::tracks) {
+            None => Vec::new(),
+            Some(_) if is_spoilt => fit::judge::spoilt(config),
+            Some(tracks) => fit::judge::judge(config, tracks, samples),
+        };
+        let has_cause = is_spoilt || fitted.iter().any(|measure| measure.verdict > Fitness::Good);
+        measures.extend(mounting);
         measures.extend(fitted);
+        measures.extend(contradicted.into_iter().filter(|_| !has_cause));
         // The images as they lie explain more than any calibration.
-        measures.sort_by_key(|measure| measure.verdict != Fitness::NotFit);
+        measures.sort_by_key(|measure| !is_wrong(measure));
         measures
     }
 
-    /// Arrivals of samples and frames.
-    fn arrivals(&self) -> (Arrivals, Arrivals) {
-        let mut imu = Arrivals::default();
-        imu.refused = self.refused_samples;
-        for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
-            imu.push(sample.stamp, *sequence);
-        }
-        let mut frames = self.frames.clone();
-        [imu.disordered, frames.disordered] = self.disordered;
-        (imu, frames)
-    }
-
-    /// Measures of the stamps, and of frames with both images.
-    fn timing(&self, imu: &Arrivals, frames: &Arrivals) -> Vec<Measure> {
-        let config = &self.config;
-        let frame_rate_hz = config.camera.first().map_or(0.0, |camera| camera.rate_hz);
-        let mut measures = vec![
-            timing::judge(Sensor::Imu, imu, config.imu.rate_hz),
-            timing::judge(Sensor::Cameras, frames, frame_rate_hz),
-        ];
-        for (measure, trouble) in measures.iter_mut().zip(&self.troubles) {
-            if let Some(words) = trouble {
+    /// Measures of the stamps.
+    fn timing(&self) -> [Measure; 2] {
+        let nominal_hz = self.data.nominal_hz();
+        [Sensor::Imu, Sensor::Cameras].map(|sensor| {
+            let at = sensor as usize;
+            let mut measure = timing::judge(sensor, &self.data.arrivals[at], nominal_hz[at]);
+            if let Some(words) = &self.troubles[at] {
                 (measure.verdict, measure.cure) = (Fitness::NotFit, words.clone());
             }
-        }
-        measures.extend(
-            (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
-        );
-        measures
+            measure
+        })
     }
 }
 

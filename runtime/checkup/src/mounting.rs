@@ -5,7 +5,7 @@
 //! axis by the gyroscope, and with it the heading of the mounting: lifting the nose is a negative turn about the left axis.
 
 use crate::finding::Finding;
-use crate::inertial::{self, Rest};
+use crate::rest::{Rest, rest};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::options::{Mounting, VehicleConfig};
@@ -35,6 +35,8 @@ const LONGEST_S: f64 = 15.0;
 const STANDS_WITHIN_S: f64 = 3.0;
 /// See [`STANDS_WITHIN_S`].
 const STANDS_RAD_S: f64 = 0.02;
+/// Least time at rest, s: of a recording, and for a warning in flight, which may be smooth.
+const MIN_REST_S: (f64, f64) = (1.0, 2.0);
 /// Off by less from gravity, m/s², the accelerometer measures gravity alone.
 const GRAVITY_M_S2: f64 = 0.4;
 /// Share of the turning that may be about other axes.
@@ -89,11 +91,11 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
 }
 
 /// True if the vehicle stands still within a few seconds of the first sample.
-fn stands_soon(samples: &[ImuSample], rest: &Rest) -> bool {
+fn stands_soon(samples: &[ImuSample], before: &Rest) -> bool {
     let end = samples[0].stamp.plus_seconds(STANDS_WITHIN_S);
     let soon = &samples[..samples.partition_point(|sample| sample.stamp < end)];
-    let again = inertial::rest(soon);
-    again.seconds > 0.0 && (again.gyro - rest.gyro).norm() < STANDS_RAD_S
+    let again = rest(soon);
+    again.seconds > 0.0 && (again.gyro - before.gyro).norm() < STANDS_RAD_S
 }
 
 /// The mounting by the turn up to the largest tilt: its angle, its rotation vector, how much was turned in all, and about which
@@ -112,14 +114,25 @@ fn by_axis(
     Some(Nod { degrees, rot_v_b })
 }
 
+/// The time at rest, where it is at least so long and the accelerometer measures gravity alone.
+fn standing(samples: &[ImuSample], config: &Config, least_s: f64) -> Option<Rest> {
+    let is_gravity = |rest: &Rest| (rest.gravity_m_s2 - config.imu.gravity_m_s2).abs() < GRAVITY_M_S2;
+    Some(rest(samples)).filter(|rest| rest.seconds >= least_s && is_gravity(rest))
+}
+
 /// Judges the mounting: roll and pitch by gravity at rest, the heading by a nod.
-pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2] {
-    let nod = rest.is_enough().then(|| nod(samples, rest)).flatten();
+pub fn judge(samples: &[ImuSample], config: &Config) -> [Measure; 2] {
+    let rest = standing(samples, config, MIN_REST_S.0);
+    let nod = rest.as_ref().and_then(|rest| nod(samples, rest));
     let mounting = config.vehicle.rot_v_b();
-    let tilt = rest.measure(NAME, || match &mounting {
-        None => unknown(rest, nod, config),
-        Some(rot_v_b) => level(rest, nod, rot_v_b),
-    });
+    let tilt = match (&rest, &mounting) {
+        (None, _) => {
+            let cure = "let the vehicle stand for three seconds, motors off";
+            Measure::missing(NAME, "the vehicle never stood still", cure)
+        }
+        (Some(rest), None) => unknown(rest, nod, config),
+        (Some(rest), Some(rot_v_b)) => level(rest, nod, rot_v_b),
+    };
     let heading = match nod {
         None => Measure::missing(HEADING_NAME, "no nod was recognized", NOD),
         Some(nod) => heading(&nod, mounting.as_ref()),
@@ -129,10 +142,7 @@ pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2
 
 /// Warning of a mounting that gravity contradicts while the vehicle rests.
 pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
-    let rest = inertial::rest(samples);
-    let is_gravity = (rest.gravity_m_s2 - config.imu.gravity_m_s2).abs() < GRAVITY_M_S2;
-    let rot_v_b = config.vehicle.rot_v_b().filter(|_| rest.is_enough() && is_gravity)?;
-    let measure = level(&rest, None, &rot_v_b);
+    let measure = level(&standing(samples, config, MIN_REST_S.1)?, None, &config.vehicle.rot_v_b()?);
     (measure.verdict == Fitness::NotFit).then(|| Finding::of_measure(measure))
 }
 
@@ -155,18 +165,11 @@ fn unknown(rest: &Rest, nod: Option<Nod>, config: &Config) -> Measure {
     let is_needed = !config.autopilot.connect.is_empty() || config.ros.enabled;
     let verdict = if is_needed { Fitness::NotFit } else { Fitness::Mind };
     let up = rest.accel.normalize();
-    let (value, cure) = match &nod {
-        Some(nod) => {
-            let value = format!("unknown; measured at rest and by a nod of {:.0} degrees", nod.degrees);
-            (value, format!("set {}", key(nod)))
-        }
-        None => {
-            let value = format!(
-                "unknown; at rest the vertical is along {:.2} {:.2} {:.2} of the IMU, its heading was not shown",
-                up.x, up.y, up.z
-            );
-            (value, format!("{NOD}; {}", VehicleConfig::CURE))
-        }
+    let value =
+        format!("unknown; at rest the vertical is along {:.2} {:.2} {:.2} of the IMU", up.x, up.y, up.z);
+    let cure = match &nod {
+        Some(nod) => format!("set {}", key(nod)),
+        None => format!("{NOD}; {}", VehicleConfig::CURE),
     };
     Measure::new(NAME, verdict, value, cure, &[])
 }
@@ -253,7 +256,7 @@ mod tests {
         for degrees in [[0.0, 0.0, 0.0], [180.0, -70.3, 0.0], [-90.0, 0.0, 90.0], [12.0, 34.0, -120.0]] {
             let vehicle = VehicleConfig::mounted(degrees);
             let samples = samples(&vehicle, 30.0);
-            let rest = inertial::rest(&samples);
+            let rest = rest(&samples);
             let nod = nod(&samples, &rest).unwrap();
             let off = nod.rot_v_b.angle_to(&vehicle.rot_v_b().unwrap()).to_degrees();
             assert!(off < 0.5 && (nod.degrees - 30.0).abs() < 0.5, "{degrees:?}: {off} {nod:?}");
@@ -270,15 +273,14 @@ mod tests {
             sample.gyro += Vector3::new(0.1 * shake, 0.0, 0.5);
             sample.accel.z += shake;
         }
-        assert_eq!(nod(&flying, &inertial::rest(&flying)), None);
+        assert_eq!(nod(&flying, &rest(&flying)), None);
     }
 
     #[test]
     fn an_unknown_mounting_is_measured_and_its_key_proposed() {
         let vehicle = VehicleConfig::mounted([180.0, 0.0, 0.0]);
         let samples = samples(&vehicle, 25.0);
-        let rest = inertial::rest(&samples);
-        let [measure, _] = judge(&samples, &rest, &config(VehicleConfig::default()));
+        let [measure, _] = judge(&samples, &config(VehicleConfig::default()));
         assert_eq!(measure.verdict, Fitness::Mind);
         let key = measure.cure.strip_prefix("set `vehicle.imu_to_vehicle_deg = [").unwrap();
         let roll: f64 = key.split(',').next().unwrap().parse().unwrap();
@@ -286,9 +288,9 @@ mod tests {
         // An autopilot needs it.
         let mut config = config(VehicleConfig::default());
         config.autopilot.connect = "udp://127.0.0.1:14540".into();
-        assert_eq!(judge(&samples, &rest, &config)[0].verdict, Fitness::NotFit);
+        assert_eq!(judge(&samples, &config)[0].verdict, Fitness::NotFit);
         // Rest alone does not tell the heading.
-        let [still, heading] = judge(&samples[..400], &inertial::rest(&samples[..400]), &config);
+        let [still, heading] = judge(&samples[..400], &config);
         assert_eq!(heading.verdict, Fitness::NotMeasured, "{}", heading.value);
         assert!(still.cure.contains("lift its nose") && still.verdict == Fitness::NotFit, "{}", still.cure);
     }
@@ -296,13 +298,12 @@ mod tests {
     #[test]
     fn a_mounting_turned_about_the_vertical_is_found_by_a_nod_alone() {
         let samples = samples(&VehicleConfig::mounted([0.0, 0.0, 90.0]), 30.0);
-        let rest = inertial::rest(&samples);
         let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
-        let [tilt, heading] = judge(&samples, &rest, &level);
+        let [tilt, heading] = judge(&samples, &level);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotFit), "{}", heading.value);
         assert!(heading.cure.contains("90.0]`, if the nose was lifted first"), "{}", heading.cure);
         // Without a nod roll and pitch are good, and the heading is open.
-        let [tilt, heading] = judge(&samples[..400], &inertial::rest(&samples[..400]), &level);
+        let [tilt, heading] = judge(&samples[..400], &level);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotMeasured), "{}", tilt.value);
         assert!(heading.cure.contains("lift its nose"), "{}", heading.cure);
     }
@@ -311,14 +312,13 @@ mod tests {
     fn a_nose_held_up_changes_neither_tilt_nor_gravity() {
         let vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]);
         let samples = held_samples(&vehicle, 30.0, 4.0);
-        let rest = inertial::rest(&samples);
+        let rest = rest(&samples);
         let config = config(vehicle);
-        let [tilt, heading] = judge(&samples, &rest, &config);
+        let [tilt, heading] = judge(&samples, &config);
         assert!(tilt.figure("tilt_deg").unwrap() < 0.5, "{}", tilt.value);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::Good), "{}", heading.value);
         assert!(heading.value.contains("the nose is 0 degrees to the left"), "{}", heading.value);
-        let [gravity, _] = inertial::at_rest(&rest, &config);
-        assert!((gravity.figure("norm_m_s2").unwrap() - 9.81).abs() < 0.01, "{}", gravity.value);
+        assert!((rest.gravity_m_s2 - 9.81).abs() < 0.01, "{rest:?}");
         assert!(rest.seconds > 6.0, "{rest:?}");
     }
 
@@ -327,7 +327,7 @@ mod tests {
         let vehicle = VehicleConfig::mounted([90.0, 0.0, 0.0]);
         let tilted = held_samples(&vehicle, 0.0, 0.0);
         let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
-        let [tilt, _] = judge(&tilted, &inertial::rest(&tilted), &level);
+        let [tilt, _] = judge(&tilted, &level);
         assert_eq!(tilt.value, "at rest the vehicle is tilted by 90.0 degrees");
         let found = finding(&tilted, &level).unwrap().to_string();
         assert!(found.starts_with("mounting (at rest the vehicle is tilted by 90.0 degrees)"), "{found}");

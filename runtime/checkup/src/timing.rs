@@ -9,26 +9,20 @@ use plumbline_config::Timestamp;
 const MIN_STAMPS: usize = 20;
 /// An interval longer than so many usual ones is a gap.
 const GAP: f64 = 1.5;
+/// Intervals vary, and none is a gap, where the middle half of them spreads by this share of the median.
+const VARIES: f64 = 0.1;
 /// Deviation of the rate from the configured one, relative.
 const RATE: (f64, f64) = (0.02, 0.1);
 /// Share of samples that are missing.
 const LOST: (f64, f64) = (0.001, 0.02);
-/// Jitter against the interval, 99th percentile; estimators stamp by it, but drivers that jitter so mostly stamp by arrival.
-const JITTER: (f64, f64) = (0.3, f64::INFINITY);
-/// Jitter against the interval from which a flight is warned of it.
-const WILD: f64 = 0.8;
+/// Jitter of inertial samples against the interval, 99th percentile, from which stamps are those of the arrival.
+const JITTER: f64 = 0.8;
 /// Samples come in bursts where this share of the intervals is shorter than this share of the mean one.
 const BUNCHED: (f64, f64) = (0.3, 0.25);
-/// Stamps scatter where this share of the intervals is shorter than half of the mean one: long ones are then no gaps.
-const SCATTERED: (f64, f64) = (0.05, 0.5);
-/// Rates by the median and by the mean interval differ by this much where stamps are irregular, relative.
-const IRREGULAR: f64 = 0.05;
 /// Share of samples that run backwards or repeat a stamp.
 const DISORDERED: f64 = 0.002;
 /// Streams this far apart have no time in common, s.
 const APART_S: f64 = 1.0;
-/// Share of frames that lack an image.
-const HALF_FRAMES: (f64, f64) = (0.005, 0.1);
 
 /// Finding about samples that several arrive at once.
 pub const BURSTS: &str = "come in bursts";
@@ -59,11 +53,6 @@ pub struct Arrivals {
 }
 
 impl Arrivals {
-    /// Samples whose numbers do not matter, by their stamps.
-    pub fn of(stamps: Vec<Timestamp>) -> Self {
-        Self { stamps, ..Self::default() }
-    }
-
     /// Takes a sample.
     pub fn push(&mut self, stamp: Timestamp, sequence: u64) {
         let last = self.last.replace(sequence);
@@ -77,76 +66,49 @@ const UNITS: [(&str, f64); 3] = [("microseconds", 1e3), ("milliseconds", 1e6), (
 /// A rate within this factor of one in another unit is in that unit.
 const UNIT_FACTOR: f64 = 3.0;
 
-/// Troubles of a stream.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Trouble {
-    Rate,
-    Loss,
-    Disorder,
-    Bursts,
-    Jitter,
-}
-
-/// Figures of a stream, and the worst thing about it.
+/// Figures of a stream, and the worst thing about it, with whether a flight warns of it.
 struct Stream {
     value: String,
-    figures: Vec<(&'static str, f64)>,
-    worst: Option<(Fitness, Trouble, Finding)>,
-    /// Jitter against the interval, 99th percentile.
-    jitter: f64,
+    figures: [(&'static str, f64); 5],
+    worst: Option<(bool, Finding)>,
 }
 
 /// Judges the stream of a sensor that is to deliver `nominal_hz` times a second.
 pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
-    let (name, device) = sensor.names();
-    if arrivals.stamps.len() < MIN_STAMPS {
-        let value = format!("{} samples arrived", arrivals.stamps.len());
+    let (name, device, _) = sensor.names();
+    let samples = arrivals.stamps.len();
+    if samples < MIN_STAMPS {
         let cure = format!("check that `plumbline devices` lists {device}, and that data arrive");
-        return Measure::new(
-            name,
-            Fitness::NotFit,
-            value,
-            cure,
-            &[("samples", arrivals.stamps.len() as f64)],
-        );
+        let value = format!("{samples} samples arrived");
+        return Measure::new(name, Fitness::NotFit, value, cure, &[("samples", samples as f64)]);
     }
     let stream = Stream::of(sensor, arrivals, nominal_hz);
-    let (verdict, cure) = match stream.worst {
-        Some((verdict, _, finding)) => (verdict, format!("{}: {}", finding.what, finding.advice())),
-        None => (Fitness::Good, String::new()),
-    };
+    let worst = stream.worst.map(|(_, finding)| finding);
+    let verdict = worst.as_ref().map_or(Fitness::Good, |finding| finding.fitness);
+    let cure = worst.map_or_else(String::new, |finding| format!("{}: {}", finding.what, finding.advice()));
     Measure::new(name, verdict, stream.value, cure, &stream.figures)
 }
 
 /// Finding about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts
 /// or a wild jitter. Losses are reported elsewhere.
 pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<Finding> {
-    if arrivals.stamps.len() < MIN_STAMPS {
-        return None;
-    }
-    let stream = Stream::of(sensor, arrivals, nominal_hz);
-    let (verdict, trouble, finding) = stream.worst?;
-    match trouble {
-        Trouble::Rate | Trouble::Disorder | Trouble::Bursts => {
-            (verdict == Fitness::NotFit).then_some(finding)
-        }
-        Trouble::Jitter => (stream.jitter > WILD).then(|| finding.mild()),
-        Trouble::Loss => None,
-    }
+    let stream = (arrivals.stamps.len() >= MIN_STAMPS).then(|| Stream::of(sensor, arrivals, nominal_hz))?;
+    stream.worst.filter(|(is_told, _)| *is_told).map(|(_, finding)| finding)
 }
 
 impl Sensor {
-    /// Name of its measure, and of the device.
-    fn names(self) -> (&'static str, &'static str) {
+    /// Name of its measure, of the device, and of the key of its rate.
+    fn names(self) -> (&'static str, &'static str, &'static str) {
         match self {
-            Self::Imu => ("IMU timing", "the IMU"),
-            Self::Cameras => ("camera timing", "the cameras"),
+            Self::Imu => ("IMU timing", "the IMU", "imu.rate_hz"),
+            Self::Cameras => ("camera timing", "the cameras", "camera.0.rate_hz"),
         }
     }
 }
 
 impl Stream {
     fn of(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Self {
+        let count = arrivals.stamps.len() as f64;
         let intervals: Vec<f64> =
             arrivals.stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
         let backwards = intervals.iter().filter(|dt| **dt <= 0.0).count();
@@ -154,112 +116,106 @@ impl Stream {
         let (middle, mean) = (median(&intervals), mean_interval(&arrivals.stamps));
         let close = intervals.iter().filter(|dt| **dt < BUNCHED.1 * mean).count();
         let has_bursts = backwards == 0 && close as f64 > BUNCHED.0 * intervals.len() as f64;
-        // Where stamps scatter, the median interval is not the usual one.
-        let off = |interval: f64| (1.0 / (interval * nominal_hz) - 1.0).abs();
-        let short = intervals.iter().filter(|dt| **dt < SCATTERED.1 * mean).count();
-        let is_scattered = short as f64 > SCATTERED.0 * intervals.len() as f64;
-        let is_irregular =
-            is_scattered || (mean / middle - 1.0).abs() > IRREGULAR && off(mean) < 0.5 * off(middle);
-        let is_even = !has_bursts && !is_irregular;
+        let spread = quantile(&intervals, 0.75) - quantile(&intervals, 0.25);
+        let is_even = !has_bursts && spread < VARIES * middle;
         let usual = if is_even { middle } else { mean };
         let rate = 1.0 / usual;
         let gaps = intervals.iter().filter(|dt| is_even && **dt > GAP * usual);
         let lost_by_time: f64 = gaps.map(|dt| (dt / usual).round() - 1.0).sum();
         let refused = arrivals.refused as f64;
         let lost = (lost_by_time.max(arrivals.lost_by_number as f64) - refused).max(0.0);
-        let share = lost / (lost + arrivals.stamps.len() as f64);
         let regular: Vec<f64> =
             intervals.iter().filter(|dt| **dt <= GAP * usual).map(|dt| (dt - usual).abs()).collect();
-        let jitter = quantile(&regular, 0.99);
-        let longest = quantile(&intervals, 1.0);
-        let refused = if refused > 0.0 { format!(", {refused:.0} refused") } else { String::new() };
-        let value = format!(
-            "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing{refused}",
+        let (jitter, longest) = (quantile(&regular, 0.99), quantile(&intervals, 1.0));
+        let mut value = format!(
+            "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing",
             1e3 * jitter,
             1e3 * longest,
-            lost + (arrivals.stamps.len() as u64 + arrivals.refused) as f64
+            lost + count + refused
         );
-        let disorder = if backwards > 0 {
-            Fitness::NotFit
-        } else {
-            Fitness::within(disordered as f64 / arrivals.stamps.len() as f64, 0.0, DISORDERED)
-        };
-        let bursts = if has_bursts { Fitness::NotFit } else { Fitness::Good };
-        let value = match disordered {
-            0 => value,
-            n => format!("{value}, {n} out of order or of the same stamp"),
-        };
+        if refused > 0.0 {
+            value += &format!(", {refused:.0} refused");
+        }
+        if disordered > 0 {
+            value += &format!(", {disordered} out of order or of the same stamp");
+        }
+        let (factor, is_imu) = (rate / nominal_hz, sensor == Sensor::Imu);
+        let most = if is_imu || unit(factor).is_some() { RATE.1 } else { f64::INFINITY };
+        let order = if backwards > 0 { f64::INFINITY } else { disordered as f64 / count };
         let verdicts = [
-            (bursts, Trouble::Bursts),
-            (Fitness::within(off(usual), RATE.0, RATE.1), Trouble::Rate),
-            (Fitness::within(share, LOST.0, LOST.1), Trouble::Loss),
-            (disorder, Trouble::Disorder),
-            (Fitness::within(jitter / usual, JITTER.0, JITTER.1), Trouble::Jitter),
+            Fitness::within(if is_imu { jitter / usual } else { 0.0 }, JITTER, f64::INFINITY),
+            Fitness::within(order, 0.0, DISORDERED),
+            Fitness::within(lost / (lost + count), LOST.0, LOST.1),
+            Fitness::within((factor - 1.0).abs(), RATE.0, most),
+            if has_bursts { Fitness::NotFit } else { Fitness::Good },
         ];
-        let worst = verdicts.into_iter().rev().max_by_key(|(verdict, _)| *verdict);
-        let worst = worst.filter(|(verdict, _)| *verdict > Fitness::Good);
-        let worst = worst.map(|(verdict, trouble)| {
-            (verdict, trouble, trouble.finding(sensor, &value, (rate, nominal_hz)))
+        // Losses are reported elsewhere, and what is mild but jitter.
+        let is_told = |k: usize| k == 0 || k != 2 && verdicts[k] == Fitness::NotFit;
+        let findings = words(sensor, factor, nominal_hz).into_iter().enumerate();
+        let findings = findings.map(|(k, [what, cause, cure])| {
+            let finding = Finding::new(what, value.clone(), cause, cure);
+            (is_told(k), Finding { fitness: verdicts[k], ..finding })
         });
-        let figures = vec![
+        // Of equals the last one explains the others.
+        let worst = findings.max_by_key(|(_, finding)| finding.fitness);
+        let figures = [
             ("rate_hz", rate),
             ("jitter_p99_ms", 1e3 * jitter),
             ("longest_interval_ms", 1e3 * longest),
             ("missing", lost),
             ("disordered", disordered as f64),
         ];
-        Self { value, figures, worst, jitter: jitter / usual }
+        Self { value, figures, worst: worst.filter(|(_, finding)| finding.fitness > Fitness::Good) }
     }
 }
 
-impl Trouble {
-    fn finding(self, sensor: Sensor, value: &str, (rate_hz, nominal_hz): (f64, f64)) -> Finding {
-        let (_, device) = sensor.names();
-        let key = match sensor {
-            Sensor::Imu => "imu.rate_hz",
-            Sensor::Cameras => "camera.0.rate_hz",
-        };
-        let factor = rate_hz / nominal_hz;
-        let is_near = |too_fast: f64| factor > too_fast / UNIT_FACTOR && factor < too_fast * UNIT_FACTOR;
-        let unit = UNITS.iter().find(|(_, too_fast)| is_near(*too_fast));
-        let (what, cause, cure) = match (self, unit) {
-            (Self::Rate, Some((unit, _))) => (
-                format!("stamps of {device} are not in nanoseconds"),
-                format!("that they are in {unit}"),
-                "write them in nanoseconds".to_owned(),
+/// Unit that nanoseconds were mistaken for, where a rate is so many times the configured one.
+fn unit(factor: f64) -> Option<&'static str> {
+    let is_near = |too_fast: f64| factor > too_fast / UNIT_FACTOR && factor < too_fast * UNIT_FACTOR;
+    UNITS.iter().find(|(_, too_fast)| is_near(*too_fast)).map(|(unit, _)| *unit)
+}
+
+/// What may be wrong with a stream whose rate is so many times the configured one, with cause and cure: jitter, order, loss, rate, bursts.
+fn words(sensor: Sensor, factor: f64, nominal_hz: f64) -> [[String; 3]; 5] {
+    let (_, device, key) = sensor.names();
+    let of_rate = match unit(factor) {
+        Some(unit) => [
+            format!("stamps of {device} are not in nanoseconds"),
+            format!("that they are in {unit}"),
+            "write them in nanoseconds".into(),
+        ],
+        None => [
+            format!("another rate of {device} than the configured one"),
+            format!(
+                "that the sensor is set to another rate than {nominal_hz} Hz, or that its clock runs {:.3} times as fast as it should",
+                1.0 / factor
             ),
-            (Self::Rate, None) => (
-                format!("another rate of {device} than the configured one"),
-                format!(
-                    "that the sensor is set to another rate than {nominal_hz} Hz, or that its clock runs {:.3} times as fast as it should",
-                    1.0 / factor
-                ),
-                format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
-            ),
-            (Self::Loss, _) => (
-                format!("samples of {device} are missing"),
-                "a cable, load or bandwidth".to_owned(),
-                format!("look at {device} and the driver: one of them may lose samples"),
-            ),
-            (Self::Disorder, _) => (
-                format!("stamps of {device} run backwards"),
-                "a clock that was set while it recorded (NTP), or stamps of several clocks".to_owned(),
-                "stamp by one clock that is never set, such as CLOCK_MONOTONIC; two stretches of this recording are mixed into each other"
-                    .to_owned(),
-            ),
-            (Self::Bursts, _) => (
-                format!("samples of {device} {BURSTS}"),
-                "that several arrive together and are stamped on arrival".to_owned(),
-                "stamp each sample when it is measured: the sensor's own time, or its counter with the rate".to_owned(),
-            ),
-            (Self::Jitter, _) => (
-                format!("stamps of {device} {JITTER_WORD}"),
-                "stamps of the arrival, not of the measurement".to_owned(),
-                "use the sensor's own time or a trigger".to_owned(),
-            ),
-        };
-        Finding::new(what, value, cause, cure)
-    }
+            format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
+        ],
+    };
+    [
+        [
+            format!("stamps of {device} {JITTER_WORD}"),
+            "stamps of the arrival, not of the measurement".into(),
+            "use the sensor's own time or a trigger".into(),
+        ],
+        [
+            format!("stamps of {device} run backwards"),
+            "a clock that was set while it recorded (NTP), or stamps of several clocks".into(),
+            "stamp by one clock that is never set, such as CLOCK_MONOTONIC; two stretches of this recording are mixed into each other".into(),
+        ],
+        [
+            format!("samples of {device} are missing"),
+            "a cable, load or bandwidth".into(),
+            format!("look at {device} and the driver: one of them may lose samples"),
+        ],
+        of_rate,
+        [
+            format!("samples of {device} {BURSTS}"),
+            "that several arrive together and are stamped on arrival".into(),
+            "stamp each sample when it is measured: the sensor's own time, or its counter with the rate".into(),
+        ],
+    ]
 }
 
 /// Mean interval of stamps from the first to the last one, s.
@@ -284,19 +240,6 @@ pub fn two_clocks(samples: &[Timestamp], frames: &[Timestamp]) -> Option<Finding
     })
 }
 
-/// Judges how many frames have both images.
-pub fn judge_pairs(whole: u64, frames: usize) -> Measure {
-    let half = frames as f64 - whole as f64;
-    let share = half / (frames as f64).max(1.0);
-    Measure::new(
-        "stereo pairs",
-        Fitness::within(share, HALF_FRAMES.0, HALF_FRAMES.1),
-        format!("{whole} of {frames} frames have both images"),
-        "trigger both cameras together, or see which images are missing (of a recording: cam0/data.csv and cam1/data.csv)",
-        &[("frames", frames as f64), ("without_partner", half)],
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -313,7 +256,7 @@ mod tests {
             .collect();
         stamps.sort_unstable();
         let kept = stamps.into_iter().enumerate().filter(|(k, _)| k % without != without - 1);
-        Arrivals::of(kept.map(|(_, stamp)| stamp).collect())
+        Arrivals { stamps: kept.map(|(_, stamp)| stamp).collect(), ..Arrivals::default() }
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! step must lead back to where it came from.
 
 use nalgebra::{Matrix2, Vector2};
-use plumbline_config::{Config, ImageView, Timestamp, median};
+use plumbline_config::{Config, ImageView, Timestamp};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::image::mask::ImageMask;
 use plumbline_estimator::points::align::TranslationTemplate;
@@ -31,8 +31,6 @@ const LEAD: (f32, f32) = (0.08, 2.5);
 const MAX_RETURN_PX: f32 = 0.5;
 const MAX_LAST_STEP_PX: f32 = 0.1;
 const FLOW: FlowOptions = FlowOptions { top_level: 3, max_iterations: 10 };
-/// Images that shift by less from one keyframe to the next stand still, px.
-const STILL_PX: f64 = 1.0;
 /// Reach of a patch around its pixel, for masks.
 const PATCH_PX: usize = 6;
 
@@ -49,25 +47,6 @@ pub(crate) struct Tracks {
     pub(crate) keys: Vec<(Timestamp, bool)>,
     /// Sightings of each point, in order.
     pub(crate) tracks: Vec<Vec<Sighting>>,
-}
-
-impl Tracks {
-    /// Times in which the left images shift by more than a little.
-    pub(crate) fn moving(&self) -> Vec<(Timestamp, Timestamp)> {
-        let mut shifts = vec![Vec::new(); self.keys.len()];
-        for pair in self.tracks.iter().flat_map(|track| track.windows(2)) {
-            if let [Some(before), Some(now)] = [pair[0].px[0], pair[1].px[0]] {
-                shifts[pair[1].key].push(f64::from((now - before).norm()));
-            }
-        }
-        let is_moving = |k: &usize| median(shifts[*k].iter().copied()).is_some_and(|shift| shift > STILL_PX);
-        (1..self.keys.len()).filter(is_moving).map(|k| (self.keys[k - 1].0, self.keys[k].0)).collect()
-    }
-}
-
-/// Frames from one keyframe to the next.
-pub(crate) fn frames_to_a_key(rate_hz: f64) -> u64 {
-    2 * (rate_hz * KEY_S / 2.0) as u64 + 1
 }
 
 /// A point that is being followed.
@@ -116,7 +95,7 @@ impl Tracker {
             right: right
                 .map(|right| Pyramid::new(right.width_px, right.height_px, level.max(FLOW.top_level) + 1)),
             level,
-            every: frames_to_a_key(left.rate_hz),
+            every: 2 * (left.rate_hz * KEY_S / 2.0) as u64 + 1,
             frames: 0,
             live: Vec::new(),
             found: Tracks::default(),

@@ -52,9 +52,12 @@ pub enum Missing {
         "points moved by {0:.0} sigmas beside the turn, {MIN_PARALLAX_SIGMAS:.0} are needed: move sideways, and further"
     )]
     Way(f64),
-    /// Time offset and readout that were found, s: what comes is stamped by them.
-    #[error("found `rig.time_offset_s` = {0:.3} and `camera.0.readout_s` = {1:.3}")]
-    Delay(f64, f64),
+    /// Time offset and readout that were found, s, with their standard deviations: what comes is stamped by them.
+    #[error(
+        "found `rig.time_offset_s` = {:.3} and `camera.0.readout_s` = {:.3}, one sigma {:.3} and {:.3}",
+        .0[0], .0[1], .1[0], .1[1]
+    )]
+    Delay([f64; 2], [f64; 2]),
     /// Uncertainty of a delay or readout that differs from the one told, s: the camera hardly turns.
     #[error("the time offset is known to {:.0} ms only: turn the camera", 1e3 * .0)]
     Turn(f64),
@@ -227,7 +230,10 @@ impl Start {
             self.gathering.clear();
         }
         match is_late || rolls {
-            true => Err(Missing::Delay(window.rig.time_offset_s, measurer.readouts[0].readout_s)),
+            true => Err(Missing::Delay(
+                [window.rig.time_offset_s, measurer.readouts[0].readout_s],
+                [sigmas[DELAY], sigmas[READOUT]],
+            )),
             false => Ok(()),
         }
     }

@@ -1,12 +1,14 @@
 //! Inertial samples between two keyframes: rotation, velocity and position against free fall, by the trapezoidal rule.
 
-use super::rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, OF_VIEWS, Rig};
+use super::rig::{
+    ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, OF_KEY, OF_VIEWS, Rig,
+};
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
-use plumbline_estimator::geometry::{exp_so3, log_so3, right_jacobian_inverse, skew};
+use plumbline_estimator::geometry::{exp_so3, log_so3};
 
 /// Samples further apart than this are a gap, s.
 const MAX_GAP_S: f64 = 0.05;
-/// Steps of the numeric derivatives: matrices and biases, and times (s).
+/// Steps of the numeric derivatives: states, matrices and biases, and times (s).
 const STEPS: (f64, f64) = (1e-5, 1e-4);
 /// Unknowns by which an integral changes.
 const OF_SAMPLES: usize = CALIBRATION - OF_VIEWS;
@@ -38,7 +40,7 @@ struct Delta {
 pub(super) struct Link {
     pub(super) residual: SVector<f64, 9>,
     /// By rotation, position and velocity at the first and at the second keyframe.
-    pub(super) by_keys: [SMatrix<f64, 9, 9>; 2],
+    pub(super) by_keys: [SMatrix<f64, 9, OF_KEY>; 2],
     /// By the unknowns from [`OF_VIEWS`] on; the last six, of the biases, are those of a piece too.
     pub(super) by_rig: SMatrix<f64, 9, OF_SAMPLES>,
     pub(super) dt_s: f64,
@@ -154,22 +156,14 @@ impl Link {
             let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;
             by_rig.set_column(k - OF_VIEWS, &by(changed, STEPS.0));
         }
-        let back = a.pose_w_b.rotation.inverse().to_rotation_matrix().into_inner();
-        let turned = (b.pose_w_b.rotation.inverse() * a.pose_w_b.rotation).to_rotation_matrix().into_inner();
-        let inverse = right_jacobian_inverse(&residual.fixed_rows::<3>(0).into_owned());
-        let mut by_keys = [SMatrix::<f64, 9, 9>::zeros(); 2];
-        let mut set = |key: usize, row: usize, column: usize, block: Matrix3<f64>| {
-            by_keys[key].fixed_view_mut::<3, 3>(row, column).copy_from(&block);
-        };
-        set(0, 0, 0, -inverse * turned);
-        set(1, 0, 0, inverse);
-        set(0, 3, 0, skew(&(residual.fixed_rows::<3>(3) + delta.v)));
-        set(0, 3, 6, -back);
-        set(1, 3, 6, back);
-        set(0, 6, 0, skew(&(residual.fixed_rows::<3>(6) + delta.p)));
-        set(0, 6, 3, -back);
-        set(1, 6, 3, back);
-        set(0, 6, 6, -back * delta.dt_s);
+        let by_keys = [0, 1].map(|key| {
+            let by = (0..OF_KEY).map(|k| {
+                let moved = keys[key].moved(&(SVector::ith(k, STEPS.0)));
+                let pair = if key == 0 { [&moved, b] } else { [a, &moved] };
+                (delta.residual(pair, gravity_w) - residual) / STEPS.0
+            });
+            SMatrix::from_columns(&by.collect::<Vec<SVector<f64, 9>>>())
+        });
         Some(Self { residual, by_keys, by_rig, dt_s: delta.dt_s })
     }
 }

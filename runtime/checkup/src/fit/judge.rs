@@ -15,8 +15,14 @@ const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
 /// Offsets of the gyroscope between pieces, rad/s, that no gyroscope has in flight, and by how much more than it says.
 const MOVING: (f64, f64) = (0.01, 10.0);
 
+/// Noise against the configured one from which it is minded: that of a vehicle in flight against a data sheet.
+const NOISY: f64 = 3.0;
+
 /// Instructions for a recording that can be fitted.
 const HOLD: &str = "fly or move it by hand for ten seconds and more, with texture in view";
+
+/// Cure of a part that is off, and explains nothing.
+const CONSEQUENCE: &str = "it explains nothing by itself: look at what is named above, and measure again";
 
 /// Measures of the calibration by one fit of everything: what explains most first.
 pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
@@ -26,7 +32,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     if let Some(measure) = otherwise {
         return std::iter::once(measure).chain(spoilt(config)).collect();
     }
-    let first = first.filter(FirstLook::turns_enough);
+    let first = first.filter(|first| first.turns_enough);
     // By how much more than it says a calibration is uncertain, only several pieces show.
     let fitted = first.and_then(|first| fit(config, tracks, samples, &first, &|_| true));
     let Some(fitted) = fitted.filter(|fitted| fitted.pieces.len() > 1) else {
@@ -56,12 +62,27 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
         let mut measure = constant(&causes, k, part, &found);
         // What is off but explains nothing is a consequence.
         if measure.verdict > Fitness::Good {
-            measure.verdict = Fitness::Good;
-            measure.cure.clear();
+            (measure.verdict, measure.cure) = (Fitness::Uncertain, CONSEQUENCE.to_owned());
         }
         measures.push(measure);
     }
+    measures.push(noise(&fitted, config));
     measures
+}
+
+/// Noise that motions and samples show, against the configured one.
+fn noise(fitted: &Fitted, config: &Config) -> Measure {
+    let imu = &config.imu;
+    let [gyro, accel] =
+        [fitted.noise.gyro / imu.gyro_noise_density, fitted.noise.accel / imu.accel_noise_density];
+    Measure::new(
+        "noise of the IMU",
+        Fitness::within(gyro.max(accel), NOISY, f64::INFINITY),
+        format!("gyroscope {gyro:.1}, accelerometer {accel:.1} times the configured density"),
+        "damp the mounting of the IMU, and give the noise in flight as `imu.gyro_noise_density` and `imu.accel_noise_density`; a vibration \
+         above half the rate shows at a lower frequency: filter in the sensor, or sample faster",
+        &[("gyro", gyro), ("accel", accel)],
+    )
 }
 
 /// The parts of the calibration of a recording through which nothing can be fitted.
@@ -104,9 +125,9 @@ fn verdict(off: f64) -> Fitness {
 fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Measure {
     let values = causes.values(k, Course::Constant, found);
     let (off, poor) = off(part, &values[0]);
-    let (worst, sigma) = (verdict(off), words(part, &values[0].1));
-    let value = format!("{} {}, one sigma {sigma}", words(part, &values[0].0), part.unit.0);
-    let figures = [("step", largest(&values[0].0)), ("sigma", values[0].1.max())];
+    let (worst, sigma) = (verdict(off), values[0].1.map(|sigma| part.worth.hypot(sigma)));
+    let value = format!("{} {}, one sigma {}", words(part, &values[0].0), part.unit.0, words(part, &sigma));
+    let figures = [("step", largest(&values[0].0)), ("sigma", sigma.max())];
     let measure = if poor > SIGMAS && worst == Fitness::Good {
         Measure::new(part.name, Fitness::Uncertain, value, part.motion.unwrap_or(HOLD), &figures)
     } else {

@@ -196,21 +196,15 @@ impl Pieces {
     }
 }
 
-/// A first look at a recording: how it turns, and where the fit begins.
+/// A first look at a recording: whether it turns, and where the fit begins.
 pub(crate) struct FirstLook {
-    /// Turning from keyframe to keyframe, by the images and by the gyroscope.
-    turns: Vec<Turn>,
+    /// True if the images turn enough for a calibration to show: well above the noise of a followed point.
+    pub(crate) turns_enough: bool,
     /// Step of the calibration to begin with: a delay, and columns of the accelerometer, too far off for small steps.
     step: Vector,
 }
 
 impl FirstLook {
-    /// True if the images turn enough for a calibration to show: well above the noise of a followed point.
-    pub(crate) fn turns_enough(&self) -> bool {
-        let square: f64 = self.turns.iter().map(|(seen, _)| seen.norm_squared()).sum();
-        square > LEAST_TURN_RAD * LEAST_TURN_RAD * self.turns.len() as f64
-    }
-
     pub(crate) fn at(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Self> {
         let mut step = Vector::zeros();
         let mut pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
@@ -223,7 +217,9 @@ impl FirstLook {
             let change = (best.1 - Matrix3::identity()).transpose();
             step.fixed_rows_mut::<9>(ACCEL).copy_from_slice(change.as_slice());
         }
-        Some(Self { turns: pieces.turns(), step })
+        let turns = pieces.turns();
+        let square: f64 = turns.iter().map(|(seen, _)| seen.norm_squared()).sum();
+        Some(Self { turns_enough: square > LEAST_TURN_RAD * LEAST_TURN_RAD * turns.len() as f64, step })
     }
 }
 

@@ -5,15 +5,14 @@
 //! this piece holds, `cost(x) = cost + 2 g'x + x'S x`.
 
 use super::integral::{Link, Reading, Sensors, reading_at};
-use super::rig::{BIASES, CALIBRATION, Key, OF_VIEWS, Point, Rig, Sight, Vector};
+use super::rig::{BIASES, CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Sight, Vector};
 use nalgebra::{
     Cholesky, DMatrix, DVector, Dyn, Isometry3, Matrix3, Matrix4, SMatrix, SVector, Translation3, Vector2,
     Vector3,
 };
 use plumbline_estimator::geometry::{exp_so3, rotation_between};
 
-/// Unknowns of a keyframe and of the biases of a piece.
-const OF_KEY: usize = 9;
+/// Unknowns of the biases of a piece.
 const OF_BIASES: usize = 6;
 /// Scale of the Cauchy kernel, standard deviations of a pixel.
 const KERNEL: f64 = 3.0;
@@ -163,11 +162,11 @@ impl Piece {
                         continue;
                     };
                     let weight = 1.0 / (1.0 + (sight.residual_px / kernel_px).norm_squared());
-                    let by = sight.by_key.fixed_columns::<6>(0);
+                    let by = sight.by.fixed_columns::<6>(0);
                     h += by.transpose() * by * weight;
                     g += by.transpose() * sight.residual_px * weight;
                 }
-                moved(&mut self.keys[k].pose_w_b, &-h.cholesky()?.solve(&g));
+                self.keys[k] = self.keys[k].moved(&-h.cholesky()?.solve(&g).fixed_resize::<OF_KEY, 1>(0.0));
             }
             step = before.inverse() * self.keys[k].pose_w_b;
         }
@@ -246,14 +245,7 @@ impl Piece {
                 18..24 => states - OF_BIASES + column - 18,
                 _ => states + OF_VIEWS + column - 24,
             };
-            let weighted = by.transpose() * weight;
-            let (square, slope) = (weighted * by, weighted * link.residual);
-            for i in 0..by.ncols() {
-                g[at(i)] += slope[i];
-                for j in 0..by.ncols() {
-                    h[(at(i), at(j))] += square[(i, j)];
-                }
-            }
+            add(h, g, at, &by, &(by.transpose() * weight), &link.residual);
         }
     }
 
@@ -280,28 +272,18 @@ impl Piece {
                 let Some(sight) = rig.sight(key, point, view.camera, &view.px) else { continue };
                 residuals.px.push(sight.residual_px.norm());
                 let weight = weight_of(&sight, noise);
-                let (key_at, slope) = (OF_KEY * view.key, sight.residual_px * weight);
                 let by_point = sight.by_point.transpose() * weight;
                 own.0 += by_point * sight.by_point;
                 own.1 += by_point * sight.residual_px;
-                let mut to_key = across.fixed_view_mut::<3, 9>(0, key_at);
-                to_key += by_point * sight.by_key;
-                let mut to_rig = across.fixed_view_mut::<3, OF_VIEWS>(0, states);
-                to_rig += by_point * sight.by_rig;
-                let mut gradient = g.fixed_rows_mut::<9>(key_at);
-                gradient += sight.by_key.transpose() * slope;
-                let mut gradient = g.fixed_rows_mut::<OF_VIEWS>(states);
-                gradient += sight.by_rig.transpose() * slope;
-                let key_rows = sight.by_key.transpose() * weight;
-                let mut block = h.fixed_view_mut::<9, 9>(key_at, key_at);
-                block += key_rows * sight.by_key;
-                let mixed = key_rows * sight.by_rig;
-                let mut block = h.fixed_view_mut::<9, OF_VIEWS>(key_at, states);
-                block += mixed;
-                let mut block = h.fixed_view_mut::<OF_VIEWS, 9>(states, key_at);
-                block += mixed.transpose();
-                let mut block = h.fixed_view_mut::<OF_VIEWS, OF_VIEWS>(states, states);
-                block += sight.by_rig.transpose() * sight.by_rig * weight;
+                let at = |column: usize| match column {
+                    0..OF_KEY => OF_KEY * view.key + column,
+                    _ => states + column - OF_KEY,
+                };
+                for (k, column) in (by_point * sight.by).column_iter().enumerate() {
+                    let mut sum = across.fixed_columns_mut::<1>(at(k));
+                    sum += column;
+                }
+                add(h, g, at, &sight.by, &(sight.by.transpose() * weight), &sight.residual_px);
             }
             let root = own.0.cholesky()?.l().try_inverse()?;
             rows.rows_mut(3 * row, 3).copy_from(&(root * &across));
@@ -342,19 +324,28 @@ impl Piece {
             point.inverse_m = (point.inverse_m + delta.z).max(0.0);
         }
         for (k, key) in self.keys.iter_mut().enumerate() {
-            let delta = states.fixed_rows::<9>(OF_KEY * k).into_owned();
-            moved(&mut key.pose_w_b, &delta.fixed_rows::<6>(0).into_owned());
-            key.v_w += delta.fixed_rows::<3>(6);
+            *key = key.moved(&states.fixed_rows::<OF_KEY>(OF_KEY * k).into_owned());
         }
         self.biases += states.fixed_rows::<OF_BIASES>(self.states() - OF_BIASES);
     }
 }
 
-/// Applies a rotation and a shift.
-fn moved(pose: &mut Isometry3<f64>, delta: &SVector<f64, 6>) {
-    let turn = delta.fixed_rows::<3>(0).into_owned();
-    pose.rotation *= exp_so3(&(turn / turn.norm().max(1.0)));
-    pose.translation.vector += delta.fixed_rows::<3>(3);
+/// Adds residuals with their derivatives, also weighted ones, by the unknowns of these places.
+fn add<const R: usize, const C: usize>(
+    h: &mut DMatrix<f64>,
+    g: &mut DVector<f64>,
+    at: impl Fn(usize) -> usize,
+    by: &SMatrix<f64, R, C>,
+    weighted: &SMatrix<f64, C, R>,
+    residual: &SVector<f64, R>,
+) {
+    let (square, slope) = (weighted * by, weighted * residual);
+    for i in 0..C {
+        g[at(i)] += slope[i];
+        for j in 0..C {
+            h[(at(i), at(j))] += square[(i, j)];
+        }
+    }
 }
 
 fn weight_of(sight: &Sight, noise: &Noise) -> f64 {

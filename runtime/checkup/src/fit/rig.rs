@@ -4,7 +4,7 @@
 //! `q = R_wb' (n - rho p_w)`, the left camera along `R_bc' (q - rho p_bc)`, the right one along `R_01' (that - rho p_01)`. So points
 //! at infinity need no care. All rotations are perturbed on the right.
 
-use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use plumbline_config::{CameraModel, Config};
 use plumbline_estimator::geometry::{exp_so3, log_so3, skew};
 
@@ -12,6 +12,8 @@ use plumbline_estimator::geometry::{exp_so3, log_so3, skew};
 pub(crate) const CALIBRATION: usize = 55;
 /// The first of them, by which what is seen changes.
 pub(super) const OF_VIEWS: usize = 28;
+/// Unknowns of a keyframe: rotation, position, velocity.
+pub(super) const OF_KEY: usize = 9;
 /// Unknowns of a camera: logarithm of the focal length, of fx / fy, centre in px, cubic distortion, and how the first changes
 /// within a piece, 1/s and 1/s².
 pub(super) const OF_LENS: usize = 7;
@@ -34,7 +36,7 @@ pub(crate) const BIASES: usize = 49;
 const MIN_COSINE: f64 = 0.05;
 
 /// Calibration vector.
-pub(crate) type Vector = nalgebra::SVector<f64, CALIBRATION>;
+pub(crate) type Vector = SVector<f64, CALIBRATION>;
 
 /// Calibration at which the residuals are evaluated.
 #[derive(Clone, Debug)]
@@ -74,11 +76,22 @@ pub(super) struct Point {
 /// Predicted pixel less the measured one, with its derivatives.
 pub(super) struct Sight {
     pub(super) residual_px: Vector2<f64>,
-    /// By rotation, position and velocity of the body.
-    pub(super) by_key: SMatrix<f64, 2, 9>,
-    pub(super) by_rig: SMatrix<f64, 2, OF_VIEWS>,
+    /// By rotation, position and velocity of the body, then by the rig.
+    pub(super) by: SMatrix<f64, 2, { OF_KEY + OF_VIEWS }>,
     /// By two tangents of the direction and by the inverse distance.
     pub(super) by_point: SMatrix<f64, 2, 3>,
+}
+
+impl Key {
+    /// State after a rotation, a shift and a change of the velocity.
+    pub(super) fn moved(&self, delta: &SVector<f64, OF_KEY>) -> Self {
+        let turn = delta.fixed_rows::<3>(0).into_owned();
+        let mut moved = self.clone();
+        moved.pose_w_b.rotation *= exp_so3(&(turn / turn.norm().max(1.0)));
+        moved.pose_w_b.translation.vector += delta.fixed_rows::<3>(3);
+        moved.v_w += delta.fixed_rows::<3>(6);
+        moved
+    }
 }
 
 impl Point {
@@ -189,23 +202,22 @@ impl Rig {
         let (residual_px, by_ray, by_lens) = self.projected(key, camera, &ray, px)?;
         let [a, b] = point.tangents();
         let by_q = by_ray * chain;
-        let mut by_key = SMatrix::<f64, 2, 9>::zeros();
-        let mut by_rig = SMatrix::<f64, 2, OF_VIEWS>::zeros();
+        let mut by = SMatrix::<f64, 2, { OF_KEY + OF_VIEWS }>::zeros();
         let by_p = by_q * to_b * -rho;
-        by_key.fixed_columns_mut::<3>(0).copy_from(&(by_q * skew(&q_b)));
-        by_key.fixed_columns_mut::<3>(3).copy_from(&by_p);
-        by_key.fixed_columns_mut::<3>(6).copy_from(&(by_p * late_s));
-        by_rig.fixed_columns_mut::<OF_LENS>(LENSES[camera]).copy_from(&by_lens);
+        by.fixed_columns_mut::<3>(0).copy_from(&(by_q * skew(&q_b)));
+        by.fixed_columns_mut::<3>(3).copy_from(&by_p);
+        by.fixed_columns_mut::<3>(6).copy_from(&(by_p * late_s));
+        by.fixed_columns_mut::<OF_LENS>(OF_KEY + LENSES[camera]).copy_from(&by_lens);
         for k in 0..2 {
-            by_rig.fixed_columns_mut::<3>(ROT_B_C + 3 * k).copy_from(&(by_ray * by_mount[k]));
-            by_rig.fixed_columns_mut::<3>(ROT_PAIR + 3 * k).copy_from(&(by_ray * by_pair[k]));
+            by.fixed_columns_mut::<3>(OF_KEY + ROT_B_C + 3 * k).copy_from(&(by_ray * by_mount[k]));
+            by.fixed_columns_mut::<3>(OF_KEY + ROT_PAIR + 3 * k).copy_from(&(by_ray * by_pair[k]));
         }
         let by_late = by_q * by_late;
-        by_rig.set_column(RIGHT_LATE, &(by_late * right));
-        by_rig.set_column(READOUT, &(by_late * row));
+        by.set_column(OF_KEY + RIGHT_LATE, &(by_late * right));
+        by.set_column(OF_KEY + READOUT, &(by_late * row));
         let by_point =
             SMatrix::<f64, 2, 3>::from_columns(&[by_q * to_b * a, by_q * to_b * b, by_ray * by_inverse]);
-        Some(Sight { residual_px, by_key, by_rig, by_point })
+        Some(Sight { residual_px, by, by_point })
     }
 
     /// Residual of the pixel of a ray, with its derivatives by the ray and by the lens.

@@ -6,7 +6,6 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::options::rows_from_isometry;
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::ImuSource as _;
-use plumbline_estimator::FrameInput;
 use plumbline_simulator::{Effects, FlightPath, Scenario, Simulator};
 
 /// Time offset of the simulated cameras, s.
@@ -41,18 +40,13 @@ fn believed(simulator: &Simulator, seed: u64) -> ValidConfig {
 fn recording(simulator: &Simulator, config: &ValidConfig) -> ByHand {
     let mut recording = ByHand::new(config);
     let mut imu = simulator.imu();
-    for (sequence, stamp, [left, right]) in
-        rendered(simulator, &format!("{:?}", simulator.scenario()), usize::MAX)
-    {
-        while recording.needs_samples(stamp) {
-            let Some(reading) = imu.next_reading().unwrap() else { break };
-            recording.add_sample(&reading.sample);
-        }
-        let images = [Some(left.view()), Some(right.view())];
-        recording.add_frame(&FrameInput { sequence: Some(sequence), stamp, images });
-    }
     while let Some(reading) = imu.next_reading().unwrap() {
         recording.add_sample(&reading.sample);
+    }
+    for (number, stamp, [left, right]) in
+        rendered(simulator, &format!("{:?}", simulator.scenario()), usize::MAX)
+    {
+        recording.add_frame(number, stamp, &[Some(left.view()), Some(right.view())]);
     }
     recording
 }
@@ -85,7 +79,7 @@ fn assert_calibrated(simulator: &Simulator, found: &FoundRig) {
 
 #[test]
 fn a_rig_that_is_off_by_a_degree_two_centimetres_and_five_milliseconds_is_found() {
-    let simulator = simulator(FlightPath::HandHeld, 1, 27.0, 0.0);
+    let simulator = simulator(FlightPath::HandHeld, 1, 24.0, 0.0);
     let config = believed(&simulator, 1);
     let found = recording(&simulator, &config).calibrate().unwrap();
     assert_calibrated(&simulator, &found);
@@ -100,22 +94,23 @@ fn a_rig_that_is_off_by_a_degree_two_centimetres_and_five_milliseconds_is_found(
 #[test]
 fn the_readout_of_a_rolling_shutter_is_found_and_that_of_a_global_one_is_none() {
     for readout_s in [0.02, 0.0] {
-        let simulator = simulator(FlightPath::HandHeld, 1, 27.0, readout_s);
+        let simulator = simulator(FlightPath::HandHeld, 1, 24.0, readout_s);
         let believed = believed(&simulator, 1).with("believed", |config| {
             config.camera.iter_mut().for_each(|camera| camera.readout_s = 0.008);
         });
-        let (config, sigma_s) = recording(&simulator, &believed.unwrap()).with_readout().unwrap();
-        let found_s = config.camera[0].readout_s;
-        assert!(config.camera.iter().all(|camera| camera.readout_s == found_s));
+        let mut recording = recording(&simulator, &believed.unwrap());
+        let (found_s, sigma_s) = recording.find_readout().unwrap();
         assert!((found_s - readout_s).abs() < 1e-3 && sigma_s < 5e-4, "{found_s} {sigma_s}");
-        assert_calibrated(&simulator, &recording(&simulator, &config).calibrate().unwrap());
+        let found = recording.calibrate().unwrap();
+        assert!(found.config.camera.iter().all(|camera| camera.readout_s == found_s));
+        assert_calibrated(&simulator, &found);
         assert!(readout_s > 0.0 || found_s == 0.0);
     }
 }
 
 #[test]
 fn a_flight_that_turns_about_one_axis_alone_is_refused_by_what_it_does_not_show() {
-    let simulator = simulator(FlightPath::Demo, 1, 27.0, 0.0);
+    let simulator = simulator(FlightPath::Demo, 1, 24.0, 0.0);
     let refused = recording(&simulator, &believed(&simulator, 1)).calibrate().unwrap_err();
     let words = refused.to_string();
     assert!(

@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::rows_from_isometry;
 
 /// A flight by hand, which turns about all axes.
-fn by_hand() -> Data {
+pub(super) fn by_hand() -> Data {
     simulated(FlightPath::HandHeld, 0.0, 12.0, ALL)
 }
 

@@ -31,13 +31,18 @@ impl Data {
 
     /// A checkup that was given the data.
     fn checkup(&self) -> Checkup {
-        let mut checkup = Checkup::new(&self.config);
-        self.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
+        let mut checkup = Checkup::new(&self.config.clone().validated("test").unwrap());
+        let mut samples = self.samples.iter();
         for (sequence, stamp, images) in &self.frames {
-            let [left, right] = images;
-            let images = [Some(left.view()), Some(right.view())];
-            checkup.add_frame(&Frame { sequence: *sequence, stamp: *stamp, images });
+            while checkup.needs_samples(*stamp) {
+                let Some((sequence, sample)) = samples.next() else { break };
+                checkup.add_sample(*sequence, sample);
+            }
+            checkup.note_frame(*sequence, *stamp);
+            let images = [0, 1].map(|k| (k < self.config.camera.len()).then(|| images[k].view()));
+            checkup.look_at(&Frame { sequence: *sequence, stamp: *stamp, images });
         }
+        samples.for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
         checkup
     }
 
@@ -66,10 +71,10 @@ fn lively() -> Option<Data> {
     Some(simulated(FlightPath::Tum(path), 30.0, 7.0, ALL))
 }
 
-/// A simulated flight in the room, at half the resolution.
+/// A simulated flight in the room, at a small resolution.
 fn simulated(path: FlightPath, start_s: f64, duration_s: f64, frames: usize) -> Data {
     let preset = Config::preset("sim").unwrap().into_inner();
-    let scenario = Scenario { path, start_s, duration_s, resolution_scale: 0.5, ..Scenario::default() };
+    let scenario = Scenario { path, start_s, duration_s, resolution_scale: 0.35, ..Scenario::default() };
     let simulator = Simulator::new(&preset, &scenario).unwrap();
     let (mut samples, mut imu) = (Vec::new(), simulator.imu());
     while let Some(reading) = imu.next_reading().unwrap() {

@@ -9,7 +9,6 @@ use indicatif::ProgressBar;
 use plumbline_checkup::camera_imu::ByHand;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::{Prefetch, StereoFrame, StereoSource as _};
-use plumbline_estimator::FrameInput;
 use plumbline_flight::flight::{Flight, open_recording};
 use plumbline_record::digest::config_hash;
 use std::path::PathBuf;
@@ -54,18 +53,15 @@ pub(super) fn run(args: &RigArgs) -> Result<()> {
     check_recorded(&args.source)?;
     let named = load_config(args.config.as_deref())?;
     let topics = args.topics.names()?;
-    let open = |config| open_recording(&args.source, config, &topics, None, false);
     let told = || args.source.display().to_string();
-    let mut recording = read(open(named)?)?;
+    let mut recording = read(open_recording(&args.source, named, &topics, None, false)?)?;
     if args.readout {
-        let (config, sigma_s) = recording.with_readout().with_context(told)?;
-        let found = match config.camera.first().map_or(0.0, |camera| 1e3 * camera.readout_s) {
+        let (readout_s, sigma_s) = recording.find_readout().with_context(told)?;
+        let found = match 1e3 * readout_s {
             0.0 => "none: a global shutter".to_owned(),
             ms => format!("{ms:.2} ms"),
         };
         say(format_args!("readout        {found}, one sigma {:.2} ms", 1e3 * sigma_s));
-        // Points are followed anew: they are lost where their rows are believed to be of another time.
-        recording = read(open(Some(config))?)?;
     }
     let found = recording.calibrate().with_context(told)?;
     found.table().iter().for_each(say);
@@ -89,14 +85,11 @@ fn read(flight: Flight) -> Result<ByHand> {
     let mut stereo = Prefetch::new(stereo, sizes_px, config.driver.image_queue)?;
     let mut frame = StereoFrame::new(sizes_px);
     while stereo.next_frame(&mut frame)? {
-        let image = |camera: usize| frame.valid[camera].then(|| frame.images[camera].view());
-        while recording.needs_samples(frame.stamp) {
-            let Some(reading) = imu.next_reading()? else { break };
-            recording.add_sample(&reading.sample);
-        }
-        let images = [image(0), image(1)];
-        recording.add_frame(&FrameInput { sequence: Some(frame.sequence), stamp: frame.stamp, images });
+        recording.add_frame(frame.sequence, frame.stamp, &[frame.image(0), frame.image(1)]);
         bar.inc(1);
+    }
+    while let Some(reading) = imu.next_reading()? {
+        recording.add_sample(&reading.sample);
     }
     bar.finish_and_clear();
     Ok(recording)

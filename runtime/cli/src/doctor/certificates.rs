@@ -3,9 +3,9 @@
 use super::Verdict;
 use plumbline_checkup::Fitness;
 use plumbline_config::options::TlsConfig;
+use plumbline_link::net::security;
 use std::fs::File;
 use std::io::Read as _;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -17,8 +17,6 @@ const RENEW: &str = "renew it with `plumbline keys FOLDER --renew`";
 const BEGIN_ANEW: &str = "make another authority, with new certificates, by `plumbline keys NEW_FOLDER`";
 /// Longest file that is read, bytes.
 const MAX_BYTES: u64 = 65_536;
-/// Permission bits of other users.
-const OTHERS: u32 = 0o077;
 
 /// Looks at the files that `network.tls` names.
 pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> Verdict {
@@ -26,8 +24,8 @@ pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> Verdict {
         return (Fitness::Good, "none configured: links are not encrypted".into());
     }
     let now_s = now.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs() as i64);
-    if let Err(words) = private_key(&tls.key) {
-        return (Fitness::NotFit, words);
+    if let Err(error) = security::secret("network.tls.key", &tls.key) {
+        return (Fitness::NotFit, error.to_string());
     }
     let mut least = (i64::MAX, &tls.certificate, RENEW);
     for (path, cure) in [(&tls.authority, BEGIN_ANEW), (&tls.certificate, RENEW)] {
@@ -42,17 +40,6 @@ pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> Verdict {
         return (Fitness::Mind, format!("{}: valid for {days} more days; {cure}", path.display()));
     }
     (Fitness::Good, format!("valid for {days} more days"))
-}
-
-/// A key that others may read is no secret.
-fn private_key(path: &Path) -> Result<(), String> {
-    let about = File::open(path).and_then(|file| file.metadata());
-    let mode = about.map_err(|error| format!("{}: {error}", path.display()))?.permissions().mode();
-    if mode & OTHERS != 0 {
-        let path = path.display();
-        return Err(format!("{path}: others may read this key; `chmod 600 {path}`, or make a new one"));
-    }
-    Ok(())
 }
 
 /// Whole days until a certificate ends; why it is of no use, with the `cure` for one that has ended.
@@ -83,6 +70,7 @@ mod tests {
     use super::*;
     use plumbline_link::net::keys::{KeysRequest, make};
     use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
     use std::time::Duration;
 
     fn tls(folder: &Path) -> TlsConfig {

@@ -12,7 +12,7 @@ use plumbline_drivers::{BagTopics, DriverError, Faults, ImuSource, StereoFrame, 
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
 use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors};
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::thread::{ScopedJoinHandle, scope};
 use std::time::{Duration, Instant};
 
@@ -25,6 +25,8 @@ const QUEUE: usize = 4;
 /// Samples and frames that are taken in, at most.
 const MAX_SAMPLES: usize = 4_000_000;
 const MAX_FRAMES: usize = 400_000;
+/// Time that a live frame waits for inertial samples.
+const PATIENCE: Duration = Duration::from_millis(100);
 
 /// Opens the beginning of a recording or of a simulated flight. Without a configuration its own calibration is in force.
 ///
@@ -93,8 +95,10 @@ struct Seen {
     images: [Option<GrayImage>; 2],
 }
 
-/// Note of a frame that came, and which of its images.
-type Note = (u64, Timestamp, [bool; 2]);
+/// Note of a frame that came.
+type Note = (u64, Timestamp);
+/// Inertial sample with its number.
+type Sample = (u64, ImuSample);
 
 /// Reads streams to their end, and says how fit their sensors are. Live ones are read at their pace: a frame that comes while
 /// others wait to be looked at is taken note of alone.
@@ -106,18 +110,15 @@ pub(super) fn examine(streams: Streams) -> Result<Vec<Measure>> {
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
+    let (send_sample, samples) = channel();
     let mut measures = scope(|threads| {
-        let samples = threads.spawn(move || read_samples(imu));
+        let imu = threads.spawn(move || read_samples(imu, &send_sample));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
-        let troubles = look(&mut checkup, &receive, live.as_mut());
-        let ((notes, frame_faults), (samples, sample_faults)) = (ended(notes)?, ended(samples)?);
-        let came = [samples.len(), notes.len()];
-        for (sequence, stamp, arrived) in notes {
-            checkup.note_frame(sequence, stamp, arrived);
-        }
-        for (sequence, sample) in samples {
-            checkup.add_sample(sequence, &sample);
-        }
+        let troubles = look(&mut checkup, &receive, &samples, live.as_mut());
+        samples.iter().for_each(|(sequence, sample)| checkup.add_sample(sequence, &sample));
+        let ((notes, frame_faults), (count, sample_faults)) = (ended(notes)?, ended(imu)?);
+        let came = [count, notes.len()];
+        notes.into_iter().for_each(|(sequence, stamp)| checkup.note_frame(sequence, stamp));
         checkup.tell_disordered(Sensor::Imu, sample_faults.disordered);
         checkup.tell_disordered(Sensor::Cameras, frame_faults.disordered);
         if let Some(live) = &live {
@@ -125,21 +126,15 @@ pub(super) fn examine(streams: Streams) -> Result<Vec<Measure>> {
         }
         anyhow::Ok(checkup.report())
     })?;
-    let frames = measures.iter().find_map(|measure| measure.figure("frames")).unwrap_or(0.0);
-    let unread = unread(&file_defects, frames);
-    let pairs = measures.iter_mut().find(|measure| measure.figure("without_partner").is_some());
-    if let Some(pairs) = pairs.filter(|_| unread.is_some()) {
-        pairs.cure = "mend the images that are named above".into();
-    }
     let found = findings.into_iter().map(|finding| finding.into_measure_of(RECORDING));
-    measures.splice(0..0, found.chain(unread));
+    measures.splice(0..0, found.chain(unread(&file_defects, checkup.frames())));
     Ok(measures)
 }
 
 /// Rows and images that cannot be read, in a recording of which so many frames were looked at.
-fn unread(files: &FileDefects, frames: f64) -> Option<Measure> {
+fn unread(files: &FileDefects, frames: usize) -> Option<Measure> {
     let (words, images) = (files.words(), files.images() as f64);
-    let share = images / (2.0 * frames).max(1.0);
+    let share = images / (2.0 * frames as f64).max(1.0);
     // A row is one of thousands: tables with many are refused.
     let verdict = Fitness::within(share, 0.0, MAX_UNREAD).max(Fitness::Mind);
     let cure = "copy or write these files again";
@@ -159,9 +154,15 @@ fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble;
     checkup.tell_refused(live.sensors.imu.monitor.read().watch.impossible);
 }
 
-/// Looks at what comes until nothing comes any more. Live streams are ended when their time is over; returns what was wrong with
+/// Looks at what comes until no frame comes any more. Live streams are ended when their time is over; returns what was wrong with
 /// their sensors until then.
-fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut Live>) -> [SensorTrouble; 2] {
+fn look(
+    checkup: &mut Checkup,
+    receive: &Receiver<Seen>,
+    samples: &Receiver<Sample>,
+    mut live: Option<&mut Live>,
+) -> [SensorTrouble; 2] {
+    let patience = if live.is_some() { PATIENCE } else { Duration::MAX };
     let begin = Instant::now();
     let mut troubles = <[SensorTrouble; 2]>::default();
     loop {
@@ -170,6 +171,10 @@ fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut L
             Some(live) => receive.recv_timeout(live.length.saturating_sub(begin.elapsed())),
         };
         if let Ok(seen) = &seen {
+            while checkup.needs_samples(seen.stamp) {
+                let Ok((sequence, sample)) = samples.recv_timeout(patience) else { break };
+                checkup.add_sample(sequence, &sample);
+            }
             let [left, right] = &seen.images;
             let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
             checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
@@ -191,17 +196,20 @@ fn ended<T>(thread: ScopedJoinHandle<'_, Result<T, DriverError>>) -> Result<T> {
     Ok(thread.join().map_err(|_| anyhow!("a thread that reads a sensor panicked"))??)
 }
 
-/// The samples of a source, and what it survived.
-fn read_samples(mut source: Box<dyn ImuSource>) -> Result<(Vec<(u64, ImuSample)>, Faults), DriverError> {
-    let mut samples = Vec::new();
+/// Hands samples on; returns how many came, and what the source survived.
+fn read_samples(
+    mut source: Box<dyn ImuSource>,
+    send: &Sender<Sample>,
+) -> Result<(usize, Faults), DriverError> {
+    let mut count = 0;
     while let Some(reading) = source.next_reading()? {
-        if samples.len() == MAX_SAMPLES {
+        if count == MAX_SAMPLES || send.send((reading.sequence, reading.sample)).is_err() {
             break;
         }
-        samples.push((reading.sequence, reading.sample));
+        count += 1;
     }
     let faults = source.faults();
-    Ok((samples, faults))
+    Ok((count, faults))
 }
 
 /// Hands frames on to be looked at; returns which came, and what the source survived.
@@ -213,7 +221,7 @@ fn read_frames(
 ) -> Result<(Vec<Note>, Faults), DriverError> {
     let mut notes = Vec::new();
     while notes.len() < MAX_FRAMES && source.next_frame(&mut frame)? {
-        notes.push((frame.sequence, frame.stamp, frame.valid));
+        notes.push((frame.sequence, frame.stamp));
         let image = |camera: usize| frame.valid[camera].then(|| frame.images[camera].clone());
         let seen = Seen { sequence: frame.sequence, stamp: frame.stamp, images: [image(0), image(1)] };
         if is_live {

@@ -21,7 +21,7 @@ pub(super) fn checks(config: &ValidConfig, table: &TaskTable, watch: Duration) -
         ("configuration", configuration(config)),
         ("processors", processors()),
         ("real-time priority", priority(table)),
-        ("locked memory", memory()),
+        ("locked memory", tried(lock_memory, "granted")),
         ("pinning", pinning(config)),
         ("sleep", sleep(config, awake.as_ref().err())),
         ("timer", timer(config, table, watch)),
@@ -56,32 +56,30 @@ fn processors() -> Verdict {
     }
 }
 
-/// On a thread of its own: the priority goes with it.
-fn priority(table: &TaskTable) -> Verdict {
-    let priority = table.row(TaskId::Tick).priority.unwrap_or(1);
-    match std::thread::spawn(move || raise_priority(priority)).join() {
-        Ok(Ok(())) => (Fitness::Good, format!("SCHED_FIFO {priority}")),
+/// What the host grants, tried on a thread of its own: it goes with it.
+fn tried(
+    asked: impl FnOnce() -> Result<(), HostRefusal> + Send + 'static,
+    granted: impl Into<String>,
+) -> Verdict {
+    match std::thread::spawn(asked).join() {
+        Ok(Ok(())) => (Fitness::Good, granted.into()),
         Ok(Err(refusal)) => (Fitness::Mind, refusal.to_string()),
         Err(_) => (Fitness::Mind, "cannot be tried".into()),
     }
 }
 
-fn memory() -> Verdict {
-    match lock_memory() {
-        Ok(()) => (Fitness::Good, "granted".into()),
-        Err(refusal) => (Fitness::Mind, refusal.to_string()),
-    }
+fn priority(table: &TaskTable) -> Verdict {
+    let priority = table.row(TaskId::Tick).priority.unwrap_or(1);
+    tried(move || raise_priority(priority), format!("SCHED_FIFO {priority}"))
 }
 
 fn pinning(config: &Config) -> Verdict {
     let wanted = [&config.runtime.tick_cpus, &config.runtime.work_cpus].map(Clone::clone);
-    let outcome = std::thread::spawn(move || wanted.iter().try_for_each(|cpus| pin(cpus))).join();
-    match outcome {
-        Ok(Ok(())) if config.runtime.tick_cpus.is_empty() => (Fitness::Good, "none asked for".into()),
-        Ok(Ok(())) => (Fitness::Good, format!("tick on {:?}", config.runtime.tick_cpus)),
-        Ok(Err(refusal)) => (Fitness::Mind, refusal.to_string()),
-        Err(_) => (Fitness::Mind, "cannot be tried".into()),
-    }
+    let granted = match wanted[0].is_empty() {
+        true => "none asked for".to_owned(),
+        false => format!("tick on {:?}", wanted[0]),
+    };
+    tried(move || wanted.iter().try_for_each(|cpus| pin(cpus)), granted)
 }
 
 /// In a virtual machine even the shallowest sleep is left only when its host gets round to it.

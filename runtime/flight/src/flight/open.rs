@@ -1,7 +1,7 @@
 //! Opening what is flown: a data set, a flight log, a ROS bag, or a simulated scenario.
 
 use super::cache;
-use super::plausibility::{COPY, Finding, missing_camera};
+use super::plausibility::{Finding, missing_camera};
 use super::truth::read_truth;
 use super::{Flight, FlightError, Truth};
 use crate::log::source::{LogEnd, LogImu, LogStereo};
@@ -58,7 +58,7 @@ pub fn open_dataset(
     let dataset = EurocDataset::open(path, &options)?;
     let mut findings: Vec<Finding> = dataset.defects().iter().map(of_defect).collect();
     if dataset.cameras() < config.camera.len() {
-        findings.push(missing_camera(&format!("{} holds no cam1", path.display()), COPY));
+        findings.push(missing_camera(&format!("{} holds no cam1", path.display())));
         config = with_cameras(&config, dataset.cameras())?;
     }
     let table = ground_truth_table(path);
@@ -181,7 +181,7 @@ pub fn open_bag(
     let mut findings: Vec<Finding> = bag.defects().iter().map(of_defect).collect();
     if bag.cameras() < config.camera.len() {
         let of = bag.camera_topics().join(", ");
-        findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display()), COPY));
+        findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display())));
         config = with_cameras(&config, bag.cameras())?;
     }
     if let [gyro, accel] = bag.imu_topics() {

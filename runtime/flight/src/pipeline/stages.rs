@@ -294,12 +294,14 @@ impl WindowStage {
 
     /// Reports every second what a start with one camera still lacks, and at once which delay it has found.
     fn report_start(&mut self, estimate: &Estimate) {
-        let Some(missing) = self.odometer.missing() else { return };
+        let Some(missing) = self.odometer.missing().copied() else { return };
         let is_due = self.said_missing.is_none_or(|last| estimate.stamp.seconds_since(last).abs() >= 1.0);
         let is_found = matches!(missing, Missing::Delay(..));
         if is_due || is_found {
             self.said_missing = Some(estimate.stamp);
             let why = if is_found { "" } else { "no start yet: " };
+            let health = &mut self.figures.health;
+            *(if is_found { &mut health.found } else { &mut health.missing }) = Some(missing);
             let text = format_args!("frame {}: {why}{missing}", estimate.frame_sequence);
             self.listener.said(&Said::Event(Event::new(estimate.stamp, Severity::Info, text)));
         }

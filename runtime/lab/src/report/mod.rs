@@ -15,7 +15,9 @@ use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
-use plumbline_flight::flight::plausibility::{self, BURSTS, Finding, Fitness, HealthTally, JITTER_WORD};
+use plumbline_flight::flight::plausibility::{
+    self, BURSTS, Finding, Fitness, GIVEN_UP, HealthTally, JITTER_WORD,
+};
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::log::source::LogEnd;
@@ -236,7 +238,7 @@ impl Report {
     pub fn why_no_pose(&self) -> String {
         match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
             Some(warning) => format!("{}: {}", warning.what, warning.advice()),
-            None => self.health.why_no_pose(self.cameras),
+            None => self.health.why_no_pose(),
         }
     }
 
@@ -253,6 +255,9 @@ impl Report {
                 self.resets
             ),
         ];
+        let resets = self.warnings.iter().filter(|warning| warning.what == GIVEN_UP);
+        lines.extend(resets.map(|reset| format!("{:<18}{}", "", reset.evidence)));
+        lines.extend(self.health.found.map(|found| format!("{:<18}{found}", "start")));
         lines.extend(self.accuracy.iter().flat_map(accuracy_lines));
         lines.extend(self.consistency.iter().flat_map(consistency_lines));
         if !self.injected.is_empty() {

@@ -160,8 +160,11 @@ fn readable(key: &'static str, path: &Path) -> Result<std::fs::Metadata, NetErro
     if metadata.is_file() { Ok(metadata) } else { Err(file_error(key, path, "is not a file")) }
 }
 
-/// A file that its owner alone may read; a service may also read one of root's by its group.
-fn secret(key: &'static str, path: &Path) -> Result<(), NetError> {
+/// Checks that a file's owner alone may read it; a service may also read one of root's by its group.
+///
+/// # Errors
+/// When it cannot be read, or others may.
+pub fn secret(key: &'static str, path: &Path) -> Result<(), NetError> {
     /// Bits of the mode: the group may write or execute, others may do anything; and the group may read.
     const OTHERS: u32 = 0o037;
     const GROUP_READS: u32 = 0o040;

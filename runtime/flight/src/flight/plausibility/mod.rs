@@ -4,7 +4,7 @@ pub mod watch;
 
 pub use plumbline_checkup::Fitness;
 pub use plumbline_checkup::health::HealthTally;
-pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
+pub use plumbline_checkup::plausibility::{Finding, GIVEN_UP, missing_camera};
 pub use plumbline_checkup::timing::{BURSTS, JITTER_WORD};
 use plumbline_drivers::Faults;
 

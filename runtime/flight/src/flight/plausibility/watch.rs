@@ -26,8 +26,8 @@ const JUDGED_EVERY: u64 = 100;
 
 /// One thing to look at.
 enum Item {
-    Sample(ImuSample),
-    Frame(Timestamp),
+    Sample(u64, ImuSample),
+    Frame(u64, Timestamp),
     Estimate(HealthBits),
     Event(Event),
 }
@@ -111,7 +111,7 @@ struct Ear(Arc<Shared>);
 impl Listener for Ear {
     fn said(&mut self, said: &Said) {
         match said {
-            Said::Imu(reading) => self.0.offer(Item::Sample(reading.sample)),
+            Said::Imu(reading) => self.0.offer(Item::Sample(reading.sequence, reading.sample)),
             Said::Estimate(FullEstimate { estimate, .. }) => {
                 self.0.offer(Item::Estimate(estimate.health));
             }
@@ -122,7 +122,7 @@ impl Listener for Ear {
 
     fn shown(&mut self, view: ListenerView<'_>) {
         if let ListenerView::Frame(frame) = view {
-            self.0.offer(Item::Frame(frame.stamp));
+            self.0.offer(Item::Frame(frame.sequence, frame.stamp));
         }
     }
 }
@@ -141,7 +141,7 @@ fn look(
         let is_over = shared.is_over.load(Ordering::Acquire);
         while let Some(item) = shared.items.pop() {
             match item {
-                Item::Sample(sample) => plausibility.add_sample(&sample),
+                Item::Sample(sequence, sample) => plausibility.add_sample(sequence, &sample),
                 Item::Estimate(health) => {
                     plausibility.add_estimate(health);
                     frames += 1;
@@ -153,7 +153,7 @@ fn look(
                     plausibility.add_reset(&event.text)
                 }
                 Item::Event(event) => tracing::info!("{}", event.text),
-                Item::Frame(stamp) => plausibility.add_frame(stamp),
+                Item::Frame(sequence, stamp) => plausibility.add_frame(sequence, stamp),
             }
         }
         if is_over {
