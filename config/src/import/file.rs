@@ -1,8 +1,7 @@
 //! Calibration files: read into the structs of a format, named by their keys where they are of another program, and refused
 //! with file, key and cure.
 
-use super::lens::distortion;
-use super::{Matrix, pose_problem};
+use super::{Matrix, distortion, pose_problem};
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
 use crate::options::isometry_from_rows;

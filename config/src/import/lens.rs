@@ -1,7 +1,7 @@
 //! Lenses as calibration files state them.
 
-use super::Matrix;
 use super::file::At;
+use super::{Matrix, distortion};
 use crate::camera::Distortion;
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, rows_from_isometry};
@@ -10,20 +10,6 @@ use serde::Deserialize;
 
 /// Focal lengths and principal point `[fx, fy, cx, cy]`, and the distortion.
 pub(super) type Lens = ([f64; 4], Distortion);
-
-/// Distortion of the model `name`, each coefficient by `of`; `None` for a name that is no model's. The rational model without
-/// coefficients of its own is the radial and tangential one.
-pub(super) fn distortion<E>(
-    name: &str,
-    of: impl FnMut(&'static str) -> Result<f64, E>,
-) -> Result<Option<Distortion>, E> {
-    Ok(Distortion::read(name, of)?.map(|distortion| match distortion {
-        Distortion::Rational { k1, k2, p1, p2, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 } => {
-            Distortion::RadialTangential { k1, k2, p1, p2 }
-        }
-        distortion => distortion,
-    }))
-}
 
 /// A camera of a file: its image size, rate, lens and pose.
 pub(super) fn camera_of(

@@ -25,6 +25,7 @@ pub(crate) mod zed;
 pub use euroc::{euroc_cameras_into, euroc_into, euroc_pose};
 pub use zed::zed_into;
 
+use crate::camera::Distortion;
 use crate::error::ConfigError;
 use crate::options::{CameraConfig, Config, Mounting, VehicleConfig};
 use crate::valid::ValidConfig;
@@ -160,4 +161,18 @@ fn is_identity(pose: &Isometry3<f64>) -> bool {
 /// Error of a path without any of the files that are understood.
 fn no_calibration(path: &Path, expected: &str) -> ConfigError {
     ConfigError::unusable(path.display(), format!("no calibration found; expected {expected}"))
+}
+
+/// Distortion of the model `name`, each coefficient by `of`; `None` for a name that is no model's. The rational model without
+/// coefficients of its own is the radial and tangential one.
+fn distortion<E>(
+    name: &str,
+    of: impl FnMut(&'static str) -> Result<f64, E>,
+) -> Result<Option<Distortion>, E> {
+    Ok(Distortion::read(name, of)?.map(|distortion| match distortion {
+        Distortion::Rational { k1, k2, p1, p2, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 } => {
+            Distortion::RadialTangential { k1, k2, p1, p2 }
+        }
+        distortion => distortion,
+    }))
 }

@@ -4,7 +4,7 @@
 //! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the manufacturer does not document its
 //! direction, and the flight refines it.
 
-use super::lens::distortion;
+use super::distortion;
 use crate::error::{ConfigError, Violation};
 use crate::options::{CameraConfig, Config, rows_from_isometry};
 use crate::text::read_bounded;

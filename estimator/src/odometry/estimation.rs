@@ -19,6 +19,9 @@ use plumbline_config::{Portable, Timestamp};
 /// Samples whose mean is the angular rate of a frame reach back this far, s: two or three of them, against vibration.
 const RATE_SPAN_S: f64 = 0.01;
 
+/// Scale of one camera known worse than this, relative to itself, is not known: a start waits, and the quality is 0.
+pub(super) const MAX_SCALE_SIGMA: f64 = 0.15;
+
 /// Sensors, window, and what is known of the newest state.
 #[derive(Clone, Debug)]
 pub(super) struct Estimation {
@@ -42,6 +45,8 @@ pub(super) struct Estimation {
     pub(super) bias_variances: BiasVariances,
     /// Standard deviation of the time offset, s.
     pub(super) time_offset_sigma_s: f64,
+    /// Uncertainty of a scale by one camera, as a share of it, when it last moved; 0 with two.
+    pub(super) scale_sigma: f64,
 }
 
 /// Rates of a state along which an error of its stamp moves it: angular rate in `B`, velocity and acceleration in `O`.

@@ -130,6 +130,7 @@ impl Odometer {
                 covariance: NavCovariance::zeros(),
                 bias_variances: BiasVariances::zeros(),
                 time_offset_sigma_s: setup.rig.time_offset_sigma_s,
+                scale_sigma: 0.0,
             },
             start: Start::new(setup),
             judge: Judge::new(setup),
@@ -238,6 +239,7 @@ impl Odometer {
         }
         self.phase = Phase::Running;
         self.judge.begin(time.stamp);
+        self.estimation.scale_sigma = 0.0;
         self.refresh_covariance(health);
         self.judge.judge_start(&self.estimation);
         self.note_keyframes();

@@ -20,6 +20,11 @@ impl Odometer {
                 estimation.time_offset_sigma_s = variance.at_least(0.0).sqrt();
                 let of_biases = estimation.window.newest_bias_variances();
                 estimation.bias_variances = of_biases.unwrap_or(estimation.bias_variances);
+                if !estimation.window.options.first_estimates
+                    && let Some((sigma, _)) = estimation.window.scale_sigma()
+                {
+                    estimation.scale_sigma = sigma;
+                }
                 true
             }
             _ => {

@@ -32,6 +32,18 @@ impl Window {
         (0..4).all(|k| covariance[(k, k)] > 0.0 && covariance[(k, k)].is_finite()).then_some(covariance)
     }
 
+    /// Uncertainty of the scale, as a share of it: of the longest way to the newest frame, along that; and that way, m. One camera has the scale
+    /// from changes of the velocity alone: at constant velocity any fits, with a bias to match, and the covariance shows that. `None` at rest and as of
+    /// [`Self::relative_covariance`].
+    pub fn scale_sigma(&mut self) -> Option<(f64, f64)> {
+        let newest = self.frames.last().filter(|frame| !frame.is_still)?.nav.p_o_b;
+        let ways_o = self.frames.iter().map(|frame| newest - frame.nav.p_o_b).enumerate();
+        let (from, way_o) = ways_o.max_by(|(_, a), (_, b)| a.norm().total_cmp(&b.norm()))?;
+        let covariance = self.relative_covariance(from, self.frames.len() - 1)?;
+        let along = way_o.dot(&(covariance.fixed_view::<3, 3>(0, 0) * way_o)).abs().sqrt();
+        Some((along / way_o.norm_squared(), way_o.norm()))
+    }
+
     /// `A H^-1 A^T`, with the rows of `A` by the frames given.
     fn covariance_of<const N: usize>(&mut self, rows: [[(usize, Row); N]; 4]) -> Option<Matrix4<f64>> {
         let dim = unknown_of_frame(self.frames.len());

@@ -87,12 +87,9 @@ impl Window {
             let _ = self.linearize(0.0);
             outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
         }
-        // With one camera, whose scale hardly shows, bolder steps follow noise.
-        if self.options.first_estimates {
-            let is_unfinished = damping > 0.0 && !outcome.is_not_positive_definite;
-            self.unfinished = is_unfinished.then(|| self.remaining_step());
-            self.adapt_damping(damping, last <= best);
-        }
+        let is_unfinished = damping > 0.0 && !outcome.is_not_positive_definite;
+        self.unfinished = is_unfinished.then(|| self.remaining_step());
+        self.adapt_damping(damping, last <= best);
         self.follow_lenses();
         outcome
     }

@@ -1,37 +1,59 @@
-//! Tests on the images alone: black, interlaced, with marks that stay.
+//! Tests on the images alone: black, burnt out, frozen, interlaced, with marks that stay or bars.
 //!
-//! Black and interlaced ones are a share of the frames, by camera; where only even or only odd frames have it, that is reported. A row
-//! of one half-frame differs more from its neighbours than from the rows two away; a mark keeps its gradient while the scene changes
-//! below it. Images that are missing or repeat are told by the health bits of the flight.
+//! Each is a share of the frames, by camera; where only even or only odd frames have it, that is reported. A row of one half-frame
+//! differs more from its neighbours than from the rows two away; a mark keeps its gradient while the scene changes below it.
 
+use crate::statistics::median;
 use crate::verdict::{Fitness, Measure};
-use plumbline_config::{ImageView, Timestamp};
+use plumbline_config::{ImageView, ImuSample, Timestamp};
 
 /// Share of frames with a fault that a flight bears.
 const BORNE: f64 = 0.01;
 /// Brightest twentieth of an image that is dark, grey level.
 const DARK: f64 = 30.0;
+/// Level from which a pixel is burnt out, and share of such pixels of an image that is.
+const BURNT: (u8, f64) = (250, 0.5);
 /// Every pixel so far from the next is looked at.
 const STRIDE: usize = 3;
 /// Rows differ from their neighbours by so much more than from those two away where half-frames are of two times.
 const COMB: f64 = 1.1;
+/// An image stands still where it changes by this share of what it usually does while the other image or the gyroscope moves, and
+/// frames in a row that it takes.
+const STILL: (f64, usize) = (0.3, 5);
+/// Rate of the gyroscope at which images change, rad/s.
+const TURNING_RAD_S: f64 = 0.2;
 /// Images are compared for marks where they have changed by this share of their contrast, and so many of them at least: by chance
 /// 1 in 2000 pixels then keeps its gradient.
 const CHANGED: f64 = 0.5;
 const LEAST_COMPARED: f64 = 16.0;
 /// Gradient of a mark, grey levels; share of it that stays; share of the pixels.
 const MARK: (f32, f32, f64) = (6.0, 0.75, 0.005);
+/// Rows and columns at the edge that never change are bars from this share of the image on, grey levels.
+const BARS: (f64, u8) = (0.03, 6);
+
+/// What is found of a frame of one camera.
+#[derive(Clone, Copy, Debug, Default)]
+struct Look {
+    is_there: bool,
+    brightest: f64,
+    burnt: f64,
+    change: f64,
+    is_same: bool,
+    is_combed: bool,
+}
 
 /// One camera's images.
 #[derive(Default)]
 struct Eye {
-    /// Frames that are black, and that are interlaced.
-    black: Vec<usize>,
-    combed: Vec<usize>,
+    looks: Vec<Look>,
+    last: Vec<u8>,
     /// Image that was compared last, with the sums of the gradients of all, and of their squares.
     compared: Vec<u8>,
     sums: Vec<(f32, f32)>,
     count: f64,
+    /// Least and largest level of each row and column.
+    rows: Vec<(u8, u8)>,
+    columns: Vec<(u8, u8)>,
 }
 
 /// Images of both cameras.
@@ -42,10 +64,16 @@ pub(crate) struct ImageTests {
 }
 
 impl Eye {
-    fn add(&mut self, frame: usize, image: &ImageView<'_>) {
+    fn add(&mut self, image: Option<&ImageView<'_>>) {
+        let Some(image) = image else {
+            self.looks.push(Look::default());
+            return;
+        };
         let (width, height) = (image.width(), image.height());
         let (mut counts, mut pixels) = ([0_u32; 256], Vec::with_capacity(width * height / STRIDE));
         let (mut comb, mut smooth) = (0_u64, 0_u64);
+        self.rows.resize(height, (255, 0));
+        self.columns.resize(width, (255, 0));
         for y in 0..height {
             let row = image.row(y);
             let near = [1, 2].map(|d| (image.row(y.saturating_sub(d)), image.row((y + d).min(height - 1))));
@@ -53,6 +81,9 @@ impl Eye {
                 let grey = row[x];
                 counts[usize::from(grey)] += 1;
                 pixels.push(grey);
+                for range in [&mut self.rows[y], &mut self.columns[x]] {
+                    *range = (range.0.min(grey), range.1.max(grey));
+                }
                 let bend = |(a, b): (&[u8], &[u8])| {
                     (2 * i64::from(grey) - i64::from(a[x]) - i64::from(b[x])).unsigned_abs()
                 };
@@ -60,21 +91,30 @@ impl Eye {
                 smooth += bend(near[1]);
             }
         }
+        let all = f64::from(counts.iter().sum::<u32>());
         let level = |share: f64| {
             let mut below = 0;
             let at = counts.iter().position(|count| {
                 below += count;
-                f64::from(below) >= share * pixels.len() as f64
+                f64::from(below) >= share * all
             });
             at.unwrap_or(0) as f64
         };
-        self.black.extend((level(0.95) < DARK).then_some(frame));
-        self.combed.extend((comb as f64 > COMB * smooth as f64).then_some(frame));
+        let burnt: u32 = counts[usize::from(BURNT.0)..].iter().sum();
+        self.looks.push(Look {
+            is_there: true,
+            brightest: level(0.95),
+            burnt: f64::from(burnt) / all,
+            change: change(&self.last, &pixels),
+            is_same: self.last == pixels,
+            is_combed: comb as f64 > COMB * smooth as f64,
+        });
         let contrast = level(0.9) - level(0.1);
         if self.compared.is_empty() || change(&self.compared, &pixels) > CHANGED * 0.5 * contrast {
             self.compare(image);
-            self.compared = pixels;
+            self.compared.clone_from(&pixels);
         }
+        self.last = pixels;
     }
 
     /// Adds the gradients along the rows.
@@ -101,6 +141,17 @@ impl Eye {
         };
         self.sums.iter().filter(is_mark).count() as f64 / self.sums.len().max(1) as f64
     }
+
+    /// Share of the rows and of the columns at the edges that never change.
+    fn bars(&self) -> f64 {
+        let share = |lines: &[(u8, u8)]| {
+            let is_bar = |line: &&(u8, u8)| line.1.saturating_sub(line.0) <= BARS.1;
+            let ends =
+                lines.iter().take_while(is_bar).count() + lines.iter().rev().take_while(is_bar).count();
+            ends as f64 / lines.len().max(1) as f64
+        };
+        if self.count < LEAST_COMPARED { 0.0 } else { share(&self.rows).max(share(&self.columns)) }
+    }
 }
 
 /// Mean difference of two images, grey levels; nothing where there is no first one.
@@ -112,36 +163,71 @@ fn change(before: &[u8], now: &[u8]) -> f64 {
 impl ImageTests {
     /// Takes the images of a frame.
     pub(crate) fn add(&mut self, stamp: Timestamp, images: &[Option<ImageView<'_>>; 2]) {
-        for (eye, image) in self.eyes.iter_mut().zip(images) {
-            image.iter().for_each(|image| eye.add(self.stamps.len(), image));
-        }
         self.stamps.push(stamp);
+        for (eye, image) in self.eyes.iter_mut().zip(images) {
+            eye.add(image.as_ref());
+        }
     }
 
-    /// Faults of the images of so many cameras.
-    pub(crate) fn judge(&self, cameras: usize) -> Vec<Measure> {
+    /// Faults of the images.
+    pub(crate) fn judge(&self, samples: &[ImuSample], cameras: usize) -> Vec<Measure> {
+        let sides: &[&str] = if cameras > 1 { &["left", "right"] } else { &["camera's"] };
         let mut measures = Vec::new();
-        for (eye, side) in self.eyes.iter().zip(["left", "right"]).take(cameras) {
+        for (k, side) in sides.iter().enumerate() {
+            let eye = &self.eyes[k];
+            let of = |has: &dyn Fn(usize, &Look) -> bool| -> Vec<usize> {
+                eye.looks
+                    .iter()
+                    .enumerate()
+                    .filter(|(i, look)| look.is_there && has(*i, look))
+                    .map(|(i, _)| i)
+                    .collect()
+            };
+            let still = self.still(k, samples);
             let kinds = [
-                ("black images", &eye.black, "look at light, exposure, strobe, lens cap and cable"),
+                (
+                    "black images",
+                    of(&|_, look| look.brightest < DARK),
+                    "look at light, exposure, strobe, lens cap and cable",
+                ),
+                ("burnt-out images", of(&|_, look| look.burnt > BURNT.1), "shorten the exposure"),
+                (
+                    "frozen images",
+                    of(&|i, look| still[i] && !look.is_same),
+                    "look at cable, driver and load of the camera, and restart it",
+                ),
                 (
                     "interlaced images",
-                    &eye.combed,
+                    of(&|_, look| look.is_combed),
                     "odd and even lines are half-frames of two times: use a progressive mode, or every second line alone",
                 ),
             ];
             let found = kinds.into_iter().filter(|(_, frames, _)| !frames.is_empty());
-            measures.extend(found.map(|(name, frames, cure)| self.measure(name, side, frames, cure)));
+            measures.extend(found.map(|(name, frames, cure)| self.measure(name, side, &frames, cure)));
             let marks = eye.marks();
             if marks > MARK.2 {
-                let value = format!(
-                    "{:.1} % of the {side} image stay at the same place while the scene moves",
-                    100.0 * marks
-                );
-                let cure =
-                    "clean the lens, switch the overlay off, or mask what stays (`plumbline-lab mask`)";
-                let figures = [("share", marks)];
-                measures.push(Measure::new("marks in the image", Fitness::NotFit, value, cure, &figures));
+                measures.push(Measure::new(
+                    "marks in the image",
+                    Fitness::NotFit,
+                    format!(
+                        "{:.1} % of the {side} image stay at the same place while the scene moves",
+                        100.0 * marks
+                    ),
+                    "clean the lens, switch the overlay off, or mask what stays (`plumbline-lab mask`)",
+                    &[("share", marks)],
+                ));
+            }
+            let bars = eye.bars();
+            if bars > BARS.0 {
+                let cure = "use a mode without bars; its calibration is that of the image inside of them";
+                let value = format!("{:.0} % of the {side} image at its edges never change", 100.0 * bars);
+                measures.push(Measure::new(
+                    "bars in the image",
+                    Fitness::Mind,
+                    value,
+                    cure,
+                    &[("share", bars)],
+                ));
             }
         }
         measures
@@ -160,5 +246,34 @@ impl ImageTests {
             self.stamps.len()
         );
         Measure::new(name, verdict, value, cure, &[("share", share), ("from_s", from), ("to_s", to)])
+    }
+
+    /// Frames in which an image stands still though it should change.
+    fn still(&self, camera: usize, samples: &[ImuSample]) -> Vec<bool> {
+        let (own, other) = (&self.eyes[camera].looks, &self.eyes[1 - camera].looks);
+        let rate = |k: usize| {
+            let (from, to) = (self.stamps[k.saturating_sub(1)], self.stamps[k]);
+            let within =
+                samples.partition_point(|s| s.stamp < from)..samples.partition_point(|s| s.stamp < to);
+            samples.get(within).into_iter().flatten().map(|s| s.gyro.norm()).fold(0.0, f64::max)
+        };
+        let turning: Vec<bool> = (0..own.len()).map(|k| rate(k) > TURNING_RAD_S).collect();
+        let usual = |looks: &[Look]| {
+            let moving = looks.iter().zip(&turning).filter(|(look, turns)| look.is_there && **turns);
+            median(&moving.map(|(look, _)| look.change).collect::<Vec<_>>())
+        };
+        let (usual_own, usual_other) = (usual(own), usual(other));
+        let stands: Vec<bool> = (0..own.len())
+            .map(|k| {
+                let is_small = own[k].is_there && own[k].change < STILL.0 * usual_own;
+                is_small && (turning[k] || other[k].is_there && other[k].change > usual_other)
+            })
+            .collect();
+        (0..stands.len())
+            .map(|k| {
+                let run = |way: &mut dyn Iterator<Item = usize>| way.take_while(|k| stands[*k]).count();
+                stands[k] && run(&mut (k..stands.len())) + run(&mut (0..k).rev()) >= STILL.1
+            })
+            .collect()
     }
 }

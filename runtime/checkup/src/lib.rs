@@ -7,7 +7,7 @@
 //! |---|---|
 //! | [`timing`] | rates, jitter, gaps and order of the stamps of both sensors |
 //! | [`plausibility`] | units and columns that cannot be right, and the health bits of the flight: while it goes on, too |
-//! | `images` | images that are black, interlaced, or hold marks |
+//! | `images` | images that are black, burnt out, frozen, interlaced, or hold marks or bars |
 //! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | `fit` | everything that a calibration consists of, by one fit of images and samples (points by `tracks`) |
 //! | [`camera_imu`] | pose of the cameras on the IMU and time offset, to be written into a configuration |
@@ -147,7 +147,7 @@ impl Checkup {
         let mut measures: Vec<Measure> = wrong.map(Finding::into_measure).collect();
         let has_nonsense = !measures.is_empty();
         measures.extend(self.timing());
-        measures.extend(self.images.judge(config.camera.len()));
+        measures.extend(self.images.judge(samples, config.camera.len()));
         let is_wrong = |measure: &Measure| measure.verdict == Fitness::NotFit;
         let flown = if has_nonsense { Vec::new() } else { data.of_flight(true, GAPS) };
         let flown = flown.into_iter().map(|finding| finding.into_measure_of("flight"));

@@ -1,6 +1,6 @@
 //! Worth of the estimate, and its end: by its landmarks, its velocity, and what a vehicle can be.
 
-use super::super::estimation::Estimation;
+use super::super::estimation::{Estimation, MAX_SCALE_SIGMA};
 use super::super::plausible::{ResetReason, implausible};
 use crate::estimate::HealthBits;
 use plumbline_config::options::HealthConfig;
@@ -179,12 +179,13 @@ impl Tracking {
         };
     }
 
-    /// 0..=100 from landmarks in view and the certainty of the velocity in the body.
+    /// 0..=100 from landmarks in view and the certainty of the velocity in the body, and of the scale.
     pub(super) fn quality(&self, estimation: &Estimation, in_view: usize) -> i8 {
         let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
         let by_velocity =
             (1.0 - estimation.velocity_sigma_m_s() / self.options.max_velocity_sigma_m_s).clamp(0.0, 1.0);
-        (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
+        let by_scale = (1.0 - estimation.scale_sigma / MAX_SCALE_SIGMA).at_least(0.0);
+        (100.0 * by_landmarks.at_most(by_velocity).at_most(by_scale)).round() as i8
     }
 }
 

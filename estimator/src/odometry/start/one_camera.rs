@@ -10,18 +10,16 @@ use crate::initial::timing::{
 };
 use crate::initial::turns::Turns;
 use crate::initial::{GATHERED_FRAMES, mono};
-use crate::odometry::estimation::Estimation;
+use crate::odometry::estimation::{Estimation, MAX_SCALE_SIGMA};
 use crate::shutter::Readout;
+use crate::window::MAX_FRAMES;
 use crate::window::state::Rig;
-use crate::window::{MAX_FRAMES, Window};
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp, ValidSetup};
 
 /// Time of the frames that a start takes, s: over less, hardly any motion tells gravity from acceleration. Delay and readout are looked for
 /// over half of it; over three times as much, what is old goes.
 const SPAN_S: f64 = 1.5;
-/// Scale known worse than this, relative to itself, is not known: a start waits.
-const MAX_SCALE_SIGMA: f64 = 0.15;
 /// Standard deviations that are no noise: of a delay, readout or bias beside those that are told, and of the parallax of a pair of frames.
 const CERTAIN_SIGMAS: f64 = 3.0;
 /// Parallax by the way of a start, in standard deviations: depths are known to 3 % from there on.
@@ -292,7 +290,7 @@ impl Start {
         if variance > MAX_MEAN_COST {
             return Err(Missing::Consistency(variance));
         }
-        let (sigma, way_m) = scale_sigma(&mut estimation.window).unwrap_or((f64::INFINITY, 0.0));
+        let (sigma, way_m) = estimation.window.scale_sigma().unwrap_or((f64::INFINITY, 0.0));
         let share = sigma * variance.at_least(1.0).sqrt();
         if share > MAX_SCALE_SIGMA {
             return Err(Missing::Acceleration(share));
@@ -301,16 +299,4 @@ impl Start {
         let parallax = way_m / depth_m / self.one_camera.timing.sigma_bearing;
         if parallax < MIN_PARALLAX_SIGMAS { Err(Missing::Way(parallax)) } else { Ok(()) }
     }
-}
-
-/// Uncertainty of the scale of the settled window, as a share of it: of the longest way to its newest frame, along that; and that way, m. One
-/// camera has the scale from changes of the velocity alone: at constant velocity any fits, with a bias to match, and the covariance shows that.
-fn scale_sigma(window: &mut Window) -> Option<(f64, f64)> {
-    let newest = window.frames.len().checked_sub(1)?;
-    let way_o = |window: &Window, k: usize| window.frames[newest].nav.p_o_b - window.frames[k].nav.p_o_b;
-    let from = (0..newest).max_by(|a, b| way_o(window, *a).norm().total_cmp(&way_o(window, *b).norm()))?;
-    let covariance = window.relative_covariance(from, newest)?;
-    let way_o = way_o(window, from);
-    let along = way_o.dot(&(covariance.fixed_view::<3, 3>(0, 0) * way_o)).at_least(0.0).sqrt();
-    Some((along / way_o.norm_squared(), way_o.norm()))
 }

@@ -280,11 +280,8 @@ impl Report {
             "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
             "features", points["tracked"], points["in_window"], l["merged"], l["matched"], l["in_window"]
         ));
-        let h = &self.odometry_handout_us;
-        lines.push(format!(
-            "{:<18}median {:.0} us, p99 {:.0}, largest {:.0}",
-            "odometry", h.p50, h.p99, h.max
-        ));
+        let Percentiles { p50, p99, max, .. } = &self.odometry_handout_us;
+        lines.push(format!("{:<18}median {p50:.0} us, p99 {p99:.0}, largest {max:.0}", "odometry"));
         lines.extend(self.live.iter().flat_map(live_lines));
         lines.extend(self.sensors.iter().flat_map(SensorReport::lines));
         lines.push(format!(
