@@ -206,6 +206,34 @@ mod tests {
     }
 
     #[test]
+    fn one_stamp_an_hour_ahead_is_refused_and_those_after_it_follow() {
+        let mut gate = StampGate::of_imu();
+        assert!(run(&mut gate, 0, 1000).iter().all(|v| *v == Follows));
+        assert_eq!(gate.admit(at(HOUR_MS), None), FarAhead);
+        assert_eq!(gate.admit(at(500), None), NotLater);
+        assert!(run(&mut gate, 1000, 2000).iter().all(|v| *v == Follows));
+    }
+
+    #[test]
+    fn a_first_stamp_an_hour_ahead_is_made_good_within_a_tenth_of_a_second() {
+        let mut gate = StampGate::of_imu();
+        assert_eq!(gate.admit(at(HOUR_MS), None), Follows);
+        let verdicts = run(&mut gate, 0, 1000);
+        assert!(verdicts[..20].iter().all(|v| *v == NotLater) && verdicts[20] == ClockSet, "{verdicts:?}");
+        assert!(verdicts[21..].iter().all(|v| *v == Follows));
+    }
+
+    #[test]
+    fn a_clock_that_was_set_is_believed_once_it_runs_and_again_when_it_is_set_right() {
+        let mut gate = StampGate::of_imu();
+        let _ = run(&mut gate, HOUR_MS, HOUR_MS + 500);
+        let back = run(&mut gate, 0, 500);
+        assert!(back[20] == ClockSet && back[21..].iter().all(|v| *v == Follows), "{back:?}");
+        let right = run(&mut gate, HOUR_MS + 1000, HOUR_MS + 1500);
+        assert!(right[..20].iter().all(|v| *v == FarAhead) && right[20] == ClockSet, "{right:?}");
+    }
+
+    #[test]
     fn stamps_that_stand_still_or_leap_are_no_clock_that_runs() {
         let mut gate = StampGate::of_imu();
         let _ = run(&mut gate, 1000, 1500);

@@ -109,7 +109,7 @@ macro_rules! lens_models {
             /// Model of a name, with every coefficient by `of`; `None` for a name that is no model's.
             ///
             /// # Errors
-            /// That of `of`.
+            /// When `of` fails, with its error.
             pub fn read<E>(
                 name: &str,
                 mut of: impl FnMut(&'static str) -> Result<f64, E>,

@@ -208,6 +208,33 @@ mod tests {
     }
 
     #[test]
+    fn a_gyroscope_at_zero_is_stuck_since_its_first_zero() {
+        let said = watch(200, |k, s| s.gyro *= f64::from(u8::from(k < 100)));
+        assert!(said[..106].iter().all(|s| *s == NEVER));
+        assert!(said[106..].iter().all(|s| s.gyro == Some(at(100)) && s.accel.is_none()));
+        assert_eq!(said[106].at(at(100)), Unmeasured::default(), "the first of them may be real");
+        assert_eq!(said[106].at(at(101)), Unmeasured { gyro: true, accel: false });
+    }
+
+    #[test]
+    fn one_stuck_axis_takes_twice_as_long_and_a_change_ends_it() {
+        let said = watch(300, |k, s| s.accel.y = if (100..200).contains(&k) { 1.0 } else { s.accel.y });
+        assert!(said[..112].iter().chain(&said[200..]).all(|s| *s == NEVER));
+        assert!(said[112..200].iter().all(|s| s.accel == Some(at(100)) && s.gyro.is_none()));
+    }
+
+    #[test]
+    fn a_sensor_that_repeats_all_it_reads_is_stuck_though_nothing_moves() {
+        let said = watch(200, |k, s| {
+            if k >= 100 {
+                (s.gyro, s.accel) = (Vector3::x(), Vector3::z());
+            }
+        });
+        assert!(said[..106].iter().all(|s| *s == NEVER));
+        assert!(said[106..].iter().all(|s| s.unmeasured() == Unmeasured::BOTH));
+    }
+
+    #[test]
     fn a_coarse_sensor_at_rest_is_not_stuck() {
         // One axis goes to and fro between two steps of the sensor, the others stand.
         let rest = |k: u32, s: &mut ImuSample| {

@@ -43,7 +43,30 @@ mod tests;
 #[cfg(test)]
 mod summary_tests {
     use super::*;
-    use nalgebra::Vector3;
+    use crate::evaluate::test_noise::Noise;
+    use nalgebra::{Matrix6, Vector3};
+
+    #[test]
+    fn errors_drawn_from_the_covariance_are_consistent() {
+        let mut noise = Noise::new(7);
+        let l = Matrix6::from_fn(|i, j| {
+            if i == j {
+                1.0 + i as f64
+            } else if i > j {
+                0.3 * noise.normal()
+            } else {
+                0.0
+            }
+        });
+        let covariance = l * l.transpose();
+        let draw =
+            |noise: &mut Noise| nees(&(l * Vector6::from_fn(|_, _| noise.normal())), &covariance).unwrap();
+        let values: Vec<f64> = (0..2000).map(|_| draw(&mut noise)).collect();
+        let mean_ratio = values.iter().sum::<f64>() / (6 * values.len()) as f64;
+        // Within 1.96 standard deviations of chi-squared with 12,000 degrees of freedom.
+        assert!((mean_ratio - 1.0).abs() < 0.0254, "{mean_ratio}");
+        assert_eq!(nees(&Vector6::zeros(), &-covariance), None);
+    }
 
     #[test]
     fn the_error_brings_the_estimate_to_the_truth() {
