@@ -46,13 +46,10 @@ impl Walk {
         let standing = world.points_o.clone();
         let mut odometer = Odometer::new(&world.config);
         let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
-        let (mut outcome, mut next_imu) = (Outcome { worst_m_s: 0.0, contradicted: 0 }, 0u32);
+        let mut outcome = Outcome { worst_m_s: 0.0, contradicted: 0 };
         for k in 0..FRAMES {
             let t = 0.2 + f64::from(k) * 0.05;
-            while f64::from(next_imu) * 0.005 <= t + 0.0051 {
-                tracked.samples.push(world.imu(f64::from(next_imu) * 0.005, true));
-                next_imu += 1;
-            }
+            tracked.samples.extend(world.samples_to(t));
             self.place(&standing, t, &mut world);
             tracked.points = world.observe(t, [true; 2]);
             tracked.sequence = u64::from(k);
@@ -64,10 +61,7 @@ impl Walk {
             }
             let doubts = [HealthBits::IMU_CONTRADICTED, HealthBits::ROTATION_DISPUTED];
             outcome.contradicted += usize::from(doubts.iter().any(|&doubt| estimate.health.contains(doubt)));
-            let way =
-                world.pose_o_b(t + 1e-3).translation.vector - world.pose_o_b(t - 1e-3).translation.vector;
-            let v_b: Vector3<f64> = world.pose_o_b(t).rotation.inverse() * (way / 2e-3);
-            let error = (v_b - estimate.pose_o_b.rotation.inverse() * estimate.v_o_b).norm();
+            let error = (world.v_b(t) - estimate.pose_o_b.rotation.inverse() * estimate.v_o_b).norm();
             outcome.worst_m_s = outcome.worst_m_s.max(error);
         }
         outcome

@@ -1,9 +1,8 @@
 //! Pairs whose images are not of the same moment: the estimate stays right, and says so.
 
-use super::synthetic::{World, config, stamp};
-use super::trust_tests::anchored;
+use super::synthetic::{World, config};
+use super::trust_tests::{self, Judged, NONE, Trouble};
 use super::*;
-use crate::window::state::FrameTime;
 use nalgebra::Vector2;
 
 /// Time after which a camera is late, s.
@@ -34,44 +33,19 @@ struct Flown {
 }
 
 /// Flies with what is tracked as `spoil` leaves it.
-fn fly_spoilt(mut spoil: impl FnMut(&mut World, f64, &mut Tracked)) -> Flown {
-    let mut world = World::new(&config(2), 5, 400);
-    let mut odometer = Odometer::new(&world.config);
-    let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
-    let mut flown = Flown { largest_m: 0.0, named_s: None, disagree_s: Vec::new(), frozen_s: Vec::new() };
-    let (mut origin, mut next_imu) = (None, 0u32);
-    for k in 0..280u32 {
-        let t = 0.2 + f64::from(k) * 0.05;
-        while f64::from(next_imu) * 0.005 <= t + 0.0051 {
-            tracked.samples.push(world.imu(f64::from(next_imu) * 0.005, true));
-            next_imu += 1;
-        }
-        tracked.points = world.observe(t, [true; 2]);
-        tracked.health = HealthBits::default();
-        spoil(&mut world, t, &mut tracked);
-        tracked.sequence = u64::from(k);
-        tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
-        let estimate = odometer.process(&tracked, &mut (), &mut feedback);
-        tracked.samples.clear();
-        if estimate.health.contains(HealthBits::CAMERAS_OUT_OF_STEP) {
-            flown.named_s.get_or_insert(t - BEGIN_S);
-        }
-        if estimate.health.contains(HealthBits::CAMERAS_DISAGREE) {
-            flown.disagree_s.push(t - BEGIN_S);
-        }
-        if [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]
-            .iter()
-            .any(|bit| estimate.health.contains(*bit))
-        {
-            flown.frozen_s.push(t - BEGIN_S);
-        }
-        let Some(pose) = estimate.pose() else { continue };
-        let truth = world.pose_o_b(t);
-        let expected = *origin.get_or_insert_with(|| anchored(pose, &truth)) * truth;
-        let error_m = (pose.translation.vector - expected.translation.vector).norm();
-        flown.largest_m = flown.largest_m.max(error_m);
+fn fly_spoilt(spoil: impl Fn(&mut World, f64, &mut Tracked)) -> Flown {
+    let trouble = Trouble { tracked: &spoil, ..NONE };
+    let judged = trust_tests::fly(&mut World::new(&config(2), 5, 400), 14.0, &trouble);
+    let said_s = |bits: &[HealthBits]| {
+        let has = |pose: &&Judged| bits.iter().any(|bit| pose.health.contains(*bit));
+        judged.iter().filter(has).map(|pose| pose.time_s - BEGIN_S).collect::<Vec<_>>()
+    };
+    Flown {
+        largest_m: judged.iter().map(|pose| pose.error_m).fold(0.0, f64::max),
+        named_s: said_s(&[HealthBits::CAMERAS_OUT_OF_STEP]).first().copied(),
+        disagree_s: said_s(&[HealthBits::CAMERAS_DISAGREE]),
+        frozen_s: said_s(&[HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN]),
     }
-    flown
 }
 
 /// Flies with a camera that is late; returns the largest error of the position, m, and when that was said, s after it was.

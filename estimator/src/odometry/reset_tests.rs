@@ -17,7 +17,6 @@ struct Flight {
     is_dark: bool,
     /// Reading of the clock at the beginning, s.
     clock_s: f64,
-    next_imu: u32,
     next_frame: u32,
     last: Option<Estimate>,
 }
@@ -31,7 +30,6 @@ impl Flight {
             feedback: Feedback::new(setup),
             is_dark: false,
             clock_s: 0.0,
-            next_imu: 0,
             next_frame: 0,
             last: None,
         }
@@ -46,11 +44,8 @@ impl Flight {
         self.next_frame += 1;
         let t = self.t();
         self.tracked.samples.clear();
-        while f64::from(self.next_imu) * 0.005 <= t + 0.005 {
-            let sample = self.world.imu(f64::from(self.next_imu) * 0.005, true);
-            self.tracked.samples.push(ImuSample { stamp: sample.stamp.plus_seconds(self.clock_s), ..sample });
-            self.next_imu += 1;
-        }
+        let by_clock = |s: ImuSample| ImuSample { stamp: s.stamp.plus_seconds(self.clock_s), ..s };
+        self.tracked.samples.extend(self.world.samples_to(t).into_iter().map(by_clock));
         self.tracked.points = self.world.observe(t, [!self.is_dark; 2]);
         self.tracked.sequence = u64::from(self.next_frame);
         self.tracked.time = FrameTime { stamp: stamp(t + self.clock_s), time_offset_s: 0.0 };
@@ -87,13 +82,6 @@ impl Flight {
     }
 }
 
-/// Velocity of the body in its own axes at `t`.
-fn true_velocity_b(world: &World, t: f64) -> Vector3<f64> {
-    let h = 1e-4;
-    let way = world.pose_o_b(t + h).translation.vector - world.pose_o_b(t - h).translation.vector;
-    world.pose_o_b(t).rotation.inverse() * (way / (2.0 * h))
-}
-
 #[test]
 fn the_first_pose_after_darkness_knows_velocity_and_heading() {
     let mut flight = biased(2);
@@ -105,7 +93,7 @@ fn the_first_pose_after_darkness_knows_velocity_and_heading() {
     let first = flight.until_pose();
     assert_eq!((first.state, first.reset_counter), (TrackingState::Tracking, 1));
     let v_b = first.pose_o_b.rotation.inverse() * first.v_o_b;
-    let error_m_s = (v_b - true_velocity_b(&flight.world, flight.t())).norm();
+    let error_m_s = (v_b - flight.world.v_b(flight.t())).norm();
     assert!(error_m_s < 0.05, "the first velocity is off by {error_m_s} m/s");
     let up_b = |rotation: &nalgebra::UnitQuaternion<f64>| rotation.inverse() * Vector3::z();
     let tilt_rad = up_b(&first.pose_o_b.rotation).angle(&up_b(&flight.world.pose_o_b(flight.t()).rotation));
@@ -128,7 +116,7 @@ fn tilt_sigma_after_darkness(missing: u32) -> f64 {
     flight.frame(Some(ResetKind::Soft));
     flight.is_dark = true;
     flight.frames(10);
-    flight.next_imu += missing;
+    flight.world.next_imu += missing;
     flight.frames(10);
     flight.is_dark = false;
     let _ = flight.until_pose();
@@ -148,7 +136,8 @@ fn a_turn_while_the_clock_is_set_is_no_measured_one() {
         flight.frames(100);
         // Samples and frames of 0.2 s are refused meanwhile.
         flight.clock_s = clock_s;
-        (flight.next_frame, flight.next_imu) = (flight.next_frame + 4, flight.next_imu + 40);
+        flight.next_frame += 4;
+        flight.world.next_imu += 40;
         flight.tracked.is_clock_set = true;
         flight.frame(None);
         flight.tracked.is_clock_set = false;

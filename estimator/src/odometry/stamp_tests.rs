@@ -22,7 +22,7 @@ fn drawn(t: f64) -> f64 {
 }
 
 fn flown(seed: u64, age_s: fn(f64) -> Option<f64>) -> Vec<Judged> {
-    fly(&mut World::new(&config(2), seed, 500), 10.0, &Trouble { age_s, ..NONE })
+    fly(&mut World::new(&config(2), seed, 500), 10.0, &Trouble { age_s: &age_s, ..NONE })
 }
 
 /// Largest error of the position after the first seconds, m.
@@ -64,7 +64,7 @@ fn stamps_that_jitter_or_swing_cost_little_and_blame_nobody() {
 fn a_start_anew_among_late_stamps_is_as_well_known_as_it_says() {
     for seed in SEEDS {
         let late: fn(f64) -> Option<f64> = |t| Some(5e-3 + 1e-3 * drawn(t));
-        let trouble = Trouble { age_s: late, reset_s: Some(5.0), ..NONE };
+        let trouble = Trouble { age_s: &late, reset_s: Some(5.0), ..NONE };
         let judged = fly(&mut World::new(&config(2), seed, 500), 8.0, &trouble);
         let after = || judged.iter().filter(|pose| (5.3..8.0).contains(&pose.time_s));
         let worst = after().flat_map(|pose| pose.sigmas).fold(0.0, f64::max);

@@ -42,10 +42,8 @@ impl Odometer {
         let newest = self.estimation.window.frames.len().checked_sub(1)?;
         let to = self.estimation.window.frames[newest].stamp;
         let off_s = |k: &usize| (to.seconds_since(self.estimation.window.frames[*k].stamp) - STEP_S).abs();
-        let from = (0..newest).min_by(|a, b| off_s(a).total_cmp(&off_s(b)))?;
-        if off_s(&from) > TOLERANCE_S {
-            return None;
-        }
+        let nearest = (0..newest).min_by(|a, b| off_s(a).total_cmp(&off_s(b)));
+        let from = nearest.filter(|k| off_s(k) <= TOLERANCE_S)?;
         let covariance = self.estimation.window.relative_covariance(from, newest)?;
         let [of_from, of_to] =
             [self.estimation.window.covariance_in_o(from)?, self.estimation.window.covariance_in_o(newest)?];

@@ -77,6 +77,8 @@ pub struct World {
     /// True poses of the cameras in the body.
     pub pose_b_c: Vec<Isometry3<f64>>,
     pub normal: Normal,
+    /// Number of the next inertial sample.
+    pub next_imu: u32,
     cameras: Vec<CameraModel>,
 }
 
@@ -110,6 +112,7 @@ impl World {
             cameras: config.camera.iter().map(CameraConfig::model).collect(),
             config: config.clone(),
             normal,
+            next_imu: 0,
         }
     }
 
@@ -146,6 +149,22 @@ impl World {
                 + self.bias_accel
                 + self.normal.vector(accel_sigma),
         }
+    }
+
+    /// True velocity of the body in its axes, m/s.
+    pub fn v_b(&self, t: f64) -> Vector3<f64> {
+        let way = self.pose_o_b(t + 1e-3).translation.vector - self.pose_o_b(t - 1e-3).translation.vector;
+        self.pose_o_b(t).rotation.inverse() * (way / 2e-3)
+    }
+
+    /// The inertial samples since the last call that a frame at `t` has to have: up to the first one after it.
+    pub fn samples_to(&mut self, t: f64) -> Vec<ImuSample> {
+        let mut samples = Vec::new();
+        while f64::from(self.next_imu) * 0.005 <= t + 0.0051 {
+            samples.push(self.imu(f64::from(self.next_imu) * 0.005, true));
+            self.next_imu += 1;
+        }
+        samples
     }
 
     /// The points seen by the cameras in the frame stamped `t` by the camera's clock.

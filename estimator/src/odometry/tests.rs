@@ -1,8 +1,9 @@
 use super::synthetic::{World, config, stamp};
+use super::trust_tests::anchored;
 use super::*;
 use crate::exchange::believable_offset;
 use crate::window::snapshot::MapSnapshot;
-use nalgebra::{SVector, UnitQuaternion};
+use nalgebra::SVector;
 
 /// Result of a simulated flight.
 #[derive(Debug, Default)]
@@ -59,7 +60,6 @@ fn fly_before(world: &mut World, duration_s: f64, alive: Alive, is_repeating: bo
     // As the front-end hears of it: a frame late.
     let mut heard_offset_s = feedback.time_offset_s;
     let mut flight = Flight::default();
-    let mut next_imu = 0u32;
     let mut anchor: Option<nalgebra::Isometry3<f64>> = None;
     let (mut squared, mut nees, mut count) = (0.0, 0.0, 0.0);
     let (mut est_path, mut true_path) = (0.0, 0.0);
@@ -68,11 +68,7 @@ fn fly_before(world: &mut World, duration_s: f64, alive: Alive, is_repeating: bo
         let t = 0.2 + f64::from(k) * 0.05;
         let time_offset_s = believable_offset(heard_offset_s);
         let needed = stamp(t).plus_seconds(time_offset_s);
-        while stamp(f64::from(next_imu) * 0.005) <= needed.plus_nanos(5_000_000) {
-            let sample = world.imu(f64::from(next_imu) * 0.005, true);
-            tracked.samples.push(sample);
-            next_imu += 1;
-        }
+        tracked.samples.extend(world.samples_to(t + time_offset_s));
         tracked.points = world.observe(t, alive(t));
         tracked.sequence = u64::from(k);
         tracked.is_repeating = is_repeating;
@@ -90,12 +86,7 @@ fn fly_before(world: &mut World, duration_s: f64, alive: Alive, is_repeating: bo
             let t_state = t + estimate.time_offset_s;
             let truth = world.pose_o_b(t_state);
             flight.first_pose_s.get_or_insert(t - 0.2);
-            let from_anchor = anchor.get_or_insert_with(|| {
-                let yaw = crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * truth.rotation.inverse()));
-                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
-                let p = estimate.pose_o_b.translation.vector - turn * truth.translation.vector;
-                nalgebra::Isometry3::from_parts(p.into(), turn)
-            });
+            let from_anchor = anchor.get_or_insert_with(|| anchored(&estimate.pose_o_b, &truth));
             let expected = *from_anchor * truth;
             let p_error = estimate.pose_o_b.translation.vector - expected.translation.vector;
             let rot_error =
@@ -129,6 +120,7 @@ fn fly_before(world: &mut World, duration_s: f64, alive: Alive, is_repeating: bo
     flight.mean_nees = nees / count;
     flight.distance_m = true_path;
     flight.scale = est_path / true_path;
+    println!("{}", flight.summary());
     flight
 }
 
@@ -149,7 +141,6 @@ fn before_texture_that_repeats_a_start_takes_half_a_second() {
 fn stereo_flight_drifts_little_and_knows_how_little() {
     let mut world = World::new(&config(2), 1, 500);
     let flight = fly(&mut world, 20.0, both);
-    println!("{}", flight.summary());
     assert_eq!(flight.resets, 0);
     assert!(flight.first_pose_s.unwrap() < 0.3);
     assert!(flight.rms_error_m < 0.002 * flight.distance_m);
@@ -189,7 +180,6 @@ fn a_snapshot_says_where_the_landmarks_are() {
 fn monocular_flight_finds_its_scale() {
     let mut world = World::new(&config(1), 2, 500);
     let flight = fly(&mut world, 20.0, both);
-    println!("{}", flight.summary());
     assert_eq!(flight.resets, 0);
     assert!(flight.first_pose_s.unwrap() < 2.5);
     assert!((flight.scale - 1.0).abs() < 0.02);
@@ -201,7 +191,6 @@ fn a_monocular_start_waits_while_the_velocity_is_constant() {
     let mut world = World::new(&config(1), 2, 500);
     world.cruise_m_s = Some(Vector3::new(0.0, 0.6, 0.0));
     let flight = fly(&mut world, 6.0, both);
-    println!("{}", flight.summary());
     assert_eq!(flight.first_pose_s, None);
     // Two cameras have the scale from their baseline.
     let mut world = World::new(&config(2), 2, 500);
@@ -214,7 +203,6 @@ fn no_frame_allocates_be_it_of_a_start_or_of_a_start_anew() {
     for (cameras, seed) in [(1, 2), (2, 4)] {
         let mut world = World::new(&config(cameras), seed, 500);
         let flight = fly(&mut world, 20.0, |t| [!(6.0..12.5).contains(&t); 2]);
-        println!("{}", flight.summary());
         assert!(flight.resets > 0 && flight.last.unwrap().has_pose(), "{cameras} cameras do not start anew");
         assert_eq!(flight.allocations, 0, "{cameras} cameras");
     }
@@ -226,7 +214,6 @@ fn at_rest_nothing_moves() {
     world.is_at_rest = true;
     world.sigma_px = 0.1;
     let flight = fly(&mut world, 10.0, both);
-    println!("{}", flight.summary());
     assert_eq!(flight.resets, 0);
     assert!(flight.final_error_m < 0.005);
     assert!(flight.last.unwrap().health.contains(HealthBits::STATIONARY));
@@ -236,7 +223,6 @@ fn at_rest_nothing_moves() {
 fn a_blackout_is_bridged_by_the_imu_and_told_by_the_covariance() {
     let mut world = World::new(&config(2), 4, 500);
     let flight = fly(&mut world, 15.0, |t| [!(6.0..7.5).contains(&t); 2]);
-    println!("{}", flight.summary());
     assert_eq!(flight.resets, 0);
     assert!(flight.mean_nees < 3.0);
     assert!(flight.final_error_m < 0.2);
@@ -249,7 +235,6 @@ fn either_camera_may_be_lost_for_a_while() {
     {
         let mut world = World::new(&config(2), 5, 500);
         let flight = fly(&mut world, 15.0, alive);
-        println!("{}", flight.summary());
         assert_eq!(flight.resets, 0);
         assert!(flight.rms_error_m < 0.005 * flight.distance_m);
     }
@@ -265,7 +250,6 @@ fn time_offset_and_extrinsics_are_found() {
         pose.translation.vector = turn * pose.translation.vector;
     }
     let flight = fly(&mut world, 20.0, both);
-    println!("{}", flight.summary());
     assert_eq!(flight.resets, 0);
     let last = flight.last.unwrap();
     assert!((last.time_offset_s - 0.008).abs() < 0.001);

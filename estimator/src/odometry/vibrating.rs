@@ -38,52 +38,24 @@ pub(super) fn sway(vibration: &Vibration, stated: &ImuNoise, nav: &NavState) -> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::Odometer;
-    use super::super::synthetic::{World, config, stamp};
+    use super::super::synthetic::{World, config};
+    use super::super::trust_tests::{self, NONE, Trouble};
     use super::*;
-    use crate::exchange::{Feedback, Tracked};
-    use crate::window::state::FrameTime;
     use nalgebra::Vector3;
+    use plumbline_config::ImuSample;
     use std::f64::consts::TAU;
 
     /// First pose, s, and mean normalized squared error of the velocity over its expectation, of ten seconds with a vibration of
     /// this amplitude, m/s², that samples see at `hz`.
     fn fly(amplitude: f64, hz: f64) -> (f64, f64) {
-        let mut world = World::new(&config(2), 3, 500);
-        let mut odometer = Odometer::new(&world.config);
-        let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
-        let (mut first_s, mut sum, mut count, mut next_imu) = (None, 0.0, 0.0, 0u32);
-        for k in 0..200u32 {
-            let t = 0.2 + f64::from(k) * 0.05;
-            while f64::from(next_imu) * 0.005 <= t + 0.0051 {
-                let sample_s = f64::from(next_imu) * 0.005;
-                let mut sample = world.imu(sample_s, true);
-                sample.accel +=
-                    Vector3::from_fn(|axis, _| amplitude * libm::sin(TAU * hz * sample_s + axis as f64));
-                tracked.samples.push(sample);
-                next_imu += 1;
-            }
-            tracked.points = world.observe(t, [true; 2]);
-            tracked.sequence = u64::from(k);
-            tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
-            let estimate = odometer.process(&tracked, &mut (), &mut feedback);
-            tracked.samples.clear();
-            if !estimate.has_pose() {
-                continue;
-            }
-            first_s.get_or_insert(t - 0.2);
-            let (before, after) = (world.pose_o_b(t - 1e-3), world.pose_o_b(t + 1e-3));
-            let v_w = (after.translation.vector - before.translation.vector) / 2e-3;
-            let in_body = world.pose_o_b(t).rotation.inverse() * v_w;
-            let rot_b_o = estimate.pose_o_b.rotation.inverse();
-            let error = in_body - rot_b_o * estimate.v_o_b;
-            let rot = rot_b_o.to_rotation_matrix().into_inner();
-            let of_velocity = estimate.covariance.fixed_view::<3, 3>(NavState::V, NavState::V);
-            let covariance: Matrix3<f64> = rot * of_velocity * rot.transpose();
-            sum += error.dot(&(covariance.try_inverse().unwrap() * error)) / 3.0;
-            count += 1.0;
-        }
-        (first_s.unwrap(), sum / count)
+        let imu = |t: f64, mut sample: ImuSample| {
+            sample.accel += Vector3::from_fn(|axis, _| amplitude * libm::sin(TAU * hz * t + axis as f64));
+            Some(sample)
+        };
+        let judged =
+            trust_tests::fly(&mut World::new(&config(2), 3, 500), 10.0, &Trouble { imu: &imu, ..NONE });
+        let sum: f64 = judged.iter().map(|pose| pose.velocity_nees).sum();
+        (judged[0].time_s - 0.2, sum / judged.len() as f64)
     }
 
     #[test]

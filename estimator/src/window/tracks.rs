@@ -7,8 +7,8 @@ use super::poses::Poses;
 use super::problem::Problem;
 use super::triangulate::Triangulation;
 
-/// Fewer points than these do not prove a pose, nor that a frame is wrong: a few false matches agree with any motion. As many as a
-/// start rests on.
+/// Fewer points than these, seen by both cameras where a pair is needed, are no start, prove no pose, and do not prove a frame wrong: a
+/// few false matches agree with any motion.
 pub const MIN_WITNESSES: usize = 12;
 
 fn add_observations<F: Feature>(

@@ -104,7 +104,7 @@ pub(super) struct WrongForces {
 }
 
 /// Compares the forces of the last frames with the images.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ForceWatch {
     gravity_o: Vector3<f64>,
     legs: Deque<Leg, MAX_LEGS>,
@@ -164,16 +164,7 @@ struct Unexplained {
 
 impl ForceWatch {
     pub(super) fn new(gravity_o: Vector3<f64>) -> Self {
-        Self {
-            gravity_o,
-            legs: Deque::new(),
-            contradicting: 0,
-            last: None,
-            is_named: false,
-            named: None,
-            gain: None,
-            slow_bias: SlowBias::default(),
-        }
+        Self { gravity_o, ..Self::default() }
     }
 
     /// Forgets what was seen and what was found.

@@ -222,9 +222,8 @@ impl Judge {
             if let Some(sighting) = sighting {
                 estimation.window.place_newest(&sighting);
             }
-        }
-        if let (None, Some(trial), [.., before, _]) =
-            (found, trial.filter(|trial| trial.is_doubtful()), &estimation.window.frames[..])
+        } else if let (Some(trial), [.., before, _]) =
+            (trial.filter(|trial| trial.is_doubtful()), &estimation.window.frames[..])
         {
             let since = before.stamp;
             estimation.window.doubt_forces(since, trial.force_m_s2());

@@ -73,15 +73,12 @@ impl SuddenForce {
             self.mean_square =
                 (self.mean_square + share * (squared - self.mean_square)).at_least(LEAST_SQUARE);
         }
-        self.change = match (sudden, self.change.filter(|held| to.seconds_since(held.last) < HELD_S)) {
-            (Some(force_o), Some(held)) if held.force_o.norm() > force_o.norm() => {
-                Some(Change { last: to, ..held })
-            }
-            (Some(force_o), held) => {
-                Some(Change { force_o, since: held.map_or(from, |held| held.since), last: to })
-            }
-            (None, held) => held,
-        };
+        if let Some(force_o) = sudden {
+            let begun = Change { force_o, since: from, last: to };
+            let held = self.change.filter(|held| to.seconds_since(held.last) < HELD_S).unwrap_or(begun);
+            let largest = if held.force_o.norm() > force_o.norm() { held.force_o } else { force_o };
+            self.change = Some(Change { force_o: largest, last: to, ..held });
+        }
         self.forces_o = [Some(force_o), self.forces_o[0]];
     }
 

@@ -3,12 +3,23 @@ use super::*;
 /// Watches frames of a twentieth of a second whose mean forces are these, m/s²; returns the standard deviation of the velocity along x
 /// after each, m/s.
 fn watched(forces: impl IntoIterator<Item = f64>) -> Vec<f64> {
+    let of_velocity = |watch: &SuddenForce, to: Timestamp| watch.of_velocity(to);
+    let sigma =
+        |covariance: Option<Matrix3<f64>>| covariance.map_or(0.0, |covariance| covariance[(0, 0)].sqrt());
+    after_each(forces, of_velocity).into_iter().map(sigma).collect()
+}
+
+/// Watches such frames; returns what the watch tells after each.
+fn after_each<T>(
+    forces: impl IntoIterator<Item = f64>,
+    told: impl Fn(&SuddenForce, Timestamp) -> T,
+) -> Vec<T> {
     let mut watch = SuddenForce::new();
     let of_frame = |(k, force): (usize, f64)| {
         let motion = Preintegration { dt_s: 0.05, delta_v: Vector3::new(force, 0.0, 9.8) * 0.05, ..still() };
         let [from, to] = [k, k + 1].map(|k| Timestamp::default().plus_seconds(0.05 * k as f64));
         watch.update([from, to], &UnitQuaternion::identity(), &motion);
-        watch.of_velocity(to).map_or(0.0, |covariance| covariance[(0, 0)].sqrt())
+        told(&watch, to)
     };
     forces.into_iter().enumerate().map(of_frame).collect()
 }
@@ -66,15 +77,8 @@ fn what_is_no_number_and_a_hole_are_no_change() {
 
 #[test]
 fn a_force_that_did_not_act_moves_predictions_further_with_each_frame_until_it_is_confirmed() {
-    let mut watch = SuddenForce::new();
-    let mut moved_m = |k: usize| {
-        let force = flying(k) + if k >= 100 { 8.0 } else { 0.0 };
-        let motion = Preintegration { dt_s: 0.05, delta_v: Vector3::new(force, 0.0, 9.8) * 0.05, ..still() };
-        let [from, to] = [k, k + 1].map(|k| Timestamp::default().plus_seconds(0.05 * k as f64));
-        watch.update([from, to], &UnitQuaternion::identity(), &motion);
-        watch.moved_m(to, 0.05)
-    };
-    let moved: Vec<_> = (0..130).map(&mut moved_m).collect();
+    let forces = (0..130).map(|k| flying(k) + if k >= 100 { 8.0 } else { 0.0 });
+    let moved = after_each(forces, |watch, to| watch.moved_m(to, 0.05));
     assert!(moved[..100].iter().all(Option::is_none));
     for (after, way) in [(0, 0.01), (1, 0.03), (2, 0.05)] {
         let found = moved[100 + after].expect("sudden");

@@ -10,6 +10,7 @@ use crate::odometry::plausible::implausible;
 use crate::odometry::vibrating;
 use crate::window::prior::{AnchorSigmas, AnchorState};
 use crate::window::state::{NavState, Rig};
+use crate::window::tracks::MIN_WITNESSES;
 use crate::window::{MAX_FRAMES, Window};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -21,8 +22,6 @@ const START_ROUNDS: usize = 2;
 /// Mean robust cost of an observation (in squared standard deviations) that a good start stays below:
 /// noise alone gives about one.
 pub(super) const MAX_MEAN_COST: f64 = 5.0;
-/// Fewest tracks, seen by both cameras where there are two, that a start rests on.
-pub(super) const MIN_TRACKS: usize = 12;
 /// The tilt of a start with two cameras is taken from samples that begin this long before the first frame, s: some
 /// twenty of them, over which vibration averages out.
 const LEVELLING_BEFORE_S: f64 = 0.1;
@@ -55,7 +54,7 @@ impl Start {
         self.missing = None;
         let Some(newest) = self.gathering.frames().last() else { return false };
         let shared = shared_tracks(newest);
-        let is_stereo = shared >= MIN_TRACKS;
+        let is_stereo = shared >= MIN_WITNESSES;
         if is_stereo && judge.delays_start(newest.time.stamp, shared, newest.tracks.len()) {
             return false;
         }
@@ -79,7 +78,7 @@ impl Start {
         let wanted = if is_hard { HARD_START_FRAMES } else { STEREO_FRAMES };
         let newest_first = self.gathering.frames().iter().rev().enumerate();
         let (before, _) =
-            newest_first.filter(|(_, frame)| shared_tracks(frame) >= MIN_TRACKS).nth(wanted - 1)?;
+            newest_first.filter(|(_, frame)| shared_tracks(frame) >= MIN_WITNESSES).nth(wanted - 1)?;
         Some(before + 1).filter(|count| *count < MAX_FRAMES)
     }
 
@@ -175,7 +174,7 @@ impl Start {
         estimation.window.anchor_newest(&known, &tight);
         let outcome = estimation.window.optimize(START_ITERATIONS);
         let is_state = !outcome.is_not_positive_definite
-            && estimation.window.triangulated().0 >= MIN_TRACKS
+            && estimation.window.triangulated().0 >= MIN_WITNESSES
             && implausible(&estimation.window, &self.health).is_none();
         is_state.then(|| outcome.cost / estimation.window.observation_count() as f64)
     }

@@ -1,7 +1,7 @@
 //! The first state by one camera: the delay of its images first, then motion, gravity and scale.
 
 use super::Start;
-use super::first_state::{MAX_MEAN_COST, MIN_TRACKS, give_up, put};
+use super::first_state::{MAX_MEAN_COST, give_up, put};
 use crate::exchange::believable_offset;
 use crate::inertial::Preintegration;
 use crate::inertial::buffer::IMU_MEMORY_S;
@@ -14,6 +14,7 @@ use crate::odometry::estimation::{Estimation, MAX_SCALE_SIGMA};
 use crate::shutter::Readout;
 use crate::window::MAX_FRAMES;
 use crate::window::state::Rig;
+use crate::window::tracks::MIN_WITNESSES;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp, ValidSetup};
 
@@ -42,7 +43,7 @@ pub enum Missing {
     Points(usize),
     /// Points in view whose depth is known.
     #[error(
-        "{0} points in view with a known depth, {MIN_TRACKS} are needed: move sideways, and turn more slowly"
+        "{0} points in view with a known depth, {MIN_WITNESSES} are needed: move sideways, and turn more slowly"
     )]
     Depths(usize),
     /// Parallax beside that of the turn, of a pair of frames or of all, in standard deviations.
@@ -180,7 +181,7 @@ impl Start {
     fn find_timing(&mut self, estimation: &Estimation) -> Result<Timing, Missing> {
         let frames = self.gathering.frames();
         let tracks = frames.last().map_or(0, |newest| newest.tracks.len());
-        let ([first, .., newest], true) = (frames, tracks >= MIN_TRACKS) else {
+        let ([first, .., newest], true) = (frames, tracks >= MIN_WITNESSES) else {
             return Err(Missing::Points(tracks));
         };
         let OneCamera { turns, timing, is_delay_known, .. } = &mut self.one_camera;
@@ -284,7 +285,7 @@ impl Start {
     /// Judges what the window has settled at, with this mean cost of an observation.
     fn judge_settled(&self, estimation: &mut Estimation, variance: f64) -> Result<(), Missing> {
         let landmarks = estimation.measurer.landmarks_in_view(&estimation.window.points);
-        if landmarks < MIN_TRACKS {
+        if landmarks < MIN_WITNESSES {
             return Err(Missing::Depths(landmarks));
         }
         if variance > MAX_MEAN_COST {

@@ -22,16 +22,13 @@ fn fly(world: &mut World, interval_s: impl Fn(u32) -> f64) -> Started {
     let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
     // As the front-end hears of it: a frame late.
     let mut heard_offset_s = feedback.time_offset_s;
-    let (mut t, mut next_imu, mut k) = (0.2, 0u32, 0u32);
+    let (mut t, mut k) = (0.2, 0u32);
     let (mut speeds, mut started) = ([0.0; 2], None);
     let mut last = None;
     while t < 8.0 {
         let time_offset_s = believable_offset(heard_offset_s);
         let needed = stamp(t).plus_seconds(time_offset_s);
-        while stamp(f64::from(next_imu) * 0.005) <= needed.plus_nanos(5_000_000) {
-            tracked.samples.push(world.imu(f64::from(next_imu) * 0.005, true));
-            next_imu += 1;
-        }
+        tracked.samples.extend(world.samples_to(t + time_offset_s));
         tracked.points = world.observe(t, [true, false]);
         tracked.sequence = u64::from(k);
         tracked.time = FrameTime { stamp: needed, time_offset_s };
@@ -41,11 +38,8 @@ fn fly(world: &mut World, interval_s: impl Fn(u32) -> f64) -> Started {
         if estimate.has_pose() {
             started.get_or_insert(t - 0.2);
             if t > 4.0 {
-                let at = t + world.time_offset_s;
-                let way = world.pose_o_b(at + 1e-3).translation.vector
-                    - world.pose_o_b(at - 1e-3).translation.vector;
                 speeds[0] += estimate.v_o_b.norm();
-                speeds[1] += way.norm() / 2e-3;
+                speeds[1] += world.v_b(t + world.time_offset_s).norm();
             }
         }
         last = Some(estimate);

@@ -38,9 +38,10 @@ const STAMPS_S: f64 = 0.012;
 const UNEXPLAINED_SHARE: f64 = 0.5;
 
 /// Sensor that is wrong.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Culprit {
     /// Not known yet.
+    #[default]
     Unknown,
     /// Inertial samples are late by so many seconds.
     Imu(f64),
@@ -78,7 +79,7 @@ impl NewestTurn {
 }
 
 /// A contradiction that lasts.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Contradiction {
     pub(super) since: Timestamp,
     pub(super) culprit: Culprit,
@@ -108,22 +109,7 @@ pub(super) struct Contradiction {
 impl Contradiction {
     /// A contradiction that begins.
     pub(super) fn begin(since: Timestamp, bias_gyro: Vector3<f64>, may_name_gyro: bool) -> Self {
-        Self {
-            since,
-            culprit: Culprit::Unknown,
-            bias_gyro,
-            is_delay_suspected: false,
-            agreeing: 0.0,
-            frames: 0,
-            mean_excess_squared: 0.0,
-            is_off_in_sum: false,
-            plain: 0,
-            last: Vector3::zeros(),
-            largest: Vector3::zeros(),
-            was_gyro_named: false,
-            may_name_gyro,
-            is_carried: !may_name_gyro,
-        }
+        Self { since, bias_gyro, may_name_gyro, is_carried: !may_name_gyro, ..Self::default() }
     }
 
     /// Takes what a frame differs by.

@@ -163,14 +163,8 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
-        let [from_stamp, to_stamp] = frame.stamps;
-        let by_stamps = match frame.stamps == frame.span {
-            true => rad,
-            false => {
-                let turn = Turn { from: from_stamp, to: to_stamp, ..turn };
-                self.angles.difference(&turn, 0, &bias_gyro).unwrap_or(rad)
-            }
-        };
+        let stamped = Turn { from: frame.stamps[0], to: frame.stamps[1], ..turn };
+        let by_stamps = self.angles.difference(&stamped, 0, &bias_gyro).unwrap_or(rad);
         let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
         let difference = Difference { from, dt_s, rad, seen, covariance, is_voted, by_stamps, time_sigma_s };
         let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());

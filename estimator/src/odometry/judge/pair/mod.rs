@@ -10,13 +10,12 @@ use crate::estimate::HealthBits;
 use crate::odometry::estimation::Estimation;
 use crate::points::PointObservation;
 use crate::window::epipolar::EpipolarMoments;
+use crate::window::tracks::MIN_WITNESSES;
 use plumbline_config::{Timestamp, ValidSetup};
 use shift::{LEFT, PairShift, is_probe};
 use sight::PairWatch;
 use time::{PairTime, RIGHT};
 
-/// Points that the left camera must see for the right one to be left out because it sees other things: a covered lens makes such a pair too.
-const MIN_LEFT: usize = 12;
 /// Time after a pair whose images see different things, s: most of what is found in both images of such a pair is wrong.
 const DISAGREED_S: f64 = 2.0;
 
@@ -74,7 +73,8 @@ impl Pair {
             self.disagreed_s = DISAGREED_S;
         }
         self.begins_to_disagree = !was_disagreeing && self.disagreed_s > 0.0;
-        self.left_sees = points.iter().filter(|o| o.px[0].is_some()).count() >= MIN_LEFT;
+        // A covered left lens makes a pair that sees different things too.
+        self.left_sees = points.iter().filter(|o| o.px[0].is_some()).count() >= MIN_WITNESSES;
     }
 
     /// Takes the moments of a frame that waits for a start, if it has any.

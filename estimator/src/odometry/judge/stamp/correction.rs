@@ -158,13 +158,7 @@ impl Correction<'_> {
             + self.estimation.bias_variances.fixed_rows::<3>(0).max() * dt_s.squared();
         let velocity = prediction.velocity_sigma_m_s()? * dt_s;
         // An error of the time before moves the prediction along the way of that time.
-        let before = self
-            .estimation
-            .window
-            .frames
-            .len()
-            .checked_sub(2)
-            .and_then(|k| self.estimation.window.frames.get(k))?;
+        let [.., before, newest] = &self.estimation.window.frames[..] else { return None };
         let along = |rate: &Vector3<f64>| rate * rate.transpose() * before_variance;
         let turned = rates.rate_b * (SCALE_SHARE * dt_s);
         let of_turn = sighting.rotation_covariance
@@ -175,8 +169,8 @@ impl Correction<'_> {
         let of_way = sighting.position_covariance + Matrix3::identity() * least + along(&before.nav.v_o_b);
         let by_turn = of_turn.try_inverse()?;
         // A force that did not act moves the prediction too.
-        let tells_way = !self.is_force_contradicted
-            && self.sudden_force.moved_m(self.estimation.window.frames.last()?.stamp, dt_s).is_none();
+        let tells_way =
+            !self.is_force_contradicted && self.sudden_force.moved_m(newest.stamp, dt_s).is_none();
         let by_way = if tells_way { of_way.try_inverse()? } else { Matrix3::zeros() };
         let information = rates.rate_b.dot(&(by_turn * rates.rate_b)) + rates.v_o.dot(&(by_way * rates.v_o));
         let score = rates.rate_b.dot(&(by_turn * turn)) + rates.v_o.dot(&(by_way * way));
