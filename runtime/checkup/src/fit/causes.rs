@@ -3,9 +3,9 @@
 //! With the quadratics of the pieces, freeing some directions of the calibration, for the whole recording or for each of its
 //! segments, lowers the cost by `b' H^-1 b`. The change that lowers it most is the cause; what remains then is asked again.
 
-use super::Fitted;
 use super::parts::{Course, Part};
-use super::rig::{BIASES, CALIBRATION, DELAY, Vector};
+use super::rig::{BIASES, CALIBRATION, DELAY, GYRO, Vector};
+use super::{Fitted, KEYS};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use plumbline_config::median;
 
@@ -15,6 +15,8 @@ pub(crate) const SIGMAS: f64 = 3.0;
 const AS_GOOD: (f64, f64) = (0.95, 0.85);
 /// Share of what all causes explain that a further one explains at least.
 const LEAST_SHARE: f64 = 0.1;
+/// Information on a column of a sensor that the noise of a piece alone makes up: of each step between keyframes, by velocity and position.
+const ECHO: f64 = 2.0 * (KEYS - 1) as f64;
 /// Causes that are looked for.
 const MAX_CAUSES: usize = 5;
 /// Median of a chi-square of one degree of freedom.
@@ -102,9 +104,22 @@ impl<'a> Causes<'a> {
             .map(|pull| &pull * pull.transpose())
             .fold(DMatrix::zeros(count, count), |sum: DMatrix<f64>, one| sum + one);
         let (inverse, others) = (root.inverse(), own.len() as f64 - 1.0);
+        // Columns of a sensor multiply its noise too, which pulls them to zero: by no more than this share, and by no more than all.
+        let mut echoes = DVector::<f64>::zeros(count);
+        let mut at = 0;
+        for entry in free {
+            let (basis, each) =
+                (&self.parts[entry.0].basis, own.len() as f64 / self.segments(entry.1) as f64);
+            for k in 0..width(entry) {
+                let of_sensors = basis.column(k % basis.ncols()).rows(GYRO, 18).norm_squared();
+                echoes[at + k] = (ECHO * each * of_sensors * inverse[(at + k, at + k)]).min(1.0);
+            }
+            at += width(entry);
+        }
         let clustered = &inverse * scatter * &inverse * ((others + 1.0) / others.max(1.0) * of_few(others));
         let stated = inverse * self.dispersion;
-        let covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
+        let mut covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
+        (0..count).for_each(|k| covariance[(k, k)] += echoes[k] * echoes[k]);
         (-step.dot(&b), step, covariance)
     }
 
@@ -195,7 +210,26 @@ fn of_few(freedom: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::parts::parts;
+    use super::super::rig::ACCEL;
     use super::*;
+    use plumbline_config::Config;
+
+    #[test]
+    fn a_column_of_a_sensor_that_noise_alone_shows_is_not_known() {
+        let parts = parts(&Config::preset("sim").unwrap());
+        let axes = parts.iter().position(|part| part.name == "accelerometer axes").unwrap();
+        let sigma_of = |information_of_piece: f64| {
+            let (mut slope, mut information) = (Vector::zeros(), SMatrix::zeros());
+            // By its slope the column is zero.
+            (slope[ACCEL + 4], information[(ACCEL + 4, ACCEL + 4)]) =
+                (information_of_piece, information_of_piece);
+            let pieces = vec![(slope, information, 0.5); 10];
+            let causes = Causes { parts: &parts, pieces, dispersion: 1.0 };
+            causes.values(axes, Course::Constant, &[])[0].1[4]
+        };
+        assert!(sigma_of(5.0) >= 1.0 && sigma_of(1e5) < 0.01, "{} {}", sigma_of(5.0), sigma_of(1e5));
+    }
 
     #[test]
     fn what_few_pieces_say_counts_as_students_t_has_it() {
