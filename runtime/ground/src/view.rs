@@ -79,15 +79,13 @@ fn rows(fleet: &Fleet, now: Instant, columns: usize) -> Vec<Row> {
 }
 
 fn title(name: &str, vehicle: &VehicleState, now: Instant) -> Row {
-    let presence = vehicle.presence(now);
-    let (look, use_words) = match presence {
-        "tracking" if vehicle.is_usable(now) => (GREEN, ""),
-        "tracking" => (YELLOW, ", not for use"),
-        "initialising" | "blind" => (YELLOW, ""),
-        _ => (RED, ""),
+    let look = match vehicle.presence(now) {
+        "tracking" if vehicle.is_usable(now) => GREEN,
+        "tracking" | "initialising" | "blind" => YELLOW,
+        _ => RED,
     };
     let (quality, resets) = (vehicle.quality_words(now), vehicle.resets);
-    (look, format!("{name} {presence}{use_words}  quality {quality}  resets {resets}"))
+    (look, format!("{name} {}  quality {quality}  resets {resets}", vehicle.presence_words(now)))
 }
 
 fn figures(vehicle: &VehicleState, now: Instant) -> [Row; 6] {

@@ -135,12 +135,20 @@ impl VehicleState {
         format!("odometry {odometry_hz:.0} Hz  state {state_hz:.0} Hz  latency {latency_ms:.1} ms")
     }
 
+    /// Presence as text, with whether a pose is for use.
+    pub(crate) fn presence_words(&self, now: Instant) -> &'static str {
+        match self.presence(now) {
+            "tracking" if !self.is_usable(now) => "tracking, not for use",
+            presence => presence,
+        }
+    }
+
     /// Position, attitude, speed, rates and health in one line of text.
     pub fn line(&self, name: &str, now: Instant) -> String {
         let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
         format!(
             "{name}: {}, quality {}, {last}position {}, {}, speed {:.2} m/s, {}, lost {}, {}{}",
-            self.presence(now),
+            self.presence_words(now),
             self.quality_words(now),
             self.position_words(),
             self.attitude_words(),
