@@ -1,5 +1,6 @@
 //! ROS bags, written by another implementation than ours, are flown as the data set is that they were made of.
 
+use super::dataset::Folder;
 use super::python::interpreter;
 use super::{fails, plumbline, stderr};
 use plumbline_test_support::shared;
@@ -39,22 +40,21 @@ fn imported(clip: &str, config: &str) {
 fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
     let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
+    let folder = Folder::new();
+    let (clip, config) = (clip.to_str().unwrap().to_owned(), folder.at("clip.toml"));
     imported(&clip, &config);
     for (kind, frames) in [("png", 40), ("raw", 12)] {
-        let (bag, cut) = (at(kind), format!("0..{frames}"));
+        let (bag, cut) = (folder.at(kind), format!("0..{frames}"));
         written(&python, &clip, frames, [(bag.as_str(), &[kind, "mcap"][..])]);
         assert_eq!(digest(&[&bag, "--config", &config]), digest(&[&clip, "--frames", &cut]), "{kind}");
     }
-    let file = format!("{}/png.mcap", at("png"));
+    let file = format!("{}/png.mcap", folder.at("png"));
     fails(&["replay", &file], 2, &["png.mcap", "calibration", "--config"]);
     let wrong = ["replay", &file, "--config", &config, "--topic", "imu=/imu9"];
     fails(&wrong, 2, &["/imu9", "/imu0 (sensor_msgs/msg/Imu)"]);
     fails(&["replay", &file, "--config", &config, "--topic", "up=/x"], 2, &["--topic", "left=NAME"]);
     // What else takes recordings takes it: a checkup, and images for a log that holds none.
-    let log = at("log.mcap");
+    let log = folder.at("log.mcap");
     let without = ["--record", &log, "--set", "recorder.images=none"];
     for arguments in [
         &[&["replay", &file, "--config", &config], &without[..]].concat()[..],
@@ -71,9 +71,8 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
 fn bags_of_sqlite_and_ros_1_give_the_estimates_of_the_clip_bit_for_bit() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
     let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
+    let folder = Folder::new();
+    let (clip, config) = (clip.to_str().unwrap().to_owned(), folder.at("clip.toml"));
     imported(&clip, &config);
     let expected = digest(&[&clip, "--frames", "0..12"]);
     let kinds: [&[&str]; 4] = [
@@ -82,7 +81,7 @@ fn bags_of_sqlite_and_ros_1_give_the_estimates_of_the_clip_bit_for_bit() {
         &["png", "bag", "bz2", "short"],
         &["png", "bag", "lz4", "short"],
     ];
-    let bags = kinds.map(|how| at(&how.join("-")) + if how[1] == "bag" { ".bag" } else { "" });
+    let bags = kinds.map(|how| folder.at(&how.join("-")) + if how[1] == "bag" { ".bag" } else { "" });
     written(&python, &clip, 12, bags.iter().map(String::as_str).zip(kinds));
     for bag in &bags {
         assert_eq!(digest(&[bag, "--config", &config]), expected, "{bag}");
@@ -93,15 +92,14 @@ fn bags_of_sqlite_and_ros_1_give_the_estimates_of_the_clip_bit_for_bit() {
 fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
     let Some(python) = interpreter("rosbags, numpy, PIL") else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
+    let folder = Folder::new();
+    let (clip, config) = (clip.to_str().unwrap().to_owned(), folder.at("clip.toml"));
     imported(&clip, &config);
     for storage in ["db3", "bag"] {
-        let bag = if storage == "bag" { at("rec.bag") } else { at("rec") };
+        let bag = if storage == "bag" { folder.at("rec.bag") } else { folder.at("rec") };
         written(&python, &clip, 40, [(bag.as_str(), &["png", storage][..])]);
         let file = if storage == "bag" { bag.clone() } else { format!("{bag}/rec.db3") };
-        let own = |name: &str| at(&format!("{storage}-{name}"));
+        let own = |name: &str| folder.at(&format!("{storage}-{name}"));
         let (log, rig) = (own("log.mcap"), own("rig.toml"));
         let with = ["--config", &config];
         let topics = ["--topic", "left=/cam0/image_raw", "--topic", "right=/cam1/image_raw"];

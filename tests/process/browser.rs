@@ -275,17 +275,7 @@ mod realtime {
         const SECOND_ROUND: Duration = Duration::from_secs(60);
         let laps = |more: &[&str]| {
             let mut command = Command::new(PLUMBLINE);
-            command.args([
-                "replay",
-                "sim:room",
-                "--laps",
-                "2",
-                "--duration",
-                "12",
-                "--scale",
-                "0.4",
-                "--no-lines",
-            ]);
+            command.args("replay sim:room --laps 2 --duration 12 --scale 0.4 --no-lines".split(' '));
             command.arg("--cache").arg(cache()).args(more);
             command
         };

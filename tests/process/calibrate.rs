@@ -1,12 +1,12 @@
 //! `plumbline calibrate rig`.
 
+use super::dataset::Folder;
 use super::{fails, plumbline, stderr};
 
 #[test]
 fn a_rig_that_stands_does_not_show_where_its_cameras_are() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (path, flight, rig) = (at("rest.tum"), at("flight"), at("rig.toml"));
+    let folder = Folder::new();
+    let (path, flight, rig) = (folder.at("rest.tum"), folder.at("flight"), folder.at("rig.toml"));
     let poses: String = (0..9).map(|k| format!("{}.0 1 2 1 0 0 0 1\n", 100 + 10 * k)).collect();
     std::fs::write(&path, poses).unwrap();
     let options = ["--path", &path, "--duration", "20", "--scale", "0.3", "--mono"];

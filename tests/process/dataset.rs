@@ -1,9 +1,28 @@
-//! Simulated data sets that tests look at or damage: rendered once, and copied for each of them.
+//! Folders of tests, and simulated data sets that tests look at or damage: rendered once, and copied for each of them.
 
 use super::{plumbline, stderr};
 use plumbline_test_support::kept;
 use std::fs;
 use std::path::Path;
+use tempfile::TempDir;
+
+/// A folder for the files of one test.
+pub struct Folder(TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// The place of a file in it.
+    pub fn at(&self, name: &str) -> String {
+        self.path().join(name).to_str().unwrap().to_owned()
+    }
+}
 
 /// Copies a folder.
 pub fn copy(from: &Path, to: &Path) {

@@ -1,6 +1,6 @@
 //! One rule for the exit status of every command: 2 for what is asked wrongly or is not there, 1 for what fails.
 
-use super::dataset::dataset;
+use super::dataset::{Folder, dataset};
 use super::{plumbline, stderr};
 
 /// Every command that takes an input, with one that is not there.
@@ -64,9 +64,8 @@ const WRONG: [&[&str]; 33] = [
 
 #[test]
 fn what_is_asked_wrongly_or_is_not_there_is_2_and_told_in_words() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (flight, out) = (dataset(folder.path(), "0.5"), at("out"));
+    let folder = Folder::new();
+    let (flight, out) = (dataset(folder.path(), "0.5"), folder.at("out"));
     for arguments in MISSING.into_iter().chain(WRONG) {
         let arguments: Vec<&str> = arguments
             .iter()
@@ -86,9 +85,8 @@ fn what_is_asked_wrongly_or_is_not_there_is_2_and_told_in_words() {
 
 #[test]
 fn what_fails_is_1() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (a, b, flight) = (at("a.tum"), at("b.tum"), dataset(folder.path(), "0.5"));
+    let folder = Folder::new();
+    let (a, b, flight) = (folder.at("a.tum"), folder.at("b.tum"), dataset(folder.path(), "0.5"));
     std::fs::write(&a, "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n").unwrap();
     std::fs::write(&b, "100.0 0 0 0 0 0 0 1\n101.0 1 0 0 0 0 0 1\n").unwrap();
     assert_eq!(plumbline(&["evaluate", &a, &b]).status.code(), Some(1));

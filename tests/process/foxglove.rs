@@ -1,5 +1,6 @@
 //! Files and live server for Foxglove, read by other implementations than ours and compared with Foxglove's own definitions.
 
+use super::dataset::Folder;
 use super::python::interpreter;
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
 use super::{fails, plumbline, stderr};
@@ -36,9 +37,8 @@ fn keyframes(scene: &Value) -> usize {
 #[test]
 fn an_export_of_a_log_holds_scene_path_and_images_in_foxgloves_schemas() {
     let Some(python) = interpreter(PACKAGES) else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (log, out) = (at("log.mcap"), at("scene.mcap"));
+    let folder = Folder::new();
+    let (log, out) = (folder.at("log.mcap"), folder.at("scene.mcap"));
     let flown = ["replay", "sim:room", "--start", "2", "--duration", "5", "--scale", "0.5", "--record", &log];
     assert!(plumbline(&flown).status.success());
     let exported = plumbline(&["log", &log, "--foxglove", &out]);
@@ -62,7 +62,7 @@ fn an_export_of_a_log_holds_scene_path_and_images_in_foxgloves_schemas() {
     );
     assert!(plumbline(&["verify", &log]).status.success());
     fails(&["log", &log, "--foxglove", &out], 2, &["scene.mcap", "exists"]);
-    fails(&["log", &log, "--foxglove", &at("scene.txt")], 2, &["ending .mcap"]);
+    fails(&["log", &log, "--foxglove", &folder.at("scene.txt")], 2, &["ending .mcap"]);
     let layout = std::fs::read_to_string(repository("packaging/foxglove/plumbline.json")).unwrap();
     check_layout(&layout, &seen);
 }
@@ -92,9 +92,9 @@ fn check_layout(layout: &str, exported: &Value) {
 fn a_log_without_images_is_exported_with_those_of_its_data_set() {
     let Some(python) = interpreter(PACKAGES) else { return };
     let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (log, out, clip) = (at("log.mcap"), at("scene.mcap"), clip.to_str().unwrap().to_owned());
+    let folder = Folder::new();
+    let (log, out, clip) =
+        (folder.at("log.mcap"), folder.at("scene.mcap"), clip.to_str().unwrap().to_owned());
     let lean = ["--frames", "0..40", "--record", &log, "--set", "recorder.images=none"];
     assert!(plumbline(&[&["replay", &clip][..], &lean].concat()).status.success());
     fails(&["log", &log, "--foxglove", &out], 1, &["log.mcap", "--images"]);

@@ -1,5 +1,6 @@
 //! A calibration by Kalibr becomes a configuration that flies.
 
+use super::dataset::Folder;
 use super::{fails, plumbline, stderr};
 use std::path::Path;
 
@@ -131,8 +132,7 @@ fn every_key_is_printed_with_its_default_and_a_file_may_start_from_a_preset() {
 /// A simulated data set states its lens as Kalibr does, and gives it back with all its digits.
 #[test]
 fn every_lens_goes_through_a_data_set() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let folder = Folder::new();
     let preset = plumbline_config::preset_text("sim").unwrap();
     let lenses = [
         "model = \"rational\"\nk1 = 0.626\nk2 = 0.466\np1 = -0.00019\np2 = -0.000043\nk3 = 0.0042\nk4 = 0.894\nk5 = 0.543\nk6 = 0.066\n",
@@ -141,8 +141,11 @@ fn every_lens_goes_through_a_data_set() {
         "model = \"double-sphere\"\nxi = -0.241\nalpha = 0.567\n",
     ];
     for (k, lens) in lenses.iter().enumerate() {
-        let (rig, flight, out) =
-            (at(&format!("rig{k}.toml")), at(&format!("flight{k}")), at(&format!("{k}.toml")));
+        let (rig, flight, out) = (
+            folder.at(&format!("rig{k}.toml")),
+            folder.at(&format!("flight{k}")),
+            folder.at(&format!("{k}.toml")),
+        );
         let lens_line = format!("distortion = {{ {} }}", lens.trim().replace('\n', ", "));
         let lines =
             preset.lines().map(|line| if line.starts_with("distortion = ") { &lens_line } else { line });
@@ -162,9 +165,8 @@ fn every_lens_goes_through_a_data_set() {
 /// Basalt's calibration of EuRoC, its numbers rounded.
 #[test]
 fn the_calibration_of_another_program_is_imported_as_it_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (rig, out) = (at("calibration.json"), at("my.toml"));
+    let folder = Folder::new();
+    let (rig, out) = (folder.at("calibration.json"), folder.at("my.toml"));
     let text = "{\"value0\": {\"T_imu_cam\": [{\"px\": -0.0168, \"py\": -0.0689, \"pz\": 0.0051, \"qx\": -0.00724, \"qy\": 0.00754, \
                 \"qz\": 0.70178, \"qw\": 0.71231}], \"intrinsics\": [{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 349.76, \"fy\": \
                 348.72, \"cx\": 365.89, \"cy\": 249.33, \"xi\": -0.24096, \"alpha\": 0.567}}], \"resolution\": [[752, 480]], \

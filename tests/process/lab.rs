@@ -14,7 +14,6 @@ fn the_experiments_pass_their_tests() {
         .args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "lab/tests"])
         .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."))
         .env("PYTHONPATH", "lab")
-        .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("PLUMBLINE", env!("CARGO_BIN_EXE_plumbline"))
         .output()
         .unwrap();

@@ -1,6 +1,7 @@
 //! Live frames and samples with wrong stamps, what a flight and `doctor --live` say of them, and what a flight says of itself: a program sends frames to the socket, an inertial
 //! sensor speaks at a pseudo-terminal.
 
+use super::dataset::Folder;
 use super::vehicle::{PLUMBLINE, Running, eventually};
 use plumbline_drivers::clock::monotonic_ns;
 use plumbline_drivers::frame_socket::FrameHeader;
@@ -247,9 +248,8 @@ mod realtime {
 
     #[test]
     fn a_flight_says_since_when_it_tracks_and_no_message_names_an_option_that_fly_lacks() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-        let (data, config) = (at("data"), at("drone.toml"));
+        let folder = Folder::new();
+        let (data, config) = (folder.at("data"), folder.at("drone.toml"));
         for arguments in [
             vec!["simulate", &data, "--start", "2", "--duration", "8", "--scale", "0.5"],
             vec!["config", "import", "--euroc", &data, "--base", "sim", "--out", &config],

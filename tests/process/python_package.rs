@@ -39,7 +39,6 @@ fn the_python_package_passes_its_tests() {
         .args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/python"])
         .current_dir(&project)
         .env("PYTHONPATH", folder.path())
-        .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("PLUMBLINE_COMMAND", env!("CARGO_BIN_EXE_plumbline"))
         .env("PLUMBLINE_SHARED", shared)
         .output()

@@ -5,7 +5,7 @@ pub mod hostile;
 #[path = "../../fuzz/raw_peer.rs"]
 pub mod raw_peer;
 
-use super::roles::{attacker, make_keys, open_router, open_vehicle};
+use super::roles::{attacker, open_router, open_vehicle, with_keys};
 use super::supervised::{BACK, client};
 use super::vehicle::{Running, eventually, flight, free_port, render};
 use plumbline_link::net::{Endpoints, Mode};
@@ -63,8 +63,7 @@ fn runtime() -> tokio::runtime::Runtime {
 
 #[test]
 fn network_malformed_key_expressions_end_the_link_and_leave_the_session() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let runtime = runtime();
     let (session, port) = runtime.block_on(vehicle(folder.path(), &[]));
     let stream = connect(folder.path(), Some("viewer"), port).unwrap();
@@ -92,8 +91,7 @@ fn network_malformed_key_expressions_end_the_link_and_leave_the_session() {
 
 #[test]
 fn network_who_has_no_certificate_or_an_excluded_one_gets_no_transport() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let runtime = runtime();
     let (_session, port) = runtime.block_on(vehicle(folder.path(), &["router".into()]));
     let is_let_in = |role: Option<&str>| {
@@ -106,8 +104,7 @@ fn network_who_has_no_certificate_or_an_excluded_one_gets_no_transport() {
 
 #[test]
 fn network_identifiers_of_others_are_not_told() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let runtime = runtime();
     let (session, port) = runtime.block_on(vehicle(folder.path(), &[]));
     let endpoint = format!("tls/127.0.0.1:{port}");
@@ -276,7 +273,6 @@ fn network_a_vehicle_whose_identifier_is_taken_comes_back_under_another() {
 
 #[test]
 fn network_a_vehicle_whose_identifier_is_taken_over_tls_comes_back_under_another() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     theft(Some(folder.path()), |port, keys| self::connect(keys.unwrap(), Some("viewer"), port));
 }

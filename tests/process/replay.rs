@@ -1,13 +1,13 @@
 //! `simulate`, `replay` and `evaluate` fit together.
 
-use super::dataset::dataset;
+use super::dataset::{Folder, dataset};
 use super::{plumbline, stderr};
 
 #[test]
 fn a_written_flight_is_replayed_and_evaluated() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (flight, trajectory, report) = (dataset(folder.path(), "3"), at("out.tum"), at("report.json"));
+    let folder = Folder::new();
+    let (flight, trajectory, report) =
+        (dataset(folder.path(), "3"), folder.at("out.tum"), folder.at("report.json"));
     let replayed = plumbline(&["replay", &flight, "--trajectory", &trajectory, "--report", &report]);
     assert!(replayed.status.success(), "{}", stderr(&replayed));
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();

@@ -86,6 +86,13 @@ fn allowed(role: usize, guard: Guard) -> BTreeSet<Field> {
     documented().into_iter().filter(|(_, words)| is_allowed(&words[role])).map(|(field, _)| field).collect()
 }
 
+/// A folder with the keys of every role.
+pub fn with_keys() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path(), false);
+    folder
+}
+
 pub fn make_keys(folder: &Path, renew: bool) {
     let request = KeysRequest { folder, roles: &[], vehicles: &[], hosts: &[], days: 2, renew };
     keys::make(&request).unwrap();
@@ -326,8 +333,7 @@ fn runtime() -> tokio::runtime::Runtime {
 
 #[test]
 fn network_every_role_may_do_what_the_table_says_and_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let mut wrong = Vec::new();
     runtime().block_on(async {
         let mut scenes = Vec::new();
@@ -390,8 +396,7 @@ fn network_an_excluded_certificate_gets_no_link_and_the_next_one_of_its_holder_d
 
 #[test]
 fn network_a_router_whose_certificate_is_excluded_is_not_connected_to() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     runtime().block_on(async {
         let endpoint = format!("tls/127.0.0.1:{}", free_port());
         let router = Guard::Ground.open(folder.path(), &endpoint, &[]).await;

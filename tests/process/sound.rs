@@ -1,5 +1,6 @@
 //! No sensor of a sound flight is called faulty: the default flights as a newcomer starts them, and motions that vehicles make.
 
+use super::dataset::Folder;
 use super::{plumbline, stderr};
 
 /// Bits that name a sensor or a calibration.
@@ -18,9 +19,8 @@ const NAMES: [&str; 9] = [
 /// Flies `arguments` in small images, whose points have more noise, and asserts that nothing is named and that an autopilot with a threshold of 20 uses every pose after the
 /// first half second.
 fn is_sound(arguments: &[&str]) {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (report, states) = (at("report.json"), at("states.csv"));
+    let folder = Folder::new();
+    let (report, states) = (folder.at("report.json"), folder.at("states.csv"));
     let outputs = ["--scale", "0.35", "--no-loop", "--report", &report, "--states", &states];
     let output = plumbline(&[&["replay"], arguments, &outputs].concat());
     assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));

@@ -3,7 +3,7 @@
 use super::local::children;
 use super::raw::hostile::{hostile_link_states, link_states};
 use super::raw::raw_peer::{Kind, RawPeer};
-use super::roles::{attacker, make_keys, try_to_connect};
+use super::roles::{attacker, make_keys, try_to_connect, with_keys};
 use super::vehicle::{PLUMBLINE, Running, eventually, free_port};
 use super::{raw, stderr};
 use plumbline_link::net::{Endpoints, Mode};
@@ -159,8 +159,6 @@ fn send_link_states(port: u16, folder: Option<&Path>) {
 
 #[test]
 fn network_link_states_make_no_router_and_no_station_deaf() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
     for is_router in [true, false] {
         for routes in if is_router { &[false, true][..] } else { &[false] } {
             let port = free_port();
@@ -185,8 +183,7 @@ fn network_link_states_make_no_router_and_no_station_deaf() {
 
 #[test]
 fn network_link_states_of_a_viewer_make_no_router_deaf() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let port = free_port();
     let router = listening(&["router"], "tls", port, &access(folder.path(), "router"));
     let worker = children(router.child.id());
@@ -265,8 +262,7 @@ fn network_one_certificate_takes_eight_places_and_leaves_operators_theirs() {
 
 #[test]
 fn network_who_finds_no_place_is_told_on_both_sides() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let port = free_port();
     let router = listening(&["router"], "tls", port, &access(folder.path(), "router"));
     let held = take_places(folder.path(), "viewer", port, 1);

@@ -1,6 +1,6 @@
 //! Everyday use: warnings of nonsense, parts of recordings, cures that help.
 
-use super::dataset::dataset;
+use super::dataset::{Folder, dataset};
 use super::{fails, plumbline, stderr};
 use serde_json::Value;
 
@@ -153,9 +153,8 @@ fn a_simulated_flight_with_options_is_a_recording_for_all_that_fly_one() {
 
 #[test]
 fn the_truth_is_written_at_the_times_of_the_poses() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (poses, truth) = (at("poses.tum"), at("truth.tum"));
+    let folder = Folder::new();
+    let (poses, truth) = (folder.at("poses.tum"), folder.at("truth.tum"));
     let outputs = ["--trajectory", &poses, "--true-trajectory", &truth];
     let flown = plumbline(&[&["replay", "sim:room?start=3&duration=1&scale=0.5"], &outputs[..]].concat());
     assert!(flown.status.success(), "{}", stderr(&flown));

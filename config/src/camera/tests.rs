@@ -304,16 +304,8 @@ fn nothing_beyond_the_end_of_a_lens_is_seen_and_no_pixel_points_there() {
 /// A denominator that vanishes at r = 1 ends the image of a rational lens, although the radius grows on both sides of it.
 #[test]
 fn a_rational_lens_ends_where_its_denominator_vanishes() {
-    let camera = typical(Distortion::Rational {
-        k1: 0.0,
-        k2: 0.0,
-        p1: 0.0,
-        p2: 0.0,
-        k3: 0.0,
-        k4: -1.0,
-        k5: 0.0,
-        k6: 0.0,
-    });
+    let [k1, k2, p1, p2, k3, k5, k6] = [0.0; 7];
+    let camera = typical(Distortion::Rational { k1, k2, p1, p2, k3, k4: -1.0, k5, k6 });
     assert!(camera.project(&Vector3::new(0.99, 0.0, 1.0)).is_some());
     for x in [1.0001, 1.01, 2.0, 50.0] {
         assert_eq!(camera.project(&Vector3::new(x, 0.0, 1.0)), None, "{x}");

@@ -4,73 +4,13 @@ use crate::import::{Source, read_into};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// `camchain-imucam.yaml` as Kalibr writes it; the second camera hangs on the first.
-pub(super) const RADTAN: &str = "cam0:
-  T_cam_imu:
-  - [0.0, -1.0, 0.0, 0.02]
-  - [0.0, 0.0, -1.0, 0.01]
-  - [1.0, 0.0, 0.0, -0.05]
-  - [0.0, 0.0, 0.0, 1.0]
-  cam_overlaps: [1]
-  camera_model: pinhole
-  distortion_coeffs: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
-  distortion_model: radtan
-  intrinsics: [458.654, 457.296, 367.215, 248.375]
-  resolution: [752, 480]
-  rostopic: /cam0/image_raw
-  timeshift_cam_imu: -0.0025
-cam1:
-  T_cn_cnm1:
-  - [1.0, 0.0, 0.0, -0.11]
-  - [0.0, 1.0, 0.0, 0.0]
-  - [0.0, 0.0, 1.0, 0.0]
-  - [0.0, 0.0, 0.0, 1.0]
-  cam_overlaps: [0]
-  camera_model: pinhole
-  distortion_coeffs: [-0.28368365, 0.07451284, -0.00010473, -3.559e-05]
-  distortion_model: radtan
-  intrinsics: [457.587, 456.134, 379.999, 255.238]
-  resolution: [752, 480]
-  rostopic: /cam1/image_raw
-  timeshift_cam_imu: -0.0026
-";
+pub(super) const RADTAN: &str = include_str!("calibrations/kalibr_radtan.yaml");
 /// One fisheye camera.
-pub(super) const EQUIDISTANT: &str = "cam0:
-  T_cam_imu:
-  - [-0.99952504, 0.00750192, -0.02989013, 0.04557484]
-  - [0.02961534, -0.03439736, -0.99896935, -0.07116180]
-  - [-0.00852233, -0.99938008, 0.03415885, -0.04468125]
-  - [0.0, 0.0, 0.0, 1.0]
-  camera_model: pinhole
-  distortion_coeffs: [0.0034823894022493434, 0.0007150348452162257, -0.0020532361418706202, 0.00020293673591811182]
-  distortion_model: equidistant
-  intrinsics: [190.97847715128717, 190.9733070521226, 254.93170605935475, 256.8974428996504]
-  resolution: [512, 512]
-  rostopic: /cam0/image_raw
-";
+pub(super) const EQUIDISTANT: &str = include_str!("calibrations/kalibr_equidistant.yaml");
 /// The input file.
-pub(super) const IMU: &str = "rostopic: /imu0
-update_rate: 200.0
-accelerometer_noise_density: 0.0028
-accelerometer_random_walk: 0.00086
-gyroscope_noise_density: 0.00016
-gyroscope_random_walk: 0.000022
-";
+pub(super) const IMU: &str = include_str!("calibrations/kalibr_imu.yaml");
 /// IMU calibration as Kalibr writes it among its results.
-const IMU_RESULT: &str = "imu0:
-  T_i_b:
-  - [1.0, 0.0, 0.0, 0.0]
-  - [0.0, 1.0, 0.0, 0.0]
-  - [0.0, 0.0, 1.0, 0.0]
-  - [0.0, 0.0, 0.0, 1.0]
-  accelerometer_noise_density: 0.0028
-  accelerometer_random_walk: 0.00086
-  gyroscope_noise_density: 0.00016
-  gyroscope_random_walk: 0.000022
-  model: calibrated
-  rostopic: /imu0
-  time_offset: 0.0
-  update_rate: 200.0
-";
+const IMU_RESULT: &str = include_str!("calibrations/kalibr_imu_result.yaml");
 
 /// The camera looks along body x, its x axis is body -y, its y axis body -z.
 fn forward(position: [f64; 3]) -> Isometry3<f64> {
@@ -309,18 +249,7 @@ fn plumb_bob_of_four_numbers_is_radial_tangential() {
 }
 
 /// Numbers of OpenVINS's configuration of a T265: a little more than 90 degrees to each side.
-pub(super) const T265: &str = "cam0:
-  T_cam_imu:
-  - [1.0, 0.0, 0.0, 0.0]
-  - [0.0, 1.0, 0.0, 0.0]
-  - [0.0, 0.0, 1.0, 0.0]
-  - [0.0, 0.0, 0.0, 1.0]
-  camera_model: pinhole
-  distortion_coeffs: [-0.003269003, 0.054052581, -0.051594096, 0.010749180]
-  distortion_model: equidistant
-  intrinsics: [282.020, 280.715, 415.956, 396.661]
-  resolution: [848, 800]
-";
+pub(super) const T265: &str = include_str!("calibrations/t265_openvins.yaml");
 
 #[test]
 fn a_lens_that_sees_beyond_a_right_angle_is_taken_and_one_that_folds_is_not() {

@@ -26,136 +26,14 @@ const T265_MEI: &str = include_str!("calibrations/t265_mei.yaml");
 /// HKUST-Aerial-Robotics/VINS-Fusion, `config/euroc/euroc_mono_imu_config.yaml` and `cam0_pinhole.yaml` in one file.
 const EUROC_VINS_MONO: &str = include_str!("calibrations/euroc_vins_mono.yaml");
 
-fn basalt(poses: &[[f64; 7]], cameras: &[&str], [width, height]: [usize; 2], rest: &str) -> String {
-    let pose = |[px, py, pz, qx, qy, qz, qw]: &[f64; 7]| {
-        format!(
-            "{{\"px\": {px}, \"py\": {py}, \"pz\": {pz}, \"qx\": {qx}, \"qy\": {qy}, \"qz\": {qz}, \"qw\": {qw}}}"
-        )
-    };
-    let poses: Vec<String> = poses.iter().map(pose).collect();
-    let sizes = vec![format!("[{width}, {height}]"); poses.len()];
-    format!(
-        "{{\"value0\": {{\"T_imu_cam\": [{}], \"intrinsics\": [{}], \"resolution\": [{}], {rest}, \"vignette\": []}}}}",
-        poses.join(", "),
-        cameras.join(", "),
-        sizes.join(", ")
-    )
-}
-
-const BASALT_IMU: &str = "\"calib_accel_bias\": [0.0017, 0.15, 0.067, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], \"imu_update_rate\": 200.0, \
-     \"accel_noise_std\": 0.016, \"gyro_noise_std\": 0.000282, \"accel_bias_std\": 0.001, \"gyro_bias_std\": 0.0001, \
-     \"cam_time_offset_ns\": 2124029";
-
 /// VladyslavUsenko/basalt, `data/euroc_ds_calib.json`.
-fn euroc_basalt() -> String {
-    basalt(
-        &[
-            [
-                -0.016774788924641534,
-                -0.068938940687127,
-                0.005139123188382424,
-                -0.007239825785317818,
-                0.007541278561558601,
-                0.7017845426564943,
-                0.7123125505904486,
-            ],
-            [
-                -0.01507436282032619,
-                0.0412627204046637,
-                0.00316287258752953,
-                -0.0023360576185881625,
-                0.013000769689092388,
-                0.7024677108343111,
-                0.7115930283929829,
-            ],
-        ],
-        &[
-            "{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 349.7560023050409, \"fy\": 348.72454229977037, \"cx\": \
-             365.89440762590149, \"cy\": 249.32995565708704, \"xi\": -0.2409573942178872, \"alpha\": 0.566996899163044}}",
-            "{\"camera_type\": \"ds\", \"intrinsics\": {\"fx\": 361.6713883800533, \"fy\": 360.5856493689301, \"cx\": \
-             379.40818394080869, \"cy\": 255.9772968522045, \"xi\": -0.21300835384809328, \"alpha\": 0.5767008625037023}}",
-        ],
-        [752, 480],
-        BASALT_IMU,
-    )
-}
-
+const EUROC_BASALT: &str = include_str!("calibrations/euroc_basalt.json");
 /// VladyslavUsenko/basalt, `data/tumvi_512_eucm_calib.json`.
-fn tum_vi_basalt() -> String {
-    basalt(
-        &[
-            [
-                0.04548094812071685,
-                -0.07145370002838907,
-                -0.046315428444919249,
-                -0.013392900690257393,
-                -0.6945866755293793,
-                0.7192437840259219,
-                0.007639340823570553,
-            ],
-            [
-                -0.05546984222234079,
-                -0.06999334244486549,
-                -0.049092582974927929,
-                -0.01340980138125811,
-                -0.7115668842588793,
-                0.7024477338114514,
-                0.007741299385907546,
-            ],
-        ],
-        &[
-            "{\"camera_type\": \"eucm\", \"intrinsics\": {\"fx\": 191.14799836282189, \"fy\": 191.13150963902818, \"cx\": \
-             254.9585771534443, \"cy\": 256.88154645599448, \"alpha\": 0.6291060881178562, \"beta\": 1.0418067381860868}}",
-            "{\"camera_type\": \"eucm\", \"intrinsics\": {\"fx\": 190.47905769226575, \"fy\": 190.44567561523216, \"cx\": \
-             252.55882115024333, \"cy\": 255.02104780344699, \"alpha\": 0.6281040684983363, \"beta\": 1.041250259119081}}",
-        ],
-        [512, 512],
-        BASALT_IMU,
-    )
-}
-
-/// CIFASIS/basalt-xr, `data/odysseyplus_rt8_calib.json`: a Samsung Odyssey+, whose cameras look 23 degrees to either side.
-fn odyssey_basalt(cameras: usize) -> String {
-    let poses = [
-        [
-            -0.08394275605678558,
-            -0.0025952591095119715,
-            0.0026445253752171993,
-            -0.17704726835670878,
-            -0.19861076922141732,
-            0.03564156642768224,
-            0.9632952306248018,
-        ],
-        [
-            0.02113135496007891,
-            -0.0023068031820524327,
-            0.002341595642298417,
-            -0.1836377420226455,
-            0.1982701960061761,
-            -0.03922445856481098,
-            0.9619914477874183,
-        ],
-    ];
-    let lenses = [
-        "{\"camera_type\": \"pinhole-radtan8\", \"intrinsics\": {\"fx\": 269.0600776672363, \"fy\": 269.1679859161377, \"cx\": \
-             324.3333053588867, \"cy\": 245.22674560546875, \"k1\": 0.6257319450378418, \"k2\": 0.4661203622817993, \"p1\": \
-             -0.00018502399325370789, \"p2\": -4.288297350285575e-05, \"k3\": 0.004179582931101322, \"k4\": 0.8943193554878235, \
-             \"k5\": 0.5425397753715515, \"k6\": 0.06621214747428894, \"rpmax\": 2.794111490249634}}",
-        "{\"camera_type\": \"pinhole-radtan8\", \"intrinsics\": {\"fx\": 270.1171684265137, \"fy\": 270.2496528625488, \"cx\": \
-             323.54679107666016, \"cy\": 250.34966468811035, \"k1\": 0.5571827292442322, \"k2\": 0.22437196969985962, \"p1\": \
-             0.00011782468209275976, \"p2\": 0.0001220563062815927, \"k3\": 0.006815604865550995, \"k4\": 0.8331726789474487, \
-             \"k5\": 0.2617427110671997, \"k6\": 0.04350586235523224, \"rpmax\": 2.789998769760132}}",
-    ];
-    basalt(
-        &poses[..cameras],
-        &lenses[..cameras],
-        [640, 480],
-        "\"calib_accel_bias\": [0.1856, -0.0576, 0.1344, -0.001865983, 0.00030630, -0.0001676, 0.00092447, 0.00029575, -0.00220758], \
-         \"imu_update_rate\": 250, \"accel_noise_std\": [0.0107, 0.0107, 0.0107], \"gyro_noise_std\": [0.00095, 0.00095, 0.00095], \
-         \"accel_bias_std\": [0.01, 0.01, 0.01], \"gyro_bias_std\": [0.001, 0.001, 0.001], \"cam_time_offset_ns\": 0",
-    )
-}
-
+const TUM_VI_BASALT: &str = include_str!("calibrations/tum_vi_basalt.json");
+/// CIFASIS/basalt-xr, `data/odysseyplus_rt8_calib.json`: a Samsung Odyssey+, whose cameras look 23 degrees to either side; both, and
+/// the left one alone.
+const ODYSSEY_BASALT: &str = include_str!("calibrations/odyssey_basalt.json");
+const ODYSSEY_LEFT_BASALT: &str = include_str!("calibrations/odyssey_left_basalt.json");
 /// rpng/open_vins, `config/rs_d455/kalibr_imucam_chain.yaml`.
 const D455_OPENVINS: &str = include_str!("calibrations/d455_openvins.yaml");
 /// rpng/open_vins, `config/hilti`: an Alphasense with `T_imu_cam` and `model: "kalibr"`.
@@ -205,7 +83,7 @@ fn tum_vi_is_read_from_orb_slam_and_basalt_and_both_mean_the_same() {
         orb.config.camera[1].distortion,
         Distortion::Equidistant { k4: 0.0003299517423931039, .. }
     ));
-    let basalt = read(&tum_vi_basalt(), NO_FILE);
+    let basalt = read(TUM_VI_BASALT, NO_FILE);
     check_pair(&basalt.config, (512, 512), 0.10099);
     assert_eq!(basalt.config.rig.time_offset_s, 0.002124029);
     for camera in 0..2 {
@@ -219,7 +97,7 @@ fn tum_vi_is_read_from_orb_slam_and_basalt_and_both_mean_the_same() {
 
 #[test]
 fn euroc_is_read_from_basalt_and_vins_and_both_mean_the_same_as_the_preset() {
-    let basalt = read(&euroc_basalt(), NO_FILE);
+    let basalt = read(EUROC_BASALT, NO_FILE);
     check_pair(&basalt.config, (752, 480), 0.11023);
     for camera in 0..2 {
         let differ = differ_px(&euroc().camera[camera].model(), &basalt.config.camera[camera].model());
@@ -284,15 +162,14 @@ fn a_d435i_is_read_as_rectified_cameras() {
 
 #[test]
 fn the_rational_lenses_of_a_headset_are_read_from_basalt() {
-    let rig = read(&odyssey_basalt(1), NO_FILE);
+    let rig = read(ODYSSEY_LEFT_BASALT, NO_FILE);
     assert_eq!((rig.config.camera[0].width_px, rig.config.imu.rate_hz), (640, 250.0));
     assert!(matches!(rig.config.camera[0].distortion, Distortion::Rational { k6: 0.06621214747428894, .. }));
     assert_eq!(rig.noise, [0.00095, 0.001, 0.0107, 0.01]);
     // The factory's `rpmax` is 70 degrees.
     assert!(matches!(&rig.config.doubts()[..], [doubt] if doubt.contains("folds back 73 degrees")));
     // Both together look too far apart for a pair.
-    let pair =
-        rig_text(euroc().into_inner(), &odyssey_basalt(2), NO_FILE).expect_err("is refused").to_string();
+    let pair = rig_text(euroc().into_inner(), ODYSSEY_BASALT, NO_FILE).expect_err("is refused").to_string();
     assert!(
         pair.contains("rig.yaml: `camera[1].pose_b_c`") && pair.contains("the images must overlap"),
         "{pair}"
@@ -398,7 +275,7 @@ fn what_is_wrong_is_named_by_file_and_key_with_what_is_known() {
     assert!(missing.contains("left_mei.yaml: `mirror_parameters.xi`: missing"), "{missing}");
     let three = refused(&with(MYNT_EYE_VINS, "num_of_cam: 2", "num_of_cam: 3"), MYNT_EYE_LEFT);
     assert!(three.contains("`num_of_cam`: is 3"), "{three}");
-    let basalt = |from: &str, to: &str| refused(&with(&euroc_basalt(), from, to), NO_FILE);
+    let basalt = |from: &str, to: &str| refused(&with(EUROC_BASALT, from, to), NO_FILE);
     let unknown = basalt("\"ds\"", "\"fov\"");
     assert!(
         unknown.contains("`value0.intrinsics[0].camera_type`: is no known model") && unknown.contains("kb4"),

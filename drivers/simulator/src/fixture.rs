@@ -48,22 +48,11 @@ pub(crate) fn config() -> Config {
         ],
     );
     let imu = ImuConfig {
-        rate_hz: 200.0,
-        gyro_noise_density: 1.6968e-4,
-        gyro_bias_walk: 1.9393e-5,
-        accel_noise_density: 2.0e-3,
-        accel_bias_walk: 3.0e-3,
         gyro_error_sigma_rad_s: 0.0,
         accel_error_sigma_m_s2: 0.0,
-        error_time_s: 1.5,
         gyro_scale_sigma: 0.0,
         accel_scale_sigma: 0.0,
-        gyro_range_rad_s: 17.4,
-        accel_range_m_s2: 156.9,
-        stuck_after_s: 0.1,
-        gyro_bias_sigma_rad_s: 0.1,
-        accel_bias_sigma_m_s2: 0.3,
-        gravity_m_s2: 9.81,
+        ..ImuConfig::with_noise(200.0, (1.6968e-4, 1.9393e-5), (2.0e-3, 3.0e-3))
     };
     Config::new(vec![left, right], imu)
 }

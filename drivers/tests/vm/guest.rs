@@ -13,15 +13,6 @@ const SIZE: (usize, usize) = (640, 480);
 /// Slow enough for an emulated processor on a busy host.
 const RATE_HZ: f64 = 10.0;
 
-/// True in the virtual machine; elsewhere these tests have nothing to look at.
-pub(crate) fn is_guest() -> bool {
-    let is_guest = std::env::var_os("PLUMBLINE_GUEST").is_some();
-    if !is_guest {
-        println!("this is no virtual machine: run `make vm`");
-    }
-    is_guest
-}
-
 /// Both cameras; by default vivid's stamps are of the end of frames that have not ended yet.
 fn both() -> V4l2Options {
     let v4l2 = V4l2Config {
@@ -204,9 +195,6 @@ fn plug(what: &str) {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn cameras_are_listed_with_what_they_offer() {
-    if !is_guest() {
-        return;
-    }
     let cameras = v4l2::cameras();
     assert_eq!(cameras.len(), 2, "{cameras:?}");
     for (camera, stable) in cameras.iter().zip([LEFT, RIGHT]) {
@@ -224,9 +212,6 @@ fn cameras_are_listed_with_what_they_offer() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn two_cameras_give_pairs_in_time_without_allocating() {
-    if !is_guest() {
-        return;
-    }
     let seconds = long_run_s();
     let run = run("pairs", &both(), seconds);
     run.assert_complete();
@@ -244,9 +229,6 @@ fn two_cameras_give_pairs_in_time_without_allocating() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn cameras_are_paired_by_their_numbers() {
-    if !is_guest() {
-        return;
-    }
     let mut options = both();
     options.v4l2.pair_by = PairBy::Sequence;
     let run = run("sequence", &options, 4.0);
@@ -274,9 +256,6 @@ fn still(path: &str, format: V4l2Format) -> GrayImage {
 #[ignore = "runs in the virtual machine"]
 fn every_format_shows_the_same_picture() {
     use V4l2Format as F;
-    if !is_guest() {
-        return;
-    }
     // Eight bars of 75 % colour, as television has them: grey by the weights of BT.709, from black at 0, and the luma of
     // BT.601, from black at 16.
     let grey = [190, 176, 149, 136, 54, 40, 13, 0];
@@ -302,9 +281,6 @@ fn every_format_shows_the_same_picture() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn lost_images_are_counted_and_their_partners_come_alone() {
-    if !is_guest() {
-        return;
-    }
     let mut options = both();
     options.v4l2.controls.push("percentage_of_dropped_buffers=20".into());
     let run = run("dropped", &options, 6.0);
@@ -323,9 +299,6 @@ fn lost_images_are_counted_and_their_partners_come_alone() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn numbers_and_stamps_that_wrap_or_lie_are_survived() {
-    if !is_guest() {
-        return;
-    }
     // Numbers begin 128 before the end of their range.
     let mut options = left(|v4l2| v4l2.controls.push("wrap_sequence_number=1".into()));
     options.rate_hz = 25.0;
@@ -342,9 +315,6 @@ fn numbers_and_stamps_that_wrap_or_lie_are_survived() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn both_cameras_are_unplugged_in_flight_and_found_again() {
-    if !is_guest() {
-        return;
-    }
     let other = std::thread::spawn(|| {
         std::thread::sleep(Duration::from_secs(2));
         plug("unbind");
@@ -365,9 +335,6 @@ fn both_cameras_are_unplugged_in_flight_and_found_again() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn one_camera_goes_and_the_other_flies_on() {
-    if !is_guest() {
-        return;
-    }
     for (what, button) in [("disconnected", "disconnect"), ("failed", "inject_fatal_streaming_error")] {
         let other = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_secs(1));
@@ -387,9 +354,6 @@ fn one_camera_goes_and_the_other_flies_on() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn cameras_that_are_plugged_in_later_are_taken() {
-    if !is_guest() {
-        return;
-    }
     plug("unbind");
     let stop = StopFlag::new();
     let mut source = V4l2Stereo::open(&both(), stop.clone()).unwrap();
@@ -411,9 +375,6 @@ fn cameras_that_are_plugged_in_later_are_taken() {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn what_a_camera_cannot_do_is_refused_by_key_with_what_it_can() {
-    if !is_guest() {
-        return;
-    }
     let refused = |options: &V4l2Options, parts: &[&str]| {
         let error = V4l2Stereo::open(options, StopFlag::new()).unwrap_err().to_string();
         for part in parts {

@@ -1,6 +1,5 @@
 //! Tests in the virtual machine: inertial sensors that a real kernel drives, behind a hub of HID sensors.
 
-use crate::guest::is_guest;
 use crate::hid::Hub;
 use plumbline_config::options::{ImuConfig, ImuDriverConfig};
 use plumbline_drivers::clock::monotonic_ns;
@@ -61,9 +60,6 @@ fn late_ms(reading: &ImuReading) -> f64 {
 #[test]
 #[ignore = "runs in the virtual machine"]
 fn two_inertial_devices_of_the_kernel_are_one_sensor_that_comes_and_goes() {
-    if !is_guest() {
-        return;
-    }
     load_modules();
     let stop = StopFlag::new();
     let (begin, mut readings, mut names, mut allocations) = (Instant::now(), Vec::new(), Vec::new(), 0);

@@ -26,7 +26,6 @@ mod realtime {
             .arg("run")
             .arg(program)
             .args(["guest", "--ignored", "--nocapture", "--test-threads=1"])
-            .env("PLUMBLINE_GUEST", "1")
             .output()
             .expect("the script runs");
         let (said, console) =

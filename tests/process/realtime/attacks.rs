@@ -5,7 +5,7 @@ use crate::local::{children, digests, was_disturbed};
 use crate::plumbline;
 use crate::raw;
 use crate::raw::raw_peer::{Kind, RawPeer, declare_key};
-use crate::roles::{make_keys, try_to_connect};
+use crate::roles::{try_to_connect, with_keys};
 use crate::supervised::try_client;
 use crate::vehicle::{PLUMBLINE, Running, cache, eventually, flight, free_port, render};
 use plumbline_link::net::now_ns;
@@ -46,8 +46,7 @@ pub struct Stage {
 impl Stage {
     pub fn new() -> Self {
         render(FLIGHT_S);
-        let folder = tempfile::tempdir().unwrap();
-        make_keys(folder.path(), false);
+        let folder = with_keys();
         let port = free_port();
         Self { folder, endpoint: format!("tls/127.0.0.1:{port}"), port, is_plain: false, watcher: "viewer" }
     }

@@ -1,7 +1,7 @@
 //! Messages in masses, from somebody with a viewer's certificate. Part of `make soak`.
 
 use crate::local::children;
-use crate::roles::{attacker, make_keys, try_to_connect};
+use crate::roles::{attacker, try_to_connect, with_keys};
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
@@ -101,8 +101,7 @@ async fn flood(folder: &Path, endpoint: &str) {
 #[ignore = "minutes: `make soak`"]
 fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     render(FLIGHT_S);
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let report = folder.path().join("report.json");
     let ([mut vehicle, station], _) = start(folder.path(), &report);
     let quiet_ms = p99_ms(&mut vehicle, &report);
@@ -161,8 +160,7 @@ fn data_bytes(process: u32) -> u64 {
 #[ignore = "half a minute: `make soak`"]
 fn soak_network_keys_without_end_cost_the_network_process_and_not_the_flight() {
     render(30);
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let endpoint = format!("tls/127.0.0.1:{}", free_port());
     let file = |name: &str| folder.path().join(name).display().to_string();
     let mut vehicle = flight("drone", 30);

@@ -6,7 +6,7 @@ use super::attacks::{MAX_SILENCE_S, Stage, Survived, command_again_and_again, fl
 use crate::raw;
 use crate::raw::hostile::Hostile;
 use crate::raw::raw_peer::{Kind, RawPeer};
-use crate::roles::make_keys;
+use crate::roles::with_keys;
 use crate::supervised::{
     BACK, RELAYED, STATION, access, client, listening, relayed, runtime, try_session_within,
 };
@@ -77,8 +77,7 @@ fn messages() -> u64 {
 
 /// Sends all messages at a router or a station, with the certificate of this role or without any.
 fn against(arguments: &[&str], role: Option<&str>) {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path(), false);
+    let folder = with_keys();
     let (port, who) = (free_port(), role.map(|_| folder.path()));
     let protocol = if role.is_some() { "tls" } else { "tcp" };
     let process = listening(

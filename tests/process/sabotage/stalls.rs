@@ -2,6 +2,7 @@
 //! from running. Part of `make soak`.
 
 use super::survival::flight;
+use crate::dataset::Folder;
 use crate::hardware::{Epoch, Microcontroller, Trouble, send_frames};
 use crate::mounted::Mounted;
 use crate::realtime::autopilot::{Autopilot, gaps_ms, is_tracking, list};
@@ -187,9 +188,9 @@ fn soak_load_between_our_priorities_and_everybody_elses_holds_up_no_odometry() {
     if !Command::new("chrt").args(["-f", "1", "true"]).status().is_ok_and(|done| done.success()) {
         return skip(Need::RealtimePriority, "chrt -f 1 is refused");
     }
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).display().to_string();
-    let (report, log, odometry) = (at("report.json"), at("flight.mcap"), at("odometry.tum"));
+    let folder = Folder::new();
+    let (report, log, odometry) =
+        (folder.at("report.json"), folder.at("flight.mcap"), folder.at("odometry.tum"));
     let files = ["--report", &report, "--record", &log, "--odometry", &odometry, "--publish"];
     let sink = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let autopilot = format!("udp://{}", sink.local_addr().unwrap());

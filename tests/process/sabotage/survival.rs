@@ -2,6 +2,7 @@
 //! rules of our systemd unit.
 
 use super::supervisor::{Seen, Supervisor, Unit};
+use crate::dataset::Folder;
 use crate::realtime::autopilot::{Autopilot, MOUNTING, gaps_ms, is_tracking, list};
 use crate::realtime::live::AWAKE;
 use crate::vehicle::{PLUMBLINE, cache, render};
@@ -135,9 +136,9 @@ fn the_death_of_the_tick_ends_the_process_and_odometry_is_back_within_three_seco
 #[test]
 fn a_dead_window_and_a_dead_front_end_cost_a_reset_and_the_odometry_goes_on() {
     render(FLIGHT_S);
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name).display().to_string();
-    let (odometry, report, log) = (at("odometry.tum"), at("report.json"), at("flight.mcap"));
+    let folder = Folder::new();
+    let (odometry, report, log) =
+        (folder.at("odometry.tum"), folder.at("report.json"), folder.at("flight.mcap"));
     let files = ["--odometry", &odometry, "--report", &report, "--record", &log];
     let flown = flight("window=panic@3 front-end=panic@4.5", 7, &files).output().unwrap();
     assert!(flown.status.success(), "{}", stderr(&flown));

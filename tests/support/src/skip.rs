@@ -7,94 +7,66 @@
 use std::fmt::{self, Display};
 use std::io::Write as _;
 
-/// Requirements of a test that a host may not meet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// The folder of shared data: clips of EuRoC, trajectories, York Urban.
-    SharedData,
-    /// Python with the packages of `scripts/requirements.txt`.
-    Python,
-    /// Chromium and its driver.
-    Chromium,
-    /// Node.js.
-    Node,
-    /// A control group with a quota of processor time.
-    CgroupQuota,
-    /// A control group that can be frozen.
-    CgroupFreezer,
-    /// The unified hierarchy of control groups (version 2).
-    CgroupV2,
-    /// Network namespaces: root and iproute2.
-    NetworkNamespaces,
-    /// The processor family that digests are promised for.
-    ReferenceProcessor,
-    /// qemu, and Debian's kernel for it (`scripts/vm setup`).
-    VirtualMachine,
-    /// qemu for programs of other processors (`qemu-user-static`).
-    UserEmulation,
-    /// systemd, and root to boot it in namespaces.
-    Systemd,
-    /// Root to mount file systems.
-    Mounts,
-    /// Real-time priorities, by root or a limit.
-    RealtimePriority,
-    /// Root, to start a process as another user.
-    OtherUser,
-    /// A compiler for C (`cc`).
-    Compiler,
-    /// A compiler for microcontrollers (`gcc-arm-none-eabi` with newlib).
-    ArmCompiler,
-    /// Fast DDS 2 (`libfastrtps-dev` of Debian 12 and Ubuntu 22.04) and a compiler for C++.
-    FastDds,
+macro_rules! needs {
+    ($($(#[$doc:meta])* $need:ident = $name:literal,)*) => {
+        /// Requirements of a test that a host may not meet.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Need {
+            $($(#[$doc])* $need,)*
+        }
+
+        impl Need {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$need),*];
+
+            /// Name on the list of allowed skips.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$need => $name,)*
+                }
+            }
+        }
+    };
 }
 
-impl Need {
-    /// All of them.
-    pub const ALL: [Self; 18] = [
-        Self::SharedData,
-        Self::Python,
-        Self::Chromium,
-        Self::Node,
-        Self::CgroupQuota,
-        Self::CgroupFreezer,
-        Self::CgroupV2,
-        Self::NetworkNamespaces,
-        Self::ReferenceProcessor,
-        Self::VirtualMachine,
-        Self::UserEmulation,
-        Self::Systemd,
-        Self::Mounts,
-        Self::RealtimePriority,
-        Self::OtherUser,
-        Self::Compiler,
-        Self::ArmCompiler,
-        Self::FastDds,
-    ];
-
-    /// Name on the list of allowed skips.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::SharedData => "shared-data",
-            Self::Python => "python",
-            Self::Chromium => "chromium",
-            Self::Node => "node",
-            Self::CgroupQuota => "cgroup-quota",
-            Self::CgroupFreezer => "cgroup-freezer",
-            Self::CgroupV2 => "cgroup-v2",
-            Self::NetworkNamespaces => "network-namespaces",
-            Self::ReferenceProcessor => "reference-processor",
-            Self::VirtualMachine => "virtual-machine",
-            Self::UserEmulation => "user-emulation",
-            Self::Systemd => "systemd",
-            Self::Mounts => "mounts",
-            Self::RealtimePriority => "realtime-priority",
-            Self::OtherUser => "other-user",
-            Self::Compiler => "compiler",
-            Self::ArmCompiler => "arm-compiler",
-            Self::FastDds => "fast-dds",
-        }
-    }
+needs! {
+    /// The folder of shared data: clips of EuRoC, trajectories, York Urban.
+    SharedData = "shared-data",
+    /// Python with the packages of `scripts/requirements.txt`.
+    Python = "python",
+    /// Chromium and its driver.
+    Chromium = "chromium",
+    /// Node.js.
+    Node = "node",
+    /// A control group with a quota of processor time.
+    CgroupQuota = "cgroup-quota",
+    /// A control group that can be frozen.
+    CgroupFreezer = "cgroup-freezer",
+    /// The unified hierarchy of control groups (version 2).
+    CgroupV2 = "cgroup-v2",
+    /// Network namespaces: root and iproute2.
+    NetworkNamespaces = "network-namespaces",
+    /// The processor family that digests are promised for.
+    ReferenceProcessor = "reference-processor",
+    /// qemu, and Debian's kernel for it (`scripts/vm setup`).
+    VirtualMachine = "virtual-machine",
+    /// qemu for programs of other processors (`qemu-user-static`).
+    UserEmulation = "user-emulation",
+    /// systemd, and root to boot it in namespaces.
+    Systemd = "systemd",
+    /// Root to mount file systems.
+    Mounts = "mounts",
+    /// Real-time priorities, by root or a limit.
+    RealtimePriority = "realtime-priority",
+    /// Root, to start a process as another user.
+    OtherUser = "other-user",
+    /// A compiler for C (`cc`).
+    Compiler = "compiler",
+    /// A compiler for microcontrollers (`gcc-arm-none-eabi` with newlib).
+    ArmCompiler = "arm-compiler",
+    /// Fast DDS 2 (`libfastrtps-dev` of Debian 12 and Ubuntu 22.04) and a compiler for C++.
+    FastDds = "fast-dds",
 }
 
 impl Display for Need {

@@ -12,6 +12,13 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 
+/// The place of a bag in a folder of its own.
+fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
+}
+
 /// Encoding of the messages that are written.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Order {
@@ -119,8 +126,7 @@ fn chunk_of(records: &[u8]) -> Vec<u8> {
 
 #[test]
 fn a_few_kilobytes_that_expand_to_millions_of_records_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bomb.mcap");
+    let (_folder, path) = place("bomb.mcap");
     // Empty records of an unknown kind.
     let record = [&[0xf0][..], &[0; 8]].concat();
     let one = chunk_of(&record.repeat(1 << 20));
@@ -225,8 +231,7 @@ fn frames(bag: &BagDataset) -> Vec<(i64, u64, [Option<u8>; 2])> {
 
 #[test]
 fn a_bag_is_handed_out_in_order_of_measurement_whatever_its_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     for (order, compression) in [
         (Order::Little, None),
         (Order::Big, None),
@@ -243,8 +248,7 @@ fn a_bag_is_handed_out_in_order_of_measurement_whatever_its_bytes() {
 
 #[test]
 fn a_cut_has_the_frames_of_the_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     write(&path, None, &messages(Order::Little));
     let options = EurocOptions { frames: Some(5..8), ..options() };
     let bag = BagDataset::open(&path, &BagTopics::default(), &options).unwrap();
@@ -272,8 +276,7 @@ fn files_of_one_recording_follow_each_other() {
 
 #[test]
 fn what_breaks_off_is_read_up_to_there_and_what_is_bent_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     write(&path, None, &messages(Order::Little));
     let sound = std::fs::read(&path).unwrap();
     std::fs::write(&path, &sound[..sound.len() * 6 / 10]).unwrap();
@@ -291,8 +294,7 @@ fn what_breaks_off_is_read_up_to_there_and_what_is_bent_is_refused() {
 
 #[test]
 fn refusals_name_topics_sizes_and_encodings() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     write(&path, None, &messages(Order::Little));
     let refusal = |topics: &BagTopics, options: &EurocOptions| {
         BagDataset::open(&path, topics, options).unwrap_err().to_string()
@@ -353,8 +355,7 @@ fn apart(order: Order, names: [&'static str; 2]) -> Vec<(&'static str, &'static 
 
 #[test]
 fn gyroscope_and_accelerometer_apart_are_flown_together() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     let two = ["/camera/gyro/sample", "/camera/accel/sample"];
     for (order, names) in [(Order::Little, two), (Order::Ros1, two), (Order::Big, ["/imu"; 2])] {
         write(&path, None, &apart(order, names));
@@ -377,8 +378,7 @@ fn gyroscope_and_accelerometer_apart_are_flown_together() {
 
 #[test]
 fn topics_without_stamps_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     for (topic, what) in [("/imu0", "messages"), ("/cam0/image_raw", "images"), ("/cam1/image_raw", "images")]
     {
         let unstamped = |(name, kind, content): (&'static str, &'static str, Vec<u8>)| {
@@ -397,8 +397,7 @@ fn topics_without_stamps_are_refused_by_name() {
 
 #[test]
 fn ten_bits_in_sixteen_are_scaled_over_the_whole_bag() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (_folder, path) = place("bag.mcap");
     let wide = |stamp_ns: i64, value: u16| {
         let mut out = Encoder::new(Order::Little);
         out.header(stamp_ns);

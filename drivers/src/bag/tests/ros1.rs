@@ -86,8 +86,7 @@ fn bags_of_ros_1_are_read_however_their_chunks_are_compressed() {
 
 #[test]
 fn a_bag_whose_recorder_was_killed_is_read_to_its_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("killed.bag.active");
+    let (_folder, path) = place("killed.bag.active");
     let records = records(&messages(Order::Ros1));
     let (first, second) = records.split_at(100);
     // The chunk that was open has no length yet; its records follow.
@@ -111,8 +110,7 @@ fn a_bag_whose_recorder_was_killed_is_read_to_its_end() {
 
 #[test]
 fn damage_bombs_and_other_versions_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bent.bag");
+    let (_folder, path) = place("bent.bag");
     let refused = |bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
         refusal(&path)

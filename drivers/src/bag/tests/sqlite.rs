@@ -77,8 +77,7 @@ fn files_and_messages_compressed_by_zstandard_are_refused_with_the_cure() {
 
 #[test]
 fn what_its_recorder_left_in_the_journal_is_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("killed.db3");
+    let (folder, path) = place("killed.db3");
     let database = recording(&path, &messages(Order::Little));
     // As after a crash: the journal was not taken over.
     assert!(folder.path().join("killed.db3-wal").metadata().unwrap().len() > 0);
@@ -90,8 +89,7 @@ fn what_its_recorder_left_in_the_journal_is_read() {
 
 #[test]
 fn a_database_that_breaks_off_is_refused_with_the_cure() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("cut.db3");
+    let (_folder, path) = place("cut.db3");
     write(&path, &messages(Order::Little));
     let whole = std::fs::read(&path).unwrap();
     for part in [0.0, 0.1, 0.5, 0.9] {
@@ -103,8 +101,7 @@ fn a_database_that_breaks_off_is_refused_with_the_cure() {
 
 #[test]
 fn damage_other_tables_and_tricks_of_a_schema_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.db3");
+    let (folder, path) = place("bag.db3");
     write(&path, &messages(Order::Little));
     let sound = std::fs::read(&path).unwrap();
     let mut bent = sound.clone();
@@ -136,8 +133,7 @@ fn damage_other_tables_and_tricks_of_a_schema_are_refused() {
 
 #[test]
 fn an_empty_recording_says_that_it_holds_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("empty.db3");
+    let (_folder, path) = place("empty.db3");
     write(&path, &[]);
     let words = refusal(&path);
     assert!(words.contains("empty.db3: holds no images") && words.contains("no topics at all"), "{words}");

@@ -91,24 +91,7 @@ fn config() -> Config {
         distortion: Distortion::RadialTangential { k1: -0.283, k2: 0.0739, p1: 1.9e-4, p2: 1.76e-5 },
         pose_b_c: [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
     };
-    let imu = ImuConfig {
-        rate_hz: 200.0,
-        gyro_noise_density: 1.7e-4,
-        gyro_bias_walk: 2e-5,
-        accel_noise_density: 2e-3,
-        accel_bias_walk: 3e-3,
-        gyro_error_sigma_rad_s: 0.0,
-        accel_error_sigma_m_s2: 0.0,
-        error_time_s: 1.5,
-        gyro_scale_sigma: 0.0,
-        accel_scale_sigma: 0.0,
-        gyro_range_rad_s: 17.4,
-        accel_range_m_s2: 156.9,
-        stuck_after_s: 0.1,
-        gyro_bias_sigma_rad_s: 0.1,
-        accel_bias_sigma_m_s2: 0.3,
-        gravity_m_s2: 9.81,
-    };
+    let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
     Config::new(vec![camera.clone(), camera], imu)
 }
 

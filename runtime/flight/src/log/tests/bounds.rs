@@ -5,8 +5,7 @@ use super::*;
 
 /// Raw images of the small flight: some 65 kB a frame, more than a megabyte in all.
 fn recorded_within(limits: Limits) -> (TempDir, PathBuf, RecorderSummary) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (folder, path) = place();
     let (_, summary) = record_on(OpenPart::files(), limits, &path, ImageRecording::Raw);
     (folder, path, summary)
 }

@@ -12,8 +12,7 @@ fn log_bytes() -> &'static [u8] {
 }
 
 fn written(bytes: &[u8]) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (folder, path) = place();
     std::fs::write(&path, bytes).unwrap();
     (folder, path)
 }

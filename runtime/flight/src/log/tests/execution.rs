@@ -148,8 +148,7 @@ fn fly_with_orders(flight: Flight, recorder: &mut RecorderHandle) {
 
 #[test]
 fn what_the_clock_decided_is_followed() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("orders.mcap");
+    let (_folder, path) = place();
     let mut flight = flight();
     // The run in small has no map.
     flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
@@ -210,8 +209,7 @@ fn fly_frames_in_masses(flight: Flight, recorder: &mut RecorderHandle) -> u64 {
 
 #[test]
 fn frames_in_masses_between_two_readings_come_out_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("masses.mcap");
+    let (_folder, path) = place();
     let mut flight = flight_of(1, 1.5);
     flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
     let recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
@@ -244,8 +242,7 @@ impl Listener for Asker {
 
 #[test]
 fn a_reset_on_command_is_recorded_and_executed_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("reset.mcap");
+    let (_folder, path) = place();
     let flight = flight();
     let mut recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();
     let control = Arc::new(Control::default());
@@ -333,8 +330,7 @@ impl StereoSource for Gap {
 /// The front-end hears what the window found with a frame when it has tracked the next, however long that takes to come.
 #[test]
 fn a_flight_whose_cameras_pause_comes_out_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("gap.mcap");
+    let (_folder, path) = place();
     let mut flight = flight_of(1, 3.5);
     flight.streams.stereo = Box::new(Gap(flight.streams.stereo));
     let mut recorder = Recorder::start(&path, &flight.config, (None, 0), WhenFull::Wait).unwrap();

@@ -6,7 +6,6 @@ use crate::log::LogEntry;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::StereoFrame;
 use plumbline_record::{Event, Said, Severity};
-use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -18,6 +17,7 @@ struct Trouble {
     room: usize,
     is_stuck: Arc<AtomicBool>,
     panics: bool,
+    hangs: Arc<AtomicBool>,
 }
 
 impl Write for Trouble {
@@ -45,31 +45,38 @@ impl Medium for Trouble {
     }
 
     fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
-        Ok(Box::new(Nothing))
+        Ok(Box::new(Hanging(Arc::clone(&self.hangs))))
     }
 }
 
-/// Nothing to wait for.
-struct Nothing;
+/// Syncs that do not return while it is so.
+struct Hanging(Arc<AtomicBool>);
 
-impl Syncer for Nothing {
+impl Syncer for Hanging {
     fn sync(&mut self) -> io::Result<()> {
+        while self.0.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         Ok(())
     }
+}
+
+/// A file that misbehaves in nothing.
+fn sound(path: &Path) -> io::Result<Trouble> {
+    let [is_stuck, hangs] = Default::default();
+    Ok(Trouble { file: File::create_new(path)?, room: usize::MAX, is_stuck, panics: false, hangs })
 }
 
 fn troubled(room: usize, is_stuck: &Arc<AtomicBool>, panics: bool) -> OpenPart {
     let is_stuck = Arc::clone(is_stuck);
     OpenPart::with(move |path| {
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        Ok(Box::new(Trouble { file, room, is_stuck: Arc::clone(&is_stuck), panics }))
+        Ok(Box::new(Trouble { room, is_stuck: Arc::clone(&is_stuck), panics, ..sound(path)? }))
     })
 }
 
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_flight() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let open = troubled(1_000_000, &Arc::default(), false);
     let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
     assert_eq!(report.figures.frames, 20);
@@ -89,15 +96,13 @@ fn short_of_descriptors(is_short: &Arc<AtomicBool>, tries: &Arc<AtomicUsize>) ->
         if tries.fetch_add(1, Ordering::SeqCst) > 0 && is_short.load(Ordering::SeqCst) {
             return Err(io::Error::from_raw_os_error(24));
         }
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        Ok(Box::new(Trouble { file, room: usize::MAX, is_stuck: Arc::default(), panics: false }))
+        Ok(Box::new(sound(path)?))
     })
 }
 
 #[test]
 fn a_lack_of_descriptors_interrupts_the_recording_and_does_not_end_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
     let open = short_of_descriptors(&is_short, &tries);
     let relief = std::thread::spawn(move || {
@@ -125,16 +130,13 @@ fn a_lack_of_descriptors_interrupts_the_recording_and_does_not_end_it() {
 
 #[test]
 fn the_end_of_a_flight_does_not_wait_for_descriptors() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
     let open = short_of_descriptors(&is_short, &tries);
     let config = config();
     let limits = Limits { part_bytes: 200_000, ..NO_LIMITS };
     let recorder = Recorder::start_on(open, limits, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
-    let event =
-        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     while tries.load(Ordering::SeqCst) < 3 {
         handle.offer(event());
     }
@@ -143,8 +145,7 @@ fn the_end_of_a_flight_does_not_wait_for_descriptors() {
 
 #[test]
 fn a_panic_of_the_recorder_does_not_reach_the_flight() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let open = troubled(1_000_000, &Arc::default(), true);
     let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
     assert_eq!(report.figures.frames, 20);
@@ -154,8 +155,7 @@ fn a_panic_of_the_recorder_does_not_reach_the_flight() {
 
 #[test]
 fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let is_stuck = Arc::new(AtomicBool::new(false));
     let small = |c: &mut Config| (c.recorder.queue_entries, c.recorder.queue_frames) = (64, 2);
     let config = config().with("test", small).unwrap();
@@ -171,11 +171,7 @@ fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
     }
     assert!(refused > 40, "the disk is stuck, and two frames fit: {refused}");
     is_stuck.store(false, Ordering::SeqCst);
-    while !handle.offer(LogEntry::Said(Said::Event(Event::new(
-        Timestamp::default(),
-        Severity::Info,
-        format_args!("on"),
-    )))) {}
+    while !handle.offer(event()) {}
     let summary = recorder.finish();
     assert!(summary.not_recorded >= refused, "{summary:?}");
     let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
@@ -187,16 +183,13 @@ fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
 
 #[test]
 fn a_disk_that_pauses_for_two_seconds_loses_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let is_stuck = Arc::new(AtomicBool::new(false));
     let config = config();
     let open = troubled(usize::MAX, &is_stuck, false);
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event =
-        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     let of_two_seconds = |rate_hz: f64| (2.0 * rate_hz) as usize;
     let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
     for _ in 0..of_two_seconds(config.camera[0].rate_hz) {
@@ -221,8 +214,6 @@ fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event =
-        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     // Some of it the recorder takes before it meets the disk.
     let mut full_since = Instant::now();
     while full_since.elapsed() < Duration::from_millis(200) {
@@ -250,7 +241,7 @@ fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there
 fn small_disk(capacity: &Arc<AtomicUsize>) -> OpenPart {
     let capacity = Arc::clone(capacity);
     OpenPart::with(move |path| {
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        let file = File::create_new(path)?;
         let folder = path.parent().unwrap().to_owned();
         Ok(Box::new(SmallDisk { file, folder, capacity: Arc::clone(&capacity) }))
     })
@@ -288,14 +279,13 @@ impl Medium for SmallDisk {
     }
 
     fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
-        Ok(Box::new(Nothing))
+        Ok(Box::new(Hanging(Arc::default())))
     }
 }
 
 #[test]
 fn the_newest_parts_are_kept_on_a_disk_that_is_too_small() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (folder, path) = place();
     let limits = Limits { part_bytes: 600_000, keep: KeepPolicy::Newest, ..NO_LIMITS };
     let open = small_disk(&Arc::new(AtomicUsize::new(1_500_000)));
     let (report, summary) = record_on(open, limits, &path, ImageRecording::Raw);
@@ -308,8 +298,7 @@ fn the_newest_parts_are_kept_on_a_disk_that_is_too_small() {
 #[test]
 fn a_part_that_somebody_deleted_or_moved_is_no_failure() {
     for is_moved in [false, true] {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("flight.mcap");
+        let (_folder, path) = place();
         let limits = Limits { part_bytes: 400_000, total_bytes: 1_300_000, keep: KeepPolicy::Newest };
         // The third part comes before the first has to go.
         let (theirs, mut opened) = (path.clone(), 0);
@@ -320,13 +309,16 @@ fn a_part_that_somebody_deleted_or_moved_is_no_failure() {
             } else if opened == 3 {
                 std::fs::remove_file(&theirs)?;
             }
-            let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-            Ok(Box::new(Trouble { file, room: usize::MAX, is_stuck: Arc::default(), panics: false }))
+            Ok(Box::new(sound(path)?))
         });
         let (_, summary) = record_on(open, limits, &path, ImageRecording::Raw);
         assert!(summary.ended_early.is_none() && summary.not_recorded == 0, "{summary:?}");
         assert!(summary.parts > 4, "{summary:?}");
     }
+}
+
+fn event() -> LogEntry {
+    LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))))
 }
 
 /// An entry of some hundred bytes that do not compress.
@@ -357,8 +349,7 @@ fn offer_until(handle: &super::super::recorder::RecorderHandle, mut is_done: imp
 #[test]
 fn a_live_recording_resumes_when_the_full_disk_has_room_again() {
     for keep in [KeepPolicy::Beginning, KeepPolicy::Newest] {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("flight.mcap");
+        let (folder, path) = place();
         let capacity = Arc::new(AtomicUsize::new(300_000));
         let limits = Limits { keep, ..NO_LIMITS };
         let recorder =
@@ -379,8 +370,7 @@ fn a_live_recording_resumes_when_the_full_disk_has_room_again() {
 
 #[test]
 fn a_flight_does_not_wait_for_room_at_its_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let capacity = Arc::new(AtomicUsize::new(200_000));
     let recorder =
         Recorder::start_on(small_disk(&capacity), NO_LIMITS, &path, &config(), WhenFull::Drop).unwrap();
@@ -416,50 +406,13 @@ fn a_folder_that_is_removed_or_moved_is_noticed_within_a_second() {
     }
 }
 
-/// A medium whose syncs do not return while `hangs`.
-struct Hanging(Arc<AtomicBool>);
-
-impl Syncer for Hanging {
-    fn sync(&mut self) -> io::Result<()> {
-        while self.0.load(Ordering::SeqCst) {
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        Ok(())
-    }
-}
-
-struct HangingFile(File, Arc<AtomicBool>);
-
-impl Write for HangingFile {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
-    }
-}
-
-impl Medium for HangingFile {
-    fn cut(&mut self, bytes: u64) -> io::Result<()> {
-        self.0.set_len(bytes)
-    }
-
-    fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
-        Ok(Box::new(Hanging(Arc::clone(&self.1))))
-    }
-}
-
 #[test]
 fn a_medium_that_hangs_in_a_sync_holds_up_neither_recording_nor_report() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let hangs = Arc::new(AtomicBool::new(true));
     let theirs = Arc::clone(&hangs);
-    let open = OpenPart::with(move |path| {
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        Ok(Box::new(HangingFile(file, Arc::clone(&theirs))))
-    });
+    let open =
+        OpenPart::with(move |path| Ok(Box::new(Trouble { hangs: Arc::clone(&theirs), ..sound(path)? })));
     let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
     let mut flight = flight();
     flight.config = flight.config.with("test", |c| c.recorder.images = ImageRecording::Raw).unwrap();

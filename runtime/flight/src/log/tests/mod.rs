@@ -96,10 +96,16 @@ fn record_on(
     (fly(flight, &Control::default(), &mut recorder), recorder.finish())
 }
 
-/// A log in a folder of its own, and what its flight came to.
-fn recorded(images: ImageRecording) -> (TempDir, PathBuf, RunOutcome) {
+/// The place of a log in a folder of its own.
+fn place() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
+    (folder, path)
+}
+
+/// A log in a folder of its own, and what its flight came to.
+fn recorded(images: ImageRecording) -> (TempDir, PathBuf, RunOutcome) {
+    let (folder, path) = place();
     let (outcome, summary) = record_on(OpenPart::files(), NO_LIMITS, &path, images);
     assert_eq!((summary.ended_early, summary.not_recorded), (None, 0));
     assert_eq!(summary.bytes, path.metadata().unwrap().len());

@@ -16,8 +16,7 @@ fn decoded<T: prost::Message + Default>(messages: &[(String, u64, Vec<u8>)], top
 
 #[test]
 fn every_file_begins_with_the_rig_before_anything_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
     let (_, summary) = record_on(OpenPart::files(), limits, &path, ImageRecording::Raw);
     assert!(summary.parts > 2, "{summary:?}");
@@ -41,8 +40,7 @@ fn every_file_begins_with_the_rig_before_anything_else() {
 
 #[test]
 fn images_poses_and_cameras_are_in_one_tree_of_frames_named_by_the_configuration() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.mcap");
+    let (_folder, path) = place();
     let mut flight = flight();
     flight.config = flight
         .config
