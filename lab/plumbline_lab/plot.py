@@ -59,7 +59,7 @@ class Flight:
 
     def title(self) -> str:
         share = f" ({100 * self.ate_m / self.length_m:.3f} %)" if self.ate_m is not None and self.length_m > 0 else ""
-        return self.name + (f": ATE {self.ate_m:.4f} m{share}" if self.ate_m is not None else "")
+        return self.name + (f": ATE {self.ate_m:.4f} m{share} by SE(3)" if self.ate_m is not None else "")
 
 
 def map_of(axis, flights: list[Flight]) -> None:

@@ -50,12 +50,11 @@ fn walk(rows: &[Row], half: usize) -> Vector3<f64> {
 }
 
 #[test]
-fn the_truth_of_the_pairs_in_motion_walks_by_five_millimetres_in_a_second() {
-    let Some(shared) = shared("euroc/MH_01_motion") else { return };
-    let rows = rows(&shared.join("euroc/MH_01_motion"));
-    let walks = [5, 10, 20].map(|half| walk(&rows, half).sum());
-    let after_a_second_mm = walks.map(|walk| 1e3 * walk.sqrt());
-    println!("the truth walks by {after_a_second_mm:.1?} mm in a second, by 25, 50 and 100 ms");
+fn the_truth_of_the_pairs_in_motion_walks_by_four_millimetres_in_a_second() {
+    let Some(shared) = shared("euroc/MH_01_lossless") else { return };
+    let rows = rows(&shared.join("euroc/MH_01_lossless"));
+    let after_a_second_mm = [5, 10, 20, 50].map(|half| 1e3 * walk(&rows, half).sum().sqrt());
+    println!("the truth walks by {after_a_second_mm:.1?} mm in a second, by 25, 50, 100 and 250 ms");
     // Alike over all lengths: a walk, and no scatter.
-    assert!(after_a_second_mm.iter().all(|mm| (4.0..7.0).contains(mm)), "{after_a_second_mm:?}");
+    assert!(after_a_second_mm.iter().all(|mm| (3.0..5.0).contains(mm)), "{after_a_second_mm:?}");
 }

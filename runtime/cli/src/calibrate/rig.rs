@@ -18,9 +18,11 @@ const EXAMPLES: &str = "Examples:
   plumbline simulate by-hand --path hand-held --duration 60
   plumbline calibrate rig by-hand --config sim --out rig.toml
 
-Calibrate the cameras first (`calibrate camera`): this command does not change the pose between them. Record a minute: turn and move \
-the rig about all its axes, by 20 degrees and 20 cm to both sides once every second or two. Keep texture in view all the time, and \
-avoid motion blur.";
+Calibrate the cameras first (`calibrate camera`): this command does not change the pose between them. The initial configuration may be \
+off by some degrees, centimetres and tens of milliseconds. Record a minute, 20 seconds at least: turn and move the rig about all its \
+axes, by 20 degrees and 20 cm to both sides once every second or two. Keep texture in view all the time, and avoid motion blur. \
+What is written is the configuration with camera.pose_b_c, rig.time_offset_s, and how well they are known in [rig]; `plumbline doctor` \
+checks it. Exit status 1: the motion does not determine it; the message says what it lacks.";
 
 /// Arguments of `plumbline calibrate rig`.
 #[derive(Debug, Args)]
