@@ -104,23 +104,28 @@ impl<'a> Causes<'a> {
             .map(|pull| &pull * pull.transpose())
             .fold(DMatrix::zeros(count, count), |sum: DMatrix<f64>, one| sum + one);
         let (inverse, others) = (root.inverse(), own.len() as f64 - 1.0);
-        // Columns of a sensor multiply its noise too, which pulls them to zero: by no more than this share, and by no more than all.
-        let mut echoes = DVector::<f64>::zeros(count);
-        let mut at = 0;
-        for entry in free {
-            let (basis, each) =
-                (&self.parts[entry.0].basis, own.len() as f64 / self.segments(entry.1) as f64);
-            for k in 0..width(entry) {
-                let of_sensors = basis.column(k % basis.ncols()).rows(GYRO, 18).norm_squared();
-                echoes[at + k] = (ECHO * each * of_sensors * inverse[(at + k, at + k)]).min(1.0);
-            }
-            at += width(entry);
-        }
         let clustered = &inverse * scatter * &inverse * ((others + 1.0) / others.max(1.0) * of_few(others));
+        let inverse_diagonal = inverse.diagonal();
         let stated = inverse * self.dispersion;
         let mut covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
-        (0..count).for_each(|k| covariance[(k, k)] += echoes[k] * echoes[k]);
+        self.echoes(free, &inverse_diagonal).zip(0..).for_each(|(echo, k)| covariance[(k, k)] += echo * echo);
         (-step.dot(&b), step, covariance)
+    }
+
+    /// Columns of a sensor multiply its noise too, which pulls them to zero: by no more than this share of each freed value, whose
+    /// variances are these, and by no more than all.
+    fn echoes<'b>(
+        &'b self,
+        free: &'b [(usize, Course)],
+        variances: &'b DVector<f64>,
+    ) -> impl Iterator<Item = f64> + 'b {
+        let columns = free.iter().flat_map(move |(part, course)| {
+            let (basis, segments) = (&self.parts[*part].basis, self.segments(*course));
+            let of_sensors = |column| basis.column(column).rows(GYRO, 18).norm_squared();
+            let steps = ECHO * self.pieces.len() as f64 / segments as f64;
+            (0..segments * basis.ncols()).map(move |k| steps * of_sensors(k % basis.ncols()))
+        });
+        columns.zip(variances.iter()).map(|(information, variance)| (information * variance).min(1.0))
     }
 
     /// The causes, that which explains most first.

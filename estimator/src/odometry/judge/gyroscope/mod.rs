@@ -164,7 +164,9 @@ impl RotationWatch {
             return begun;
         };
         let stamped = Turn { from: frame.stamps[0], to: frame.stamps[1], ..turn };
-        let by_stamps = self.angles.difference(&stamped, 0, &bias_gyro).unwrap_or(rad);
+        let is_other = frame.stamps != frame.span;
+        let by_stamps =
+            is_other.then(|| self.angles.difference(&stamped, 0, &bias_gyro)).flatten().unwrap_or(rad);
         let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
         let difference = Difference { from, dt_s, rad, seen, covariance, is_voted, by_stamps, time_sigma_s };
         let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());
