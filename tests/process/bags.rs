@@ -2,15 +2,14 @@
 
 use super::dataset::Folder;
 use super::python::interpreter;
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use plumbline_test_support::shared;
 use std::path::Path;
 use std::process::Command;
 
 /// The digest of the estimates of a flight.
 fn digest(arguments: &[&str]) -> String {
-    let output = plumbline(&[&["replay", "--json"], arguments].concat());
-    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    let output = succeeds(&[&["replay", "--json"], arguments].concat());
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(report["completion"].as_f64().unwrap() > 0.3, "{arguments:?} hardly has a pose to compare");
     report["estimate_digest"].as_str().unwrap().to_owned()
@@ -32,8 +31,7 @@ fn written<'a>(
 /// The configuration that `replay` makes of the clip: the noise is that of the preset.
 fn imported(clip: &str, config: &str) {
     let import = ["config", "import", "--euroc", clip, "--out", config, "--noise", "base"];
-    let imported = plumbline(&[&import[..], &["--imu-to-vehicle", "180,-70.3,0"]].concat());
-    assert!(imported.status.success(), "{}", stderr(&imported));
+    succeeds(&[&import[..], &["--imu-to-vehicle", "180,-70.3,0"]].concat());
 }
 
 #[test]
@@ -60,8 +58,7 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
         &[&["replay", &file, "--config", &config], &without[..]].concat()[..],
         &["verify", &log, "--images", &file],
     ] {
-        let output = plumbline(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+        succeeds(arguments);
     }
     fails(&["doctor", &file, "--config", &config], 4, &["not shown: "]);
     fails(&["verify", &log, "--images", &file, "--topic", "left=/x"], 2, &["/x", "/cam0"]);
@@ -108,8 +105,7 @@ fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
             [&["replay", &file][..], &with, &without, &topics].concat(),
             vec!["verify", &log, "--images", &file],
         ] {
-            let output = plumbline(&arguments);
-            assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+            succeeds(&arguments);
         }
         fails(&["doctor", &file, "--config", &config], 4, &["not shown: "]);
         // Forty frames carried by a vehicle calibrate nothing: the command reads them, and says what it lacks.

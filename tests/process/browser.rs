@@ -404,7 +404,7 @@ mod realtime {
         let errors = browser.order(&json!({"do": "errors"})).unwrap();
         assert_eq!(errors, json!([]), "the console of the page");
         vehicle.interrupt();
-        let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+        let report = crate::json(report);
         assert_eq!(
             report["hot_path_allocations"], 0,
             "while it published, and somebody looked at its camera"

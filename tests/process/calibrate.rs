@@ -1,7 +1,7 @@
 //! `plumbline calibrate rig`.
 
 use super::dataset::Folder;
-use super::{fails, plumbline, stderr};
+use super::{fails, succeeds};
 
 #[test]
 fn a_rig_that_stands_does_not_show_where_its_cameras_are() {
@@ -10,8 +10,7 @@ fn a_rig_that_stands_does_not_show_where_its_cameras_are() {
     let poses: String = (0..9).map(|k| format!("{}.0 1 2 1 0 0 0 1\n", 100 + 10 * k)).collect();
     std::fs::write(&path, poses).unwrap();
     let options = ["--path", &path, "--duration", "20", "--scale", "0.3", "--mono"];
-    let simulated = plumbline(&[&["simulate", &flight], &options[..]].concat());
-    assert!(simulated.status.success(), "{}", stderr(&simulated));
+    succeeds(&[&["simulate", &flight], &options[..]].concat());
     fails(
         &["calibrate", "rig", &flight, "--out", &rig],
         1,

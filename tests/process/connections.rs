@@ -1,7 +1,7 @@
 //! Connections that cannot be made are explained, and nothing waits for ever or ignores a signal.
 
 use super::vehicle::{PLUMBLINE, Running, eventually, free_port};
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
@@ -177,8 +177,7 @@ fn keys_are_added_and_renewed_in_their_folder() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().to_str().unwrap();
     for arguments in [&["keys", path][..], &["keys", path, "--vehicle", "hawk"], &["keys", path, "--renew"]] {
-        let output = plumbline(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+        succeeds(arguments);
     }
     fails(&["keys", path, "--vehicle", "hawk"], 2, &["vehicle-hawk.pem", "--renew"]);
     fails(&["keys", path, "--vehicle", "kite", "--renew"], 2, &["vehicle-kite.pem"]);

@@ -2,7 +2,7 @@
 
 use super::dataset::dataset;
 use super::vehicle::{PLUMBLINE, Running, eventually};
-use super::{plumbline, stderr};
+use super::{plumbline, stderr, succeeds};
 use plumbline_client::Local;
 use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::Request;
@@ -83,8 +83,7 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     let small = folder.path().join("small");
     let arguments =
         ["simulate", small.to_str().unwrap(), "--start", "3", "--duration", "0.5", "--scale", "0.25"];
-    let written = plumbline(&arguments);
-    assert!(written.status.success(), "{}", stderr(&written));
+    succeeds(&arguments);
     let other = fs::read_dir(small.join("mav0/cam0/data")).unwrap().next().unwrap().unwrap().path();
     for image in &images[20..23] {
         fs::copy(&other, image).unwrap();
@@ -117,8 +116,7 @@ fn truncated_images_and_a_nan_are_survived_and_counted() {
     let stamp = lines[50].split(',').next().unwrap().to_owned();
     lines[50] = format!("{stamp},NaN,0,0,0,0,9.81");
     fs::write(&table, lines.join("\n")).unwrap();
-    let output = plumbline(&["replay", &flight, "--json"]);
-    assert!(output.status.success(), "{}", stderr(&output));
+    let output = succeeds(&["replay", &flight, "--json"]);
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["faults"]["imu"]["corrupt"], 1);
     assert_eq!(report["faults"]["cameras"]["corrupt"], 1);

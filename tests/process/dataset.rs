@@ -1,6 +1,6 @@
 //! Folders of tests, and simulated data sets that tests look at or damage: rendered once, and copied for each of them.
 
-use super::{plumbline, stderr};
+use super::succeeds;
 use plumbline_test_support::kept;
 use std::fs;
 use std::path::Path;
@@ -43,8 +43,7 @@ pub fn dataset(folder: &Path, seconds: &str) -> String {
         let _ = fs::remove_dir_all(&made);
         let arguments =
             ["simulate", made.to_str().unwrap(), "--start", "3", "--duration", seconds, "--scale", "0.5"];
-        let written = plumbline(&arguments);
-        assert!(written.status.success(), "{}", stderr(&written));
+        succeeds(&arguments);
     });
     let path = folder.join("flight");
     copy(&made, &path);

@@ -119,7 +119,7 @@ fn a_reader_of_stdout_that_has_gone_fails_no_command() {
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{command:?}: {}", stderr(&output));
     }
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let report = crate::json(report);
     assert!(report["frames"].as_u64().is_some_and(|frames| frames > 0), "{report}");
     assert!(std::path::Path::new(&data).join("mav0/imu0/data.csv").is_file());
 }

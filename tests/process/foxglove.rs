@@ -3,7 +3,7 @@
 use super::dataset::Folder;
 use super::python::interpreter;
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, succeeds};
 use plumbline_test_support::shared;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read as _, Write as _};
@@ -41,8 +41,7 @@ fn an_export_of_a_log_holds_scene_path_and_images_in_foxgloves_schemas() {
     let (log, out) = (folder.at("log.mcap"), folder.at("scene.mcap"));
     let flown = ["replay", "sim:room", "--start", "2", "--duration", "5", "--scale", "0.5", "--record", &log];
     assert!(plumbline(&flown).status.success());
-    let exported = plumbline(&["log", &log, "--foxglove", &out]);
-    assert!(exported.status.success(), "{}", stderr(&exported));
+    succeeds(&["log", &log, "--foxglove", &out]);
     let seen = told(&python, &["file", &out]);
     let scene = &seen["/scene"];
     assert_eq!((&scene["schema"], &scene["frame"]), (&"foxglove.SceneUpdate".into(), &"odom".into()));
@@ -99,8 +98,7 @@ fn a_log_without_images_is_exported_with_those_of_its_data_set() {
     assert!(plumbline(&[&["replay", &clip][..], &lean].concat()).status.success());
     fails(&["log", &log, "--foxglove", &out], 1, &["log.mcap", "--images"]);
     assert!(!Path::new(&out).exists(), "no half file is left");
-    let exported = plumbline(&["log", &log, "--foxglove", &out, "--images", &clip]);
-    assert!(exported.status.success(), "{}", stderr(&exported));
+    succeeds(&["log", &log, "--foxglove", &out, "--images", &clip]);
     let seen = told(&python, &["file", &out]);
     assert!(seen["/scene"]["spheres"].as_u64().unwrap() > 100, "{}", seen["/scene"]);
 }
@@ -115,16 +113,7 @@ struct Station {
 impl Station {
     fn start(connect: &str) -> Self {
         let mut child = Command::new(PLUMBLINE)
-            .args([
-                "ground",
-                "--plain",
-                "--http",
-                "127.0.0.1:0",
-                "--foxglove",
-                "127.0.0.1:0",
-                "--listen",
-                connect,
-            ])
+            .args(["ground", "--plain", "--http=127.0.0.1:0", "--foxglove=127.0.0.1:0", "--listen", connect])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()

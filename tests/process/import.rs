@@ -1,7 +1,7 @@
 //! A calibration by Kalibr becomes a configuration that flies.
 
 use super::dataset::Folder;
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use std::path::Path;
 
 /// `camchain-imucam.yaml` as Kalibr writes it, of the EuRoC rig.
@@ -58,8 +58,7 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
     let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
     let import = ["config", "import", "--camchain", &camchain, "--imu", &imu, "--out", &out];
     let mounted = [&import[..], &["--imu-to-vehicle", "180,-70.3,0"]].concat();
-    let imported = plumbline(&[&mounted[..], &["--inflate", "10"]].concat());
-    assert!(imported.status.success(), "{}", stderr(&imported));
+    let imported = succeeds(&[&mounted[..], &["--inflate", "10"]].concat());
     let told = String::from_utf8_lossy(&imported.stdout).into_owned();
     assert!(told.contains("white noise of the files times 10"), "{told}");
     assert!(told.contains("752x480 px") && told.contains("baseline    0.110"), "{told}");
@@ -68,8 +67,7 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
         text.contains("camchain-imucam.yaml") && text.contains("gyro_noise_density = 0.001696"),
         "{text}"
     );
-    let checked = plumbline(&["config", &out]);
-    assert!(checked.status.success(), "{}", stderr(&checked));
+    let checked = succeeds(&["config", &out]);
     assert!(String::from_utf8_lossy(&checked.stdout).contains("valid, 2 camera(s)"));
     let flown =
         plumbline(&["replay", "sim:room", "--duration", "2", "--scale", "0.5", "--config", &out, "--json"]);
@@ -154,8 +152,7 @@ fn every_lens_goes_through_a_data_set() {
         let simulated =
             plumbline(&["simulate", &flight, "--duration", "0.2", "--scale", "0.5", "--config", &rig]);
         assert!(simulated.status.success(), "{}", stderr(&simulated));
-        let imported = plumbline(&["config", "import", "--euroc", &flight, "--base", "sim", "--out", &out]);
-        assert!(imported.status.success(), "{}", stderr(&imported));
+        succeeds(&["config", "import", "--euroc", &flight, "--base", "sim", "--out", &out]);
         let written = std::fs::read_to_string(&out).unwrap();
         let lines = lens.lines().filter(|line| written.matches(line).count() == 2).count();
         assert_eq!(lines, lens.lines().count(), "{written}");
@@ -174,8 +171,7 @@ fn the_calibration_of_another_program_is_imported_as_it_is() {
                 \"gyro_bias_std\": 0.0001, \"cam_time_offset_ns\": 0}}";
     std::fs::write(&rig, text).unwrap();
     let import = ["config", "import", "--rig", &rig, "--imu-to-vehicle", "unknown", "--out", &out];
-    let imported = plumbline(&[&import[..], &["--inflate", "2"]].concat());
-    assert!(imported.status.success(), "{}", stderr(&imported));
+    succeeds(&[&import[..], &["--inflate", "2"]].concat());
     let written = std::fs::read_to_string(&out).unwrap();
     assert!(
         written.contains("double-sphere") && written.contains("gyro_noise_density = 0.000564"),

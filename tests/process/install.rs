@@ -1,6 +1,6 @@
 //! Contents of a package: manual pages, completions; and the oldest processor.
 
-use super::{plumbline, stderr};
+use super::{plumbline, stderr, succeeds};
 use plumbline_test_support::{Need, skip};
 use std::path::Path;
 use std::process::Command;
@@ -34,8 +34,7 @@ fn pages_of(folder: &Path, path: &[&str]) -> usize {
 fn every_command_has_a_manual_page_and_no_page_is_left_of_another() {
     let folder = tempfile::tempdir().unwrap();
     let pages = folder.path().join("new/man1");
-    let output = plumbline(&["man", pages.to_str().unwrap()]);
-    assert!(output.status.success(), "{}", stderr(&output));
+    succeeds(&["man", pages.to_str().unwrap()]);
     let found = pages_of(&pages, &[]);
     assert_eq!(found, std::fs::read_dir(&pages).unwrap().count());
     assert!(found > 25, "{found} pages");
@@ -78,8 +77,7 @@ fn units_can_do_little_beside_their_work() {
 #[test]
 fn completions_know_every_command() {
     for shell in ["bash", "zsh", "fish"] {
-        let output = plumbline(&["completions", shell]);
-        assert!(output.status.success(), "{}", stderr(&output));
+        let output = succeeds(&["completions", shell]);
         let script = String::from_utf8(output.stdout).unwrap();
         for command in commands_below(&[]) {
             assert!(script.contains(&command), "{shell} knows nothing of {command}");

@@ -254,8 +254,7 @@ mod realtime {
             vec!["simulate", &data, "--start", "2", "--duration", "8", "--scale", "0.5"],
             vec!["config", "import", "--euroc", &data, "--base", "sim", "--out", &config],
         ] {
-            let output = crate::plumbline(&arguments);
-            assert!(output.status.success(), "{}", crate::stderr(&output));
+            crate::succeeds(&arguments);
         }
         let recording = Recording::read(Path::new(&data));
         let mut command = Command::new(PLUMBLINE);

@@ -1,5 +1,6 @@
 //! The local socket and the network process: real flights, with readers of every kind.
 
+use super::supervised::runtime;
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use plumbline_client::Local;
 use plumbline_config::Config;
@@ -68,7 +69,7 @@ impl Flight {
     pub fn finish(&self, mut flying: Running) -> Value {
         let status = flying.child.wait().unwrap();
         assert!(status.success(), "{}", flying.words());
-        serde_json::from_str(&std::fs::read_to_string(self.report()).unwrap()).unwrap()
+        crate::json(self.report())
     }
 }
 
@@ -149,7 +150,7 @@ async fn listen(endpoint: &str, heard_ns: Arc<AtomicI64>) -> zenoh::Session {
 
 /// Kills the network process every other second, so often. The times until a station heard the vehicle again, s.
 fn kill_again_and_again(vehicle: &Running, endpoint: &str, times: usize) -> Vec<f64> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = runtime();
     let heard_ns = Arc::new(AtomicI64::new(0));
     let heard_since = |time_ns: i64| heard_ns.load(Ordering::Relaxed) > time_ns;
     let session = runtime.block_on(listen(endpoint, Arc::clone(&heard_ns)));
@@ -293,7 +294,7 @@ fn a_network_process_started_by_hand_serves_one_flight_after_the_other() {
     link.args(["link", "--listen", &endpoint, "--socket"]).arg(flight.socket());
     let mut link = Running::start(link);
     eventually("it says what it waits for", PATIENCE, || link.words().contains("no flight yet"));
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = runtime();
     for _ in 0..2 {
         let mut vehicle = Command::new(PLUMBLINE);
         let with_network = flight.command();

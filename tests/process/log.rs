@@ -1,6 +1,6 @@
 //! The flight recorder as its user meets it: `--record`, `verify`, `log`, and what may happen to a log.
 
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -25,8 +25,7 @@ fn a_recorded_flight_is_verified_and_flown_again() {
     let report = json(&flown.stdout);
     assert_eq!(report["hot_path_allocations"], 0, "recording included");
     assert_eq!(report["recording"]["not_recorded"], 0);
-    let verified = plumbline(&["verify", &log, "--json"]);
-    assert!(verified.status.success(), "{}", stderr(&verified));
+    let verified = succeeds(&["verify", &log, "--json"]);
     let verified = json(&verified.stdout);
     assert_eq!((&verified["identical"], &verified["complete"]), (&true.into(), &true.into()));
     assert_eq!(verified["estimate_digest"], report["estimate_digest"]);
@@ -56,8 +55,7 @@ fn a_changed_byte_of_the_file_fails_the_verification() {
     std::fs::write(&log, bytes).unwrap();
     fails(&["verify", path], 1, &["flight.mcap: damaged after", "bytes"]);
     // What comes before the damage can be flown.
-    let flown = plumbline(&["replay", path, "--json"]);
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    let flown = succeeds(&["replay", path, "--json"]);
     assert!(stderr(&flown).contains("the log breaks off") && stderr(&flown).contains("s of data were flown"));
     let report = json(&flown.stdout);
     assert!((5..60).contains(&report["frames"].as_u64().unwrap()), "{}", report["frames"]);
@@ -81,10 +79,8 @@ fn a_killed_recording_is_read_up_to_its_last_chunk() {
     flying.kill().unwrap();
     flying.wait().unwrap();
     fails(&["verify", path], 1, &["not complete", "--allow-incomplete"]);
-    let verified = plumbline(&["verify", path, "--allow-incomplete", "--json"]);
-    assert!(verified.status.success(), "{}", stderr(&verified));
-    let replayed = plumbline(&["replay", path, "--json"]);
-    assert!(replayed.status.success(), "{}", stderr(&replayed));
+    let verified = succeeds(&["verify", path, "--allow-incomplete", "--json"]);
+    let replayed = succeeds(&["replay", path, "--json"]);
     assert!(stderr(&replayed).contains("the log breaks off"), "{}", stderr(&replayed));
     let verified = json(&verified.stdout);
     assert_eq!((&verified["identical"], &verified["truncated"]), (&true.into(), &true.into()));
@@ -107,6 +103,5 @@ fn a_disk_without_room_ends_the_recording_and_not_the_flight() {
     let report = json(&flown.stdout);
     assert_eq!(report["frames"], 60);
     assert!(report["recording"]["not_recorded"].as_u64().unwrap() > 0);
-    let verified = plumbline(&["verify", path, "--allow-incomplete"]);
-    assert!(verified.status.success(), "{}", stderr(&verified));
+    succeeds(&["verify", path, "--allow-incomplete"]);
 }

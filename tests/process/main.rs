@@ -49,11 +49,26 @@ mod troubleshooting;
 mod usage;
 mod vehicle;
 
+use serde_json::Value;
+use std::path::Path;
 use std::process::{Command, Output};
 
 /// The command under test.
 fn plumbline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_plumbline")).args(arguments).output().expect("the command runs")
+}
+
+/// Output of the command, which succeeds.
+fn succeeds(arguments: &[&str]) -> Output {
+    let output = plumbline(arguments);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{arguments:?}: {said}{}", stderr(&output));
+    output
+}
+
+/// Content of a file.
+fn json(path: impl AsRef<Path>) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 /// Text on stderr.

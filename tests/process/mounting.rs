@@ -1,6 +1,6 @@
 //! Mounting of the IMU: imported, simulated, unknown, and measured.
 
-use super::{plumbline, stderr};
+use super::{plumbline, stderr, succeeds};
 use plumbline_config::Config;
 use plumbline_config::options::VehicleConfig;
 use serde_json::Value;
@@ -9,8 +9,7 @@ use std::path::Path;
 fn simulated(folder: &Path, config: &str) -> String {
     let path = folder.join(config).to_str().unwrap().to_owned();
     let arguments = ["simulate", &path, "--config", config, "--duration", "1.5", "--scale", "0.5"];
-    let written = plumbline(&arguments);
-    assert!(written.status.success(), "{}", stderr(&written));
+    succeeds(&arguments);
     path
 }
 
@@ -33,8 +32,7 @@ fn a_simulated_vehicle_is_level_in_the_data_set_that_is_written_of_it() {
         let path = simulated(folder.path(), config);
         // The imported configuration has the mounting that the data set states.
         let out = folder.path().join(format!("{config}.toml"));
-        let imported = plumbline(&["config", "import", "--euroc", &path, "--out", out.to_str().unwrap()]);
-        assert!(imported.status.success(), "{}", stderr(&imported));
+        succeeds(&["config", "import", "--euroc", &path, "--out", out.to_str().unwrap()]);
         let off = rot_v_b(&Config::load(&out).unwrap()).angle_to(&sim).to_degrees();
         assert!(off < 0.2, "{config}: {off} degrees");
         let flown = plumbline(&["replay", &path, "--json"]);
@@ -55,8 +53,7 @@ fn an_unknown_mounting_is_imported_flown_and_reported() {
     let out = folder.path().join("my.toml");
     let out = out.to_str().unwrap();
     let import = ["config", "import", "--euroc", &path, "--out", out, "--imu-to-vehicle", "unknown"];
-    let imported = plumbline(&import);
-    assert!(imported.status.success(), "{}", stderr(&imported));
+    let imported = succeeds(&import);
     let text = String::from_utf8_lossy(&imported.stdout).into_owned();
     assert!(text.contains("mounting    unknown: neither autopilot nor ROS 2 is served"), "{text}");
     let flown = plumbline(&["replay", &path, "--config", out, "--json"]);

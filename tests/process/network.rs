@@ -1,5 +1,6 @@
 //! Published values are the computed ones: two processes and a Zenoh session between them.
 
+use super::supervised::runtime;
 use super::vehicle::{PLUMBLINE, Page, Running, eventually, flight, free_port, render};
 use plumbline_config::{Config, Timestamp};
 use plumbline_estimator::{Estimate, NavCovariance, Odometry, TrackingState};
@@ -137,7 +138,7 @@ fn a_client_with_default_settings_receives_every_answer() {
         feed.take(LocalRecord::Estimate(Box::new(full.estimate.clone()), full.frame_ms), &encode(&full));
         std::thread::sleep(Duration::from_millis(5));
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = runtime();
     runtime.block_on(async {
         let mut config = zenoh::Config::default();
         config.insert_json5("mode", "\"client\"").unwrap();
@@ -213,8 +214,7 @@ impl Station {
     fn finish(mut self) -> Value {
         assert!(self.process.child.try_wait().unwrap().is_none(), "{}", self.process.words());
         self.process.interrupt();
-        serde_json::from_str(&std::fs::read_to_string(self.folder.path().join("report.json")).unwrap())
-            .unwrap()
+        crate::json(self.folder.path().join("report.json"))
     }
 }
 
@@ -344,7 +344,7 @@ fn malformed_messages_on_every_key_are_counted_and_harm_nobody() {
     let mut page = station.page();
     let keys: Vec<&str> =
         Topic::published().filter(|(topic, _)| *topic != Topic::Picture).map(|(_, key)| key.name).collect();
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let runtime = runtime();
     let mut sent = 0u64;
     runtime.block_on(async {
         let endpoints = Endpoints { connect: vec![station.endpoint.clone()], ..Endpoints::default() };

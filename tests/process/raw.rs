@@ -6,8 +6,8 @@ pub mod hostile;
 pub mod raw_peer;
 
 use super::roles::{attacker, open_router, open_vehicle, with_keys};
-use super::supervised::{BACK, client};
-use super::vehicle::{Running, eventually, flight, free_port, render};
+use super::supervised::{BACK, client, runtime};
+use super::vehicle::{Running, certify, eventually, flight, free_port, render};
 use plumbline_link::net::{Endpoints, Mode};
 use raw_peer::{Kind, RawPeer, declare_key};
 use rustls::pki_types::pem::PemObject as _;
@@ -55,10 +55,6 @@ pub fn connect(
 async fn vehicle(folder: &Path, excluded: &[String]) -> (zenoh::Session, u16) {
     let port = free_port();
     (open_vehicle(folder, &format!("tls/127.0.0.1:{port}"), excluded).await, port)
-}
-
-fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }
 
 #[test]
@@ -224,12 +220,7 @@ fn theft<S: Read + Write + Send + 'static>(
     let mut router_session = runtime.block_on(router(port, keys));
     let mut command = flight("drone", FLIGHT_S);
     command.args(["--connect", &format!("{}/127.0.0.1:{port}", if keys.is_some() { "tls" } else { "tcp" })]);
-    for (key, file) in
-        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-    {
-        let set = |folder: &Path| format!("network.tls.{key}={:?}", folder.join(file));
-        command.args(keys.into_iter().flat_map(|folder| ["--set".to_owned(), set(folder)]));
-    }
+    keys.into_iter().for_each(|folder| certify(&mut command, folder));
     let vehicle = Running::start(command);
     let known =
         |session: &zenoh::Session| runtime.block_on(async { session.info().peers_zid().await.next() });

@@ -1,16 +1,15 @@
 //! `simulate`, `replay` and `evaluate` fit together.
 
 use super::dataset::{Folder, dataset};
-use super::{plumbline, stderr};
+use super::{plumbline, succeeds};
 
 #[test]
 fn a_written_flight_is_replayed_and_evaluated() {
     let folder = Folder::new();
     let (flight, trajectory, report) =
         (dataset(folder.path(), "3"), folder.at("out.tum"), folder.at("report.json"));
-    let replayed = plumbline(&["replay", &flight, "--trajectory", &trajectory, "--report", &report]);
-    assert!(replayed.status.success(), "{}", stderr(&replayed));
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    succeeds(&["replay", &flight, "--trajectory", &trajectory, "--report", &report]);
+    let report = crate::json(report);
     for key in [
         "frames",
         "frames_refused",
@@ -33,8 +32,7 @@ fn a_written_flight_is_replayed_and_evaluated() {
     }
     assert_eq!(report["hot_path_allocations"], 0);
     assert!(report["peak_rss_mb"].as_f64().unwrap() < 150.0);
-    let evaluated = plumbline(&["evaluate", &trajectory, &flight, "--json"]);
-    assert!(evaluated.status.success(), "{}", stderr(&evaluated));
+    let evaluated = succeeds(&["evaluate", &trajectory, &flight, "--json"]);
     let figures: serde_json::Value = serde_json::from_slice(&evaluated.stdout).unwrap();
     let (own, reported) =
         (figures["ate_m"]["rmse"].as_f64().unwrap(), report["ate_rmse_m"].as_f64().unwrap());
@@ -48,8 +46,7 @@ fn faults_are_put_into_recorded_frames_too() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), "3");
     let report = |faults: &[&str]| -> serde_json::Value {
-        let output = plumbline(&[&["replay", &dataset, "--json"], faults].concat());
-        assert!(output.status.success(), "{}", stderr(&output));
+        let output = succeeds(&[&["replay", &dataset, "--json"], faults].concat());
         serde_json::from_slice(&output.stdout).unwrap()
     };
     let (sound, again) = (report(&[]), report(&["--drop-rate", "0"]));

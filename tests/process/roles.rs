@@ -1,6 +1,7 @@
 //! Every role against every deed, with real sessions over mutual TLS: the table in `docs/security.md` is what is tried here,
 //! field by field. Whoever attacks is a session that obeys no rules of its own.
 
+use super::supervised::runtime;
 use super::vehicle::free_port;
 use plumbline_config::Config;
 use plumbline_config::options::{CommandAccess, TlsConfig};
@@ -325,10 +326,6 @@ impl Scene {
     fn end(&self, deed: &'static str, key: &'static str) -> Instant {
         Instant::now() + if self.allowed.contains(&(deed, key)) { PATIENCE } else { 2 * QUIET }
     }
-}
-
-fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }
 
 #[test]

@@ -4,8 +4,8 @@
 mod path;
 
 use super::python::{FLIGHT, Program, configuration, free_endpoint, interpreter};
+use super::succeeds;
 use super::vehicle::{cache, render_as};
-use super::{plumbline, stderr};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
@@ -314,8 +314,7 @@ fn a_vehicle_without_a_router_flies_and_ends_as_always() {
     configuration(&config, &[("ros.enabled", "true".to_owned()), ("ros.router", router)]);
     let begun = Instant::now();
     let files = ["--duration=4", "--config", config.to_str().unwrap()];
-    let flown = plumbline(&[&FLIGHT[..], &files].concat());
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    succeeds(&[&FLIGHT[..], &files].concat());
     assert!(begun.elapsed().as_secs() < 60, "took {:?}", begun.elapsed());
 }
 

@@ -1,6 +1,7 @@
 //! Authentication and authorization: real sessions with certificates, the right ones, wrong ones, and none.
 
-use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use super::supervised::runtime;
+use super::vehicle::{PLUMBLINE, Running, certify, eventually, flight, free_port, render};
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -46,11 +47,7 @@ fn network_access_follows_the_certificate() {
     render(20);
     let endpoint = format!("tls/127.0.0.1:{}", free_port());
     let mut command = flight("drone", 20);
-    for (key, file) in
-        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-    {
-        command.arg("--set").arg(format!("network.tls.{key}=\"{}\"", ours.join(file).display()));
-    }
+    certify(&mut command, &ours);
     command.args(["--listen", &endpoint]);
     let vehicle = Running::start(command);
     let said = |output: &Output| {
@@ -95,7 +92,7 @@ fn states_without_certificate(endpoint: &str, folder: &Path) -> usize {
     for (key, value) in settings {
         config.insert_json5(key, &value).unwrap();
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let runtime = runtime();
     runtime.block_on(async {
         let Ok(session) = zenoh::open(config).await else { return 0 };
         let Ok(subscriber) = session.declare_subscriber("plumbline/**").await else { return 0 };

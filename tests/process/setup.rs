@@ -1,6 +1,6 @@
 //! `plumbline setup` on recorded device trees, made by the layout of sysfs: no device is here.
 
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::fs::File;
@@ -132,8 +132,7 @@ fn stdout(output: &Output) -> String {
 
 /// The configuration that was written.
 fn written(tree: &Tree) -> toml::Table {
-    let checked = plumbline(&["config", &tree.out()]);
-    assert!(checked.status.success(), "{}", stderr(&checked));
+    succeeds(&["config", &tree.out()]);
     std::fs::read_to_string(tree.out()).unwrap().parse().unwrap()
 }
 
@@ -212,8 +211,7 @@ fn a_file_that_is_there_is_replaced_only_if_told() {
     let mounted = [&arguments[..], &INTRINSICS, &["--imu-to-vehicle", "unknown"]].concat();
     fails(&mounted, 2, &["drone.toml", "--overwrite"]);
     assert_eq!(std::fs::read_to_string(&out).unwrap(), "mine");
-    let replaced = plumbline(&[&mounted[..], &["--overwrite"]].concat());
-    assert!(replaced.status.success(), "{}", stderr(&replaced));
+    succeeds(&[&mounted[..], &["--overwrite"]].concat());
     written(&tree);
 }
 

@@ -1,7 +1,7 @@
 //! No sensor of a sound flight is called faulty: the default flights as a newcomer starts them, and motions that vehicles make.
 
 use super::dataset::Folder;
-use super::{plumbline, stderr};
+use super::succeeds;
 
 /// Bits that name a sensor or a calibration.
 const NAMES: [&str; 9] = [
@@ -22,9 +22,8 @@ fn is_sound(arguments: &[&str]) {
     let folder = Folder::new();
     let (report, states) = (folder.at("report.json"), folder.at("states.csv"));
     let outputs = ["--scale", "0.35", "--no-loop", "--report", &report, "--states", &states];
-    let output = plumbline(&[&["replay"], arguments, &outputs].concat());
-    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    succeeds(&[&["replay"], arguments, &outputs].concat());
+    let report = crate::json(report);
     let named: Vec<_> = NAMES.iter().filter(|name| !report["health_frames"][**name].is_null()).collect();
     assert!(named.is_empty(), "{arguments:?}: {}", report["health_frames"]);
     let states = std::fs::read_to_string(states).unwrap();

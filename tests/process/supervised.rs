@@ -268,15 +268,8 @@ fn network_who_finds_no_place_is_told_on_both_sides() {
     let held = take_places(folder.path(), "viewer", port, 1);
     assert_eq!(held.len(), 8);
     let output = Command::new(PLUMBLINE)
-        .args([
-            "ground",
-            "--no-http",
-            "--json",
-            "--duration",
-            "3",
-            "--connect",
-            &format!("tls/127.0.0.1:{port}"),
-        ])
+        .args(["ground", "--no-http", "--json", "--duration=3"])
+        .arg(format!("--connect=tls/127.0.0.1:{port}"))
         .args(access(folder.path(), "viewer"))
         .output()
         .unwrap();

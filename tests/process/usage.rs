@@ -1,7 +1,7 @@
 //! Everyday use: warnings of nonsense, parts of recordings, cures that help.
 
 use super::dataset::{Folder, dataset};
-use super::{fails, plumbline, stderr};
+use super::{fails, plumbline, stderr, succeeds};
 use serde_json::Value;
 
 /// The report of a replay, and what it said on stderr.
@@ -50,8 +50,7 @@ fn a_unit_that_is_wrong_is_warned_of_once_and_its_consequences_are_not() {
 fn a_camera_that_the_configuration_names_and_images_that_are_missing_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight").to_str().unwrap().to_owned();
-    let written = plumbline(&["simulate", &path, "--duration", "0.5"]);
-    assert!(written.status.success(), "{}", stderr(&written));
+    succeeds(&["simulate", &path, "--duration", "0.5"]);
     std::fs::remove_dir_all(format!("{path}/mav0/cam1")).unwrap();
     let mut images: Vec<_> =
         std::fs::read_dir(format!("{path}/mav0/cam0/data")).unwrap().map(|e| e.unwrap().path()).collect();
@@ -79,8 +78,7 @@ fn parts_of_a_recording_are_flown_by_their_seconds() {
     assert_eq!(frames(&["--stop", "1"]), 20);
     let log = folder.path().join("flight.mcap");
     let log = log.to_str().unwrap();
-    let recorded = plumbline(&["replay", &path, "--record", log]);
-    assert!(recorded.status.success(), "{}", stderr(&recorded));
+    succeeds(&["replay", &path, "--record", log]);
     let (report, _) = replayed(&[log, "--start", "0.5", "--stop", "1.5"]);
     assert_eq!(report["frames"], 20);
     let (report, _) = replayed(&["sim:room", "--scale", "0.5", "--start", "3", "--stop", "4"]);
@@ -112,8 +110,7 @@ fn a_truth_of_another_flight_is_refused_with_both_spans() {
     let (own, other, estimate) = (at("own.tum"), at("other.tum"), at("estimate.tum"));
     truth(&path, 0, &own);
     truth(&path, 5_000, &other);
-    let sound = plumbline(&["replay", &path, "--truth", &own, "--trajectory", &estimate]);
-    assert!(sound.status.success(), "{}", stderr(&sound));
+    let sound = succeeds(&["replay", &path, "--truth", &own, "--trajectory", &estimate]);
     // A truth without velocities is compared without them.
     let summary = String::from_utf8_lossy(&sound.stdout).into_owned();
     assert!(summary.contains("velocity unknown") && !summary.contains("velocity 0.000"), "{summary}");
@@ -156,8 +153,7 @@ fn the_truth_is_written_at_the_times_of_the_poses() {
     let folder = Folder::new();
     let (poses, truth) = (folder.at("poses.tum"), folder.at("truth.tum"));
     let outputs = ["--trajectory", &poses, "--true-trajectory", &truth];
-    let flown = plumbline(&[&["replay", "sim:room?start=3&duration=1&scale=0.5"], &outputs[..]].concat());
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    succeeds(&[&["replay", "sim:room?start=3&duration=1&scale=0.5"], &outputs[..]].concat());
     let stamps = |file: &str| {
         let text = std::fs::read_to_string(file).unwrap();
         text.lines().map(|row| row.split(' ').next().unwrap().to_owned()).collect::<Vec<_>>()

@@ -4,7 +4,7 @@ use plumbline_test_support::kept;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -137,6 +137,29 @@ impl Page {
     pub fn wait(&mut self, what: &str, patience: Duration, ready: impl Fn(&Value) -> bool) {
         eventually(what, patience, || ready(self.fleet()));
     }
+}
+
+/// Gives a vehicle its certificate of the folder.
+pub fn certify(vehicle: &mut Command, folder: &Path) {
+    for (key, name) in
+        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+    {
+        vehicle.arg("--set").arg(format!("network.tls.{key}={:?}", folder.join(name)));
+    }
+}
+
+/// Memory of a process by its name in the status that the kernel tells, MB; 0 for one that is over.
+pub fn memory_mb(process: u32, name: &str) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let kb = status
+        .lines()
+        .find_map(|line| line.strip_prefix(name)?.strip_prefix(':')?.trim().strip_suffix(" kB"));
+    kb.map_or(0.0, |kb| kb.parse::<f64>().unwrap() / 1024.0)
+}
+
+/// Memory that a process holds, MB.
+pub fn resident_mb(process: u32) -> f64 {
+    memory_mb(process, "VmRSS")
 }
 
 /// Folder of rendered flights, shared by the tests of a build.

@@ -1,20 +1,18 @@
 //! Attacks on a vehicle's network while it flies: what anybody can do who reaches its port, and what a viewer may do. The flight is
 //! the one that it is alone, its log is whole, and whoever is honest goes on hearing it. Part of `make soak`.
 
-use crate::local::{children, digests, was_disturbed};
-use crate::plumbline;
+use crate::local::{children, digests, flown_alone, was_disturbed};
 use crate::raw;
 use crate::raw::raw_peer::{Kind, RawPeer, declare_key};
 use crate::roles::{try_to_connect, with_keys};
-use crate::supervised::try_client;
-use crate::vehicle::{PLUMBLINE, Running, cache, eventually, flight, free_port, render};
+use crate::succeeds;
+use crate::supervised::{runtime, try_client};
+use crate::vehicle::{Running, certify, eventually, flight, free_port, render, resident_mb};
 use plumbline_link::net::now_ns;
 use plumbline_test_support::soak_minutes;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use serde_json::Value;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -73,25 +71,12 @@ impl Stage {
     fn vehicle(&self) -> Running {
         let mut vehicle = flight("drone", FLIGHT_S);
         if !self.is_plain {
-            for (key, name) in
-                [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-            {
-                vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", self.file(name).display()));
-            }
+            certify(&mut vehicle, self.folder.path());
             vehicle.args(["--set", "network.tls.excluded=[\"router\"]"]);
         }
         vehicle.args(["--listen", &self.endpoint]);
         vehicle.arg("--report").arg(self.file("report.json")).arg("--record").arg(self.file("log.mcap"));
         Running::start(vehicle)
-    }
-
-    /// Digests of the flight without anybody.
-    fn alone(&self) -> (Value, Value) {
-        let (mut command, duration) = (Command::new(PLUMBLINE), FLIGHT_S.to_string());
-        command.args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--json"]);
-        let output = command.args(["--duration", &duration]).arg("--cache").arg(cache()).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        digests(&serde_json::from_slice(&output.stdout).unwrap())
     }
 }
 
@@ -111,14 +96,13 @@ pub struct Survived {
 
 /// Flies for as many minutes while an honest station listens.
 pub fn fly(stage: &Stage, minutes: u32) -> Survived {
-    let alone = stage.alone();
+    let alone = flown_alone(FLIGHT_S);
     let mut survived = Survived::default();
     for _ in 0..(minutes * 60).div_ceil(FLIGHT_S) {
         let _ = std::fs::remove_file(stage.file("log.mcap"));
         let vehicle = stage.vehicle();
         watch(stage, vehicle, &mut survived);
-        let report: Value =
-            serde_json::from_str(&std::fs::read_to_string(stage.file("report.json")).unwrap()).unwrap();
+        let report = crate::json(stage.file("report.json"));
         survived.flights += 1;
         let late = report["live"]["tick_late_ms"]["max"].as_f64().unwrap_or_default();
         survived.worst_tick_late_ms = survived.worst_tick_late_ms.max(late);
@@ -129,15 +113,14 @@ pub fn fly(stage: &Stage, minutes: u32) -> Survived {
         assert_eq!(report["hot_path_allocations"], 0);
         assert!(report["recording"]["ended_early"].is_null(), "{}", report["recording"]);
         let log = stage.file("log.mcap").display().to_string();
-        let verified = plumbline(&["verify", &log, "--json"]);
-        assert!(verified.status.success(), "{}", String::from_utf8_lossy(&verified.stderr));
+        succeeds(&["verify", &log, "--json"]);
     }
     survived
 }
 
 /// Watches a flight to its end as an honest viewer.
 fn watch(stage: &Stage, mut vehicle: Running, survived: &mut Survived) {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = runtime();
     let heard_ns = Arc::new(AtomicI64::new(0));
     let theirs = Arc::clone(&heard_ns);
     let session = runtime.block_on(async {
@@ -178,12 +161,6 @@ fn descriptors(process: u32) -> usize {
     std::fs::read_dir(format!("/proc/{process}/fd")).map_or(0, Iterator::count)
 }
 
-fn resident_mb(process: u32) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap_or_default();
-    line.split_whitespace().nth(1).and_then(|kb| kb.parse::<f64>().ok()).unwrap_or_default() / 1024.0
-}
-
 /// A viewer that subscribes to everything and asks for everything, over and over.
 async fn ask_everything(folder: PathBuf, endpoint: String, answers: Arc<AtomicU64>) {
     let viewer = loop {
@@ -216,7 +193,7 @@ async fn ask_everything(folder: PathBuf, endpoint: String, answers: Arc<AtomicU6
 fn soak_network_viewers_that_ask_for_everything_over_tls() {
     let stage = Stage::new();
     let answers = Arc::new(AtomicU64::new(0));
-    let viewers = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let viewers = runtime();
     for _ in 0..VIEWERS {
         let (folder, endpoint) = (stage.folder.path().to_owned(), stage.endpoint.clone());
         viewers.spawn(ask_everything(folder, endpoint, Arc::clone(&answers)));
@@ -329,7 +306,7 @@ pub struct Operator {
 
 /// Sessions of an operator, one after the other, each of which asks for the configuration.
 pub fn command_again_and_again(folder: &Path, endpoint: &str, is_over: &AtomicBool) -> Operator {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let runtime = runtime();
     let mut seen = Operator::default();
     while !is_over.load(Ordering::Relaxed) {
         runtime.block_on(async {

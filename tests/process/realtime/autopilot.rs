@@ -101,7 +101,7 @@ impl Flight {
     }
 
     fn report(&self) -> Value {
-        serde_json::from_str(&std::fs::read_to_string(self.file("report.json")).unwrap()).unwrap()
+        crate::json(self.file("report.json"))
     }
 
     fn odometry(&self) -> Vec<Pose> {

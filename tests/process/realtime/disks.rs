@@ -27,8 +27,7 @@ fn recording(flight_s: u32, folder: &Path, log: &Path, more: &[&str]) -> Running
 /// Waits for the end of a flight; its report, after a comparison with the flight that is not recorded.
 fn finish(mut vehicle: Running, flight_s: u32, folder: &Path) -> Value {
     assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
-    let report: Value =
-        serde_json::from_str(&std::fs::read_to_string(folder.join("report.json")).unwrap()).unwrap();
+    let report = crate::json(folder.join("report.json"));
     let duration = flight_s.to_string();
     let mut command = Command::new(PLUMBLINE);
     command.args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--json"]);

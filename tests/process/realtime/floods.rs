@@ -2,9 +2,11 @@
 
 use crate::local::children;
 use crate::roles::{attacker, try_to_connect, with_keys};
-use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use crate::supervised::runtime;
+use crate::vehicle::{
+    PLUMBLINE, Running, certify, eventually, flight, free_port, memory_mb, render, resident_mb,
+};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
-use serde_json::Value;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -35,12 +37,6 @@ const MAX_STATION_MB: f64 = 100.0;
 /// Data that peers may take of the network process, bytes.
 const MAX_HELD_BYTES: u64 = 10_000_000;
 
-fn resident_mb(process: u32) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
-}
-
 /// Bytes that this host has sent to itself.
 fn looped_bytes() -> usize {
     let devices = std::fs::read_to_string("/proc/net/dev").unwrap();
@@ -53,11 +49,7 @@ fn start(folder: &Path, report: &Path) -> ([Running; 2], [String; 2]) {
     let endpoints = [0, 1].map(|_| format!("tls/127.0.0.1:{}", free_port()));
     let file = |name: &str| folder.join(name).display().to_string();
     let mut vehicle = flight("drone", FLIGHT_S);
-    for (key, name) in
-        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-    {
-        vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", file(name)));
-    }
+    certify(&mut vehicle, folder);
     vehicle.args(["--listen", &endpoints[0], "--connect", &endpoints[1], "--report"]).arg(report);
     let mut station = Command::new(PLUMBLINE);
     station.args(["ground", "--plain", "--no-http", "--listen", &endpoints[1], "--authority"]);
@@ -75,7 +67,7 @@ fn start(folder: &Path, report: &Path) -> ([Running; 2], [String; 2]) {
 /// p99 from sample to odometry of a flight that is over, ms.
 fn p99_ms(vehicle: &mut Running, report: &Path) -> f64 {
     let _ = vehicle.child.wait();
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let report = crate::json(report);
     let latency = &report["live"]["sample_to_odometry_ms"];
     latency["p99"].as_f64().unwrap_or_else(|| panic!("{latency}"))
 }
@@ -112,9 +104,7 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     let before = ids.map(resident_mb);
     let (theirs, looped) = (folder.path().to_owned(), looped_bytes());
     let floods = std::thread::spawn(move || {
-        let runtime =
-            tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-        runtime.block_on(async {
+        runtime().block_on(async {
             tokio::join!(flood(&theirs, &endpoints[0]), flood(&theirs, &endpoints[1]));
         });
     });
@@ -149,38 +139,26 @@ async fn watch_without_end(folder: PathBuf, endpoint: String, is_over: Arc<Atomi
     }
 }
 
-/// Data segment of a process now, bytes.
-fn data_bytes(process: u32) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmData:")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() * 1024
-}
-
 #[test]
 #[ignore = "half a minute: `make soak`"]
 fn soak_network_keys_without_end_cost_the_network_process_and_not_the_flight() {
     render(30);
     let folder = with_keys();
     let endpoint = format!("tls/127.0.0.1:{}", free_port());
-    let file = |name: &str| folder.path().join(name).display().to_string();
     let mut vehicle = flight("drone", 30);
-    for (key, name) in
-        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
-    {
-        vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", file(name)));
-    }
+    certify(&mut vehicle, folder.path());
     vehicle.args(["--listen", &endpoint]);
     let mut vehicle = Running::start(vehicle);
     std::thread::sleep(Duration::from_secs(6));
     let before = resident_mb(vehicle.child.id());
     // A bound that is reached soon: Zenoh declares the slower the more there is already.
     let link = children(vehicle.child.id())[0];
-    let bytes = Some(data_bytes(link) + MAX_HELD_BYTES);
+    let bytes = Some((memory_mb(link, "VmData") * 1024.0 * 1024.0) as u64 + MAX_HELD_BYTES);
     let limit = Rlimit { current: bytes, maximum: bytes };
     prlimit(Pid::from_raw(i32::try_from(link).unwrap()), Resource::Data, limit).unwrap();
     let is_over = Arc::new(AtomicBool::new(false));
     let mut largest = before;
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = runtime();
     let attack = || watch_without_end(folder.path().to_owned(), endpoint.clone(), Arc::clone(&is_over));
     // Their own, since they may wait for ever for links that are gone.
     let peers =

@@ -3,7 +3,7 @@
 
 use crate::hardware::{Epoch, Microcontroller, Recording, Trouble, send_frames};
 use crate::realtime::live::AWAKE;
-use crate::{plumbline, stderr};
+use crate::{plumbline, stderr, succeeds};
 use plumbline_config::Timestamp;
 use plumbline_drivers::tum::read_tum;
 use plumbline_drivers::{ImuSource as _, StampedPose};
@@ -42,8 +42,7 @@ impl Rig {
         let folder = tempfile::tempdir().unwrap();
         let [flight, config] =
             ["flight", "rig.toml"].map(|name| folder.path().join(name).display().to_string());
-        let written = plumbline(&[&["simulate", &flight], options].concat());
-        assert!(written.status.success(), "{}", stderr(&written));
+        succeeds(&[&["simulate", &flight], options].concat());
         let imported =
             plumbline(&["config", "import", "--euroc", &flight, "--base", "sim", "--out", &config]);
         assert!(imported.status.success(), "{}", stderr(&imported));
@@ -94,7 +93,7 @@ impl Rig {
     }
 
     pub fn report(&self) -> Value {
-        serde_json::from_str(&std::fs::read_to_string(self.path("report.json")).unwrap()).unwrap()
+        crate::json(self.path("report.json"))
     }
 
     pub fn said(&self) -> String {
@@ -189,8 +188,7 @@ fn compared(
     flying.ends_by("-INT");
     let report = rig.report();
     let stamp_errors_ns = check_samples(rig, &log, epoch, &hit, end_s);
-    let verified = plumbline(&["verify", &log]);
-    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
+    succeeds(&["verify", &log]);
     // The same frames, read from the data set.
     let (flight, config, replayed) = (rig.at("flight"), rig.at("rig.toml"), rig.at("replayed.tum"));
     let range = format!("{}..{}", frames.start, frames.end);

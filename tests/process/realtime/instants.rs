@@ -1,6 +1,7 @@
 //! States at instants over the local socket of a live flight: in time, and the same bits in a re-execution.
 
 use super::live::AWAKE;
+use crate::local::connected;
 use crate::plumbline;
 use plumbline_client::Local;
 use plumbline_config::{Random, Timestamp};
@@ -8,7 +9,7 @@ use plumbline_flight::local::record::{Kind, Kinds};
 use plumbline_flight::local::request::{At, Request};
 use plumbline_record::local::content::LocalRecord;
 use plumbline_record::{InstantAnswer, InstantOutcome};
-use std::os::unix::net::UnixStream;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -18,18 +19,10 @@ const COUNT: usize = 1_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 const MS: i64 = 1_000_000;
 
-fn connected(socket: &std::path::Path) -> Local {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        match UnixStream::connect(socket) {
-            Ok(stream) => {
-                stream.set_read_timeout(Some(PATIENCE)).unwrap();
-                return Local::over(stream);
-            }
-            Err(error) => assert!(Instant::now() < end, "{}: {error}", socket.display()),
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
+fn client_of(socket: &Path) -> Local {
+    let stream = connected(socket);
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    Local::over(stream)
 }
 
 /// Asks, and waits for the answer.
@@ -48,8 +41,8 @@ fn asked(client: &mut Local, stamp: Timestamp, patience_ms: u32, is_settled: boo
 }
 
 /// Next odometry.
-fn odometry(socket: &std::path::Path) -> Timestamp {
-    let mut client = connected(socket);
+fn odometry(socket: &Path) -> Timestamp {
+    let mut client = client_of(socket);
     loop {
         if let LocalRecord::Odometry(odometry, _) = client.next_record().unwrap() {
             return odometry.stamp;
@@ -62,18 +55,7 @@ fn states_at_random_instants_come_within_a_millisecond_and_verify() {
     let folder = tempfile::tempdir().unwrap();
     let (socket, log) = (folder.path().join("local"), folder.path().join("flight.mcap"));
     let cache = folder.path().join("cache");
-    let flown = [
-        "replay",
-        "sim:room",
-        "--start",
-        "2",
-        "--duration",
-        "14",
-        "--scale",
-        "0.5",
-        "--no-lines",
-        "--no-loop",
-    ];
+    let flown = ["replay", "sim:room?start=2&duration=14&scale=0.5", "--no-lines", "--no-loop"];
     let command = || {
         let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
         command.args(flown).arg("--cache").arg(&cache).stdout(Stdio::null());
@@ -87,7 +69,7 @@ fn states_at_random_instants_come_within_a_millisecond_and_verify() {
         .spawn()
         .unwrap();
     odometry(&socket);
-    let mut client = connected(&socket);
+    let mut client = client_of(&socket);
     client.requests().unwrap().send(&Request::Subscribe(Kinds::default())).unwrap();
     // Until there is a second to ask for.
     std::thread::sleep(Duration::from_millis(1_500));

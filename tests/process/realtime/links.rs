@@ -1,11 +1,12 @@
 //! A bad radio link: vehicle, router and two stations in network namespaces of their own, and an emulator of
 //! loss, delay and rate between vehicle and router (`tests/python/bad_link.py`).
 
-use crate::vehicle::{PLUMBLINE, Running, flight, render};
+use crate::json;
+use crate::vehicle::{PLUMBLINE, Running, flight, render, resident_mb};
 use plumbline_test_support::{Need, SOAK_IN_FULL_MIN, skip, soak_minutes};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
@@ -100,17 +101,6 @@ impl Drop for BadLink {
     }
 }
 
-/// Resident memory of a process, MB.
-fn resident_mb(process: &Running) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", process.worker())).unwrap_or_default();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap_or("VmRSS: 0").to_owned();
-    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
-}
-
-fn json(path: &PathBuf) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
-}
-
 /// Flies over the bad link, cuts it for a while, and returns the reports of the vehicle and the stations.
 fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Value; 2])> {
     let spaces = Namespaces::new(&["vehicle", "router", "ground1", "ground2"])?;
@@ -142,14 +132,14 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
         .arg(&report);
     let mut vehicle = Running::start(spaces.command(0, &inner));
     std::thread::sleep(Duration::from_secs(u64::from(before_s)));
-    let settled_mb = [resident_mb(&router), resident_mb(&stations[0])];
+    let settled_mb = [&router, &stations[0]].map(|process| resident_mb(process.worker()));
     link.order("down");
     std::thread::sleep(Duration::from_secs(u64::from(down_s)));
     link.order("up");
     // The vehicle stays until its flight is over; just before, everything missed must have come.
     std::thread::sleep(Duration::from_secs(u64::from(after_s) - 3));
     stations.iter_mut().for_each(Running::interrupt);
-    let grown_mb = [resident_mb(&router) - settled_mb[0], 0.0];
+    let grown_mb = [resident_mb(router.worker()) - settled_mb[0], 0.0];
     assert!(grown_mb[0] < 8.0, "the router grew by {grown_mb:?} MB");
     assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
     let reports = reports.map(|path| json(&path));

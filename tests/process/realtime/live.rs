@@ -2,7 +2,7 @@
 
 use crate::cgroup::Group;
 use crate::host::beside_bare_timers;
-use crate::{plumbline, stderr};
+use crate::{stderr, succeeds};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -14,15 +14,11 @@ use std::time::{Duration, Instant};
 pub const AWAKE: &str = "runtime.idle_latency_us=0";
 
 /// Eight times the points and a longer window: the usual work would still be done in time on a quarter of a processor.
-const MUCH_WORK: [&str; 8] = [
-    "--set",
-    "estimator.points.max_points=1000",
-    "--set",
-    "estimator.points.cell_px=18",
-    "--set",
-    "estimator.window.max_landmarks=2000",
-    "--set",
-    "estimator.window.keyframes=12",
+const MUCH_WORK: [&str; 4] = [
+    "--set=estimator.points.max_points=1000",
+    "--set=estimator.points.cell_px=18",
+    "--set=estimator.window.max_landmarks=2000",
+    "--set=estimator.window.keyframes=12",
 ];
 
 /// A flight whose frames are rendered beforehand into a folder, so that only the estimator runs live.
@@ -64,7 +60,7 @@ impl Flight {
     }
 
     fn read_report(&self) -> Value {
-        serde_json::from_str(&std::fs::read_to_string(self.report()).unwrap()).unwrap()
+        crate::json(self.report())
     }
 }
 
@@ -180,14 +176,9 @@ fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
     let flight = Flight::new("sim:room", 8, "1");
     let log = flight.folder.path().join("flight.mcap").display().to_string();
     let live = ["--speed", "1", "--set", "runtime.realtime=false", "--record", &log];
-    let recorder = [
-        "--set",
-        "recorder.images=raw",
-        "--set",
-        "recorder.queue_frames=200",
-        "--set",
-        "recorder.queue_entries=20000",
-    ];
+    let recorder =
+        ["images=raw", "queue_frames=200", "queue_entries=20000"].map(|key| format!("--set=recorder.{key}"));
+    let recorder = recorder.each_ref().map(String::as_str);
     let mut child = flight.command(&[&live[..], &recorder, &MUCH_WORK].concat()).spawn().unwrap();
     group.add_process(child.id());
     let stop = AtomicBool::new(false);
@@ -206,8 +197,7 @@ fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
     let report = flight.read_report();
     println!("{:#}", report["live"]);
     assert!(number(&report, "steps_down") + number(&report, "frames_shed") >= 1.0, "nothing was disturbed");
-    let verified = plumbline(&["verify", &log, "--json"]);
-    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
+    succeeds(&["verify", &log, "--json"]);
     // Followed by the rule instead of the log, the same inputs give something else.
     let undisturbed = flight.finished(&[&["--threads", "1"][..], &MUCH_WORK].concat());
     assert_ne!(report["estimate_digest"], undisturbed["estimate_digest"]);
@@ -299,8 +289,7 @@ fn a_signal_stops_a_flight_gracefully_and_its_log_is_whole() {
     assert!(asked.elapsed() < Duration::from_secs(2));
     let frames = flight.read_report()["frames"].as_u64().unwrap();
     assert!((20..120).contains(&frames), "{frames} frames");
-    let verified = plumbline(&["verify", &log]);
-    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
+    succeeds(&["verify", &log]);
 }
 
 /// Largest lateness of a bare timer in the output of `doctor`, ms.

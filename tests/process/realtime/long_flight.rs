@@ -12,7 +12,6 @@ use plumbline_drivers::ImuSource as _;
 use plumbline_flight::log::source::LogImu;
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_test_support::soak_minutes;
-use serde_json::Value;
 use std::io::Read as _;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -251,7 +250,7 @@ fn soak_memory_descriptors_stamps_and_log_stay_flat_over_a_long_flight() {
         assert!(flying.0.wait().unwrap().success());
         glances
     });
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let report = crate::json(report);
     let errors_us = stamp_errors_us(&log, &endless, epoch);
     println!("median error of the stamps in each minute, us: {errors_us:?}");
     println!("{:#}\n{:#}", report["live"], report["sensors"]);

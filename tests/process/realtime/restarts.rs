@@ -2,8 +2,8 @@
 
 use crate::local::{children, digests, flown_alone, was_disturbed};
 use crate::supervised::{BACK, listening};
-use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
-use crate::{plumbline, stderr};
+use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render, resident_mb};
+use crate::{plumbline, stderr, succeeds};
 use plumbline_test_support::soak_minutes;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
@@ -65,10 +65,7 @@ impl Station {
     }
 
     fn resident_mb(&self) -> f64 {
-        let status =
-            std::fs::read_to_string(format!("/proc/{}/status", children(self.child.id())[0])).unwrap();
-        let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-        line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+        resident_mb(children(self.child.id())[0])
     }
 }
 
@@ -85,8 +82,7 @@ fn verify_up_to_the_cut(log: &Path, flown_s: f64) -> u64 {
     let whole = plumbline(&["verify", path]);
     assert_eq!(whole.status.code(), Some(1), "{}", stderr(&whole));
     assert!(stderr(&whole).contains("--allow-incomplete"), "{}", stderr(&whole));
-    let verified = plumbline(&["verify", path, "--allow-incomplete", "--json"]);
-    assert!(verified.status.success(), "{}", stderr(&verified));
+    let verified = succeeds(&["verify", path, "--allow-incomplete", "--json"]);
     let verified: Value = serde_json::from_slice(&verified.stdout).unwrap();
     assert_eq!((&verified["identical"], &verified["truncated"]), (&true.into(), &true.into()), "{verified}");
     let frames = verified["estimates_identical"].as_u64().unwrap();
@@ -166,9 +162,8 @@ fn soak_network_process_router_and_station_killed_twenty_times_each_in_one_fligh
     }
     assert!(vehicle.child.try_wait().unwrap().is_none(), "the flight ended too soon: {}", vehicle.words());
     assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
-    let verified = plumbline(&["verify", log.to_str().unwrap()]);
-    assert!(verified.status.success(), "{}", stderr(&verified));
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    succeeds(&["verify", log.to_str().unwrap()]);
+    let report = crate::json(report);
     // On a host that refuses frames there is nothing to compare; the log is whole in any case.
     println!(
         "refused or late frames: {}; ticks late, ms: {}",

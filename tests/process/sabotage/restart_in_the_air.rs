@@ -5,7 +5,7 @@ use super::supervisor::{Seen, Supervisor, Unit};
 use crate::hardware::{Epoch, Microcontroller, Recording, Trouble, send_frames};
 use crate::realtime::autopilot::{Autopilot, gaps_ms, is_tracking, list};
 use crate::realtime::hardware_in_the_loop::Rig;
-use crate::{plumbline, stderr};
+use crate::{plumbline, succeeds};
 use plumbline_drivers::clock::monotonic_ns;
 use serde_json::Value;
 use std::net::TcpListener;
@@ -70,8 +70,7 @@ fn a_process_that_is_killed_in_flight_comes_back_and_the_autopilot_learns_of_the
     assert_told(list(&got["odometry"]), &said);
     let [killed, whole] = logs_in(&logs).try_into().unwrap();
     for (log, is_cut) in [(killed, true), (whole, false)] {
-        let verified = plumbline(&["verify", log.to_str().unwrap(), "--allow-incomplete", "--json"]);
-        assert!(verified.status.success(), "{}", stderr(&verified));
+        let verified = succeeds(&["verify", log.to_str().unwrap(), "--allow-incomplete", "--json"]);
         let verified: Value = serde_json::from_slice(&verified.stdout).unwrap();
         assert_eq!(verified["truncated"], is_cut, "{}: {verified}", log.display());
         assert!(verified["estimates_identical"].as_u64().unwrap() > 20, "{}: {verified}", log.display());

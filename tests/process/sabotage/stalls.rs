@@ -204,7 +204,7 @@ fn soak_load_between_our_priorities_and_everybody_elses_holds_up_no_odometry() {
     let status = child.wait().unwrap();
     let said = std::fs::read_to_string(folder.path().join("said")).unwrap();
     assert!(status.success(), "{said}");
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let report = crate::json(report);
     let (live, bridge) = (&report["live"], &report["autopilot"]);
     println!("{live:#} {bridge:#} {}", report["recording"]);
     assert_eq!([&live["deaths"], &live["renewals"], &live["stalls"]], [0, 0, 0], "{said}");

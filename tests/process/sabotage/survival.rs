@@ -6,7 +6,7 @@ use crate::dataset::Folder;
 use crate::realtime::autopilot::{Autopilot, MOUNTING, gaps_ms, is_tracking, list};
 use crate::realtime::live::AWAKE;
 use crate::vehicle::{PLUMBLINE, cache, render};
-use crate::{plumbline, stderr};
+use crate::{stderr, succeeds};
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
 use serde_json::Value;
 use std::path::Path;
@@ -142,7 +142,7 @@ fn a_dead_window_and_a_dead_front_end_cost_a_reset_and_the_odometry_goes_on() {
     let files = ["--odometry", &odometry, "--report", &report, "--record", &log];
     let flown = flight("window=panic@3 front-end=panic@4.5", 7, &files).output().unwrap();
     assert!(flown.status.success(), "{}", stderr(&flown));
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let report = crate::json(report);
     let live = &report["live"];
     assert_eq!((&live["deaths"], &live["renewals"], &report["resets"]), (&2.into(), &2.into(), &2.into()));
     assert!(live["frames_lost"].as_u64().unwrap() <= 5, "{live:#}");
@@ -150,8 +150,7 @@ fn a_dead_window_and_a_dead_front_end_cost_a_reset_and_the_odometry_goes_on() {
     println!("odometry's longest gap {gap_s:.3} s, {live:#}");
     assert!(gap_s < 0.05, "{gap_s} s without odometry");
     // The log holds what happened, and it happens again.
-    let verified = plumbline(&["verify", &log, "--json"]);
-    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
+    succeeds(&["verify", &log, "--json"]);
 }
 
 /// Longest gap between odometry stamps in a written trajectory, s of data.
