@@ -161,7 +161,7 @@ health_bits! {
     14 IMU_CONTRADICTED "IMU contradicted", "the images contradict the IMU", (
         "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, a focus that moves, or \
          stamps that are off",
-        "nothing after a shock; else run `plumbline doctor` on the data",
+        "wait a second after a shock; else run `plumbline doctor` on the data",
     );
     /// The estimator assumes at least twice the configured noise of the accelerometer.
     15 ACCEL_NOISY "accelerometer noisy", "the accelerometer is noisier than configured, or contradicts the scale of the images", (
@@ -204,7 +204,7 @@ health_bits! {
     27 ACCEL_CONTRADICTED "accelerometer contradicted", "the images contradict the accelerometer", (
         "a shock, forces beyond the range, stamps that are off, columns or signs of the accelerometer, a loose mounting, or a broken \
          sensor",
-        "nothing after a shock; else run `plumbline doctor` on the data, and look at stamps, mounting and range",
+        "wait a second after a shock; else run `plumbline doctor` on the data, and look at stamps, mounting and range",
     );
     /// The images turn otherwise than the gyroscope, and no delay explains it; the quality is at most 10.
     28 GYRO_CONTRADICTED "gyroscope contradicted", "the images contradict the gyroscope", (

@@ -36,7 +36,8 @@ const EXAMPLES: &str = "Examples:
   plumbline evaluate out.tum V1_01_easy             ATE and RPE, computed as evo_ape and evo_rpe do
 
 Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an \
-internal fault ended a task of a live flight: restart the program, as the systemd unit does.";
+internal fault ended a task of a live flight: restart the program, as the systemd unit does; 4 the data do not show all that \
+`doctor` asks.";
 
 #[derive(Debug, Subcommand)]
 pub enum Command {

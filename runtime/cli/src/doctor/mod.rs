@@ -66,7 +66,7 @@ pub struct DoctorArgs {
     /// Duration of the check of the host's timer, seconds.
     #[arg(long, default_value_t = 2.0)]
     pub watch: f64,
-    /// Duration of the data to check, seconds. Default: 30.
+    /// Seconds of data to check, from the start of a recording. Default: 30.
     #[arg(long, value_name = "N")]
     pub seconds: Option<f64>,
     /// Topics of a bag.
