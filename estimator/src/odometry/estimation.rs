@@ -79,7 +79,7 @@ impl Estimation {
     /// Leaves the image of `camera` of the newest frame out, and what it told of the turn.
     pub(super) fn leave_out_image(&mut self, camera: usize) {
         self.measurer.leave_out(camera);
-        self.window.forget_image_of_newest(camera);
+        self.window.forget_images(camera, self.window.frames.len().saturating_sub(1));
         self.turn = None;
     }
 

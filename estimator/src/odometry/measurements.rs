@@ -50,9 +50,9 @@ pub struct MedianFlow {
     pub count: usize,
 }
 
-/// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not.
-/// Measured: see notes/covariance.md.
-const PATCH_VARIANCES: f64 = 64.0;
+/// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not. That of one
+/// camera is measured on recorded images; that of two stands for the correlation in time, too: see notes/covariance.md.
+const PATCH_VARIANCES: [f64; 2] = [16.0, 64.0];
 
 impl Measurer {
     /// For the cameras and features of a setup; allocates all it needs.
@@ -234,8 +234,8 @@ impl Measurer {
     /// texture, and that of its alignment with the reference patch, whose residuals hang together.
     fn weight(&self, camera: usize, xy: &Vector2<f64>, of_patch_px2: &Matrix2<f32>) -> Matrix2<f64> {
         let px_by_xy = self.cameras[camera].project_normalized(xy).1;
-        let covariance =
-            Matrix2::identity() * self.sigma_px.squared() + of_patch_px2.cast::<f64>() * PATCH_VARIANCES;
+        let of_patch_px2 = of_patch_px2.cast::<f64>() * PATCH_VARIANCES[self.cameras.len() - 1];
+        let covariance = Matrix2::identity() * self.sigma_px.squared() + of_patch_px2;
         let root = covariance.cholesky().and_then(|root| root.l().try_inverse());
         root.map_or_else(|| px_by_xy / self.sigma_px, |root| root * px_by_xy)
     }

@@ -277,7 +277,7 @@ impl Odometer {
             self.note_keyframes();
         }
         self.conclude(time.stamp, health);
-        let cost = outcome.cost / self.estimation.window.observation_count().max(1) as f64;
+        let cost = outcome.cost / self.estimation.window.observation_count().at_least(1.0);
         if self.start.is_refused(time.stamp, cost, self.judge.is_distrusting()) {
             self.start_anew(ResetReason::StartRefused);
         }

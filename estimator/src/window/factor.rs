@@ -22,9 +22,6 @@ pub struct RobustSum {
 }
 
 impl RobustSum {
-    /// Products and factors beyond this are taken the logarithm of: below it, no product overflows.
-    const LARGE: f64 = 1e150;
-
     /// Nothing yet; `scale` is that of the kernel, in standard deviations.
     pub fn new(scale: f64) -> Self {
         Self { squared_scale: scale * scale, product: 1.0, logarithms: 0.0 }
@@ -34,14 +31,11 @@ impl RobustSum {
     #[inline]
     pub fn add(&mut self, squared: f64) -> f64 {
         let factor = 1.0 + squared / self.squared_scale;
-        if factor < Self::LARGE {
-            self.product *= factor;
+        let product = self.product * factor;
+        if product.is_finite() {
+            self.product = product;
         } else {
             self.logarithms += libm::log(factor);
-        }
-        if self.product > Self::LARGE {
-            self.logarithms += libm::log(self.product);
-            self.product = 1.0;
         }
         1.0 / factor
     }

@@ -61,6 +61,11 @@ pub trait Feature: Copy + Debug + PartialEq {
         OUTLIER_SIGMAS
     }
 
+    /// Correlation of the errors of observations that are `dt_s` apart.
+    fn correlation(_dt_s: f64) -> f64 {
+        0.0
+    }
+
     /// Where the landmark is with its host camera at `host`.
     fn placed(&self, host: &CameraPose) -> Self::Placed;
 

@@ -1,6 +1,7 @@
 //! Landmarks and the fixed store that holds them.
 
 use super::feature::Feature;
+use super::frame::Frame;
 use super::line::HostedLine;
 use super::reprojection::InversePoint;
 use super::state::MAX_FRAMES;
@@ -39,6 +40,22 @@ pub struct Landmark<F: Feature> {
     pub feature: F,
     /// Measurements, in order of frame and camera.
     pub observations: heapless::Vec<Observation<F::Measurement>, MAX_OBSERVATIONS>,
+}
+
+impl<F: Feature> Landmark<F> {
+    /// Share of its information that an observation by the only one of `cameras` adds: the sum over the inverse of their correlations, by their
+    /// number. They are a Markov chain, of which a link of correlation `rho` adds `(1 - rho) / (1 + rho)`.
+    pub fn share(&self, frames: &[Frame], cameras: usize) -> f64 {
+        if cameras > 1 {
+            return 1.0;
+        }
+        let stamp = |o: &Observation<F::Measurement>| frames[usize::from(o.frame)].stamp;
+        let links = self.observations.windows(2).map(|o| {
+            let rho = F::correlation(stamp(&o[1]).seconds_since(stamp(&o[0])));
+            (1.0 - rho) / (1.0 + rho)
+        });
+        (1.0 + links.sum::<f64>()) / self.observations.len() as f64
+    }
 }
 
 /// The landmarks of the window, at most as many as configured.
@@ -98,5 +115,33 @@ impl<F: Feature> LandmarkStore<F> {
         self.by_track.clear();
         self.by_track.extend(self.landmarks.iter().enumerate().map(|(k, l)| (l.track_id, k as u16)));
         self.by_track.sort_unstable();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_room::Room;
+    use super::*;
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn the_share_is_the_sum_over_the_inverse_correlations() {
+        let mut window = Room { frames: 6, ..Room::default() }.window();
+        let mut point = window.points.all()[0].clone();
+        let of_two = point.share(&window.frames, window.options.cameras);
+        assert!(of_two == 1.0);
+        point.observations.retain(|o| o.camera == 0);
+        window.options.cameras = 1;
+        let stamps: Vec<_> =
+            point.observations.iter().map(|o| window.frames[usize::from(o.frame)].stamp).collect();
+        let n = stamps.len();
+        assert!(n > 3);
+        let correlation = |i: usize, k: usize| {
+            let links = stamps[i.min(k)..=i.max(k)].windows(2);
+            links.map(|s| InversePoint::correlation(s[1].seconds_since(s[0]))).product::<f64>()
+        };
+        let inverse = DMatrix::from_fn(n, n, correlation).try_inverse().expect("is regular");
+        let share = point.share(&window.frames, window.options.cameras);
+        assert!((share - inverse.sum() / n as f64).abs() < 1e-9, "{share}");
     }
 }

@@ -24,8 +24,8 @@ use nalgebra::SMatrix;
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
-/// Root of the weight of an observation that enters the prior, 1.7. Only those of keyframes do: they stand for those of the frames
-/// between them, which are left out. Tuned on simulated flights, judged on others: see notes/covariance.md.
+/// Root of the weight of an observation by two cameras that enters the prior, 1.7. Only those of keyframes do: they stand for those of the
+/// frames between them, which are left out. Tuned on simulated flights, judged on others: see notes/covariance.md.
 const LEAVING_ROOT: f64 = 1.3;
 
 /// Purpose of evaluating the factors of a window.
@@ -135,7 +135,7 @@ impl Linearizer {
         self.equations.reset(unknown_of_frame(frames));
         self.landmarks.motions.reset(frames, problem.options.lenses.is_some());
         self.landmarks.cameras.reset(frames, problem.options.cameras);
-        self.landmarks.costs = RobustSum::new(problem.options.cauchy_scale);
+        self.landmarks.cost = 0.0;
         self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
         self.poses.lift(&mut self.lifts, frames, problem.options);
     }
@@ -149,11 +149,10 @@ impl Linearizer {
         } else {
             self.begin(problem);
         }
-        let target = (!is_cost).then_some(&mut self.equations);
-        let mut cost = prior.evaluate(problem.rig, problem.frames, target);
+        let mut target = (!is_cost).then_some(&mut self.equations);
+        let mut cost = prior.evaluate(problem.rig, problem.frames, target.as_deref_mut());
         for index in 0..problem.frames.len() {
-            let target = (!is_cost).then_some(&mut self.equations);
-            cost += evaluate_frame(problem, index, purpose, target);
+            cost += evaluate_frame(problem, index, purpose, target.as_deref_mut());
         }
         cost += self.evaluate_landmarks(problem, purpose);
         if !is_cost {
@@ -164,14 +163,11 @@ impl Linearizer {
 
     /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.
     fn evaluate_landmarks(&mut self, problem: &Problem<'_>, purpose: Purpose) -> f64 {
-        self.landmarks.weight_root =
-            if let Purpose::Leaving { .. } = purpose { self.leaving_root } else { 1.0 };
+        let is_leaving = matches!(purpose, Purpose::Leaving { .. }) && problem.options.cameras > 1;
+        self.landmarks.weight_root = if is_leaving { self.leaving_root } else { 1.0 };
         let (damping, host) = match purpose {
             Purpose::Cost => {
-                let mut costs = RobustSum::new(problem.options.cauchy_scale);
-                self.add_costs(problem, problem.points, &mut costs);
-                self.add_costs(problem, problem.lines, &mut costs);
-                return costs.cost();
+                return self.cost_of(problem, problem.points) + self.cost_of(problem, problem.lines);
             }
             Purpose::Equations { damping } => (damping, None),
             Purpose::Leaving { frame } => (0.0, Some(frame)),
@@ -184,7 +180,7 @@ impl Linearizer {
         for (line, entry) in problem.lines.iter().zip(lines).filter(|(line, _)| is_wanted(line.host)) {
             landmarks.add(entry, (poses, lifts), problem, line, damping);
         }
-        landmarks.costs.cost()
+        landmarks.cost
     }
 
     /// Moves the equations of the landmarks into the normal equations.
@@ -194,42 +190,34 @@ impl Linearizer {
         motions.lift(&self.lifts, &mut self.equations);
     }
 
-    /// Adds the robust costs of landmarks at the poses last refreshed.
-    fn add_costs<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>], costs: &mut RobustSum) {
-        for landmark in landmarks.iter().filter(|l| l.is_triangulated) {
+    /// Robust cost of landmarks at the poses last refreshed.
+    fn cost_of<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>]) -> f64 {
+        let of_each = landmarks.iter().filter(|l| l.is_triangulated).map(|landmark| {
             let placed = self.poses.placed(landmark);
+            let mut costs = RobustSum::new(problem.options.cauchy_scale);
             for observation in &landmark.observations {
                 let measured = problem.moved_lenses.moved::<F>(observation);
                 if let Some(r) = self.poses.residual::<F>(problem, &placed, (observation, &measured)) {
                     costs.add(r.norm_squared());
                 }
             }
-        }
+            costs.cost() * landmark.share(problem.frames, problem.options.cameras)
+        });
+        of_each.sum()
     }
 }
 
 /// Where landmarks go.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct LandmarkEquations {
     /// Terms that elimination subtracts, and in the end all of them.
     motions: MotionEquations,
     /// Information of observations about the cameras.
     cameras: CameraSums,
-    costs: RobustSum,
+    /// Robust cost of the landmarks.
+    cost: f64,
     /// Root of the weight of observations.
     weight_root: f64,
-}
-
-impl Default for LandmarkEquations {
-    /// Room for any window.
-    fn default() -> Self {
-        Self {
-            motions: MotionEquations::default(),
-            cameras: CameraSums::default(),
-            costs: RobustSum::new(1.0),
-            weight_root: 1.0,
-        }
-    }
 }
 
 /// Number of a camera of a frame among all cameras of the window.
@@ -258,13 +246,19 @@ impl LandmarkEquations {
         let mut span = (usize::from(landmark.host), usize::from(landmark.host));
         // Residuals and weights first: divisions and roots of one need not wait for those of another.
         let mut seen = heapless::Vec::<_, MAX_OBSERVATIONS>::new();
+        let (mut costs, share) = (
+            RobustSum::new(problem.options.cauchy_scale),
+            landmark.share(problem.frames, problem.options.cameras),
+        );
+        let root = self.weight_root * share.sqrt();
         for observation in &landmark.observations {
             let measured = problem.moved_lenses.moved::<F>(observation);
             let Some(r) = poses.residual::<F>(problem, &now, (observation, &measured)) else { continue };
-            let scale = self.costs.add(r.norm_squared()).sqrt() * self.weight_root;
+            let scale = costs.add(r.norm_squared()).sqrt() * root;
             // There is room for all.
             let _ = seen.push((observation, F::weighed(&measured, scale), r * scale, scale));
         }
+        self.cost += costs.cost() * share;
         let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
         for &(observation, ref measured, ref r, scale) in &seen {
             if poses.linearize(landmark, &first, (observation, measured), &mut j).is_none() {

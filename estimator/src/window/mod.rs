@@ -395,19 +395,8 @@ impl Window {
         tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
     }
 
-    /// Forgets what `camera` measured of the newest frame.
-    pub fn forget_image_of_newest(&mut self, camera: usize) {
-        if let Some(newest) = self.frames.len().checked_sub(1) {
-            self.forget_images_from(camera, newest);
-        }
-    }
-
-    /// Forgets what `camera` measured of all frames.
-    pub fn forget_images(&mut self, camera: usize) {
-        self.forget_images_from(camera, 0);
-    }
-
-    fn forget_images_from(&mut self, camera: usize, first: usize) {
+    /// Forgets what `camera` measured of frame `first` and later ones.
+    pub fn forget_images(&mut self, camera: usize, first: usize) {
         tracks::forget_images(&mut self.points, camera as u8, first as u8);
         tracks::forget_images(&mut self.lines, camera as u8, first as u8);
     }
@@ -423,9 +412,10 @@ impl Window {
         self.outliers.lines.clear();
     }
 
-    /// Observations of all points that have a depth.
-    pub fn observation_count(&self) -> usize {
-        self.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum()
+    /// Number of independent observations that tell as much as those of all points that have a depth.
+    pub fn observation_count(&self) -> f64 {
+        let points = self.points.all().iter().filter(|l| l.is_triangulated);
+        points.map(|l| l.share(&self.frames, self.options.cameras) * l.observations.len() as f64).sum()
     }
 
     /// Points and lines that have a depth.

@@ -28,6 +28,9 @@ pub(super) const MIN_FORWARD: f64 = 0.02;
 const MAX_INVERSE_DEPTH: f64 = 10.0;
 /// A little behind infinity is noise of a far point.
 const MIN_INVERSE_DEPTH: f64 = -0.02;
+/// Memory of the errors of a point, which is aligned with the patch of its first sight while the view changes slowly, s. Measured on
+/// recorded images: see notes/covariance.md.
+const ERROR_MEMORY_S: f64 = 0.4;
 
 /// A landmark's parameters in its host camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,6 +140,11 @@ impl Feature for InversePoint {
 
     fn outlier_sigmas(options: &Options) -> f64 {
         options.point_outlier_sigmas
+    }
+
+    #[inline]
+    fn correlation(dt_s: f64) -> f64 {
+        ERROR_MEMORY_S / (ERROR_MEMORY_S + dt_s)
     }
 
     #[inline]

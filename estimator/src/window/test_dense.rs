@@ -6,6 +6,7 @@ use super::factor::{Linearization, RobustSum};
 use super::feature::{Estimated, Jacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
+use super::problem::Problem;
 use super::refined_lens::MovedLenses;
 use super::state::{FRAME_DIM, FrameMatrix, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
@@ -118,8 +119,10 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     }
     let first_estimates = window.options.first_estimates;
     let host = usize::from(landmark.host);
+    let problem = Problem::of_frames(&window.rig, &window.frames, &window.options);
     let mut add = |(j, lifted): (&Jacobians<D>, &Lifted), r: &Vector2<f64>, target: usize| {
-        let weight = RobustSum::new(window.options.cauchy_scale).add(r.norm_squared()).sqrt();
+        let robust = RobustSum::new(window.options.cauchy_scale).add(r.norm_squared());
+        let weight = (robust * landmark.share(problem.frames, problem.options.cameras)).sqrt();
         for d in 0..2 {
             let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
             let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();

@@ -176,7 +176,7 @@ impl Start {
         let is_state = !outcome.is_not_positive_definite
             && estimation.window.triangulated().0 >= MIN_WITNESSES
             && implausible(&estimation.window, &self.health).is_none();
-        is_state.then(|| outcome.cost / estimation.window.observation_count() as f64)
+        is_state.then(|| outcome.cost / estimation.window.observation_count())
     }
 
     /// Moves the window so that the newest frame has the position and the heading of the pose that the start goes on from;

@@ -140,7 +140,7 @@ impl Start {
         // The window has the last word on the bias as well: that of the images, or the one before them where it fits better for certain.
         let rig = estimation.window.rig.clone();
         let by_memory = self.settle_aligned(estimation, &rig, self.bias_memory.0);
-        let observations = estimation.window.observation_count() as f64;
+        let observations = estimation.window.observation_count();
         let mut variance = self.settle_aligned(estimation, &rig, timing.bias_gyro);
         if (variance - by_memory) * observations / ALIKE > CERTAIN_SIGMAS.squared() {
             variance = self.settle_aligned(estimation, &rig, self.bias_memory.0);

@@ -122,7 +122,7 @@ impl Pair {
         }
         self.shift.add(estimation.window.image_shifts());
         if self.begins_to_disagree && self.left_sees && self.shift.jumped().is_none() {
-            estimation.window.forget_images(RIGHT);
+            estimation.window.forget_images(RIGHT, 0);
         }
         self.distrusted_camera().is_some()
     }
@@ -157,7 +157,7 @@ impl Pair {
         let Some(camera) = self.distrusted_camera() else { return };
         // Landmarks are hosted by the left camera: without it nothing would be left.
         if camera == RIGHT && is_out_of_step && !was_out_of_step {
-            estimation.window.forget_images(camera);
+            estimation.window.forget_images(camera, 0);
         }
         estimation.leave_out_image(camera);
     }
