@@ -335,32 +335,25 @@ impl Window {
     /// Sets the image rates of the newest frame's observations from its velocity and its angular rate. With a rolling shutter
     /// the observations of all frames are put where a global one would have made them.
     pub fn predict_rates(&mut self) {
-        if self.options.is_rolling {
-            self.predict_all_rates();
-        } else if let Some(newest) = self.frames.len().checked_sub(1) {
-            self.predict_rates_of(newest);
-        }
+        let newest = self.frames.len().saturating_sub(1);
+        self.predict_rates_from(if self.options.is_rolling { 0 } else { newest });
     }
 
     /// With a rolling shutter, puts the observations of the newest frame where a global one would have made them, by its predicted
     /// velocity.
     pub fn unroll_newest(&mut self) {
-        if let Some(newest) = self.frames.len().checked_sub(1).filter(|_| self.options.is_rolling) {
-            self.predict_rates_of(newest);
+        if self.options.is_rolling {
+            self.predict_rates_from(self.frames.len().saturating_sub(1));
         }
     }
 
-    /// Sets the image rates of the observations of all frames, each from the velocity and angular rate of its frame.
-    pub fn predict_all_rates(&mut self) {
-        for index in 0..self.frames.len() {
-            self.predict_rates_of(index);
-        }
-    }
-
-    fn predict_rates_of(&mut self, index: usize) {
+    /// Sets the image rates of the observations of frame `first` and later ones, each from the velocity and angular rate of its frame.
+    pub fn predict_rates_from(&mut self, first: usize) {
         let Self { rig, frames, points, lines, linearizer, .. } = self;
-        linearizer.poses.predict_rates(rig, frames, points.all_mut(), index);
-        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), index);
+        for index in first..frames.len() {
+            linearizer.poses.predict_rates(rig, frames, points.all_mut(), index);
+            linearizer.poses.predict_rates(rig, frames, lines.all_mut(), index);
+        }
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the

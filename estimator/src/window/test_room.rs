@@ -186,7 +186,7 @@ impl Room {
         }
         window.triangulate(false);
         self.disturb(&mut window);
-        window.predict_all_rates();
+        window.predict_rates_from(0);
         window
     }
 

@@ -15,7 +15,7 @@ use crate::geometry::log_so3;
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
-/// A difference contradicts by this many standard deviations; by so many, forces lose weight.
+/// A difference contradicts by this many standard deviations; by so many, it is in doubt: forces lose weight.
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 const DOUBTFUL_SIGMAS: f64 = 3.0;
 /// A stamp is not better than this, s.
@@ -27,9 +27,8 @@ const EXPLAINED_SHARE: f64 = 0.7;
 const PLAIN_SHARE: f64 = 0.25;
 /// A turn is outvoted by this many times the landmarks that explain it alone.
 const TURN_OUTVOTES: usize = 4;
-/// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and so many standard deviations.
+/// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and is not in doubt.
 const BACKED_RAD: f64 = 1.5e-3;
-const BACKED_SIGMAS: f64 = 3.0;
 
 /// Uncertainty of a frame's prediction.
 #[derive(Clone, Copy, Debug)]
@@ -140,7 +139,7 @@ impl Sighting {
     pub fn is_turn_of(&self, predicted: &NavState) -> bool {
         let off = log_so3(&(predicted.rot_o_b.inverse() * self.rot_o_b));
         let variance = variance_along(&self.rotation_covariance, &off);
-        off.norm_squared() < BACKED_RAD.squared() + BACKED_SIGMAS.squared() * variance
+        off.norm_squared() < BACKED_RAD.squared() + DOUBTFUL_SIGMAS.squared() * variance
     }
 }
 

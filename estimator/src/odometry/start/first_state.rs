@@ -168,7 +168,7 @@ impl Start {
             estimation.window.triangulate(true);
             let _ = estimation.window.optimize(START_ITERATIONS);
             estimation.window.remove_outliers();
-            estimation.window.predict_all_rates();
+            estimation.window.predict_rates_from(0);
         }
         self.move_to_origin(&mut estimation.window);
         estimation.window.anchor_newest(&known, &tight);
