@@ -269,6 +269,7 @@ impl Odometer {
         if is_told && self.refresh_covariance(case.health) {
             self.judge.learn_noise(&mut self.estimation, &verdict.prediction, is_contradicted, &mut case);
             self.step = self.newest_step();
+            self.estimation.window.refute_configured_rig();
         } else {
             self.carry_covariance(verdict.prediction.covariance.as_ref());
             self.judge.keep_prediction(verdict.prediction);

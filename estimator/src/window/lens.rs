@@ -13,10 +13,13 @@
 
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
 use nalgebra::{Matrix2x3, SVector, Vector2, Vector3};
-use plumbline_config::{CameraModel, ValidSetup};
+use plumbline_config::{CameraModel, Portable, ValidSetup};
 
 /// Cells of a table, along and across the image: within one, `J` varies by some percents at the rim of a wide lens.
 const CELLS: [usize; 2] = [48, 32];
+
+/// Largest step of the intrinsics in which a place keeps its `J`.
+const MOST_STEP: f64 = 5e-3;
 
 /// `J` over the image of a camera.
 #[derive(Clone, Debug)]
@@ -99,9 +102,12 @@ impl Lenses {
         rig.intrinsics[camera] - self.reference[camera]
     }
 
-    /// Shift of what `camera` measured at `xy` when its intrinsics move by `step`.
+    /// Shift of what `camera` measured at `xy` when its intrinsics move by `step`, in parts that derivatives hold for.
     pub(super) fn shift(&self, camera: usize, xy: &Vector2<f64>, step: &Vector3<f64>) -> Vector2<f64> {
-        self.lenses[camera].shift(xy, step)
+        let parts = (step.amax() / MOST_STEP).ceil().at_least(1.0);
+        let part = step / parts;
+        let shifted = |shift, _| shift + self.lenses[camera].shift(&(xy + shift), &part);
+        (0..parts as usize).fold(Vector2::zeros(), shifted)
     }
 }
 

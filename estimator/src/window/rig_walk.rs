@@ -21,9 +21,16 @@
 //!
 //! A configured value that measurements refute, by more than some standard deviations, loses weight as under a
 //! Cauchy kernel: good calibrations may have tight priors, and a wrong one does not bend the estimate for long.
+//!
+//! A tight prior hides for long that it is wrong: `x` hardly moves. But it moves by more than it may. With the variance `P`
+//! of its error, `x` varies by `s² - P` if the prior holds, and the data alone put it at `d = x s² / (s² - P)`. Focal
+//! length and baseline, which make the scale of all motions and turns, are refuted by the innovation `x / sqrt(s² - P)`, and their
+//! prior becomes `N(0, d²)`, of which one `d` is the most likely draw: what was inferred under the old one follows, and is as
+//! uncertain as it is.
 
 use super::Window;
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
+use nalgebra::SVector;
 use plumbline_config::{Portable, Timestamp};
 
 /// Parameters that walk alike.
@@ -55,6 +62,14 @@ const FLOORS: [Floor; 6] = [
 /// Distance of a parameter from its configured value up to which that has its full weight, in standard deviations.
 const REFUTED_SIGMAS: f64 = 2.5;
 
+/// Innovation that refutes a configured value, in standard deviations. Sound flights before low texture, where errors of matches
+/// are alike, reach 4 to 5, others 2.5.
+const INNOVATION_SIGMAS: f64 = 5.0;
+
+/// Share of the configured variance that data explain before they judge it: known a hundred times less well than it is configured, a baseline
+/// is what the errors of a start in motion make of it.
+const LEAST_EXPLAINED: f64 = 1e-4;
+
 /// Largest share of a parameter's configured variance that it walks by at once.
 const MAX_SHARE: f64 = 0.9;
 
@@ -66,19 +81,19 @@ pub(super) struct RigWalk {
     /// Time up to which the prior has walked.
     walked_to: Option<Timestamp>,
     /// Share of the configured information that each parameter of the prior still has.
-    weights: [f64; RIG_DIM],
+    weights: SVector<f64, RIG_DIM>,
 }
 
 impl RigWalk {
     /// Walk with a memory of `memory_s`; a constant for 0.
     pub(super) fn new(memory_s: f64) -> Self {
-        Self { memory_s, walked_to: None, weights: [1.0; RIG_DIM] }
+        Self { memory_s, walked_to: None, weights: SVector::repeat(1.0) }
     }
 
     /// Forgets since when, and what was refuted.
     pub(super) fn clear(&mut self) {
         self.walked_to = None;
-        self.weights = [1.0; RIG_DIM];
+        self.weights = SVector::repeat(1.0);
     }
 
     /// Share of `floor²` to walk by until `now`.
@@ -118,18 +133,71 @@ impl Window {
     /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
     fn doubt_configured_rig(&mut self) {
         let offsets = self.rig.minus(&self.configured_rig);
-        let of_prior = self.prior.rig.minus(&self.configured_rig);
         let pair = Rig::P_C0_C1..Rig::TIME_OFFSET;
-        for k in pair.chain(Rig::INTRINSICS..RIG_DIM).filter(|k| self.options.rig_sigmas[*k] > 0.0) {
-            let sigma = self.options.rig_sigmas[k];
-            let far = offsets[k].abs() / (REFUTED_SIGMAS * sigma);
-            let weight = 1.0 / far.at_least(1.0).squared();
-            let lost = (self.rig_walk.weights[k] - weight) / (sigma * sigma);
-            if lost > 0.0 {
-                self.rig_walk.weights[k] = weight;
-                self.prior.equations.add(k, k, -lost);
-                self.prior.equations.gradient_mut()[k] -= lost * of_prior[k];
+        let sigmas = self.options.rig_sigmas;
+        for k in pair.chain(Rig::INTRINSICS..RIG_DIM).filter(|k| sigmas[*k] > 0.0) {
+            let far = offsets[k].abs() / (REFUTED_SIGMAS * sigmas[k]);
+            self.weigh_configured(k, 1.0 / far.at_least(1.0).squared());
+        }
+    }
+
+    /// Widens the priors of focal length and baseline where the newest solution refutes them.
+    pub fn refute_configured_rig(&mut self) {
+        let mut focal = SVector::<f64, RIG_DIM>::zeros();
+        // The pair ties its lenses to each other: apart, either looks as well known as its prior makes the other.
+        [0, 1].into_iter().for_each(|camera| focal[Rig::of_lens(camera)] = std::f64::consts::FRAC_1_SQRT_2);
+        let mut baseline = SVector::<f64, RIG_DIM>::zeros();
+        let along = self.configured_rig.pose_c0_c1.translation.vector.try_normalize(0.0);
+        baseline.fixed_rows_mut::<3>(Rig::P_C0_C1).copy_from(&along.unwrap_or_default());
+        for along in [focal, baseline] {
+            let off =
+                self.refuted_by(&along).filter(|off| !self.is_of_accelerometer(off * along.dot(&baseline)));
+            if let Some(off) = off {
+                for k in (0..RIG_DIM).filter(|k| along[*k] != 0.0) {
+                    self.weigh_configured(k, (self.options.rig_sigmas[k] / off).squared());
+                }
             }
+        }
+    }
+
+    /// Distance of the rig from the configured one, as the data alone have it, in the direction `along` if they refute that.
+    fn refuted_by(&mut self, along: &SVector<f64, RIG_DIM>) -> Option<f64> {
+        let Self { options, rig_walk, factor, solution, .. } = self;
+        let variances = options.rig_sigmas.map(f64::squared).component_div(&rig_walk.weights);
+        let prior = along.component_mul(along).dot(&variances);
+        if factor.dim < RIG_DIM || prior == 0.0 {
+            return None;
+        }
+        solution[..factor.dim].fill(0.0);
+        solution[..RIG_DIM].copy_from_slice(along.as_slice());
+        factor.solve(&mut solution[..factor.dim]);
+        let explained = prior - along.dot(&SVector::from_column_slice(&solution[..RIG_DIM]));
+        let offset = along.dot(&self.rig.minus(&self.configured_rig));
+        let is_refuted =
+            explained > LEAST_EXPLAINED * prior && offset.abs() > INNOVATION_SIGMAS * explained.sqrt();
+        is_refuted.then(|| offset * prior / explained)
+    }
+
+    /// True if an accelerometer that reads a multiple is the better explanation of a baseline that is longer by `off`, m: it would read as much too
+    /// much of gravity, which becomes its bias.
+    fn is_of_accelerometer(&self, off: f64) -> bool {
+        let Some(newest) = self.frames.last() else { return false };
+        let share = off / self.configured_rig.pose_c0_c1.translation.vector.norm();
+        let of_gravity = -newest.nav.rot_o_b.inverse_transform_vector(&self.options.gravity_o) * share;
+        newest.nav.bias_accel.dot(&of_gravity) > 0.5 * of_gravity.norm_squared()
+    }
+
+    /// Leaves the configured value of parameter `k` this share of its information, unless it has less.
+    fn weigh_configured(&mut self, k: usize, weight: f64) {
+        let lost = (self.rig_walk.weights[k] - weight) / self.options.rig_sigmas[k].squared();
+        if lost > 0.0 {
+            self.rig_walk.weights[k] = weight;
+            let by = lost * self.prior.rig.minus(&self.configured_rig)[k];
+            self.prior.equations.add(k, k, -lost);
+            self.prior.equations.gradient_mut()[k] -= by;
+            // Until a keyframe leaves, the prior is made anew of what was known at the start.
+            self.known_rig.information[(k, k)] -= lost;
+            self.known_rig.gradient[k] -= by;
         }
     }
 }
@@ -150,7 +218,7 @@ mod tests {
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
-    use nalgebra::{DMatrix, DVector, SVector};
+    use nalgebra::{DMatrix, DVector};
 
     fn dense(equations: &NormalEquations) -> DMatrix<f64> {
         DMatrix::from_fn(equations.dim(), equations.dim(), |i, j| equations.get(i, j))
@@ -282,6 +350,46 @@ mod tests {
         // The full prior would hold it a tenth of the way back.
         assert!((found / off - 1.0).abs() < 0.01, "{found} of {off}");
         assert!(window.prior.equations.get(k, k) > information);
+    }
+
+    /// Estimate of the common focal length under the prior of the window, and its standard deviation, in those configured.
+    fn solve_focal(window: &mut Window) -> (f64, f64) {
+        let sigma = window.options.rig_sigmas[Rig::INTRINSICS];
+        let (mean, covariance) = solve(&window.prior.equations);
+        assert!(window.factor.compute(&window.prior.equations, 0.0));
+        window.rig = window.prior.rig.plus(&SVector::from_fn(|k, _| mean[k]));
+        let [a, b] = [Rig::of_lens(0), Rig::of_lens(1)];
+        let variance = covariance[(a, a)] + 2.0 * covariance[(a, b)] + covariance[(b, b)];
+        (0.5 * (mean[a] + mean[b]) / sigma, 0.5 * variance.sqrt() / sigma)
+    }
+
+    #[test]
+    fn a_tight_prior_gives_way_to_data_that_refute_it() {
+        for (off, is_refuted) in [(-120.0, true), (60.0, true), (48.0, false)] {
+            let mut window = Room::default().window();
+            window.options.rig_sigmas.fill(2e-4);
+            window.configured_rig = window.rig.clone();
+            window.known_rig = super::super::calibration::KnownRig::within(&window.options.rig_sigmas);
+            window.prior.start(&window.rig.clone(), &window.known_rig.clone());
+            // The focal length is measured to ten sigmas, that both lenses have the same to a tenth of one.
+            let of_data = |sigmas: f64| (sigmas * 2e-4).powi(-2);
+            let [a, b] = [Rig::of_lens(0), Rig::of_lens(1)];
+            for (i, j, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0)] {
+                let equations = &mut window.prior.equations;
+                equations.add(i, j, 0.25 * of_data(10.0) * sign * sign + sign * of_data(0.1));
+                equations.gradient_mut()[i] -= if i == j { 0.5 * of_data(10.0) * off * 2e-4 } else { 0.0 };
+            }
+            let before = window.prior.equations.get(a, a);
+            assert!(solve_focal(&mut window).0.abs() < 1.0);
+            window.refute_configured_rig();
+            let (found, sigma) = solve_focal(&mut window);
+            assert_eq!(window.prior.equations.get(a, a) < before, is_refuted, "{off}");
+            assert_eq!(
+                (found / off - 1.0).abs() < 0.1 && (9.0..10.5).contains(&sigma),
+                is_refuted,
+                "{off}: {found} {sigma}"
+            );
+        }
     }
 
     #[test]
