@@ -36,10 +36,12 @@ mod tests;
 pub use verdict::{Fitness, Measure};
 
 use finding::Finding;
+use fit::parts::CLOCK_RATE;
 use images::ImageTests;
 use plausibility::{GAPS, Plausibility, inertial};
 use plumbline_config::{ImageView, ImuSample, Timestamp, ValidConfig};
 use plumbline_estimator::{Estimator, FrameInput};
+use std::cmp::Reverse;
 use timing::Sensor;
 use tracks::Tracker;
 
@@ -146,15 +148,25 @@ impl Checkup {
         let wrong = inertial::nonsense(samples).into_iter().chain(data.two_clocks());
         let mut measures: Vec<Measure> = wrong.map(Finding::into_measure).collect();
         let has_nonsense = !measures.is_empty();
-        measures.extend(self.timing());
+        let timing = self.timing();
+        // Samples at another rate are fitted as they are stamped: the fit says whether their clock or the configuration is wrong.
+        let is_of_rate = timing[0].cure.contains(timing::IMU_RATE);
+        measures.extend(timing);
         measures.extend(self.images.judge(samples, config.camera.len()));
         let is_wrong = |measure: &Measure| measure.verdict == Fitness::NotFit;
         let flown = if has_nonsense { Vec::new() } else { data.of_flight(true, GAPS) };
         let flown = flown.into_iter().map(|finding| finding.into_measure_of("flight"));
         let (failing, contradicted): (Vec<_>, Vec<_>) = flown.partition(is_wrong);
         measures.extend(failing);
-        let is_spoilt = measures.iter().any(is_wrong);
         let mut mounting = mounting::judge(samples, config);
+        let upside_down = inertial::upside_down(samples, config.vehicle.rot_v_b());
+        let upside_down =
+            upside_down.filter(|_| !has_nonsense && mounting[0].verdict == Fitness::NotMeasured);
+        let is_of_rate = |measure: &Measure| is_of_rate && measure.name == timing::IMU_TIMING;
+        let is_spoilt = measures.iter().any(|m| is_wrong(m) && !is_of_rate(m)) || upside_down.is_some();
+        if let Some(finding) = upside_down {
+            mounting[0] = finding.into_measure_of(mounting::NAME);
+        }
         if has_nonsense || samples.is_empty() {
             mounting.iter_mut().for_each(Measure::spoil);
         }
@@ -163,12 +175,15 @@ impl Checkup {
             Some(_) if is_spoilt => fit::judge::spoilt(config),
             Some(tracks) => fit::judge::judge(config, tracks, samples),
         };
+        if fitted.first().is_some_and(|cause| cause.name == CLOCK_RATE && is_wrong(cause)) {
+            measures.retain(|measure| !is_of_rate(measure));
+        }
         let has_cause = is_spoilt || fitted.iter().any(|measure| measure.verdict > Fitness::Good);
         measures.extend(mounting);
         measures.extend(fitted);
         measures.extend(contradicted.into_iter().filter(|_| !has_cause));
         // The images as they lie explain more than any calibration.
-        measures.sort_by_key(|measure| !is_wrong(measure));
+        measures.sort_by_key(|measure| Reverse(measure.verdict.max(Fitness::Good)));
         measures
     }
 

@@ -24,6 +24,10 @@ const DISORDERED: f64 = 0.002;
 /// Streams this far apart have no time in common, s.
 const APART_S: f64 = 1.0;
 
+/// Name of the measure of the inertial samples' stamps, and key of their rate.
+pub(crate) const IMU_TIMING: &str = "IMU timing";
+pub(crate) const IMU_RATE: &str = "imu.rate_hz";
+
 /// Finding about samples that several arrive at once.
 pub const BURSTS: &str = "come in bursts";
 
@@ -100,7 +104,7 @@ impl Sensor {
     /// Name of its measure, of the device, and of the key of its rate.
     fn names(self) -> (&'static str, &'static str, &'static str) {
         match self {
-            Self::Imu => ("IMU timing", "the IMU", "imu.rate_hz"),
+            Self::Imu => (IMU_TIMING, "the IMU", IMU_RATE),
             Self::Cameras => ("camera timing", "the cameras", "camera.0.rate_hz"),
         }
     }

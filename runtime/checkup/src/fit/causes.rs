@@ -21,6 +21,8 @@ const ECHO: f64 = 2.0 * (KEYS - 1) as f64;
 const MAX_CAUSES: usize = 5;
 /// Median of a chi-square of one degree of freedom.
 const MEDIAN_CHI2: f64 = 0.455;
+/// Offsets of gyroscopes, rad/s, and of accelerometers, m/s^2: data sheets have 20 degrees/s and 80 mg at most, three of these.
+const OFFSETS: [f64; 2] = [0.1, 0.3];
 /// Information of directions that the data do not hold.
 const FAINT: f64 = 1e-6;
 
@@ -71,6 +73,9 @@ impl<'a> Causes<'a> {
             |(part, course): &(usize, Course)| self.parts[*part].basis.ncols() * self.segments(*course);
         let count = 6 + free.iter().map(width).sum::<usize>();
         let mut h = DMatrix::<f64>::identity(count, count) * FAINT;
+        for k in 0..6 {
+            h[(count - 6 + k, count - 6 + k)] = OFFSETS[k / 3].powi(-2) * self.dispersion;
+        }
         let mut b = DVector::<f64>::zeros(count);
         let mut own = Vec::with_capacity(self.pieces.len());
         for (k, (slope, information, share)) in self.pieces.iter().enumerate() {
@@ -108,12 +113,17 @@ impl<'a> Causes<'a> {
         let inverse_diagonal = inverse.diagonal();
         let stated = inverse * self.dispersion;
         let mut covariance = stated.zip_map(&clustered, |a, b| if a.abs() > b.abs() { a } else { b });
-        self.echoes(free, &inverse_diagonal).zip(0..).for_each(|(echo, k)| covariance[(k, k)] += echo * echo);
+        for (k, echo) in self.echoes(free, &inverse_diagonal).enumerate() {
+            // It turns no sign, and has pulled by no more than what is missing.
+            if (-1.0 - SIGMAS * covariance[(k, k)].sqrt()..0.0).contains(&step[k]) {
+                covariance[(k, k)] += echo.min(-step[k]).powi(2);
+            }
+        }
         (-step.dot(&b), step, covariance)
     }
 
-    /// Columns of a sensor multiply its noise too, which pulls them to zero: by no more than this share of each freed value, whose
-    /// variances are these, and by no more than all.
+    /// Columns of a sensor multiply its noise too, which pulls each gain to zero: by no more than this share of it, where variances are
+    /// these, and by no more than all.
     fn echoes<'b>(
         &'b self,
         free: &'b [(usize, Course)],
@@ -121,7 +131,10 @@ impl<'a> Causes<'a> {
     ) -> impl Iterator<Item = f64> + 'b {
         let columns = free.iter().flat_map(move |(part, course)| {
             let (basis, segments) = (&self.parts[*part].basis, self.segments(*course));
-            let of_sensors = |column| basis.column(column).rows(GYRO, 18).norm_squared();
+            let of_sensors = |column| {
+                let gains = basis.column(column).rows(GYRO, 18).into_owned();
+                [0, 4, 8, 9, 13, 17].map(|k| gains[k] * gains[k]).iter().sum::<f64>()
+            };
             let steps = ECHO * self.pieces.len() as f64 / segments as f64;
             (0..segments * basis.ncols()).map(move |k| steps * of_sensors(k % basis.ncols()))
         });
@@ -145,7 +158,11 @@ impl<'a> Causes<'a> {
                     if is_free {
                         continue;
                     }
-                    let (lowered, ..) = self.freed(&[&free[..], &[(part, course)]].concat());
+                    let (lowered, step, _) = self.freed(&[&[(part, course)], &free[..]].concat());
+                    // That is no scale any more, but other columns.
+                    if (10..=11).contains(&subject) && self.parts[part].counted == 1 && step[0] < -0.5 {
+                        continue;
+                    }
                     let count = self.parts[part].basis.ncols() * self.segments(course);
                     let gain = (lowered - explained) / self.dispersion - SIGMAS * SIGMAS * count as f64;
                     gains.push((gain, count, (part, course)));

@@ -21,11 +21,13 @@ pub(crate) struct Reading {
     pub(crate) accel: Vector3<f64>,
 }
 
-/// Correction of the readings.
+/// Correction of the readings and of their clock.
 #[derive(Clone, Copy)]
 pub(super) struct Sensors {
     gyro: (Matrix3<f64>, Vector3<f64>),
     accel: (Matrix3<f64>, Vector3<f64>),
+    /// Rate of the clock of the samples against that of the images, less 1.
+    fast: f64,
 }
 
 /// Motion between two keyframes.
@@ -63,7 +65,8 @@ impl Sensors {
         let add = |(matrix, bias): (Matrix3<f64>, Vector3<f64>), at: usize| {
             (matrix, bias + biases.fixed_rows::<3>(at))
         };
-        Self { gyro: add(rig.sensor(GYRO), 0), accel: add(rig.sensor(ACCEL), 3) }
+        let fast = rig.clock_rate();
+        Self { gyro: add(rig.sensor(GYRO), 0), accel: add(rig.sensor(ACCEL), 3), fast }
     }
 
     /// Rate of the body, rad/s.
@@ -83,11 +86,11 @@ impl Sensors {
             rot: UnitQuaternion::identity(),
             v: Vector3::zeros(),
             p: Vector3::zeros(),
-            dt_s: to_s - from_s,
+            dt_s: (to_s - from_s) / (1.0 + self.fast),
         };
         let mut before = first;
         for now in readings.get(inner)?.iter().chain([&last]) {
-            let dt_s = now.t_s - before.t_s;
+            let dt_s = (now.t_s - before.t_s) / (1.0 + self.fast);
             if dt_s > MAX_GAP_S {
                 return None;
             }
@@ -150,7 +153,9 @@ impl Link {
         let by_to = by(sensors.integrate(readings, from_s, to_s + STEPS.1)?, STEPS.1);
         let [a, b] = keys;
         by_rig.set_column(DELAY - OF_VIEWS, &(by_from + by_to));
-        by_rig.set_column(CLOCK_RATE - OF_VIEWS, &(by_from * a.t_s + by_to * b.t_s));
+        let faster = Sensors { fast: sensors.fast + STEPS.0, ..*sensors };
+        let by_pace = by(faster.integrate(readings, from_s, to_s)?, STEPS.0);
+        by_rig.set_column(CLOCK_RATE - OF_VIEWS, &(by_from * a.t_s + by_to * b.t_s + by_pace));
         by_rig.set_column(ALTERNATING - OF_VIEWS, &(by_from * a.parity + by_to * b.parity));
         for k in GYRO..BIASES + 6 {
             let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;

@@ -15,6 +15,12 @@ const FAULT_SIGMAS: f64 = SIGMAS + 1.0;
 /// Offsets of the gyroscope between pieces, rad/s, that no gyroscope has in flight, and by how much more than it says.
 const MOVING: (f64, f64) = (0.01, 10.0);
 
+/// Subjects of focal lengths and of the gyroscope.
+const FOCAL: usize = 0;
+const OF_GYRO: usize = 10;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// Noise against the configured one from which it is minded: that of a vehicle in flight against a data sheet.
 const NOISY: f64 = 3.0;
 
@@ -28,7 +34,9 @@ const CONSEQUENCE: &str = "it explains nothing by itself: look at what is named 
 pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
     let parts = parts(config);
     let first = FirstLook::at(config, tracks, samples);
-    let otherwise = first.as_ref().and_then(|first| orientation::judge(config, tracks, samples, first));
+    let otherwise = first.as_ref().and_then(|first| {
+        first.silent.map(silent).or_else(|| orientation::judge(config, tracks, samples, first))
+    });
     if let Some(measure) = otherwise {
         return std::iter::once(measure).chain(spoilt(config)).collect();
     }
@@ -46,7 +54,10 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     let found = causes.found();
     let mut measures: Vec<Measure> = carrier(&fitted, config).into_iter().collect();
     let mut told = Vec::new();
-    if measures.is_empty() {
+    if let Some(measure) = trade(config, &causes, &parts, &found) {
+        told.extend([FOCAL, OF_GYRO]);
+        measures.push(measure);
+    } else if measures.is_empty() {
         for cause in &found {
             let mut measure = of_cause(&causes, &parts, cause, &found, &fitted);
             measure.figures.insert("explains_share", cause.share);
@@ -68,6 +79,27 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     }
     measures.push(noise(&fitted, config));
     measures
+}
+
+/// Focal length and scale of the gyroscope of one camera that are off by the same factor to opposite sides: what a turn moves in the image, their
+/// product, is right, and what tells them apart, the rim of the image against gravity, is weak.
+fn trade(config: &Config, causes: &Causes<'_>, parts: &[Part], found: &[Cause]) -> Option<Measure> {
+    let of = |subject: usize| {
+        let is_it = |cause: &&Cause| parts[cause.part].subject == subject && cause.course == Course::Constant;
+        let part = found.iter().find(is_it).filter(|_| config.camera.len() == 1)?.part;
+        Some((causes.values(part, Course::Constant, found)[0].0[0], &parts[part]))
+    };
+    let ((focal, of_focal), (scale, of_scale)) = (of(FOCAL)?, of(OF_GYRO)?);
+    let product = focal.exp() * (1.0 + scale) - 1.0;
+    (product.abs() < SIGMAS * of_focal.worth.hypot(of_scale.worth)).then(|| {
+        let value = format!(
+            "{:.1} %, and the scale of the gyroscope {:.1} %: one camera tells these apart badly, and their product is right within {:.1} %",
+            1e2 * focal, 1e2 * scale, 1e2 * product.abs()
+        );
+        let figures = [("step", focal), ("gyroscope_scale", scale)];
+        Measure::new(of_focal.name, Fitness::Uncertain, value, of_focal.motion.unwrap_or(HOLD), &figures)
+            .shown_by(of_focal.motion)
+    })
 }
 
 /// Noise that motions and samples show, against the configured one.
@@ -95,6 +127,20 @@ fn missing(parts: &[Part], why: &str, cure: &str) -> Vec<Measure> {
     listed.map(|part| Measure::missing(part.name, why, cure).shown_by(part.motion)).collect()
 }
 
+/// Axis of the gyroscope that does not measure.
+fn silent(axis: usize) -> Measure {
+    Measure::new(
+        "gyroscope axes",
+        Fitness::NotFit,
+        format!(
+            "{} as delivered agrees with no turning that the images show: it is dead, or noise",
+            AXES[axis]
+        ),
+        "look at the driver and the range of the gyroscope, and replace the sensor if it stays so",
+        &[],
+    )
+}
+
 /// What the camera sees turns with the vehicle, or rather not with the ground.
 fn carrier(fitted: &Fitted, config: &Config) -> Option<Measure> {
     let sigma = fitted.noise.biases[0];
@@ -111,10 +157,11 @@ fn carrier(fitted: &Fitted, config: &Config) -> Option<Measure> {
     })
 }
 
-/// How far values are off, in standard deviations of calibration and measurement together, and the largest sigma over the worth.
+/// How far values are off, in standard deviations of calibration and measurement together, of a matrix its largest; and the largest sigma over the
+/// worth.
 fn off(part: &Part, (value, sigma): &(DVector<f64>, DVector<f64>)) -> (f64, f64) {
-    let off = value.iter().zip(sigma.iter()).map(|(v, s)| v.abs() / part.worth.hypot(*s)).fold(0.0, f64::max);
-    (off, sigma.max() / part.worth)
+    let off = value.zip_map(sigma, |v, s| v / part.worth.hypot(s));
+    (if off.len() < 9 { off.norm() } else { off.amax() }, sigma.max() / part.worth)
 }
 
 fn verdict(off: f64) -> Fitness {
@@ -125,8 +172,11 @@ fn verdict(off: f64) -> Fitness {
 fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Measure {
     let values = causes.values(k, Course::Constant, found);
     let (off, poor) = off(part, &values[0]);
+    // Of columns the signs have to show, which flights without side slip do not.
+    let gains = [0, 4, 8].map(|k| values[0].1.get(k).map_or(0.0, |sigma| SIGMAS * SIGMAS * sigma));
+    let poor = if part.counted == 9 { gains.into_iter().fold(0.0, f64::max) } else { poor };
     let (worst, sigma) = (verdict(off), values[0].1.map(|sigma| part.worth.hypot(sigma)));
-    let value = format!("{} {}, one sigma {}", words(part, &values[0].0), part.unit.0, words(part, &sigma));
+    let value = words(part, &values[0].0, &sigma);
     let figures = [("step", largest(&values[0].0)), ("sigma", sigma.max())];
     let measure = if poor > SIGMAS && worst == Fitness::Good {
         Measure::new(part.name, Fitness::Uncertain, value, part.motion.unwrap_or(HOLD), &figures)
@@ -135,7 +185,7 @@ fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Meas
         let cure = part.configured.map_or_else(|| part.cure.to_owned(), set);
         Measure::new(part.name, worst, format!("off by {value}"), cure, &figures)
     };
-    measure.shown_by(part.motion)
+    measure.shown_by(part.motion.filter(|_| part.counted < 9 || poor > SIGMAS))
 }
 
 fn of_cause(causes: &Causes<'_>, parts: &[Part], cause: &Cause, found: &[Cause], fitted: &Fitted) -> Measure {
@@ -155,7 +205,7 @@ fn of_cause(causes: &Causes<'_>, parts: &[Part], cause: &Cause, found: &[Cause],
         let off =
             |(value, sigma): &(DVector<f64>, DVector<f64>)| (value[i] - mean) / part.worth.hypot(sigma[i]);
         let scatter = (values.iter().map(|v| off(v).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
-        let known = values.iter().filter(|(_, sigma)| sigma[i] < FAULT_SIGMAS * part.worth);
+        let known = values.iter().filter(|(value, sigma)| sigma[i] < value[i].abs() / SIGMAS);
         let (low, high) = known.fold((0.0, 0.0), |(low, high), (v, _)| (v[i].min(low), v[i].max(high)));
         (scatter, low, high)
     };
@@ -177,10 +227,10 @@ fn columns(part: &Part, fitted: &Fitted) -> Option<String> {
     let matrix = fitted.rig.sensor(if part.subject == 10 { GYRO } else { ACCEL }).0;
     let name = |row: usize| {
         let at = matrix.row(row).transpose().iamax();
-        format!("{}{}", if matrix[(row, at)] < 0.0 { "-" } else { "" }, ["x", "y", "z"][at])
+        format!("{}{}", if matrix[(row, at)] < 0.0 { "-" } else { "" }, AXES[at])
     };
     let names: Vec<String> = (0..3).map(name).collect();
-    (names != ["x", "y", "z"]).then(|| {
+    (names != AXES).then(|| {
         format!("columns are swapped or negated: x y z of the body are {} as delivered", names.join(" "))
     })
 }
@@ -189,6 +239,20 @@ fn largest(values: &DVector<f64>) -> f64 {
     values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
 }
 
-fn words(part: &Part, values: &DVector<f64>) -> String {
-    values.iter().map(|value| format!("{:.3}", value * part.unit.1)).collect::<Vec<_>>().join(" ")
+/// Values with their standard deviations; of the columns of a sensor the one that is off most.
+fn words(part: &Part, values: &DVector<f64>, sigmas: &DVector<f64>) -> String {
+    let (unit, size) = part.unit;
+    let list = |values: &DVector<f64>| {
+        values.iter().map(|value| format!("{:.3}", value * size)).collect::<Vec<_>>().join(" ")
+    };
+    if values.len() < 9 {
+        return format!("{} {unit}, one sigma {}", list(values), list(sigmas));
+    }
+    let most = values.component_div(sigmas).iamax();
+    let [value, sigma] = [values, sigmas].map(|of| of[most] * size);
+    format!(
+        "{value:.3} {unit} ({} of the body by {} as delivered), one sigma {sigma:.3}",
+        AXES[most / 3],
+        AXES[most % 3]
+    )
 }

@@ -14,10 +14,10 @@ pub(crate) mod parts;
 mod piece;
 pub(crate) mod rig;
 
-use crate::statistics::mean_and_spread;
 use crate::tracks::Tracks;
+use causes::SIGMAS;
 use integral::{Reading, Sensors, reading_at};
-use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use piece::{Noise, Normal, Piece, View};
 use plumbline_config::{Config, ImuSample, Timestamp, median};
 use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
@@ -38,6 +38,9 @@ const OF_MEDIAN: f64 = 1.4826;
 const OF_MEDIAN_LENGTH: f64 = 0.849;
 /// Noise to begin with: pixels, and densities of the inertial sensors that leave the motion to the images.
 const LOOSE: Noise = Noise { px: 1.0, gyro: 0.03, accel: 3.0, biases: [0.5, 2.0] };
+/// Noise that leaves it to them altogether, and steps of one camera by them.
+const LOOSEST: Noise = Noise { px: 1.0, gyro: 0.3, accel: 30.0, biases: [0.5, 2.0] };
+const SETTLING: i32 = 4;
 /// Least noise of a followed pixel, px.
 const LEAST_PX: f64 = 0.05;
 /// Noise falls by no more than this from one step to the next.
@@ -66,7 +69,9 @@ const PRIOR: [(usize, usize, f64, f64); 20] = [
     (BIASES + 3, 3, 5.0, 0.3),
 ];
 /// Delays that are tried at first: so many to either side, so far apart, s; one is better by this much of the correlation.
-const DELAYS: (i32, f64, f64) = (30, 0.02, 0.1);
+const DELAYS: (i32, f64, f64) = (15, 0.04, 0.1);
+/// Rates by which clocks that are no better than counted samples differ.
+const MAX_RATE: f64 = 0.035;
 /// Turn from keyframe to keyframe, root mean square, below which nothing is fitted, rad: fifty times the noise of a followed point.
 const LEAST_TURN_RAD: f64 = 0.01;
 /// Other columns of the accelerometer explain gravity better where they leave this share of its scatter.
@@ -90,7 +95,11 @@ pub(crate) struct Fitted {
 /// Turning from one keyframe to the next, by the images and by the gyroscope.
 type Turn = (Vector3<f64>, Vector3<f64>);
 
+/// Attitude at a keyframe, specific force as it is read, and acceleration.
+type Forces = (UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>);
+
 /// Pieces of a recording at their first guess.
+#[derive(Clone)]
 struct Pieces {
     rig: Rig,
     readings: Vec<Reading>,
@@ -137,6 +146,18 @@ impl Pieces {
         Some(Self { lost: all - pieces.len(), rig, readings, pieces, span_s })
     }
 
+    /// Lets the images of one camera alone say how it moves.
+    fn settle(&mut self, config: &Config) {
+        let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
+        for round in 0..SETTLING {
+            let damping = DAMPING * 0.3_f64.powi(round);
+            let normals = normals(&mut self.pieces, &self.rig, &self.readings, &gravity_w, &LOOSEST, damping);
+            for (piece, normal) in self.pieces.iter_mut().zip(&normals) {
+                piece.apply(normal, &Vector::zeros());
+            }
+        }
+    }
+
     /// Turning from keyframe to keyframe, by the images and by the gyroscope.
     fn turns(&self) -> Vec<Turn> {
         let sensors = Sensors::of(&self.rig, &SVector::zeros());
@@ -145,41 +166,60 @@ impl Pieces {
             let [from_s, to_s] = [0, 1].map(|k| self.rig.imu_time_s(&pair[k]));
             let middle = reading_at(&self.readings, 0.5 * (from_s + to_s))?;
             let seen = pair[0].pose_w_b.rotation.inverse() * pair[1].pose_w_b.rotation;
-            Some((seen.scaled_axis(), sensors.rate(&middle) * (to_s - from_s)))
+            Some((seen.scaled_axis(), sensors.rate(&middle) * (pair[1].t_s - pair[0].t_s)))
         };
         pairs.filter_map(turn).collect()
     }
 
-    /// Delay at which images and gyroscope turn as fast as each other, s: how they turn may be told in other axes.
-    fn delay_s(&self) -> f64 {
-        let (sensors, pairs) = (Sensors::of(&self.rig, &SVector::zeros()), || {
-            self.pieces.iter().flat_map(|piece| piece.keys.windows(2))
-        });
+    /// Delay and rate of the clocks at which images and gyroscope turn as fast as each other, s and 1, about one of these rates: how they turn
+    /// may be told in other axes.
+    fn clocks(&self, about: &[f64]) -> [f64; 2] {
+        let sensors = Sensors::of(&self.rig, &SVector::zeros());
+        let pairs = self.pieces.iter().flat_map(|piece| piece.keys.windows(2));
         let seen = |pair: &[Key]| {
-            pair[0].pose_w_b.rotation.angle_to(&pair[1].pose_w_b.rotation) / (pair[1].t_s - pair[0].t_s)
+            let angle = pair[0].pose_w_b.rotation.angle_to(&pair[1].pose_w_b.rotation);
+            let middle_s = 0.5 * (self.rig.imu_time_s(&pair[0]) + self.rig.imu_time_s(&pair[1]));
+            (middle_s, angle / (pair[1].t_s - pair[0].t_s))
         };
-        let alike = |delay_s: f64| {
-            let both = pairs().filter_map(|pair| {
-                let middle_s = 0.5 * (self.rig.imu_time_s(&pair[0]) + self.rig.imu_time_s(&pair[1]));
-                Some((seen(pair), sensors.rate(&reading_at(&self.readings, middle_s + delay_s)?).norm()))
-            });
-            correlation(&both.collect::<Vec<_>>())
+        let seen: Vec<(f64, f64)> = pairs.map(seen).collect();
+        let alike = |[delay_s, rate]: &[f64; 2]| {
+            let reading = |t_s: f64| reading_at(&self.readings, t_s + delay_s + rate * t_s);
+            let both: Vec<_> = seen
+                .iter()
+                .filter_map(|(t_s, turn)| Some((*turn, sensors.rate(&reading(*t_s)?).norm())))
+                .collect();
+            correlation(&both) * (both.len() as f64 / seen.len() as f64)
         };
-        let delays = (-DELAYS.0..=DELAYS.0).map(|k| f64::from(k) * DELAYS.1);
-        let best = delays.map(|delay_s| (alike(delay_s), delay_s)).max_by(|a, b| a.0.total_cmp(&b.0));
-        best.filter(|(found, _)| *found > alike(0.0) + DELAYS.2).map_or(0.0, |(_, delay_s)| delay_s)
+        // They may be in step at the beginning: so is one that only counts its samples.
+        let (step, half_s) = (DELAYS.1 / self.span_s, 0.5 * self.span_s);
+        let rates = (MAX_RATE / step) as i32;
+        let rates = about.iter().flat_map(|about| (-rates..=rates).map(move |k| about + f64::from(k) * step));
+        let tried = rates.flat_map(|rate| {
+            (-DELAYS.0..=DELAYS.0).map(move |k| [f64::from(k) * DELAYS.1 + rate * half_s, rate])
+        });
+        let best = tried.map(|clocks| (alike(&clocks), clocks)).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.filter(|(found, _)| *found > alike(&[0.0; 2]) + DELAYS.2).map_or([0.0; 2], |(_, clocks)| clocks)
     }
 
-    /// Scatter of the specific force within the pieces, turned back by the images, with these columns: gravity does not turn.
-    fn scatter(&self, columns: &Matrix3<f64>) -> f64 {
-        let of = |piece: &Piece| {
-            let forces = piece.keys.iter().filter_map(|key| {
-                let reading = reading_at(&self.readings, self.rig.imu_time_s(key))?;
-                Some(key.pose_w_b.rotation * (columns * reading.accel))
-            });
-            mean_and_spread(forces).1.powi(2)
+    /// Attitude, mean specific force and acceleration at the inner keyframes of each piece; how large the last is, one camera does not say.
+    fn forces(&self) -> Vec<Vec<Forces>> {
+        let of = |keys: &[Key]| {
+            let [from_s, at_s, to_s] = [0, 1, 2].map(|k| self.rig.imu_time_s(&keys[k]));
+            let within = self.readings.partition_point(|r| r.t_s < from_s)
+                ..self.readings.partition_point(|r| r.t_s < to_s);
+            let share = |t_s: f64| ((t_s - from_s) / (at_s - from_s)).min((to_s - t_s) / (to_s - at_s));
+            let mut mean = (Vector3::zeros(), 0.0);
+            for reading in self.readings.get(within)? {
+                mean = (mean.0 + reading.accel * share(reading.t_s), mean.1 + share(reading.t_s));
+            }
+            let speed = |k: usize| {
+                let moved = keys[k + 1].pose_w_b.translation.vector - keys[k].pose_w_b.translation.vector;
+                moved / (keys[k + 1].t_s - keys[k].t_s)
+            };
+            let acceleration = (speed(1) - speed(0)) / (0.5 * (keys[2].t_s - keys[0].t_s));
+            (mean.1 > 0.0).then(|| (keys[1].pose_w_b.rotation, mean.0 / mean.1, acceleration))
         };
-        self.pieces.iter().map(of).filter(|square| square.is_finite()).sum()
+        self.pieces.iter().map(|piece| piece.keys.windows(3).filter_map(of).collect()).collect()
     }
 
     /// Largest share of the turning about an axis that images and gyroscope do not agree on, with what is lost.
@@ -200,27 +240,69 @@ impl Pieces {
 pub(crate) struct FirstLook {
     /// True if the images turn enough for a calibration to show: well above the noise of a followed point.
     pub(crate) turns_enough: bool,
+    /// Axis of the gyroscope that turns with none of the images'.
+    pub(crate) silent: Option<usize>,
     /// Step of the calibration to begin with: a delay, and columns of the accelerometer, too far off for small steps.
     step: Vector,
+    /// What was found of a pair that begins as it is configured.
+    found: Option<Pieces>,
 }
 
 impl FirstLook {
     pub(crate) fn at(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Option<Self> {
         let mut step = Vector::zeros();
         let mut pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
-        step[DELAY] = pieces.delay_s();
+        if config.camera.len() == 1 {
+            pieces.settle(config);
+        }
+        let counted_s = pieces.readings.len() as f64 / config.imu.rate_hz;
+        let stamped_s = pieces.readings.last()?.t_s - pieces.readings.first()?.t_s;
+        [step[DELAY], step[CLOCK_RATE]] = pieces.clocks(&[0.0, stamped_s / counted_s - 1.0]);
         pieces.rig = pieces.rig.plus(&step);
-        let as_is = pieces.scatter(&Matrix3::identity());
-        let scatters = assignments().map(|columns| (pieces.scatter(&columns), columns));
+        let forces = pieces.forces();
+        let as_is = scatter(&forces, &Matrix3::identity());
+        let scatters = assignments().map(|columns| (scatter(&forces, &columns), columns));
         let best = scatters.min_by(|a, b| a.0.total_cmp(&b.0))?;
         if best.0 < BETTER * as_is {
             let change = (best.1 - Matrix3::identity()).transpose();
             step.fixed_rows_mut::<9>(ACCEL).copy_from_slice(change.as_slice());
         }
         let turns = pieces.turns();
-        let square: f64 = turns.iter().map(|(seen, _)| seen.norm_squared()).sum();
-        Some(Self { turns_enough: square > LEAST_TURN_RAD * LEAST_TURN_RAD * turns.len() as f64, step })
+        let least = LEAST_TURN_RAD * LEAST_TURN_RAD * turns.len() as f64;
+        let about = |axis: usize| turns.iter().map(|(seen, _)| seen[axis] * seen[axis]).sum::<f64>();
+        let alike = |seen: usize, axis: usize| {
+            correlation(&turns.iter().map(|turn| (turn.0[seen], turn.1[axis])).collect::<Vec<_>>()).abs()
+        };
+        let by_chance = SIGMAS / (turns.len() as f64).sqrt();
+        let loudest = |of: &dyn Fn(usize) -> f64| (0..3).map(of).fold(0.0, f64::max);
+        // Half of the turning about an axis is not in the samples.
+        let is_missed = |seen: usize| about(seen) > least && loudest(&|axis| alike(seen, axis)).powi(2) < 0.5;
+        let silent = (0..3).find(|axis| loudest(&|seen| alike(seen, *axis)) < by_chance);
+        Some(Self {
+            turns_enough: (0..3).map(about).sum::<f64>() > least,
+            silent: silent.filter(|_| turns.len() > 2 * KEYS && (0..3).any(is_missed)),
+            step,
+            found: (config.camera.len() > 1 && step == Vector::zeros()).then_some(pieces),
+        })
     }
+}
+
+/// Scatter of gravity within the pieces, that is of the specific force, with these columns, less the acceleration: gravity does not turn.
+fn scatter(pieces: &[Vec<Forces>], columns: &Matrix3<f64>) -> f64 {
+    let of = |piece: &Vec<Forces>| {
+        let count = piece.len() as f64;
+        let seen = || piece.iter().map(|(attitude, force, moved)| (attitude * (columns * force), moved));
+        let mean = seen().fold([Vector3::zeros(); 2], |sum, (force, moved)| {
+            [sum[0] + force / count, sum[1] + moved / count]
+        });
+        let square = |of: &dyn Fn(Vector3<f64>, Vector3<f64>) -> f64| {
+            seen().map(|(force, moved)| of(force - mean[0], moved - mean[1])).sum::<f64>()
+        };
+        let (all, both, moved) =
+            (square(&|f, _| f.norm_squared()), square(&|f, m| f.dot(&m)), square(&|_, m| m.norm_squared()));
+        all - both.max(0.0).powi(2) / moved.max(f64::MIN_POSITIVE)
+    };
+    pieces.iter().map(of).filter(|square| square.is_finite()).sum()
 }
 
 /// All assignments of three columns with all signs.
@@ -259,7 +341,10 @@ pub(crate) fn fit(
 ) -> Option<Fitted> {
     let is_of_right = |k: usize| (LENSES[1]..ROT_B_C).contains(&k) || (ROT_PAIR..READOUT).contains(&k);
     let is_free = |k: usize| is_free(k) && (config.camera.len() > 1 || !is_of_right(k));
-    let found = Pieces::of(config, tracks, samples, &first.step, usize::MAX)?;
+    let found = match &first.found {
+        Some(found) => found.clone(),
+        None => Pieces::of(config, tracks, samples, &first.step, usize::MAX)?,
+    };
     let Pieces { mut rig, readings, mut pieces, span_s, .. } = found;
     let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
     let mut noise = LOOSE;

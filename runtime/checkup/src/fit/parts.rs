@@ -1,8 +1,8 @@
 //! Parts of a calibration: what may be wrong with it, one at a time.
 
 use super::rig::{
-    ACCEL, ALTERNATING, CALIBRATION, CLOCK_RATE, DELAY, GYRO, LENSES, P_B_C, P_PAIR, READOUT, RIGHT_LATE,
-    ROT_B_C, ROT_PAIR,
+    self, ACCEL, ALTERNATING, CALIBRATION, DELAY, GYRO, LENSES, P_B_C, P_PAIR, READOUT, RIGHT_LATE, ROT_B_C,
+    ROT_PAIR,
 };
 use nalgebra::{DMatrix, Vector3};
 use plumbline_config::Config;
@@ -43,6 +43,8 @@ pub(crate) const CAMERA_IMU_ROTATION: &str = "camera-IMU rotation";
 pub(crate) const CAMERA_IMU_POSITION: &str = "camera-IMU position";
 pub(crate) const TIME_OFFSET: &str = "time offset";
 pub(crate) const READOUT_TIME: &str = "readout";
+/// Name of the part that explains another rate of the samples.
+pub(crate) const CLOCK_RATE: &str = "clock rate";
 
 const COURSES: [Course; 3] = [Course::Constant, Course::Thirds, Course::Pieces];
 const TURN: &str = "turn it by hand about all three axes for ten seconds, with texture in view";
@@ -101,6 +103,8 @@ pub(crate) fn parts(config: &Config) -> Vec<Part> {
     let place = sigmas.camera_imu_translation_sigma_m.max(5e-3);
     let offset_s = sigmas.time_offset_sigma_s.max(1e-3);
     let scales = [config.imu.gyro_scale_sigma.max(5e-3), config.imu.accel_scale_sigma.max(1e-2)];
+    // One camera holds it against gravity alone.
+    let against = (config.camera.len() > 1).then_some(SHAKE);
     let mut all = vec![
         part("focal length", 0, vec![both(0)], focal, share, CAMERAS, Some(TURN)),
         part("focal length by fx / fy", 1, vec![both(1)], 2.0 * focal, share, CAMERAS, None),
@@ -113,13 +117,13 @@ pub(crate) fn parts(config: &Config) -> Vec<Part> {
             part(TIME_OFFSET, 6, one(DELAY), offset_s, ms, "rig.time_offset_s", Some(TURN)),
         ),
         // Two crystals differ by 100 ppm at most (data sheets: 50 ppm each over temperature).
-        with_delay(part("clock rate", 7, one(CLOCK_RATE), 5e-5, ppm, CLOCKS, None)),
+        with_delay(part(CLOCK_RATE, 7, one(rig::CLOCK_RATE), 5e-5, ppm, CLOCKS, None)),
         with_delay(part("even and odd frames", 8, one(ALTERNATING), 1e-3, ms, IN_TURN, None)),
         key(readout_s, part(READOUT_TIME, 9, one(READOUT), 2e-3, ms, "camera.0.readout_s", None)),
         part("gyroscope scale", 10, diagonal(GYRO), scales[0], share, COLUMNS, None),
-        part("gyroscope axes", 10, span(GYRO, 9), 3.0 * scales[0], share, COLUMNS, None),
-        part("accelerometer scale", 11, diagonal(ACCEL), scales[1], share, COLUMNS, Some(SHAKE)),
-        part("accelerometer axes", 11, span(ACCEL, 9), 3.0 * scales[1], share, COLUMNS, None),
+        part("gyroscope axes", 10, span(GYRO, 9), 3.0 * scales[0], share, COLUMNS, Some(TURN)),
+        part("accelerometer scale", 11, diagonal(ACCEL), scales[1], share, COLUMNS, against),
+        part("accelerometer axes", 11, span(ACCEL, 9), 3.0 * scales[1], share, COLUMNS, Some(SHAKE)),
         moving("focal length", vec![both(0), both(5), both(6)], focal),
     ];
     if let [a, b] = config.camera.as_slice() {

@@ -109,7 +109,7 @@ impl Piece {
         for k in 1..keys.len() {
             let [from_s, to_s] = [k - 1, k].map(|k| rig.imu_time_s(&keys[k]));
             let middle = reading_at(readings, 0.5 * (from_s + to_s))?;
-            let turn = exp_so3(&(sensors.rate(&middle) * (to_s - from_s)));
+            let turn = exp_so3(&(sensors.rate(&middle) * (keys[k].t_s - keys[k - 1].t_s)));
             keys[k].pose_w_b = keys[k - 1].pose_w_b;
             keys[k].pose_w_b.rotation *= turn;
         }

@@ -73,7 +73,7 @@ pub fn nonsense(samples: &[ImuSample]) -> Vec<Finding> {
 }
 
 /// Gravity that points upwards in the vehicle for five seconds.
-pub(super) fn upside_down(samples: &[ImuSample], rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
+pub(crate) fn upside_down(samples: &[ImuSample], rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
     let force: Vector3<f64> = samples.iter().map(|sample| sample.accel).sum();
     let up_v = (rot_v_b? * force).try_normalize(1e-6)?;
     (samples.len() >= DOWN.1 && up_v.z < DOWN.0).then(|| {
