@@ -139,6 +139,7 @@ impl VehicleState {
     pub(crate) fn presence_words(&self, now: Instant) -> &'static str {
         match self.presence(now) {
             "tracking" if !self.is_usable(now) => "tracking, not for use",
+            "blind" => "blind, not for use",
             presence => presence,
         }
     }
