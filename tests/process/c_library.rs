@@ -398,8 +398,7 @@ mod counted {
         let mut valgrind = Command::new("valgrind");
         valgrind.args(["--tool=callgrind", "--callgrind-out-file=/dev/null"]);
         valgrind.arg(format!("--toggle-collect={function}")).arg(program).arg(preset()).arg(stream);
-        let output = valgrind.env("LD_LIBRARY_PATH", installed.path("usr/lib")).output().unwrap();
-        assert!(output.status.success(), "{}", said(&output));
+        let output = crate::done(valgrind.env("LD_LIBRARY_PATH", installed.path("usr/lib")));
         let text = said(&output);
         let count = text.lines().find_map(|line| line.split_once("Collected : ")).expect("a count").1;
         count.trim().parse().unwrap()

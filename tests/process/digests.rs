@@ -46,8 +46,7 @@ pub(super) fn flown(mut command: Command, (_, arguments): Flight) -> Option<Dige
         None => Some(argument.to_owned()),
     };
     let arguments: Vec<String> = arguments.split(' ').map(place).collect::<Option<_>>()?;
-    let output = command.arg("replay").args(&arguments).arg("--json").output().unwrap();
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let output = crate::done(command.arg("replay").args(&arguments).arg("--json"));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let digest = |key: &str| report[key].as_str().unwrap().to_owned();
     assert!(report["completion"].as_f64().unwrap() > 0.8, "{arguments:?} hardly has a pose to compare");

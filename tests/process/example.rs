@@ -24,8 +24,7 @@ fn the_end_of_an_older_inertial_example_leaves_the_link_of_the_newer_one() {
     let folder = tempfile::tempdir().unwrap();
     let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/send_imu.py");
     let arguments = ["-c", RESTARTED, example];
-    let output = Command::new("python3").args(arguments).arg(folder.path().join("imu")).output().unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
+    crate::done(Command::new("python3").args(arguments).arg(folder.path().join("imu")));
 }
 
 /// The example in a folder of its own, with the Python of the schemas as its first lines have it made.

@@ -24,8 +24,7 @@ fn peer(python: &Path, arguments: &[&str]) -> Command {
 
 /// Output of the peer after a successful run.
 fn told(python: &Path, arguments: &[&str]) -> Value {
-    let output = peer(python, arguments).output().unwrap();
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let output = crate::done(peer(python, arguments));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 

@@ -10,12 +10,11 @@ const PACKAGES: &str =
 #[test]
 fn the_experiments_pass_their_tests() {
     let Some(python) = interpreter(PACKAGES) else { return };
-    let output = Command::new(python)
-        .args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "lab/tests"])
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."))
-        .env("PYTHONPATH", "lab")
-        .env("PLUMBLINE", env!("CARGO_BIN_EXE_plumbline"))
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stdout), super::stderr(&output));
+    crate::done(
+        Command::new(python)
+            .args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "lab/tests"])
+            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."))
+            .env("PYTHONPATH", "lab")
+            .env("PLUMBLINE", env!("CARGO_BIN_EXE_plumbline")),
+    );
 }

@@ -91,8 +91,7 @@ pub fn flown_alone(duration_s: u32) -> (Value, Value) {
     let (duration, cache) = (duration_s.to_string(), super::vehicle::cache());
     let mut command = Command::new(PLUMBLINE);
     command.args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--json"]);
-    let output = command.args(["--duration", &duration]).arg("--cache").arg(cache).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = crate::done(command.args(["--duration", &duration]).arg("--cache").arg(cache));
     digests(&serde_json::from_slice(&output.stdout).unwrap())
 }
 
@@ -204,14 +203,13 @@ fn commands_of_users_without_rights_are_refused() {
     let flight = Flight::new(READ_S);
     let mut vehicle = Running::start(flight.command());
     drop(connected(&flight.socket()));
-    let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "local::a_reader_of_another_user", "--ignored"])
-        .env("PLUMBLINE_TEST_SOCKET", flight.socket())
-        .uid(SOMEBODY)
-        .gid(SOMEBODY)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    crate::done(
+        Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "local::a_reader_of_another_user", "--ignored"])
+            .env("PLUMBLINE_TEST_SOCKET", flight.socket())
+            .uid(SOMEBODY)
+            .gid(SOMEBODY),
+    );
     vehicle.interrupt();
     assert_eq!(flight.finish(vehicle)["resets"], 0);
 }

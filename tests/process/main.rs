@@ -50,6 +50,7 @@ mod usage;
 mod vehicle;
 
 use serde_json::Value;
+use std::borrow::BorrowMut;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -60,9 +61,14 @@ fn plumbline(arguments: &[&str]) -> Output {
 
 /// Output of the command, which succeeds.
 fn succeeds(arguments: &[&str]) -> Output {
-    let output = plumbline(arguments);
+    done(Command::new(env!("CARGO_BIN_EXE_plumbline")).args(arguments))
+}
+
+/// Output of a process that succeeds.
+fn done(mut command: impl BorrowMut<Command>) -> Output {
+    let output = command.borrow_mut().output().expect("the command runs");
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{arguments:?}: {said}{}", stderr(&output));
+    assert!(output.status.success(), "{:?}: {said}{}", command.borrow(), stderr(&output));
     output
 }
 

@@ -40,12 +40,11 @@ fn a_second_process_receives_what_was_computed() {
             theirs.lock().unwrap().extend(serde_json::from_str::<Value>(&line));
         }
     });
-    let flown = Command::new(PLUMBLINE)
-        .args(["replay", "sim:room", "--start", "2", "--duration", "4", "--scale", "0.5", "--speed", "1"])
-        .args(["--publish", "--connect", &endpoint, "--trajectory", trajectory.to_str().unwrap()])
-        .output()
-        .unwrap();
-    assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
+    crate::done(
+        Command::new(PLUMBLINE)
+            .args(["replay", "sim:room", "--start", "2", "--duration", "4", "--scale", "0.5", "--speed", "1"])
+            .args(["--publish", "--connect", &endpoint, "--trajectory", trajectory.to_str().unwrap()]),
+    );
     let computed: BTreeMap<i64, String> = std::fs::read_to_string(&trajectory)
         .unwrap()
         .lines()

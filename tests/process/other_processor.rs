@@ -70,8 +70,7 @@ fn digest_of_a_room_with_faults() {
 }
 
 fn succeeds(mut command: Command, arguments: &[&OsStr]) -> serde_json::Value {
-    let output = command.args(arguments).arg("--json").output().unwrap();
-    assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let output = crate::done(command.args(arguments).arg("--json"));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 

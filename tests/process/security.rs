@@ -7,8 +7,7 @@ use std::process::{Command, Output};
 use std::time::Duration;
 
 fn keys(folder: &Path) {
-    let made = Command::new(PLUMBLINE).arg("keys").arg(folder).output().unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    crate::done(Command::new(PLUMBLINE).arg("keys").arg(folder));
 }
 
 /// Options that name the files of a role.

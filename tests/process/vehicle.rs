@@ -187,7 +187,6 @@ pub fn render_as(scene: &[&str], duration_s: u32) {
     kept::done_once(&format!("{scene:?} for {duration_s} s"), || {
         let mut command = Command::new(PLUMBLINE);
         command.arg("replay").args(scene).args(["--no-lines", "--duration", &duration_s.to_string()]);
-        let output = command.arg("--cache").arg(cache()).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        crate::done(command.arg("--cache").arg(cache()));
     });
 }

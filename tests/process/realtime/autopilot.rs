@@ -79,8 +79,7 @@ impl Flight {
         let more = [&["--set", MOUNTING, "--set", AWAKE], more].concat();
         let arguments = [&flight[..], &["--no-lines", "--cache", &cache], &more].concat();
         let arguments: Vec<String> = arguments.into_iter().map(str::to_owned).collect();
-        let rendered = Command::new(env!("CARGO_BIN_EXE_plumbline")).args(&arguments).output().unwrap();
-        assert!(rendered.status.success(), "{}", stderr(&rendered));
+        crate::done(Command::new(env!("CARGO_BIN_EXE_plumbline")).args(&arguments));
         Self { folder, arguments }
     }
 

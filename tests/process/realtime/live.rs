@@ -2,7 +2,7 @@
 
 use crate::cgroup::Group;
 use crate::host::beside_bare_timers;
-use crate::{stderr, succeeds};
+use crate::succeeds;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -54,8 +54,7 @@ impl Flight {
 
     /// Runs to the end and reads the report.
     fn finished(&self, more: &[&str]) -> Value {
-        let output = self.command(more).output().unwrap();
-        assert!(output.status.success(), "{}", stderr(&output));
+        crate::done(self.command(more));
         self.read_report()
     }
 

@@ -140,8 +140,7 @@ fn a_dead_window_and_a_dead_front_end_cost_a_reset_and_the_odometry_goes_on() {
     let (odometry, report, log) =
         (folder.at("odometry.tum"), folder.at("report.json"), folder.at("flight.mcap"));
     let files = ["--odometry", &odometry, "--report", &report, "--record", &log];
-    let flown = flight("window=panic@3 front-end=panic@4.5", 7, &files).output().unwrap();
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    crate::done(flight("window=panic@3 front-end=panic@4.5", 7, &files));
     let report = crate::json(report);
     let live = &report["live"];
     assert_eq!((&live["deaths"], &live["renewals"], &report["resets"]), (&2.into(), &2.into(), &2.into()));
