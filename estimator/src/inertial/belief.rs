@@ -11,7 +11,7 @@ use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable};
 
 /// Two samples further apart than this many nominal periods have lost samples between them.
-const GAP_PERIODS: f64 = 2.5;
+pub const GAP_PERIODS: f64 = 2.5;
 /// Readings beyond this share of the range count as being at its end.
 const SATURATED_SHARE: f64 = 0.99;
 /// Readings are cut off at this many times the range: one beyond all measure must not make sums infinite.

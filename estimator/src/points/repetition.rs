@@ -9,6 +9,7 @@
 
 use super::align::TranslationTemplate;
 use super::flow::{FlowOptions, MAX_LAST_STEP_PX, SAME_PLACE_PX, prepare_at, track_patch};
+use super::stereo::MIN_LEAD;
 use crate::image::Pyramid;
 use crate::image::patch::{Patch, SIDE, sample_patch, sample_upright};
 use nalgebra::{Matrix2, Vector2};
@@ -23,8 +24,6 @@ const REACH_PX: usize = SURROUNDINGS_PX as usize + 6;
 const SEARCH_PX: i32 = 14;
 /// Least correlation of a place before its alignment, and after.
 const MIN_ZNCC: (f32, f32) = (0.6, 0.75);
-/// The best place is better than any other by this much.
-const MIN_LEAD: f32 = 0.08;
 /// Gain in correlation by an alignment, at most.
 const MAX_GAIN: f32 = 0.1;
 /// Opposite rivals are equally far from the corner to this, px.

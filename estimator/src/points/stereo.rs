@@ -28,7 +28,7 @@ const MIN_SEARCH_ZNCC: f32 = 0.4;
 const MIN_ZNCC: f32 = 0.75;
 /// The winner's correlations on both scales exceed the other candidate's by this much in sum, unless they are
 /// one place.
-const MIN_LEAD: f32 = 0.08;
+pub const MIN_LEAD: f32 = 0.08;
 
 /// A point found in the other camera.
 #[derive(Clone, Copy, Debug)]

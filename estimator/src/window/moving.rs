@@ -17,10 +17,10 @@ use super::poses::Poses;
 use super::problem::Problem;
 use super::sighting::Votes;
 use super::tracks::{self, MIN_WITNESSES, Verdict};
-use super::trial::{Crowd, Trial};
+use super::trial::{Crowd, DOUBTFUL_SIGMAS, Trial};
 
-/// Observations that agree with the motion, at least: by chance hardly any would.
-const MIN_AGREEING: usize = 6;
+/// Observations that agree with a motion, at least: by chance hardly any would.
+pub const MIN_AGREEING: usize = 6;
 /// With [`MIN_WITNESSES`] that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
 const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
@@ -36,8 +36,7 @@ const MINORITY: f64 = 0.25;
 const BLOW_M: f64 = 0.1;
 /// A prediction is a little off, and nothing moves, if a sighting leaves no more than this share of what is seen unexplained.
 const SLIP_SHARE: f64 = 0.02;
-/// The prediction may be off by this many standard deviations of the velocity, and gates may grow by this factor.
-const VELOCITY_SIGMAS: f64 = 3.0;
+/// Gates may grow by this factor where the velocity is uncertain.
 const MOST_SLACK: f64 = 3.0;
 /// Inverse depth of a near point, 1/m, by which a wrong velocity is seen.
 const NEAR_RHO: f64 = 0.7;
@@ -117,7 +116,7 @@ impl Window {
     fn slack(&self, velocity_sigma_m_s: f64) -> Option<f64> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let dt_s = newest.taken.seconds_since(before.taken);
-        let off_px = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s * NEAR_RHO * self.options.focal_px;
+        let off_px = DOUBTFUL_SIGMAS * velocity_sigma_m_s * dt_s * NEAR_RHO * self.options.focal_px;
         let slack = 1.0 + off_px / self.options.outlier_px;
         (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)
     }

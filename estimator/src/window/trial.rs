@@ -15,9 +15,10 @@ use crate::geometry::log_so3;
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
-/// A difference contradicts by this many standard deviations; by so many, it is in doubt: forces lose weight.
-const CONTRADICTS_SIGMAS: f64 = 5.0;
-const DOUBTFUL_SIGMAS: f64 = 3.0;
+/// A difference contradicts by this many standard deviations, whatever differs: one axis of a frame at 20 Hz would by chance every 24
+/// hours. By so many, it is in doubt: forces lose weight.
+pub const CONTRADICTS_SIGMAS: f64 = 5.0;
+pub const DOUBTFUL_SIGMAS: f64 = 3.0;
 /// A stamp is not better than this, s.
 const LEAST_STAMP_S: f64 = 1e-3;
 /// Share of known landmarks on the side of the prediction from which it is not contradicted, and that the sighting explains at least.
@@ -27,8 +28,9 @@ const EXPLAINED_SHARE: f64 = 0.7;
 const PLAIN_SHARE: f64 = 0.25;
 /// A turn is outvoted by this many times the landmarks that explain it alone.
 const TURN_OUTVOTES: usize = 4;
-/// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and is not in doubt.
-const BACKED_RAD: f64 = 1.5e-3;
+/// Turns of a frame by the images and by the gyroscope are the same if they differ by this, rad: twice the most of recorded and clean
+/// simulated flights, but for single frames.
+pub const SAME_TURN_RAD: f64 = 1.5e-3;
 
 /// Uncertainty of a frame's prediction.
 #[derive(Clone, Copy, Debug)]
@@ -81,10 +83,9 @@ impl Trial {
     /// True if the turn that the samples predict is wrong rather than what is seen: most known landmarks are where another turn has them, and
     /// hardly any where the predicted one does.
     pub fn is_turn_outvoted(&self) -> bool {
-        let Votes { predicted, sighted, both, all } = self.votes;
-        let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
-        let is_plain = sighted as f64 >= PLAIN_SHARE * all as f64 && sighted >= TURN_OUTVOTES * predicted;
-        !self.is_turn_backed && self.crowd.is_none() && is_explained && is_plain
+        let Votes { predicted, sighted, .. } = self.votes;
+        let is_outvoted = self.votes.are_plain() && sighted >= TURN_OUTVOTES * predicted;
+        !self.is_turn_backed && self.crowd.is_none() && self.votes.are_explained() && is_outvoted
     }
 
     /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
@@ -95,9 +96,7 @@ impl Trial {
 
     /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
     pub fn is_by_forces(&self) -> bool {
-        let Votes { sighted, all, .. } = self.votes;
-        let is_plain = sighted as f64 >= PLAIN_SHARE * all as f64;
-        self.crowd.is_none_or(|crowd| is_plain || self.off_m <= crowd.wrong_m)
+        self.crowd.is_none_or(|crowd| self.votes.are_plain() || self.off_m <= crowd.wrong_m)
     }
 
     /// Force that explains the difference, m/s².
@@ -106,10 +105,27 @@ impl Trial {
     }
 
     fn is_off_by(&self, sigmas: f64) -> bool {
-        let Votes { predicted, sighted, both, all } = self.votes;
-        let is_backed = predicted as f64 > BACKED_SHARE * all as f64;
-        let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
-        self.off_sigmas > sigmas && self.is_by_forces() && self.is_turn_backed && is_explained && !is_backed
+        self.off_sigmas > sigmas
+            && self.is_by_forces()
+            && self.is_turn_backed
+            && self.votes.are_for_sighting()
+    }
+}
+
+impl Votes {
+    /// True if the sighting explains nearly all.
+    fn are_explained(self) -> bool {
+        (self.sighted + self.both) as f64 >= EXPLAINED_SHARE * self.all as f64
+    }
+
+    /// True if the sighting alone explains more than a crowd could be that has been known for a moment.
+    fn are_plain(self) -> bool {
+        self.sighted as f64 >= PLAIN_SHARE * self.all as f64
+    }
+
+    /// True if nearly all are where the sighting has them, and hardly any where the prediction alone does.
+    pub fn are_for_sighting(self) -> bool {
+        self.are_explained() && self.predicted as f64 <= BACKED_SHARE * self.all as f64
     }
 }
 
@@ -139,7 +155,7 @@ impl Sighting {
     pub fn is_turn_of(&self, predicted: &NavState) -> bool {
         let off = log_so3(&(predicted.rot_o_b.inverse() * self.rot_o_b));
         let variance = variance_along(&self.rotation_covariance, &off);
-        off.norm_squared() < BACKED_RAD.squared() + DOUBTFUL_SIGMAS.squared() * variance
+        off.norm_squared() < SAME_TURN_RAD.squared() + DOUBTFUL_SIGMAS.squared() * variance
     }
 }
 

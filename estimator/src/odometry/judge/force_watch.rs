@@ -14,8 +14,11 @@
 //! fault has spoilt already takes part, as they would in an innovation of the filter. The first frame of a blow shows in such an innovation
 //! alone ([`crate::window::trial`]), and is taken from there.
 
+use super::SET_RIGHT_S;
+use super::stamp::noise::LEAST_SIGMA_S;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::sighting::{LEAST_SIGHTING_M, variance_along};
+use crate::window::trial::CONTRADICTS_SIGMAS;
 use heapless::Deque;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -26,25 +29,18 @@ const HALVES: [usize; 3] = [2, 4, 8];
 const MAX_LEGS: usize = SPAN_FRAMES + 1;
 /// Frames of the longest span.
 pub(super) const SPAN_FRAMES: usize = 2 * HALVES[2];
-/// A gain of velocity contradicts by this many standard deviations.
-const CONTRADICTS_SIGMAS: f64 = 5.0;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
-/// A stamp is not better than this, s.
-const LEAST_STAMP_S: f64 = 5e-4;
 /// Forces are doubted between these, m/s².
 const LEAST_DOUBT_M_S2: f64 = 2.0;
 const MOST_DOUBT_M_S2: f64 = 50.0;
 /// Frames on end that contradict before the accelerometer is named.
 const FRAMES_TO_NAME: u32 = 4;
-/// A contradiction holds for this long after the last frame that showed it, s; once the accelerometer is named longer, since an axis that is
-/// dead agrees while it has nothing to feel.
-const HELD_S: f64 = 0.3;
+/// A contradiction holds for [`SET_RIGHT_S`] after the last frame that showed it; once the accelerometer is named for this time, s, since an axis that
+/// is dead agrees while it has nothing to feel, and while no frame can show it.
 const HELD_NAMED_S: f64 = 1.0;
-/// And this long while no frame can show it, s; once the accelerometer is named so long, since it has to be seen to agree.
-const UNSEEN_S: f64 = 1.0;
-const UNSEEN_NAMED_S: f64 = 5.0;
-/// A prediction may be as wrong as the accelerometer was for this long after that was last contradicted, s.
+/// Once the accelerometer is named it holds so long while no frame can show it, s, since that has to be seen to agree; and a prediction may be as
+/// wrong as the accelerometer was for this long after.
 const LATELY_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
@@ -179,8 +175,8 @@ impl ForceWatch {
         self.gain = None;
         let (last, sigma_m_s2) = self.last?;
         let (seen, unseen_s) = match self.named.filter(|_| self.is_named) {
-            Some((named, _)) => (named, UNSEEN_NAMED_S),
-            None => (last, UNSEEN_S),
+            Some((named, _)) => (named, LATELY_S),
+            None => (last, HELD_NAMED_S),
         };
         if stamp.seconds_since(seen) < unseen_s {
             if self.is_named {
@@ -194,7 +190,7 @@ impl ForceWatch {
 
     /// Takes a frame that known landmarks place; returns what is wrong with the forces that lead to it.
     pub(super) fn update(&mut self, seen: &SeenMotion<'_>, sigmas: &ForceSigmas) -> Option<WrongForces> {
-        let stamp_s = seen.stamp_sigma_s.at_least(LEAST_STAMP_S);
+        let stamp_s = seen.stamp_sigma_s.at_least(LEAST_SIGMA_S);
         let by_stamp = seen.v_o_b * stamp_s;
         self.slow_bias.add(&seen.motion.bias_accel, sigmas.bias_m_s2, seen.motion.dt_s);
         if self.legs.is_full() {
@@ -248,7 +244,7 @@ impl ForceWatch {
     }
 
     fn is_held_at(&self, stamp: Timestamp) -> bool {
-        let held_s = if self.is_named { HELD_NAMED_S } else { HELD_S };
+        let held_s = if self.is_named { HELD_NAMED_S } else { SET_RIGHT_S };
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
     }
 

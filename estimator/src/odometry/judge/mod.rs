@@ -73,6 +73,10 @@ use unfelt_force::UnfeltForce;
 
 /// Largest quality while a sensor is contradicted: below what an autopilot flies with.
 const CONTRADICTED_QUALITY: i8 = 10;
+/// Frames on end by which something is named, or believed again: half a second at 20 Hz.
+const FRAMES_TO_AGREE: u32 = 10;
+/// Images have contradicted a force that did not act after this time, and set the velocity right, s.
+const SET_RIGHT_S: f64 = 0.3;
 
 /// All watches.
 #[derive(Clone, Debug)]

@@ -5,6 +5,7 @@
 //! forces less suddenly. A change from frame to frame that is rare in this flight therefore makes the velocity uncertain along it, until the
 //! images have had time to contradict it ([`super::force_watch`]); the estimate itself believes it meanwhile.
 
+use super::SET_RIGHT_S;
 use crate::inertial::Preintegration;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -16,8 +17,6 @@ const LEAST_SQUARE: f64 = 0.04;
 /// Changes over one frame and over two are sudden from these multiples of the root of that mean square. Recorded flights exceed the first in
 /// 3 frames of 1000.
 const SUDDEN: [f64; 2] = [3.0, 5.0];
-/// Images have contradicted a force that did not act after this time, s.
-const HELD_S: f64 = 0.3;
 /// Share of the change that the velocity may be wrong by, and the longest time that it has acted for by then, s.
 pub(super) const SIGMA_SHARE: f64 = 0.3;
 pub(super) const MOST_S: f64 = 0.1;
@@ -75,7 +74,7 @@ impl SuddenForce {
         }
         if let Some(force_o) = sudden {
             let begun = Change { force_o, since: from, last: to };
-            let held = self.change.filter(|held| to.seconds_since(held.last) < HELD_S).unwrap_or(begun);
+            let held = self.change.filter(|held| to.seconds_since(held.last) < SET_RIGHT_S).unwrap_or(begun);
             let largest = if held.force_o.norm() > force_o.norm() { held.force_o } else { force_o };
             self.change = Some(Change { force_o: largest, last: to, ..held });
         }
@@ -84,14 +83,14 @@ impl SuddenForce {
 
     /// Distance by which a change that is not confirmed at `stamp` has moved a prediction over the `dt_s` before if it did not act, m.
     pub(super) fn moved_m(&self, stamp: Timestamp, dt_s: f64) -> Option<f64> {
-        let change = self.change.filter(|held| stamp.seconds_since(held.last) < HELD_S)?;
+        let change = self.change.filter(|held| stamp.seconds_since(held.last) < SET_RIGHT_S)?;
         let acted_s = stamp.seconds_since(change.since);
         Some(change.force_o.norm() * dt_s * (acted_s - 0.5 * dt_s).at_least(0.5 * dt_s))
     }
 
     /// Covariance of the velocity at `stamp` by a force that is not confirmed yet, m²/s² in `O`.
     pub(super) fn of_velocity(&self, stamp: Timestamp) -> Option<Matrix3<f64>> {
-        let change = self.change.filter(|held| stamp.seconds_since(held.last) < HELD_S)?;
+        let change = self.change.filter(|held| stamp.seconds_since(held.last) < SET_RIGHT_S)?;
         let acted_s = stamp.seconds_since(change.since).at_most(MOST_S);
         let by_force = change.force_o * (SIGMA_SHARE * acted_s);
         Some(by_force * by_force.transpose())

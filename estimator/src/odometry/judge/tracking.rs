@@ -2,7 +2,9 @@
 
 use super::super::estimation::{Estimation, MAX_SCALE_SIGMA};
 use super::super::plausible::{ResetReason, implausible};
+use super::SET_RIGHT_S;
 use crate::estimate::HealthBits;
+use crate::window::moving::MIN_AGREEING;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{Portable, Timestamp};
 
@@ -13,10 +15,6 @@ const MIN_LANDMARKS_IN_VIEW: usize = 5;
 const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
-/// After a motion that the images contradicted as a whole the velocity is that of a few images for so long, s.
-const DOUBTED_S: f64 = 0.3;
-/// Fewest known landmarks that hold an estimate while others are dropped as moving.
-const MIN_HOLDING: usize = 6;
 /// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
 const RECURS_S: f64 = 2.0;
 const PROBATION_S: f64 = 1.0;
@@ -72,7 +70,7 @@ impl Tracking {
             begun: None,
             doubted: None,
             distrusted: None,
-            distrusted_s: DOUBTED_S,
+            distrusted_s: SET_RIGHT_S,
         }
     }
 
@@ -95,7 +93,7 @@ impl Tracking {
 
     /// The prediction of the frame of `stamp` was tried: `left` known landmarks agree with it, if anything was dropped as moving.
     pub(super) fn note_left(&mut self, stamp: Timestamp, left: Option<usize>) {
-        if left.is_some_and(|left| left < MIN_HOLDING) {
+        if left.is_some_and(|left| left < MIN_AGREEING) {
             self.note_doubt(stamp);
         }
     }
@@ -107,7 +105,7 @@ impl Tracking {
         if is_carried || (were_believed && recurs) {
             self.distrusted_s = PROBATION_S;
         } else if were_believed {
-            self.distrusted_s = DOUBTED_S;
+            self.distrusted_s = SET_RIGHT_S;
         }
         self.distrusted = Some(stamp);
     }
@@ -116,7 +114,7 @@ impl Tracking {
     pub(super) fn is_doubted_at(&self, stamp: Timestamp) -> bool {
         let is_within =
             |last: Option<Timestamp>, s: f64| last.is_some_and(|last| stamp.seconds_since(last) < s);
-        is_within(self.doubted, DOUBTED_S) || is_within(self.distrusted, self.distrusted_s)
+        is_within(self.doubted, SET_RIGHT_S) || is_within(self.distrusted, self.distrusted_s)
     }
 
     /// An estimate was given up at `stamp`: none is for being blind shortly after.
@@ -217,7 +215,7 @@ mod tests {
             tracking.note_left(at(s), left);
             tracking.is_doubted_at(at(s))
         };
-        let left = [(1.0, None), (1.05, Some(MIN_HOLDING)), (1.1, Some(2)), (1.3, None), (1.5, None)];
+        let left = [(1.0, None), (1.05, Some(MIN_AGREEING)), (1.1, Some(2)), (1.3, None), (1.5, None)];
         assert_eq!(left.map(|(s, left)| judged(s, left)), [false, false, true, true, false]);
     }
 }

@@ -4,15 +4,13 @@ use super::noise::Prediction;
 use super::sudden_force::SuddenForce;
 use crate::window::Window;
 use crate::window::sighting::Sighting;
-use crate::window::trial::{Crowd, Expected, Trial};
+use crate::window::trial::{CONTRADICTS_SIGMAS, Crowd, Expected, Trial};
 use plumbline_config::Portable;
 
 /// A force that set in suddenly and did not act moves a prediction by no more than this multiple of what it adds to it.
 const SUDDEN_SHARE: f64 = 1.5;
 /// A force of the vehicle that its accelerometer does not feel, as on an axis that is dead, m/s².
 const UNMEASURED_M_S2: f64 = 6.0;
-/// The velocity is wrong by no more standard deviations than this.
-const VELOCITY_SIGMAS: f64 = 5.0;
 
 /// Outcome of a trial.
 #[derive(Clone, Copy, Debug, Default)]
@@ -55,7 +53,7 @@ fn crowd(
     let newest = window.frames.last().filter(|_| window.is_motion_in_sight())?;
     let by_sudden = sudden_force.moved_m(newest.taken, dt_s);
     let by_unmeasured = 0.5 * UNMEASURED_M_S2.at_least(wrong_m_s2) * dt_s.squared();
-    let by_velocity = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s;
+    let by_velocity = CONTRADICTS_SIGMAS * velocity_sigma_m_s * dt_s;
     Some(Crowd {
         wrong_m: SUDDEN_SHARE * by_sudden.unwrap_or(0.0) + by_unmeasured + by_velocity,
         is_force_sudden: by_sudden.is_some(),

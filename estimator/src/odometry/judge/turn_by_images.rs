@@ -4,14 +4,12 @@ use crate::geometry::log_so3;
 use crate::points::prediction::WitnessedTurn;
 use crate::window::Window;
 use crate::window::sighting::{Sighting, variance_along};
-use crate::window::trial::Trial;
+use crate::window::trial::{DOUBTFUL_SIGMAS, Trial};
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::Portable;
 
 /// Share of the landmarks that the sighted pose alone explains, from which they vote for it.
 const VOTED_SHARE: f64 = 0.15;
-/// Turns by landmarks and by corners are the same to so many standard deviations of the latter.
-const CORNERS_SIGMAS: f64 = 3.0;
 
 /// Turn of the newest frame since the one before, by images.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +42,7 @@ impl TurnByImages {
     /// True if it is the turn by `corners`, as far as these know it.
     pub(super) fn is_turn_of(&self, corners: &Self) -> bool {
         let off = self.seen - corners.seen;
-        off.norm_squared() < CORNERS_SIGMAS.squared() * variance_along(&corners.covariance, &off)
+        off.norm_squared() < DOUBTFUL_SIGMAS.squared() * variance_along(&corners.covariance, &off)
     }
 
     /// By corners that look like nothing around them: before texture that repeats, landmarks may be of another cell.

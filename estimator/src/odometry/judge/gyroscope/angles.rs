@@ -1,5 +1,7 @@
 //! The integral of the gyroscope's readings, against which turns that images tell are held.
 
+use super::super::stamp::noise::MOST_S;
+use crate::inertial::belief::GAP_PERIODS;
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
@@ -10,9 +12,7 @@ pub(super) const MAX_TURNS: usize = 32;
 /// Samples of the gyroscope are kept this long, s: the turns, and as much before them as images may be late.
 const MEMORY_S: f64 = 2.5;
 /// The newest reading holds for so long after its sample, ns: as far as a stamp is off.
-const HOLDS_NS: i64 = 12_000_000;
-/// Samples further apart than this many periods have a hole between them.
-const HOLE_PERIODS: f64 = 2.5;
+const HOLDS_NS: i64 = (MOST_S * 1e9) as i64;
 
 /// A turn as the images of two frames tell it.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +71,7 @@ impl GyroAngles {
     pub(super) fn new(imu: &ImuConfig) -> Self {
         let capacity = (MEMORY_S * imu.rate_hz).ceil() as usize + 2;
         Self {
-            max_gap_ns: (HOLE_PERIODS * 1e9 / imu.rate_hz) as i64,
+            max_gap_ns: (GAP_PERIODS * 1e9 / imu.rate_hz) as i64,
             capacity,
             angles: VecDeque::with_capacity(capacity),
             last: None,

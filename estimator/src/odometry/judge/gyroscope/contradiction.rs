@@ -2,39 +2,35 @@
 
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::{Delay, delay};
+use super::super::FRAMES_TO_AGREE;
+use super::super::stamp::noise::MOST_S;
 use crate::estimate::HealthBits;
+use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
-/// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
-/// single frames.
-pub(super) const AGREES_RAD: f64 = 1.5e-3;
-/// Frames on end that agree before it is over: half a second at 20 Hz, and twice as many if a delay was found. Once the gyroscope is named, those
-/// in which the vehicle does not turn about the axis that was wrong count as so much: an axis that is dead agrees with them.
-const FRAMES_TO_AGREE: f64 = 10.0;
+/// It is over after [`FRAMES_TO_AGREE`], and twice as many if a delay was found. Once the gyroscope is named, those in which the vehicle does not
+/// turn about the axis that was wrong count as so much: an axis that is dead agrees with them.
 const IDLE_FRAME: f64 = 0.25;
 /// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
 const PROVES_RAD: f64 = 3e-3;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
-/// Turns by which the gyroscope is named, and how much of what differs the images turn by themselves.
-const TURNS_TO_NAME: usize = 10;
+/// How much of what differs the images turn by themselves, where [`FRAMES_TO_AGREE`] name the gyroscope.
 const TURNING_SHARE: f64 = 0.2;
 /// Mean over the frames of the squared multiple of what may differ, by which a gyroscope is wrong, and as much of it as counts: an image that
-/// jumps differs once, and a crowd that is taken for the scene by little.
+/// jumps differs once, and a crowd that is taken for the scene by little. Or the latter by which the newest frames differ in sum, if no frame
+/// makes up half of it: a small error that lasts.
 const MEAN_EXCESS_SQUARED: f64 = 0.7;
 const MOST_EXCESS: f64 = 2.0;
-/// Or by which the newest frames differ in sum, if no frame makes up half of it: a small error that lasts.
-const SUM_EXCESS: f64 = 2.0;
 /// It is wrong at once if so many frames on end differ by so many times what may, in one direction (cosine), and turn this many times as fast as
 /// the images have: no delay and no jump of an image does that.
 const PLAIN_FRAMES: u32 = 2;
-const PLAIN_EXCESS: f64 = 4.0;
+pub(super) const PLAIN_EXCESS: f64 = 4.0;
 const PLAIN_COSINE: f64 = 0.8;
 const PLAIN_SPEED: f64 = 2.0;
-/// Errors of the stamps of a turn explain so much of it, s; and this share of what differs must be left.
-const STAMPS_S: f64 = 0.012;
+/// Share of what differs that must be left once errors of stamps explain as much of it as they can.
 const UNEXPLAINED_SHARE: f64 = 0.5;
 
 /// Sensor that is wrong.
@@ -117,7 +113,7 @@ impl Contradiction {
         self.frames = (self.frames + 1).min(MAX_TURNS as u32);
         let excess_squared = newest.excess.at_most(MOST_EXCESS).squared();
         self.mean_excess_squared += (excess_squared - self.mean_excess_squared) / f64::from(self.frames);
-        self.is_off_in_sum = newest.sum_excess >= SUM_EXCESS;
+        self.is_off_in_sum = newest.sum_excess >= MOST_EXCESS;
         if self.plain < PLAIN_FRAMES {
             let fastest =
                 evidence.turns.iter().map(Turn::rate_rad_s).fold(0.0, |most, x: f64| x.at_least(most));
@@ -156,7 +152,7 @@ impl Contradiction {
             self.agreeing += if self.was_gyro_named && is_idle { IDLE_FRAME } else { 1.0 };
         }
         let is_delay = matches!(self.culprit, Culprit::Imu(_) | Culprit::Images(_));
-        self.agreeing >= FRAMES_TO_AGREE * if is_delay { 2.0 } else { 1.0 } && !newest.adds_up
+        self.agreeing >= f64::from(FRAMES_TO_AGREE) * if is_delay { 2.0 } else { 1.0 } && !newest.adds_up
     }
 
     /// True if no delay explains it.
@@ -176,7 +172,7 @@ impl Contradiction {
         // The gyroscope of a later time is known for an earlier turn only.
         let lag_ns = (lag_s * 1e9) as i64;
         let known = turns.iter().rev().find_map(|t| angles.difference(t, lag_ns, &self.bias_gyro));
-        known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
+        known.is_some_and(|difference| difference.norm() > 2.0 * SAME_TURN_RAD)
     }
 
     /// Says in `health` what was found.
@@ -202,7 +198,7 @@ impl Contradiction {
         if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }
-        let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0);
+        let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0u32);
         for turn in turns.iter().rev().take_while(|turn| turn.from >= self.since) {
             let Some(difference) = angles.difference(turn, 0, &self.bias_gyro) else { continue };
             seen += turn.seen.norm();
@@ -210,7 +206,7 @@ impl Contradiction {
             left += beyond_stamps(&difference, turn).norm();
             count += 1;
         }
-        count >= TURNS_TO_NAME && left > UNEXPLAINED_SHARE * off && seen > TURNING_SHARE * off
+        count >= FRAMES_TO_AGREE && left > UNEXPLAINED_SHARE * off && seen > TURNING_SHARE * off
     }
 }
 
@@ -219,5 +215,5 @@ fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
     let rate = turn.seen / turn.dt_s();
     let squared = rate.norm_squared();
     let error_s = if squared > 0.0 { difference.dot(&rate) / squared } else { 0.0 };
-    difference - rate * error_s.clamp(-STAMPS_S, STAMPS_S)
+    difference - rate * error_s.clamp(-MOST_S, MOST_S)
 }

@@ -1,13 +1,11 @@
 //! Differences between the turns of frames by the images and by the gyroscope, and what they come to in sum.
 
-use super::contradiction::AGREES_RAD;
 use crate::window::sighting::variance_along;
+use crate::window::trial::{CONTRADICTS_SIGMAS, SAME_TURN_RAD};
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
-/// Gyroscope and images may differ by as many standard deviations of the difference in a frame, and by [`AGREES_RAD`].
-pub(super) const AGREES_SIGMAS: f64 = 5.0;
 /// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
 const SCALE_SHARE: f64 = 0.01;
 /// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
@@ -131,7 +129,7 @@ impl Differences {
             + of_stamps
             + self.gyro_density.squared() * span_s
             + (sigmas.bias_rad_s * span_s).squared();
-        let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
+        let admitted = (SAME_TURN_RAD * (count as f64).sqrt()).at_least(CONTRADICTS_SIGMAS * variance.sqrt())
             + SCALE_SHARE * turned;
         Some(sum.norm() / admitted)
     }

@@ -1,6 +1,7 @@
 //! The delay between images and gyroscope that explains why their turns differ.
 
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
+use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
@@ -12,9 +13,8 @@ const MAX_MATCHED: usize = 12;
 const LAG_STEPS: i64 = 60;
 const LAG_STEP_NS: i64 = 10_000_000;
 const MIN_LAG_STEPS: i64 = 2;
-/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
-/// the other sign, by so many times more than there, or than what tracks leave, rad.
-const MATCHES_RAD: f64 = 1.5e-3;
+/// At the right delay turns and gyroscope are the same (root of the mean square); at none, and at those of the other sign, they differ by so many
+/// times more than there, or than what tracks leave, rad.
 const MATCH_CONTRAST: f64 = 1.7;
 const MATCH_NOISE_RAD: f64 = 3e-4;
 /// A delay is suspected where turns and gyroscope differ by so many times less at it than at none.
@@ -59,7 +59,7 @@ pub(super) fn delay(
     // What cannot be compared for a hole in the samples is no rival.
     let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
     let is_clear = rivals.iter().all(|rival| *rival >= least);
-    let is_found = steps.abs() >= MIN_LAG_STEPS && rms < MATCHES_RAD && is_clear;
+    let is_found = steps.abs() >= MIN_LAG_STEPS && rms < SAME_TURN_RAD && is_clear;
     if is_found {
         return Delay::Found((steps * LAG_STEP_NS) as f64 * 1e-9);
     }

@@ -25,7 +25,7 @@ use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
 use angles::{Gap, GyroAngles, MAX_TURNS, Turn};
-use contradiction::{Contradiction, Culprit, Evidence, NewestTurn};
+use contradiction::{Contradiction, Culprit, Evidence, NewestTurn, PLAIN_EXCESS};
 use differences::{Difference, Differences, Sigmas};
 use heapless::Deque;
 use nalgebra::{Matrix3, Vector3};
@@ -33,9 +33,8 @@ use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
 use probation::Probation;
 
-/// One frame is enough if it differs by so many times as much, and by more than this, rad, and than what the vehicle turns in this time, s: no
+/// One frame is enough if it differs by [`PLAIN_EXCESS`] times as much, and by more than this, rad, and than what the vehicle turns in this time, s: no
 /// sighting and no stamp is that wrong.
-const PLAIN: f64 = 4.0;
 const PLAIN_RAD: f64 = 0.02;
 const PLAIN_S: f64 = 0.015;
 /// A hole in a stream is thought of for so long, s; frames that are further apart than this have one between them, s.
@@ -212,7 +211,7 @@ impl RotationWatch {
         let [from, to] = frame.span;
         let hole = self.hole_before(to);
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
-        let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN;
+        let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN_EXCESS;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
         let first = alone.or_else(|| self.differences.contradict_since(sigmas))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));

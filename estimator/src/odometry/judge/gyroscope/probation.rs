@@ -1,14 +1,14 @@
 //! Inertial samples after a hole in their stream, which may be late.
 
+use super::SUSPICIOUS_S;
 use super::angles::{MAX_TURNS, Turn};
-use super::differences::AGREES_SIGMAS;
+use crate::window::trial::CONTRADICTS_SIGMAS;
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
-/// Samples after a hole of this length are on probation, ns, for so long at most, s.
+/// Samples after a hole of this length are on probation, ns, while it is thought of at most.
 const HOLE_NS: i64 = 40_000_000;
-const LASTS_S: f64 = 1.0;
 /// It ends once the gyroscope measures what the images show so much better than what they showed when samples that are late by the hole
 /// would have been taken: by this logarithm of the ratio of likelihoods, of which a frame adds as much at most.
 const PROVES: f64 = 10.0;
@@ -30,7 +30,7 @@ pub(super) struct Probation {
 impl Probation {
     /// Probation after a hole of `hole_ns` since `since`, which the sample of `stamp` ends; `None` if it is short.
     pub(super) fn after_hole(since: Timestamp, hole_ns: i64, stamp: Timestamp) -> Option<Self> {
-        let until = stamp.plus_seconds(LASTS_S);
+        let until = stamp.plus_seconds(SUSPICIOUS_S);
         (hole_ns > HOLE_NS).then_some(Self { since, hole_ns, until, is_known: false, proven: 0.0 })
     }
 
@@ -59,7 +59,7 @@ impl Probation {
         if let Some(late) = turns.iter().rev().skip(1).find(is_late_turn)
             && excess > 0.0
         {
-            let sigma_rad = difference.norm() / excess / AGREES_SIGMAS;
+            let sigma_rad = difference.norm() / excess / CONTRADICTS_SIGMAS;
             let measured = turn.seen - difference;
             let of_late = (measured - late.seen * (turn.dt_s() / late.dt_s())).norm_squared();
             let gained = 0.5 * (of_late - difference.norm_squared()) / sigma_rad.squared();

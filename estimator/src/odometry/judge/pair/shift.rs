@@ -8,13 +8,16 @@
 //! A left image that jumps across the lines on which the right one is searched has no such shift: its points are not found in the right
 //! one any more. Where that happens from one frame to the next, and the left image is not where it was expected, it is the left one.
 
+use super::super::FRAMES_TO_AGREE;
+use super::super::FRAMES_TO_AGREE;
 use crate::window::image_shift::{ImageShifts, PairShifts};
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
 /// Frames of which the mean shift is taken, at least before anything is judged, and at most.
 const FRAMES_OF_MEAN: [u32; 2] = [5, 20];
-/// A pair has jumped if its shift is this far from the mean, px, and so many times the spread of the last frames.
+/// A pair has jumped if its shift is this far from the mean, px, and so many times the spread of the last frames; the camera is used again after
+/// [`FRAMES_TO_AGREE`] with half of that at most.
 const JUMP_PX: f64 = 1.5;
 const JUMP_SPREADS: f64 = 8.0;
 /// The other camera sees most landmarks where they were expected, within this share of the jump: else the pose is wrong, or a crowd moves.
@@ -23,8 +26,6 @@ const OTHER_SHARE: f64 = 0.4;
 /// this share of what it was.
 const LOST_PX: f64 = 3.0;
 const LOST_SHARE: f64 = 0.5;
-/// Frames on end with half of that, at most, before the camera is used again.
-const FRAMES_TO_AGREE: u32 = 10;
 /// The left camera leads the tracks. They go on in the right one if the left one is not to be used, but for the last two of so many frames, by
 /// which it can show that it is back.
 pub(super) const LEFT: usize = 0;

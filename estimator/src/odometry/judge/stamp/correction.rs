@@ -2,30 +2,24 @@
 
 use super::super::noise::{NoiseScale, Prediction};
 use super::super::sudden_force::SuddenForce;
-use super::{FIRST_JITTER_S, SHOWS_S, SHOWS_SIGMAS, StampErrors, TELLS_TO_BEGIN_S, TimeError, WALK_S};
+use super::noise::MOST_S;
+use super::{FIRST_JITTER_S, SHOWS_S, StampErrors, TELLS_TO_BEGIN_S, TimeError, WALK_S};
 use crate::geometry::log_so3;
 use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;
-use crate::window::sighting::{LEAST_SIGHTING_M, Sighting, Votes, variance_along};
+use crate::window::sighting::{LEAST_SIGHTING_M, Sighting, variance_along};
 use crate::window::state::NavState;
+use crate::window::trial::{CONTRADICTS_SIGMAS, SAME_TURN_RAD};
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
-/// A stamp is not further off than this, s.
-const MOST_S: f64 = 0.012;
 /// A correction is at most so many standard deviations of what was expected, or this, s.
 const MOST_SIGMAS: f64 = 6.0;
 const PLAUSIBLE_S: f64 = 4e-3;
-/// Largest rest of a turn that counts as explained, rad, and in standard deviations.
-const EXPLAINED_RAD: f64 = 1.5e-3;
-const EXPLAINED_SIGMAS: f64 = 5.0;
 /// Share of the turn by which the scale of a gyroscope may be off.
 const SCALE_SHARE: f64 = 3e-3;
 /// Bias and velocity of a start are rough for so long, s.
 const ROUGH_S: f64 = 0.5;
-/// Shares of the landmarks: explained by the predicted pose alone at most, and by the sighted one at least.
-const OTHERS_SHARE: f64 = 0.1;
-const ALL_SHARE: f64 = 0.7;
 /// Landmarks that have just come into view tell stamps from this rate on, rad/s.
 const TURNS_RAD_S: f64 = 1.0;
 /// Least time between two states, s.
@@ -101,7 +95,7 @@ impl Correction<'_> {
         if !is_active {
             let shows = seen.variance < TELLS_TO_BEGIN_S.squared()
                 && seen.value.abs() > SHOWS_S
-                && seen.value.squared() > SHOWS_SIGMAS.squared() * seen.variance;
+                && seen.value.squared() > CONTRADICTS_SIGMAS.squared() * seen.variance;
             if !shows || !may_begin || !self.is_of_all(&prediction.nav, &sighting) {
                 return (prediction, known);
             }
@@ -121,9 +115,7 @@ impl Correction<'_> {
     /// True if `sighting` is that of nearly all landmarks it rests on: an error of the stamp moves all of them alike, and a crowd leaves the
     /// others at the predicted state `nav`.
     fn is_of_all(&self, nav: &NavState, sighting: &Sighting) -> bool {
-        let Votes { predicted, sighted, both, all } = self.estimation.window.votes(nav, sighting, 1.0);
-        let of = |count: usize| count as f64 / all.max(1) as f64;
-        of(predicted) <= OTHERS_SHARE && of(sighted + both) >= ALL_SHARE
+        self.estimation.window.votes(nav, sighting, 1.0).are_for_sighting()
     }
 
     /// [`Self::seen_error`] where it is no larger than errors of stamps are, the state having been predicted for an error of `assumed`.
@@ -178,7 +170,7 @@ impl Correction<'_> {
         let left = turn - rates.rate_b * error_s;
         let variance = variance_along(&of_turn, &left);
         let is_explained =
-            left.norm_squared() <= EXPLAINED_RAD.squared() + EXPLAINED_SIGMAS.squared() * variance;
+            left.norm_squared() <= SAME_TURN_RAD.squared() + CONTRADICTS_SIGMAS.squared() * variance;
         is_explained
             .then(|| TimeError { value: assumed_s + error_s, variance: 1.0 / information.at_least(1.0) })
     }
@@ -216,6 +208,6 @@ impl Correction<'_> {
         let bias = self.estimation.bias_variances.fixed_rows::<3>(0).max() * prediction.dt_s.squared();
         let variance = variance_along(&sighting.rotation_covariance, &turn) + bias;
         self.begun.is_some_and(|begun| stamp.seconds_since(begun) < ROUGH_S)
-            && turn.norm_squared() > EXPLAINED_RAD.squared() + EXPLAINED_SIGMAS.squared() * variance
+            && turn.norm_squared() > SAME_TURN_RAD.squared() + CONTRADICTS_SIGMAS.squared() * variance
     }
 }

@@ -18,6 +18,8 @@ mod correction;
 pub(super) mod noise;
 
 use crate::odometry::estimation::Estimation;
+use noise::LEAST_SIGMA_S;
+use noise::LEAST_SIGMA_S;
 pub(super) use correction::Correction;
 use plumbline_config::{Portable, Timestamp};
 
@@ -25,18 +27,14 @@ use plumbline_config::{Portable, Timestamp};
 const WALK_S: f64 = 2e-3;
 /// The slow part is pulled to zero in this time, s, as the time offset of the rig takes over what is constant.
 const FORGETS_S: f64 = 20.0;
-/// An error shows from this size on, s, where it is seen to the second number and so many standard deviations; jitter is then taken for the
-/// last, s.
+/// An error shows from this size on, s, where it is seen to the second number; jitter is then taken for the last, s.
 const SHOWS_S: f64 = 8e-4;
 const TELLS_TO_BEGIN_S: f64 = 7e-4;
-const SHOWS_SIGMAS: f64 = 5.0;
 const FIRST_JITTER_S: f64 = 2.5e-3;
-/// An error that is seen to this, s, tells the jitter; the gain by which it follows.
-const TELLS_S: f64 = 5e-4;
+/// Gain by which the jitter follows an error that is seen to [`LEAST_SIGMA_S`].
 const JITTER_GAIN: f64 = 0.15;
-/// Corrections end where jitter and slow part are below this, s; until then jitter is not below the second.
+/// Corrections end where jitter and slow part are below this, s.
 const ENDS_S: f64 = 3e-4;
-const LEAST_JITTER_S: f64 = 3e-4;
 
 /// Time of an image after its stamp, s, with its variance, s².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -106,7 +104,7 @@ impl StampErrors {
     /// Takes the error that was seen, with the variance of the sight alone; ends the corrections where errors are small.
     fn add(&mut self, seen: TimeError) {
         let off = seen.value - self.slow.value;
-        if seen.variance < TELLS_S.squared() {
+        if seen.variance < LEAST_SIGMA_S.squared() {
             let jitter = (off.squared() - seen.variance - self.slow.variance).at_least(0.0);
             self.jitter_variance += JITTER_GAIN * (jitter - self.jitter_variance);
         }
@@ -117,7 +115,7 @@ impl StampErrors {
         if self.jitter_variance < ENDS_S.squared() && self.slow.value.abs() < ENDS_S {
             self.jitter_variance = 0.0;
         } else {
-            self.jitter_variance = self.jitter_variance.at_least(LEAST_JITTER_S.squared());
+            self.jitter_variance = self.jitter_variance.at_least(ENDS_S.squared());
         }
     }
 }

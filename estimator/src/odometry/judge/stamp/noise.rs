@@ -19,10 +19,10 @@ const MEMORY: f64 = 40.0;
 const LEAST: f64 = 1.0;
 /// Rate below which a turn tells nothing, rad/s.
 const SLOW_RAD_S: f64 = 0.2;
-/// Noise below this is none, s: what sightings of clean flights look like.
-const LEAST_SIGMA_S: f64 = 5e-4;
+/// Noise below this is none, s: what sightings of clean flights look like, and as well as a time is known.
+pub(in crate::odometry::judge) const LEAST_SIGMA_S: f64 = 5e-4;
 /// A stamp is not further off than this, s, whatever a single turn says.
-const MOST_S: f64 = 0.01;
+pub(in crate::odometry::judge) const MOST_S: f64 = 0.012;
 
 /// Variance of the stamps.
 #[derive(Clone, Copy, Debug, Default)]
