@@ -54,7 +54,7 @@ impl Odometer {
         estimation.window.correct_intrinsics(points, lines);
         let motion = estimation.measurer.motion(observations);
         let periods = dt_s / self.options.frame_period_s;
-        self.judge.see_motion(motion.ways_px.map(|way_px| Some(way_px? / periods)), motion.common);
+        self.judge.see_motion(motion.ways_px.map(|way_px| Some(way_px? / periods)));
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         let depth_m = match self.phase {
             Phase::Running => estimation.measurer.median_depth_m(&estimation.window.points),

@@ -46,7 +46,6 @@ pub(super) use noise::Prediction;
 pub(super) use tracking::{Belief, Velocity};
 
 use super::estimation::Estimation;
-use super::measurements::MedianFlow;
 use super::vibrating;
 use crate::estimate::HealthBits;
 use crate::inertial::buffer::Coverage;
@@ -144,9 +143,9 @@ impl Judge {
         self.pair.see(points, is_repeating, health);
     }
 
-    /// Takes how far the view of each camera moves in a frame period, px, and its common motion since the frame before if it is known.
-    pub(super) fn see_motion(&mut self, moved_px: [Option<f64>; 2], common: Option<MedianFlow>) {
-        self.view.see(moved_px, common);
+    /// Takes how far the view of each camera moves in a frame period, px.
+    pub(super) fn see_motion(&mut self, moved_px: [Option<f64>; 2]) {
+        self.view.see(moved_px);
     }
 
     /// Before a start: takes vibration for noise of the forces.

@@ -7,20 +7,15 @@
 
 use crate::estimate::HealthBits;
 use crate::odometry::estimation::Estimation;
-use crate::odometry::measurements::MedianFlow;
-use nalgebra::Vector2;
 use plumbline_config::Portable;
 
-/// A view stops if it moved by this much in the last frame, px, and by less than this share of that in this one.
+/// A view stops if it moved by this much in the last frame, px, and by less than this share of that in this one. It moves again from the former on,
+/// which noise does not leave in the median.
 const MOVED_PX: f64 = 1.0;
 const STOPPED_SHARE: f64 = 0.15;
 /// It would have moved on by this share of what it did in the last frame, as its speed has changed (a swing that turns would not), and as
 /// the landmarks are predicted.
 const EXPECTED_SHARE: f64 = 0.5;
-/// A view that stands still moves again from this way of a frame on, px, which noise does not leave in the median, and from this common motion since it
-/// stopped, px.
-const RESUMES_PX: f64 = 1.0;
-const DRIFT_PX: f64 = 0.5;
 
 /// Motion of a camera's view, px in a frame period, of the last frames, newest first, as far as its points were followed.
 #[derive(Clone, Copy, Debug, Default)]
@@ -38,7 +33,7 @@ impl View {
     fn stops(&self) -> Option<f64> {
         let [Some(now), Some(before), Some(earlier)] = self.moved_px else { return None };
         let expected = EXPECTED_SHARE * before;
-        let is_stop = before > MOVED_PX && now < (STOPPED_SHARE * before).at_most(RESUMES_PX);
+        let is_stop = before > MOVED_PX && now < (STOPPED_SHARE * before).at_most(MOVED_PX);
         (is_stop && 2.0 * before - earlier > expected).then_some(expected)
     }
 
@@ -48,8 +43,8 @@ impl View {
         now.zip(before).is_some_and(|(now, before)| now < 2.0 * STOPPED_SHARE * before)
     }
 
-    fn resumes(&self) -> bool {
-        self.moved_px[0].is_some_and(|moved_px| moved_px > RESUMES_PX)
+    fn moves(&self) -> bool {
+        self.moved_px[0].is_some_and(|moved_px| moved_px > MOVED_PX)
     }
 }
 
@@ -67,14 +62,11 @@ pub(super) enum Stop {
 pub(super) struct StoppedView {
     views: [View; 2],
     is_frozen: bool,
-    /// Common motion of the views since they stopped, px.
-    drift_px: Vector2<f64>,
 }
 
 impl StoppedView {
-    /// Takes how far the view of each camera moves in a frame period, px, and its common motion since the frame before if it is known.
-    pub(super) fn see(&mut self, moved_px: [Option<f64>; 2], common: Option<MedianFlow>) {
-        self.drift_px += common.map_or_else(Vector2::zeros, |flow| flow.px);
+    /// Takes how far the view of each camera moves in a frame period, px.
+    pub(super) fn see(&mut self, moved_px: [Option<f64>; 2]) {
         for (view, moved_px) in self.views.iter_mut().zip(moved_px) {
             view.add(moved_px);
         }
@@ -86,17 +78,14 @@ impl StoppedView {
         let cameras = estimation.window.options.cameras;
         let off_px = || estimation.window.image_shifts().map(|shifts| shifts.left);
         let stop = if self.is_frozen { None } else { self.stop(cameras, off_px) };
-        if stop == Some(Stop::All) {
-            (self.is_frozen, self.drift_px) = (true, Vector2::zeros());
-        }
+        self.is_frozen |= stop == Some(Stop::All);
         self.leave_out(estimation, health);
         stop
     }
 
     /// Leaves the images of the newest frame out while they are frozen.
     pub(super) fn leave_out(&mut self, estimation: &mut Estimation, health: &mut HealthBits) {
-        let goes_on = self.drift_px.norm() > DRIFT_PX || self.views.iter().any(View::resumes);
-        self.is_frozen &= !goes_on;
+        self.is_frozen &= !self.views.iter().any(View::moves);
         if !self.is_frozen {
             return;
         }
@@ -110,10 +99,9 @@ impl StoppedView {
     /// The images that stop; `off_px` tells how far the landmarks are from where they were predicted.
     fn stop(&self, cameras: usize, off_px: impl FnOnce() -> Option<f64>) -> Option<Stop> {
         let [left, right] = self.views;
-        let goes_on = |view: View| view.moved_px[0].is_some_and(|moved_px| moved_px > MOVED_PX);
         match [left, right].map(|view| view.stops()) {
-            [Some(_), None] if goes_on(right) => Some(Stop::One(0)),
-            [None, Some(_)] if goes_on(left) => Some(Stop::One(1)),
+            [Some(_), None] if right.moves() => Some(Stop::One(0)),
+            [None, Some(_)] if left.moves() => Some(Stop::One(1)),
             [Some(expected_px), _] => {
                 let is_left_alone = cameras > 1 && right.moved_px[1].is_some() && !right.stands();
                 let stop = if is_left_alone { Stop::One(0) } else { Stop::All };
@@ -131,7 +119,7 @@ mod tests {
     /// What is said of the last of frames in which the views have moved by `px`, if the landmarks are `off_px` from where they were predicted.
     fn said(px: [[Option<f64>; 2]; 3], off_px: f64) -> Option<Stop> {
         let mut watch = StoppedView::default();
-        px.into_iter().for_each(|moved_px| watch.see(moved_px, None));
+        px.into_iter().for_each(|moved_px| watch.see(moved_px));
         watch.stop(2, || Some(off_px))
     }
 
