@@ -17,8 +17,6 @@ const IDLE_FRAME: f64 = 0.25;
 const PROVES_RAD: f64 = 3e-3;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
-/// How much of what differs the images turn by themselves, where [`FRAMES_TO_AGREE`] name the gyroscope.
-const TURNING_SHARE: f64 = 0.2;
 /// Mean over the frames of the squared multiple of what may differ, by which a gyroscope is wrong, and as much of it as counts: an image that
 /// jumps differs once, and a crowd that is taken for the scene by little. Or the latter by which the newest frames differ in sum, if no frame
 /// makes up half of it: a small error that lasts.
@@ -188,8 +186,8 @@ impl Contradiction {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of it, errors
-    /// of stamps do not explain most of it, and the images do turn.
+    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of it, and errors
+    /// of stamps do not explain most of it.
     fn is_gyro_named(&self, Evidence { angles, turns }: &Evidence<'_>) -> bool {
         if self.plain >= PLAIN_FRAMES {
             return true;
@@ -198,15 +196,14 @@ impl Contradiction {
         if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }
-        let (mut seen, mut off, mut left, mut count) = (0.0, 0.0, 0.0, 0u32);
+        let (mut off, mut left, mut count) = (0.0, 0.0, 0u32);
         for turn in turns.iter().rev().take_while(|turn| turn.from >= self.since) {
             let Some(difference) = angles.difference(turn, 0, &self.bias_gyro) else { continue };
-            seen += turn.seen.norm();
             off += difference.norm();
             left += beyond_stamps(&difference, turn).norm();
             count += 1;
         }
-        count >= FRAMES_TO_AGREE && left > UNEXPLAINED_SHARE * off && seen > TURNING_SHARE * off
+        count >= FRAMES_TO_AGREE && left > UNEXPLAINED_SHARE * off
     }
 }
 
