@@ -83,8 +83,8 @@ impl Trial {
     /// True if the turn that the samples predict is wrong rather than what is seen: most known landmarks are where another turn has them, and
     /// hardly any where the predicted one does.
     pub fn is_turn_outvoted(&self) -> bool {
-        let Votes { predicted, sighted, .. } = self.votes;
-        let is_outvoted = self.votes.are_plain() && sighted >= TURN_OUTVOTES * predicted;
+        let Votes { predicted, sighted, all, .. } = self.votes;
+        let is_outvoted = sighted as f64 >= PLAIN_SHARE * all as f64 && sighted >= TURN_OUTVOTES * predicted;
         !self.is_turn_backed && self.crowd.is_none() && self.votes.are_explained() && is_outvoted
     }
 
@@ -96,7 +96,7 @@ impl Trial {
 
     /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
     pub fn is_by_forces(&self) -> bool {
-        self.crowd.is_none_or(|crowd| self.votes.are_plain() || self.off_m <= crowd.wrong_m)
+        self.crowd.is_none_or(|crowd| self.off_m <= crowd.wrong_m)
     }
 
     /// Force that explains the difference, m/s².
@@ -116,11 +116,6 @@ impl Votes {
     /// True if the sighting explains nearly all.
     fn are_explained(self) -> bool {
         (self.sighted + self.both) as f64 >= EXPLAINED_SHARE * self.all as f64
-    }
-
-    /// True if the sighting alone explains more than a crowd could be that has been known for a moment.
-    fn are_plain(self) -> bool {
-        self.sighted as f64 >= PLAIN_SHARE * self.all as f64
     }
 
     /// True if nearly all are where the sighting has them, and hardly any where the prediction alone does.
