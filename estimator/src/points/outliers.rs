@@ -36,11 +36,6 @@ const MIN_SHARE: f64 = 0.5;
 /// Below this share even the best model says nothing, and no point is rejected.
 const HOPELESS_SHARE: f64 = 0.3;
 
-/// Points, and share of them, that an expected motion explains before it is taken without others being tried.
-const CONFIRMED: (usize, f64) = (12, 0.3);
-/// Gates of its refinement, px, one a round.
-const CONFIRMED_ROUND_PX: [f64; 2] = [2.0, 1.5];
-
 /// A point in two frames: unit bearings, the current one in its own frame.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
@@ -67,15 +62,6 @@ impl Motion {
 
 fn plane_norm(direction: &Vector3<f64>, bearing: &Vector3<f64>) -> f64 {
     (direction.cross(bearing).norm_squared() + EPIPOLE_RAD * EPIPOLE_RAD).sqrt()
-}
-
-/// A motion of the camera that is expected.
-#[derive(Clone, Copy, Debug)]
-pub struct ExpectedMotion {
-    /// Direction of the way, in the previous frame.
-    pub direction: Vector3<f64>,
-    /// Standard deviation of the predicted rotation, rad.
-    pub rotation_sigma_rad: f64,
 }
 
 /// Finds the points that contradict the motion of the camera. Preallocated.
@@ -105,15 +91,8 @@ impl OutlierFilter {
     }
 
     /// For each point, in the order of adding, whether to keep it. `rot_prev_cur` takes current to previous
-    /// camera coordinates; `focal_px` is the mean focal length, px; `seed` makes the choice of samples. An `expected` motion that
-    /// explains enough needs no samples.
-    pub fn filter(
-        &mut self,
-        rot_prev_cur: &UnitQuaternion<f64>,
-        focal_px: f64,
-        seed: u64,
-        expected: Option<&ExpectedMotion>,
-    ) -> &[bool] {
+    /// camera coordinates; `focal_px` is the mean focal length, px; `seed` makes the choice of samples.
+    pub fn filter(&mut self, rot_prev_cur: &UnitQuaternion<f64>, focal_px: f64, seed: u64) -> &[bool] {
         self.keep.clear();
         self.keep.resize(self.pairs.len(), true);
         if self.pairs.len() < MIN_POINTS {
@@ -122,10 +101,6 @@ impl OutlierFilter {
         for pair in &mut self.pairs {
             pair.current = rot_prev_cur * pair.current;
             pair.normal = pair.previous.cross(&pair.current);
-        }
-        if let Some(motion) = expected.and_then(|expected| self.confirmed(expected, focal_px)) {
-            self.keep_what_fits(&motion, focal_px);
-            return &self.keep;
         }
         let mut random = Random::new(seed);
         let narrow = self.narrow_search(focal_px, &mut random);
@@ -143,18 +118,6 @@ impl OutlierFilter {
         for (keep, pair) in self.keep.iter_mut().zip(&self.pairs) {
             *keep = motion.residual(pair).abs() <= FINAL_PX / focal_px;
         }
-    }
-
-    /// The expected motion, refined, if it explains enough.
-    fn confirmed(&self, expected: &ExpectedMotion, focal_px: f64) -> Option<Motion> {
-        let motion = Motion { rotation: UnitQuaternion::identity(), direction: expected.direction };
-        let gate = FINAL_PX / focal_px;
-        let count = self.count(&motion, gate);
-        let is_enough =
-            |count: usize| count >= CONFIRMED.0 && count as f64 >= CONFIRMED.1 * self.pairs.len() as f64;
-        is_enough(count).then_some(())?;
-        let refined = self.refine_all(motion, &CONFIRMED_ROUND_PX, focal_px, expected.rotation_sigma_rad);
-        Some(if self.count(&refined, gate) >= count { refined } else { motion })
     }
 
     fn count(&self, motion: &Motion, gate: f64) -> usize {
@@ -179,7 +142,7 @@ impl OutlierFilter {
                 best = (Motion { direction, ..best.0 }, cost);
             }
         }
-        self.refine_all(best.0, &ROUND_PX, focal_px, ROTATION_SIGMA.0)
+        self.refine_all(best.0, focal_px, ROTATION_SIGMA.0)
     }
 
     /// Samples of six points, each solved for direction and a rotation that may be far off.
@@ -195,7 +158,7 @@ impl OutlierFilter {
                     .unwrap_or(motion);
             }
             if self.count(&motion, LOOSE_PX / focal_px) > best.1 {
-                motion = self.refine_all(motion, &ROUND_PX, focal_px, ROTATION_SIGMA.1);
+                motion = self.refine_all(motion, focal_px, ROTATION_SIGMA.1);
                 let count = self.count(&motion, FINAL_PX / focal_px);
                 if count > best.1 {
                     best = (motion, count);
@@ -205,9 +168,9 @@ impl OutlierFilter {
         best
     }
 
-    fn refine_all(&self, start: Motion, rounds_px: &[f64], focal_px: f64, rotation_sigma: f64) -> Motion {
+    fn refine_all(&self, start: Motion, focal_px: f64, rotation_sigma: f64) -> Motion {
         let prior = prior(focal_px, rotation_sigma);
-        rounds_px.iter().fold(start, |motion, gate_px| {
+        ROUND_PX.iter().fold(start, |motion, gate_px| {
             refine(motion, self.pairs.iter(), gate_px / focal_px, prior).unwrap_or(motion)
         })
     }
@@ -320,7 +283,7 @@ mod tests {
             is_wrong.push(wrong);
         }
         let told = scene.motion.0 * UnitQuaternion::from_scaled_axis(scene.gyro_error);
-        let keep = filter.filter(&told, FOCAL, seed, None);
+        let keep = filter.filter(&told, FOCAL, seed);
         let share = |of_wrong: bool| {
             let all = is_wrong.iter().filter(|&&w| w == of_wrong).count().max(1);
             keep.iter().zip(&is_wrong).filter(|&(&k, &w)| k && w == of_wrong).count() as f64 / all as f64
@@ -375,36 +338,11 @@ mod tests {
     }
 
     #[test]
-    fn what_fits_the_expected_motion_stays_before_a_larger_crowd() {
-        for seed in 0..20 {
-            let mut random = Random::new(seed);
-            let mut filter = OutlierFilter::new(150);
-            let (way, crowd) = (Vector3::new(0.08, 0.01, 0.02), Vector3::new(-0.02, 0.09, 0.0));
-            for k in 0..150 {
-                let p = Vector3::new(random.range(-0.8, 0.8), random.range(-0.5, 0.5), 1.0)
-                    * random.range(1.0, 4.0);
-                let q = p - if k % 5 < 3 { crowd } else { way };
-                filter.add(&(p.xy() / p.z), &(q.xy() / q.z));
-            }
-            let share = |keep: &[bool]| {
-                let still = keep.iter().enumerate().filter(|(k, _)| k % 5 >= 3);
-                still.filter(|(_, keep)| **keep).count() as f64 / 60.0
-            };
-            let rot = UnitQuaternion::identity();
-            let expected = ExpectedMotion { direction: way.normalize(), rotation_sigma_rad: 1e-3 };
-            // Filtering turns the points that were added; this turn is none.
-            let without = share(filter.filter(&rot, FOCAL, seed, None));
-            let with = share(filter.filter(&rot, FOCAL, seed, Some(&expected)));
-            assert!(with > 0.9 && without < 0.6, "seed {seed}: {with}, {without} without");
-        }
-    }
-
-    #[test]
     fn few_points_are_never_judged() {
         let mut filter = OutlierFilter::new(16);
         for i in 0..5 {
             filter.add(&Vector2::new(0.1 * f64::from(i), 0.0), &Vector2::new(0.0, 0.1 * f64::from(i)));
         }
-        assert!(filter.filter(&UnitQuaternion::identity(), FOCAL, 1, None).iter().all(|&k| k));
+        assert!(filter.filter(&UnitQuaternion::identity(), FOCAL, 1).iter().all(|&k| k));
     }
 }

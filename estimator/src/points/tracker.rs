@@ -11,7 +11,7 @@ mod witnessed;
 
 use super::PointObservation;
 use super::corners::CornerDetector;
-use super::outliers::{ExpectedMotion, OutlierFilter};
+use super::outliers::OutlierFilter;
 use super::pairing::Pairing;
 use super::prediction::{AROUND, DepthMap, PredictedMotion, WitnessedTurn};
 use super::repetition::RepetitionWatch;
@@ -41,9 +41,6 @@ const MIN_SEPARATION_PX: f64 = 4.0;
 
 /// Points keep this distance from what a mask hides, px: half a patch, which looks at what is around a point.
 const PATCH_REACH_PX: usize = SIDE / 2;
-
-/// Standard deviation of a predicted rotation, rad: gyroscope of known bias, with some error of scale.
-const ROTATION_SIGMA_RAD: f64 = 1e-3;
 
 /// One frame for the tracker.
 #[derive(Clone, Copy, Debug)]
@@ -301,14 +298,7 @@ impl PointTracker {
             }
             let told = self.turn.filter(|turn| turn.is_other && view.frames == 1);
             let rotation = camera.rotation_of(&told.map_or(view.rot_prev_cur_b, |turn| turn.rot_prev_cur_b));
-            let expected = self.motion.filter(|_| view.frames == 1).and_then(|motion| {
-                let way =
-                    (camera.pose_b_c.inverse() * motion.pose_prev_cur_b * camera.pose_b_c).translation.vector;
-                let direction = way.try_normalize(1e-12)?;
-                Some(ExpectedMotion { direction, rotation_sigma_rad: ROTATION_SIGMA_RAD })
-            });
-            let mut keep =
-                self.filter.filter(&rotation, camera.focal_px(), self.frame, expected.as_ref()).iter();
+            let mut keep = self.filter.filter(&rotation, camera.focal_px(), self.frame).iter();
             for track in self.store.tracks.iter_mut().filter(|t| t.step_in(c).is_some()) {
                 track.lost = !keep.next().is_none_or(|&k| k);
             }
