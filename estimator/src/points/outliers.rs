@@ -12,28 +12,21 @@ use plumbline_config::{Portable, Random};
 
 /// Random pairs tried: with half of the points wrong, all fail with a probability of 1e-5.
 const HYPOTHESES: usize = 40;
-/// Samples of six points tried when the predicted rotation explains too little.
-const WIDE_HYPOTHESES: usize = 30;
-/// Points of a wide sample: one more than the unknowns.
-const WIDE_SAMPLE: usize = 6;
 /// Gate of the pairs, px: a gyroscope bias of 0.1 rad/s moves pixels by 2.3 px between 20 Hz frames.
 const LOOSE_PX: f64 = 4.0;
 /// Gates of the refinement, px, one a round.
 const ROUND_PX: [f64; 6] = [4.0, 3.0, 2.0, 1.5, 1.0, 1.0];
 /// Final gate, px: three standard deviations of a track.
 const FINAL_PX: f64 = 1.5;
-/// Standard deviation of the predicted rotation, rad: 0.1 rad/s of bias over 50 ms. The wide search, for a
-/// rotation that is not known, allows 3 degrees.
-const ROTATION_SIGMA: (f64, f64) = (0.005, 0.05);
+/// Standard deviation of the predicted rotation, rad: 0.1 rad/s of bias over 50 ms.
+const ROTATION_SIGMA_RAD: f64 = 0.005;
 /// Standard deviation of a point, px, against which the prior is weighed.
 const POINT_SIGMA_PX: f64 = 0.5;
 /// Keeps the residual finite where a point lies on the epipole, rad.
 const EPIPOLE_RAD: f64 = 0.02;
 /// With fewer points nothing can be told.
 const MIN_POINTS: usize = 10;
-/// A model that explains less than this share is not believed over the alternatives.
-const MIN_SHARE: f64 = 0.5;
-/// Below this share even the best model says nothing, and no point is rejected.
+/// Below this share even the best model says nothing, as where the rotation is not known, and no point is rejected.
 const HOPELESS_SHARE: f64 = 0.3;
 
 /// A point in two frames: unit bearings, the current one in its own frame.
@@ -103,13 +96,9 @@ impl OutlierFilter {
             pair.normal = pair.previous.cross(&pair.current);
         }
         let mut random = Random::new(seed);
-        let narrow = self.narrow_search(focal_px, &mut random);
-        let mut best = (narrow, self.count(&narrow, FINAL_PX / focal_px));
-        if (best.1 as f64) < MIN_SHARE * self.pairs.len() as f64 {
-            best = self.wide_search(focal_px, &mut random, best);
-        }
-        if best.1 as f64 >= HOPELESS_SHARE * self.pairs.len() as f64 {
-            self.keep_what_fits(&best.0, focal_px);
+        let best = self.search(focal_px, &mut random);
+        if self.count(&best, FINAL_PX / focal_px) as f64 >= HOPELESS_SHARE * self.pairs.len() as f64 {
+            self.keep_what_fits(&best, focal_px);
         }
         &self.keep
     }
@@ -131,7 +120,7 @@ impl OutlierFilter {
     }
 
     /// The best of many pairs of points, refined.
-    fn narrow_search(&self, focal_px: f64, random: &mut Random) -> Motion {
+    fn search(&self, focal_px: f64, random: &mut Random) -> Motion {
         let mut best =
             (Motion { rotation: UnitQuaternion::identity(), direction: Vector3::z() }, f64::INFINITY);
         for _ in 0..HYPOTHESES {
@@ -142,34 +131,12 @@ impl OutlierFilter {
                 best = (Motion { direction, ..best.0 }, cost);
             }
         }
-        self.refine_all(best.0, focal_px, ROTATION_SIGMA.0)
+        self.refine_all(best.0, focal_px)
     }
 
-    /// Samples of six points, each solved for direction and a rotation that may be far off.
-    fn wide_search(&self, focal_px: f64, random: &mut Random, so_far: (Motion, usize)) -> (Motion, usize) {
-        let mut best = so_far;
-        for _ in 0..WIDE_HYPOTHESES {
-            let sample: [usize; WIDE_SAMPLE] = std::array::from_fn(|_| draw(random, self.pairs.len()));
-            let Some(direction) = self.direction_of(sample[0], sample[1]) else { continue };
-            let mut motion = Motion { rotation: UnitQuaternion::identity(), direction };
-            for _ in 0..4 {
-                let points = sample.iter().map(|&i| &self.pairs[i]);
-                motion = refine(motion, points, f64::INFINITY, prior(focal_px, ROTATION_SIGMA.1))
-                    .unwrap_or(motion);
-            }
-            if self.count(&motion, LOOSE_PX / focal_px) > best.1 {
-                motion = self.refine_all(motion, focal_px, ROTATION_SIGMA.1);
-                let count = self.count(&motion, FINAL_PX / focal_px);
-                if count > best.1 {
-                    best = (motion, count);
-                }
-            }
-        }
-        best
-    }
-
-    fn refine_all(&self, start: Motion, focal_px: f64, rotation_sigma: f64) -> Motion {
-        let prior = prior(focal_px, rotation_sigma);
+    fn refine_all(&self, start: Motion, focal_px: f64) -> Motion {
+        // Weight of the prior on the rotation, in units of the squared angle of a point.
+        let prior = (POINT_SIGMA_PX / focal_px / ROTATION_SIGMA_RAD).squared();
         ROUND_PX.iter().fold(start, |motion, gate_px| {
             refine(motion, self.pairs.iter(), gate_px / focal_px, prior).unwrap_or(motion)
         })
@@ -179,11 +146,6 @@ impl OutlierFilter {
     fn direction_of(&self, i: usize, j: usize) -> Option<Vector3<f64>> {
         self.pairs[i].normal.cross(&self.pairs[j].normal).try_normalize(1e-12)
     }
-}
-
-/// Weight of the prior on the rotation, in units of the squared angle of a point.
-fn prior(focal_px: f64, rotation_sigma: f64) -> f64 {
-    (POINT_SIGMA_PX / focal_px / rotation_sigma).squared()
 }
 
 /// One Gauss-Newton step on the points within the gate: unknowns are `dtheta` and two tangents of `t`.
