@@ -4,20 +4,16 @@
 //! gyroscope predict to a pixel or two. Such observations are dropped before anything else looks at the frame: afterwards the
 //! pose is a compromise, and no longer tells the vehicle's motion from that of the person.
 //!
-//! A blow, or an inertial sensor that lies, contradicts the images too, but then one motion explains what is seen: what moves as one
-//! rigid body with most of the view is the vehicle. So the prediction and the pose that the images alone give compete for the
-//! landmarks that only one of them explains. What both explain, such as a far background, has no vote: near things that pass by
-//! before it look like a way to the side, and must fill most of the view to be taken for one, unless that way is short. Where enough
-//! landmarks are known, they have decided before ([`super::trial`]), and nobody votes.
+//! A blow, or an inertial sensor that lies, contradicts the images too, but then one motion explains what is seen: known landmarks have decided
+//! about it before ([`super::trial`]).
 
 use super::Window;
 use super::feature::Feature;
 use super::landmark::LandmarkStore;
 use super::poses::Poses;
 use super::problem::Problem;
-use super::sighting::Votes;
 use super::tracks::{self, MIN_WITNESSES, Verdict};
-use super::trial::{Crowd, DOUBTFUL_SIGMAS, Trial};
+use super::trial::{DOUBTFUL_SIGMAS, Trial};
 
 /// Observations that agree with a motion, at least: by chance hardly any would.
 pub const MIN_AGREEING: usize = 6;
@@ -25,17 +21,6 @@ pub const MIN_AGREEING: usize = 6;
 const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
-/// Share of what is seen that a prediction which explains it leaves unexplained, at most.
-const UNEXPLAINED_SHARE: f64 = 0.15;
-/// The images outvote the prediction by this many times the landmarks that the prediction alone explains, if they alone explain a majority
-/// of what is seen; or this share of it where their pose explains nearly all, and is no further away than a blow moves the vehicle in a
-/// frame, m.
-const OUTVOTES: usize = 2;
-const MAJORITY: f64 = 0.5;
-const MINORITY: f64 = 0.25;
-const BLOW_M: f64 = 0.1;
-/// A prediction is a little off, and nothing moves, if a sighting leaves no more than this share of what is seen unexplained.
-const SLIP_SHARE: f64 = 0.02;
 /// Gates may grow by this factor where the velocity is uncertain.
 const MOST_SLACK: f64 = 3.0;
 /// Inverse depth of a near point, 1/m, by which a wrong velocity is seen.
@@ -44,15 +29,9 @@ const NEAR_RHO: f64 = 0.7;
 impl Window {
     /// Drops what the newest frame, at its predicted pose, sees of things that move; returns how many known landmarks it still
     /// sees, if anything was dropped.
-    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s; `crowd` bounds the error of the predicted
-    /// position. A `trial` that does not contradict the prediction
-    /// takes the place of the votes of all landmarks; where it outvotes the predicted turn, nothing is dropped.
-    pub fn drop_moving(
-        &mut self,
-        velocity_sigma_m_s: f64,
-        crowd: Option<Crowd>,
-        trial: Option<&Trial>,
-    ) -> Option<usize> {
+    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s. Where a `trial` outvotes the predicted turn, nothing is
+    /// dropped.
+    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> Option<usize> {
         let was_in_sight = self.is_motion_in_sight();
         if trial.is_some_and(Trial::is_turn_outvoted) {
             return None;
@@ -63,15 +42,8 @@ impl Window {
         if !are_moving(verdict, was_in_sight, most) {
             return None;
         }
-        let ballot = self.ballot(slack, trial);
-        let outvotes =
-            |ballot: Ballot| crowd.is_none_or(|crowd| ballot.off_m <= crowd.wrong_m) && ballot.outvotes();
-        if trial.is_none() && !explains(verdict) && ballot.is_some_and(outvotes) {
-            return None;
-        }
         self.forget_moving(slack);
-        let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
-        if verdict.seen >= verdict.wrong + MIN_WITNESSES && !is_slip {
+        if verdict.seen >= verdict.wrong + MIN_WITNESSES {
             self.last_motion = self.frames.last().map(|newest| newest.stamp);
         }
         Some(self.known_in_newest())
@@ -85,15 +57,6 @@ impl Window {
         let poses = &linearizer.poses;
         tracks::judge_within(points, poses, &problem, slack)
             .and(tracks::judge_within(lines, poses, &problem, slack))
-    }
-
-    /// Votes of the landmarks between the predicted pose of the newest frame and the one that its images alone give, if they
-    /// give one.
-    fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
-        let predicted = self.frames.last().map(|frame| &frame.nav)?;
-        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
-        let off_m = (sighting.p_o_b - predicted.p_o_b).norm();
-        Some(Ballot { votes: self.votes(predicted, &sighting, slack), off_m })
     }
 
     /// True if something has moved in view a moment ago.
@@ -127,38 +90,6 @@ fn are_moving(verdict: Verdict, was_in_sight: bool, most: f64) -> bool {
     let (seen, wrong) = (verdict.seen as f64, verdict.wrong as f64);
     let do_others_agree = verdict.seen >= verdict.wrong + MIN_AGREEING && wrong <= most * seen;
     verdict.wrong >= MIN_MOVING && (do_others_agree || was_in_sight)
-}
-
-/// Votes between predicted and sighted pose, and the distance between their positions, m.
-#[derive(Clone, Copy, Debug)]
-struct Ballot {
-    votes: Votes,
-    off_m: f64,
-}
-
-impl Ballot {
-    /// Verdict on the sighted pose: observations that it leaves unexplained.
-    fn sighted(self) -> Verdict {
-        let Votes { sighted, both, all, .. } = self.votes;
-        Verdict { seen: all, wrong: all - sighted - both }
-    }
-
-    /// True if the sighted pose outvotes the predicted one.
-    fn outvotes(self) -> bool {
-        let Votes { predicted, sighted, all, .. } = self.votes;
-        let share = if self.off_m < BLOW_M && explains(self.sighted()) { MINORITY } else { MAJORITY };
-        sighted as f64 >= share * all as f64 && sighted >= OUTVOTES * predicted
-    }
-
-    /// True if most contradictions of the prediction are due to its being slightly off.
-    fn is_slip(self) -> bool {
-        self.sighted().wrong as f64 <= SLIP_SHARE * self.votes.all as f64
-    }
-}
-
-/// True if a pose explains the observations.
-fn explains(verdict: Verdict) -> bool {
-    verdict.wrong as f64 <= UNEXPLAINED_SHARE * verdict.seen as f64
 }
 
 /// Takes the newest observations away from landmarks that they contradict; their tracks are outliers.
@@ -204,18 +135,5 @@ mod tests {
         assert!(moving(100, 35, false) && moving(100, 80, false) && moving(18, 8, false));
         assert!(!moving(100, 5, false) && !moving(100, 90, false) && !moving(12, 8, false));
         assert!(moving(100, 98, true) && !moving(7, 7, true), "what hides all else has been seen to move");
-    }
-
-    #[test]
-    fn what_moves_as_one_body_with_most_of_the_view_is_the_vehicle() {
-        let ballot = |predicted, sighted, both, is_near: bool| Ballot {
-            votes: Votes { predicted, sighted, both, all: 64 },
-            off_m: if is_near { 0.5 * BLOW_M } else { 2.0 * BLOW_M },
-        };
-        assert!(ballot(0, 48, 14, false).outvotes() && ballot(2, 20, 40, true).outvotes());
-        assert!(!ballot(0, 20, 44, false).outvotes(), "near people before a far background");
-        assert!(!ballot(25, 36, 0, true).outvotes(), "static things agree with the prediction");
-        assert!(!ballot(0, 10, 30, true).outvotes(), "no motion explains what is seen");
-        assert!(ballot(0, 4, 60, true).is_slip() && !ballot(0, 8, 50, true).is_slip());
     }
 }

@@ -38,7 +38,7 @@ pub(super) fn try_prediction(
     let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
     let left = match is_contradicted {
         true => None,
-        false => window.drop_moving(velocity_sigma_m_s, crowd, trial.as_ref()),
+        false => window.drop_moving(velocity_sigma_m_s, trial.as_ref()),
     };
     Tried { trial, left }
 }
