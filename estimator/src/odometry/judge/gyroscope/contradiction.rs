@@ -3,7 +3,6 @@
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::{Delay, delay};
 use super::super::FRAMES_TO_AGREE;
-use super::super::stamp::noise::MOST_S;
 use crate::estimate::HealthBits;
 use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;
@@ -28,8 +27,6 @@ const PLAIN_FRAMES: u32 = 2;
 pub(super) const PLAIN_EXCESS: f64 = 4.0;
 const PLAIN_COSINE: f64 = 0.8;
 const PLAIN_SPEED: f64 = 2.0;
-/// Share of what differs that must be left once errors of stamps explain as much of it as they can.
-const UNEXPLAINED_SHARE: f64 = 0.5;
 
 /// Sensor that is wrong.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -186,8 +183,8 @@ impl Contradiction {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of it, and errors
-    /// of stamps do not explain most of it.
+    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of
+    /// it.
     fn is_gyro_named(&self, Evidence { angles, turns }: &Evidence<'_>) -> bool {
         if self.plain >= PLAIN_FRAMES {
             return true;
@@ -196,21 +193,8 @@ impl Contradiction {
         if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
             return false;
         }
-        let (mut off, mut left, mut count) = (0.0, 0.0, 0u32);
-        for turn in turns.iter().rev().take_while(|turn| turn.from >= self.since) {
-            let Some(difference) = angles.difference(turn, 0, &self.bias_gyro) else { continue };
-            off += difference.norm();
-            left += beyond_stamps(&difference, turn).norm();
-            count += 1;
-        }
-        count >= FRAMES_TO_AGREE && left > UNEXPLAINED_SHARE * off
+        let since = turns.iter().rev().take_while(|turn| turn.from >= self.since);
+        let measured = since.filter(|turn| angles.difference(turn, 0, &self.bias_gyro).is_some());
+        measured.count() >= FRAMES_TO_AGREE as usize
     }
-}
-
-/// Rest of a turn's `difference` when errors of the stamps explain as much of it as they can, rad.
-fn beyond_stamps(difference: &Vector3<f64>, turn: &Turn) -> Vector3<f64> {
-    let rate = turn.seen / turn.dt_s();
-    let squared = rate.norm_squared();
-    let error_s = if squared > 0.0 { difference.dot(&rate) / squared } else { 0.0 };
-    difference - rate * error_s.clamp(-MOST_S, MOST_S)
 }
