@@ -35,19 +35,10 @@ pub struct Measurer {
 /// Motion of the points in the images since the frame before; `None` where too few are followed.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageMotion {
-    /// The common motion, in both images.
-    pub common: Option<MedianFlow>,
+    /// The common motion in both images, px: medians of the two components.
+    pub common: Option<Vector2<f64>>,
     /// Median way in each image, px.
     pub ways_px: [Option<f64>; 2],
-}
-
-/// Median displacement of the points since the frame before, px.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MedianFlow {
-    /// Medians of the two components: the common motion.
-    pub px: Vector2<f64>,
-    /// Points they were taken over.
-    pub count: usize,
 }
 
 /// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not. That of one
@@ -178,9 +169,8 @@ impl Measurer {
                 }
             }
         }
-        let count = flow[0].len();
         let [x, y] = flow.each_mut().map(|values| median(values));
-        let common = x.zip(y).map(|(x, y)| MedianFlow { px: Vector2::new(x, y), count });
+        let common = x.zip(y).map(|(x, y)| Vector2::new(x, y));
         ImageMotion { common, ways_px: ways_px.each_mut().map(|values| median(values)) }
     }
 

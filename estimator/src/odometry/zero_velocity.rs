@@ -3,7 +3,6 @@
 //! Images alone cannot distinguish a vehicle at rest from a moving object that fills the view, the IMU alone not
 //! from steady flight; both have to agree for a while.
 
-use super::measurements::MedianFlow;
 use nalgebra::{Vector2, Vector3};
 use plumbline_config::Portable;
 
@@ -65,17 +64,17 @@ impl ZeroVelocityDetector {
     /// nothing is.
     pub fn update(
         &mut self,
-        flow: Option<MedianFlow>,
+        flow_px: Option<Vector2<f64>>,
         imu_mean: Option<(Vector3<f64>, Vector3<f64>)>,
         bias_gyro: Option<&Vector3<f64>>,
         gravity_m_s2: f64,
         depth_m: f64,
     ) {
-        let is_quiet = match (flow, imu_mean, self.flow_limit_px(depth_m)) {
-            (Some(flow), Some((gyro, accel)), Some(limit_px)) => {
+        let is_quiet = match (flow_px, imu_mean, self.flow_limit_px(depth_m)) {
+            (Some(flow_px), Some((gyro, accel)), Some(limit_px)) => {
                 let rate = bias_gyro.map_or(0.0, |b| (gyro - b).norm());
-                self.drift_px += flow.px;
-                flow.px.amax() < limit_px
+                self.drift_px += flow_px;
+                flow_px.amax() < limit_px
                     && self.drift_px.amax() < MAX_DRIFT_PX * (limit_px / MAX_FLOW_PX)
                     && rate < MAX_RATE_RAD_S
                     && (accel.norm() - gravity_m_s2).abs() < MAX_FORCE_ERROR_M_S2
@@ -102,7 +101,7 @@ mod tests {
     /// Frames of rest until the detector says so, from the second frame on.
     fn frames_until_still(rate_hz: f64) -> u32 {
         let mut detector = ZeroVelocityDetector::new(rate_hz, 458.0);
-        let flow = Some(MedianFlow { px: Vector2::new(0.01, -0.01), count: 100 });
+        let flow = Some(Vector2::new(0.01, -0.01));
         let mean = Some((Vector3::zeros(), Vector3::new(0.0, 0.0, 9.81)));
         (1..1000)
             .find(|_| {
