@@ -1,8 +1,8 @@
 //! A contradiction between gyroscope and images that lasts: which of them is wrong, and when it is over.
 
+use super::super::FRAMES_TO_AGREE;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::{Delay, delay};
-use super::super::FRAMES_TO_AGREE;
 use crate::estimate::HealthBits;
 use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;

@@ -9,7 +9,6 @@
 //! one any more. Where that happens from one frame to the next, and the left image is not where it was expected, it is the left one.
 
 use super::super::FRAMES_TO_AGREE;
-use super::super::FRAMES_TO_AGREE;
 use crate::window::image_shift::{ImageShifts, PairShifts};
 use nalgebra::Vector2;
 use plumbline_config::Portable;

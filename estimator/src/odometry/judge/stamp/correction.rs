@@ -3,7 +3,7 @@
 use super::super::noise::{NoiseScale, Prediction};
 use super::super::sudden_force::SuddenForce;
 use super::noise::MOST_S;
-use super::{FIRST_JITTER_S, SHOWS_S, StampErrors, TELLS_TO_BEGIN_S, TimeError, WALK_S};
+use super::{FIRST_JITTER_S, SHOWS_S, StampErrors, TELLS_TO_BEGIN_S, TimeError};
 use crate::geometry::log_so3;
 use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;
@@ -193,8 +193,7 @@ impl Correction<'_> {
 
     /// Begins to correct stamps.
     fn begin_correction(&mut self, stamp: Timestamp) {
-        let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
-        self.errors.begin(stamp, slow, FIRST_JITTER_S);
+        self.errors.begin(stamp, FIRST_JITTER_S);
         self.errors.newest_variance = FIRST_JITTER_S.squared();
         // The motions of the window took them for exact.
         let since = self.estimation.window.frames.first().map_or(stamp, |first| first.stamp);

@@ -18,9 +18,8 @@ mod correction;
 pub(super) mod noise;
 
 use crate::odometry::estimation::Estimation;
-use noise::LEAST_SIGMA_S;
-use noise::LEAST_SIGMA_S;
 pub(super) use correction::Correction;
+use noise::LEAST_SIGMA_S;
 use plumbline_config::{Portable, Timestamp};
 
 /// Random walk of the slow part, s/√s: 3 ms within a second or two.
@@ -75,16 +74,16 @@ impl StampErrors {
         self.is_active().then_some(self.newest_variance)
     }
 
-    /// Begins to correct stamps, which are off by `slow` and by jitter of `jitter_s`.
-    fn begin(&mut self, stamp: Timestamp, slow: TimeError, jitter_s: f64) {
+    /// Begins to correct stamps, which are off by jitter of `jitter_s`.
+    fn begin(&mut self, stamp: Timestamp, jitter_s: f64) {
+        let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
         *self = Self { slow, at: Some(stamp), jitter_variance: jitter_s.squared(), newest_variance: 0.0 };
     }
 
     /// Begins if turns of frames on end have shown jitter.
     pub(super) fn learn(&mut self, estimation: &Estimation, stamp: Timestamp, jitter_s: f64) {
         if !self.is_active() && estimation.window.options.correct_stamps && jitter_s > 0.0 {
-            let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
-            self.begin(stamp, slow, jitter_s.at_least(SHOWS_S));
+            self.begin(stamp, jitter_s.at_least(SHOWS_S));
         }
     }
 
@@ -130,7 +129,7 @@ mod tests {
         let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
         let mut errors = StampErrors::default();
         assert_eq!(errors.newest_variance(), None);
-        errors.begin(at(0), TimeError { value: 0.0, variance: WALK_S.squared() }, 2e-3);
+        errors.begin(at(0), 2e-3);
         assert!(errors.newest_variance().is_some());
         let seen = |value| TimeError { value, variance: 1e-8 };
         for k in 1..100 {
@@ -151,7 +150,7 @@ mod tests {
         let at = |k: i64| Timestamp::from_nanos(k * 50_000_000);
         let late = |k: i64| 3e-3 * libm::sin(k as f64 * 0.05 * 0.8);
         let mut errors = StampErrors::default();
-        errors.begin(at(0), TimeError { value: 2e-3, variance: 1e-7 }, 1e-3);
+        errors.begin(at(0), 1e-3);
         for k in 1..200 {
             let expected = errors.expect(at(k));
             if k > 40 {
