@@ -21,8 +21,6 @@ impl Judge {
             let by_time = estimation.rates_of(&newest.nav).derivative();
             stated += by_time * by_time.transpose() * variance;
         }
-        add(&mut stated, NavState::ROT, self.sudden_sample.of_attitude(newest.stamp));
-        add(&mut stated, NavState::V, self.sudden_sample.of_velocity(newest.stamp, &newest.nav.rot_o_b));
         add(&mut stated, NavState::V, self.sudden_force.of_velocity(newest.stamp));
         self.leaning.add_to(&mut stated, newest.stamp);
         stated

@@ -3,8 +3,7 @@
 //! Each hypothesis has a file, with the watch that keeps its evidence over frames. In the order in which a frame is judged, with what each may
 //! do, the health bits it sets and the largest quality it leaves:
 //!
-//! 1. A force set in suddenly and did not act ([`sudden_force`]), a reading jumped
-//!    ([`sudden_sample`]): the published state is uncertain.
+//! 1. A force set in suddenly and did not act ([`sudden_force`]): the published state is uncertain.
 //! 2. The images stop while the vehicle flies on ([`stopped_view`]): they are left out. `LEFT_FROZEN`, `RIGHT_FROZEN`.
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
 //! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
@@ -35,7 +34,6 @@ mod scale_watch;
 mod stamp;
 mod stopped_view;
 mod sudden_force;
-mod sudden_sample;
 mod tracking;
 mod trial;
 mod turn_by_images;
@@ -65,7 +63,6 @@ use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stopped_view::{Stop, StoppedView};
 use sudden_force::SuddenForce;
-use sudden_sample::SuddenSample;
 use tracking::Tracking;
 use trial::{Tried, try_prediction};
 use unfelt_force::UnfeltForce;
@@ -86,7 +83,6 @@ pub(super) struct Judge {
     gyroscope: RotationWatch,
     forces: ForceWatch,
     sudden_force: SuddenForce,
-    sudden_sample: SuddenSample,
     unfelt_force: UnfeltForce,
     scale: ScaleWatch,
     noise: NoiseScale,
@@ -123,7 +119,6 @@ impl Judge {
             gyroscope: RotationWatch::new(&setup.imu),
             forces: ForceWatch::new(gravity_o),
             sudden_force: SuddenForce::new(),
-            sudden_sample: SuddenSample::default(),
             unfelt_force: UnfeltForce::default(),
             scale: ScaleWatch::default(),
             noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
@@ -135,7 +130,6 @@ impl Judge {
     /// Takes an inertial sample, as it was read.
     pub(super) fn add_sample(&mut self, sample: &ImuSample) {
         self.gyroscope.add(sample);
-        self.sudden_sample.add(sample);
     }
 
     /// Takes the points of a frame, before it has a state; `is_repeating`: the texture in view repeats itself.
@@ -337,7 +331,6 @@ impl Judge {
     pub(super) fn forget_time(&mut self) {
         self.view = StoppedView::default();
         self.pair.clear();
-        self.sudden_sample = SuddenSample::default();
         self.gyroscope.clear();
         self.tracking.forget_time();
     }

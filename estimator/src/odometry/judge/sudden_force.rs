@@ -11,15 +11,15 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
 /// Time constant of the mean square of changes, s, its beginning, and its least value, m²/s⁴.
-pub(super) const MEMORY_S: f64 = 2.0;
+const MEMORY_S: f64 = 2.0;
 const FIRST_SQUARE: f64 = 1.0;
 const LEAST_SQUARE: f64 = 0.04;
 /// Changes over one frame and over two are sudden from these multiples of the root of that mean square. Recorded flights exceed the first in
 /// 3 frames of 1000.
 const SUDDEN: [f64; 2] = [3.0, 5.0];
 /// Share of the change that the velocity may be wrong by, and the longest time that it has acted for by then, s.
-pub(super) const SIGMA_SHARE: f64 = 0.3;
-pub(super) const MOST_S: f64 = 0.1;
+const SIGMA_SHARE: f64 = 0.3;
+const MOST_S: f64 = 0.1;
 
 /// A change of the force.
 #[derive(Clone, Copy, Debug)]
