@@ -24,7 +24,7 @@ const LEAST_STAMP_S: f64 = 1e-3;
 /// Share of known landmarks on the side of the prediction from which it is not contradicted, and that the sighting explains at least.
 const BACKED_SHARE: f64 = 0.1;
 const EXPLAINED_SHARE: f64 = 0.7;
-/// Share of known landmarks that only the sighting explains, from which they cannot be a crowd that has been known for a moment.
+/// Share of known landmarks that only the sighting explains, from which a turn is outvoted.
 const PLAIN_SHARE: f64 = 0.25;
 /// A turn is outvoted by this many times the landmarks that explain it alone.
 const TURN_OUTVOTES: usize = 4;
@@ -39,17 +39,6 @@ pub struct Expected {
     pub velocity_sigma_m_s: f64,
     /// Standard deviation of the stamp as far as it is learnt, s.
     pub stamp_sigma_s: f64,
-    /// Bound of the error while something moves in view.
-    pub crowd: Option<Crowd>,
-}
-
-/// Largest error of a prediction while something moves in view: more than that is the motion of others.
-#[derive(Clone, Copy, Debug)]
-pub struct Crowd {
-    /// Distance by which forces that did not act, or were not measured, can have moved the prediction, m.
-    pub wrong_m: f64,
-    /// True if a force has set in suddenly.
-    pub is_force_sudden: bool,
 }
 
 /// The predicted position of a frame against the sighted one.
@@ -63,8 +52,6 @@ pub struct Trial {
     off_m: f64,
     dt_s: f64,
     off_sigmas: f64,
-    /// Bound of the error while something moves in view.
-    crowd: Option<Crowd>,
     /// True if the rotations agree.
     is_turn_backed: bool,
 }
@@ -75,9 +62,9 @@ impl Trial {
         self.is_off_by(CONTRADICTS_SIGMAS)
     }
 
-    /// True if the prediction may be wrong: forces lose weight, and nothing is reported. In a crowd they would give way to it.
+    /// True if the prediction may be wrong: forces lose weight, and nothing is reported.
     pub fn is_doubtful(&self) -> bool {
-        self.crowd.is_none_or(|crowd| crowd.is_force_sudden) && self.is_off_by(DOUBTFUL_SIGMAS)
+        self.is_off_by(DOUBTFUL_SIGMAS)
     }
 
     /// True if the turn that the samples predict is wrong rather than what is seen: most known landmarks are where another turn has them, and
@@ -85,7 +72,7 @@ impl Trial {
     pub fn is_turn_outvoted(&self) -> bool {
         let Votes { predicted, sighted, all, .. } = self.votes;
         let is_outvoted = sighted as f64 >= PLAIN_SHARE * all as f64 && sighted >= TURN_OUTVOTES * predicted;
-        !self.is_turn_backed && self.crowd.is_none() && self.votes.are_explained() && is_outvoted
+        !self.is_turn_backed && self.votes.are_explained() && is_outvoted
     }
 
     /// True if known landmarks are where the prediction has them: then everything else that is elsewhere moves.
@@ -94,21 +81,13 @@ impl Trial {
         (predicted + both) as f64 >= EXPLAINED_SHARE * all as f64
     }
 
-    /// True if forces that are wrong can have moved the prediction to where it is: otherwise the sighting is that of a crowd.
-    pub fn is_by_forces(&self) -> bool {
-        self.crowd.is_none_or(|crowd| self.off_m <= crowd.wrong_m)
-    }
-
     /// Force that explains the difference, m/s².
     pub fn force_m_s2(&self) -> f64 {
         2.0 * self.off_m / self.dt_s.squared()
     }
 
     fn is_off_by(&self, sigmas: f64) -> bool {
-        self.off_sigmas > sigmas
-            && self.is_by_forces()
-            && self.is_turn_backed
-            && self.votes.are_for_sighting()
+        self.off_sigmas > sigmas && self.is_turn_backed && self.votes.are_for_sighting()
     }
 }
 
@@ -137,7 +116,6 @@ impl Window {
             sighting,
             votes: self.votes(predicted, &sighting, 1.0),
             off_m: off.norm(),
-            crowd: expected.crowd,
             dt_s,
             is_turn_backed: sighting.is_turn_of(predicted),
             off_sigmas: sigmas(&off, &sighting, predicted, dt_s, expected),

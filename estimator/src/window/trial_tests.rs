@@ -5,7 +5,7 @@ use super::*;
 use crate::geometry::exp_so3;
 use nalgebra::Vector2;
 
-const EXPECTED: Expected = Expected { velocity_sigma_m_s: 0.01, stamp_sigma_s: 0.0, crowd: None };
+const EXPECTED: Expected = Expected { velocity_sigma_m_s: 0.01, stamp_sigma_s: 0.0 };
 
 /// A window without disturbance, whose newest frame is predicted somewhere else.
 fn predicted_off(off_m: Vector3<f64>, turn_rad: Vector3<f64>) -> Window {
@@ -92,19 +92,6 @@ fn landmarks_on_the_side_of_the_prediction_forbid_a_blow() {
     assert!(!trial.is_contradicted(), "one in eight stands still");
     trial.votes = Votes { predicted: 0, sighted: 20, both: 20, all: 64 };
     assert!(!trial.is_contradicted(), "no motion explains what is seen");
-}
-
-#[test]
-fn in_a_crowd_forces_move_a_prediction_no_further_than_they_can() {
-    let among =
-        |wrong_m, is_force_sudden| Expected { crowd: Some(Crowd { wrong_m, is_force_sudden }), ..EXPECTED };
-    for axis in 0..3 {
-        let window = predicted_off(Vector3::ith(axis, 0.05), Vector3::zeros());
-        let [near, far] = [0.04, 0.06].map(|wrong_m| trial(&window, &among(wrong_m, false)));
-        assert!(!near.is_contradicted() && !near.is_by_forces(), "{near:?}");
-        assert!(far.is_contradicted() && far.is_by_forces() && !far.is_doubtful(), "{far:?}");
-        assert!(trial(&window, &among(0.06, true)).is_doubtful(), "a force that has set in suddenly");
-    }
 }
 
 #[test]

@@ -39,9 +39,8 @@ const FRAMES_TO_NAME: u32 = 4;
 /// A contradiction holds for [`SET_RIGHT_S`] after the last frame that showed it; once the accelerometer is named for this time, s, since an axis that
 /// is dead agrees while it has nothing to feel, and while no frame can show it.
 const HELD_NAMED_S: f64 = 1.0;
-/// Once the accelerometer is named it holds so long while no frame can show it, s, since that has to be seen to agree; and a prediction may be as
-/// wrong as the accelerometer was for this long after.
-const LATELY_S: f64 = 5.0;
+/// Once the accelerometer is named it holds so long while no frame can show it, s, since that has to be seen to agree.
+const UNSEEN_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
 
@@ -108,8 +107,8 @@ pub(super) struct ForceWatch {
     contradicting: u32,
     last: Option<(Timestamp, f64)>,
     is_named: bool,
-    /// When the accelerometer was last named, and the largest of what its forces were wrong by then, m/s².
-    named: Option<(Timestamp, f64)>,
+    /// When the accelerometer was last named.
+    named: Option<Timestamp>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
     slow_bias: SlowBias,
@@ -175,7 +174,7 @@ impl ForceWatch {
         self.gain = None;
         let (last, sigma_m_s2) = self.last?;
         let (seen, unseen_s) = match self.named.filter(|_| self.is_named) {
-            Some((named, _)) => (named, LATELY_S),
+            Some(named) => (named, UNSEEN_S),
             None => (last, HELD_NAMED_S),
         };
         if stamp.seconds_since(seen) < unseen_s {
@@ -218,8 +217,7 @@ impl ForceWatch {
             self.last = Some((seen.stamp, wrong.sigma_m_s2));
             self.is_named |= self.contradicting >= FRAMES_TO_NAME;
             if self.is_named {
-                let wrong_m_s2 = wrong.sigma_m_s2.at_least(self.lately_wrong_m_s2(seen.stamp));
-                self.named = Some((seen.stamp, wrong_m_s2));
+                self.named = Some(seen.stamp);
             }
         } else {
             self.settle(seen.stamp);
@@ -246,12 +244,6 @@ impl ForceWatch {
     fn is_held_at(&self, stamp: Timestamp) -> bool {
         let held_s = if self.is_named { HELD_NAMED_S } else { SET_RIGHT_S };
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
-    }
-
-    /// Largest error of the forces lately, m/s², if the accelerometer was named; zero if not.
-    pub(super) fn lately_wrong_m_s2(&self, stamp: Timestamp) -> f64 {
-        let named = self.named.filter(|(last, _)| stamp.seconds_since(*last) < LATELY_S);
-        named.map_or(0.0, |(_, wrong_m_s2)| wrong_m_s2)
     }
 
     /// Gain of velocity over the longest span that ends at the newest frame; `None` where it was not seen throughout.

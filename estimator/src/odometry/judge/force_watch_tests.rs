@@ -120,7 +120,7 @@ fn a_frame_that_was_not_sighted_ends_a_span_and_a_contradiction_that_is_over() {
 fn an_accelerometer_that_was_named_has_to_be_seen_to_agree() {
     let at = |s: f64| Timestamp::from_nanos((s * 1e9) as i64);
     let mut watch = ForceWatch::new(GRAVITY_O);
-    (watch.last, watch.is_named, watch.named) = (Some((at(0.0), 14.0)), true, Some((at(0.0), 14.0)));
+    (watch.last, watch.is_named, watch.named) = (Some((at(0.0), 14.0)), true, Some(at(0.0)));
     for k in 1..98 {
         assert!(watch.pass_over(at(f64::from(k) * PERIOD_S)).is_some(), "{k}");
     }
@@ -128,7 +128,6 @@ fn an_accelerometer_that_was_named_has_to_be_seen_to_agree() {
     assert!(watch.is_contradicted(), "seen to agree for 0.95 s");
     watch.settle(at(5.9));
     assert!(!watch.is_contradicted());
-    assert_eq!([4.9, 5.1].map(|s| watch.lately_wrong_m_s2(at(s))), [14.0, 0.0]);
     (watch.last, watch.is_named) = (Some((at(0.0), 14.0)), true);
     (1..200).for_each(|k| _ = watch.pass_over(at(f64::from(k) * PERIOD_S)));
     assert!(!watch.is_contradicted(), "not for ever where nobody sees it");

@@ -176,9 +176,7 @@ impl Judge {
             self.tracking.is_velocity_known() && coverage.is_measured() && !self.gyroscope.is_distrusting();
         // A contradiction that known landmarks began goes on with those that are there.
         let is_open = self.forces.is_contradicted();
-        let is_by_forces = trial.is_none_or(Trial::is_by_forces);
-        let may_witness =
-            |s: &Sighting| is_open || (s.is_witness && is_by_forces && s.is_turn_of(&newest.nav));
+        let may_witness = |s: &Sighting| is_open || (s.is_witness && s.is_turn_of(&newest.nav));
         let witness = sighting.filter(|sighting| is_judged && may_witness(sighting));
         let found = match (witness, &estimation.window.frames[..]) {
             (Some(witness), [.., before, Frame { inertial: Some(inertial), .. }]) => {

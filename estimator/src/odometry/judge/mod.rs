@@ -219,15 +219,7 @@ impl Judge {
         let known = known.filter(|_| !is_pair_judged);
         let tried = if self.may_try(estimation, case) {
             let stamp_sigma_s = self.time_sigma_s();
-            let wrong_m_s2 = self.forces.lately_wrong_m_s2(case.stamp);
-            let tried = try_prediction(
-                &mut estimation.window,
-                &prediction,
-                known,
-                &self.sudden_force,
-                wrong_m_s2,
-                stamp_sigma_s,
-            );
+            let tried = try_prediction(&mut estimation.window, &prediction, known, stamp_sigma_s);
             self.tracking.note_left(case.stamp, tried.left);
             tried
         } else {
