@@ -2,7 +2,7 @@
 
 use super::super::FRAMES_TO_AGREE;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
-use super::lag::{Delay, delay};
+use super::lag::delay;
 use crate::estimate::HealthBits;
 use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;
@@ -76,8 +76,6 @@ pub(super) struct Contradiction {
     pub(super) culprit: Culprit,
     /// The bias before it, rad/s.
     pub(super) bias_gyro: Vector3<f64>,
-    /// True while a delay would explain much of it.
-    is_delay_suspected: bool,
     /// Frames on end that agree.
     agreeing: f64,
     /// Frames so far, at most as many as turns are kept, and the mean over them of the squared excess.
@@ -132,8 +130,7 @@ impl Contradiction {
         self.count(newest, evidence);
         if self.is_open() {
             let delay = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
-            self.is_delay_suspected = delay == Delay::Suspected;
-            if let Delay::Found(lag_s) = delay {
+            if let Some(lag_s) = delay {
                 self.culprit = if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if newest.turn.to.seconds_since(self.since) > DISPUTE_S {
                 self.culprit = Culprit::Disputed;
@@ -183,14 +180,13 @@ impl Contradiction {
         });
     }
 
-    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns, nor much of
-    /// it.
+    /// True if the gyroscope is the faulty sensor: plainly, or since no delay explains what differs over so many turns.
     fn is_gyro_named(&self, Evidence { angles, turns }: &Evidence<'_>) -> bool {
         if self.plain >= PLAIN_FRAMES {
             return true;
         }
         let is_lasting = self.mean_excess_squared >= MEAN_EXCESS_SQUARED || self.is_off_in_sum;
-        if !self.is_open() || !self.may_name_gyro || self.is_delay_suspected || !is_lasting {
+        if !self.is_open() || !self.may_name_gyro || !is_lasting {
             return false;
         }
         let since = turns.iter().rev().take_while(|turn| turn.from >= self.since);

@@ -17,27 +17,14 @@ const MIN_LAG_STEPS: i64 = 2;
 /// times more than there, or than what tracks leave, rad.
 const MATCH_CONTRAST: f64 = 1.7;
 const MATCH_NOISE_RAD: f64 = 3e-4;
-/// A delay is suspected where turns and gyroscope differ by so many times less at it than at none.
-const SUSPECT_CONTRAST: f64 = 2.0;
 
-/// Knowledge of a delay.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Delay {
-    /// Lag of the gyroscope behind the turns, s.
-    Found(f64),
-    /// A lag would explain much: the gyroscope is not to blame yet.
-    Suspected,
-    /// None explains the turns.
-    None,
-}
-
-/// Delay of the gyroscope, less its bias, behind the turns that the images saw since `since`.
+/// Delay of the gyroscope, less its bias, behind the turns that the images saw since `since`, s, if one explains them.
 pub(super) fn delay(
     angles: &GyroAngles,
     turns: &Deque<Turn, MAX_TURNS>,
     since: Timestamp,
     bias_gyro: &Vector3<f64>,
-) -> Delay {
+) -> Option<f64> {
     let newest = || turns.iter().rev().filter(|turn| turn.from >= since && !turn.skips_frames);
     let (mut best, mut others) = ((f64::INFINITY, 0), [f64::INFINITY; 3]);
     for steps in -LAG_STEPS..=LAG_STEPS {
@@ -60,11 +47,7 @@ pub(super) fn delay(
     let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
     let is_clear = rivals.iter().all(|rival| *rival >= least);
     let is_found = steps.abs() >= MIN_LAG_STEPS && rms < SAME_TURN_RAD && is_clear;
-    if is_found {
-        return Delay::Found((steps * LAG_STEP_NS) as f64 * 1e-9);
-    }
-    let is_suspected = others[1].is_finite() && SUSPECT_CONTRAST * rms.at_least(MATCH_NOISE_RAD) < others[1];
-    if is_suspected { Delay::Suspected } else { Delay::None }
+    is_found.then_some((steps * LAG_STEP_NS) as f64 * 1e-9)
 }
 
 /// Root of the mean squared of the first differences; `None` where there are too few.
