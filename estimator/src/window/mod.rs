@@ -39,7 +39,7 @@ pub(crate) mod line;
 pub(crate) mod linearize;
 pub(crate) mod marginalize;
 pub(crate) mod motions;
-pub(crate) mod moving;
+mod moving;
 #[cfg(test)]
 mod null_space_tests;
 pub(crate) mod options;

@@ -16,7 +16,7 @@ use super::tracks::{self, MIN_WITNESSES, Verdict};
 use super::trial::{DOUBTFUL_SIGMAS, Trial};
 
 /// Observations that agree with a motion, at least: by chance hardly any would.
-pub const MIN_AGREEING: usize = 6;
+const MIN_AGREEING: usize = 6;
 /// With [`MIN_WITNESSES`] that agree, what contradicts has been seen to move, and is known for so long, s, even if it hides all else.
 const REMEMBERED_S: f64 = 0.5;
 /// Observations that contradict it before anything is taken for moving, at least.
@@ -27,26 +27,24 @@ const MOST_SLACK: f64 = 3.0;
 const NEAR_RHO: f64 = 0.7;
 
 impl Window {
-    /// Drops what the newest frame, at its predicted pose, sees of things that move; returns how many known landmarks it still
-    /// sees, if anything was dropped.
-    /// `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s. Where a `trial` outvotes the predicted turn, nothing is
+    /// Drops what the newest frame, at its predicted pose, sees of things that move; returns whether there were any. `velocity_sigma_m_s` is the standard deviation of the predicted velocity, m/s. Where a `trial` outvotes the predicted turn, nothing is
     /// dropped.
-    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> Option<usize> {
+    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> bool {
         let was_in_sight = self.is_motion_in_sight();
         if trial.is_some_and(Trial::is_turn_outvoted) {
-            return None;
+            return false;
         }
-        let slack = self.slack(velocity_sigma_m_s)?;
+        let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
         let verdict = self.verdict_within(slack);
         let most = if trial.is_some_and(Trial::is_backed) { 1.0 } else { self.options.max_moving_share };
         if !are_moving(verdict, was_in_sight, most) {
-            return None;
+            return false;
         }
         self.forget_moving(slack);
         if verdict.seen >= verdict.wrong + MIN_WITNESSES {
             self.last_motion = self.frames.last().map(|newest| newest.stamp);
         }
-        Some(self.known_in_newest())
+        true
     }
 
     /// Judges what the newest frame sees from where it is now.

@@ -182,14 +182,6 @@ impl Window {
         rays
     }
 
-    /// Known points that the newest frame sees.
-    pub(super) fn known_in_newest(&self) -> usize {
-        let newest = self.frames.len().saturating_sub(1);
-        let is_seen =
-            |l: &PointLandmark| l.observations.last().is_some_and(|o| usize::from(o.frame) == newest);
-        self.points.all().iter().filter(|l| l.is_triangulated && is_seen(l) && self.is_known(l)).count()
-    }
-
     /// True if a landmark was hosted long enough ago, and seen between then and the newest frame.
     fn is_known(&self, landmark: &PointLandmark) -> bool {
         let Some(newest) = self.frames.last() else { return false };

@@ -89,7 +89,7 @@ impl Judge {
     /// The pose of the newest frame by its images: that of the trial, unless what moves has been dropped since.
     fn sight(&self, window: &Window, tried: &Tried, start: &NavState) -> Option<Sighting> {
         match &tried.trial {
-            Some(trial) if tried.left.is_none() => Some(trial.sighting),
+            Some(trial) if !tried.has_dropped => Some(trial.sighting),
             _ if self.gyroscope.is_distrusting() => window.sight_newest(start),
             _ => window.sight_by_known(start).or_else(|| window.sight_newest(start)),
         }

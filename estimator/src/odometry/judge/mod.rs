@@ -8,7 +8,7 @@
 //! 3. The stamp is off ([`stamp`]): the state has the corrected time, and its variance is in the covariance.
 //! 4. A camera jumped, is late, or sees other things ([`pair`]): its image is left out, points are followed in the other one, a start waits.
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
-//! 5. Part of the scene moves ([`trial`]): its observations are dropped. Where hardly any known landmark is left, the quality is bounded (10).
+//! 5. Part of the scene moves ([`trial`]): its observations are dropped.
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis feels nothing, [`unfelt_force`]): forces are as uncertain as they are wrong, the images place the
@@ -219,9 +219,7 @@ impl Judge {
         let known = known.filter(|_| !is_pair_judged);
         let tried = if self.may_try(estimation, case) {
             let stamp_sigma_s = self.time_sigma_s();
-            let tried = try_prediction(&mut estimation.window, &prediction, known, stamp_sigma_s);
-            self.tracking.note_left(case.stamp, tried.left);
-            tried
+            try_prediction(&mut estimation.window, &prediction, known, stamp_sigma_s)
         } else {
             Tried::default()
         };

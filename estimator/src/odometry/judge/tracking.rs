@@ -4,7 +4,6 @@ use super::super::estimation::{Estimation, MAX_SCALE_SIGMA};
 use super::super::plausible::{ResetReason, implausible};
 use super::SET_RIGHT_S;
 use crate::estimate::HealthBits;
-use crate::window::moving::MIN_AGREEING;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{Portable, Timestamp};
 
@@ -89,13 +88,6 @@ impl Tracking {
     /// The images contradict the motion to the frame of `stamp` as a whole.
     pub(super) fn note_doubt(&mut self, stamp: Timestamp) {
         self.doubted = Some(stamp);
-    }
-
-    /// The prediction of the frame of `stamp` was tried: `left` known landmarks agree with it, if anything was dropped as moving.
-    pub(super) fn note_left(&mut self, stamp: Timestamp, left: Option<usize>) {
-        if left.is_some_and(|left| left < MIN_AGREEING) {
-            self.note_doubt(stamp);
-        }
     }
 
     /// The images place the frame of `stamp` without inertial samples, which are not believed, and `were_believed` for the frame before; a
@@ -205,17 +197,5 @@ mod tests {
         tracking.note_distrust(at(19.0), true, false);
         tracking.note_distrust(at(19.05), false, true);
         assert_eq!([20.0, 20.1].map(|s| tracking.is_doubted_at(at(s))), [true, false]);
-    }
-
-    #[test]
-    fn a_prediction_that_no_known_landmark_agrees_with_costs_the_quality() {
-        let mut tracking = Tracking::new(HealthConfig::default());
-        let at = |s: f64| Timestamp::default().plus_seconds(s);
-        let mut judged = |s: f64, left| {
-            tracking.note_left(at(s), left);
-            tracking.is_doubted_at(at(s))
-        };
-        let left = [(1.0, None), (1.05, Some(MIN_AGREEING)), (1.1, Some(2)), (1.3, None), (1.5, None)];
-        assert_eq!(left.map(|(s, left)| judged(s, left)), [false, false, true, true, false]);
     }
 }

@@ -10,8 +10,8 @@ use crate::window::trial::{Expected, Trial};
 pub(super) struct Tried {
     /// The prediction against known landmarks; `None` where it cannot be relied on, or too few are seen.
     pub(super) trial: Option<Trial>,
-    /// Known landmarks that agree with the prediction, once whatever moves in view was dropped.
-    pub(super) left: Option<usize>,
+    /// True if something moves in view, and was dropped.
+    pub(super) has_dropped: bool,
 }
 
 /// Tries a prediction that can be relied on against what is seen, and drops what moves if the prediction holds. `known` is the pose by
@@ -25,9 +25,6 @@ pub(super) fn try_prediction(
     let Some(velocity_sigma_m_s) = prediction.velocity_sigma_m_s() else { return Tried::default() };
     let trial = window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s }, known);
     let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
-    let left = match is_contradicted {
-        true => None,
-        false => window.drop_moving(velocity_sigma_m_s, trial.as_ref()),
-    };
-    Tried { trial, left }
+    let has_dropped = !is_contradicted && window.drop_moving(velocity_sigma_m_s, trial.as_ref());
+    Tried { trial, has_dropped }
 }
