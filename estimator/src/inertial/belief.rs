@@ -67,11 +67,6 @@ impl SensorLimits {
         }
     }
 
-    /// Nominal time between samples, s.
-    pub fn period_s(&self) -> f64 {
-        self.period_s
-    }
-
     /// Belief in a sample that follows `last`.
     pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {
         let saturated = Sensors {

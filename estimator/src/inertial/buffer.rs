@@ -180,11 +180,6 @@ impl ImuBuffer {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Nominal time between samples, s.
-    pub fn period_s(&self) -> f64 {
-        self.limits.period_s()
-    }
-
     /// Vibration in the samples up to `to`.
     pub fn vibration(&self, to: Timestamp) -> Vibration {
         let samples = self.within(to.plus_seconds(-vibration::SPAN_S), to);

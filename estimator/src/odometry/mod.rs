@@ -232,7 +232,6 @@ impl Odometer {
 
     /// Before the first state: gathers the frame and tries to start.
     fn gather(&mut self, time: FrameTime, health: &mut HealthBits) -> Solved {
-        self.judge.expect_vibration(&mut self.estimation);
         let (times, is_still) = ((self.last, time), self.zero_velocity.is_still());
         if !self.start.gather(&mut self.estimation, &mut self.judge, times, is_still, health) {
             return Solved::default();

@@ -1,9 +1,7 @@
-//! A vehicle that vibrates: what the samples show of it ([`crate::inertial::vibration`]) is noise before innovations can tell, and
-//! makes the velocity at an instant uncertain.
+//! A vehicle that vibrates: what the samples show of it ([`crate::inertial::vibration`]) makes the velocity at an instant uncertain.
 //!
-//! Sampling folds a vibration anywhere, down to forces that last for a second. So a start takes what it shows of the forces for
-//! white noise, as if it were folded evenly, and more frames than it would else: a tilt that is found wrong later turns all that
-//! was published since, and with it the heading.
+//! Sampling folds a vibration anywhere, down to forces that last for a second. So a start takes more frames than it would else: a tilt that is
+//! found wrong later turns all that was published since, and with it the heading.
 
 use crate::inertial::{ImuNoise, Vibration, vibration};
 use crate::window::state::NavState;
@@ -13,19 +11,10 @@ use plumbline_config::Portable;
 /// Standard deviation of a force, along the worst axis, from which a vehicle vibrates, m/s². Recorded flights of EuRoC have medians
 /// of 0.9 to 1.8, and less than 2.8 in 95 % of the time.
 const VIBRATING_M_S2: f64 = 3.0;
-/// Largest density of white noise that a start expects of it, m/s²/√Hz: that of 5 m/s² at 200 Hz, which leaves the tilt uncertain by
-/// 40 mrad. With a tilt that is not known at all the heading would not be either.
-const MOST_DENSITY: f64 = 0.3;
 
 /// True if the vehicle vibrates.
 pub(super) fn is_vibrating(vibration: &Vibration) -> bool {
     vibration.force.amax() > VIBRATING_M_S2 * VIBRATING_M_S2
-}
-
-/// Squared density of the noise that a start expects of the forces, m²/s³, samples being `period_s` apart; `None` without vibration.
-pub(super) fn squared_density(vibration: &Vibration, period_s: f64) -> Option<f64> {
-    let squared_density = vibration.force.amax() * period_s;
-    is_vibrating(vibration).then(|| squared_density.at_most(MOST_DENSITY * MOST_DENSITY))
 }
 
 /// Covariance in `O` of the velocity that sways with `vibration`; `None` where white noise as `stated` explains it.

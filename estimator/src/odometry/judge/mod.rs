@@ -44,7 +44,6 @@ pub(super) use noise::Prediction;
 pub(super) use tracking::{Belief, Velocity};
 
 use super::estimation::Estimation;
-use super::vibrating;
 use crate::estimate::HealthBits;
 use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuNoise, Preintegration};
@@ -140,14 +139,6 @@ impl Judge {
     /// Takes how far the view of each camera moves in a frame period, px.
     pub(super) fn see_motion(&mut self, moved_px: [Option<f64>; 2]) {
         self.view.see(moved_px);
-    }
-
-    /// Before a start: takes vibration for noise of the forces.
-    pub(super) fn expect_vibration(&mut self, estimation: &mut Estimation) {
-        let squared_density = vibrating::squared_density(&estimation.vibration, estimation.imu.period_s());
-        if let Some(squared_density) = squared_density {
-            self.noise.expect_vibration(&mut estimation.window, squared_density);
-        }
     }
 
     /// Takes the epipolar moments of a frame that waits for a start.

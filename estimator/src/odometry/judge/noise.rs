@@ -151,20 +151,6 @@ impl NoiseScale {
         self.judged_s += dt_s;
     }
 
-    /// Takes white noise of the forces of this squared density, m²/s³, for the least to be expected until innovations tell more.
-    fn expect(&mut self, squared_density: f64) {
-        if self.is_scaled {
-            let variance = squared_density / (self.stated.accel_density * self.stated.accel_density);
-            self.variance = self.variance.at_least(variance).at_most(MOST_VARIANCE);
-        }
-    }
-
-    /// Gives new factors the noise of a vehicle that vibrates: of its forces, white noise of this squared density, m²/s³.
-    pub(super) fn expect_vibration(&mut self, window: &mut Window, squared_density: f64) {
-        self.expect(squared_density);
-        window.imu_noise = self.noise();
-    }
-
     /// The noise as the configuration states it.
     pub(super) fn stated(&self) -> &ImuNoise {
         &self.stated
@@ -308,18 +294,6 @@ mod tests {
         assert!(!scale.is_reported());
         (0..100).for_each(|_| scale.add_contradiction(0.05));
         assert!((scale.variance / MOST_VARIANCE - 1.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn an_expected_noise_is_the_least_and_one_camera_keeps_what_is_stated() {
-        let mut scale = NoiseScale::new(STATED, 2);
-        scale.expect(0.09);
-        assert!((scale.noise().accel_density - 0.3).abs() < 1e-9);
-        scale.expect(0.01);
-        assert!((scale.noise().accel_density - 0.3).abs() < 1e-9);
-        let mut one = NoiseScale::new(STATED, 1);
-        one.expect(0.09);
-        assert_eq!(one.noise(), STATED);
     }
 
     #[test]
