@@ -1,7 +1,6 @@
 //! A frame that most of what it sees contradicts: then the frame is wrong, and not what was seen in it.
 //!
-//! One wrong motion (a blow, a sample that lies) puts the newest frame where nothing fits. Dropping what does not fit would
-//! drop all that is seen, and with it what could set the frame right.
+//! One wrong motion (a blow, a sample that lies) puts the newest frame where nothing fits.
 
 use super::Window;
 use super::frame::Frame;
@@ -13,19 +12,7 @@ use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::Preintegration;
 use plumbline_config::Timestamp;
 
-/// Frames on end whose observations are spared though most of them do not fit. What lasts longer is no slip of the
-/// prediction: something else moves, and fills the view.
-pub(super) const MAX_DOUBTED_FRAMES: u32 = 3;
-
 impl Window {
-    /// Removes observations that do not fit, and landmarks that are left with less than two views; but those of the newest
-    /// frame stay where most of them do not fit, for a few frames on end: see [`Self::is_newest_doubtful`].
-    pub fn remove_minority(&mut self) {
-        let is_doubtful = self.is_newest_doubtful();
-        self.doubted = if is_doubtful { self.doubted.saturating_add(1) } else { 0 };
-        self.remove_what_does_not_fit(is_doubtful && self.doubted <= MAX_DOUBTED_FRAMES);
-    }
-
     /// True if most observations of the newest frame contradict its pose, at the poses last linearized or costed. If one
     /// observation does not fit, the observation is wrong; if most do not, the pose is.
     pub fn is_newest_doubtful(&self) -> bool {

@@ -125,8 +125,6 @@ pub struct Window {
     kept_rig: Option<calibration::KnownRig>,
     /// When things were last seen to move.
     last_motion: Option<Timestamp>,
-    /// Frames on end that most of what they saw contradicted.
-    doubted: u32,
     /// Step of the newest frame, m, rad, m/s, that a solution which ended early left undone.
     unfinished: Option<SVector<f64, 9>>,
     /// Damping after a rejected step.
@@ -200,7 +198,6 @@ impl Window {
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             last_motion: None,
-            doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
             rig_walk: RigWalk::new(config.rig.memory_s),
@@ -226,7 +223,6 @@ impl Window {
         self.points.clear();
         self.lines.clear();
         self.anchor = None;
-        self.doubted = 0;
         self.last_motion = None;
         self.unfinished = None;
         self.first_damping = solve::FIRST_DAMPING;
@@ -378,14 +374,10 @@ impl Window {
 
     /// Removes observations that do not fit, and landmarks that are left with less than two views.
     pub fn remove_outliers(&mut self) {
-        self.remove_what_does_not_fit(false);
-    }
-
-    fn remove_what_does_not_fit(&mut self, spares: bool) {
         let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
         let problem = Problem::of_frames(rig, frames, options);
-        tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
-        tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
+        tracks::remove_outliers(points, &linearizer.poses, &problem, &mut outliers.points);
+        tracks::remove_outliers(lines, &linearizer.poses, &problem, &mut outliers.lines);
     }
 
     /// Forgets what `camera` measured of frame `first` and later ones.

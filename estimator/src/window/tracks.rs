@@ -129,13 +129,11 @@ pub(super) fn fits_within<F: Feature>(
     poses.residual::<F>(problem, placed, (o, &measured)).is_some_and(|r| r.norm_squared() < limit * limit)
 }
 
-/// Removes observations that do not fit, and landmarks that are left with less than two views. With `spares_newest` the
-/// observations of the newest frame stay whether they fit or not.
+/// Removes observations that do not fit, and landmarks that are left with less than two views.
 pub(super) fn remove_outliers<F: Feature>(
     store: &mut LandmarkStore<F>,
     poses: &Poses,
     problem: &Problem<'_>,
-    spares_newest: bool,
     outliers: &mut Vec<u32>,
 ) {
     let newest = problem.frames.len().saturating_sub(1) as u8;
@@ -147,8 +145,7 @@ pub(super) fn remove_outliers<F: Feature>(
         let Landmark { host, host_camera, track_id, observations, .. } = landmark;
         let mut host_fits = true;
         observations.retain(|o| {
-            let is_spared = spares_newest && o.frame == newest && *host != newest;
-            let stays = is_spared || fits_within::<F>(poses, problem, &placed, o, 1.0);
+            let stays = fits_within::<F>(poses, problem, &placed, o, 1.0);
             if !stays && o.frame == *host && o.camera == *host_camera {
                 host_fits = false;
             } else if !stays && o.frame == newest {

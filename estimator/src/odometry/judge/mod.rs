@@ -245,7 +245,7 @@ impl Judge {
             case.health.insert(HealthBits::IMU_CONTRADICTED);
             self.tracking.note_doubt(case.stamp);
         }
-        window.remove_minority();
+        window.remove_outliers();
         is_contradicted
     }
 
