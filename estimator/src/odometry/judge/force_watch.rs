@@ -14,8 +14,8 @@
 //! fault has spoilt already takes part, as they would in an innovation of the filter. The first frame of a blow shows in such an innovation
 //! alone ([`crate::window::trial`]), and is taken from there.
 
-use super::SET_RIGHT_S;
 use super::stamp::noise::LEAST_SIGMA_S;
+use super::{PROBATION_S, SET_RIGHT_S};
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::sighting::{LEAST_SIGHTING_M, variance_along};
 use crate::window::trial::CONTRADICTS_SIGMAS;
@@ -36,10 +36,9 @@ const LEAST_DOUBT_M_S2: f64 = 2.0;
 const MOST_DOUBT_M_S2: f64 = 50.0;
 /// Frames on end that contradict before the accelerometer is named.
 const FRAMES_TO_NAME: u32 = 4;
-/// A contradiction holds for [`SET_RIGHT_S`] after the last frame that showed it; once the accelerometer is named for this time, s, since an axis that
-/// is dead agrees while it has nothing to feel, and while no frame can show it.
-const HELD_NAMED_S: f64 = 1.0;
-/// Once the accelerometer is named it holds so long while no frame can show it, s, since that has to be seen to agree.
+/// A contradiction holds for [`SET_RIGHT_S`] after the last frame that showed it, and for [`PROBATION_S`] while no frame can show it, or once the
+/// accelerometer is named, since an axis that is dead agrees while it has nothing to feel. Once it is named it holds so long while no frame can show
+/// it, s, since that has to be seen to agree.
 const UNSEEN_S: f64 = 5.0;
 /// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
 const SLOW_BIAS_S: f64 = 10.0;
@@ -175,7 +174,7 @@ impl ForceWatch {
         let (last, sigma_m_s2) = self.last?;
         let (seen, unseen_s) = match self.named.filter(|_| self.is_named) {
             Some(named) => (named, UNSEEN_S),
-            None => (last, HELD_NAMED_S),
+            None => (last, PROBATION_S),
         };
         if stamp.seconds_since(seen) < unseen_s {
             if self.is_named {
@@ -242,7 +241,7 @@ impl ForceWatch {
     }
 
     fn is_held_at(&self, stamp: Timestamp) -> bool {
-        let held_s = if self.is_named { HELD_NAMED_S } else { SET_RIGHT_S };
+        let held_s = if self.is_named { PROBATION_S } else { SET_RIGHT_S };
         self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < held_s)
     }
 

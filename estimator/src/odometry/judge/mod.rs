@@ -70,6 +70,9 @@ use unfelt_force::UnfeltForce;
 const CONTRADICTED_QUALITY: i8 = 10;
 /// Frames on end by which something is named, or believed again: half a second at 20 Hz.
 const FRAMES_TO_AGREE: u32 = 10;
+/// A sensor that was wrong is on probation for so long, s; and what was wrong so shortly before is suspect, s.
+const PROBATION_S: f64 = 1.0;
+const SHORTLY_S: f64 = 2.0;
 /// Images have contradicted a force that did not act after this time, and set the velocity right, s.
 const SET_RIGHT_S: f64 = 0.3;
 

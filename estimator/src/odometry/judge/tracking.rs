@@ -2,7 +2,7 @@
 
 use super::super::estimation::{Estimation, MAX_SCALE_SIGMA};
 use super::super::plausible::{ResetReason, implausible};
-use super::SET_RIGHT_S;
+use super::{PROBATION_S, SET_RIGHT_S, SHORTLY_S};
 use crate::estimate::HealthBits;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{Portable, Timestamp};
@@ -14,9 +14,6 @@ const MIN_LANDMARKS_IN_VIEW: usize = 5;
 const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
-/// Samples that were believed again for less than this, s, before they were not, are on probation for so long the next time, s.
-const RECURS_S: f64 = 2.0;
-const PROBATION_S: f64 = 1.0;
 
 /// Knowledge of the velocity since the last start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +90,7 @@ impl Tracking {
     /// The images place the frame of `stamp` without inertial samples, which are not believed, and `were_believed` for the frame before; a
     /// crowd may carry them.
     pub(super) fn note_distrust(&mut self, stamp: Timestamp, were_believed: bool, is_carried: bool) {
-        let recurs = self.distrusted.is_some_and(|last| stamp.seconds_since(last) < RECURS_S);
+        let recurs = self.distrusted.is_some_and(|last| stamp.seconds_since(last) < SHORTLY_S);
         if is_carried || (were_believed && recurs) {
             self.distrusted_s = PROBATION_S;
         } else if were_believed {

@@ -20,6 +20,7 @@ mod differences;
 mod lag;
 mod probation;
 
+use super::SHORTLY_S;
 use super::stamp::noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::sighting::variance_along;
@@ -40,9 +41,6 @@ const PLAIN_S: f64 = 0.015;
 /// A hole in a stream is thought of for so long, s; frames that are further apart than this have one between them, s.
 const SUSPICIOUS_S: f64 = 1.0;
 const FRAME_HOLE_S: f64 = 0.25;
-/// A contradiction is not the gyroscope's if the accelerometer was contradicted this shortly before, s: the images go on alone since, and not
-/// as well.
-const FORCES_BEFORE_S: f64 = 2.0;
 /// Speed assumed of the position's drift from the estimate while it is undecided which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
 /// Share of the landmarks below which a crowd may carry the images: fewer agree with their pose. The heading is unknown beyond this angle, rad.
@@ -215,8 +213,8 @@ impl RotationWatch {
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
         let first = alone.or_else(|| self.differences.contradict_since(sigmas))?;
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
-        let may_name_gyro =
-            self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > FORCES_BEFORE_S);
+        // Where the accelerometer was contradicted, the images have gone on alone since, and not as well.
+        let may_name_gyro = self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > SHORTLY_S);
         let mut contradiction = Contradiction::begin(since, frame.bias_gyro, may_name_gyro);
         contradiction.count(newest, &self.evidence());
         self.contradiction = Some(contradiction);
