@@ -216,10 +216,10 @@ health_bits! {
         "one camera that is late by a frame, or cameras that are triggered apart",
         "trigger both cameras together; look at which frames the driver pairs; `plumbline doctor` measures which camera is late, and by how much",
     );
-    /// The images have shown larger or smaller motions than the accelerometer, by one factor; the quality is at most 10.
-    30 SCALE_CONTRADICTED "scale contradicted", "images and accelerometer differ on the scale of the motion", (
-        "a distance between the cameras (baseline) that is wrong, a focal length, or an accelerometer with another unit, or that fails",
-        "run `plumbline doctor` on the data: it measures the factor",
+    /// By the data, a focal length or the distance between the cameras is off by more than 3 %; the quality is at most 10.
+    30 SCALE_CONTRADICTED "scale contradicted", "by the data, a focal length or the distance between the cameras is wrong", (
+        "a calibration of another camera, image size or rig, a lens that was turned, a unit, or an accelerometer that reads a multiple",
+        "run `plumbline doctor` on the data: it measures focal lengths, distance and scale",
     );
 }
 

@@ -66,6 +66,9 @@ const REFUTED_SIGMAS: f64 = 2.5;
 /// are alike, reach 4 to 5, others 2.5.
 const INNOVATION_SIGMAS: f64 = 5.0;
 
+/// Error of a focal length or baseline, as a share, that counts as a wrong one. Sound flights before low texture reach 0.009.
+const LEAST_OFF: f64 = 0.03;
+
 /// Share of the configured variance that data explain before they judge it: known a hundred times less well than it is configured, a baseline
 /// is what the errors of a start in motion make of it.
 const LEAST_EXPLAINED: f64 = 1e-4;
@@ -139,6 +142,16 @@ impl Window {
             let far = offsets[k].abs() / (REFUTED_SIGMAS * sigmas[k]);
             self.weigh_configured(k, 1.0 / far.at_least(1.0).squared());
         }
+    }
+
+    /// True if a focal length or the baseline is far from the configured one.
+    pub fn is_rig_refuted(&self) -> bool {
+        let (offsets, sigmas) = (self.rig.minus(&self.configured_rig), &self.options.rig_sigmas);
+        let p_c0_c1 = &self.configured_rig.pose_c0_c1.translation.vector;
+        let of_baseline = offsets.fixed_rows::<3>(Rig::P_C0_C1).dot(p_c0_c1) / p_c0_c1.norm_squared();
+        let is_far = |off: f64, sigma: f64| off.abs() > LEAST_OFF.at_least(INNOVATION_SIGMAS * sigma);
+        [0, 1].map(Rig::of_lens).into_iter().any(|k| is_far(offsets[k], sigmas[k]))
+            || is_far(of_baseline, sigmas[Rig::P_C0_C1] / p_c0_c1.norm())
     }
 
     /// Widens the priors of focal length and baseline where the newest solution refutes them.
@@ -365,7 +378,7 @@ mod tests {
 
     #[test]
     fn a_tight_prior_gives_way_to_data_that_refute_it() {
-        for (off, is_refuted) in [(-120.0, true), (60.0, true), (48.0, false)] {
+        for (off, is_refuted, is_wrong) in [(-200.0, true, true), (60.0, true, false), (48.0, false, false)] {
             let mut window = Room::default().window();
             window.options.rig_sigmas.fill(2e-4);
             window.configured_rig = window.rig.clone();
@@ -389,6 +402,7 @@ mod tests {
                 is_refuted,
                 "{off}: {found} {sigma}"
             );
+            assert_eq!(window.is_rig_refuted(), is_wrong, "{off}");
         }
     }
 

@@ -7,7 +7,6 @@
 
 use super::force_watch::{ForceSigmas, SeenMotion};
 use super::gyroscope::SeenTurn;
-use super::scale_watch::ScaleWatch;
 use super::trial::Tried;
 use super::turn_by_images::TurnByImages;
 use super::{Case, Judge};
@@ -81,7 +80,7 @@ impl Judge {
         if self.forces.is_named() || self.unfelt_force.is_contradicted() {
             case.health.insert(HealthBits::ACCEL_CONTRADICTED);
         }
-        if self.scale.is_contradicted() {
+        if estimation.window.is_rig_refuted() {
             case.health.insert(HealthBits::SCALE_CONTRADICTED);
         }
     }
@@ -199,10 +198,6 @@ impl Judge {
             }
             _ => self.forces.pass_over(newest.stamp),
         };
-        if self.gyroscope.is_distrusting() {
-            // Gains of samples that have lost belief tell nothing of the baseline.
-            self.scale = ScaleWatch::default();
-        }
         let gain = self.forces.gain();
         if gain.is_none() {
             self.unfelt_force.pass_over();
@@ -210,10 +205,6 @@ impl Judge {
         if let (Some(gain), [.., before, newest]) = (gain, &estimation.window.frames[..]) {
             let dt_s = newest.taken.seconds_since(before.taken);
             self.unfelt_force.add(&gain, dt_s);
-            // One camera has its scale from the forces.
-            if estimation.window.options.cameras > 1 {
-                self.scale.add(&gain, dt_s);
-            }
         }
         if let Some(wrong) = found {
             estimation.window.doubt_forces(wrong.since, wrong.sigma_m_s2);

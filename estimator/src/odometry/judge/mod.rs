@@ -13,7 +13,7 @@
 //!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis feels nothing, [`unfelt_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
-//! 8. The baseline is wrong ([`scale_watch`]): nothing is changed. `SCALE_CONTRADICTED` (10).
+//! 8. Focal length or baseline are not those configured ([`crate::window::rig_walk`]): the window follows the data. `SCALE_CONTRADICTED` (10).
 //! 9. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
 //!    `IMU_CONTRADICTED`.
 //! 10. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
@@ -30,7 +30,6 @@ mod inertial;
 mod leaning;
 mod noise;
 mod pair;
-mod scale_watch;
 mod stamp;
 mod stopped_view;
 mod sudden_force;
@@ -58,7 +57,6 @@ use leaning::Leaning;
 use noise::{Evidence, NoiseScale};
 use pair::Pair;
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
-use scale_watch::ScaleWatch;
 use stamp::{Correction, StampErrors};
 use stopped_view::{Stop, StoppedView};
 use sudden_force::SuddenForce;
@@ -86,7 +84,6 @@ pub(super) struct Judge {
     forces: ForceWatch,
     sudden_force: SuddenForce,
     unfelt_force: UnfeltForce,
-    scale: ScaleWatch,
     noise: NoiseScale,
     leaning: Leaning,
     tracking: Tracking,
@@ -122,7 +119,6 @@ impl Judge {
             forces: ForceWatch::new(gravity_o),
             sudden_force: SuddenForce::new(),
             unfelt_force: UnfeltForce::default(),
-            scale: ScaleWatch::default(),
             noise: NoiseScale::new(ImuNoise::of(&setup.imu), setup.camera.len()),
             leaning: Leaning::default(),
             tracking: Tracking::new(setup.estimator.health.clone()),
@@ -306,7 +302,6 @@ impl Judge {
         self.stamps = StampErrors::default();
         self.pair.wait_anew();
         if kind == ResetKind::Hard {
-            self.scale = ScaleWatch::default();
             self.noise.forget_scale(&mut estimation.window);
         }
     }
@@ -368,7 +363,7 @@ impl Judge {
         let is_contradicted = self.gyroscope.is_contradicted()
             || self.forces.is_contradicted()
             || self.unfelt_force.is_contradicted()
-            || self.scale.is_contradicted()
+            || estimation.window.is_rig_refuted()
             || self.pair.is_out_of_step()
             || newest.is_some_and(|newest| self.tracking.is_doubted_at(newest.stamp));
         if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
