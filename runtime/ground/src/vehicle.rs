@@ -108,7 +108,7 @@ pub struct VehicleState {
 impl VehicleState {
     /// One that nothing was heard of yet.
     pub fn arrived(arrival: u64) -> Self {
-        Self { arrival, ..Self::default() }
+        Self { arrival, quality: -1, ..Self::default() }
     }
 
     /// Name of the tracking state.
