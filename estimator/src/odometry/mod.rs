@@ -281,6 +281,11 @@ impl Odometer {
         if self.start.is_refused(time.stamp, cost, self.judge.is_distrusting()) {
             self.start_anew(ResetReason::StartRefused);
         }
+        if let Some(rad) = self.judge.take_jump() {
+            self.start_anew(ResetReason::Jump(rad));
+            self.start.forget_attitude();
+            self.estimation.window.doubt_mounting(rad);
+        }
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 

@@ -26,6 +26,11 @@ pub enum ResetReason {
     /// The frames after a start with one camera contradict it.
     #[error("the frames after the start contradict it")]
     StartRefused,
+    /// Images and gyroscope have jumped against each other by so much, rad.
+    #[error(
+        "images and gyroscope differ at once by a turn of {0:.2} rad: the cameras may have been moved against the IMU"
+    )]
+    Jump(f64),
     /// A state that is no number.
     #[error("the state is no number")]
     NotFinite,

@@ -245,6 +245,23 @@ fn a_soft_reset_in_flight_forgets_nothing_of_what_is_not_known() {
 }
 
 #[test]
+fn cameras_that_are_knocked_are_a_reset_after_which_their_mounting_is_found_anew() {
+    for (seed, turned_rad) in [(1, [0.03, 0.02, 0.0]), (2, [0.0, -0.1, 0.1])] {
+        let knock = |world: &mut World, t: f64, _: &mut Tracked| {
+            if (t - 6.0).abs() < 0.02 {
+                let turn = crate::geometry::exp_so3(&turned_rad.into());
+                world.pose_b_c.iter_mut().for_each(|pose| pose.rotation = turn * pose.rotation);
+            }
+        };
+        let trouble = Trouble { tracked: &knock, ..NONE };
+        let judged = fly(&mut World::new(&config(2), seed, 500), 14.0, &trouble);
+        assert_eq!(judged.last().unwrap().resets, 1);
+        assert!(judged.iter().all(|j| j.quality < 20 || j.sigmas.iter().all(|sigmas| *sigmas < 5.0)));
+        assert!(judged.last().unwrap().quality > 50);
+    }
+}
+
+#[test]
 fn a_slow_drift_far_from_everything_is_no_rest() {
     for seed in [1, 2] {
         let mut world = World::new(&config(2), seed, 500);

@@ -133,6 +133,16 @@ impl Window {
         }
     }
 
+    /// Begins anew with cameras that may have been turned on the body by `off_rad`: as configured, and as uncertain.
+    pub fn doubt_mounting(&mut self, off_rad: f64) {
+        for k in Rig::ROT_B_C0..Rig::ROT_B_C0 + 3 {
+            let sigma = &mut self.options.rig_sigmas[k];
+            *sigma = if *sigma > 0.0 { sigma.at_least(off_rad) } else { 0.0 };
+        }
+        self.restore_rig();
+        self.clear();
+    }
+
     /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
     fn doubt_configured_rig(&mut self) {
         let offsets = self.rig.minus(&self.configured_rig);

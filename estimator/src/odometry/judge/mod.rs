@@ -369,6 +369,11 @@ impl Judge {
         if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
+    /// The turn by which the cameras may have been moved against the IMU, rad.
+    pub(super) fn take_jump(&mut self) -> Option<f64> {
+        self.gyroscope.take_jump()
+    }
+
     /// True while inertial samples are not believed.
     pub(super) fn is_distrusting(&self) -> bool {
         self.gyroscope.is_distrusting()

@@ -200,6 +200,11 @@ impl Start {
         self.origin = origin;
     }
 
+    /// The attitude of the last pose tells nothing.
+    pub(super) fn forget_attitude(&mut self) {
+        self.carried = None;
+    }
+
     /// Forgets all stamps: the gyroscope has not measured from the last pose on.
     pub(super) fn forget_time(&mut self) {
         self.carried = None;

@@ -1,6 +1,7 @@
 //! A contradiction between gyroscope and images that lasts: which of them is wrong, and when it is over.
 
 use super::super::FRAMES_TO_AGREE;
+use super::PLAIN_RAD;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
 use super::lag::delay;
 use crate::estimate::HealthBits;
@@ -165,6 +166,12 @@ impl Contradiction {
         let lag_ns = (lag_s * 1e9) as i64;
         let known = turns.iter().rev().find_map(|t| angles.difference(t, lag_ns, &self.bias_gyro));
         known.is_some_and(|difference| difference.norm() > 2.0 * SAME_TURN_RAD)
+    }
+
+    /// Turn by which images and gyroscope have jumped against each other, rad, if nothing names one of them: the cameras may have been moved.
+    pub(super) fn jumped_rad(&self) -> Option<f64> {
+        let rad = self.largest.norm();
+        (self.is_open() && !self.was_gyro_named && rad > PLAIN_RAD).then_some(rad)
     }
 
     /// Says in `health` what was found.

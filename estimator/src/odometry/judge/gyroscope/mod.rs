@@ -88,6 +88,8 @@ pub(super) struct RotationWatch {
     /// When the accelerometer was last contradicted.
     forces_contradicted: Option<Timestamp>,
     probation: Option<Probation>,
+    /// Turn of a contradiction that is over and has named nothing, rad.
+    jumped_rad: Option<f64>,
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
     left_rad: f64,
@@ -106,6 +108,7 @@ impl RotationWatch {
             contradiction: None,
             forces_contradicted: None,
             probation: None,
+            jumped_rad: None,
             left_m: 0.0,
             left_rad: 0.0,
             carried_rad: 0.0,
@@ -246,6 +249,7 @@ impl RotationWatch {
         }
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
+            self.jumped_rad = contradiction.jumped_rad();
             self.differences.clear();
         }
     }
@@ -269,6 +273,11 @@ impl RotationWatch {
         if let Some(contradiction) = &self.contradiction {
             contradiction.report(&self.evidence(), health);
         }
+    }
+
+    /// The turn by which images and gyroscope have jumped against each other, rad, once their contradiction is over and nothing was named.
+    pub(super) fn take_jump(&mut self) -> Option<f64> {
+        self.jumped_rad.take()
     }
 
     /// True while images and gyroscope contradict each other.
