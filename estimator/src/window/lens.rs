@@ -104,7 +104,8 @@ impl Lenses {
 
     /// Shift of what `camera` measured at `xy` when its intrinsics move by `step`, in parts that derivatives hold for.
     pub(super) fn shift(&self, camera: usize, xy: &Vector2<f64>, step: &Vector3<f64>) -> Vector2<f64> {
-        let parts = (step.amax() / MOST_STEP).ceil().at_least(1.0);
+        // A step by a whole focal length is that of an estimate that has been lost: its time is bounded all the same.
+        let parts = (step.amax() / MOST_STEP).ceil().at_least(1.0).at_most(1.0 / MOST_STEP);
         let part = step / parts;
         let shifted = |shift, _| shift + self.lenses[camera].shift(&(xy + shift), &part);
         (0..parts as usize).fold(Vector2::zeros(), shifted)
