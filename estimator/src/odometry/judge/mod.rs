@@ -10,7 +10,8 @@
 //!    `CAMERAS_OUT_OF_STEP` (10), `CAMERAS_DISAGREE`.
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped.
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
-//!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10).
+//!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10). A jump
+//!    that is over and names nobody: a start anew, the mounting of the cameras uncertain.
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis feels nothing, [`unfelt_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
 //! 8. Focal length or baseline are not those configured ([`crate::window::rig_walk`]): the window follows the data. `SCALE_CONTRADICTED` (10).

@@ -128,7 +128,7 @@ impl RotationWatch {
         self.differences.clear();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
-        self.probation = None;
+        (self.probation, self.jumped_rad) = (None, None);
     }
 
     /// Takes a sample of the gyroscope, as it was read.
