@@ -18,15 +18,16 @@ static FILE *open_table(const char *folder, const char *sensor) {
 }
 
 static plumbline_image read_png(const char *folder, int camera, const char *name) {
-    static uint8_t pixels[2][752 * 480];
+    static uint8_t pixels[2][4096 * 3072];
     png_image png = {.version = PNG_IMAGE_VERSION};
     char path[4096];
     snprintf(path, sizeof path, "%s/mav0/cam%d/data/%s", folder, camera, name);
-    int is_read = png_image_begin_read_from_file(&png, path) && png.width == 752 && png.height == 480;
+    int is_read = png_image_begin_read_from_file(&png, path);
     png.format = PNG_FORMAT_GRAY;
-    is_read = is_read && png_image_finish_read(&png, NULL, pixels[camera], 0, NULL);
+    is_read = is_read && PNG_IMAGE_SIZE(png) <= sizeof pixels[camera] &&
+              png_image_finish_read(&png, NULL, pixels[camera], 0, NULL);
     png_image_free(&png);
-    return (plumbline_image){is_read ? pixels[camera] : NULL, 752, 480, 752};
+    return (plumbline_image){is_read ? pixels[camera] : NULL, png.width, png.height, png.width};
 }
 
 int main(int argc, char **argv) {

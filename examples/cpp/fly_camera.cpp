@@ -4,10 +4,11 @@
 //     ./fly_camera /tmp/frames 0 2        two devices; `./fly_camera /tmp/frames 0` for images side by side
 //
 // A camera is a number of a device, or what else OpenCV opens: a file, a pattern such as left_%03d.png, a pipeline. Stamps
-// are the times of arrival, for want of better: where your camera's SDK tells the middle of the exposure, use that.
+// are those of the driver (V4L2), or else the times of arrival: where your camera's SDK reports the middle of the exposure, use that.
 #include <algorithm>
 #include <cctype>
 #include <chrono>
+#include <cstdint>
 #include <iostream>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -36,6 +37,11 @@ cv::Mat grey(const cv::Mat &image) {
     return converted;
 }
 
+/// Stamp of the frame that was grabbed, by CLOCK_MONOTONIC where the driver is one of V4L2.
+std::int64_t driver_stamp_ns(const cv::VideoCapture &camera) {
+    return static_cast<std::int64_t>(1e6 * camera.get(cv::CAP_PROP_POS_MSEC));
+}
+
 plumbline_image lent(const cv::Mat &image) {
     return plumbline::view(image.data, image.cols, image.rows, image.step);
 }
@@ -56,7 +62,8 @@ int main(int argc, char **argv) {
     for (plumbline::Frame frame{};; frame.sequence++) {
         // First both are taken, which is quick, then both are decoded.
         if (!std::all_of(cameras.begin(), cameras.end(), [](auto &camera) { return camera.grab(); })) break;
-        frame.stamp_ns = plumbline::monotonic_ns();
+        const std::int64_t now_ns = plumbline::monotonic_ns(), late_ns = now_ns - driver_stamp_ns(cameras[0]);
+        frame.stamp_ns = now_ns - (late_ns >= 0 && late_ns < 1000000000 ? late_ns : 0);
         for (std::size_t k = 0; k < cameras.size(); k++) cameras[k].retrieve(images[k]);
         cv::Mat left = grey(images[0]), right = grey(images.back());
         if (cameras.size() == 1) {

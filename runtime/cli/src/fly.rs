@@ -117,8 +117,8 @@ fn findings(config: &ValidConfig) -> Vec<Finding> {
     let is_unknown = config.vehicle.rot_v_b().is_none();
     let mounting = || {
         Finding::new(
-            VehicleConfig::UNKNOWN,
             "mounting unknown",
+            VehicleConfig::UNKNOWN,
             "a configuration that was imported without it",
             format!("nothing that depends on the vehicle's attitude is published; {}", VehicleConfig::CURE),
         )
