@@ -45,11 +45,6 @@ impl Finding {
         }
     }
 
-    /// The finding among the measures of a checkup.
-    pub(crate) fn into_measure(self) -> Measure {
-        self.into_measure_of(UNITS_AND_COLUMNS)
-    }
-
     /// The finding as a measure of this name.
     #[must_use]
     pub fn into_measure_of(self, name: &'static str) -> Measure {

@@ -3,7 +3,7 @@
 //! Each is a share of the frames, by camera; where only even or only odd frames have it, that is reported. A row of one half-frame
 //! differs more from its neighbours than from the rows two away; a mark keeps its gradient while the scene changes below it.
 
-use crate::statistics::median;
+use crate::statistics::quantile;
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::{ImageView, ImuSample, Timestamp};
 
@@ -260,7 +260,7 @@ impl ImageTests {
         let turning: Vec<bool> = (0..own.len()).map(|k| rate(k) > TURNING_RAD_S).collect();
         let usual = |looks: &[Look]| {
             let moving = looks.iter().zip(&turning).filter(|(look, turns)| look.is_there && **turns);
-            median(&moving.map(|(look, _)| look.change).collect::<Vec<_>>())
+            quantile(&moving.map(|(look, _)| look.change).collect::<Vec<_>>(), 0.5)
         };
         let (usual_own, usual_other) = (usual(own), usual(other));
         let stands: Vec<bool> = (0..own.len())

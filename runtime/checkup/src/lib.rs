@@ -35,7 +35,7 @@ mod tests;
 
 pub use verdict::{Fitness, Measure};
 
-use finding::Finding;
+use finding::UNITS_AND_COLUMNS;
 use fit::parts::CLOCK_RATE;
 use images::ImageTests;
 use plausibility::{GAPS, Plausibility, inertial};
@@ -146,7 +146,8 @@ impl Checkup {
     pub fn report(&self) -> Vec<Measure> {
         let (config, data, samples) = (&self.config, &self.data, &self.data.samples);
         let wrong = inertial::nonsense(samples).into_iter().chain(data.two_clocks());
-        let mut measures: Vec<Measure> = wrong.map(Finding::into_measure).collect();
+        let mut measures: Vec<Measure> =
+            wrong.map(|finding| finding.into_measure_of(UNITS_AND_COLUMNS)).collect();
         let has_nonsense = !measures.is_empty();
         let timing = self.timing();
         // Samples at another rate are fitted as they are stamped: the fit says whether their clock or the configuration is wrong.

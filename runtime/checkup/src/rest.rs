@@ -35,27 +35,24 @@ pub fn rest(samples: &[ImuSample]) -> Rest {
         pieces.push((end, still(&samples[from..from + count])));
         from += count;
     }
-    let mut found = Rest::default();
+    let (mut found, mut all) = (Rest::default(), Vec::new());
     // In one attitude, and for more than a moment.
     for stand in pieces.chunk_by(|(_, a), (_, b)| a.zip(*b).is_some_and(is_same_attitude)) {
-        let means: Vec<_> = stand.iter().filter_map(|(_, means)| *means).collect();
-        let seconds = means.len() as f64 * PIECE_S;
-        if seconds < MIN_STAND_S {
+        let means: Vec<Means> = stand.iter().filter_map(|(_, means)| *means).collect();
+        let count = means.len() as f64;
+        if count * PIECE_S < MIN_STAND_S {
             continue;
         }
         if found.first_end.is_none() {
             found.first_end = stand.last().map(|(end, _)| *end);
-            found.accel = means.iter().map(|(_, accel)| accel).sum::<Vector3<f64>>() / means.len() as f64;
+            found.accel = means.iter().map(|(_, accel)| accel).sum::<Vector3<f64>>() / count;
         }
-        let weight = PIECE_S / (found.seconds + seconds);
-        let (gyro, gravity) = means.iter().fold((Vector3::zeros(), 0.0), |(gyro, gravity), means| {
-            (gyro + means.0, gravity + means.1.norm())
-        });
-        let before = found.seconds / (found.seconds + seconds);
-        found.gyro = found.gyro * before + gyro * weight;
-        found.gravity_m_s2 = found.gravity_m_s2 * before + gravity * weight;
-        found.seconds += seconds;
+        all.extend(means);
     }
+    let count = all.len().max(1) as f64;
+    found.seconds = all.len() as f64 * PIECE_S;
+    found.gyro = all.iter().map(|(gyro, _)| gyro).sum::<Vector3<f64>>() / count;
+    found.gravity_m_s2 = all.iter().map(|(_, accel)| accel.norm()).sum::<f64>() / count;
     found
 }
 

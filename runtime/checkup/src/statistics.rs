@@ -12,11 +12,6 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// The median; not a number for none.
-pub(crate) fn median(values: &[f64]) -> f64 {
-    plumbline_config::median(values.iter().copied()).unwrap_or(f64::NAN)
-}
-
 /// Mean of vectors, and the norm of their standard deviation by axis.
 pub(crate) fn mean_and_spread(values: impl Iterator<Item = Vector3<f64>> + Clone) -> (Vector3<f64>, f64) {
     let (sum, count) = values.clone().fold((Vector3::zeros(), 0.0), |(sum, n), v| (sum + v, n + 1.0));

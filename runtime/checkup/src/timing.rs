@@ -1,7 +1,7 @@
 //! Rates, jitter and gaps, by the stamps and by the numbers of samples.
 
 use crate::finding::Finding;
-use crate::statistics::{median, quantile};
+use crate::statistics::quantile;
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::Timestamp;
 
@@ -117,7 +117,7 @@ impl Stream {
             arrivals.stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
         let backwards = intervals.iter().filter(|dt| **dt <= 0.0).count();
         let disordered = backwards as u64 + arrivals.disordered;
-        let (middle, mean) = (median(&intervals), mean_interval(&arrivals.stamps));
+        let (middle, mean) = (quantile(&intervals, 0.5), mean_interval(&arrivals.stamps));
         let close = intervals.iter().filter(|dt| **dt < BUNCHED.1 * mean).count();
         let has_bursts = backwards == 0 && close as f64 > BUNCHED.0 * intervals.len() as f64;
         let spread = quantile(&intervals, 0.75) - quantile(&intervals, 0.25);

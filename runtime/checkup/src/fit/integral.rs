@@ -10,8 +10,10 @@ use plumbline_estimator::geometry::{exp_so3, log_so3};
 const MAX_GAP_S: f64 = 0.05;
 /// Steps of the numeric derivatives: states, matrices and biases, and times (s).
 const STEPS: (f64, f64) = (1e-5, 1e-4);
-/// Unknowns by which an integral changes.
-const OF_SAMPLES: usize = CALIBRATION - OF_VIEWS;
+/// Columns of a link: unknowns of the biases, and the first of the calibration.
+pub(super) const OF_BIASES: usize = 6;
+pub(super) const OF_SAMPLES: usize = 2 * OF_KEY + OF_BIASES;
+pub(super) const OF_LINK: usize = OF_SAMPLES + CALIBRATION - OF_VIEWS + 1;
 
 /// A sample by the clock of the inertial sensor, s from the middle of the recording.
 #[derive(Clone, Copy, Debug)]
@@ -40,11 +42,9 @@ struct Delta {
 
 /// Residuals of rotation, velocity and position between two keyframes, with their derivatives.
 pub(super) struct Link {
-    pub(super) residual: SVector<f64, 9>,
-    /// By rotation, position and velocity at the first and at the second keyframe.
-    pub(super) by_keys: [SMatrix<f64, 9, OF_KEY>; 2],
-    /// By the unknowns from [`OF_VIEWS`] on; the last six, of the biases, are those of a piece too.
-    pub(super) by_rig: SMatrix<f64, 9, OF_SAMPLES>,
+    /// By the states of the first and of the second keyframe, by the biases of the piece, and by the unknowns from [`OF_VIEWS`] on; in the
+    /// last column the residuals.
+    pub(super) by: SMatrix<f64, 9, OF_LINK>,
     pub(super) dt_s: f64,
 }
 
@@ -123,52 +123,44 @@ impl Delta {
         let [a, b] = keys;
         let (back, dt_s) = (a.pose_w_b.rotation.inverse(), self.dt_s);
         let moved = b.pose_w_b.translation.vector - a.pose_w_b.translation.vector - a.v_w * dt_s;
-        let mut residual = SVector::<f64, 9>::zeros();
-        residual
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&log_so3(&(self.rot.inverse() * back * b.pose_w_b.rotation)));
-        residual.fixed_rows_mut::<3>(3).copy_from(&(back * (b.v_w - a.v_w - gravity_w * dt_s) - self.v));
-        residual
-            .fixed_rows_mut::<3>(6)
-            .copy_from(&(back * (moved - gravity_w * (0.5 * dt_s * dt_s)) - self.p));
-        residual
+        let turned = log_so3(&(self.rot.inverse() * back * b.pose_w_b.rotation));
+        let v = back * (b.v_w - a.v_w - gravity_w * dt_s) - self.v;
+        let p = back * (moved - gravity_w * (0.5 * dt_s * dt_s)) - self.p;
+        SVector::from_column_slice(Matrix3::from_columns(&[turned, v, p]).as_slice())
     }
 }
 
 impl Link {
     /// Link between two keyframes; `None` where samples are missing.
-    pub(super) fn new(
-        rig: &Rig,
-        sensors: &Sensors,
-        readings: &[Reading],
-        keys: [&Key; 2],
-        gravity_w: &Vector3<f64>,
-    ) -> Option<Self> {
+    pub(super) fn new(rig: &Rig, sensors: &Sensors, readings: &[Reading], keys: [&Key; 2]) -> Option<Self> {
         let [from_s, to_s] = keys.map(|key| rig.imu_time_s(key));
         let delta = sensors.integrate(readings, from_s, to_s)?;
-        let residual = delta.residual(keys, gravity_w);
-        let by = |other: Delta, step: f64| (other.residual(keys, gravity_w) - residual) / step;
-        let mut by_rig = SMatrix::<f64, 9, OF_SAMPLES>::zeros();
-        let by_from = by(sensors.integrate(readings, from_s + STEPS.1, to_s)?, STEPS.1);
-        let by_to = by(sensors.integrate(readings, from_s, to_s + STEPS.1)?, STEPS.1);
-        let [a, b] = keys;
-        by_rig.set_column(DELAY - OF_VIEWS, &(by_from + by_to));
-        let faster = Sensors { fast: sensors.fast + STEPS.0, ..*sensors };
-        let by_pace = by(faster.integrate(readings, from_s, to_s)?, STEPS.0);
-        by_rig.set_column(CLOCK_RATE - OF_VIEWS, &(by_from * a.t_s + by_to * b.t_s + by_pace));
-        by_rig.set_column(ALTERNATING - OF_VIEWS, &(by_from * a.parity + by_to * b.parity));
-        for k in GYRO..BIASES + 6 {
-            let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;
-            by_rig.set_column(k - OF_VIEWS, &by(changed, STEPS.0));
+        let residual = delta.residual(keys, &rig.gravity_w);
+        let slope = |other: Delta, step: f64| (other.residual(keys, &rig.gravity_w) - residual) / step;
+        let mut by = SMatrix::<f64, 9, OF_LINK>::zeros();
+        for k in 0..2 * OF_KEY {
+            let (which, mut pair) = (k / OF_KEY, keys);
+            let moved = keys[which].moved(&SVector::ith(k % OF_KEY, STEPS.0));
+            pair[which] = &moved;
+            by.set_column(k, &((delta.residual(pair, &rig.gravity_w) - residual) / STEPS.0));
         }
-        let by_keys = [0, 1].map(|key| {
-            let by = (0..OF_KEY).map(|k| {
-                let moved = keys[key].moved(&(SVector::ith(k, STEPS.0)));
-                let pair = if key == 0 { [&moved, b] } else { [a, &moved] };
-                (delta.residual(pair, gravity_w) - residual) / STEPS.0
-            });
-            SMatrix::from_columns(&by.collect::<Vec<SVector<f64, 9>>>())
-        });
-        Some(Self { residual, by_keys, by_rig, dt_s: delta.dt_s })
+        let by_from = slope(sensors.integrate(readings, from_s + STEPS.1, to_s)?, STEPS.1);
+        let by_to = slope(sensors.integrate(readings, from_s, to_s + STEPS.1)?, STEPS.1);
+        let faster = Sensors { fast: sensors.fast + STEPS.0, ..*sensors };
+        let by_pace = slope(faster.integrate(readings, from_s, to_s)?, STEPS.0);
+        let [a, b] = keys;
+        let place = |k: usize| OF_SAMPLES + k - OF_VIEWS;
+        by.set_column(place(DELAY), &(by_from + by_to));
+        by.set_column(place(CLOCK_RATE), &(by_from * a.t_s + by_to * b.t_s + by_pace));
+        by.set_column(place(ALTERNATING), &(by_from * a.parity + by_to * b.parity));
+        for k in GYRO..BIASES + OF_BIASES {
+            let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;
+            by.set_column(place(k), &slope(changed, STEPS.0));
+        }
+        // Those of the recording are those of a piece too.
+        let biases = by.fixed_columns::<OF_BIASES>(place(BIASES)).into_owned();
+        by.fixed_columns_mut::<OF_BIASES>(2 * OF_KEY).copy_from(&biases);
+        by.set_column(OF_LINK - 1, &residual);
+        Some(Self { by, dt_s: delta.dt_s })
     }
 }

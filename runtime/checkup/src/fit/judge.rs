@@ -177,7 +177,7 @@ fn constant(causes: &Causes<'_>, k: usize, part: &Part, found: &[Cause]) -> Meas
     let poor = if part.counted == 9 { gains.into_iter().fold(0.0, f64::max) } else { poor };
     let (worst, sigma) = (verdict(off), values[0].1.map(|sigma| part.worth.hypot(sigma)));
     let value = words(part, &values[0].0, &sigma);
-    let figures = [("step", largest(&values[0].0)), ("sigma", sigma.max())];
+    let figures = [("step", values[0].0[values[0].0.iamax()]), ("sigma", sigma.max())];
     let measure = if poor > SIGMAS && worst == Fitness::Good {
         Measure::new(part.name, Fitness::Uncertain, value, part.motion.unwrap_or(HOLD), &figures)
     } else {
@@ -233,10 +233,6 @@ fn columns(part: &Part, fitted: &Fitted) -> Option<String> {
     (names != AXES).then(|| {
         format!("columns are swapped or negated: x y z of the body are {} as delivered", names.join(" "))
     })
-}
-
-fn largest(values: &DVector<f64>) -> f64 {
-    values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
 }
 
 /// Values with their standard deviations; of the columns of a sensor the one that is off most.

@@ -17,7 +17,7 @@ pub(crate) mod rig;
 use crate::tracks::Tracks;
 use causes::SIGMAS;
 use integral::{Reading, Sensors, reading_at};
-use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DVector, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use piece::{Noise, Normal, Piece, View};
 use plumbline_config::{Config, ImuSample, Timestamp, median};
 use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
@@ -127,11 +127,8 @@ impl Pieces {
         let readings: Vec<Reading> = samples.iter().map(reading).collect();
         let key = |(stamp, is_odd): &(Timestamp, bool)| Key {
             t_s: stamp.seconds_since(middle),
-            within_s: 0.0,
             parity: if *is_odd { 0.5 } else { -0.5 },
-            pose_w_b: Isometry3::identity(),
-            v_w: Vector3::zeros(),
-            rate_b: Vector3::zeros(),
+            ..Key::default()
         };
         let keys: Vec<Key> = tracks.keys.iter().map(key).collect();
         let mut ranges = ranges(&keys);
@@ -147,11 +144,10 @@ impl Pieces {
     }
 
     /// Lets the images of one camera alone say how it moves.
-    fn settle(&mut self, config: &Config) {
-        let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
+    fn settle(&mut self) {
         for round in 0..SETTLING {
             let damping = DAMPING * 0.3_f64.powi(round);
-            let normals = normals(&mut self.pieces, &self.rig, &self.readings, &gravity_w, &LOOSEST, damping);
+            let normals = normals(&mut self.pieces, &self.rig, &self.readings, &LOOSEST, damping);
             for (piece, normal) in self.pieces.iter_mut().zip(&normals) {
                 piece.apply(normal, &Vector::zeros());
             }
@@ -222,7 +218,8 @@ impl Pieces {
         self.pieces.iter().map(|piece| piece.keys.windows(3).filter_map(of).collect()).collect()
     }
 
-    /// Largest share of the turning about an axis that images and gyroscope do not agree on, with what is lost.
+    /// Largest share of the turning about an axis that images and gyroscope do not agree on, with the shares of pieces that are lost and of
+    /// points behind the cameras, where exchanged images have them.
     fn disagreement(&self) -> f64 {
         let turns = self.turns();
         let of_axis = |k: usize| {
@@ -231,8 +228,12 @@ impl Pieces {
             let is_turning = all > LEAST_TURN_RAD * LEAST_TURN_RAD * turns.len() as f64;
             if is_turning { off / all } else { 0.0 }
         };
-        let pieces = (self.lost + self.pieces.len()).max(1) as f64;
-        (0..3).map(of_axis).fold(0.0, f64::max) + self.lost as f64 / pieces
+        let share = |count: usize, all: usize| count as f64 / all.max(1) as f64;
+        let points = || self.pieces.iter().flat_map(|piece| &piece.points);
+        let behind = points().filter(|(point, _)| point.inverse_m <= 0.0).count();
+        (0..3).map(of_axis).fold(0.0, f64::max)
+            + share(self.lost, self.lost + self.pieces.len())
+            + share(behind, points().count())
     }
 }
 
@@ -253,7 +254,7 @@ impl FirstLook {
         let mut step = Vector::zeros();
         let mut pieces = Pieces::of(config, tracks, samples, &step, usize::MAX)?;
         if config.camera.len() == 1 {
-            pieces.settle(config);
+            pieces.settle();
         }
         let counted_s = pieces.readings.len() as f64 / config.imu.rate_hz;
         let stamped_s = pieces.readings.last()?.t_s - pieces.readings.first()?.t_s;
@@ -320,15 +321,12 @@ fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
 
 /// Correlation of pairs of numbers; 0 of fewer than three.
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
-    let n = pairs.len() as f64;
-    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
-    let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
-    let (aa, bb) = (mean(&|p| (p.0 - a).powi(2)), mean(&|p| (p.1 - b).powi(2)));
-    if pairs.len() < 3 {
-        0.0
-    } else {
-        mean(&|p| (p.0 - a) * (p.1 - b)) / (aa * bb).sqrt().max(f64::MIN_POSITIVE)
-    }
+    let centred = |of: fn(&(f64, f64)) -> f64| {
+        let values = DVector::from_iterator(pairs.len(), pairs.iter().map(of));
+        values.add_scalar(-values.mean())
+    };
+    let (a, b) = (centred(|pair| pair.0), centred(|pair| pair.1));
+    if pairs.len() < 3 { 0.0 } else { a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE) }
 }
 
 /// Fits a recording by these unknowns of the calibration; `None` where no piece holds together.
@@ -346,14 +344,13 @@ pub(crate) fn fit(
         None => Pieces::of(config, tracks, samples, &first.step, usize::MAX)?,
     };
     let Pieces { mut rig, readings, mut pieces, span_s, .. } = found;
-    let gravity_w = Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2);
     let mut noise = LOOSE;
     let mut damping = DAMPING;
     for round in 0..STEPS {
         for piece in &mut pieces {
             turn(piece, &rig, &readings);
         }
-        let normals = normals(&mut pieces, &rig, &readings, &gravity_w, &noise, damping);
+        let normals = normals(&mut pieces, &rig, &readings, &noise, damping);
         let step = if round < HELD_STEPS {
             Vector::zeros()
         } else {
@@ -372,7 +369,7 @@ pub(crate) fn fit(
         }
         damping *= 0.3;
     }
-    let normals = normals(&mut pieces, &rig, &readings, &gravity_w, &noise, 0.0);
+    let normals = normals(&mut pieces, &rig, &readings, &noise, 0.0);
     let share = |piece: &Piece| (piece.keys[KEYS / 2].t_s / span_s + 0.5).clamp(0.0, 1.0);
     let quadratics =
         normals.into_iter().zip(&pieces).map(|(n, piece)| (n.gradient, n.information, share(piece)));
@@ -394,13 +391,12 @@ fn normals(
     pieces: &mut Vec<Piece>,
     rig: &Rig,
     readings: &[Reading],
-    gravity_w: &Vector3<f64>,
     noise: &Noise,
     damping: f64,
 ) -> Vec<Normal> {
     let mut normals = Vec::with_capacity(pieces.len());
     pieces.retain(|piece| {
-        let normal = piece.normal(rig, readings, gravity_w, noise, damping);
+        let normal = piece.normal(rig, readings, noise, damping);
         let normal = normal.filter(|normal| normal.gradient.iter().all(|x| x.is_finite()));
         let is_there = normal.is_some();
         normals.extend(normal);
@@ -436,7 +432,7 @@ fn prior(steps: &Vector, is_sparse: bool, is_free: &dyn Fn(usize) -> bool) -> Ve
 
 /// Noise that the residuals show.
 fn measured(normals: &[Normal], pieces: &[Piece], noise: &Noise, config: &Config) -> Noise {
-    let of = |values: &dyn Fn(&Normal) -> Vec<f64>| median(normals.iter().flat_map(values)).unwrap_or(0.0);
+    let of = |k: usize| median(normals.iter().flat_map(|n| n.residuals[k].iter().copied())).unwrap_or(0.0);
     let imu = &config.imu;
     let fallen = |now: f64, least: f64, before: f64| now.max(least).max(FALL * before).min(before);
     let walk_s = 30.0_f64.sqrt();
@@ -449,9 +445,9 @@ fn measured(normals: &[Normal], pieces: &[Piece], noise: &Noise, config: &Config
         imu.accel_bias_walk * walk_s + imu.accel_error_sigma_m_s2,
     ];
     Noise {
-        px: fallen(OF_MEDIAN_LENGTH * of(&|n| n.residuals.px.clone()), LEAST_PX, noise.px),
-        gyro: fallen(OF_MEDIAN * of(&|n| n.residuals.gyro.clone()), imu.gyro_noise_density, noise.gyro),
-        accel: fallen(OF_MEDIAN * of(&|n| n.residuals.accel.clone()), imu.accel_noise_density, noise.accel),
+        px: fallen(OF_MEDIAN_LENGTH * of(0), LEAST_PX, noise.px),
+        gyro: fallen(OF_MEDIAN * of(1), imu.gyro_noise_density, noise.gyro),
+        accel: fallen(OF_MEDIAN * of(2), imu.accel_noise_density, noise.accel),
         biases: [0, 1].map(|k| fallen(of_biases(3 * k), least[k], noise.biases[k])),
     }
 }

@@ -6,10 +6,13 @@ use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector2;
 use plumbline_config::{Config, ImuSample};
 
-/// Disagreement from which on the images are tried otherwise, and below which that explains it.
-const DISAGREES: f64 = 0.5;
-const EXPLAINS: f64 = 0.25;
+const NAME: &str = "way the images lie";
+/// Disagreement from which on the images are tried otherwise, and share of it that another way leaves where it explains it.
+const DISAGREES: f64 = 0.4;
+const EXPLAINS: f64 = 0.5;
 
+/// Share of the points of the left image that the right one shows at least, by chance 1 in 2000.
+const PAIRED: f64 = 0.05;
 /// Pieces that are tried otherwise.
 const TRIED: usize = 4;
 /// How the images may lie: along x and along y.
@@ -33,6 +36,17 @@ pub(super) fn judge(
 ) -> Option<Measure> {
     let sizes = [config.camera.first()?, config.camera.get(1)?]
         .map(|camera| Vector2::new(camera.width_px as f32 - 1.0, camera.height_px as f32 - 1.0));
+    let sightings = || tracks.tracks.iter().flatten();
+    let (both, all) = (sightings().filter(|sighting| sighting.px[1].is_some()).count(), sightings().count());
+    if (both as f64) < PAIRED * all as f64 {
+        return Some(Measure::new(
+            NAME,
+            Fitness::NotFit,
+            format!("{both} of {all} sightings of the left image are found in the right one"),
+            "one of both is turned on its side or upside down, covered, out of focus, or of another camera: put it right",
+            &[],
+        ));
+    }
     let pieces = |tracks: &Tracks| Pieces::of(config, tracks, samples, &first.step, TRIED);
     let disagreement = |tracks: &Tracks| pieces(tracks).map_or(1.0, |pieces| pieces.disagreement());
     let as_is = disagreement(tracks);
@@ -53,9 +67,9 @@ pub(super) fn judge(
     let exchanged = disagreement(&with(tracks, |sighting| sighting.px.swap(0, 1)));
     let all = ways.chain([("left and right image are exchanged".to_owned(), exchanged)]);
     let (words, left) = all.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (left < EXPLAINS).then(|| {
+    (left < DISAGREES && left < EXPLAINS * as_is).then(|| {
         Measure::new(
-            "way the images lie",
+            NAME,
             Fitness::NotFit,
             format!("{words}: {left:.2} of the motion disagrees then, {as_is:.2} as it is"),
             "put it right in the driver (mirror, flip, rotation, order of the cameras), or calibrate with the images as they are",

@@ -4,16 +4,19 @@
 //! states and the calibration. Points are eliminated first, then the states: what is left is the quadratic of the calibration that
 //! this piece holds, `cost(x) = cost + 2 g'x + x'S x`.
 
-use super::integral::{Link, Reading, Sensors, reading_at};
-use super::rig::{BIASES, CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Sight, Vector};
+use super::integral::{Link, OF_BIASES, OF_LINK, OF_SAMPLES, Reading, Sensors, reading_at};
+use super::rig::{CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Sight, Vector};
 use nalgebra::{
-    Cholesky, DMatrix, DVector, Dyn, Isometry3, Matrix3, Matrix4, SMatrix, SVector, Translation3, Vector2,
-    Vector3,
+    Cholesky, DMatrix, DVector, Dim, Dyn, Isometry3, Matrix, Matrix3, Matrix4, SMatrix, SVector, Storage,
+    Translation3, Vector2, Vector3,
 };
 use plumbline_estimator::geometry::{exp_so3, rotation_between};
 
-/// Unknowns of the biases of a piece.
-const OF_BIASES: usize = 6;
+/// Unknowns of two keyframes.
+const STATES: usize = 2 * OF_KEY;
+/// Columns of what is seen: by a keyframe, by the calibration, and the residual.
+const OF_VIEWED: usize = OF_KEY + OF_VIEWS;
+const SEEN: usize = OF_VIEWED + 1;
 /// Scale of the Cauchy kernel, standard deviations of a pixel.
 const KERNEL: f64 = 3.0;
 /// Information that holds the frame of a piece: place and heading of its first keyframe.
@@ -60,31 +63,22 @@ impl Noise {
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
     pub(super) keys: Vec<Key>,
-    points: Vec<(Point, Vec<View>)>,
+    pub(super) points: Vec<(Point, Vec<View>)>,
     pub(super) biases: SVector<f64, OF_BIASES>,
 }
 
-/// Residuals of a piece by their kind, without weights.
-#[derive(Default)]
-pub(super) struct Residuals {
-    pub(super) px: Vec<f64>,
-    pub(super) gyro: Vec<f64>,
-    pub(super) accel: Vec<f64>,
-}
-
-/// Whitened rows of points with their right sides, and the roots that whiten them.
-type PointRows = (DMatrix<f64>, DVector<f64>, Vec<Matrix3<f64>>);
+/// Residuals of a piece without weights: of pixels, gyroscope and accelerometer.
+type Residuals = [Vec<f64>; 3];
 
 /// Normal equations of a piece, reduced to the calibration.
 pub(super) struct Normal {
     pub(super) information: SMatrix<f64, CALIBRATION, CALIBRATION>,
     pub(super) gradient: Vector,
     pub(super) residuals: Residuals,
-    /// Step of the states without, and by, a step of the calibration.
-    states: (DVector<f64>, DMatrix<f64>),
-    /// Whitened rows of the points.
+    /// Step of the states by a step of the calibration and a one.
+    states: DMatrix<f64>,
+    /// Whitened rows of the points by states, calibration and a one, as columns, and the roots that whiten them.
     points: DMatrix<f64>,
-    right: DVector<f64>,
     roots: Vec<Matrix3<f64>>,
 }
 
@@ -177,40 +171,44 @@ impl Piece {
         OF_KEY * self.keys.len() + OF_BIASES
     }
 
-    /// Normal equations at the present states; `damping` is added to the diagonal of these, as a share of it.
+    /// Normal equations at the present states; `damping` is added to the diagonal of these, as a share of it. Their last column is the slope.
     pub(super) fn normal(
         &self,
         rig: &Rig,
         readings: &[Reading],
-        gravity_w: &Vector3<f64>,
         noise: &Noise,
         damping: f64,
     ) -> Option<Normal> {
-        let (states, all) = (self.states(), self.states() + CALIBRATION);
+        let (states, all) = (self.states(), self.states() + CALIBRATION + 1);
         let mut h = DMatrix::<f64>::zeros(all, all);
-        let mut g = DVector::<f64>::zeros(all);
         let mut residuals = Residuals::default();
-        self.add_links(rig, readings, gravity_w, noise, (&mut h, &mut g), &mut residuals);
-        let (points, right, roots) =
-            self.add_views(rig, (noise, damping), (&mut h, &mut g), &mut residuals)?;
-        h -= points.transpose() * &points;
-        g -= points.transpose() * &right;
-        self.add_priors(noise, (&mut h, &mut g));
+        self.add_links(rig, readings, noise, &mut h, &mut residuals);
+        let (points, roots) = self.add_views(rig, noise, damping, &mut h, &mut residuals)?;
+        // Half of their square is enough, and of a keyframe the points that begin before it.
+        for k in 0..=self.keys.len() {
+            let is_state = k < self.keys.len();
+            let (at, width) = if is_state { (OF_KEY * k, OF_KEY) } else { (states, CALIBRATION + 1) };
+            let begun = self.points.partition_point(|(_, views)| views[0].key <= k);
+            let rows = points.view((at, 0), (all - at, 3 * begun));
+            let mut part = h.view_mut((at, at), (all - at, width));
+            part -= rows * rows.rows(0, width).transpose();
+        }
+        self.add_priors(noise, &mut h);
+        h.fill_upper_triangle_with_lower_triangle();
         for k in 0..states {
             h[(k, k)] += damping * h[(k, k)].max(0.0) + FAINT;
         }
         let own: Cholesky<f64, Dyn> = h.view((0, 0), (states, states)).into_owned().cholesky()?;
-        let cross = h.view((0, states), (states, CALIBRATION)).into_owned();
-        let (alone, by_rig) = (own.solve(&g.rows(0, states).into_owned()), own.solve(&cross));
-        let information = h.view((states, states), (CALIBRATION, CALIBRATION)) - cross.transpose() * &by_rig;
-        let gradient = g.rows(states, CALIBRATION) - cross.transpose() * &alone;
+        let cross = h.columns(states, CALIBRATION + 1).rows(0, states).into_owned();
+        let by_rig = -own.solve(&cross);
+        let reduced = h.rows(states, CALIBRATION).columns(states, CALIBRATION + 1)
+            + cross.columns(0, CALIBRATION).transpose() * &by_rig;
         Some(Normal {
-            information: information.fixed_view::<CALIBRATION, CALIBRATION>(0, 0).into_owned(),
-            gradient: gradient.fixed_rows::<CALIBRATION>(0).into_owned(),
+            information: reduced.fixed_columns::<CALIBRATION>(0).fixed_rows::<CALIBRATION>(0).into_owned(),
+            gradient: reduced.fixed_view::<CALIBRATION, 1>(0, CALIBRATION).into_owned(),
             residuals,
-            states: (-alone, -by_rig),
+            states: by_rig,
             points,
-            right,
             roots,
         })
     }
@@ -219,103 +217,97 @@ impl Piece {
         &self,
         rig: &Rig,
         readings: &[Reading],
-        gravity_w: &Vector3<f64>,
         noise: &Noise,
-        (h, g): (&mut DMatrix<f64>, &mut DVector<f64>),
+        h: &mut DMatrix<f64>,
         residuals: &mut Residuals,
     ) {
         let sensors = Sensors::of(rig, &self.biases);
         let states = self.states();
         for (k, keys) in self.keys.windows(2).enumerate() {
             let pair = [&keys[0], &keys[1]];
-            let Some(link) = Link::new(rig, &sensors, readings, pair, gravity_w) else { continue };
+            let Some(link) = Link::new(rig, &sensors, readings, pair) else { continue };
             let root_s = link.dt_s.sqrt();
-            residuals.gyro.extend((0..3).map(|i| link.residual[i].abs() / root_s));
-            residuals.accel.extend((3..6).map(|i| link.residual[i].abs() / root_s));
-            let weight = link_weight(link.dt_s, noise);
-            let biases = link.by_rig.fixed_columns::<OF_BIASES>(BIASES - OF_VIEWS).into_owned();
-            let mut by = SMatrix::<f64, 9, { 2 * OF_KEY + OF_BIASES + CALIBRATION - OF_VIEWS }>::zeros();
-            by.fixed_columns_mut::<9>(0).copy_from(&link.by_keys[0]);
-            by.fixed_columns_mut::<9>(9).copy_from(&link.by_keys[1]);
-            by.fixed_columns_mut::<6>(18).copy_from(&biases);
-            by.fixed_columns_mut::<{ CALIBRATION - OF_VIEWS }>(24).copy_from(&link.by_rig);
+            let residual = |i: usize| link.by[(i, OF_LINK - 1)].abs() / root_s;
+            residuals[1].extend((0..3).map(residual));
+            residuals[2].extend((3..6).map(residual));
             // Where these columns lie among all unknowns.
             let at = |column: usize| match column {
-                0..18 => OF_KEY * k + column,
-                18..24 => states - OF_BIASES + column - 18,
-                _ => states + OF_VIEWS + column - 24,
+                0..STATES => OF_KEY * k + column,
+                STATES..OF_SAMPLES => states - OF_BIASES + column - STATES,
+                _ => states + OF_VIEWS + column - OF_SAMPLES,
             };
-            add(h, g, at, &by, &(by.transpose() * weight), &link.residual);
+            add(h, at, &(link.by.transpose() * link_weight(link.dt_s, noise) * link.by));
         }
     }
 
-    /// Adds what is seen; returns the whitened rows of the points, which are still to be subtracted.
+    /// Adds what is seen; returns the whitened rows of the points as columns, which are still to be subtracted, and the roots that whiten them.
     fn add_views(
         &self,
         rig: &Rig,
-        (noise, damping): (&Noise, f64),
-        (h, g): (&mut DMatrix<f64>, &mut DVector<f64>),
+        noise: &Noise,
+        damping: f64,
+        h: &mut DMatrix<f64>,
         residuals: &mut Residuals,
-    ) -> Option<PointRows> {
+    ) -> Option<(DMatrix<f64>, Vec<Matrix3<f64>>)> {
         let states = self.states();
-        let mut rows = DMatrix::<f64>::zeros(3 * self.points.len(), h.ncols());
-        let mut right = DVector::<f64>::zeros(3 * self.points.len());
+        let mut columns = DMatrix::<f64>::zeros(h.ncols(), 3 * self.points.len());
         let mut roots = Vec::with_capacity(self.points.len());
-        for (row, (point, views)) in self.points.iter().enumerate() {
-            let mut own = (
-                Matrix3::from_diagonal(&Vector3::new(FAINT, FAINT, FAINT + OF_DEPTH * damping)),
-                Vector3::zeros(),
-            );
-            let mut across = DMatrix::<f64>::zeros(3, h.ncols());
+        // Whitened derivatives and residuals by keyframe, a column each.
+        let mut seen = vec![Vec::new(); self.keys.len()];
+        for (k, (point, views)) in self.points.iter().enumerate() {
+            let mut own = Matrix3::from_diagonal(&Vector3::new(FAINT, FAINT, FAINT + OF_DEPTH * damping));
+            let mut across = columns.fixed_columns_mut::<3>(3 * k);
             for view in views {
                 let key = &self.keys[view.key];
                 let Some(sight) = rig.sight(key, point, view.camera, &view.px) else { continue };
-                residuals.px.push(sight.residual_px.norm());
-                let weight = weight_of(&sight, noise);
-                let by_point = sight.by_point.transpose() * weight;
-                own.0 += by_point * sight.by_point;
-                own.1 += by_point * sight.residual_px;
-                let at = |column: usize| match column {
-                    0..OF_KEY => OF_KEY * view.key + column,
-                    _ => states + column - OF_KEY,
-                };
-                for (k, column) in (by_point * sight.by).column_iter().enumerate() {
-                    let mut sum = across.fixed_columns_mut::<1>(at(k));
-                    sum += column;
+                residuals[0].push(sight.residual_px.norm());
+                let root = weight_of(&sight, noise).sqrt();
+                let by_point = sight.by_point.transpose() * root;
+                own += by_point * by_point.transpose();
+                let mut by = SMatrix::<f64, 2, SEEN>::zeros();
+                by.fixed_columns_mut::<{ OF_VIEWED }>(0).copy_from(&(sight.by * root));
+                by.set_column(OF_VIEWED, &(sight.residual_px * root));
+                let by = by.transpose();
+                for (column, cross) in (by * by_point.transpose()).row_iter().enumerate() {
+                    let mut sum = across.row_mut(place(states, view.key, column));
+                    sum += cross;
                 }
-                add(h, g, at, &sight.by, &(sight.by.transpose() * weight), &sight.residual_px);
+                seen[view.key].extend_from_slice(by.as_slice());
             }
-            let root = own.0.cholesky()?.l().try_inverse()?;
-            rows.rows_mut(3 * row, 3).copy_from(&(root * &across));
-            right.fixed_rows_mut::<3>(3 * row).copy_from(&(root * own.1));
+            let root = own.cholesky()?.l().try_inverse()?;
+            across.copy_from(&(&across * root.transpose()));
             roots.push(root);
         }
-        Some((rows, right, roots))
+        for (key, seen) in seen.into_iter().enumerate() {
+            let seen = DMatrix::from_vec(SEEN, seen.len() / SEEN, seen);
+            add(h, |column| place(states, key, column), &(&seen * seen.transpose()));
+        }
+        Some((columns, roots))
     }
 
-    fn add_priors(&self, noise: &Noise, (h, g): (&mut DMatrix<f64>, &mut DVector<f64>)) {
+    fn add_priors(&self, noise: &Noise, h: &mut DMatrix<f64>) {
         let first = &self.keys[0];
         let up_b = first.pose_w_b.rotation.inverse() * Vector3::z();
         let mut heading = h.fixed_view_mut::<3, 3>(0, 0);
         heading += up_b * up_b.transpose() * HELD;
-        let at = self.states() - OF_BIASES;
+        let (at, last) = (self.states() - OF_BIASES, h.ncols() - 1);
         for k in 0..3 {
             h[(3 + k, 3 + k)] += HELD;
-            g[3 + k] += HELD * first.pose_w_b.translation.vector[k];
+            h[(last, 3 + k)] += HELD * first.pose_w_b.translation.vector[k];
             for (sensor, sigma) in noise.biases.iter().enumerate() {
                 let k = 3 * sensor + k;
                 h[(at + k, at + k)] += sigma.powi(-2);
-                g[at + k] += self.biases[k] * sigma.powi(-2);
+                h[(last, at + k)] += self.biases[k] * sigma.powi(-2);
             }
         }
     }
 
     /// Applies the step of states and points that goes with a step of the calibration.
     pub(super) fn apply(&mut self, normal: &Normal, step: &Vector) {
-        let states = &normal.states.0 + &normal.states.1 * step;
-        let mut all = states.clone().resize_vertically(self.states() + CALIBRATION, 0.0);
-        all.fixed_rows_mut::<CALIBRATION>(self.states()).copy_from(step);
-        let rows = &normal.right + &normal.points * all;
+        let step = step.push(1.0);
+        let states = &normal.states * step;
+        let all = DVector::from_iterator(normal.points.nrows(), states.iter().chain(&step).copied());
+        let rows = normal.points.tr_mul(&all);
         for (k, (point, _)) in self.points.iter_mut().enumerate() {
             let delta = -(normal.roots[k].transpose() * rows.fixed_rows::<3>(3 * k));
             let [a, b] = point.tangents();
@@ -330,19 +322,23 @@ impl Piece {
     }
 }
 
-/// Adds residuals with their derivatives, also weighted ones, by the unknowns of these places.
-fn add<const R: usize, const C: usize>(
+/// Place of a column of what is seen at a keyframe among all unknowns.
+fn place(states: usize, key: usize, column: usize) -> usize {
+    match column {
+        0..OF_KEY => OF_KEY * key + column,
+        OF_VIEWED.. => states + CALIBRATION,
+        _ => states + column - OF_KEY,
+    }
+}
+
+/// Adds the square of some rows at these places.
+fn add<R: Dim, S: Storage<f64, R, R>>(
     h: &mut DMatrix<f64>,
-    g: &mut DVector<f64>,
     at: impl Fn(usize) -> usize,
-    by: &SMatrix<f64, R, C>,
-    weighted: &SMatrix<f64, C, R>,
-    residual: &SVector<f64, R>,
+    square: &Matrix<f64, R, R, S>,
 ) {
-    let (square, slope) = (weighted * by, weighted * residual);
-    for i in 0..C {
-        g[at(i)] += slope[i];
-        for j in 0..C {
+    for j in 0..square.ncols() {
+        for i in 0..square.nrows() {
             h[(at(i), at(j))] += square[(i, j)];
         }
     }
@@ -382,8 +378,7 @@ fn triangulated<'a>(
         let ray = (pose.rotation * ray).normalize();
         let centre = (pose * nalgebra::Point3::from(centre)).coords;
         let plane = Matrix3::identity() - ray * ray.transpose();
-        let mut rows = SMatrix::<f64, 3, 4>::zeros();
-        rows.fixed_columns_mut::<3>(0).copy_from(&plane);
+        let mut rows = plane.fixed_resize::<3, 4>(0.0);
         rows.set_column(3, &(-plane * centre));
         square += rows.transpose() * rows;
         rays.push((ray, centre));

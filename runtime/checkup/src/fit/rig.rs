@@ -47,12 +47,13 @@ pub(crate) struct Rig {
     poses: [Isometry3<f64>; 2],
     readout_s: f64,
     offset_s: f64,
+    pub(super) gravity_w: Vector3<f64>,
     /// Unknowns beside the rotations, as steps from the configuration.
     values: Vector,
 }
 
 /// State of the body at a keyframe.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Key {
     /// Stamp by the cameras' clock, s from the middle of the recording.
     pub(super) t_s: f64,
@@ -115,6 +116,7 @@ impl Rig {
             poses,
             readout_s: left.readout_s,
             offset_s: config.rig.time_offset_s,
+            gravity_w: Vector3::z() * -config.imu.gravity_m_s2,
             values: Vector::zeros(),
         })
     }

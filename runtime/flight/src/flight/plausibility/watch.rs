@@ -84,7 +84,7 @@ impl Watch {
         let plausibility = Plausibility::new(config, is_live);
         let stop = move || ours.is_over.store(true, Ordering::Release);
         let worker = Worker::start("plausibility", stop, move || {
-            look(&theirs, plausibility, Told { findings: Vec::new(), notices: Vec::new(), board }, known)
+            look(&theirs, plausibility, Told { findings: Vec::new(), board }, known)
         })?;
         Ok(Self { shared, worker })
     }
@@ -167,8 +167,6 @@ fn look(
 /// Findings reported so far.
 struct Told {
     findings: Vec<Finding>,
-    /// Each finding in the words of its warning, which later figures do not change.
-    notices: Vec<String>,
     board: Option<SensorBoard>,
 }
 
@@ -186,14 +184,13 @@ impl Told {
                 Some(place) => self.findings[place] = finding,
                 None => {
                     tracing::warn!("{finding}");
-                    self.notices.push(finding.to_string());
                     self.findings.push(finding);
                     has_news = true;
                 }
             }
         }
         if let Some(board) = self.board.as_ref().filter(|_| has_news) {
-            board.post_findings(self.notices.iter().rev().cloned().collect());
+            board.post_findings(self.findings.iter().rev().map(ToString::to_string).collect());
         }
     }
 }
