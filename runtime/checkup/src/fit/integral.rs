@@ -10,10 +10,9 @@ use plumbline_estimator::geometry::{exp_so3, log_so3};
 const MAX_GAP_S: f64 = 0.05;
 /// Steps of the numeric derivatives: states, matrices and biases, and times (s).
 const STEPS: (f64, f64) = (1e-5, 1e-4);
-/// Columns of a link: unknowns of the biases, and the first of the calibration.
+/// Unknowns of the biases of a piece, and of two keyframes with them.
 pub(super) const OF_BIASES: usize = 6;
 pub(super) const OF_SAMPLES: usize = 2 * OF_KEY + OF_BIASES;
-pub(super) const OF_LINK: usize = OF_SAMPLES + CALIBRATION - OF_VIEWS + 1;
 
 /// A sample by the clock of the inertial sensor, s from the middle of the recording.
 #[derive(Clone, Copy, Debug)]
@@ -42,9 +41,10 @@ struct Delta {
 
 /// Residuals of rotation, velocity and position between two keyframes, with their derivatives.
 pub(super) struct Link {
+    pub(super) residual: SVector<f64, 9>,
     /// By the states of the first and of the second keyframe, by the biases of the piece, and by the unknowns from [`OF_VIEWS`] on; in the
     /// last column the residuals.
-    pub(super) by: SMatrix<f64, 9, OF_LINK>,
+    pub(super) by: SMatrix<f64, 9, { OF_SAMPLES + CALIBRATION - OF_VIEWS + 1 }>,
     pub(super) dt_s: f64,
 }
 
@@ -137,7 +137,7 @@ impl Link {
         let delta = sensors.integrate(readings, from_s, to_s)?;
         let residual = delta.residual(keys, &rig.gravity_w);
         let slope = |other: Delta, step: f64| (other.residual(keys, &rig.gravity_w) - residual) / step;
-        let mut by = SMatrix::<f64, 9, OF_LINK>::zeros();
+        let mut by = SMatrix::<f64, 9, { OF_SAMPLES + CALIBRATION - OF_VIEWS + 1 }>::zeros();
         for k in 0..2 * OF_KEY {
             let (which, mut pair) = (k / OF_KEY, keys);
             let moved = keys[which].moved(&SVector::ith(k % OF_KEY, STEPS.0));
@@ -160,7 +160,7 @@ impl Link {
         // Those of the recording are those of a piece too.
         let biases = by.fixed_columns::<OF_BIASES>(place(BIASES)).into_owned();
         by.fixed_columns_mut::<OF_BIASES>(2 * OF_KEY).copy_from(&biases);
-        by.set_column(OF_LINK - 1, &residual);
-        Some(Self { by, dt_s: delta.dt_s })
+        by.set_column(place(CALIBRATION), &residual);
+        Some(Self { residual, by, dt_s: delta.dt_s })
     }
 }

@@ -7,12 +7,9 @@ use nalgebra::Vector2;
 use plumbline_config::{Config, ImuSample};
 
 const NAME: &str = "way the images lie";
-/// Disagreement from which on the images are tried otherwise, and share of it that another way leaves where it explains it.
+/// Disagreement from which on the images are tried otherwise; another way that explains it leaves less, and less than half.
 const DISAGREES: f64 = 0.4;
-const EXPLAINS: f64 = 0.5;
 
-/// Share of the points of the left image that the right one shows at least, by chance 1 in 2000.
-const PAIRED: f64 = 0.05;
 /// Pieces that are tried otherwise.
 const TRIED: usize = 4;
 /// How the images may lie: along x and along y.
@@ -38,7 +35,8 @@ pub(super) fn judge(
         .map(|camera| Vector2::new(camera.width_px as f32 - 1.0, camera.height_px as f32 - 1.0));
     let sightings = || tracks.tracks.iter().flatten();
     let (both, all) = (sightings().filter(|sighting| sighting.px[1].is_some()).count(), sightings().count());
-    if (both as f64) < PAIRED * all as f64 {
+    // By chance 1 in 2000.
+    if 100 * both < all {
         return Some(Measure::new(
             NAME,
             Fitness::NotFit,
@@ -67,7 +65,7 @@ pub(super) fn judge(
     let exchanged = disagreement(&with(tracks, |sighting| sighting.px.swap(0, 1)));
     let all = ways.chain([("left and right image are exchanged".to_owned(), exchanged)]);
     let (words, left) = all.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (left < DISAGREES && left < EXPLAINS * as_is).then(|| {
+    (left < DISAGREES && left < 0.5 * as_is).then(|| {
         Measure::new(
             NAME,
             Fitness::NotFit,

@@ -4,19 +4,14 @@
 //! states and the calibration. Points are eliminated first, then the states: what is left is the quadratic of the calibration that
 //! this piece holds, `cost(x) = cost + 2 g'x + x'S x`.
 
-use super::integral::{Link, OF_BIASES, OF_LINK, OF_SAMPLES, Reading, Sensors, reading_at};
+use super::integral::{Link, OF_BIASES, OF_SAMPLES, Reading, Sensors, reading_at};
 use super::rig::{CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Sight, Vector};
 use nalgebra::{
-    Cholesky, DMatrix, DVector, Dim, Dyn, Isometry3, Matrix, Matrix3, Matrix4, SMatrix, SVector, Storage,
-    Translation3, Vector2, Vector3,
+    Cholesky, DMatrix, DVector, Dim, Dyn, Isometry3, Matrix, Matrix3, Matrix4, OMatrix, SMatrix, SVector,
+    Storage, Translation3, Vector2, Vector3,
 };
 use plumbline_estimator::geometry::{exp_so3, rotation_between};
 
-/// Unknowns of two keyframes.
-const STATES: usize = 2 * OF_KEY;
-/// Columns of what is seen: by a keyframe, by the calibration, and the residual.
-const OF_VIEWED: usize = OF_KEY + OF_VIEWS;
-const SEEN: usize = OF_VIEWED + 1;
 /// Scale of the Cauchy kernel, standard deviations of a pixel.
 const KERNEL: f64 = 3.0;
 /// Information that holds the frame of a piece: place and heading of its first keyframe.
@@ -227,13 +222,13 @@ impl Piece {
             let pair = [&keys[0], &keys[1]];
             let Some(link) = Link::new(rig, &sensors, readings, pair) else { continue };
             let root_s = link.dt_s.sqrt();
-            let residual = |i: usize| link.by[(i, OF_LINK - 1)].abs() / root_s;
+            let residual = |i: usize| link.residual[i].abs() / root_s;
             residuals[1].extend((0..3).map(residual));
             residuals[2].extend((3..6).map(residual));
             // Where these columns lie among all unknowns.
             let at = |column: usize| match column {
-                0..STATES => OF_KEY * k + column,
-                STATES..OF_SAMPLES => states - OF_BIASES + column - STATES,
+                _ if column < 2 * OF_KEY => OF_KEY * k + column,
+                0..OF_SAMPLES => states + column - OF_SAMPLES,
                 _ => states + OF_VIEWS + column - OF_SAMPLES,
             };
             add(h, at, &(link.by.transpose() * link_weight(link.dt_s, noise) * link.by));
@@ -264,22 +259,19 @@ impl Piece {
                 let root = weight_of(&sight, noise).sqrt();
                 let by_point = sight.by_point.transpose() * root;
                 own += by_point * by_point.transpose();
-                let mut by = SMatrix::<f64, 2, SEEN>::zeros();
-                by.fixed_columns_mut::<{ OF_VIEWED }>(0).copy_from(&(sight.by * root));
-                by.set_column(OF_VIEWED, &(sight.residual_px * root));
-                let by = by.transpose();
+                let by = sight.by.transpose() * root;
                 for (column, cross) in (by * by_point.transpose()).row_iter().enumerate() {
                     let mut sum = across.row_mut(place(states, view.key, column));
                     sum += cross;
                 }
-                seen[view.key].extend_from_slice(by.as_slice());
+                seen[view.key].extend(by.column_iter().map(|column| column.into_owned()));
             }
             let root = own.cholesky()?.l().try_inverse()?;
             across.copy_from(&(&across * root.transpose()));
             roots.push(root);
         }
-        for (key, seen) in seen.into_iter().enumerate() {
-            let seen = DMatrix::from_vec(SEEN, seen.len() / SEEN, seen);
+        for (key, seen) in seen.into_iter().enumerate().filter(|(_, seen)| !seen.is_empty()) {
+            let seen = OMatrix::<f64, _, Dyn>::from_columns(&seen);
             add(h, |column| place(states, key, column), &(&seen * seen.transpose()));
         }
         Some((columns, roots))
@@ -326,8 +318,8 @@ impl Piece {
 fn place(states: usize, key: usize, column: usize) -> usize {
     match column {
         0..OF_KEY => OF_KEY * key + column,
-        OF_VIEWED.. => states + CALIBRATION,
-        _ => states + column - OF_KEY,
+        _ if column < OF_KEY + OF_VIEWS => states + column - OF_KEY,
+        _ => states + CALIBRATION,
     }
 }
 

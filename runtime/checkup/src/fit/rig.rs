@@ -77,8 +77,8 @@ pub(super) struct Point {
 /// Predicted pixel less the measured one, with its derivatives.
 pub(super) struct Sight {
     pub(super) residual_px: Vector2<f64>,
-    /// By rotation, position and velocity of the body, then by the rig.
-    pub(super) by: SMatrix<f64, 2, { OF_KEY + OF_VIEWS }>,
+    /// By rotation, position and velocity of the body, then by the rig; in the last column the residual.
+    pub(super) by: SMatrix<f64, 2, { OF_KEY + OF_VIEWS + 1 }>,
     /// By two tangents of the direction and by the inverse distance.
     pub(super) by_point: SMatrix<f64, 2, 3>,
 }
@@ -209,7 +209,8 @@ impl Rig {
         let (residual_px, by_ray, by_lens) = self.projected(key, camera, &ray, px)?;
         let [a, b] = point.tangents();
         let by_q = by_ray * chain;
-        let mut by = SMatrix::<f64, 2, { OF_KEY + OF_VIEWS }>::zeros();
+        let mut by = SMatrix::<f64, 2, { OF_KEY + OF_VIEWS + 1 }>::zeros();
+        by.set_column(OF_KEY + OF_VIEWS, &residual_px);
         let by_p = by_q * to_b * -rho;
         by.fixed_columns_mut::<3>(0).copy_from(&(by_q * skew(&q_b)));
         by.fixed_columns_mut::<3>(3).copy_from(&by_p);
