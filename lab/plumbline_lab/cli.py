@@ -191,6 +191,10 @@ def parser() -> argparse.ArgumentParser:
     add(one, "--margin-px PX: margin around what is found", type=int, default=8)
     add(one, "--overwrite: replace existing files", action="store_true")
 
+    one = command("knock", "copy of a data set whose cameras are turned on the body, drawn in angle, axis and moment")
+    add(one, "dataset: data set in ASL layout", "--out FOLDER: folder of the copy", type=Path)
+    add(one, "--draw N: number of the draw; odd ones go to and fro", type=int, default=0)
+
     one = command("bench", "times of a frame, of one build or of several in turns")
     add(one, "programs PROGRAM: builds to compare; the first is the reference", nargs="*")
     add(one, "--rounds N: rounds", type=int, default=3)

@@ -12,7 +12,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from plumbline_lab import LabError, cli, compare, recordings, shuttle, summaries, trajectories
+from plumbline_lab import LabError, cli, compare, knock, recordings, shuttle, summaries, trajectories
 from plumbline_lab.plot import Flight
 
 
@@ -146,6 +146,24 @@ def test_noise_of_a_simulated_imu_is_found_and_written(tmp_path, capsys):
     assert cli.main(["allan", str(moving)]) == 1 and "nowhere at rest" in capsys.readouterr().err
     short = imu_table(tmp_path / "short", samples[-1500:], 1 / rate_hz)
     assert cli.main(["allan", str(short)]) == 0 and "too short for the bias walk" in capsys.readouterr().out
+
+
+def test_a_knocked_camera_sees_the_scene_turned_from_the_moment_on(tmp_path):
+    camera = {"resolution": [41, 31], "intrinsics": [30.0, 30.0, 20.0, 15.0], "distortion_coefficients": [0.0] * 4}
+    camera["T_BS"] = {"data": np.eye(4).ravel().tolist()}
+    at = knock.looked_up(camera, Rotation.from_euler("z", 90, degrees=True))
+    assert at[:, 15, 25] == pytest.approx([20, 20])
+    folder = tmp_path / "mav0" / "cam0" / "data"
+    folder.mkdir(parents=True)
+    (folder.parent / "sensor.yaml").write_text(json.dumps(camera))
+    image = Image.fromarray(np.random.default_rng(1).integers(0, 255, (31, 41), np.uint8))
+    for stamp_ns in ("1000000000", "31000000000"):
+        image.save(folder / f"{stamp_ns}.png")
+    assert cli.main(["knock", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    written = tmp_path / "out" / "mav0" / "cam0" / "data"
+    before, after = (np.asarray(Image.open(written / f"{stamp_ns}.png")) for stamp_ns in ("1000000000", "31000000000"))
+    assert (before == np.asarray(image)).all() and (after != np.asarray(image)).mean() > 0.5
+    assert cli.main(["knock", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
 
 
 def test_what_stands_still_before_a_moving_scene_is_masked(tmp_path, capsys):
