@@ -22,8 +22,8 @@ pub(super) struct Turn {
     pub(super) to: Timestamp,
     /// Rotation vector from the earlier to the later body, rad.
     pub(super) seen: Vector3<f64>,
-    /// True if frames are missing in between.
-    pub(super) skips_frames: bool,
+    /// Its variance, rad².
+    pub(super) variance: f64,
 }
 
 impl Turn {

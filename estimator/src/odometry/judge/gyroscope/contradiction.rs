@@ -43,6 +43,13 @@ pub(super) enum Culprit {
     Disputed,
 }
 
+impl Culprit {
+    /// The stream that is late where the gyroscope is `lag_s` behind the images.
+    pub(super) fn of(lag_s: f64) -> Self {
+        if lag_s > 0.0 { Self::Imu(lag_s) } else { Self::Images(-lag_s) }
+    }
+}
+
 /// Turns of the last frames, and what the gyroscope read.
 #[derive(Clone, Copy)]
 pub(super) struct Evidence<'a> {
@@ -132,7 +139,7 @@ impl Contradiction {
         if self.is_open() {
             let delay = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
             if let Some(lag_s) = delay {
-                self.culprit = if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
+                self.culprit = Culprit::of(lag_s);
             } else if newest.turn.to.seconds_since(self.since) > DISPUTE_S {
                 self.culprit = Culprit::Disputed;
             }

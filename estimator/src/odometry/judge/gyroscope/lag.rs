@@ -1,61 +1,102 @@
 //! The delay between images and gyroscope that explains why their turns differ.
+//!
+//! Samples that are late by `L` make attitudes by the images differ from the integral of the gyroscope by `w L` and a constant, where `w` is
+//! the rate of the vehicle. In such sums errors of sightings do not add up.
 
+use super::PLAIN_S;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
-use crate::window::trial::SAME_TURN_RAD;
+use crate::window::trial::{CONTRADICTS_SIGMAS, SAME_TURN_RAD};
 use heapless::Deque;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
-/// Turns by which a delay is looked for, at least and at most.
+/// Turns on end by which a delay is looked for, at least and at most.
 const MIN_MATCHED: usize = 6;
-const MAX_MATCHED: usize = 12;
-/// Delays that are tried: up to so many steps of so many nanoseconds either way, and the least that is called one.
-const LAG_STEPS: i64 = 60;
+const MAX_MATCHED: usize = 16;
+/// Delays that are tried: up to so many steps of so many nanoseconds either way.
+const LAG_STEPS: usize = 60;
 const LAG_STEP_NS: i64 = 10_000_000;
-const MIN_LAG_STEPS: i64 = 2;
-/// At the right delay turns and gyroscope are the same (root of the mean square); at none, and at those of the other sign, they differ by so many
-/// times more than there, or than what tracks leave, rad.
-const MATCH_CONTRAST: f64 = 1.7;
-const MATCH_NOISE_RAD: f64 = 3e-4;
+/// With the delay attitudes differ by so many times less (root of the mean square) than with any of the other sign, and less than with another
+/// bias; or by so many times less, whatever the bias.
+const MATCH_CONTRAST: f64 = 1.5;
+const PLAIN_CONTRAST: f64 = 4.0;
 
-/// Delay of the gyroscope, less its bias, behind the turns that the images saw since `since`, s, if one explains them.
+/// The newest turns on end that begin after `since`, the newest first.
+pub(super) fn on_end(turns: &Deque<Turn, MAX_TURNS>, since: Timestamp) -> impl Iterator<Item = &Turn> {
+    let mut end = None;
+    let is_next = move |turn: &&Turn| end.replace(turn.from).is_none_or(|end| end == turn.to);
+    turns.iter().rev().take_while(move |turn| turn.from > since).take_while(is_next).take(MAX_MATCHED)
+}
+
+/// Delay of the gyroscope, less its bias, behind the turns that begin after `since`, s, if one explains them; those below
+/// [`PLAIN_S`] are errors of stamps.
 pub(super) fn delay(
     angles: &GyroAngles,
     turns: &Deque<Turn, MAX_TURNS>,
     since: Timestamp,
     bias_gyro: &Vector3<f64>,
 ) -> Option<f64> {
-    let newest = || turns.iter().rev().filter(|turn| turn.from >= since && !turn.skips_frames);
-    let (mut best, mut others) = ((f64::INFINITY, 0), [f64::INFINITY; 3]);
-    for steps in -LAG_STEPS..=LAG_STEPS {
-        let lag_ns = steps * LAG_STEP_NS;
-        let differences = newest().filter_map(|turn| angles.difference(turn, lag_ns, bias_gyro));
-        let Some(rms) = rms(differences) else { continue };
-        if rms < best.0 {
-            best = (rms, steps);
-        }
-        let side = match steps {
-            _ if steps <= -MIN_LAG_STEPS => 0,
-            _ if steps >= MIN_LAG_STEPS => 2,
-            _ => 1,
-        };
-        others[side] = others[side].at_most(rms);
+    let newest = || on_end(turns, since);
+    let variance = newest().map(|turn| turn.variance).sum::<f64>() / newest().count() as f64;
+    let same = SAME_TURN_RAD.squared() + CONTRADICTS_SIGMAS.squared() * variance;
+    if scatter(angles, newest(), 0, bias_gyro)? <= same {
+        return None;
     }
-    let (rms, steps) = best;
-    let rivals = if steps < 0 { [others[1], others[2]] } else { [others[0], others[1]] };
-    // What cannot be compared for a hole in the samples is no rival.
-    let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
-    let is_clear = rivals.iter().all(|rival| *rival >= least);
-    let is_found = steps.abs() >= MIN_LAG_STEPS && rms < SAME_TURN_RAD && is_clear;
-    is_found.then_some((steps * LAG_STEP_NS) as f64 * 1e-9)
+    let with =
+        |steps: i64| scatter(angles, newest(), steps * LAG_STEP_NS, bias_gyro).unwrap_or(f64::INFINITY);
+    let by_step: [f64; 2 * LAG_STEPS + 1] = std::array::from_fn(|k| with(k as i64 - LAG_STEPS as i64));
+    let least = |side: &[f64]| side.iter().fold(f64::INFINITY, |least, squared| least.at_most(*squared));
+    let sides = [&by_step[..LAG_STEPS], &by_step[LAG_STEPS + 1..]].map(least);
+    let (squared, other) = (sides[0].at_most(sides[1]), sides[0].at_least(sides[1]));
+    let best = by_step.iter().position(|of_step| *of_step == squared)?;
+    let (shift, squared) = lowest([by_step.get(best.checked_sub(1)?)?, &squared, by_step.get(best + 1)?]);
+    let lag_s = (best as f64 - LAG_STEPS as f64 + shift) * LAG_STEP_NS as f64 * 1e-9;
+    let drift = scatter(angles, newest(), 0, &drifting(angles, newest(), bias_gyro))?;
+    let is_plain = other > PLAIN_CONTRAST.squared() * squared;
+    let is_clear = is_plain || (other > MATCH_CONTRAST.squared() * squared && squared < drift);
+    let is_found = squared <= same && other > same && other.is_finite() && is_clear;
+    (is_found && lag_s.abs() > PLAIN_S).then_some(lag_s)
 }
 
-/// Root of the mean squared of the first differences; `None` where there are too few.
-fn rms(differences: impl Iterator<Item = Vector3<f64>>) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0);
-    for difference in differences.take(MAX_MATCHED) {
-        sum += difference.norm_squared();
+/// Place and value of the lowest point of the parabola through values at -1, 0 and 1, of which that at 0 is the least.
+fn lowest([before, at, after]: [&f64; 3]) -> (f64, f64) {
+    let (slope, curvature) = (0.5 * (after - before), before - 2.0 * at + after);
+    match curvature > 0.0 && curvature.is_finite() {
+        true => {
+            ((-slope / curvature).clamp(-1.0, 1.0), (at - 0.5 * slope.squared() / curvature).at_least(0.0))
+        }
+        false => (0.0, *at),
+    }
+}
+
+/// The bias with which the gyroscope turns as far as the images from the first to the last of `turns`.
+fn drifting<'a>(
+    angles: &GyroAngles,
+    turns: impl Iterator<Item = &'a Turn>,
+    bias_gyro: &Vector3<f64>,
+) -> Vector3<f64> {
+    let apart = turns.map_while(|turn| Some((angles.difference(turn, 0, bias_gyro)?, turn.dt_s())));
+    let (rad, span_s) = apart.fold((Vector3::zeros(), 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
+    bias_gyro - rad / span_s
+}
+
+/// Mean squared difference, rad², between attitudes by the images and by the gyroscope `lag_ns` later, less a constant, over those of `turns`, the
+/// newest first, for which there are samples on end; `None` where these are too few.
+fn scatter<'a>(
+    angles: &GyroAngles,
+    turns: impl Iterator<Item = &'a Turn>,
+    lag_ns: i64,
+    bias_gyro: &Vector3<f64>,
+) -> Option<f64> {
+    let (mut off, mut sum, mut squares, mut count) = (Vector3::zeros(), Vector3::zeros(), 0.0, 0);
+    // The samples of a later time are not there yet.
+    let measured = turns.map(|turn| angles.difference(turn, lag_ns, bias_gyro)).skip_while(Option::is_none);
+    for difference in measured.map_while(|difference| difference) {
+        off -= difference;
+        sum += off;
+        squares += off.norm_squared();
         count += 1;
     }
-    (count >= MIN_MATCHED).then(|| (sum / count as f64).sqrt())
+    let attitudes = (count + 1) as f64;
+    (count >= MIN_MATCHED).then(|| squares / attitudes - (sum / attitudes).norm_squared())
 }

@@ -23,13 +23,15 @@ mod probation;
 use super::SHORTLY_S;
 use super::stamp::noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
+use crate::geometry::log_so3;
 use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
 use angles::{Gap, GyroAngles, MAX_TURNS, Turn};
 use contradiction::{Contradiction, Culprit, Evidence, NewestTurn, PLAIN_EXCESS};
 use differences::{Difference, Differences, Sigmas};
 use heapless::Deque;
-use nalgebra::{Matrix3, Vector3};
+use lag::{delay, on_end};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
 use probation::Probation;
@@ -56,7 +58,9 @@ pub(super) struct SeenTurn {
     pub(super) stamps: [Timestamp; 2],
     /// Standard deviation of these times where errors of stamps are corrected, s.
     pub(super) time_sigma_s: Option<f64>,
-    /// The turn by the images, rad, and its covariance, rad².
+    /// Attitude of this frame by known landmarks.
+    pub(super) rot_o_b: Option<UnitQuaternion<f64>>,
+    /// The turn from the state of the frame before, rad, and its covariance, rad².
     pub(super) seen: Vector3<f64>,
     pub(super) covariance: Matrix3<f64>,
     /// Share of the landmarks that agree with where the images place the frame, and its speed, m/s.
@@ -65,8 +69,7 @@ pub(super) struct SeenTurn {
     /// Present bias of the gyroscope, rad/s, and its standard deviation.
     pub(super) bias_gyro: Vector3<f64>,
     pub(super) bias_sigma_rad_s: f64,
-    /// Frames, or samples, are missing since the frame before.
-    pub(super) skips_frames: bool,
+    /// Samples are missing since the frame before.
     pub(super) skips_samples: bool,
     /// The accelerometer is contradicted.
     pub(super) is_force_contradicted: bool,
@@ -80,6 +83,8 @@ pub(super) struct SeenTurn {
 pub(super) struct RotationWatch {
     angles: GyroAngles,
     turns: Deque<Turn, MAX_TURNS>,
+    /// Attitude of the last frame by known landmarks, and its stamp.
+    sighted: Option<(UnitQuaternion<f64>, Timestamp)>,
     differences: Differences,
     stamps: StampNoise,
     /// When a hole in a stream began, and until when it is thought of.
@@ -102,6 +107,7 @@ impl RotationWatch {
         Self {
             angles: GyroAngles::new(imu),
             turns: Deque::new(),
+            sighted: None,
             differences: Differences::new(imu.gyro_noise_density),
             stamps: StampNoise::default(),
             suspicious: None,
@@ -128,7 +134,7 @@ impl RotationWatch {
         self.differences.clear();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
-        (self.probation, self.jumped_rad) = (None, None);
+        (self.probation, self.jumped_rad, self.sighted) = (None, None, None);
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -143,11 +149,16 @@ impl RotationWatch {
     /// Takes the turn of a frame; returns since when inertial samples are not to be believed, once that begins.
     pub(super) fn update(&mut self, frame: &SeenTurn) -> Option<Timestamp> {
         let [from, to] = frame.span;
-        let turn = Turn { from, to, seen: frame.seen, skips_frames: frame.skips_frames };
+        let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
+        let by_stamp_rad = self.stamps.sigma_s() * seen.norm() / to.seconds_since(from);
+        let variance = variance_along(&covariance, &seen) + by_stamp_rad.squared();
+        let turn = Turn { from, to, seen, variance };
+        let stamped = Turn { from: frame.stamps[0], to: frame.stamps[1], ..turn };
         if self.turns.is_full() {
             self.turns.pop_front();
         }
-        let _ = self.turns.push_back(turn);
+        let between = Turn { seen: self.turn_between_sightings(frame), ..stamped };
+        let _ = self.turns.push_back(between);
         let dt_s = to.seconds_since(from);
         self.left_m += self.carried_rad.at_most(MOST_CARRIED_RAD) * frame.speed_m_s * dt_s;
         if frame.skips_samples || dt_s > FRAME_HOLE_S {
@@ -163,11 +174,7 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
-        let stamped = Turn { from: frame.stamps[0], to: frame.stamps[1], ..turn };
-        let is_other = frame.stamps != frame.span;
-        let by_stamps =
-            is_other.then(|| self.angles.difference(&stamped, 0, &bias_gyro)).flatten().unwrap_or(rad);
-        let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
+        let by_stamps = self.angles.difference(&stamped, 0, &bias_gyro).unwrap_or(rad);
         let difference = Difference { from, dt_s, rad, seen, covariance, is_voted, by_stamps, time_sigma_s };
         let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());
         if let Some(before) = &before {
@@ -192,6 +199,16 @@ impl RotationWatch {
         contradicted.or(begun)
     }
 
+    /// The turn between where known landmarks place both frames: the state of the frame before follows the gyroscope, too.
+    fn turn_between_sightings(&mut self, frame: &SeenTurn) -> Vector3<f64> {
+        let [before, stamp] = frame.stamps;
+        let last = std::mem::replace(&mut self.sighted, frame.rot_o_b.map(|rot_o_b| (rot_o_b, stamp)));
+        match (last, frame.rot_o_b) {
+            (Some((last, stamp)), Some(rot_o_b)) if stamp == before => log_so3(&(last.inverse() * rot_o_b)),
+            _ => frame.seen,
+        }
+    }
+
     /// Standard deviation of the stamps of frames, s, as far as it shows.
     pub(super) fn stamp_sigma_s(&self) -> f64 {
         self.stamps.sigma_s()
@@ -214,14 +231,28 @@ impl RotationWatch {
         let least_rad = PLAIN_RAD + PLAIN_S * newest.turn.rate_rad_s();
         let is_plain = newest.difference.norm() > least_rad && newest.excess > PLAIN_EXCESS;
         let alone = (is_plain || (hole.is_some() && newest.differs())).then_some(from);
-        let first = alone.or_else(|| self.differences.contradict_since(sigmas))?;
+        let by_sums = alone.or_else(|| self.differences.contradict_since(sigmas));
+        let (first, culprit) = match by_sums {
+            Some(first) => (first, Culprit::Unknown),
+            None => self.late_since(frame)?,
+        };
         let since = hole.map_or(first, |(begun, _)| begun.min(first));
         // Where the accelerometer was contradicted, the images have gone on alone since, and not as well.
         let may_name_gyro = self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > SHORTLY_S);
         let mut contradiction = Contradiction::begin(since, frame.bias_gyro, may_name_gyro);
+        contradiction.culprit = culprit;
         contradiction.count(newest, &self.evidence());
         self.contradiction = Some(contradiction);
         Some(since)
+    }
+
+    /// Which stream is late, and since when at the latest, if that explains what is corrected as errors of stamps. A delay by a frame or more
+    /// contradicts without that.
+    fn late_since(&self, frame: &SeenTurn) -> Option<(Timestamp, Culprit)> {
+        frame.time_sigma_s?;
+        let first = on_end(&self.turns, Timestamp::default()).last()?;
+        let lag_s = delay(&self.angles, &self.turns, first.from, &frame.bias_gyro)?;
+        (lag_s.abs() < first.dt_s()).then(|| (first.to, Culprit::of(lag_s)))
     }
 
     /// The hole in a stream that is still thought of at `stamp`.

@@ -56,11 +56,11 @@ fn turn(span_s: [f64; 2], seen: Vector3<f64>) -> SeenTurn {
         span: span_s.map(at),
         stamps: span_s.map(at),
         time_sigma_s: None,
+        rot_o_b: None,
         seen,
         covariance: Matrix3::identity() * 1.6e-7,
         bias_gyro: Vector3::zeros(),
         bias_sigma_rad_s: 1e-3,
-        skips_frames: false,
         skips_samples: false,
         is_force_contradicted: false,
         is_voted: true,
@@ -100,9 +100,8 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             } else {
                 Vector3::zeros()
             };
-            let hidden = Turn { from: at(last_s), to: at(t), seen: noise, skips_frames: false };
+            let hidden = Turn { from: at(last_s), to: at(t), seen: noise, variance: 0.0 };
             let frame = SeenTurn {
-                skips_frames: t - last_s > 0.075,
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,
                 covariance: Matrix3::identity() * wrong.sigma_rad.squared(),
@@ -135,7 +134,7 @@ fn the_stream_that_is_late_is_named_within_a_second_and_costs_the_quality() {
     let late = [HealthBits::IMU_LATE, HealthBits::IMAGES_LATE];
     let of_imu = |imu_late_s| (Wrong { imu_late_s, ..NOTHING }, late);
     let of_images = |images_late_s| (Wrong { images_late_s, ..NOTHING }, [late[1], late[0]]);
-    let cases = [0.1, 0.2, 0.5].map(of_imu).into_iter().chain([0.1, 0.2, 0.4].map(of_images));
+    let cases = [0.025, 0.1, 0.2, 0.5].map(of_imu).into_iter().chain([0.025, 0.1, 0.2, 0.4].map(of_images));
     for (wrong, [name, other]) in cases {
         let said = fly(wrong);
         assert!(first_s(&said, name).is_some_and(|s| (0.0..1.0).contains(&s)), "{wrong:?}");
