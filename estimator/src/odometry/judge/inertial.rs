@@ -120,7 +120,6 @@ impl Judge {
     fn judge_turn(&mut self, estimation: &mut Estimation, turn: &TurnByImages, case: &Case<'_>) {
         let [.., before, newest] = &estimation.window.frames[..] else { return };
         let [bias_sigma_rad_s, _] = estimation.bias_sigmas();
-        let stamp = newest.stamp;
         let since = self.gyroscope.update(&SeenTurn {
             span: [before.taken, newest.taken],
             stamps: [before.stamp, newest.stamp],
@@ -138,8 +137,6 @@ impl Judge {
         });
         if let Some(since) = since {
             estimation.imu.distrust(since);
-        } else if !self.gyroscope.is_distrusting() {
-            self.stamps.learn(estimation, stamp, self.gyroscope.stamp_sigma_s());
         }
     }
 

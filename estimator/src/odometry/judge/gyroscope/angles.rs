@@ -2,7 +2,7 @@
 
 use super::super::stamp::noise::MOST_S;
 use crate::inertial::belief::GAP_PERIODS;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use std::collections::VecDeque;
@@ -22,7 +22,9 @@ pub(super) struct Turn {
     pub(super) to: Timestamp,
     /// Rotation vector from the earlier to the later body, rad.
     pub(super) seen: Vector3<f64>,
-    /// Its variance, rad².
+    /// Attitude of the later body by known landmarks.
+    pub(super) rot_o_b: Option<UnitQuaternion<f64>>,
+    /// Variance of the turn, rad².
     pub(super) variance: f64,
 }
 

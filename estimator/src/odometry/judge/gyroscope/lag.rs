@@ -51,7 +51,10 @@ pub(super) fn delay(
     let best = by_step.iter().position(|of_step| *of_step == squared)?;
     let (shift, squared) = lowest([by_step.get(best.checked_sub(1)?)?, &squared, by_step.get(best + 1)?]);
     let lag_s = (best as f64 - LAG_STEPS as f64 + shift) * LAG_STEP_NS as f64 * 1e-9;
-    let drift = scatter(angles, newest(), 0, &drifting(angles, newest(), bias_gyro))?;
+    // With the bias that turns as far as the images from the first to the last.
+    let apart = newest().map_while(|turn| Some((angles.difference(turn, 0, bias_gyro)?, turn.dt_s())));
+    let (rad, span_s) = apart.fold((Vector3::zeros(), 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
+    let drift = scatter(angles, newest(), 0, &(bias_gyro - rad / span_s))?;
     let is_plain = other > PLAIN_CONTRAST.squared() * squared;
     let is_clear = is_plain || (other > MATCH_CONTRAST.squared() * squared && squared < drift);
     let is_found = squared <= same && other > same && other.is_finite() && is_clear;
@@ -61,23 +64,11 @@ pub(super) fn delay(
 /// Place and value of the lowest point of the parabola through values at -1, 0 and 1, of which that at 0 is the least.
 fn lowest([before, at, after]: [&f64; 3]) -> (f64, f64) {
     let (slope, curvature) = (0.5 * (after - before), before - 2.0 * at + after);
-    match curvature > 0.0 && curvature.is_finite() {
-        true => {
-            ((-slope / curvature).clamp(-1.0, 1.0), (at - 0.5 * slope.squared() / curvature).at_least(0.0))
-        }
-        false => (0.0, *at),
+    if !(curvature > 0.0 && curvature.is_finite()) {
+        return (0.0, *at);
     }
-}
-
-/// The bias with which the gyroscope turns as far as the images from the first to the last of `turns`.
-fn drifting<'a>(
-    angles: &GyroAngles,
-    turns: impl Iterator<Item = &'a Turn>,
-    bias_gyro: &Vector3<f64>,
-) -> Vector3<f64> {
-    let apart = turns.map_while(|turn| Some((angles.difference(turn, 0, bias_gyro)?, turn.dt_s())));
-    let (rad, span_s) = apart.fold((Vector3::zeros(), 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
-    bias_gyro - rad / span_s
+    let place = (-slope / curvature).clamp(-1.0, 1.0);
+    (place, (at + 0.5 * slope * place).at_least(0.0))
 }
 
 /// Mean squared difference, rad², between attitudes by the images and by the gyroscope `lag_ns` later, less a constant, over those of `turns`, the

@@ -10,9 +10,9 @@
 //! After a hole of the inertial samples they are on probation: not believed until the turns of frames are likelier with them than
 //! with samples that are late by the hole ([`probation`]).
 //!
-//! In a contradiction the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
-//! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
-//! are. Without such a time neither can be named, and the rotation is disputed.
+//! In a contradiction the attitudes of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later ([`lag`]). If
+//! they agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
+//! are. Without such a time neither can be named, and the rotation is disputed. While stamps are corrected, a delay need not contradict first.
 
 mod angles;
 mod contradiction;
@@ -83,8 +83,6 @@ pub(super) struct SeenTurn {
 pub(super) struct RotationWatch {
     angles: GyroAngles,
     turns: Deque<Turn, MAX_TURNS>,
-    /// Attitude of the last frame by known landmarks, and its stamp.
-    sighted: Option<(UnitQuaternion<f64>, Timestamp)>,
     differences: Differences,
     stamps: StampNoise,
     /// When a hole in a stream began, and until when it is thought of.
@@ -107,7 +105,6 @@ impl RotationWatch {
         Self {
             angles: GyroAngles::new(imu),
             turns: Deque::new(),
-            sighted: None,
             differences: Differences::new(imu.gyro_noise_density),
             stamps: StampNoise::default(),
             suspicious: None,
@@ -134,7 +131,7 @@ impl RotationWatch {
         self.differences.clear();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
-        (self.probation, self.jumped_rad, self.sighted) = (None, None, None);
+        (self.probation, self.jumped_rad) = (None, None);
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -152,13 +149,15 @@ impl RotationWatch {
         let SeenTurn { seen, covariance, is_voted, time_sigma_s, .. } = *frame;
         let by_stamp_rad = self.stamps.sigma_s() * seen.norm() / to.seconds_since(from);
         let variance = variance_along(&covariance, &seen) + by_stamp_rad.squared();
-        let turn = Turn { from, to, seen, variance };
+        let turn = Turn { from, to, seen, rot_o_b: frame.rot_o_b, variance };
         let stamped = Turn { from: frame.stamps[0], to: frame.stamps[1], ..turn };
+        // The state of the frame before follows the gyroscope, too: where both were sighted counts.
+        let before = self.turns.back().filter(|before| before.to == stamped.from);
+        let between = before.and_then(|before| Some(log_so3(&(before.rot_o_b?.inverse() * frame.rot_o_b?))));
         if self.turns.is_full() {
             self.turns.pop_front();
         }
-        let between = Turn { seen: self.turn_between_sightings(frame), ..stamped };
-        let _ = self.turns.push_back(between);
+        let _ = self.turns.push_back(Turn { seen: between.unwrap_or(seen), ..stamped });
         let dt_s = to.seconds_since(from);
         self.left_m += self.carried_rad.at_most(MOST_CARRIED_RAD) * frame.speed_m_s * dt_s;
         if frame.skips_samples || dt_s > FRAME_HOLE_S {
@@ -197,16 +196,6 @@ impl RotationWatch {
             self.begin_contradiction(&newest, frame, &sigmas)
         };
         contradicted.or(begun)
-    }
-
-    /// The turn between where known landmarks place both frames: the state of the frame before follows the gyroscope, too.
-    fn turn_between_sightings(&mut self, frame: &SeenTurn) -> Vector3<f64> {
-        let [before, stamp] = frame.stamps;
-        let last = std::mem::replace(&mut self.sighted, frame.rot_o_b.map(|rot_o_b| (rot_o_b, stamp)));
-        match (last, frame.rot_o_b) {
-            (Some((last, stamp)), Some(rot_o_b)) if stamp == before => log_so3(&(last.inverse() * rot_o_b)),
-            _ => frame.seen,
-        }
     }
 
     /// Standard deviation of the stamps of frames, s, as far as it shows.

@@ -100,7 +100,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             } else {
                 Vector3::zeros()
             };
-            let hidden = Turn { from: at(last_s), to: at(t), seen: noise, variance: 0.0 };
+            let hidden = Turn { from: at(last_s), to: at(t), seen: noise, rot_o_b: None, variance: 0.0 };
             let frame = SeenTurn {
                 skips_samples: watch.angles.difference(&hidden, 0, &noise).is_none(),
                 is_force_contradicted: wrong.is_force_wrong && t > BEGIN_S - 0.5,

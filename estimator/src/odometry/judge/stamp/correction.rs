@@ -8,7 +8,6 @@ use crate::geometry::log_so3;
 use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;
 use crate::window::sighting::{LEAST_SIGHTING_M, Sighting, variance_along};
-use crate::window::state::NavState;
 use crate::window::trial::{CONTRADICTS_SIGMAS, SAME_TURN_RAD};
 use nalgebra::{Matrix3, Vector3};
 use plumbline_config::{Portable, Timestamp};
@@ -89,14 +88,11 @@ impl Correction<'_> {
             self.found_error(expected, &prediction, &sighting, before_variance).map(|seen| (sighting, seen))
         });
         let Some((sighting, seen)) = error else { return (prediction, known) };
-        if is_active && seen.value.abs() > SHOWS_S && !self.is_of_all(&prediction.nav, &sighting) {
-            return (prediction, known);
-        }
         if !is_active {
             let shows = seen.variance < TELLS_TO_BEGIN_S.squared()
                 && seen.value.abs() > SHOWS_S
                 && seen.value.squared() > CONTRADICTS_SIGMAS.squared() * seen.variance;
-            if !shows || !may_begin || !self.is_of_all(&prediction.nav, &sighting) {
+            if !shows || !may_begin {
                 return (prediction, known);
             }
             self.begin_correction(stamp);
@@ -110,12 +106,6 @@ impl Correction<'_> {
         self.errors.newest_variance = combined.variance;
         self.errors.add(seen);
         (prediction, known)
-    }
-
-    /// True if `sighting` is that of nearly all landmarks it rests on: an error of the stamp moves all of them alike, and a crowd leaves the
-    /// others at the predicted state `nav`.
-    fn is_of_all(&self, nav: &NavState, sighting: &Sighting) -> bool {
-        self.estimation.window.votes(nav, sighting, 1.0).are_for_sighting()
     }
 
     /// [`Self::seen_error`] where it is no larger than errors of stamps are, the state having been predicted for an error of `assumed`.

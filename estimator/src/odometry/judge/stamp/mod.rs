@@ -17,7 +17,6 @@
 mod correction;
 pub(super) mod noise;
 
-use crate::odometry::estimation::Estimation;
 pub(super) use correction::Correction;
 use noise::LEAST_SIGMA_S;
 use plumbline_config::{Portable, Timestamp};
@@ -78,13 +77,6 @@ impl StampErrors {
     fn begin(&mut self, stamp: Timestamp, jitter_s: f64) {
         let slow = TimeError { value: 0.0, variance: WALK_S.squared() };
         *self = Self { slow, at: Some(stamp), jitter_variance: jitter_s.squared(), newest_variance: 0.0 };
-    }
-
-    /// Begins if turns of frames on end have shown jitter.
-    pub(super) fn learn(&mut self, estimation: &Estimation, stamp: Timestamp, jitter_s: f64) {
-        if !self.is_active() && estimation.window.options.correct_stamps && jitter_s > 0.0 {
-            self.begin(stamp, jitter_s.at_least(SHOWS_S));
-        }
     }
 
     /// The error of the frame of `stamp` before it is seen; that of any frame while stamps are taken as they are.
