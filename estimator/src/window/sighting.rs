@@ -105,11 +105,10 @@ impl Window {
         Some(Sighting { is_witness: of_known, ..found })
     }
 
-    /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain, by gates
-    /// that are `slack` times as wide as those of outliers.
-    pub fn votes(&self, predicted: &NavState, sighted: &Sighting, slack: f64) -> Votes {
+    /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain.
+    pub fn votes(&self, predicted: &NavState, sighted: &Sighting) -> Votes {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
-        let gate = slack * InversePoint::outlier_sigmas(&self.options);
+        let gate = InversePoint::outlier_sigmas(&self.options);
         let fits = |ray: &Ray, pose: (&UnitQuaternion<f64>, &Vector3<f64>)| {
             residual(ray, &mounts, pose).is_some_and(|(r, _, _)| r.norm_squared() < gate * gate)
         };

@@ -114,7 +114,7 @@ impl Window {
         let dt_s = newest.taken.seconds_since(before.taken);
         Some(Trial {
             sighting,
-            votes: self.votes(predicted, &sighting, 1.0),
+            votes: self.votes(predicted, &sighting),
             off_m: off.norm(),
             dt_s,
             is_turn_backed: sighting.is_turn_of(predicted),

@@ -29,7 +29,7 @@ impl TurnByImages {
     /// By the landmarks of the window, whose votes are those of the frame's `trial` if there was one.
     pub(super) fn of_landmarks(window: &Window, sighting: &Sighting, trial: Option<&Trial>) -> Option<Self> {
         let [.., before, newest] = &window.frames[..] else { return None };
-        let votes = trial.map_or_else(|| window.votes(&newest.nav, sighting, 1.0), |trial| trial.votes);
+        let votes = trial.map_or_else(|| window.votes(&newest.nav, sighting), |trial| trial.votes);
         Some(Self {
             seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
             covariance: sighting.rotation_covariance,

@@ -7,8 +7,8 @@
 //! d = J e + noise        I = J' S^-1 J        e = (J' S^-1 d + m / s²) / (I + 1 / s²)
 //! ```
 //!
-//! Before the frame is seen, `e` is a slow part `m`, as of an exposure that follows the light, and jitter, which is learnt by
-//! [`noise`]; while no frame shows an error, and no jitter shows, stamps are taken as they are. A correction moves
+//! Before the frame is seen, `e` is a slow part `m`, as of an exposure that follows the light, and jitter, which
+//! is learnt from frame to frame; while no frame shows an error, stamps are taken as they are. A correction moves
 //! the time of the frame's state, so that the motion between two states is that between their images, and nothing has to excuse it.
 //!
 //! A wrong gyroscope turns about other axes than the vehicle, or by more than a stamp can be off: then nothing is corrected
