@@ -137,8 +137,7 @@ impl Contradiction {
     pub(super) fn settle(&mut self, newest: &NewestTurn, evidence: &Evidence<'_>) -> bool {
         self.count(newest, evidence);
         if self.is_open() {
-            let delay = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro);
-            if let Some(lag_s) = delay {
+            if let Some(lag_s) = delay(evidence.angles, evidence.turns, self.since, &self.bias_gyro) {
                 self.culprit = Culprit::of(lag_s);
             } else if newest.turn.to.seconds_since(self.since) > DISPUTE_S {
                 self.culprit = Culprit::Disputed;
