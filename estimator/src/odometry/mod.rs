@@ -281,10 +281,10 @@ impl Odometer {
         if self.start.is_refused(time.stamp, cost, self.judge.is_distrusting()) {
             self.start_anew(ResetReason::StartRefused);
         }
-        if let Some(rad) = self.judge.take_jump() {
-            self.start_anew(ResetReason::Jump(rad));
+        if let Some(turned) = self.judge.take_jump() {
+            self.start_anew(ResetReason::Jump(turned.norm()));
             self.start.forget_attitude();
-            self.estimation.window.doubt_mounting(rad);
+            self.estimation.window.doubt_mounting(&turned);
         }
         Solved { iterations: outcome.iterations, is_keyframe }
     }

@@ -30,7 +30,8 @@
 
 use super::Window;
 use super::state::{INTRINSICS_DIM, RIG_DIM, Rig};
-use nalgebra::SVector;
+use crate::geometry::exp_so3;
+use nalgebra::{SVector, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
 /// Parameters that walk alike.
@@ -133,13 +134,16 @@ impl Window {
         }
     }
 
-    /// Begins anew with cameras that may have been turned on the body by `off_rad`: as configured, and as uncertain.
-    pub fn doubt_mounting(&mut self, off_rad: f64) {
+    /// Begins anew with cameras that may have been turned on the body so that they show turns `turned` by so much, rad: turned back by it, and as
+    /// uncertain.
+    pub fn doubt_mounting(&mut self, turned: &Vector3<f64>) {
         for k in Rig::ROT_B_C0..Rig::ROT_B_C0 + 3 {
             let sigma = &mut self.options.rig_sigmas[k];
-            *sigma = if *sigma > 0.0 { sigma.at_least(off_rad) } else { 0.0 };
+            *sigma = if *sigma > 0.0 { sigma.at_least(turned.norm()) } else { 0.0 };
         }
+        let rot_b_c0 = exp_so3(&-turned) * self.rig.pose_b_c0.rotation;
         self.restore_rig();
+        self.rig.pose_b_c0.rotation = rot_b_c0;
         self.clear();
     }
 

@@ -11,7 +11,7 @@
 //! 5. Part of the scene moves ([`trial`]): its observations are dropped.
 //! 6. The gyroscope is wrong, or a stream is late ([`gyroscope`], by [`turn_by_images`]): samples are not believed from the beginning on, motions are integrated anew, the
 //!    images place the frame, the covariance grows; more where a crowd may carry these. `IMU_CONTRADICTED`, `IMU_LATE`, `IMAGES_LATE`, `ROTATION_DISPUTED`, `GYRO_CONTRADICTED` (10). A jump
-//!    that is over and names nobody: a start anew, the mounting of the cameras uncertain.
+//!    that is over and names nobody, or since which one rotation explains all turns: a start anew, the mounting of the cameras uncertain.
 //! 7. The accelerometer is wrong ([`force_watch`], [`crate::window::trial`]; an axis feels nothing, [`unfelt_force`]): forces are as uncertain as they are wrong, the images place the
 //!    frame. `ACCEL_CONTRADICTED`, after four frames (10).
 //! 8. Focal length or baseline are not those configured ([`crate::window::rig_walk`]): the window follows the data. `SCALE_CONTRADICTED` (10).
@@ -370,8 +370,8 @@ impl Judge {
         if is_contradicted { quality.min(CONTRADICTED_QUALITY) } else { quality }
     }
 
-    /// The turn by which the cameras may have been moved against the IMU, rad.
-    pub(super) fn take_jump(&mut self) -> Option<f64> {
+    /// The rotation by which the cameras may have been moved against the IMU, rad.
+    pub(super) fn take_jump(&mut self) -> Option<nalgebra::Vector3<f64>> {
         self.gyroscope.take_jump()
     }
 

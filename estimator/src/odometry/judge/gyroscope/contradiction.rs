@@ -3,7 +3,7 @@
 use super::super::FRAMES_TO_AGREE;
 use super::PLAIN_RAD;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
-use super::lag::delay;
+use super::lag::{delay, rotation};
 use crate::estimate::HealthBits;
 use crate::window::trial::SAME_TURN_RAD;
 use heapless::Deque;
@@ -94,9 +94,14 @@ pub(super) struct Contradiction {
     /// Frames on end that differ plainly, and the last difference.
     plain: u32,
     last: Vector3<f64>,
-    /// Largest difference, rad, and whether the gyroscope has been named.
+    /// Largest difference, rad, the sum of the squares of all, and whether the gyroscope has been named.
     largest: Vector3<f64>,
+    squares: f64,
     was_gyro_named: bool,
+    /// True if a turn that the images did not tell precedes those that contradict.
+    pub(super) is_begin_hidden: bool,
+    /// Rotation of the cameras on the body that explains it, rad.
+    turned: Option<Vector3<f64>>,
     /// False if something else is as likely to be wrong as the gyroscope.
     may_name_gyro: bool,
     /// True if a crowd may carry the images: they contradict the accelerometer too, or many landmarks do not agree with them.
@@ -128,6 +133,7 @@ impl Contradiction {
             };
         }
         self.last = newest.difference;
+        self.squares += newest.difference.norm_squared();
         if newest.differs() && newest.difference.norm_squared() > self.largest.norm_squared() {
             self.largest = newest.difference;
         }
@@ -142,6 +148,12 @@ impl Contradiction {
             } else if newest.turn.to.seconds_since(self.since) > DISPUTE_S {
                 self.culprit = Culprit::Disputed;
             }
+            // Seen as it happened, or hidden while all points were lost: else a gyroscope that is wrong explains the turns.
+            let is_seen = |turned: &Vector3<f64>| {
+                self.is_jump() && 4.0 * (self.largest + turned).norm_squared() < turned.norm_squared()
+            };
+            self.turned = rotation(evidence.angles, evidence.turns, self.since, &self.bias_gyro)
+                .filter(|turned| self.is_begin_hidden || is_seen(turned));
         }
         self.was_gyro_named |= self.is_gyro_named(evidence);
         if newest.differs() {
@@ -151,7 +163,8 @@ impl Contradiction {
             self.agreeing += if self.was_gyro_named && is_idle { IDLE_FRAME } else { 1.0 };
         }
         let is_delay = matches!(self.culprit, Culprit::Imu(_) | Culprit::Images(_));
-        self.agreeing >= f64::from(FRAMES_TO_AGREE) * if is_delay { 2.0 } else { 1.0 } && !newest.adds_up
+        let agrees = self.agreeing >= f64::from(FRAMES_TO_AGREE) * if is_delay { 2.0 } else { 1.0 };
+        self.turned.is_some() || (agrees && !newest.adds_up)
     }
 
     /// True if no delay explains it.
@@ -174,10 +187,17 @@ impl Contradiction {
         known.is_some_and(|difference| difference.norm() > 2.0 * SAME_TURN_RAD)
     }
 
-    /// Turn by which images and gyroscope have jumped against each other, rad, if nothing names one of them: the cameras may have been moved.
-    pub(super) fn jumped_rad(&self) -> Option<f64> {
-        let rad = self.largest.norm();
-        (self.is_open() && !self.was_gyro_named && rad > PLAIN_RAD).then_some(rad)
+    /// True if a single frame makes up most of what differs.
+    fn is_jump(&self) -> bool {
+        2.0 * self.largest.norm_squared() > self.squares
+    }
+
+    /// Rotation, rad, that takes turns of the vehicle to those that the images show since these have jumped against the gyroscope, if nothing
+    /// names one of them: the cameras may have been moved.
+    pub(super) fn jump(&self) -> Option<Vector3<f64>> {
+        let turned = self.turned.unwrap_or(-self.largest);
+        let may_be = self.turned.is_some() || self.is_jump() || !self.was_gyro_named;
+        (self.is_open() && may_be && turned.norm() > PLAIN_RAD).then_some(turned)
     }
 
     /// Says in `health` what was found.

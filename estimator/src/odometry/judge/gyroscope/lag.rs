@@ -1,13 +1,16 @@
-//! The delay between images and gyroscope that explains why their turns differ.
+//! The delay between images and gyroscope that explains why their turns differ, or the rotation of cameras that were turned on the body.
 //!
 //! Samples that are late by `L` make attitudes by the images differ from the integral of the gyroscope by `w L` and a constant, where `w` is
-//! the rate of the vehicle. In such sums errors of sightings do not add up.
+//! the rate of the vehicle. In such sums errors of sightings do not add up. Cameras that are turned by `R` see each turn `v` of the gyroscope as
+//! `R v`, however large or small it is.
 
 use super::PLAIN_S;
 use super::angles::{GyroAngles, MAX_TURNS, Turn};
+use crate::geometry::{exp_so3, log_so3};
+use crate::odometry::judge::FRAMES_TO_AGREE;
 use crate::window::trial::{CONTRADICTS_SIGMAS, SAME_TURN_RAD};
 use heapless::Deque;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
 /// Turns on end by which a delay is looked for, at least and at most.
@@ -17,7 +20,7 @@ const MAX_MATCHED: usize = 16;
 const LAG_STEPS: usize = 60;
 const LAG_STEP_NS: i64 = 10_000_000;
 /// With the delay attitudes differ by so many times less (root of the mean square) than with any of the other sign, and less than with another
-/// bias; or by so many times less, whatever the bias.
+/// bias; or by so many times less, whatever the bias. The same for turns and a rotation.
 const MATCH_CONTRAST: f64 = 1.5;
 const PLAIN_CONTRAST: f64 = 4.0;
 
@@ -59,6 +62,36 @@ pub(super) fn delay(
     let is_clear = is_plain || (other > MATCH_CONTRAST.squared() * squared && squared < drift);
     let is_found = squared <= same && other > same && other.is_finite() && is_clear;
     (is_found && lag_s.abs() > PLAIN_S).then_some(lag_s)
+}
+
+/// Rotation, rad, that takes what the gyroscope measured of the turns after `since` to what the images show of them, if it explains why these
+/// differ and what is wrong with one axis, which any gyroscope may have, does not.
+pub(super) fn rotation(
+    angles: &GyroAngles,
+    turns: &Deque<Turn, MAX_TURNS>,
+    since: Timestamp,
+    bias_gyro: &Vector3<f64>,
+) -> Option<Vector3<f64>> {
+    let of_turn = |turn: &Turn| Some([turn.seen - angles.difference(turn, 0, bias_gyro)?, turn.seen]);
+    let newest = || on_end(turns, since).take(FRAMES_TO_AGREE as usize).filter_map(of_turn);
+    let mut rotation = UnitQuaternion::identity();
+    // Gauss-Newton; a third step matters to large rotations alone.
+    for _ in 0..3 {
+        let (mut square, mut slope) = (Matrix3::identity() * SAME_TURN_RAD.squared(), Vector3::zeros());
+        for [measured, seen] in newest() {
+            let turned = rotation * measured;
+            square += Matrix3::identity() * turned.norm_squared() - turned * turned.transpose();
+            slope += turned.cross(&seen);
+        }
+        rotation = exp_so3(&square.cholesky()?.solve(&slope)) * rotation;
+    }
+    let differences = || newest().map(|[measured, seen]| seen - measured);
+    let largest = differences().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?.normalize();
+    let off: f64 = differences().map(|off| off.norm_squared()).sum();
+    let across: f64 = differences().map(|off| off.cross(&largest).norm_squared()).sum();
+    let left: f64 = newest().map(|[measured, seen]| (seen - rotation * measured).norm_squared()).sum();
+    let is_clear = off > PLAIN_CONTRAST.squared() * left && across > MATCH_CONTRAST.squared() * left;
+    (newest().count() == FRAMES_TO_AGREE as usize && is_clear).then(|| log_so3(&rotation))
 }
 
 /// Place and value of the lowest point of the parabola through values at -1, 0 and 1, of which that at 0 is the least.

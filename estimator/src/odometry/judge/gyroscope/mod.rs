@@ -91,8 +91,8 @@ pub(super) struct RotationWatch {
     /// When the accelerometer was last contradicted.
     forces_contradicted: Option<Timestamp>,
     probation: Option<Probation>,
-    /// Turn of a contradiction that is over and has named nothing, rad.
-    jumped_rad: Option<f64>,
+    /// Rotation by a contradiction that is over and has named nothing, rad.
+    jumped: Option<Vector3<f64>>,
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
     left_rad: f64,
@@ -111,7 +111,7 @@ impl RotationWatch {
             contradiction: None,
             forces_contradicted: None,
             probation: None,
-            jumped_rad: None,
+            jumped: None,
             left_m: 0.0,
             left_rad: 0.0,
             carried_rad: 0.0,
@@ -131,7 +131,7 @@ impl RotationWatch {
         self.differences.clear();
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
-        (self.probation, self.jumped_rad) = (None, None);
+        (self.probation, self.jumped) = (None, None);
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -230,6 +230,9 @@ impl RotationWatch {
         let may_name_gyro = self.forces_contradicted.is_none_or(|last| from.seconds_since(last) > SHORTLY_S);
         let mut contradiction = Contradiction::begin(since, frame.bias_gyro, may_name_gyro);
         contradiction.culprit = culprit;
+        let on_end_since = on_end(&self.turns, Timestamp::default()).last().map(|turn| turn.from);
+        let just_before = since.plus_seconds(-0.5 * newest.turn.dt_s());
+        contradiction.is_begin_hidden = hole.is_none() && on_end_since > Some(just_before);
         contradiction.count(newest, &self.evidence());
         self.contradiction = Some(contradiction);
         Some(since)
@@ -269,7 +272,7 @@ impl RotationWatch {
         }
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
-            self.jumped_rad = contradiction.jumped_rad();
+            self.jumped = contradiction.jump();
             self.differences.clear();
         }
     }
@@ -295,9 +298,9 @@ impl RotationWatch {
         }
     }
 
-    /// The turn by which images and gyroscope have jumped against each other, rad, once their contradiction is over and nothing was named.
-    pub(super) fn take_jump(&mut self) -> Option<f64> {
-        self.jumped_rad.take()
+    /// The rotation by which images and gyroscope have jumped against each other, rad, once their contradiction is over and nothing was named.
+    pub(super) fn take_jump(&mut self) -> Option<Vector3<f64>> {
+        self.jumped.take()
     }
 
     /// True while images and gyroscope contradict each other.

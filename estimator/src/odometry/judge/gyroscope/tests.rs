@@ -272,3 +272,36 @@ fn images_that_a_crowd_may_carry_leave_position_and_heading_uncertain() {
         assert!(carried[0] > 4.0 * alone[0] && carried[1] > 2.0 * alone[1], "{carried:?}, {alone:?}");
     }
 }
+
+#[test]
+fn turns_tell_cameras_that_were_turned_on_the_body_from_a_gyroscope_that_is_wrong() {
+    type Change<'a> = &'a dyn Fn(Vector3<f64>) -> Vector3<f64>;
+    let as_is = |v: Vector3<f64>| v;
+    let turned = Vector3::new(0.1, -0.2, 0.15);
+    let jump = |to_seen: Change<'_>, to_read: Change<'_>| {
+        let mut watch = RotationWatch::new(&ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3)));
+        (1..240).find_map(|k| {
+            let [last_s, t] = [k - 1, k].map(|k| f64::from(k) * 0.05);
+            let is_wrong = t > BEGIN_S;
+            for n in 1..=10 {
+                let t = last_s + f64::from(n) * 0.005;
+                let gyro = if is_wrong { to_read(rate(t)) } else { rate(t) };
+                watch.add(&ImuSample { stamp: at(t), gyro, accel: Vector3::zeros() });
+            }
+            let turned = angle(t) - angle(last_s);
+            let noise = angle(f64::from(k * k)) * 2e-4;
+            watch.update(&turn([last_s, t], if is_wrong { to_seen(turned) } else { turned } + noise));
+            watch.take_jump().map(|jump| (t, jump))
+        })
+    };
+    let rotation = crate::geometry::exp_so3(&turned);
+    let (t, found): (f64, Vector3<f64>) = jump(&|seen| rotation * seen, &as_is).unwrap();
+    assert!(t < BEGIN_S + 1.0 && (found - turned).norm() < 0.02, "{t} {found:?}");
+    let wrong: [Change<'_>; 4] =
+        [&|v| Vector3::new(-v.x, v.y, v.z), &|v| Vector3::new(v.y, v.x, v.z), &|v| v * 1.2, &|v| {
+            v + Vector3::x() * 0.3
+        }];
+    for (k, wrong) in wrong.into_iter().enumerate() {
+        assert!(jump(&as_is, wrong).is_none(), "{k}");
+    }
+}
