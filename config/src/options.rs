@@ -33,7 +33,7 @@ pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from
 pub use serial_line::SerialLine;
 pub use sockets::{FramesConfig, LocalConfig};
 pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
-pub use vehicle::{Mounting, VehicleConfig};
+pub use vehicle::{Mounting, UnknownMounting, VehicleConfig};
 
 use plumbline_keys::keys;
 
@@ -84,6 +84,15 @@ pub struct Config {
 }
 
 impl Config {
+    /// Mounting for ROS 2, where that is served.
+    ///
+    /// # Errors
+    /// When it is, and the mounting is unknown.
+    pub fn ros_rot_v_b(&self) -> Result<Option<nalgebra::UnitQuaternion<f64>>, UnknownMounting> {
+        let rot_v_b = || self.vehicle.rot_v_b().ok_or(UnknownMounting("ROS 2 (ros.enabled)"));
+        self.ros.enabled.then(rot_v_b).transpose()
+    }
+
     /// The part that concerns the estimator: cameras, IMU, rig, capacities and thresholds.
     pub fn setup(&self) -> EstimatorSetup {
         EstimatorSetup {

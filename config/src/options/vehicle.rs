@@ -58,6 +58,11 @@ impl Mounting {
     }
 }
 
+/// Refusal of an output of this name, which needs the vehicle's attitude, while the mounting of the IMU is unknown.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("{unknown}, and {0} would receive a wrong attitude: {cure}", unknown = VehicleConfig::UNKNOWN, cure = VehicleConfig::CURE)]
+pub struct UnknownMounting(pub &'static str);
+
 impl VehicleConfig {
     /// Words of a message that refuses an unknown mounting: what is missing.
     pub const UNKNOWN: &'static str = "vehicle.imu_to_vehicle_deg is \"unknown\"";

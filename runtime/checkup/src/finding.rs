@@ -58,11 +58,6 @@ impl Finding {
         Self { fitness: Fitness::Mind, ..self }
     }
 
-    /// The finding of a measure that is not fit to fly.
-    pub(crate) fn of_measure(measure: Measure) -> Self {
-        Self::new(measure.name, measure.value, "", measure.cure)
-    }
-
     /// Cause and cure.
     pub fn advice(&self) -> String {
         match self.cause.as_str() {

@@ -169,7 +169,7 @@ impl Checkup {
             mounting[0] = finding.into_measure_of(mounting::NAME);
         }
         if has_nonsense || samples.is_empty() {
-            mounting.iter_mut().for_each(Measure::spoil);
+            mounting = mounting.map(|measure| Measure::missing(measure.name, NAMED_ABOVE.0, NAMED_ABOVE.1));
         }
         let fitted = match self.tracker.as_ref().map(Tracker::tracks) {
             None => Vec::new(),

@@ -143,7 +143,7 @@ pub fn judge(samples: &[ImuSample], config: &Config) -> [Measure; 2] {
 /// Warning of a mounting that gravity contradicts while the vehicle rests.
 pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
     let measure = level(&standing(samples, config, MIN_REST_S.1)?, None, &config.vehicle.rot_v_b()?);
-    (measure.verdict == Fitness::NotFit).then(|| Finding::of_measure(measure))
+    (measure.verdict == Fitness::NotFit).then(|| Finding::new(measure.name, measure.value, "", measure.cure))
 }
 
 /// An angle in degrees with `digits` decimals: neither -180 nor -0.

@@ -37,6 +37,8 @@ pub fn rest(samples: &[ImuSample]) -> Rest {
     }
     let (mut found, mut all) = (Rest::default(), Vec::new());
     // In one attitude, and for more than a moment.
+    let is_same_attitude =
+        |(a, b): (Means, Means)| (a.0 - b.0).norm() < STILL.0 && (a.1 - b.1).norm() < STILL.1;
     for stand in pieces.chunk_by(|(_, a), (_, b)| a.zip(*b).is_some_and(is_same_attitude)) {
         let means: Vec<Means> = stand.iter().filter_map(|(_, means)| *means).collect();
         let count = means.len() as f64;
@@ -58,10 +60,6 @@ pub fn rest(samples: &[ImuSample]) -> Rest {
 
 /// Mean of the gyroscope and of the accelerometer.
 type Means = (Vector3<f64>, Vector3<f64>);
-
-fn is_same_attitude((a, b): (Means, Means)) -> bool {
-    (a.0 - b.0).norm() < STILL.0 && (a.1 - b.1).norm() < STILL.1
-}
 
 /// Means of gyroscope and accelerometer in a piece of time in which both scatter little.
 fn still(piece: &[ImuSample]) -> Option<Means> {

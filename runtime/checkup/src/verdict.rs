@@ -86,13 +86,6 @@ impl Measure {
         Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
     }
 
-    /// Makes it worthless by something that is named above.
-    pub(crate) fn spoil(&mut self) {
-        self.verdict = Fitness::NotMeasured;
-        crate::NAMED_ABOVE.0.clone_into(&mut self.value);
-        crate::NAMED_ABOVE.1.clone_into(&mut self.cure);
-    }
-
     /// Marks a measure without which no flight should begin, with the motion that shows it.
     #[must_use]
     pub(crate) fn shown_by(self, motion: Option<&'static str>) -> Self {

@@ -43,21 +43,12 @@ pub fn check_maps(config: &ValidConfig, reads: bool, writes: bool) -> Result<(),
     Ok(())
 }
 
-/// Refuses an output that needs the vehicle's attitude while the mounting of the IMU is unknown.
+/// Refuses ROS 2, which needs the vehicle's attitude, while the mounting of the IMU is unknown.
 ///
 /// # Errors
 /// When it is.
 pub fn check_mounting(config: &ValidConfig) -> Result<(), Usage> {
-    use plumbline_config::options::VehicleConfig;
-
-    match config.vehicle.rot_v_b() {
-        Some(_) => Ok(()),
-        None => Err(Usage(format!(
-            "{}, and ROS 2 (ros.enabled) would receive a wrong attitude: {}",
-            VehicleConfig::UNKNOWN,
-            VehicleConfig::CURE
-        ))),
-    }
+    config.ros_rot_v_b().map(drop).map_err(|unknown| Usage(unknown.to_string()))
 }
 
 /// Refuses output files that could not be written, before the run rather than after it: what cannot be opened, and two

@@ -81,7 +81,11 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     flight.first_reset_counter = state_folder(args).map_or(0, |folder| first_reset_counter(&folder));
     let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
     let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
-    let mut watch = Watch::start(&config, true, findings(&config), board.clone())?;
+    if config.vehicle.rot_v_b().is_none() {
+        let (unknown, cure) = (VehicleConfig::UNKNOWN, VehicleConfig::CURE);
+        tracing::warn!("{unknown}: nothing that depends on the vehicle's attitude is published; {cure}");
+    }
+    let mut watch = Watch::start(&config, true, Vec::new(), board.clone())?;
     let sensor_watch = SensorWatch::start(&sensors, board)?;
     let mut progress = fly_status::start(sensor_watch.notices())?;
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
@@ -112,20 +116,6 @@ fn config(args: &FlyArgs) -> Result<ValidConfig> {
     Ok(with_overrides(&config, &args.run.overrides)?)
 }
 
-/// Findings about the configuration before the first sample.
-fn findings(config: &ValidConfig) -> Vec<Finding> {
-    let is_unknown = config.vehicle.rot_v_b().is_none();
-    let mounting = || {
-        Finding::new(
-            "mounting unknown",
-            VehicleConfig::UNKNOWN,
-            "a configuration that was imported without it",
-            format!("nothing that depends on the vehicle's attitude is published; {}", VehicleConfig::CURE),
-        )
-    };
-    is_unknown.then(mounting).into_iter().collect()
-}
-
 /// Starts the outputs that the configuration names; also returns where the state of the sensors is posted for the local socket.
 fn start_outputs(
     args: &FlyArgs,
@@ -134,9 +124,7 @@ fn start_outputs(
     control: &Arc<Control>,
 ) -> Result<(Outputs, Option<SensorBoard>)> {
     let config = &flight.config;
-    if config.ros.enabled {
-        check_mounting(config)?;
-    }
+    check_mounting(config)?;
     let mut outputs = Outputs::default();
     if !config.autopilot.connect.is_empty() {
         outputs.pilot(flight, control)?;

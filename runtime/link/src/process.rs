@@ -3,7 +3,7 @@
 use crate::net::{CommandRelay, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
 use plumbline_client::{ClientError, Local};
-use plumbline_config::options::{NetworkConfig, VehicleConfig};
+use plumbline_config::options::{NetworkConfig, UnknownMounting};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use plumbline_record::local::content::LocalRecord;
 use plumbline_record::local::record::{Kind, Kinds};
@@ -73,12 +73,8 @@ pub enum NetworkProcessError {
     #[error("no endpoint to publish on: give --listen or --connect, or set network.listen or ros.enabled")]
     NoEndpoint,
     /// The mounting of the IMU is not known, and with it the attitude that ROS 2 would receive.
-    #[error(
-        "{}, and ROS 2 (ros.enabled) would receive a wrong attitude: {}",
-        VehicleConfig::UNKNOWN,
-        VehicleConfig::CURE
-    )]
-    Mounting,
+    #[error(transparent)]
+    Mounting(#[from] UnknownMounting),
     /// The socket cannot be used.
     #[error("the local socket cannot be used: {0}")]
     Io(#[from] io::Error),
@@ -89,7 +85,7 @@ impl NetworkProcessError {
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Net(error) => error.is_usage(),
-            Self::Config(_) | Self::NoEndpoint | Self::Mounting => true,
+            Self::Config(_) | Self::NoEndpoint | Self::Mounting(_) => true,
             Self::Client(_) | Self::Io(_) => false,
         }
     }
@@ -185,13 +181,9 @@ impl Outputs {
         commands: &Arc<CommandRelay>,
     ) -> Result<Self, NetworkProcessError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
-        let rot_v_b = config.vehicle.rot_v_b();
-        if config.ros.enabled && rot_v_b.is_none() {
-            return Err(NetworkProcessError::Mounting);
-        }
+        let ros = config.ros_rot_v_b()?;
         let net = Self::start_net(&config, options, commands)?;
         let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
-        let ros = rot_v_b.filter(|_| config.ros.enabled);
         let ros = ros
             .map(|rot_v_b| RosOutput::start(&config, rot_v_b, stamps, Arc::clone(commands)))
             .transpose()?;

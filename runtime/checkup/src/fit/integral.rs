@@ -65,7 +65,7 @@ impl Sensors {
         let add = |(matrix, bias): (Matrix3<f64>, Vector3<f64>), at: usize| {
             (matrix, bias + biases.fixed_rows::<3>(at))
         };
-        let fast = rig.clock_rate();
+        let fast = rig.steps()[CLOCK_RATE];
         Self { gyro: add(rig.sensor(GYRO), 0), accel: add(rig.sensor(ACCEL), 3), fast }
     }
 

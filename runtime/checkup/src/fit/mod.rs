@@ -20,8 +20,8 @@ use integral::{Reading, Sensors, reading_at};
 use nalgebra::{DVector, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use piece::{Noise, Normal, Piece, View};
 use plumbline_config::{Config, ImuSample, Timestamp, median};
-use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, P_PAIR};
-use rig::{READOUT, RIGHT_LATE, ROT_B_C, ROT_PAIR, Rig, Vector};
+use rig::{ACCEL, ALTERNATING, BIASES, CALIBRATION, CLOCK_RATE, DELAY, GYRO, Key, LENSES, P_B_C, READOUT};
+use rig::{ROT_B_C, ROT_PAIR, Rig, Vector};
 
 /// Keyframes of a piece: two seconds.
 const KEYS: usize = 14;
@@ -46,20 +46,17 @@ const LEAST_PX: f64 = 0.05;
 /// Noise falls by no more than this from one step to the next.
 const FALL: f64 = 0.2;
 /// Unknowns with what they may be off by at most and what is little of it, standard deviations.
-const PRIOR: [(usize, usize, f64, f64); 20] = [
+const PRIOR: [(usize, usize, f64, f64); 17] = [
     (LENSES[0], 2, 0.3, 1e-3),
     (LENSES[0] + 2, 2, 50.0, 0.5),
     (LENSES[0] + 4, 1, 0.3, 2e-3),
-    (LENSES[0] + 5, 2, 0.3, 1e-3),
-    (LENSES[1], 2, 0.3, 1e-3),
+    (LENSES[0] + 5, 4, 0.3, 1e-3),
     (LENSES[1] + 2, 2, 50.0, 0.5),
     (LENSES[1] + 4, 1, 0.3, 2e-3),
     (LENSES[1] + 5, 2, 0.3, 1e-3),
     (ROT_B_C, 3, 0.5, 3e-3),
     (P_B_C, 3, 0.1, 3e-3),
-    (ROT_PAIR, 3, 0.1, 1e-3),
-    (P_PAIR, 3, 0.1, 1e-3),
-    (RIGHT_LATE, 1, 0.1, 1e-3),
+    (ROT_PAIR, 7, 0.1, 1e-3),
     (READOUT, 1, 0.03, 1e-3),
     (DELAY, 1, 0.2, 1e-3),
     (CLOCK_RATE, 1, 0.03, 1e-4),

@@ -148,11 +148,6 @@ impl Rig {
         key.t_s + self.offset_s + v[DELAY] + v[CLOCK_RATE] * key.t_s + v[ALTERNATING] * key.parity
     }
 
-    /// Rate of the clock of the inertial samples against that of the images, less 1.
-    pub(super) fn clock_rate(&self) -> f64 {
-        self.values[CLOCK_RATE]
-    }
-
     /// Matrix that takes readings of one inertial sensor to what they should be, and the bias after it.
     pub(super) fn sensor(&self, at: usize) -> (Matrix3<f64>, Vector3<f64>) {
         let bias = BIASES + if at == GYRO { 0 } else { 3 };

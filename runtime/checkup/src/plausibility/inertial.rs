@@ -30,11 +30,6 @@ const MEAN_OF: usize = 100;
 /// Cosine of the angle between the mean force and the vehicle's vertical beyond which it is upside down, and samples that it takes.
 const DOWN: (f64, usize) = (-0.8, 1000);
 
-/// Finding about an accelerometer that does not measure gravity; cures where gravity is taken out, and where the unit is unknown.
-pub const NOT_GRAVITY: &str = "the accelerometer does not measure gravity";
-pub(crate) const WITH_GRAVITY: &str = "deliver the raw specific force with gravity in it, m/s^2";
-pub(crate) const ANOTHER_UNIT: &str = "write it in m/s^2, gravity included";
-
 /// Columns and units that cannot be right.
 pub fn nonsense(samples: &[ImuSample]) -> Vec<Finding> {
     let sum = |samples: &[ImuSample]| samples.iter().map(|sample| sample.accel).sum::<Vector3<f64>>();
@@ -139,15 +134,18 @@ fn not_gravity(accel: f64, is_steady: bool) -> Finding {
     } else if accel < SPECIFIC_FORCE_M_S2.start && (!is_steady || accel < SPECIFIC_FORCE_G.start) {
         (
             "that gravity is not in the samples: linear acceleration, from which a filter has taken it out",
-            WITH_GRAVITY,
+            "deliver the raw specific force with gravity in it, m/s^2",
         )
     } else if SPECIFIC_FORCE_G.contains(&accel) {
         ("that it is in units of gravity (g)", "multiply it by 9.80665: m/s^2 is expected")
     } else if SPECIFIC_FORCE_MG.contains(&accel) {
         ("that it is in thousandths of gravity (mg)", "multiply it by 0.00980665: m/s^2 is expected")
     } else {
-        ("another unit, or columns that are not those of the accelerometer", ANOTHER_UNIT)
+        (
+            "another unit, or columns that are not those of the accelerometer",
+            "write it in m/s^2, gravity included",
+        )
     };
     let evidence = format!("median magnitude {accel:.3}, gravity is 9.8 m/s^2");
-    Finding::new(NOT_GRAVITY, evidence, cause, cure)
+    Finding::new("the accelerometer does not measure gravity", evidence, cause, cure)
 }

@@ -35,12 +35,10 @@ fn configuration(config: &ValidConfig) -> Verdict {
     if let Some(unset) = config.unset_keys().first() {
         return (Fitness::NotFit, format!("{words}; {unset}"));
     }
-    let needs_mounting = !config.autopilot.connect.is_empty() || config.ros.enabled;
-    if config.vehicle.rot_v_b().is_none() && needs_mounting {
-        return (Fitness::NotFit, format!("{}: {}", VehicleConfig::UNKNOWN, VehicleConfig::CURE));
-    }
     if config.vehicle.rot_v_b().is_none() {
-        return (Fitness::Mind, format!("{}: {}", VehicleConfig::UNKNOWN, VehicleConfig::CURE));
+        let is_needed = !config.autopilot.connect.is_empty() || config.ros.enabled;
+        let fitness = if is_needed { Fitness::NotFit } else { Fitness::Mind };
+        return (fitness, format!("{}: {}", VehicleConfig::UNKNOWN, VehicleConfig::CURE));
     }
     if cameras == 2 {
         (Fitness::Good, words)

@@ -82,13 +82,11 @@ pub struct DoctorArgs {
 /// # Errors
 /// When the configuration is refused, the source cannot be used, or what it holds is not fit to fly.
 pub fn run(args: &DoctorArgs) -> Result<()> {
-    let is_length = |seconds: f64| seconds > 0.0 && seconds <= MAX_SECONDS;
-    if !is_length(args.watch) {
-        return Err(Usage("--watch: give up to 3600 seconds".into()).into());
-    }
     let seconds = args.seconds.unwrap_or(SECONDS);
-    if !is_length(seconds) {
-        return Err(Usage("--seconds: give up to 3600 seconds".into()).into());
+    for (option, length_s) in [("--watch", args.watch), ("--seconds", seconds)] {
+        if !(length_s > 0.0 && length_s <= MAX_SECONDS) {
+            return Err(Usage(format!("{option}: give up to {MAX_SECONDS:.0} seconds")).into());
+        }
     }
     let config = load_config(args.config.as_deref())?;
     if let Some(source) = &args.source {

@@ -16,7 +16,9 @@ use crate::schedule::watchdog::Pulse;
 use crate::schedule::worker::Worker;
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidSetup;
-use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, FlowMessages, VehicleConfig};
+use plumbline_config::options::{
+    AutopilotConfig, AutopilotEndpoint, FlowMessages, UnknownMounting, VehicleConfig,
+};
 use plumbline_estimator::{HealthBits, TrackingState};
 use plumbline_record::Said;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -37,12 +39,8 @@ pub enum BridgeError {
     #[error("autopilot.connect: {0}")]
     Endpoint(String),
     /// The mounting of the IMU is not known, and with it the attitude that the autopilot would receive.
-    #[error(
-        "{}, and the autopilot would receive a wrong attitude: {}",
-        VehicleConfig::UNKNOWN,
-        VehicleConfig::CURE
-    )]
-    Mounting,
+    #[error(transparent)]
+    Mounting(#[from] UnknownMounting),
     /// The line cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -78,7 +76,7 @@ impl Bridge {
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
-        let frames = VehicleFrames::new(&mounting.rot_v_b().ok_or(BridgeError::Mounting)?);
+        let frames = VehicleFrames::new(&mounting.rot_v_b().ok_or(UnknownMounting("the autopilot"))?);
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = match stamps {
             Stamps::OfHost => AutopilotLink::open_patiently(&endpoint),

@@ -55,6 +55,6 @@ pub enum FlightError {
 impl FlightError {
     /// True if the request is wrong, rather than the flight.
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Invalid(_) | Self::Autopilot(BridgeError::Mounting))
+        matches!(self, Self::Invalid(_) | Self::Autopilot(BridgeError::Mounting(_)))
     }
 }

@@ -10,7 +10,6 @@ use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use honesty::Honesty;
 use places::PlacesReport;
-use plumbline_config::options::Mounting;
 use plumbline_drivers::Faults;
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
@@ -235,8 +234,7 @@ impl Report {
         Self { warnings, ..self }
     }
 
-    /// Why there is no pose, and what to do: samples that never came, the first grave warning but that of the mounting, which no
-    /// estimate depends on, and what the health bits tell.
+    /// Why there is no pose, and what to do: samples that never came, the first grave warning, and what the health bits tell.
     pub fn why_no_pose(&self) -> String {
         if let Some(sensors) = self.sensors.as_ref().filter(|sensors| sensors.imu.stream.count == 0) {
             return format!(
@@ -244,8 +242,7 @@ impl Report {
                 sensors.imu.name
             );
         }
-        let is_grave = |w: &&Finding| w.fitness == Fitness::NotFit && w.what != Mounting::UNKNOWN;
-        match self.warnings.iter().find(is_grave) {
+        match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
             Some(warning) => format!("{}: {}", warning.what, warning.advice()),
             None => self.health.why_no_pose(),
         }

@@ -55,8 +55,7 @@ impl HealthFeed {
     fn message(&mut self) -> (Envelope, Health) {
         (self.sent, self.told) = (Instant::now(), Self::told(&self.health));
         let mut health = self.health.clone();
-        let is_told = health.sensors.notices.iter().any(|notice| notice.starts_with("mounting unknown"));
-        if health.rot_v_b.is_none() && !is_told {
+        if health.rot_v_b.is_none() {
             // Before what is wrong with the sensors.
             health.sensors.notices.insert(0, format!("mounting unknown: {}", VehicleConfig::CURE));
         }
@@ -83,8 +82,9 @@ mod tests {
         assert_eq!((envelope, first.state), (Envelope::default(), TrackingState::default()));
         assert!(first.sensors.notices[0].starts_with("mounting unknown: set it"));
         assert_eq!(first.sensors.notices[1..], ["no frames"]);
-        feed.health.sensors.notices = first.sensors.notices.clone();
         assert_eq!(feed.renew().unwrap().1.sensors.notices, first.sensors.notices, "it is told once");
+        let mounted = Health { rot_v_b: Some(Default::default()), ..Health::default() };
+        assert!(HealthFeed::new(Duration::ZERO, mounted).renew().unwrap().1.sensors.notices.is_empty());
         let (before, tracking) = feed.update(&estimate()).unwrap();
         assert_eq!(tracking.state, TrackingState::Tracking);
         feed.health.sensors.frames = StampFigures { refused: 7, ..StampFigures::default() };
