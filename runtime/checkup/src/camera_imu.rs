@@ -129,7 +129,7 @@ impl ByHand {
         let free: Vec<usize> = names.iter().filter_map(named).collect();
         let is_free =
             |k: usize| k >= BIASES || free.iter().any(|part| parts[*part].basis.row(k).amax() > 0.0);
-        let tracks = self.tracker.as_ref().map(Tracker::tracks).ok_or_else(|| self.too_short(0))?;
+        let tracks = self.tracker.as_ref().map(|tracker| &tracker.found).ok_or_else(|| self.too_short(0))?;
         let first = FirstLook::at(&self.config, tracks, &self.samples);
         if first.as_ref().is_some_and(|first| !first.turns_enough) {
             return Err(RigError::Unseen(format!(

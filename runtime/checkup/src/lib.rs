@@ -171,7 +171,7 @@ impl Checkup {
         if has_nonsense || samples.is_empty() {
             mounting = mounting.map(|measure| Measure::missing(measure.name, NAMED_ABOVE.0, NAMED_ABOVE.1));
         }
-        let fitted = match self.tracker.as_ref().map(Tracker::tracks) {
+        let fitted = match self.tracker.as_ref().map(|tracker| &tracker.found) {
             None => Vec::new(),
             Some(_) if is_spoilt => fit::judge::spoilt(config),
             Some(tracks) => fit::judge::judge(config, tracks, samples),

@@ -32,9 +32,7 @@ const LEVEL_DEG: f64 = 4.0;
 /// A nod is over after this time, s.
 const LONGEST_S: f64 = 15.0;
 /// After a nod the vehicle stands still within this time, s, and turns by less, rad/s.
-const STANDS_WITHIN_S: f64 = 3.0;
-/// See [`STANDS_WITHIN_S`].
-const STANDS_RAD_S: f64 = 0.02;
+const STANDS: (f64, f64) = (3.0, 0.02);
 /// Least time at rest, s: of a recording, and for a warning in flight, which may be smooth.
 const MIN_REST_S: (f64, f64) = (1.0, 2.0);
 /// Off by less from gravity, m/s², the accelerometer measures gravity alone.
@@ -92,10 +90,10 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
 
 /// True if the vehicle stands still within a few seconds of the first sample.
 fn stands_soon(samples: &[ImuSample], before: &Rest) -> bool {
-    let end = samples[0].stamp.plus_seconds(STANDS_WITHIN_S);
+    let end = samples[0].stamp.plus_seconds(STANDS.0);
     let soon = &samples[..samples.partition_point(|sample| sample.stamp < end)];
     let again = rest(soon);
-    again.seconds > 0.0 && (again.gyro - before.gyro).norm() < STANDS_RAD_S
+    again.seconds > 0.0 && (again.gyro - before.gyro).norm() < STANDS.1
 }
 
 /// The mounting by the turn up to the largest tilt: its angle, its rotation vector, how much was turned in all, and about which

@@ -70,7 +70,8 @@ pub(crate) struct Tracker {
     every: u64,
     frames: u64,
     live: Vec<Live>,
-    found: Tracks,
+    /// What was followed so far.
+    pub(crate) found: Tracks,
 }
 
 impl Tracker {
@@ -100,11 +101,6 @@ impl Tracker {
             live: Vec::new(),
             found: Tracks::default(),
         })
-    }
-
-    /// What was followed so far.
-    pub(crate) fn tracks(&self) -> &Tracks {
-        &self.found
     }
 
     /// Takes a frame with its number. A frame without a left image ends all tracks.

@@ -5,7 +5,7 @@
 //! this piece holds, `cost(x) = cost + 2 g'x + x'S x`.
 
 use super::integral::{Link, OF_BIASES, OF_SAMPLES, Reading, Sensors, reading_at};
-use super::rig::{CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Sight, Vector};
+use super::rig::{CALIBRATION, Key, OF_KEY, OF_VIEWS, Point, Rig, Vector};
 use nalgebra::{
     Cholesky, DMatrix, DVector, Dim, Dyn, Isometry3, Matrix, Matrix3, Matrix4, OMatrix, SMatrix, SVector,
     Storage, Translation3, Vector2, Vector3,
@@ -256,7 +256,8 @@ impl Piece {
                 let key = &self.keys[view.key];
                 let Some(sight) = rig.sight(key, point, view.camera, &view.px) else { continue };
                 residuals[0].push(sight.residual_px.norm());
-                let root = weight_of(&sight, noise).sqrt();
+                let relative = (sight.residual_px / noise.px).norm_squared() / (KERNEL * KERNEL);
+                let root = (noise.px.powi(-2) / (1.0 + relative)).sqrt();
                 let by_point = sight.by_point.transpose() * root;
                 own += by_point * by_point.transpose();
                 let by = sight.by.transpose() * root;
@@ -334,11 +335,6 @@ fn add<R: Dim, S: Storage<f64, R, R>>(
             h[(at(i), at(j))] += square[(i, j)];
         }
     }
-}
-
-fn weight_of(sight: &Sight, noise: &Noise) -> f64 {
-    let relative = (sight.residual_px / noise.px).norm_squared() / (KERNEL * KERNEL);
-    noise.px.powi(-2) / (1.0 + relative)
 }
 
 /// Information of the residuals of a link: white noise of both sensors, whose integral moves velocity and position together.

@@ -288,6 +288,9 @@ fn turns_tell_cameras_that_were_turned_on_the_body_from_a_gyroscope_that_is_wron
                 let gyro = if is_wrong { to_read(rate(t)) } else { rate(t) };
                 watch.add(&ImuSample { stamp: at(t), gyro, accel: Vector3::zeros() });
             }
+            if is_wrong && t < BEGIN_S + 0.2 {
+                return None;
+            }
             let turned = angle(t) - angle(last_s);
             let noise = angle(f64::from(k * k)) * 2e-4;
             watch.update(&turn([last_s, t], if is_wrong { to_seen(turned) } else { turned } + noise));
