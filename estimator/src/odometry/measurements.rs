@@ -7,7 +7,7 @@ use crate::shutter::{Readout, readouts};
 use crate::window::epipolar::EpipolarMoments;
 use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
-use crate::window::reprojection::{InversePoint, PointMeasurement};
+use crate::window::reprojection::{InversePoint, PATCH_VARIANCE, PointMeasurement};
 use crate::window::seen_by_row::SeenByRow;
 use crate::window::state::Rig;
 use crate::window::tracks::MIN_WITNESSES;
@@ -40,10 +40,6 @@ pub struct ImageMotion {
     /// Median way in each image, px.
     pub ways_px: [Option<f64>; 2],
 }
-
-/// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not. That of one
-/// camera is measured on recorded images; that of two stands for the correlation in time, too: see notes/covariance.md.
-const PATCH_VARIANCES: [f64; 2] = [16.0, 64.0];
 
 impl Measurer {
     /// For the cameras and features of a setup; allocates all it needs.
@@ -224,7 +220,7 @@ impl Measurer {
     /// texture, and that of its alignment with the reference patch, whose residuals hang together.
     fn weight(&self, camera: usize, xy: &Vector2<f64>, of_patch_px2: &Matrix2<f32>) -> Matrix2<f64> {
         let px_by_xy = self.cameras[camera].project_normalized(xy).1;
-        let of_patch_px2 = of_patch_px2.cast::<f64>() * PATCH_VARIANCES[self.cameras.len() - 1];
+        let of_patch_px2 = of_patch_px2.cast::<f64>() * PATCH_VARIANCE;
         let covariance = Matrix2::identity() * self.sigma_px.squared() + of_patch_px2;
         let root = covariance.cholesky().and_then(|root| root.l().try_inverse());
         root.map_or_else(|| px_by_xy / self.sigma_px, |root| root * px_by_xy)

@@ -64,6 +64,10 @@ pub struct World {
     pub bias_gyro: Vector3<f64>,
     pub bias_accel: Vector3<f64>,
     pub sigma_px: f64,
+    /// Correlation of the errors of a point in frames on end.
+    pub error_correlation: f64,
+    /// Errors of each point in the last frame, px.
+    errors_px: Vec<[Vector2<f64>; 2]>,
     pub is_at_rest: bool,
     /// Velocity of what is not quite at rest, m/s: reached at 5 s.
     pub drift_m_s: Vector3<f64>,
@@ -98,10 +102,12 @@ impl World {
             }
         }
         Self {
+            errors_px: Vec::new(),
             points_o,
             bias_gyro: normal.vector(0.03),
             bias_accel: normal.vector(0.05),
             sigma_px: 0.3,
+            error_correlation: 0.0,
             is_at_rest: false,
             drift_m_s: Vector3::zeros(),
             cruise_m_s: None,
@@ -172,6 +178,7 @@ impl World {
         let pose_o_b = self.pose_o_b(t + self.time_offset_s);
         let limit = self.config.estimator.points.max_points;
         let mut seen = Vec::new();
+        self.errors_px.resize(self.points_o.len(), Default::default());
         for id in 0..self.points_o.len() {
             let mut o = PointObservation {
                 track_id: id as u32,
@@ -195,7 +202,9 @@ impl World {
                     px = by_row;
                 }
                 let noise = Vector2::new(self.normal.next(), self.normal.next()) * self.sigma_px;
-                let px = px + noise;
+                let (error, rho) = (&mut self.errors_px[id][c], self.error_correlation);
+                *error = *error * rho + noise * (1.0 - rho * rho).sqrt();
+                let px = px + *error;
                 if self.cameras[c].contains(&px, 5.0) && alive {
                     let late_s =
                         self.known_readout_s * (px.y / (self.cameras[c].height_px as f64 - 1.0) - 0.5);

@@ -139,12 +139,20 @@ fn before_texture_that_repeats_a_start_takes_half_a_second() {
 
 #[test]
 fn stereo_flight_drifts_little_and_knows_how_little() {
+    // Errors of points hang together for 0.4 s, as those of recorded images do.
     let mut world = World::new(&config(2), 1, 500);
+    world.error_correlation = 0.4 / 0.45;
     let flight = fly(&mut world, 20.0, both);
     assert_eq!(flight.resets, 0);
     assert!(flight.first_pose_s.unwrap() < 0.3);
     assert!(flight.rms_error_m < 0.002 * flight.distance_m);
-    assert!((0.2..3.0).contains(&flight.mean_nees));
+    assert!((0.2..3.0).contains(&flight.mean_nees), "{}", flight.mean_nees);
+}
+
+#[test]
+fn a_flight_whose_points_err_independently_is_no_surer_than_it_should_be() {
+    let flight = fly(&mut World::new(&config(2), 1, 500), 20.0, both);
+    assert!(flight.rms_error_m < 0.002 * flight.distance_m && flight.mean_nees < 3.0, "{}", flight.mean_nees);
 }
 
 #[test]

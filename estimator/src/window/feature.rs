@@ -61,9 +61,14 @@ pub trait Feature: Copy + Debug + PartialEq {
         OUTLIER_SIGMAS
     }
 
-    /// Correlation of the errors of observations that are `dt_s` apart.
-    fn correlation(_dt_s: f64) -> f64 {
-        0.0
+    /// Standard deviation of a measurement, as a multiple of the stated one.
+    fn sigma(_options: &Options) -> f64 {
+        1.0
+    }
+
+    /// Independence of the errors of observations that are `dt_s` apart, `(1 - rho) / (1 + rho)` for a correlation `rho`.
+    fn independence(_dt_s: f64) -> f64 {
+        1.0
     }
 
     /// Where the landmark is with its host camera at `host`.

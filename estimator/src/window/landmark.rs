@@ -1,10 +1,11 @@
 //! Landmarks and the fixed store that holds them.
 
 use super::feature::Feature;
-use super::frame::Frame;
 use super::line::HostedLine;
+use super::problem::Problem;
 use super::reprojection::InversePoint;
 use super::state::MAX_FRAMES;
+use plumbline_config::Portable;
 
 /// A point.
 pub type PointLandmark = Landmark<InversePoint>;
@@ -43,18 +44,15 @@ pub struct Landmark<F: Feature> {
 }
 
 impl<F: Feature> Landmark<F> {
-    /// Share of its information that an observation by the only one of `cameras` adds: the sum over the inverse of their correlations, by their
-    /// number. They are a Markov chain, of which a link of correlation `rho` adds `(1 - rho) / (1 + rho)`.
-    pub fn share(&self, frames: &[Frame], cameras: usize) -> f64 {
-        if cameras > 1 {
-            return 1.0;
-        }
+    /// Weight of an observation: the sum over the inverse of their correlations, by their number, and by their variance. They are a Markov chain,
+    /// of which each link adds its independence. With two cameras the root of the share serves better: see notes/covariance.md.
+    pub fn information(&self, Problem { frames, options, .. }: &Problem<'_>) -> f64 {
         let stamp = |o: &Observation<F::Measurement>| frames[usize::from(o.frame)].stamp;
-        let links = self.observations.windows(2).map(|o| {
-            let rho = F::correlation(stamp(&o[1]).seconds_since(stamp(&o[0])));
-            (1.0 - rho) / (1.0 + rho)
-        });
-        (1.0 + links.sum::<f64>()) / self.observations.len() as f64
+        let links = self.observations.windows(2);
+        let links = links.map(|o| F::independence(stamp(&o[1]).seconds_since(stamp(&o[0]))));
+        let share = (1.0 + links.sum::<f64>()) / self.observations.len() as f64;
+        let share = if options.cameras > 1 { share.sqrt() } else { share };
+        share / F::sigma(options).squared()
     }
 }
 
@@ -127,21 +125,21 @@ mod tests {
     #[test]
     fn the_share_is_the_sum_over_the_inverse_correlations() {
         let mut window = Room { frames: 6, ..Room::default() }.window();
-        let mut point = window.points.all()[0].clone();
-        let of_two = point.share(&window.frames, window.options.cameras);
-        assert!(of_two == 1.0);
-        point.observations.retain(|o| o.camera == 0);
         window.options.cameras = 1;
+        let mut point = window.points.all()[0].clone();
+        point.observations.retain(|o| o.camera == 0);
         let stamps: Vec<_> =
             point.observations.iter().map(|o| window.frames[usize::from(o.frame)].stamp).collect();
         let n = stamps.len();
         assert!(n > 3);
         let correlation = |i: usize, k: usize| {
             let links = stamps[i.min(k)..=i.max(k)].windows(2);
-            links.map(|s| InversePoint::correlation(s[1].seconds_since(s[0]))).product::<f64>()
+            let independence = links.map(|s| InversePoint::independence(s[1].seconds_since(s[0])));
+            independence.map(|i| (1.0 - i) / (1.0 + i)).product::<f64>()
         };
         let inverse = DMatrix::from_fn(n, n, correlation).try_inverse().expect("is regular");
-        let share = point.share(&window.frames, window.options.cameras);
+        let problem = Problem::of_frames(&window.rig, &window.frames, &window.options);
+        let share = point.information(&problem);
         assert!((share - inverse.sum() / n as f64).abs() < 1e-9, "{share}");
     }
 }

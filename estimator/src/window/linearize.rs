@@ -24,10 +24,6 @@ use nalgebra::SMatrix;
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
-/// Root of the weight of an observation by two cameras that enters the prior, 1.7. Only those of keyframes do: they stand for those of the
-/// frames between them, which are left out. Tuned on simulated flights, judged on others: see notes/covariance.md.
-const LEAVING_ROOT: f64 = 1.3;
-
 /// Purpose of evaluating the factors of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Purpose {
@@ -111,8 +107,6 @@ pub struct Linearizer {
     pub lines: Vec<Eliminated<4>>,
     /// Poses at which it works.
     pub(super) poses: Poses,
-    /// Root of the weight of an observation that enters the prior.
-    pub(super) leaving_root: f64,
 }
 
 impl Linearizer {
@@ -125,7 +119,6 @@ impl Linearizer {
             points: vec![Eliminated::empty(); points],
             lines: vec![Eliminated::empty(); lines],
             poses: Poses::new(rig),
-            leaving_root: LEAVING_ROOT,
         }
     }
 
@@ -163,8 +156,6 @@ impl Linearizer {
 
     /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.
     fn evaluate_landmarks(&mut self, problem: &Problem<'_>, purpose: Purpose) -> f64 {
-        let is_leaving = matches!(purpose, Purpose::Leaving { .. }) && problem.options.cameras > 1;
-        self.landmarks.weight_root = if is_leaving { self.leaving_root } else { 1.0 };
         let (damping, host) = match purpose {
             Purpose::Cost => {
                 return self.cost_of(problem, problem.points) + self.cost_of(problem, problem.lines);
@@ -194,14 +185,14 @@ impl Linearizer {
     fn cost_of<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>]) -> f64 {
         let of_each = landmarks.iter().filter(|l| l.is_triangulated).map(|landmark| {
             let placed = self.poses.placed(landmark);
-            let mut costs = RobustSum::new(problem.options.cauchy_scale);
+            let mut costs = RobustSum::new(problem.options.cauchy_scale * F::sigma(problem.options));
             for observation in &landmark.observations {
                 let measured = problem.moved_lenses.moved::<F>(observation);
                 if let Some(r) = self.poses.residual::<F>(problem, &placed, (observation, &measured)) {
                     costs.add(r.norm_squared());
                 }
             }
-            costs.cost() * landmark.share(problem.frames, problem.options.cameras)
+            costs.cost() * landmark.information(problem)
         });
         of_each.sum()
     }
@@ -216,8 +207,6 @@ struct LandmarkEquations {
     cameras: CameraSums,
     /// Robust cost of the landmarks.
     cost: f64,
-    /// Root of the weight of observations.
-    weight_root: f64,
 }
 
 /// Number of a camera of a frame among all cameras of the window.
@@ -246,11 +235,9 @@ impl LandmarkEquations {
         let mut span = (usize::from(landmark.host), usize::from(landmark.host));
         // Residuals and weights first: divisions and roots of one need not wait for those of another.
         let mut seen = heapless::Vec::<_, MAX_OBSERVATIONS>::new();
-        let (mut costs, share) = (
-            RobustSum::new(problem.options.cauchy_scale),
-            landmark.share(problem.frames, problem.options.cameras),
-        );
-        let root = self.weight_root * share.sqrt();
+        let mut costs = RobustSum::new(problem.options.cauchy_scale * F::sigma(problem.options));
+        let information = landmark.information(problem);
+        let root = information.sqrt();
         for observation in &landmark.observations {
             let measured = problem.moved_lenses.moved::<F>(observation);
             let Some(r) = poses.residual::<F>(problem, &now, (observation, &measured)) else { continue };
@@ -258,7 +245,7 @@ impl LandmarkEquations {
             // There is room for all.
             let _ = seen.push((observation, F::weighed(&measured, scale), r * scale, scale));
         }
-        self.cost += costs.cost() * share;
+        self.cost += costs.cost() * information;
         let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
         for &(observation, ref measured, ref r, scale) in &seen {
             if poses.linearize(landmark, &first, (observation, measured), &mut j).is_none() {

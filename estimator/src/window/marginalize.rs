@@ -22,7 +22,13 @@ use super::frame::Frame;
 use super::landmark::{Landmark, LandmarkStore};
 use super::linearize::Purpose;
 use super::prior::PIVOT_FLOOR;
+use super::problem::Problem;
+use super::reprojection::{ERROR_MEMORY_S, InversePoint, PATCH_VARIANCE};
 use super::state::{FRAME_DIM, unknown_of_frame};
+use plumbline_config::Portable;
+
+/// Change of the variance of points by one of them: it falls to a tenth within 115, which leave in some three seconds.
+const VARIANCE_STEP: f64 = 0.02;
 
 impl Window {
     /// Removes frame `index` (not the newest), keeping its information about the others in the prior.
@@ -71,6 +77,7 @@ impl Window {
         let covered = self.frames_touched(index);
         // Its inertial factors too: else what the prior knows of this frame would be lost to the others.
         let _ = self.evaluate(Purpose::Leaving { frame: index });
+        self.learn_point_sigma(index);
         let Self { rig, frames, prior, linearizer, .. } = self;
         for frame in &mut frames[..covered] {
             if !frame.in_prior {
@@ -90,6 +97,33 @@ impl Window {
         if let Some(next) = frames.get_mut(index + 1) {
             next.inertial = None;
         }
+    }
+
+    /// Follows the errors of points by the landmarks that leave with frame `index`: where the first and the last residual by the host's camera
+    /// differ by more than the median of what is assumed they rise, else they fall. At rest an error stays as it is, and tells nothing. With
+    /// one camera they stay as configured.
+    fn learn_point_sigma(&mut self, index: usize) {
+        let Self { rig, frames, points, linearizer, options, .. } = self;
+        let (problem, mut variance) =
+            (Problem::of_frames(rig, frames, options), options.point_sigma.squared());
+        let tells = options.cameras > 1 && !frames[index].is_still;
+        for landmark in hosted(points, index).filter(|_| tells) {
+            let placed = linearizer.poses.placed(landmark);
+            let mut residuals = landmark.observations.iter().filter_map(|o| {
+                let measured = problem.moved_lenses.moved::<InversePoint>(o);
+                let r = linearizer.poses.residual::<InversePoint>(&problem, &placed, (o, &measured))?;
+                (o.camera == landmark.host_camera).then_some((frames[usize::from(o.frame)].stamp, r))
+            });
+            let Some((first, last)) = residuals.next().zip(residuals.next_back()) else { continue };
+            let dt_s = last.0.seconds_since(first.0);
+            if dt_s > ERROR_MEMORY_S {
+                // Of the two components the landmark's depth takes one; the other's square is less than half its mean every second time.
+                let half = dt_s / (ERROR_MEMORY_S + dt_s) * variance;
+                let is_more = (last.1 - first.1).norm_squared() > half;
+                variance *= if is_more { 1.0 + VARIANCE_STEP } else { 1.0 - VARIANCE_STEP };
+            }
+        }
+        options.point_sigma = variance.clamp(1.0 / PATCH_VARIANCE, PATCH_VARIANCE).sqrt();
     }
 
     /// Number of leading frames that the new prior speaks of.

@@ -1,7 +1,7 @@
 use super::super::Window;
 use super::super::state::RIG_DIM;
 use super::super::test_dense::{equilibrated, full};
-use super::super::test_room::{Room, always};
+use super::super::test_room::{Room, always, scatter_step};
 use super::*;
 use nalgebra::{DMatrix, DVector};
 
@@ -29,7 +29,6 @@ fn solved(window: &mut Window, first: usize) -> (DVector<f64>, DMatrix<f64>) {
 fn what_remains_is_solved_as_if_nothing_had_left() {
     let mut window = Room { frames: 5, sees: first_half_or_second, ..Room::default() }.window();
     window.frames[0].is_still = true;
-    window.linearizer.leaving_root = 1.0;
     window.refresh_anchor();
     let (step, covariance) = solved(&mut window, 1);
     let landmarks = window.triangulated();
@@ -57,7 +56,6 @@ fn several_frames_leave_one_after_the_other_as_they_would_at_once() {
         [frame == begins || frame == begins + 1; 2]
     }
     let mut window = Room { frames: 6, sees: pairs, ..Room::default() }.window();
-    window.linearizer.leaving_root = 1.0;
     window.refresh_anchor();
     let (step, covariance) = solved(&mut window, 3);
     for _ in 0..3 {
@@ -158,4 +156,23 @@ fn the_prior_speaks_of_no_frame_beyond_those_that_it_touched() {
     let in_prior: Vec<bool> = window.frames.iter().map(|f| f.in_prior).collect();
     assert_eq!(in_prior, [true, true, true, false]);
     assert!(window.frames[0].inertial.is_none() && window.frames[1].inertial.is_some());
+}
+
+#[test]
+fn the_sigma_of_points_follows_their_errors_but_not_at_rest() {
+    let learned = |error_sigmas: f64, is_still: bool| {
+        let mut window =
+            Room { frames: 5, sees: first_half_or_second, disturbance: 0.0, ..Room::default() }.window();
+        window.frames[0].is_still = is_still;
+        for landmark in window.points.all_mut() {
+            for o in &mut landmark.observations {
+                let error = scatter_step::<2>(50 * landmark.track_id + u32::from(o.frame), error_sigmas);
+                o.measured.xy += o.measured.weight.try_inverse().expect("is regular") * error;
+            }
+        }
+        window.remove_frame(0);
+        window.options.point_sigma
+    };
+    assert!(learned(0.1, false) < 1.0 && learned(10.0, false) > 1.0);
+    assert!(learned(0.1, true) == 1.0);
 }

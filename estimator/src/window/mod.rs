@@ -400,7 +400,8 @@ impl Window {
     /// Number of independent observations that tell as much as those of all points that have a depth.
     pub fn observation_count(&self) -> f64 {
         let points = self.points.all().iter().filter(|l| l.is_triangulated);
-        points.map(|l| l.share(&self.frames, self.options.cameras) * l.observations.len() as f64).sum()
+        let problem = Problem::of_frames(&self.rig, &self.frames, &self.options);
+        points.map(|l| l.information(&problem) * l.observations.len() as f64).sum()
     }
 
     /// Points and lines that have a depth.

@@ -29,6 +29,8 @@ pub struct Options {
     pub max_rho: f64,
     /// See [`super::feature::Feature::outlier_sigmas`], for points.
     pub point_outlier_sigmas: f64,
+    /// See [`super::feature::Feature::sigma`], for points: as the flight shows it.
+    pub point_sigma: f64,
     /// See [`plumbline_config::options::WindowConfig::correct_stamps`].
     pub correct_stamps: bool,
     /// See [`plumbline_config::options::WindowConfig::max_moving_share`].
@@ -68,6 +70,7 @@ impl Options {
             min_rho: 1.0 / window.max_depth_m,
             max_rho: 1.0 / window.min_depth_m,
             point_outlier_sigmas: point_outlier_sigmas(config),
+            point_sigma: 1.0,
             correct_stamps: window.correct_stamps,
             max_moving_share: window.max_moving_share,
             focal_px: config.left().focal_px[0],

@@ -174,11 +174,13 @@ impl Window {
         // The pair ties its lenses to each other: apart, either looks as well known as its prior makes the other.
         [0, 1].into_iter().for_each(|camera| focal[Rig::of_lens(camera)] = std::f64::consts::FRAC_1_SQRT_2);
         let mut baseline = SVector::<f64, RIG_DIM>::zeros();
-        let along = self.configured_rig.pose_c0_c1.translation.vector.try_normalize(0.0);
-        baseline.fixed_rows_mut::<3>(Rig::P_C0_C1).copy_from(&along.unwrap_or_default());
-        for along in [focal, baseline] {
-            let off =
-                self.refuted_by(&along).filter(|off| !self.is_of_accelerometer(off * along.dot(&baseline)));
+        let p_c0_c1 = self.configured_rig.pose_c0_c1.translation.vector;
+        baseline.fixed_rows_mut::<3>(Rig::P_C0_C1).copy_from(&p_c0_c1.try_normalize(0.0).unwrap_or_default());
+        // Forces have errors of scale themselves.
+        for (along, least) in [(focal, 0.0), (baseline, LEAST_OFF * p_c0_c1.norm())] {
+            let off = self
+                .refuted_by(&along)
+                .filter(|off| off.abs() > least && !self.is_of_accelerometer(off * along.dot(&baseline)));
             if let Some(off) = off {
                 for k in (0..RIG_DIM).filter(|k| along[*k] != 0.0) {
                     self.weigh_configured(k, (self.options.rig_sigmas[k] / off).squared());
@@ -242,6 +244,7 @@ const _: () = {
 
 #[cfg(test)]
 mod tests {
+    use super::super::calibration::KnownRig;
     use super::super::dense::NormalEquations;
     use super::super::test_room::Room;
     use super::*;
@@ -379,7 +382,7 @@ mod tests {
         assert!(window.prior.equations.get(k, k) > information);
     }
 
-    /// Estimate of the common focal length under the prior of the window, and its standard deviation, in those configured.
+    /// Puts the rig where the prior has it; returns the common focal length under the prior of the window, and its standard deviation, in those configured.
     fn solve_focal(window: &mut Window) -> (f64, f64) {
         let sigma = window.options.rig_sigmas[Rig::INTRINSICS];
         let (mean, covariance) = solve(&window.prior.equations);
@@ -396,7 +399,7 @@ mod tests {
             let mut window = Room::default().window();
             window.options.rig_sigmas.fill(2e-4);
             window.configured_rig = window.rig.clone();
-            window.known_rig = super::super::calibration::KnownRig::within(&window.options.rig_sigmas);
+            window.known_rig = KnownRig::within(&window.options.rig_sigmas);
             window.prior.start(&window.rig.clone(), &window.known_rig.clone());
             // The focal length is measured to ten sigmas, that both lenses have the same to a tenth of one.
             let of_data = |sigmas: f64| (sigmas * 2e-4).powi(-2);
@@ -417,6 +420,26 @@ mod tests {
                 "{off}: {found} {sigma}"
             );
             assert_eq!(window.is_rig_refuted(), is_wrong, "{off}");
+        }
+    }
+
+    #[test]
+    fn a_baseline_that_is_off_by_no_more_than_forces_are_does_not_give_way() {
+        for (share, is_refuted) in [(0.02, false), (-0.02, false), (0.05, true), (-0.05, true)] {
+            let mut window = Room::default().window();
+            window.options.rig_sigmas.fill(2e-5);
+            window.configured_rig = window.rig.clone();
+            window.known_rig = KnownRig::within(&window.options.rig_sigmas);
+            window.prior.start(&window.rig.clone(), &window.known_rig.clone());
+            let p_c0_c1 = window.rig.pose_c0_c1.translation.vector;
+            let k = Rig::P_C0_C1 + p_c0_c1.iamax();
+            // Measured to ten times the configured standard deviation.
+            window.prior.equations.add(k, k, 2e-4_f64.powi(-2));
+            window.prior.equations.gradient_mut()[k] -= share * p_c0_c1.norm() * 2e-4_f64.powi(-2);
+            let before = window.prior.equations.get(k, k);
+            let _ = solve_focal(&mut window);
+            window.refute_configured_rig();
+            assert_eq!(window.prior.equations.get(k, k) < before, is_refuted, "{share}");
         }
     }
 

@@ -65,31 +65,24 @@ impl Window {
     pub fn optimize(&mut self, max_iterations: usize) -> Outcome {
         self.refresh_anchor();
         self.unfinished = None;
-        let mut outcome = Outcome::default();
-        let first = self.linearize(0.0);
-        if !first.is_finite() {
+        let mut outcome = Outcome { cost: self.linearize(0.0), ..Outcome::default() };
+        if !outcome.cost.is_finite() {
             self.factor.dim = 0;
-            return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
+            return Outcome { is_not_positive_definite: true, ..outcome };
         }
-        self.save();
-        let mut best = first;
-        let damping =
-            if max_iterations > 0 { self.iterate(max_iterations, &mut best, &mut outcome) } else { 0.0 };
-        let last = self.cost();
-        if last <= best {
-            outcome.cost = last;
-        } else {
-            self.restore();
-            outcome.cost = self.cost();
-        }
+        let (damping, is_lower) =
+            if max_iterations > 0 { self.iterate(max_iterations, &mut outcome) } else { (0.0, true) };
         if damping > 0.0 || max_iterations == 0 {
             // The covariance is that of the undamped equations.
             let _ = self.linearize(0.0);
             outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
         }
-        let is_unfinished = damping > 0.0 && !outcome.is_not_positive_definite;
-        self.unfinished = is_unfinished.then(|| self.remaining_step());
-        self.adapt_damping(damping, last <= best);
+        // The step of the newest frame that the equations still ask for.
+        self.unfinished = (damping > 0.0 && !outcome.is_not_positive_definite).then(|| {
+            let at = self.solve() - FRAME_DIM;
+            SVector::from_column_slice(&self.solution[at..at + COVARIANCE_DIM])
+        });
+        self.adapt_damping(damping, is_lower);
         self.follow_lenses();
         outcome
     }
@@ -104,13 +97,6 @@ impl Window {
         gradient.len()
     }
 
-    /// The step of the newest frame that the equations last factored ask for.
-    fn remaining_step(&mut self) -> SVector<f64, COVARIANCE_DIM> {
-        self.solve();
-        let base = unknown_of_frame(self.frames.len() - 1);
-        SVector::from_column_slice(&self.solution[base..base + COVARIANCE_DIM])
-    }
-
     /// Where solutions on end need damping, the next one begins with as much as served the last: a few steps a frame do not
     /// find it anew each time.
     fn adapt_damping(&mut self, damping: f64, is_lower: bool) {
@@ -121,42 +107,46 @@ impl Window {
         };
     }
 
-    /// Steps from the states just linearized and saved, at least one; returns the damping at the end. `best` is the lowest
-    /// cost before the last step, whose states are saved.
-    fn iterate(&mut self, max_iterations: usize, best: &mut f64, outcome: &mut Outcome) -> f64 {
+    /// Steps from the states just linearized, at least one, to where a further one would be small; returns the damping at the end, and
+    /// whether the last step was kept.
+    fn iterate(&mut self, max_iterations: usize, outcome: &mut Outcome) -> (f64, bool) {
         let mut damping = 0.0;
         // Linearizations are what costs time: a rejected step takes two of them.
         let mut linearizations = 1;
         loop {
             outcome.iterations += 1;
-            let decrease = self.step(damping);
-            if decrease.is_some_and(|decrease| decrease < SMALL_DECREASE) {
-                return damping;
+            let decrease = self.find_step(damping);
+            let is_small = decrease.is_some_and(|decrease| decrease < SMALL_DECREASE);
+            if is_small && outcome.iterations > 1 {
+                return (damping, true);
             }
-            if decrease.is_none() {
-                outcome.is_not_positive_definite = true;
-                damping = self.more(damping);
+            outcome.is_not_positive_definite |= decrease.is_none();
+            let is_last = linearizations >= max_iterations;
+            let is_lower = decrease.is_some() && self.is_step_lower(damping, is_last, &mut outcome.cost);
+            if is_last {
+                return (damping, is_lower);
             }
-            if linearizations >= max_iterations {
-                return damping;
-            }
+            damping = if is_lower { damping * DAMPING_DECAY } else { self.more(damping) };
             linearizations += 1;
-            let cost = self.linearize(damping);
-            if decrease.is_none() {
-                // The same states, more damping: no step was taken that the cost could speak for.
-                continue;
-            }
-            if cost > *best || !cost.is_finite() {
+            if !is_lower {
                 linearizations += 1;
-                self.restore();
-                damping = self.more(damping);
                 let _ = self.linearize(damping);
-            } else {
-                damping *= DAMPING_DECAY;
-                self.save();
-                *best = cost;
             }
         }
+    }
+
+    /// Takes the step just found, and linearizes with `damping` where it ends unless it is the last; goes back where that raises the `cost`.
+    fn is_step_lower(&mut self, damping: f64, is_last: bool, cost: &mut f64) -> bool {
+        self.save();
+        self.take_step();
+        let now = if is_last { self.cost() } else { self.linearize(damping) };
+        let is_lower = now <= *cost;
+        if is_lower {
+            *cost = now;
+        } else {
+            self.restore();
+        }
+        is_lower
     }
 
     /// Normal equations at the present states, landmarks damped; returns the cost.
@@ -177,16 +167,19 @@ impl Window {
         linearizer.evaluate(&problem, prior, purpose)
     }
 
-    /// Solves and applies one step; the decrease of the cost that it predicts, or `None` when the
-    /// equations cannot be solved.
-    fn step(&mut self, damping: f64) -> Option<f64> {
+    /// Solves for a step; returns the decrease of the cost that it predicts, or `None` when the equations cannot be solved.
+    fn find_step(&mut self, damping: f64) -> Option<f64> {
         if !self.factor.compute(&self.linearizer.equations, damping) {
             return None;
         }
-        let dim = self.solve();
+        self.solve();
         let gradient = self.linearizer.equations.gradient();
-        let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
+        Some(-0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>())
+    }
 
+    /// Takes the step just found.
+    fn take_step(&mut self) {
+        let dim = self.linearizer.equations.gradient().len();
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
         for (k, frame) in self.frames.iter_mut().enumerate() {
             let at = unknown_of_frame(k);
@@ -195,7 +188,6 @@ impl Window {
         let motions = self.linearizer.lifts.motions_of(&self.solution[..dim]);
         move_landmarks(&mut self.points, &self.linearizer.points, &motions);
         move_landmarks(&mut self.lines, &self.linearizer.lines, &motions);
-        Some(decrease)
     }
 
     /// Damping after one more rejected step.

@@ -121,8 +121,10 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     let host = usize::from(landmark.host);
     let problem = Problem::of_frames(&window.rig, &window.frames, &window.options);
     let mut add = |(j, lifted): (&Jacobians<D>, &Lifted), r: &Vector2<f64>, target: usize| {
-        let robust = RobustSum::new(window.options.cauchy_scale).add(r.norm_squared());
-        let weight = (robust * landmark.share(problem.frames, problem.options.cameras)).sqrt();
+        let weight = (RobustSum::new(problem.options.cauchy_scale * F::sigma(problem.options))
+            .add(r.norm_squared())
+            * landmark.information(&problem))
+        .sqrt();
         for d in 0..2 {
             let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
             let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();

@@ -40,8 +40,6 @@ const FRAMES_TO_NAME: u32 = 4;
 /// accelerometer is named, since an axis that is dead agrees while it has nothing to feel. Once it is named it holds so long while no frame can show
 /// it, s, since that has to be seen to agree.
 const UNSEEN_S: f64 = 5.0;
-/// Time constant of the bias with which gains are compared, s: that of the window follows a wrong scale.
-const SLOW_BIAS_S: f64 = 10.0;
 
 /// A sighted frame, and the motion that leads to it.
 #[derive(Clone, Copy, Debug)]
@@ -57,8 +55,6 @@ struct Leg {
     /// Gain of velocity, m/s, and way, m, by the forces since the leg before, in `O`.
     gained: Vector3<f64>,
     travelled: Vector3<f64>,
-    /// Bias that is in them beyond its slow mean, m/s² in `O`.
-    by_bias: Vector3<f64>,
 }
 
 /// Evidence of a frame about the forces.
@@ -110,31 +106,9 @@ pub(super) struct ForceWatch {
     named: Option<Timestamp>,
     /// Gain over the longest span that ends at the newest frame.
     gain: Option<Gain>,
-    slow_bias: SlowBias,
 }
 
-/// Slow mean of the bias, each weighed by its information: a start knows nothing of it.
-#[derive(Clone, Copy, Debug, Default)]
-struct SlowBias {
-    /// m/s² in `B`.
-    mean: Vector3<f64>,
-    /// Sum of times over variances.
-    weight: f64,
-}
-
-impl SlowBias {
-    /// Takes the bias `dt_s` after the last one, with its standard deviation.
-    fn add(&mut self, bias_accel: &Vector3<f64>, sigma_m_s2: f64, dt_s: f64) {
-        let newest = dt_s / sigma_m_s2.squared();
-        let weight = self.weight * (1.0 - (dt_s / SLOW_BIAS_S).at_most(1.0)) + newest;
-        if weight.is_finite() && weight > 0.0 {
-            self.weight = weight;
-            self.mean += (bias_accel - self.mean) * (newest / weight);
-        }
-    }
-}
-
-/// Gain of velocity over a span of frames, m/s in `O`, as the forces make it, with a bias that does not follow the images, and as these show it.
+/// Gain of velocity over a span of frames, m/s in `O`, as the forces make it, and as the images show it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gain {
     pub(super) felt: Vector3<f64>,
@@ -190,7 +164,6 @@ impl ForceWatch {
     pub(super) fn update(&mut self, seen: &SeenMotion<'_>, sigmas: &ForceSigmas) -> Option<WrongForces> {
         let stamp_s = seen.stamp_sigma_s.at_least(LEAST_SIGMA_S);
         let by_stamp = seen.v_o_b * stamp_s;
-        self.slow_bias.add(&seen.motion.bias_accel, sigmas.bias_m_s2, seen.motion.dt_s);
         if self.legs.is_full() {
             self.legs.pop_front();
         }
@@ -204,7 +177,6 @@ impl ForceWatch {
             rot_o_before: seen.rot_o_before,
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
-            by_bias: seen.rot_o_before * (seen.motion.bias_accel - self.slow_bias.mean),
         });
         let unexplained = HALVES.map(|half| self.unexplained(half, sigmas));
         self.gain = unexplained[HALVES.len() - 1].map(|span| span.gain);
@@ -272,7 +244,6 @@ impl ForceWatch {
         let half_s = 0.5 * (h1 + h2);
         let by_gravity = self.gravity_o * half_s;
         let felt = by_gravity + first.gained + second.travelled / h2 - first.travelled / h1;
-        let by_bias = (first.by_bias + second.by_bias) / (2 * half) as f64;
         let off = seen - felt;
         let off_m_s = off.norm();
         let of_images = a.covariance / h1.squared()
@@ -294,7 +265,7 @@ impl ForceWatch {
         let sigma_m_s2 = sigma_m_s2.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
         sigmas.is_finite().then_some(Unexplained {
             gain: Gain {
-                felt: felt + by_bias * half_s,
+                felt,
                 seen,
                 by_gravity,
                 rot_o_b: b.rot_o_before,
@@ -318,8 +289,6 @@ struct Joined<'a> {
     moved: Vector3<f64>,
     gained: Vector3<f64>,
     travelled: Vector3<f64>,
-    /// Sum of the bias beyond its slow mean, m/s².
-    by_bias: Vector3<f64>,
 }
 
 /// The next `count` legs together.
@@ -335,7 +304,6 @@ fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Jo
             moved: zero,
             gained: zero,
             travelled: zero,
-            by_bias: zero,
         });
         joined = Some(Joined {
             end: leg,
@@ -344,7 +312,6 @@ fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Jo
             moved: before.moved + leg.moved,
             gained: before.gained + leg.gained,
             travelled: before.travelled + before.gained * leg.dt_s + leg.travelled,
-            by_bias: before.by_bias + leg.by_bias,
         });
     }
     joined.filter(|joined| joined.span_s > 0.0)

@@ -132,18 +132,3 @@ fn an_accelerometer_that_was_named_has_to_be_seen_to_agree() {
     (1..200).for_each(|k| _ = watch.pass_over(at(f64::from(k) * PERIOD_S)));
     assert!(!watch.is_contradicted(), "not for ever where nobody sees it");
 }
-
-#[test]
-fn a_bias_counts_as_far_as_it_is_known() {
-    let (wrong, right) = (Vector3::zeros(), Vector3::new(0.0, -0.08, 0.0));
-    let mut slow = SlowBias::default();
-    (0..80).for_each(|_| slow.add(&wrong, 0.1, PERIOD_S));
-    (0..10).for_each(|_| slow.add(&right, 6e-3, PERIOD_S));
-    assert!((slow.mean - right).norm() < 5e-3, "{}", slow.mean);
-    // One that follows a wrong scale is followed slowly.
-    (0..200).for_each(|_| slow.add(&right, 6e-3, PERIOD_S));
-    (0..20).for_each(|_| slow.add(&wrong, 6e-3, PERIOD_S));
-    assert!((slow.mean - right).norm() < 0.02, "{}", slow.mean);
-    slow.add(&right, 0.0, PERIOD_S);
-    assert!(slow.mean.iter().all(|x| x.is_finite()));
-}
