@@ -1,8 +1,9 @@
 //! Landmarks and the fixed store that holds them.
 
 use super::feature::Feature;
+use super::frame::Frame;
 use super::line::HostedLine;
-use super::problem::Problem;
+use super::options::Options;
 use super::reprojection::InversePoint;
 use super::state::MAX_FRAMES;
 use plumbline_config::Portable;
@@ -46,7 +47,7 @@ pub struct Landmark<F: Feature> {
 impl<F: Feature> Landmark<F> {
     /// Weight of an observation: the sum over the inverse of their correlations, by their number, and by their variance. They are a Markov chain,
     /// of which each link adds its independence. With two cameras the root of the share serves better: see notes/covariance.md.
-    pub fn information(&self, Problem { frames, options, .. }: &Problem<'_>) -> f64 {
+    pub fn information(&self, frames: &[Frame], options: &Options) -> f64 {
         let stamp = |o: &Observation<F::Measurement>| frames[usize::from(o.frame)].stamp;
         let links = self.observations.windows(2);
         let links = links.map(|o| F::independence(stamp(&o[1]).seconds_since(stamp(&o[0]))));
@@ -138,8 +139,7 @@ mod tests {
             independence.map(|i| (1.0 - i) / (1.0 + i)).product::<f64>()
         };
         let inverse = DMatrix::from_fn(n, n, correlation).try_inverse().expect("is regular");
-        let problem = Problem::of_frames(&window.rig, &window.frames, &window.options);
-        let share = point.information(&problem);
+        let share = point.information(&window.frames, &window.options);
         assert!((share - inverse.sum() / n as f64).abs() < 1e-9, "{share}");
     }
 }

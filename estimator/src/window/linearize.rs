@@ -192,7 +192,7 @@ impl Linearizer {
                     costs.add(r.norm_squared());
                 }
             }
-            costs.cost() * landmark.information(problem)
+            costs.cost() * landmark.information(problem.frames, problem.options)
         });
         of_each.sum()
     }
@@ -236,7 +236,7 @@ impl LandmarkEquations {
         // Residuals and weights first: divisions and roots of one need not wait for those of another.
         let mut seen = heapless::Vec::<_, MAX_OBSERVATIONS>::new();
         let mut costs = RobustSum::new(problem.options.cauchy_scale * F::sigma(problem.options));
-        let information = landmark.information(problem);
+        let information = landmark.information(problem.frames, problem.options);
         let root = information.sqrt();
         for observation in &landmark.observations {
             let measured = problem.moved_lenses.moved::<F>(observation);

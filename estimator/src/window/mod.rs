@@ -400,8 +400,7 @@ impl Window {
     /// Number of independent observations that tell as much as those of all points that have a depth.
     pub fn observation_count(&self) -> f64 {
         let points = self.points.all().iter().filter(|l| l.is_triangulated);
-        let problem = Problem::of_frames(&self.rig, &self.frames, &self.options);
-        points.map(|l| l.information(&problem) * l.observations.len() as f64).sum()
+        points.map(|l| l.information(&self.frames, &self.options) * l.observations.len() as f64).sum()
     }
 
     /// Points and lines that have a depth.

@@ -14,8 +14,8 @@ use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
 use plumbline_config::Portable;
 
-/// A step that lowers the cost by less than this (in squared standard deviations) ends the iteration: it
-/// is far below what noise adds to the cost of a single observation.
+/// A step that lowers the cost by less than this (in squared standard deviations, of points as stated) ends the iteration: it is far below what
+/// noise adds to the cost of a single observation.
 const SMALL_DECREASE: f64 = 0.02;
 /// Damping after a rejected step, its growth by further ones and its decay by accepted ones.
 pub(super) const FIRST_DAMPING: f64 = 1e-3;
@@ -107,21 +107,19 @@ impl Window {
         };
     }
 
-    /// Steps from the states just linearized, at least one, to where a further one would be small; returns the damping at the end, and
-    /// whether the last step was kept.
+    /// Steps from the states just linearized, at least one, until one is small; returns the damping at the end, and whether the last step was
+    /// kept.
     fn iterate(&mut self, max_iterations: usize, outcome: &mut Outcome) -> (f64, bool) {
         let mut damping = 0.0;
+        let small = SMALL_DECREASE / self.options.point_sigma.squared();
         // Linearizations are what costs time: a rejected step takes two of them.
         let mut linearizations = 1;
         loop {
             outcome.iterations += 1;
             let decrease = self.find_step(damping);
-            let is_small = decrease.is_some_and(|decrease| decrease < SMALL_DECREASE);
-            if is_small && outcome.iterations > 1 {
-                return (damping, true);
-            }
             outcome.is_not_positive_definite |= decrease.is_none();
-            let is_last = linearizations >= max_iterations;
+            let is_last =
+                decrease.is_some_and(|decrease| decrease < small) || linearizations >= max_iterations;
             let is_lower = decrease.is_some() && self.is_step_lower(damping, is_last, &mut outcome.cost);
             if is_last {
                 return (damping, is_lower);

@@ -123,7 +123,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     let mut add = |(j, lifted): (&Jacobians<D>, &Lifted), r: &Vector2<f64>, target: usize| {
         let weight = (RobustSum::new(problem.options.cauchy_scale * F::sigma(problem.options))
             .add(r.norm_squared())
-            * landmark.information(&problem))
+            * landmark.information(problem.frames, problem.options))
         .sqrt();
         for d in 0..2 {
             let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
