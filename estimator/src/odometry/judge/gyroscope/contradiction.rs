@@ -98,7 +98,7 @@ pub(super) struct Contradiction {
     largest: Vector3<f64>,
     squares: f64,
     was_gyro_named: bool,
-    /// True if a turn that the images did not tell precedes those that contradict.
+    /// True if a turn that the images did not tell shortly precedes those that contradict.
     pub(super) is_begin_hidden: bool,
     /// Rotation of the cameras on the body that explains it, rad.
     turned: Option<Vector3<f64>>,

@@ -20,8 +20,8 @@ mod differences;
 mod lag;
 mod probation;
 
-use super::SHORTLY_S;
 use super::stamp::noise::StampNoise;
+use super::{FRAMES_TO_AGREE, SHORTLY_S};
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::geometry::log_so3;
 use crate::window::sighting::variance_along;
@@ -231,8 +231,8 @@ impl RotationWatch {
         let mut contradiction = Contradiction::begin(since, frame.bias_gyro, may_name_gyro);
         contradiction.culprit = culprit;
         let on_end_since = on_end(&self.turns, Timestamp::default()).last().map(|turn| turn.from);
-        let just_before = since.plus_seconds(-0.5 * newest.turn.dt_s());
-        contradiction.is_begin_hidden = hole.is_none() && on_end_since > Some(just_before);
+        let shortly_before = since.plus_seconds(-f64::from(FRAMES_TO_AGREE) * newest.turn.dt_s());
+        contradiction.is_begin_hidden = hole.is_none() && on_end_since > Some(shortly_before);
         contradiction.count(newest, &self.evidence());
         self.contradiction = Some(contradiction);
         Some(since)
