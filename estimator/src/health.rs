@@ -157,7 +157,7 @@ health_bits! {
          exchanged, mirrored or turned, or a calibration of the pair that is wrong",
         "run `plumbline doctor` on the data: it tells these apart",
     );
-    /// The images contradict the inertial samples as a whole; the estimate follows the images.
+    /// The images contradict the inertial samples as a whole; the estimate follows the images. The quality is at most 10.
     14 IMU_CONTRADICTED "IMU contradicted", "the images contradict the IMU", (
         "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, a focus that moves, or \
          stamps that are off",
@@ -184,12 +184,12 @@ health_bits! {
         "stamps of the arrival, a clock of its own, or a focal length that is off",
         "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`, which takes effect in flight, not in `replay`",
     );
-    /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
+    /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The quality is at most 10.
     21 IMAGES_LATE "images late", "the images are stamped late", (
         "stamps of the arrival, or of another clock than that of the IMU; a focal length that is off; or a cabin, deck or other carrier that fills the view and moves",
         "give each image the time of its exposure; `plumbline doctor` measures a constant delay for `rig.time_offset_s`",
     );
-    /// Gyroscope and images have disagreed for a second, and neither can be named: the covariance covers it.
+    /// Gyroscope and images have disagreed for a second, and neither can be named. The quality is at most 10.
     22 ROTATION_DISPUTED "rotation disputed", "gyroscope and images disagree on how the vehicle turns", (
         "images that are mirrored or turned, columns or signs of the gyroscope, the pose of the camera on the IMU, a wrong lens model or \
          focal length, stamps that are off, or things that move and fill the view",

@@ -192,7 +192,8 @@ def parser() -> argparse.ArgumentParser:
     add(one, "--overwrite: replace existing files", action="store_true")
 
     one = command("knock", "copy of a data set whose cameras are turned on the body, drawn in angle, axis and moment")
-    add(one, "dataset: data set in ASL layout", "--out FOLDER: folder of the copy", type=Path)
+    add(one, "dataset: data set in ASL layout, of 20 s or more", type=Path)
+    add(one, "--out FOLDER: folder of the copy", type=Path, required=True)
     add(one, "--draw N: number of the draw; odd ones go to and fro", type=int, default=0)
 
     one = command("bench", "times of a frame, of one build or of several in turns")

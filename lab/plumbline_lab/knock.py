@@ -45,8 +45,11 @@ def run(args) -> None:
     angle, axis = np.radians(2 * 10 ** draw.random()), np.array([draw.gauss(0, 1) for _ in range(3)])
     at_s, every_s = draw.uniform(6, 18), draw.uniform(0.3, 3) if args.draw % 2 else np.inf
     turn_b = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    stamps_ns = [int(file.stem) for file in (root / "cam0" / "data").glob("*.png")]
+    first_ns, length_s = min(stamps_ns), (max(stamps_ns) - min(stamps_ns)) * 1e-9
+    if length_s < at_s:
+        raise LabError(f"{args.dataset}: has {length_s:.1f} s; draw {args.draw} knocks the cameras after {at_s:.1f} s")
     shutil.copytree(root, args.out / "mav0")
-    first_ns = min(int(file.stem) for file in (root / "cam0" / "data").glob("*.png"))
     for folder in sorted((args.out / "mav0").glob("cam?")):
         at = looked_up(yaml.safe_load((folder / "sensor.yaml").read_text()), turn_b)
         for file in (folder / "data").glob("*.png"):

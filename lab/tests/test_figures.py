@@ -164,6 +164,9 @@ def test_a_knocked_camera_sees_the_scene_turned_from_the_moment_on(tmp_path):
     before, after = (np.asarray(Image.open(written / f"{stamp_ns}.png")) for stamp_ns in ("1000000000", "31000000000"))
     assert (before == np.asarray(image)).all() and (after != np.asarray(image)).mean() > 0.5
     assert cli.main(["knock", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    (folder / "31000000000.png").unlink()
+    assert cli.main(["knock", str(tmp_path), "--out", str(tmp_path / "short")]) == 1
+    assert not (tmp_path / "short").exists()
 
 
 def test_what_stands_still_before_a_moving_scene_is_masked(tmp_path, capsys):

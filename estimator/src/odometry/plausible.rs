@@ -27,9 +27,7 @@ pub enum ResetReason {
     #[error("the frames after the start contradict it")]
     StartRefused,
     /// Images and gyroscope have jumped against each other by so much, rad.
-    #[error(
-        "images and gyroscope differ at once by a turn of {0:.2} rad: the cameras may have been moved against the IMU"
-    )]
+    #[error("cameras may have been moved: images and gyroscope differ at once by {0:.2} rad")]
     Jump(f64),
     /// A state that is no number.
     #[error("the state is no number")]
