@@ -168,8 +168,10 @@ fn a_hard_reset_forgets_the_noise_of_the_flight() {
     flight.frames(5);
     let stated = crate::inertial::ImuNoise::of(&flight.world.config.imu);
     assert_ne!(flight.odometer.estimation.window.imu_noise, stated);
+    flight.odometer.estimation.window.options.point_sigma = 2.0;
     flight.odometer.reset(ResetKind::Hard);
-    assert_eq!(flight.odometer.estimation.window.imu_noise, stated);
+    let Window { imu_noise, options, .. } = &flight.odometer.estimation.window;
+    assert_eq!((*imu_noise, options.point_sigma), (stated, 1.0));
 }
 
 #[test]

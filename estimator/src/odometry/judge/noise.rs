@@ -126,6 +126,7 @@ impl NoiseScale {
         let cameras = if self.is_scaled { 2 } else { 1 };
         *self = Self::new(self.stated, cameras);
         window.imu_noise = self.stated;
+        window.options.point_sigma = 1.0;
     }
 
     /// Takes the correction `d` of position, m, and velocity, m/s, that lowered the covariance of the state from `before` to

@@ -26,6 +26,7 @@ use crate::estimate::{HealthBits, NavCovariance};
 use crate::geometry::log_so3;
 use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
+use crate::window::trial::{CONTRADICTS_SIGMAS, DOUBTFUL_SIGMAS};
 use angles::{Gap, GyroAngles, MAX_TURNS, Turn};
 use contradiction::{Contradiction, Culprit, Evidence, NewestTurn, PLAIN_EXCESS};
 use differences::{Difference, Differences, Sigmas};
@@ -98,6 +99,8 @@ pub(super) struct RotationWatch {
     left_rad: f64,
     /// Turn during which a crowd may have carried the images, rad: the standard deviation of the direction of the way since.
     carried_rad: f64,
+    /// Sum of the newest differences on end that are in doubt, rad: they contradict nothing yet, and the attitude has followed the gyroscope.
+    doubtful: Vector3<f64>,
 }
 
 impl RotationWatch {
@@ -115,6 +118,7 @@ impl RotationWatch {
             left_m: 0.0,
             left_rad: 0.0,
             carried_rad: 0.0,
+            doubtful: Vector3::zeros(),
         }
     }
 
@@ -132,6 +136,7 @@ impl RotationWatch {
         (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
         (self.probation, self.jumped) = (None, None);
+        self.doubtful = Vector3::zeros();
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -185,6 +190,8 @@ impl RotationWatch {
         }
         let sigmas = Sigmas { bias_rad_s: frame.bias_sigma_rad_s, stamp_s: self.stamps.sigma_s() };
         let excess = self.differences.newest_excess(&sigmas);
+        let is_doubtful = excess > DOUBTFUL_SIGMAS / CONTRADICTS_SIGMAS;
+        self.doubtful = if is_doubtful { self.doubtful + rad } else { Vector3::zeros() };
         self.probation = self.probation.and_then(|probation| probation.after(&self.turns, &rad, excess));
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         let contradicted = if self.contradiction.is_some() {
@@ -195,6 +202,9 @@ impl RotationWatch {
         } else {
             self.begin_contradiction(&newest, frame, &sigmas)
         };
+        if self.contradiction.is_some() {
+            self.doubtful = Vector3::zeros();
+        }
         contradicted.or(begun)
     }
 
@@ -314,7 +324,8 @@ impl RotationWatch {
             Some(Culprit::Images(late_s)) => late_s,
             _ => 0.0,
         };
-        if late_s == 0.0 && self.left_m == 0.0 && self.left_rad == 0.0 {
+        let is_doubtful = self.doubtful != Vector3::zeros();
+        if late_s == 0.0 && self.left_m == 0.0 && self.left_rad == 0.0 && !is_doubtful {
             return None;
         }
         let mut added = NavCovariance::zeros();
@@ -331,6 +342,7 @@ impl RotationWatch {
         let up_b = nav.rot_o_b.inverse() * Vector3::z();
         let mut of_rotation = added.fixed_view_mut::<3, 3>(NavState::ROT, NavState::ROT);
         of_rotation += up_b * up_b.transpose() * (self.left_rad.squared() - tilt_rad.squared());
+        of_rotation += self.doubtful * self.doubtful.transpose();
         Some(added)
     }
 }
