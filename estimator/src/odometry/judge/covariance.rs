@@ -11,7 +11,8 @@ impl Judge {
     /// The covariance of the newest frame, with what sensors that contradict each other may hide, and what vibration makes of
     /// its velocity.
     pub(in crate::odometry) fn stated_covariance(&self, estimation: &Estimation) -> NavCovariance {
-        let covariance = estimation.covariance;
+        // Whoever is wrong: frames correct so much more than this explains.
+        let covariance = estimation.covariance * self.noise.disagreement();
         let Some(newest) = estimation.window.frames.last() else { return covariance };
         let added = self.gyroscope.added_covariance(&newest.nav, &estimation.turn_rate_b());
         let mut stated = added.map_or(covariance, |added| covariance + added);

@@ -172,6 +172,11 @@ impl NoiseScale {
         }
     }
 
+    /// Mean square of what frames correct, as a multiple of what is expected; 1 at least.
+    pub(super) fn disagreement(&self) -> f64 {
+        self.position.ratio().at_least(self.velocity.ratio()).at_least(1.0)
+    }
+
     /// True if the forces are plainly noisier than stated.
     fn is_reported(&self) -> bool {
         self.variance > REPORTED_VARIANCE && self.judged_s > REPORTED_AFTER_S
