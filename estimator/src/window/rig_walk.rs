@@ -86,18 +86,20 @@ pub(super) struct RigWalk {
     walked_to: Option<Timestamp>,
     /// Share of the configured information that each parameter of the prior still has.
     weights: SVector<f64, RIG_DIM>,
+    /// Error of focal length and baseline by the frame before, where that refuted the configured value, else 0: a single solution that has not
+    /// settled proves nothing.
+    refuted_before: [f64; 2],
 }
 
 impl RigWalk {
     /// Walk with a memory of `memory_s`; a constant for 0.
     pub(super) fn new(memory_s: f64) -> Self {
-        Self { memory_s, walked_to: None, weights: SVector::repeat(1.0) }
+        Self { memory_s, walked_to: None, weights: SVector::repeat(1.0), refuted_before: [0.0; 2] }
     }
 
     /// Forgets since when, and what was refuted.
     pub(super) fn clear(&mut self) {
-        self.walked_to = None;
-        self.weights = SVector::repeat(1.0);
+        *self = Self::new(self.memory_s);
     }
 
     /// Share of `floor²` to walk by until `now`.
@@ -168,7 +170,7 @@ impl Window {
             || is_far(of_baseline, sigmas[Rig::P_C0_C1] / p_c0_c1.norm())
     }
 
-    /// Widens the priors of focal length and baseline where the newest solution refutes them.
+    /// Widens the priors of focal length and baseline where the newest two solutions refute them.
     pub fn refute_configured_rig(&mut self) {
         let mut focal = SVector::<f64, RIG_DIM>::zeros();
         // The pair ties its lenses to each other: apart, either looks as well known as its prior makes the other.
@@ -177,11 +179,15 @@ impl Window {
         let p_c0_c1 = self.configured_rig.pose_c0_c1.translation.vector;
         baseline.fixed_rows_mut::<3>(Rig::P_C0_C1).copy_from(&p_c0_c1.try_normalize(0.0).unwrap_or_default());
         // Forces have errors of scale themselves.
-        for (along, least) in [(focal, 0.0), (baseline, LEAST_OFF * p_c0_c1.norm())] {
+        for (which, (along, least)) in
+            [(focal, 0.0), (baseline, LEAST_OFF * p_c0_c1.norm())].into_iter().enumerate()
+        {
             let off = self
                 .refuted_by(&along)
                 .filter(|off| off.abs() > least && !self.is_of_accelerometer(off * along.dot(&baseline)));
-            if let Some(off) = off {
+            let before = &mut self.rig_walk.refuted_before[which];
+            let before = std::mem::replace(before, off.unwrap_or_default());
+            if let Some(off) = off.filter(|off| off * before > 0.0) {
                 for k in (0..RIG_DIM).filter(|k| along[*k] != 0.0) {
                     self.weigh_configured(k, (self.options.rig_sigmas[k] / off).squared());
                 }
@@ -412,6 +418,8 @@ mod tests {
             let before = window.prior.equations.get(a, a);
             assert!(solve_focal(&mut window).0.abs() < 1.0);
             window.refute_configured_rig();
+            assert_eq!(window.prior.equations.get(a, a), before, "by a single solution");
+            window.refute_configured_rig();
             let (found, sigma) = solve_focal(&mut window);
             assert_eq!(window.prior.equations.get(a, a) < before, is_refuted, "{off}");
             assert_eq!(
@@ -438,7 +446,7 @@ mod tests {
             window.prior.equations.gradient_mut()[k] -= share * p_c0_c1.norm() * 2e-4_f64.powi(-2);
             let before = window.prior.equations.get(k, k);
             let _ = solve_focal(&mut window);
-            window.refute_configured_rig();
+            (0..2).for_each(|_| window.refute_configured_rig());
             assert_eq!(window.prior.equations.get(k, k) < before, is_refuted, "{share}");
         }
     }
