@@ -95,7 +95,7 @@ pub struct Estimate {
     #[field(14)]
     pub figures: FrameFigures,
     /// Variances of the biases: gyroscope (rad²/s²), accelerometer (m²/s⁴).
-    #[field(15, columns = (26, &[
+    #[field(15, columns = (25, &[
         "var_bias_gyro_x_rad2_s2", "var_bias_gyro_y_rad2_s2", "var_bias_gyro_z_rad2_s2",
         "var_bias_accel_x_m2_s4", "var_bias_accel_y_m2_s4", "var_bias_accel_z_m2_s4",
     ]))]
@@ -136,29 +136,26 @@ pub struct FrameFigures {
     /// Line segments found in the left image.
     #[field(4, columns = (17, &["lines_raw"]))]
     pub lines_raw: u32,
-    /// Line segments that are long enough.
+    /// The clearest line segments, as the whole image confirmed them.
     #[field(5, columns = (18, &["lines_kept"]))]
     pub lines_kept: u32,
-    /// Line segments after merging.
-    #[field(6, columns = (19, &["lines_merged"]))]
-    pub lines_merged: u32,
-    /// Merged line segments that continue a track.
-    #[field(7, columns = (20, &["lines_matched"]))]
+    /// Line segments that continue a track.
+    #[field(7, columns = (19, &["lines_matched"]))]
     pub lines_matched: u32,
     /// Images whose line budget was spent before their last seed.
-    #[field(8, columns = (21, &["lines_cut_short"]))]
+    #[field(8, columns = (20, &["lines_cut_short"]))]
     pub lines_cut_short: u32,
     /// Line landmarks in the window after this frame.
-    #[field(9, columns = (22, &["lines_in_window"]))]
+    #[field(9, columns = (21, &["lines_in_window"]))]
     pub lines_in_window: u32,
     /// Keyframes in the window.
-    #[field(10, columns = (23, &["keyframes"]))]
+    #[field(10, columns = (22, &["keyframes"]))]
     pub keyframes: u32,
     /// Solver iterations.
-    #[field(11, columns = (24, &["iterations"]))]
+    #[field(11, columns = (23, &["iterations"]))]
     pub iterations: u32,
     /// True if this frame became a keyframe.
-    #[field(12, at = 530, columns = (25, &["is_keyframe"]))]
+    #[field(12, at = 530, columns = (24, &["is_keyframe"]))]
     pub is_keyframe: bool,
 }
 

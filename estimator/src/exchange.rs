@@ -46,7 +46,7 @@ pub struct Tracked {
     pub health: HealthBits,
     /// Figures of the front-end; those of the window are still zero.
     pub figures: FrameFigures,
-    /// The texture in view repeats itself: the front-end asks for [`Feedback::known_state`].
+    /// The texture in view repeats itself: the front-end asks for [`Feedback::known_points`].
     pub is_repeating: bool,
     /// With such texture: the turn since the frame before by corners of their own, if they agree about one.
     pub turn: Option<WitnessedTurn>,
@@ -97,10 +97,9 @@ pub struct Feedback {
     pub untracked_camera: Option<usize>,
     /// Resets so far.
     pub reset_counter: u32,
-    /// State of the frame that was solved, by which points are predicted; `None` unless the front-end asked for
-    /// it and it can be relied on.
+    /// State of the frame that was solved, by which points and lines are predicted; `None` unless it can be relied on.
     pub known_state: Option<KnownState>,
-    /// Landmarks that this frame sees, in order of their tracks; none without [`Self::known_state`].
+    /// Landmarks that this frame sees, in order of their tracks; none unless the front-end asked for them.
     pub known_points: Vec<KnownPoint>,
     /// The frame that was solved, as places want to know it.
     pub solved: SolvedFrame,

@@ -230,6 +230,7 @@ impl FrontEnd {
         let input = TrackerInput { images, rot_prev_cur };
         let motion = leg.as_ref().and_then(|leg| self.predicted_motion(leg));
         self.last_motion = leg;
+        let pose_prev_cur_b = motion.as_ref().map(|motion| &motion.pose_prev_cur_b);
         self.points.set_prediction(motion.as_ref(), &self.known_points);
         self.turn_rows(stamp);
         self.points.set_limit(budget.share_of(self.max_points));
@@ -247,7 +248,7 @@ impl FrontEnd {
                         points.track(&input, fork, point_probe);
                     },
                     &mut || {
-                        lines.track(&input.images, &input.rot_prev_cur, fork, line_probe);
+                        lines.track(&input.images, &input.rot_prev_cur, pose_prev_cur_b, fork, line_probe);
                     },
                 );
             }
@@ -379,7 +380,6 @@ impl FrontEnd {
             let (of_frame, figures) = (&mut tracked.figures, lines.figures());
             of_frame.lines_raw = figures.left.raw;
             of_frame.lines_kept = figures.left.kept;
-            of_frame.lines_merged = figures.left.merged;
             of_frame.lines_matched = figures.matched;
             of_frame.lines_cut_short = figures.cut_short;
         }

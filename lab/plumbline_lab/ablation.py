@@ -10,13 +10,12 @@ from .flights import Flight
 from .summaries import column, number, pipe
 
 NO_PLACES = "estimator.places.enabled=false"
-FILTER, MERGE = "estimator.lines.length_filter", "estimator.lines.merge"
+FILTER = "estimator.lines.length_filter"
 # The odometry is the same with and without places: only the last variant makes a map.
 VARIANTS = {
     "points": ("estimator.lines.enabled=false", NO_PLACES),
-    "+ raw segments": (f"{FILTER}=false", f"{MERGE}=false", NO_PLACES),
-    "+ length filter": (f"{FILTER}=true", f"{MERGE}=false", NO_PLACES),
-    "+ filter and merging": (f"{FILTER}=true", f"{MERGE}=true"),
+    "+ raw segments": (f"{FILTER}=false", NO_PLACES),
+    "+ length filter": (f"{FILTER}=true",),
 }
 STAGES = ("extract", "describe", "match")
 
@@ -38,15 +37,15 @@ def tables(table: pd.DataFrame) -> str:
         for name in list(VARIANTS)[1:]:
             times = [column(rows, f"stage_ms.lines_{stage}.p50").get(name, np.nan) for stage in STAGES]
             figures = [number(time, 2) for time in (*times, sum(times))]
-            segments.append([label, name, number(column(rows, "lines.merged").get(name, np.nan), 0), *figures])
+            segments.append([label, name, number(column(rows, "lines.kept").get(name, np.nan), 0), *figures])
         ates = [column(rows, "ate_rmse_m").get(name, np.nan) for name in VARIANTS]
-        last = rows.loc[["+ filter and merging"]]
+        last = rows.loc[["+ length filter"]]
         # Without a loop the map adds nothing.
         has_loops = column(last, "places.loops_used").iloc[0] > 0
         of_map = [column(last, f"places.ate_{kind}_rmse_m").iloc[0] if has_loops else np.nan for kind in ("map", "final")]
         errors.append([label, *ates, *of_map])
     head = [*VARIANTS, "+ loops, as flown", "as known at the end"]
-    known = pd.DataFrame(errors, columns=["flight", *head]).dropna(subset=head[:4], how="all").dropna(axis=1, how="all")
+    known = pd.DataFrame(errors, columns=["flight", *head]).dropna(subset=list(VARIANTS), how="all").dropna(axis=1, how="all")
     text = pipe(segments, ["flight", "variant", "segments", *(f"{stage} ms" for stage in STAGES), "sum ms"])
     if known.empty:
         return text

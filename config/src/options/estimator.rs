@@ -144,18 +144,6 @@ pub struct LinesConfig {
     /// Apply the adaptive length threshold.
     #[key(default = true, experiment)]
     pub length_filter: bool,
-    /// Join broken segments.
-    #[key(default = true, experiment)]
-    pub merge: bool,
-    /// Widening of a segment's outer rectangle across the segment for joining, px.
-    #[key(default = 1.0, range = 0.0..=50.0, unit = PIXELS, experiment)]
-    pub merge_across_px: f64,
-    /// Widening of a segment's outer rectangle along the segment for joining, px.
-    #[key(default = 10.0, range = 0.0..=200.0, unit = PIXELS, experiment)]
-    pub merge_along_px: f64,
-    /// Smallest angle threshold for joining, degrees.
-    #[key(default = 2.0, range = 0.0..=45.0, unit = DEGREES, experiment)]
-    pub merge_angle_deg: f64,
     /// Largest number of edge pixels visited in an image. At this limit, the strongest segments found so far are used.
     #[key(default = 24_000, range = 1000..=100_000_000)]
     pub max_visits: usize,
@@ -177,7 +165,7 @@ pub struct LinesConfig {
     pub max_landmarks: usize,
     /// Standard deviation of a segment's end points, across the segment. It is larger for real lenses than for
     /// simulated ones.
-    #[key(default = 0.2, range = 0.01..=20.0, unit = PIXELS)]
+    #[key(default = 0.3, range = 0.01..=20.0, unit = PIXELS)]
     pub sigma_px: f64,
 }
 

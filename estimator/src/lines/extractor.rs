@@ -3,14 +3,13 @@
 //! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
 //! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough by the paper's length
 //! filter ([`super::filter`]) the clearest are found anew in the whole image, from end to end ([`super::refine`]), and must be
-//! meaningful there ([`super::validation`]); the paper's merging follows ([`super::merge`]).
+//! meaningful there ([`super::validation`]).
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
 use super::filter;
 use super::gradient::{Gradients, REDUCTION, SCALE};
 use super::growth::Growth;
-use super::merge::Merger;
 use super::refine::Refiner;
 use super::seeds::Seeds;
 use super::segment::Segment;
@@ -39,8 +38,6 @@ pub struct ExtractionFigures {
     pub raw: u32,
     /// The clearest of those that the length filter left, as far as the whole image confirmed them.
     pub kept: u32,
-    /// Segments after merging.
-    pub merged: u32,
     /// Edge pixels visited.
     pub visits: u32,
     /// The budget was spent before the last ridge was a seed or the last seed grown.
@@ -57,13 +54,11 @@ pub struct LineExtractor {
     growth: Growth,
     validation_at_half: Validation,
     validation: Validation,
-    merger: Merger,
     refiner: Refiner,
     seeds: Seeds,
     raw: Vec<Segment>,
     candidates: Vec<Segment>,
     kept: Vec<Segment>,
-    merged: Vec<Segment>,
     figures: ExtractionFigures,
     max_visits: usize,
     max_segments: usize,
@@ -96,13 +91,11 @@ impl LineExtractor {
             growth: Growth::new(halved_width, halved_height),
             validation_at_half: Validation::new(halved_width, halved_height, ALIGNED_BY_CHANCE_AT_HALF),
             validation: Validation::new(width, height, ALIGNED_BY_CHANCE),
-            merger: Merger::new(options),
             refiner: Refiner::new(width, height),
             seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_SEED),
             raw: Vec::with_capacity(options.max_raw),
             candidates: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
-            merged: Vec::with_capacity(options.max_raw),
             figures: ExtractionFigures::default(),
             max_visits: options.max_visits,
             max_segments: options.max_segments,
@@ -127,9 +120,9 @@ impl LineExtractor {
         &self.gradients
     }
 
-    /// Segments of the last image after filter and merging, clearest first.
+    /// Segments of the last image after the filter, clearest first.
     pub fn segments(&self) -> &[Segment] {
-        &self.merged
+        &self.kept
     }
 
     /// Work and outcome of the last image.
@@ -140,23 +133,30 @@ impl LineExtractor {
     /// The segments of an image, clearest first; `None`, and nothing is changed, when its size is not the
     /// extractor's.
     pub fn extract(&mut self, image: &ImageView<'_>) -> Option<&[Segment]> {
-        if image.width() != self.width || image.height() != self.height {
+        if !self.is_for(image) {
             return None;
         }
         let threshold = self.threshold();
         self.seeds.find(&mut self.gradients, image, threshold, self.mask.as_ref().map(|mask| &mask.halved));
         self.find();
         self.keep(image);
-        self.merged.clear();
-        if self.options.merge {
-            self.merger.merge(&self.kept, &mut self.merged);
-        } else {
-            self.merged.extend_from_slice(&self.kept);
-        }
         self.figures.raw = self.raw.len() as u32;
         self.figures.kept = self.kept.len() as u32;
-        self.figures.merged = self.merged.len() as u32;
-        Some(&self.merged)
+        Some(&self.kept)
+    }
+
+    /// True if an image has the size of the extractor.
+    pub(super) fn is_for(&self, image: &ImageView<'_>) -> bool {
+        image.width() == self.width && image.height() == self.height
+    }
+
+    /// The edge near `guide` as the image confirms it, if it is long enough among those of the last search.
+    pub(super) fn find_near(&mut self, image: &ImageView<'_>, guide: &Segment) -> Option<Segment> {
+        let least = self.least_length_px(self.raw.len());
+        let refined = self.refiner.refine(image, guide, self.mask.as_ref().map(|mask| &mask.whole))?;
+        let is_sound =
+            refined.segment.length() >= least && self.validation.is_meaningful(refined.tried, refined.found);
+        is_sound.then_some(refined.segment)
     }
 
     /// Finds the clearest of those that are long enough in the whole image.
@@ -167,14 +167,10 @@ impl LineExtractor {
         filter::clearest_first(&mut self.candidates);
         self.candidates.truncate(self.max_segments);
         self.kept.clear();
-        let mask = self.mask.as_ref().map(|mask| &mask.whole);
-        for coarse in &self.candidates {
-            if let Some(refined) = self.refiner.refine(image, coarse, mask)
-                && refined.segment.length() >= least
-                && self.validation.is_meaningful(refined.tried, refined.found)
-            {
-                self.kept.push(refined.segment);
-            }
+        for k in 0..self.candidates.len() {
+            let coarse = self.candidates[k];
+            let found = self.find_near(image, &coarse);
+            self.kept.extend(found);
         }
         filter::clearest_first(&mut self.kept);
     }

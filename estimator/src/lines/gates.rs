@@ -107,35 +107,35 @@ impl StereoGate {
         StereoCandidate { segment: *line, plane, baseline, is_aslant }
     }
 
-    /// True if a right segment may be the same edge: the planes of both meet in front of the cameras, where
-    /// both see it.
-    pub fn admits(&self, left: &StereoExpected, right: &StereoCandidate) -> bool {
+    /// Inverse depths at the ends of a left segment, 1/m, if the right one may be the same edge: the planes of both meet in front of the
+    /// cameras, where both see it. They are 0 for an edge along the epipolar lines.
+    pub fn meet(&self, left: &StereoExpected, right: &StereoCandidate) -> Option<[f64; 2]> {
         let StereoCandidate { segment, plane, baseline, is_aslant } = right;
         if left.direction.dot(&segment.direction) < MIN_COS_STEREO {
-            return false;
+            return None;
         }
-        let mut seen = [Vector2::zeros(); 2];
-        for (to, q) in seen.iter_mut().zip(&left.far) {
+        let (mut seen, mut rhos) = ([Vector2::zeros(); 2], [0.0; 2]);
+        for ((to, at), q) in seen.iter_mut().zip(&mut rhos).zip(&left.far) {
             // The ray `q + rho t` meets the right plane.
             let rho = if *is_aslant {
                 -q.dot(plane) / baseline
             } else if q.dot(plane).abs() <= self.gate * q.z {
                 0.0
             } else {
-                return false;
+                return None;
             };
             if !(-INVERSE_DEPTH_MARGIN..=1.0 / NEAREST_M).contains(&rho) {
-                return false;
+                return None;
             }
             let met = q + self.baseline.translation * rho;
             if met.z < 0.1 {
-                return false;
+                return None;
             }
-            *to = met.xy() / met.z;
+            (*to, *at) = (met.xy() / met.z, rho);
         }
         let length = (seen[1] - seen[0]).norm();
         let direction = (seen[1] - seen[0]) / length.at_least(f64::MIN_POSITIVE);
-        overlap(&seen[0], &direction, length, &segment.ends_xy) >= MIN_OVERLAP
+        (overlap(&seen[0], &direction, length, &segment.ends_xy) >= MIN_OVERLAP).then_some(rhos)
     }
 }
 
@@ -165,7 +165,7 @@ mod tests {
         let gate =
             StereoGate { baseline: Baseline { rotation: Rotation3::identity(), translation }, gate: 0.005 };
         let admits = |l: &ImageLine, r: &ImageLine| {
-            gate.expect(l).is_some_and(|e| gate.admits(&e, &gate.candidate(r)))
+            gate.expect(l).is_some_and(|e| gate.meet(&e, &gate.candidate(r)).is_some())
         };
         let left = line((0.1, -0.2), (0.12, 0.3));
         // Two metres away: 0.055 to the left.

@@ -6,11 +6,10 @@
 //! 2. [`growth`]: edges followed from the strongest ridges;
 //! 3. [`filter`]: those that are too short by the paper's adaptive threshold are left out; [`refine`]: where the others lie in
 //!    the whole image, from end to end; [`validation`]: those that are no chance;
-//! 4. [`merge`]: broken segments are joined;
-//! 5. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
-//! 6. [`measurement`]: its line without the distortion of the lens.
+//! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
+//! 5. [`measurement`]: its line without the distortion of the lens.
 //!
-//! [`LineTracker`] does all of this for each frame of one or two cameras.
+//! [`LineTracker`] does all of this in one frame of three, for one or two cameras; in the others it refines what it follows alone.
 
 pub mod descriptor;
 pub mod extractor;
@@ -21,7 +20,6 @@ pub(crate) mod gradient;
 pub(crate) mod growth;
 pub mod matching;
 pub(crate) mod measurement;
-pub mod merge;
 pub(crate) mod refine;
 pub(crate) mod seeds;
 pub(crate) mod segment;

@@ -7,7 +7,7 @@
 //! all these places by total least squares.
 
 use super::growth::MAX_GAP;
-use super::segment::{Place, Segment};
+use super::segment::{NODES, Place, Segment};
 use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -34,6 +34,8 @@ const BENT_FROM_PLACES: usize = 5;
 /// A segment is crossed so often from end to end, at most: places twice as dense say little more, and the work of a segment
 /// has a bound.
 const MAX_CROSSINGS: f32 = 48.0;
+/// A segment is searched this far from where it is expected, px.
+const REACH: i32 = 4;
 /// At least this share of the crossings from end to end is found.
 const MIN_FOUND: f32 = 0.7;
 
@@ -72,7 +74,7 @@ impl Refiner {
         Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }
     }
 
-    /// Refines the edge `coarse` in the image; `None` where it is not seen. `coarse` is in pixels of the
+    /// Refines the edge `coarse`, off by up to [`REACH`], in the image; `None` where it is not seen. `coarse` is in pixels of the
     /// whole image, its strength in grey levels per halved pixel. Pixels hidden by `mask` are not looked at.
     pub fn refine(
         &mut self,
@@ -85,6 +87,7 @@ impl Refiner {
         let (first, last) = (a.at_most(b), a.at_least(b));
         let (centre, is_long) = (0.5 * (first + last), last - first >= BENT_FROM_PX);
         let expected = edge.curve_of(coarse, centre, is_long)?;
+        let expected = expected.moved(edge.offset(&expected, first, last)?);
         self.crossings.clear();
         let stride = (((last - first) / MAX_CROSSINGS).ceil() as usize).max(1);
         for major in (first.ceil() as isize..=last.floor() as isize).step_by(stride) {
@@ -164,6 +167,12 @@ impl Curve {
         Some(Self { centre, coefficients: coefficients.cast::<f32>().into() })
     }
 
+    /// The same, moved along the minor axis.
+    fn moved(&self, offset: f32) -> Self {
+        let [c0, c1, c2] = self.coefficients;
+        Self { coefficients: [c0 + offset, c1, c2], ..*self }
+    }
+
     fn at(&self, major: f32) -> f32 {
         let (t, [c0, c1, c2]) = (major - self.centre, self.coefficients);
         c0 + t * (c1 + t * c2)
@@ -219,6 +228,19 @@ impl<'a> Edge<'a> {
         Curve::through(places, centre, is_bent)
     }
 
+    /// How far the edge lies from where `expected` has it between two places, px along the minor axis: the least by which half of some
+    /// crossings find it.
+    fn offset(&self, expected: &Curve, first: f32, last: f32) -> Option<f32> {
+        let share = |k: usize| (k as f32 + 0.5) / NODES as f32;
+        let majors: [_; NODES] = std::array::from_fn(|k| (first + (last - first) * share(k)) as isize);
+        // 0, 1, -1, 2 and so on.
+        (1..2 * REACH + 2).map(|k| if k % 2 == 0 { k / 2 } else { -(k / 2) } as f32).find(|offset| {
+            let curve = expected.moved(*offset);
+            let is_there = |c: Crossing| curve.distance(&c) <= MAX_OFF_BEYOND_PX;
+            2 * majors.iter().filter(|m| self.cross(&curve, **m).is_some_and(is_there)).count() >= NODES
+        })
+    }
+
     /// Crosses the edge at a pixel of the major axis, near to where `expected` has it.
     #[inline(always)]
     fn cross(&self, expected: &Curve, major: isize) -> Option<Crossing> {
@@ -270,7 +292,7 @@ fn slope(level: &impl Fn(usize) -> u8, offset: isize) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::segment::{NODES, SegmentNode};
+    use super::super::segment::SegmentNode;
     use super::*;
     use plumbline_config::GrayImage;
 

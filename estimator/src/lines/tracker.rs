@@ -1,25 +1,29 @@
 //! The line front-end: images in, tracked segments out.
 //!
-//! Segments are found anew in every image, so that they do not drift, and tracked by matching them with those
-//! of the frame before, turned by the gyroscope and moved on as they moved last. A track that finds no
-//! segment is expected a few frames longer. The left camera leads; without its image no line is seen.
+//! Tracks are looked for in every image where they must be: by depth and predicted motion where both cameras saw a line aslant to its
+//! epipolar lines, else by the turn and their motion of the last frame. All other segments are sought in one frame of [`SEARCH_EVERY`],
+//! and where most tracks are not found; they continue tracks that were missed, by their looks, or begin new ones. The edge is found anew
+//! in every image, so that nothing drifts. A track that finds no segment is expected a few frames longer. The left camera leads; without
+//! its image no line is seen.
 
 use super::descriptor::{Describer, LineDescriptor};
 use super::extractor::{ExtractionFigures, LineExtractor};
 use super::gates::{Expected, StereoCandidate, StereoGate};
 use super::matching::LineMatcher;
 use super::measurement::ImageLine;
-use super::segment::Segment;
+use super::segment::{NODES, Segment, SegmentNode};
 use crate::estimate::{Stage, StageProbe};
 use crate::points::rig::{Baseline, RigCamera};
 use crate::shutter::RowTurns;
 use crate::work_budget::{Fork, WorkBudget};
-use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
 use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{CameraModel, ImageView};
 
-/// A track is expected for this many frames without being seen.
-const MAX_MISSED: u32 = 3;
+/// Lines are sought in one of so many frames, and a track that is not seen is expected in so many.
+const SEARCH_EVERY: u32 = 3;
+/// Segments that lie within this distance of each other are one edge, px.
+const SAME_EDGE_PX: f64 = 1.0;
 /// A new track is looked for within this distance, px; one whose motion is known within the second.
 const GATE_NEW_PX: f64 = 25.0;
 const GATE_KNOWN_PX: f64 = 8.0;
@@ -57,6 +61,10 @@ struct View {
     segments: Vec<Segment>,
     lines: Vec<ImageLine>,
     descriptors: Vec<LineDescriptor>,
+    /// Where tracks, by their index, are expected in the image.
+    guides: Vec<(u16, Segment)>,
+    /// Tracks of the segments that were found there.
+    followed: Vec<u16>,
 }
 
 impl View {
@@ -69,26 +77,63 @@ impl View {
             segments: Vec::with_capacity(room),
             lines: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
+            guides: Vec::with_capacity((1 + SEARCH_EVERY as usize) * room),
+            followed: Vec::with_capacity(room),
         }
     }
 
-    fn extract(&mut self, image: Option<&ImageView<'_>>) {
+    /// Finds the segments of an image that tracks are expected to have.
+    fn follow(&mut self, image: Option<&ImageView<'_>>) {
         self.segments.clear();
         self.lines.clear();
-        self.descriptors.clear();
-        self.is_new = image.is_some_and(|i| self.extractor.extract(i).is_some());
-        if self.is_new {
-            for segment in self.extractor.segments() {
-                if let Some(line) = ImageLine::of(segment, &self.camera) {
-                    self.segments.push(*segment);
-                    self.lines.push(line);
-                }
+        self.followed.clear();
+        let image = image.filter(|image| self.extractor.is_for(image));
+        self.is_new = image.is_some();
+        let Some(image) = image else { return };
+        for k in 0..self.guides.len() {
+            let (track, guide) = self.guides[k];
+            if self.extractor.find_near(image, &guide).is_some_and(|segment| self.add(&segment)) {
+                self.followed.push(track);
             }
         }
     }
 
+    /// Expects a track between two ends, as far as there is room.
+    fn guide(&mut self, track: usize, [a, b]: [Vector2<f64>; 2], strength: f32) -> Option<()> {
+        let mut nodes = [SegmentNode { px: Vector2::zeros(), weight: 1.0 }; NODES];
+        for (k, node) in nodes.iter_mut().enumerate() {
+            let xy: Vector2<f64> = a + (b - a) * (k as f64 / (NODES - 1) as f64);
+            node.px = self.camera.project(&xy.push(1.0))?.0.cast();
+        }
+        let (start, end) = (nodes[0].px, nodes[NODES - 1].px);
+        self.guides.push((track as u16, Segment { start, end, nodes, strength, support: NODES as f32 }));
+        Some(())
+    }
+
+    /// Adds all other segments of the image.
+    fn extract(&mut self, image: Option<&ImageView<'_>>) {
+        let image = image.filter(|_| self.is_new);
+        for k in 0..image.and_then(|image| self.extractor.extract(image)).map_or(0, <[_]>::len) {
+            let segment = self.extractor.segments()[k];
+            self.add(&segment);
+        }
+    }
+
+    /// Adds a segment if there is room, and its edge has none yet.
+    fn add(&mut self, segment: &Segment) -> bool {
+        let gate = SAME_EDGE_PX / self.camera.focal_px();
+        let line = ImageLine::of(segment, &self.camera).filter(|line| {
+            let place = Expected::new(&line.ends_xy, gate);
+            self.lines.len() < self.lines.capacity() && !self.lines.iter().any(|other| place.admits(other))
+        });
+        self.segments.extend(line.map(|_| *segment));
+        self.lines.extend(line);
+        line.is_some()
+    }
+
     fn describe(&mut self, describer: &Describer) {
         let gradients = self.extractor.gradients();
+        self.descriptors.clear();
         self.descriptors.extend(self.segments.iter().map(|s| describer.describe(gradients, s)));
     }
 }
@@ -104,6 +149,21 @@ struct Track {
     drift: Option<f64>,
     /// Index of its segment in the left image.
     seen: Option<u16>,
+    /// Mean gradient of its segments, where seen, grey levels per pixel.
+    strength: [Option<f32>; 2],
+    /// Inverse depths of its ends in the left camera, 1/m, where both see it; 0 where it lies along epipolar lines.
+    rho: [f64; 2],
+}
+
+impl Track {
+    /// Goes on as segment `j` of the left image.
+    fn see(&mut self, j: usize, left: &View) {
+        let line = &left.lines[j];
+        let moved = Expected::new(&self.ends_xy, 0.0).offset_of(&line.ends_xy);
+        self.drift = Some(moved / f64::from(1 + self.missed));
+        (self.ends_xy, self.seen) = (line.ends_xy, Some(j as u16));
+        (self.strength, self.rho) = ([Some(left.segments[j].strength), None], [0.0; 2]);
+    }
 }
 
 /// Tracks line segments through the images of one or two cameras. Everything is allocated at construction.
@@ -123,6 +183,8 @@ pub struct LineTracker {
     figures: LineFigures,
     max_tracks: usize,
     next_id: u32,
+    /// Frames since lines were sought.
+    since_search: u32,
 }
 
 impl LineTracker {
@@ -130,7 +192,7 @@ impl LineTracker {
     #[must_use]
     pub fn new(options: &LinesConfig, cameras: &[CameraModel]) -> Self {
         // Each segment of the frames in which a track may be missed may have begun one.
-        let room = (1 + MAX_MISSED as usize) * options.max_segments;
+        let room = (1 + SEARCH_EVERY as usize) * options.max_segments;
         Self {
             views: cameras.iter().take(2).map(|c| View::new(*c, options)).collect(),
             describer: Describer::default(),
@@ -145,6 +207,7 @@ impl LineTracker {
             figures: LineFigures::default(),
             max_tracks: room,
             next_id: 0,
+            since_search: 0,
         }
     }
 
@@ -190,33 +253,43 @@ impl LineTracker {
     }
 
     /// Tracks lines into a frame, and returns those seen in it, in order of track id; `rot_prev_cur` takes
-    /// coordinates of the current body frame to those of the last call's. An image of the wrong size counts as
-    /// missing. Stages are timed by `probe`; which threads of `fork` do the work has no say in the outcome.
+    /// coordinates of the current body frame to those of the last call's, and so does `motion`, where it is known. An image of the
+    /// wrong size counts as missing. Stages are timed by `probe`; which threads of `fork` do the work has no say in the outcome.
     pub fn track(
         &mut self,
         images: &[Option<ImageView<'_>>; 2],
         rot_prev_cur: &UnitQuaternion<f64>,
+        motion: Option<&Isometry3<f64>>,
         fork: &dyn Fork,
         probe: &mut impl StageProbe,
     ) -> &[LineObservation] {
         probe.begin(Stage::LinesExtract);
-        each_view(fork, &mut self.views, &|k, view| view.extract(images[k].as_ref()));
+        self.expect(rot_prev_cur, motion);
+        each_view(fork, &mut self.views, &|k, view| view.follow(images[k].as_ref()));
+        let is_search = self.since_search >= SEARCH_EVERY - 1 || !self.are_followed();
+        self.since_search = if is_search { 0 } else { self.since_search + 1 };
+        if is_search {
+            each_view(fork, &mut self.views, &|k, view| view.extract(images[k].as_ref()));
+        }
         probe.end(Stage::LinesExtract);
         probe.begin(Stage::LinesDescribe);
-        each_view(fork, &mut self.views, &|_, view| view.describe(&self.describer));
+        if is_search {
+            each_view(fork, &mut self.views, &|_, view| view.describe(&self.describer));
+            let figures = |view: &View| view.extractor.figures();
+            self.figures.left = self.views.first().map(figures).unwrap_or_default();
+            let cut_short = self.views.iter().filter(|v| v.is_new && figures(v).is_cut_short);
+            self.figures.cut_short = cut_short.count() as u32;
+        }
         probe.end(Stage::LinesDescribe);
         probe.begin(Stage::LinesMatch);
-        self.figures = LineFigures {
-            left: self.views.first().map(|v| v.extractor.figures()).unwrap_or_default(),
-            cut_short: self.views.iter().filter(|v| v.is_new && v.extractor.figures().is_cut_short).count()
-                as u32,
-            ..LineFigures::default()
-        };
-        self.expect(rot_prev_cur);
-        self.continue_tracks();
-        self.begin_tracks();
-        self.pair();
+        self.continue_followed(is_search);
+        if is_search {
+            self.continue_tracks();
+            self.begin_tracks();
+        }
+        self.pair(is_search);
         self.observe();
+        self.end_tracks();
         probe.end(Stage::LinesMatch);
         &self.observations
     }
@@ -231,52 +304,82 @@ impl LineTracker {
         }
     }
 
-    /// Turns the tracks into this frame: where each is expected.
-    fn expect(&mut self, rot_prev_cur: &UnitQuaternion<f64>) {
+    /// Turns the tracks into this frame: where each is expected, and as far as its motion is known, where each camera must see it.
+    fn expect(&mut self, rot_prev_cur: &UnitQuaternion<f64>, motion: Option<&Isometry3<f64>>) {
         let Some(left) = self.views.first() else { return };
-        let rot_b_c = left.camera.pose_b_c.rotation;
-        let rot_cur_prev = (rot_b_c.inverse() * rot_prev_cur.inverse() * rot_b_c).to_rotation_matrix();
-        let focal_px = left.camera.focal_px();
+        let (pose_b_left, focal_px) = (left.camera.pose_b_c, left.camera.focal_px());
+        let turn = Isometry3::from_parts(Translation3::identity(), *rot_prev_cur);
         self.expected.clear();
-        for track in &mut self.tracks {
+        self.views.iter_mut().for_each(|view| view.guides.clear());
+        for (i, track) in self.tracks.iter_mut().enumerate() {
             track.seen = None;
-            self.expected.push(turned(&rot_cur_prev, &track.ends_xy).map(|ends_xy| {
+            let motion = motion.filter(|_| track.rho != [0.0; 2]);
+            let drift = if motion.is_some() { Some(0.0) } else { track.drift };
+            for (view, strength) in self.views.iter_mut().zip(track.strength) {
+                let pose_cur_prev = (motion.unwrap_or(&turn) * view.camera.pose_b_c).inverse() * pose_b_left;
+                let ends_xy = carried(&pose_cur_prev, &track.ends_xy, &track.rho);
+                if let (Some(ends_xy), Some(drift), Some(strength)) = (ends_xy, drift, strength) {
+                    view.guide(i, drifted(&ends_xy, drift), strength);
+                }
+            }
+            let turned = (turn * pose_b_left).inverse() * pose_b_left;
+            self.expected.push(carried(&turned, &track.ends_xy, &[0.0; 2]).map(|ends_xy| {
                 track.ends_xy = ends_xy;
-                let direction = (ends_xy[1] - ends_xy[0]).normalize();
-                let shift = Vector2::new(-direction.y, direction.x) * track.drift.unwrap_or(0.0);
                 let gate_px = if track.drift.is_some() { GATE_KNOWN_PX } else { GATE_NEW_PX };
-                Expected::new(&ends_xy.map(|xy| xy + shift), gate_px / focal_px)
+                Expected::new(&drifted(&ends_xy, track.drift.unwrap_or(0.0)), gate_px / focal_px)
             }));
         }
     }
 
-    /// Finds the tracks in the left image. Not inlined, nor is [`Self::pair`]: `make bench-instructions` tells stages apart by
-    /// their functions.
+    /// True if most tracks are where they must be.
+    fn are_followed(&self) -> bool {
+        self.views.first().is_some_and(|left| 2 * left.followed.len() > left.guides.len())
+    }
+
+    /// Tracks go on where they were followed to.
+    fn continue_followed(&mut self, is_search: bool) {
+        let Self { views, tracks, descriptors, is_taken, figures, .. } = self;
+        let Some(left) = views.first() else { return };
+        is_taken.clear();
+        for (j, &i) in left.followed.iter().enumerate() {
+            let i = usize::from(i);
+            tracks[i].see(j, left);
+            if is_search {
+                descriptors[i] = left.descriptors[j];
+            }
+        }
+        is_taken.resize(left.followed.len(), true);
+        figures.matched = left.followed.len() as u32;
+    }
+
+    /// Finds the tracks that were missed. Not inlined, nor is [`Self::pair`]: `make bench-instructions` tells stages apart by their
+    /// functions.
     #[inline(never)]
     fn continue_tracks(&mut self) {
         let Self { views, matcher, tracks, descriptors, expected, is_taken, figures, .. } = self;
         let Some(left) = views.first() else { return };
-        is_taken.clear();
         is_taken.resize(left.segments.len(), false);
-        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.lines[j]));
+        let admits = |i: usize, j: usize| {
+            let is_open = tracks[i].seen.is_none() && !is_taken[j];
+            is_open && expected[i].as_ref().is_some_and(|e| e.admits(&left.lines[j]))
+        };
         for &(i, j) in matcher.pairs(descriptors, &left.descriptors, admits) {
             let (i, j) = (usize::from(i), usize::from(j));
-            let track = &mut tracks[i];
-            let line = &left.lines[j];
-            track.drift = Some(
-                Expected::new(&track.ends_xy, 0.0).offset_of(&line.ends_xy) / f64::from(1 + track.missed),
-            );
-            track.ends_xy = line.ends_xy;
-            track.seen = Some(j as u16);
+            tracks[i].see(j, left);
             descriptors[i] = left.descriptors[j];
             is_taken[j] = true;
             figures.matched += 1;
         }
+    }
+
+    /// Ends tracks that were missed for too long, or are out of sight.
+    fn end_tracks(&mut self) {
+        let Self { tracks, descriptors, expected, .. } = self;
         let mut kept = 0;
         for i in 0..tracks.len() {
             let mut track = tracks[i];
             track.missed = if track.seen.is_some() { 0 } else { track.missed + 1 };
-            if track.missed <= MAX_MISSED && expected[i].is_some() {
+            if track.seen.is_some() || track.missed <= SEARCH_EVERY && expected[i].is_some() {
                 (tracks[kept], descriptors[kept]) = (track, descriptors[i]);
                 kept += 1;
             }
@@ -298,16 +401,19 @@ impl LineTracker {
                 ends_xy: line.ends_xy,
                 drift: None,
                 seen: Some(j as u16),
+                strength: [Some(left.segments[j].strength), None],
+                rho: [0.0; 2],
             });
             self.descriptors.push(left.descriptors[j]);
             self.next_id += 1;
         }
     }
 
-    /// Finds the left segments in the right image.
+    /// Finds the left segments in the right image: by the tracks that were followed there, and in a search by their looks. Notes their
+    /// depth.
     #[inline(never)]
-    fn pair(&mut self) {
-        let Self { views, matcher, candidates, partner, .. } = self;
+    fn pair(&mut self, is_search: bool) {
+        let Self { views, tracks, matcher, candidates, partner, .. } = self;
         let Some(left) = views.first() else { return };
         partner.clear();
         partner.resize(left.segments.len(), None);
@@ -318,15 +424,31 @@ impl LineTracker {
         };
         candidates.clear();
         candidates.extend(right.lines.iter().map(|line| gate.candidate(line)));
-        let mut expected = (usize::MAX, None);
-        let admits = |i: usize, j: usize| {
-            if expected.0 != i {
-                expected = (i, gate.expect(&left.lines[i]));
+        for (k, &i) in right.followed.iter().enumerate() {
+            let Some(j) = tracks[usize::from(i)].seen.map(usize::from) else { continue };
+            partner[j] = Some(k as u16);
+        }
+        if is_search {
+            let mut expected = (usize::MAX, None);
+            let admits = |i: usize, j: usize| {
+                if expected.0 != i {
+                    expected = (i, gate.expect(&left.lines[i]).filter(|_| partner[i].is_none()));
+                }
+                j >= right.followed.len()
+                    && expected.1.is_some_and(|e| gate.meet(&e, &candidates[j]).is_some())
+            };
+            for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
+                partner[usize::from(i)] = Some(j);
             }
-            expected.1.is_some_and(|e| gate.admits(&e, &candidates[j]))
-        };
-        for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
-            partner[usize::from(i)] = Some(j);
+        }
+        for track in tracks {
+            let Some(j) = track.seen.map(usize::from) else { continue };
+            let Some(k) = partner[j].map(usize::from) else { continue };
+            let met = gate.expect(&left.lines[j]).and_then(|e| gate.meet(&e, &candidates[k]));
+            match met {
+                Some(rho) => (track.rho, track.strength[1]) = (rho, Some(right.segments[k].strength)),
+                None => partner[j] = None,
+            }
         }
     }
 
@@ -357,11 +479,58 @@ fn each_view(fork: &dyn Fork, views: &mut [View], work: &(dyn Fn(usize, &mut Vie
     }
 }
 
-/// Ends of a far edge after a rotation of the camera; `None` out of its sight.
-fn turned(rot_cur_prev: &Rotation3<f64>, ends_xy: &[Vector2<f64>; 2]) -> Option<[Vector2<f64>; 2]> {
-    let turn = |xy: &Vector2<f64>| {
-        let q = rot_cur_prev * Vector3::new(xy.x, xy.y, 1.0);
+/// Ends that moved across their line.
+fn drifted(ends_xy: &[Vector2<f64>; 2], drift: f64) -> [Vector2<f64>; 2] {
+    let direction = (ends_xy[1] - ends_xy[0]).normalize();
+    ends_xy.map(|xy| xy + Vector2::new(-direction.y, direction.x) * drift)
+}
+
+/// Ends with these inverse depths by another camera; `None` out of its sight.
+fn carried(pose: &Isometry3<f64>, ends_xy: &[Vector2<f64>; 2], rho: &[f64; 2]) -> Option<[Vector2<f64>; 2]> {
+    let carry = |k: usize| {
+        let q = pose.rotation * ends_xy[k].push(1.0) + pose.translation.vector * rho[k];
         (q.z > 0.1).then(|| q.xy() / q.z)
     };
-    Some([turn(&ends_xy[0])?, turn(&ends_xy[1])?])
+    Some([carry(0)?, carry(1)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::work_budget::InTurn;
+    use plumbline_config::options::LinesConfig;
+    use plumbline_config::{Config, GrayImage};
+
+    /// A dark bar, upright and 20 px wide, from column `at` on, in the middle, where the lens hardly bends it.
+    fn bar(at: usize) -> GrayImage {
+        let is_bar = |k: usize| (at..at + 20).contains(&(k % 752)) && (180..300).contains(&(k / 752));
+        let pixels = (0..752 * 480).map(|k| if is_bar(k) { 40 } else { 180 });
+        GrayImage::from_pixels(752, 480, pixels.collect()).expect("size")
+    }
+
+    #[test]
+    fn a_line_that_moves_on_is_followed_between_searches() {
+        let model = Config::preset("sim").expect("is good").camera[0].model();
+        let mut tracker = LineTracker::new(&LinesConfig::default(), &[model]);
+        let mut ids = Vec::new();
+        // With a speed that changes by a pixel a frame.
+        for (k, at) in [300, 303, 307, 312, 318, 325].into_iter().enumerate() {
+            let image = bar(at);
+            let seen = tracker.track(
+                &[Some(image.view()), None],
+                &UnitQuaternion::identity(),
+                None,
+                &InTurn,
+                &mut (),
+            );
+            ids.push(seen.iter().map(|line| line.track_id).collect::<Vec<_>>());
+            let columns = seen.iter().filter_map(|line| line.segments[0]).map(|segment| segment.middle().x);
+            for (column, edge) in columns.zip([at as f32 - 0.5, at as f32 + 19.5]) {
+                assert!((column - edge).abs() < 0.1, "frame {k}: {column} px, not {edge}");
+            }
+            // It has no motion before it was seen twice.
+            assert_eq!(tracker.since_search == 0, [0, 1, 4].contains(&k), "frame {k}");
+        }
+        assert!(ids.iter().all(|seen| *seen == ids[0] && seen.len() == 2), "{ids:?}");
+    }
 }

@@ -17,7 +17,7 @@ const DIRECTION_SIGMA_PX: f64 = 0.3;
 const LEAST_BASELINE_M: f64 = 0.02;
 
 impl Odometer {
-    /// Writes what the front-end is to know of the newest frame, and of its state if it asked for that (`is_asked`).
+    /// Writes what the front-end is to know of the newest frame, and of its landmarks if it asked for them (`is_asked`).
     pub(super) fn write_feedback(&mut self, is_asked: bool, estimate: &Estimate, feedback: &mut Feedback) {
         let outliers = self.estimation.window.outliers();
         feedback.wrong_points.clone_from(&outliers.points);
@@ -61,11 +61,11 @@ impl Odometer {
         }
     }
 
-    /// Writes the state of the newest frame, and the landmarks that it sees, if the front-end asked and they can be relied on.
+    /// Writes the state of the newest frame, if it can be relied on, and the landmarks that it sees, if the front-end asked.
     fn write_known(&self, is_asked: bool, estimate: &Estimate, feedback: &mut Feedback) {
         feedback.known_points.clear();
-        feedback.known_state = if is_asked { self.known_state(estimate) } else { None };
-        if feedback.known_state.is_some() {
+        feedback.known_state = self.known_state(estimate);
+        if is_asked && feedback.known_state.is_some() {
             self.write_known_points(&mut feedback.known_points);
         }
     }

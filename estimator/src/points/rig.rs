@@ -77,7 +77,7 @@ impl RigCamera {
 
     /// Pixel of a direction at the time of the frame in this camera, its derivative by the normalized coordinates at the time of
     /// its row, and these.
-    pub(super) fn project(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
+    pub(crate) fn project(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
         let at_once = self.project_at_once(p_c)?;
         match self.rows.is_global() {
             true => Some(at_once),

@@ -66,11 +66,6 @@ pub trait Feature: Copy + Debug + PartialEq {
         1.0
     }
 
-    /// Independence of the errors of observations that are `dt_s` apart, `(1 - rho) / (1 + rho)` for a correlation `rho`.
-    fn independence(_dt_s: f64) -> f64 {
-        1.0
-    }
-
     /// Where the landmark is with its host camera at `host`.
     fn placed(&self, host: &CameraPose) -> Self::Placed;
 

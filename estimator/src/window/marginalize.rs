@@ -19,11 +19,11 @@
 use super::Window;
 use super::feature::Feature;
 use super::frame::Frame;
-use super::landmark::{Landmark, LandmarkStore};
+use super::landmark::{ERROR_MEMORY_S, Landmark, LandmarkStore};
 use super::linearize::Purpose;
 use super::prior::PIVOT_FLOOR;
 use super::problem::Problem;
-use super::reprojection::{ERROR_MEMORY_S, InversePoint, PATCH_VARIANCE};
+use super::reprojection::{InversePoint, PATCH_VARIANCE};
 use super::state::{FRAME_DIM, unknown_of_frame};
 use plumbline_config::Portable;
 

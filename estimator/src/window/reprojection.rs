@@ -28,10 +28,6 @@ pub(super) const MIN_FORWARD: f64 = 0.02;
 const MAX_INVERSE_DEPTH: f64 = 10.0;
 /// A little behind infinity is noise of a far point.
 const MIN_INVERSE_DEPTH: f64 = -0.02;
-/// Memory of the errors of a point, which is aligned with the patch of its first sight while the view changes slowly, s: their correlation is
-/// `1 / (1 + dt / memory)`. Measured on recorded images: see notes/covariance.md.
-pub(super) const ERROR_MEMORY_S: f64 = 0.4;
-
 /// Factor on the covariance of a patch's alignment, which assumes independent residuals of neighbouring pixels; they are not. Measured
 /// likewise; with two cameras the window follows what it is in the flight.
 pub const PATCH_VARIANCE: f64 = 16.0;
@@ -149,12 +145,6 @@ impl Feature for InversePoint {
     #[inline]
     fn sigma(options: &Options) -> f64 {
         options.point_sigma
-    }
-
-    #[inline]
-    fn independence(dt_s: f64) -> f64 {
-        let rho = ERROR_MEMORY_S / (ERROR_MEMORY_S + dt_s);
-        (1.0 - rho) / (1.0 + rho)
     }
 
     #[inline]

@@ -30,8 +30,8 @@ struct Row {
 
 fn detectors(size: (usize, usize)) -> opencv::Result<Vec<Detector>> {
     Ok(vec![
-        Detector::ours("ours, filter and merging", size, &LinesConfig::default()),
-        Detector::ours("ours, raw", size, &unfiltered(false)),
+        Detector::ours("ours", size, &LinesConfig::default()),
+        Detector::ours("ours, all", size, &unfiltered()),
         Detector::lsd()?,
         Detector::lsd_half()?,
         Detector::edge_drawing()?,
@@ -91,7 +91,7 @@ fn timed<T>(mut work: impl FnMut() -> T) -> f64 {
 /// which is the worst that can happen.
 fn measure_description(images: &[GrayImage]) -> Result<(), Box<dyn Error>> {
     let [first, second] = images.first_chunk::<2>().ok_or("two images are needed")?;
-    let options = unfiltered(false);
+    let options = unfiltered();
     let mut extractor = LineExtractor::new(first.width(), first.height(), &options);
     let describer = Describer::default();
     let mut described = Vec::new();

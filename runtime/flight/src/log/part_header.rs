@@ -15,7 +15,7 @@ pub const METADATA_NAME: &str = "plumbline";
 const FORMAT: &str = "1";
 
 /// Keys of configurations that earlier builds recorded, and this one has no use for.
-const RETIRED: [&str; 11] = [
+const RETIRED: [&str; 15] = [
     "ros.link",
     "ros.landmarks",
     "ros.map",
@@ -27,6 +27,10 @@ const RETIRED: [&str; 11] = [
     "estimator.lines.use_verticals",
     "estimator.lines.use_vanishing_directions",
     "estimator.lines.structure_sigma_deg",
+    "estimator.lines.merge",
+    "estimator.lines.merge_across_px",
+    "estimator.lines.merge_along_px",
+    "estimator.lines.merge_angle_deg",
 ];
 /// The table that the configuration of every build has which makes a map.
 const PLACES_TABLE: &str = "[estimator.places]";

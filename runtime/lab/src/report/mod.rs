@@ -284,7 +284,7 @@ impl Report {
         let (points, l) = (&self.points, &self.lines);
         lines.push(format!(
             "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
-            "features", points["tracked"], points["in_window"], l["merged"], l["matched"], l["in_window"]
+            "features", points["tracked"], points["in_window"], l["kept"], l["matched"], l["in_window"]
         ));
         let Percentiles { p50, p99, max, .. } = &self.odometry_handout_us;
         lines.push(format!("{:<18}median {p50:.0} us, p99 {p99:.0}, largest {max:.0}", "odometry"));

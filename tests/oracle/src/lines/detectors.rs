@@ -96,8 +96,8 @@ impl Detector {
     }
 }
 
-/// Options that keep all segments of an image, whatever their number and length, merged or not.
-pub fn unfiltered(merge: bool) -> LinesConfig {
+/// Options that keep all segments of an image, whatever their number and length.
+pub fn unfiltered() -> LinesConfig {
     let defaults = LinesConfig::default();
-    LinesConfig { length_filter: false, merge, max_segments: defaults.max_raw, ..defaults }
+    LinesConfig { length_filter: false, max_segments: defaults.max_raw, ..defaults }
 }

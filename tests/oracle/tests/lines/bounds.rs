@@ -54,9 +54,7 @@ fn the_budget_is_kept_and_the_outcome_repeats() {
             );
             assert_eq!((segments, figures), outcome(&mut extractor(), &image), "{adversary:?}");
             assert!(figures.visits as usize <= limit, "{adversary:?}: {figures:?}");
-            assert!(
-                figures.raw as usize <= options.max_raw && figures.merged as usize <= options.max_segments
-            );
+            assert!(figures.raw as usize <= options.max_raw && figures.kept as usize <= options.max_segments);
             if figures.visits > most.0 {
                 most = (figures.visits, adversary);
             }
