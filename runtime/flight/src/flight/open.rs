@@ -48,7 +48,7 @@ pub fn open_dataset(
     mono: bool,
 ) -> Result<Flight, FlightError> {
     check_dataset(path)?;
-    let Cut { frames, seconds } = cut.into();
+    let (Cut { frames, seconds }, is_given) = (cut.into(), config.is_some());
     let config = match config {
         Some(config) => config,
         None => euroc_into(Config::preset("euroc")?, path).map_err(FlightError::Calibration)?,
@@ -60,6 +60,16 @@ pub fn open_dataset(
     if dataset.cameras() < config.camera.len() {
         findings.push(missing_camera(&format!("{} holds no cam1", path.display())));
         config = with_cameras(&config, dataset.cameras())?;
+    }
+    let right = dataset.root().join("cam1");
+    if config.camera.len() == 1 && right.is_dir() && !is_given && !mono {
+        let finding = Finding::new(
+            "cam1 is left out: one camera is used",
+            format!("{} holds no sensor.yaml", right.display()),
+            "a copy that is not complete",
+            "copy its calibration too, or give that of both cameras with --config; for one camera take the folder away",
+        );
+        findings.push(finding.mild());
     }
     let table = ground_truth_table(path);
     findings.extend(table.as_deref().filter(|table| is_of_positions(table)).map(of_positions));
