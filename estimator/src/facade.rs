@@ -7,7 +7,7 @@ use crate::estimate::{Estimate, Odometry, StageProbe};
 use crate::exchange::{Feedback, Tracked};
 use crate::front_end::FrontEnd;
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
-use crate::odometry::Odometer;
+use crate::odometry::{Odometer, ResetReason};
 use crate::propagator::Propagator;
 use crate::propagator::history::{Instant, NoInstant};
 use crate::work_budget::{InTurn, WorkBudget};
@@ -131,6 +131,11 @@ impl Estimator {
         let estimate = self.odometer.process(&self.tracked, point_probe, &mut self.feedback);
         self.propagator.correct(&estimate);
         estimate
+    }
+
+    /// Why the newest reset was.
+    pub fn reset_reason(&self) -> Option<&ResetReason> {
+        self.odometer.reset_reason()
     }
 
     /// Starts anew before the next frame.

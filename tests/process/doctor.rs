@@ -36,11 +36,22 @@ fn what_is_not_shown_is_no_verdict_and_has_its_motion() {
         let data = plumbline(&["doctor", source, "--seconds", "2", "--json"]);
         let said = stderr(&data);
         assert_eq!(data.status.code(), Some(4), "{said}");
-        let parts = ["not shown: ", "time offset", "fly this: turn it"];
+        let parts = ["not shown: calibration: too short: 10 s of motion are needed", "fly this: turn it"];
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         let report: Value = serde_json::from_slice(&data.stdout).unwrap();
         assert_eq!(report["fit"], false, "{report:#}");
     }
+}
+
+#[test]
+fn a_right_camera_without_calibration_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight").display().to_string();
+    plumbline(&["simulate", &path, "--duration", "2", "--scale", "0.4"]);
+    std::fs::remove_file(format!("{path}/mav0/cam1/sensor.yaml")).unwrap();
+    let output = plumbline(&["doctor", &path]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("cam1 is left out: one camera is used"), "{text}{}", stderr(&output));
 }
 
 /// A data set says which fault is in it, and `doctor` finds it.

@@ -5,6 +5,9 @@ use crate::window::Window;
 use plumbline_config::options::HealthConfig;
 use std::cmp::Ordering;
 
+/// Cure of cameras that were moved.
+const MOUNTS: &str = "fasten cameras and IMU to each other, and calibrate how they are mounted again (`plumbline calibrate rig`)";
+
 /// Why an estimate was given up and started anew.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ResetReason {
@@ -47,6 +50,17 @@ impl ResetReason {
     /// Extent of the reset.
     pub fn kind(&self) -> ResetKind {
         if let Self::AskedFor(kind) = self { *kind } else { ResetKind::Soft }
+    }
+
+    /// What to do about it.
+    pub fn cure(&self) -> &'static str {
+        match self {
+            Self::Jump(_) => MOUNTS,
+            Self::Blind(_) => "look at light, lenses, exposure and texture",
+            Self::Hole(_) => "look at cables, bandwidth and load",
+            Self::ClockSet => "stamp by one clock that is never set, such as CLOCK_MONOTONIC",
+            _ => "look at the other warnings, and run `plumbline doctor` on the data",
+        }
     }
 
     /// True if the reset was requested.

@@ -64,13 +64,12 @@ pub struct ByHand {
     config: ValidConfig,
     tracker: Option<Tracker>,
     samples: Vec<ImuSample>,
-    span: Option<(Timestamp, Timestamp)>,
 }
 
 impl ByHand {
     /// Empty recording of the rig of `config`.
     pub fn new(config: &ValidConfig) -> Self {
-        Self { config: config.clone(), tracker: Tracker::new(config), samples: Vec::new(), span: None }
+        Self { config: config.clone(), tracker: Tracker::new(config), samples: Vec::new() }
     }
 
     /// Takes an inertial sample.
@@ -80,8 +79,6 @@ impl ByHand {
 
     /// Takes a frame with its number.
     pub fn add_frame(&mut self, number: u64, stamp: Timestamp, images: &[Option<ImageView<'_>>; 2]) {
-        let first = self.span.map_or(stamp, |(first, _)| first);
-        self.span = Some((first, stamp));
         if let Some(tracker) = &mut self.tracker {
             tracker.add(number, stamp, images);
         }
@@ -119,7 +116,7 @@ impl ByHand {
     }
 
     fn span_s(&self) -> f64 {
-        self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
+        self.tracker.as_ref().map_or(0.0, |tracker| tracker.found.span_s())
     }
 
     /// Number of pieces, and change of the parts of these names that fits the recording best, with its covariance, in their order.

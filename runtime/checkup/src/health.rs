@@ -24,11 +24,9 @@ const LASTING: u64 = 60;
 const MAX_REASONS: usize = 3;
 /// A bit that explains so many of the frames of another one is its cause.
 const CAUSED: f64 = 0.8;
-/// Qualities from -1 to 100.
-const QUALITIES: usize = 102;
 
 /// Frames with each health bit, and the distribution of the quality. Never allocates.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct HealthTally {
     /// Frames that were taken.
     pub frames: u64,
@@ -38,19 +36,8 @@ pub struct HealthTally {
     pub missing: Option<Missing>,
     /// See [`Self::missing`].
     pub found: Option<Missing>,
-    qualities: [u64; QUALITIES],
-}
-
-impl Default for HealthTally {
-    fn default() -> Self {
-        Self {
-            frames: 0,
-            bits: [0; HealthBits::COUNT],
-            missing: None,
-            found: None,
-            qualities: [0; QUALITIES],
-        }
-    }
+    /// Frames of each quality from -1 to 100.
+    qualities: [[u64; 17]; 6],
 }
 
 /// A health bit that held for a part of a flight.
@@ -75,15 +62,15 @@ impl HealthTally {
 
     /// Takes the quality of a frame, -1 to 100. Frames before the first pose have none.
     pub fn add_quality(&mut self, quality: i8) {
-        let place = usize::try_from(i16::from(quality) + 1).unwrap_or(0).min(QUALITIES - 1);
-        self.qualities[place] += 1;
+        let place = usize::try_from(i16::from(quality) + 1).unwrap_or(0).min(101);
+        self.qualities.as_flattened_mut()[place] += 1;
     }
 
     /// Median quality; `None` without a pose.
     pub fn median_quality(&self) -> Option<i8> {
-        let all: u64 = self.qualities.iter().sum();
+        let all: u64 = self.qualities.as_flattened().iter().sum();
         let mut below = 0;
-        let place = self.qualities.iter().position(|count| {
+        let place = self.qualities.as_flattened().iter().position(|count| {
             below += count;
             2 * below >= all
         });
@@ -112,25 +99,16 @@ impl HealthTally {
             return format!("{quality}; {what}: {cure}");
         }
         let held = self.held(NAMED);
-        let words = held
-            .iter()
-            .map(|held| format!("{} in {} of {} frames", held.about.name, held.frames, self.frames));
-        let words: Vec<String> = words.collect();
-        let faults = held.iter().filter(|held| held.about.is_fault()).count();
+        let words =
+            held.iter().map(|h| format!("{} in {} of {} frames", h.about.name, h.frames, self.frames));
+        let line = [quality, words.collect::<Vec<_>>().join(", ")];
+        let line = line[..if held.is_empty() { 1 } else { 2 }].join("; ");
+        let faults = || held.iter().map(|held| held.about).filter(|about| about.is_fault());
         // A noisy accelerometer is often but a consequence of another fault.
-        let of_faults = held.iter().filter(|held| held.about.is_fault());
-        let cure = of_faults
-            .min_by_key(|held| held.about.bit == HealthBits::ACCEL_NOISY)
-            .map(|held| held.about.cure);
-        match (words.is_empty(), cure) {
-            (true, _) => format!("{quality}, no faults"),
-            (false, None) => format!("{quality}; {}, no faults", words.join(", ")),
-            (false, Some(cure)) if faults == 1 || cure.contains(LOOK) => {
-                format!("{quality}; {}: {cure}", words.join(", "))
-            }
-            (false, Some(cure)) => {
-                format!("{quality}; {}: {cure}; {LOOK}", words.join(", "))
-            }
+        match faults().min_by_key(|about| about.bit == HealthBits::ACCEL_NOISY).map(|about| about.cure) {
+            None => format!("{line}, no faults"),
+            Some(cure) if faults().count() == 1 || cure.contains(LOOK) => format!("{line}: {cure}"),
+            Some(cure) => format!("{line}: {cure}; {LOOK}"),
         }
     }
 
@@ -217,6 +195,19 @@ const FAILING: [HealthBits; 4] = [
     HealthBits::RIGHT_MISSING,
     HealthBits::BAD_IMAGE_SIZE,
 ];
+
+/// Bits of sensors that contradict each other: most of them leave a quality of 10.
+pub(crate) const CONTRADICTED: HealthBits = HealthBits(
+    HealthBits::CAMERAS_DISAGREE.0
+        | HealthBits::CAMERAS_OUT_OF_STEP.0
+        | HealthBits::IMU_CONTRADICTED.0
+        | HealthBits::ACCEL_CONTRADICTED.0
+        | HealthBits::GYRO_CONTRADICTED.0
+        | HealthBits::SCALE_CONTRADICTED.0
+        | HealthBits::ROTATION_DISPUTED.0
+        | HealthBits::IMU_LATE.0
+        | HealthBits::IMAGES_LATE.0,
+);
 
 /// Bits of sensors that repeat their data.
 const REPEATS: [HealthBits; 4] =

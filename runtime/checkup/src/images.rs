@@ -3,9 +3,9 @@
 //! Each is a share of the frames, by camera; where only even or only odd frames have it, that is reported. A row of one half-frame
 //! differs more from its neighbours than from the rows two away; a mark keeps its gradient while the scene changes below it.
 
-use crate::statistics::quantile;
 use crate::verdict::{Fitness, Measure};
-use plumbline_config::{ImageView, ImuSample, Timestamp};
+use plumbline_config::{ImageView, Timestamp};
+use plumbline_estimator::HealthBits;
 
 /// Share of frames with a fault that a flight bears.
 const BORNE: f64 = 0.01;
@@ -17,11 +17,6 @@ const BURNT: (u8, f64) = (250, 0.5);
 const STRIDE: usize = 3;
 /// Rows differ from their neighbours by so much more than from those two away where half-frames are of two times.
 const COMB: f64 = 1.1;
-/// An image stands still where it changes by this share of what it usually does while the other image or the gyroscope moves, and
-/// frames in a row that it takes.
-const STILL: (f64, usize) = (0.3, 5);
-/// Rate of the gyroscope at which images change, rad/s.
-const TURNING_RAD_S: f64 = 0.2;
 /// Images are compared for marks where they have changed by this share of their contrast, and so many of them at least: by chance
 /// 1 in 2000 pixels then keeps its gradient.
 const CHANGED: f64 = 0.5;
@@ -31,14 +26,16 @@ const MARK: (f32, f32, f64) = (6.0, 0.75, 0.005);
 /// Rows and columns at the edge that never change are bars from this share of the image on, grey levels.
 const BARS: (f64, u8) = (0.03, 6);
 
+/// Bits of a flight of images that repeat, left and right.
+pub(crate) const FROZEN: [HealthBits; 2] = [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
+
 /// What is found of a frame of one camera.
 #[derive(Clone, Copy, Debug, Default)]
 struct Look {
     is_there: bool,
     brightest: f64,
     burnt: f64,
-    change: f64,
-    is_same: bool,
+    is_frozen: bool,
     is_combed: bool,
 }
 
@@ -46,7 +43,6 @@ struct Look {
 #[derive(Default)]
 struct Eye {
     looks: Vec<Look>,
-    last: Vec<u8>,
     /// Image that was compared last, with the sums of the gradients of all, and of their squares.
     compared: Vec<u8>,
     sums: Vec<(f32, f32)>,
@@ -64,7 +60,7 @@ pub(crate) struct ImageTests {
 }
 
 impl Eye {
-    fn add(&mut self, image: Option<&ImageView<'_>>) {
+    fn add(&mut self, image: Option<&ImageView<'_>>, is_frozen: bool) {
         let Some(image) = image else {
             self.looks.push(Look::default());
             return;
@@ -105,8 +101,7 @@ impl Eye {
             is_there: true,
             brightest: level(0.95),
             burnt: f64::from(burnt) / all,
-            change: change(&self.last, &pixels),
-            is_same: self.last == pixels,
+            is_frozen,
             is_combed: comb as f64 > COMB * smooth as f64,
         });
         let contrast = level(0.9) - level(0.1);
@@ -114,7 +109,6 @@ impl Eye {
             self.compare(image);
             self.compared.clone_from(&pixels);
         }
-        self.last = pixels;
     }
 
     /// Adds the gradients along the rows.
@@ -161,44 +155,39 @@ fn change(before: &[u8], now: &[u8]) -> f64 {
 }
 
 impl ImageTests {
-    /// Takes the images of a frame.
-    pub(crate) fn add(&mut self, stamp: Timestamp, images: &[Option<ImageView<'_>>; 2]) {
+    /// Takes the images of a frame, and what its flight found.
+    pub(crate) fn add(&mut self, stamp: Timestamp, images: &[Option<ImageView<'_>>; 2], health: HealthBits) {
         self.stamps.push(stamp);
-        for (eye, image) in self.eyes.iter_mut().zip(images) {
-            eye.add(image.as_ref());
+        for ((eye, image), bit) in self.eyes.iter_mut().zip(images).zip(FROZEN) {
+            eye.add(image.as_ref(), health.contains(bit));
         }
     }
 
     /// Faults of the images.
-    pub(crate) fn judge(&self, samples: &[ImuSample], cameras: usize) -> Vec<Measure> {
+    pub(crate) fn judge(&self, cameras: usize) -> Vec<Measure> {
         let sides: &[&str] = if cameras > 1 { &["left", "right"] } else { &["camera's"] };
         let mut measures = Vec::new();
         for (k, side) in sides.iter().enumerate() {
             let eye = &self.eyes[k];
-            let of = |has: &dyn Fn(usize, &Look) -> bool| -> Vec<usize> {
-                eye.looks
-                    .iter()
-                    .enumerate()
-                    .filter(|(i, look)| look.is_there && has(*i, look))
-                    .map(|(i, _)| i)
-                    .collect()
+            let of = |has: fn(&Look) -> bool| -> Vec<usize> {
+                let looks = eye.looks.iter().enumerate();
+                looks.filter(|(_, look)| look.is_there && has(look)).map(|(k, _)| k).collect()
             };
-            let still = self.still(k, samples);
             let kinds = [
                 (
                     "black images",
-                    of(&|_, look| look.brightest < DARK),
+                    of(|look| look.brightest < DARK),
                     "look at light, exposure, strobe, lens cap and cable",
                 ),
-                ("burnt-out images", of(&|_, look| look.burnt > BURNT.1), "shorten the exposure"),
+                ("burnt-out images", of(|look| look.burnt > BURNT.1), "shorten the exposure"),
                 (
                     "frozen images",
-                    of(&|i, look| still[i] && !look.is_same),
+                    of(|look| look.is_frozen),
                     "look at cable, driver and load of the camera, and restart it",
                 ),
                 (
                     "interlaced images",
-                    of(&|_, look| look.is_combed),
+                    of(|look| look.is_combed),
                     "odd and even lines are half-frames of two times: use a progressive mode, or every second line alone",
                 ),
             ];
@@ -206,28 +195,19 @@ impl ImageTests {
             measures.extend(found.map(|(name, frames, cure)| self.measure(name, side, &frames, cure)));
             let marks = eye.marks();
             if marks > MARK.2 {
-                measures.push(Measure::new(
-                    "marks in the image",
-                    Fitness::NotFit,
-                    format!(
-                        "{:.1} % of the {side} image stay at the same place while the scene moves",
-                        100.0 * marks
-                    ),
-                    "clean the lens, switch the overlay off, or mask what stays (`plumbline-lab mask`)",
-                    &[("share", marks)],
-                ));
+                let value = format!(
+                    "{:.1} % of the {side} image stay at the same place while the scene moves",
+                    100.0 * marks
+                );
+                let cure =
+                    "clean the lens, switch the overlay off, or mask what stays (`plumbline-lab mask`)";
+                measures.push(Measure::not_fit("marks in the image", value, cure));
             }
             let bars = eye.bars();
             if bars > BARS.0 {
                 let cure = "use a mode without bars; its calibration is that of the image inside of them";
                 let value = format!("{:.0} % of the {side} image at its edges never change", 100.0 * bars);
-                measures.push(Measure::new(
-                    "bars in the image",
-                    Fitness::Mind,
-                    value,
-                    cure,
-                    &[("share", bars)],
-                ));
+                measures.push(Measure::new("bars in the image", Fitness::Mind, value, cure, &[]));
             }
         }
         measures
@@ -246,34 +226,5 @@ impl ImageTests {
             self.stamps.len()
         );
         Measure::new(name, verdict, value, cure, &[("share", share), ("from_s", from), ("to_s", to)])
-    }
-
-    /// Frames in which an image stands still though it should change.
-    fn still(&self, camera: usize, samples: &[ImuSample]) -> Vec<bool> {
-        let (own, other) = (&self.eyes[camera].looks, &self.eyes[1 - camera].looks);
-        let rate = |k: usize| {
-            let (from, to) = (self.stamps[k.saturating_sub(1)], self.stamps[k]);
-            let within =
-                samples.partition_point(|s| s.stamp < from)..samples.partition_point(|s| s.stamp < to);
-            samples.get(within).into_iter().flatten().map(|s| s.gyro.norm()).fold(0.0, f64::max)
-        };
-        let turning: Vec<bool> = (0..own.len()).map(|k| rate(k) > TURNING_RAD_S).collect();
-        let usual = |looks: &[Look]| {
-            let moving = looks.iter().zip(&turning).filter(|(look, turns)| look.is_there && **turns);
-            quantile(&moving.map(|(look, _)| look.change).collect::<Vec<_>>(), 0.5)
-        };
-        let (usual_own, usual_other) = (usual(own), usual(other));
-        let stands: Vec<bool> = (0..own.len())
-            .map(|k| {
-                let is_small = own[k].is_there && own[k].change < STILL.0 * usual_own;
-                is_small && (turning[k] || other[k].is_there && other[k].change > usual_other)
-            })
-            .collect();
-        (0..stands.len())
-            .map(|k| {
-                let run = |way: &mut dyn Iterator<Item = usize>| way.take_while(|k| stands[*k]).count();
-                stands[k] && run(&mut (k..stands.len())) + run(&mut (0..k).rev()) >= STILL.1
-            })
-            .collect()
     }
 }

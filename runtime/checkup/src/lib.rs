@@ -33,33 +33,28 @@ pub mod verdict;
 #[cfg(test)]
 mod tests;
 
+pub use plumbline_estimator::FrameInput;
 pub use verdict::{Fitness, Measure};
 
 use finding::UNITS_AND_COLUMNS;
+use fit::judge::NOISE;
 use fit::parts::CLOCK_RATE;
-use images::ImageTests;
+use health::CONTRADICTED;
+use images::{FROZEN, ImageTests};
 use plausibility::{GAPS, Plausibility, inertial};
-use plumbline_config::{ImageView, ImuSample, Timestamp, ValidConfig};
-use plumbline_estimator::{Estimator, FrameInput};
+use plumbline_config::{ImuSample, Timestamp, ValidConfig};
+use plumbline_estimator::odometry::ResetReason;
+use plumbline_estimator::{Estimator, HealthBits};
 use std::cmp::Reverse;
 use timing::Sensor;
 use tracks::Tracker;
 
 /// Inertial samples that are kept, and stamps of frames: five minutes at 1 kHz. Later ones are left out.
 const MAX_SAMPLES: usize = 300_000;
+/// Median quality of a flight whose calibration is not far off: an autopilot uses the estimate.
+const USABLE: Option<i8> = Some(20);
 /// Frames whose images are looked at: half a minute at 20 Hz.
-const MAX_SEEN: usize = 600;
-
-/// One frame as it comes: images that did not arrive are `None`.
-#[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
-    /// Counts frames of the sensor; a jump is a loss.
-    pub sequence: u64,
-    /// Measurement time by the camera's clock.
-    pub stamp: Timestamp,
-    /// Left and right image.
-    pub images: [Option<ImageView<'a>>; 2],
-}
+const MAX_SEEN: u64 = 600;
 
 /// Gathers what sensors deliver, flies it, and judges it.
 pub struct Checkup {
@@ -67,7 +62,9 @@ pub struct Checkup {
     data: Plausibility,
     estimator: Estimator,
     newest: Option<Timestamp>,
-    seen: usize,
+    resets: u32,
+    /// Cameras that moved against the IMU, in a flight that was good until then.
+    knocked: Option<Measure>,
     images: ImageTests,
     tracker: Option<Tracker>,
     /// Troubles reported by the drivers of IMU and cameras.
@@ -82,7 +79,8 @@ impl Checkup {
             data: Plausibility::with_room(config, false, MAX_SAMPLES),
             estimator: Estimator::new(config.setup()),
             newest: None,
-            seen: 0,
+            resets: 0,
+            knocked: None,
             images: ImageTests::default(),
             tracker: Tracker::new(config),
             troubles: [None, None],
@@ -123,18 +121,31 @@ impl Checkup {
     }
 
     /// Looks at the images of a frame: live sensors may bring more than there is time for.
-    pub fn look_at(&mut self, frame: &Frame<'_>) {
-        if self.seen == MAX_SEEN {
+    pub fn look_at(&mut self, frame: &FrameInput<'_>) {
+        if self.data.health.frames == MAX_SEEN {
             return;
         }
-        self.seen += 1;
-        let &Frame { sequence, stamp, images } = frame;
-        self.images.add(stamp, &images);
+        let (sequence, flown) = (frame.sequence.unwrap_or(0), self.estimator.add_frame(frame));
         if let Some(tracker) = &mut self.tracker {
-            tracker.add(sequence, stamp, &images);
+            tracker.add(sequence, frame.stamp, &frame.images);
         }
-        let flown = self.estimator.add_frame(&FrameInput { sequence: Some(sequence), stamp, images });
+        self.images.add(frame.stamp, &frame.images, flown.health);
         self.data.add_estimate(flown.health);
+        let is_new = std::mem::replace(&mut self.resets, flown.reset_counter) != flown.reset_counter;
+        // A start that is tried again is none.
+        let reason = self.estimator.reset_reason().filter(|why| is_new && **why != ResetReason::StartRefused);
+        if let Some(reason) = reason {
+            let is_knock =
+                matches!(reason, ResetReason::Jump(_)) && self.data.health.median_quality() >= USABLE;
+            if is_knock && self.knocked.is_none() {
+                let value = format!("{reason} (frame {sequence})");
+                self.knocked = Some(Measure::not_fit(FLIGHT, value, reason.cure()));
+            }
+            self.data.add_reset(&format!("frame {sequence}: {reason}"), reason.cure());
+        }
+        if flown.has_pose() {
+            self.data.health.add_quality(flown.quality);
+        }
     }
 
     /// Frames that came.
@@ -149,15 +160,16 @@ impl Checkup {
         let mut measures: Vec<Measure> =
             wrong.map(|finding| finding.into_measure_of(UNITS_AND_COLUMNS)).collect();
         let has_nonsense = !measures.is_empty();
+        measures.extend(self.knocked.clone().filter(|_| !has_nonsense));
         let timing = self.timing();
         // Samples at another rate are fitted as they are stamped: the fit says whether their clock or the configuration is wrong.
         let is_of_rate = timing[0].cure.contains(timing::IMU_RATE);
         measures.extend(timing);
-        measures.extend(self.images.judge(samples, config.camera.len()));
+        measures.extend(self.images.judge(config.camera.len()));
         let is_wrong = |measure: &Measure| measure.verdict == Fitness::NotFit;
-        let flown = if has_nonsense { Vec::new() } else { data.of_flight(true, GAPS) };
-        let flown = flown.into_iter().map(|finding| finding.into_measure_of("flight"));
-        let (failing, contradicted): (Vec<_>, Vec<_>) = flown.partition(is_wrong);
+        let flown = if has_nonsense { Vec::new() } else { data.of_flight(true, KNOWN) };
+        let flown = flown.into_iter().map(|finding| finding.into_measure_of(FLIGHT));
+        let (failing, poor): (Vec<_>, Vec<_>) = flown.partition(is_wrong);
         measures.extend(failing);
         let mut mounting = mounting::judge(samples, config);
         let upside_down = inertial::upside_down(samples, config.vehicle.rot_v_b());
@@ -171,7 +183,7 @@ impl Checkup {
         if has_nonsense || samples.is_empty() {
             mounting = mounting.map(|measure| Measure::missing(measure.name, NAMED_ABOVE.0, NAMED_ABOVE.1));
         }
-        let fitted = match self.tracker.as_ref().map(|tracker| &tracker.found) {
+        let mut fitted = match self.tracker.as_ref().map(|tracker| &tracker.found) {
             None => Vec::new(),
             Some(_) if is_spoilt => fit::judge::spoilt(config),
             Some(tracks) => fit::judge::judge(config, tracks, samples),
@@ -179,10 +191,15 @@ impl Checkup {
         if fitted.first().is_some_and(|cause| cause.name == CLOCK_RATE && is_wrong(cause)) {
             measures.retain(|measure| !is_of_rate(measure));
         }
-        let has_cause = is_spoilt || fitted.iter().any(|measure| measure.verdict > Fitness::Good);
+        let contradicted = if is_spoilt { Vec::new() } else { data.contradicted() };
+        match fitted.iter_mut().find(|m| m.verdict > Fitness::Good && m.name != NOISE) {
+            // What a flight shows is worse than a standard deviation has it.
+            Some(cause) if !contradicted.is_empty() => cause.verdict = Fitness::NotFit,
+            None if !is_spoilt => measures.extend(contradicted.into_iter().chain(poor)),
+            _ => {}
+        }
         measures.extend(mounting);
         measures.extend(fitted);
-        measures.extend(contradicted.into_iter().filter(|_| !has_cause));
         // The images as they lie explain more than any calibration.
         measures.sort_by_key(|measure| Reverse(measure.verdict.max(Fitness::Good)));
         measures
@@ -202,5 +219,9 @@ impl Checkup {
     }
 }
 
+/// Bits of a flight that other measures report.
+const KNOWN: HealthBits = HealthBits(GAPS.0 | CONTRADICTED.0 | FROZEN[0].0 | FROZEN[1].0);
+/// Name of the measures of what the flight itself showed.
+pub const FLIGHT: &str = "flight";
 /// Value and cure of a measure that something else makes worthless.
 pub(crate) const NAMED_ABOVE: (&str, &str) = ("not judged", "correct the problems above, then measure again");

@@ -313,7 +313,7 @@ mod tests {
         let rest = rest(&samples);
         let config = config(vehicle);
         let [tilt, heading] = judge(&samples, &config);
-        assert!(tilt.figure("tilt_deg").unwrap() < 0.5, "{}", tilt.value);
+        assert!(tilt.figures["tilt_deg"] < 0.5, "{}", tilt.value);
         assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::Good), "{}", heading.value);
         assert!(heading.value.contains("the nose is 0 degrees to the left"), "{}", heading.value);
         assert!((rest.gravity_m_s2 - 9.81).abs() < 0.01, "{rest:?}");

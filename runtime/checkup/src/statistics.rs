@@ -15,9 +15,6 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> f64 {
 /// Mean of vectors, and the norm of their standard deviation by axis.
 pub(crate) fn mean_and_spread(values: impl Iterator<Item = Vector3<f64>> + Clone) -> (Vector3<f64>, f64) {
     let (sum, count) = values.clone().fold((Vector3::zeros(), 0.0), |(sum, n), v| (sum + v, n + 1.0));
-    if count == 0.0 {
-        return (Vector3::repeat(f64::NAN), f64::NAN);
-    }
     let mean: Vector3<f64> = sum / count;
     let squares: f64 = values.map(|v| (v - mean).norm_squared()).sum();
     (mean, (squares / count).sqrt())

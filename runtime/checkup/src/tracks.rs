@@ -49,6 +49,14 @@ pub(crate) struct Tracks {
     pub(crate) tracks: Vec<Vec<Sighting>>,
 }
 
+impl Tracks {
+    /// Time from the first keyframe to the last, s.
+    pub(crate) fn span_s(&self) -> f64 {
+        let ends = self.keys.first().zip(self.keys.last());
+        ends.map_or(0.0, |(first, last)| last.0.seconds_since(first.0))
+    }
+}
+
 /// A point that is being followed.
 struct Live {
     track: usize,

@@ -1,13 +1,17 @@
 //! Measurement, its verdict, and the cure.
 
-use serde::{Serialize, Serializer};
+use crate::FLIGHT;
+use crate::fit::judge::TOO_SHORT;
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 
 /// Verdict on a measurement, the mildest first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Fitness {
     /// The data do not hold it.
+    #[serde(rename = "not measured")]
     NotMeasured,
     /// It was measured, but not well enough for a verdict.
     Uncertain,
@@ -16,6 +20,7 @@ pub enum Fitness {
     /// A flight is possible, with this against it.
     Mind,
     /// Do not fly with this.
+    #[serde(rename = "not fit")]
     NotFit,
 }
 
@@ -28,12 +33,6 @@ impl fmt::Display for Fitness {
             Self::Mind => "mind",
             Self::NotFit => "not fit",
         })
-    }
-}
-
-impl Serialize for Fitness {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
     }
 }
 
@@ -81,6 +80,11 @@ impl Measure {
         Self { name, value, verdict, cure, figures: figures.iter().copied().collect(), motion: None }
     }
 
+    /// Something that no flight should begin with.
+    pub fn not_fit(name: &'static str, value: String, cure: &str) -> Self {
+        Self::new(name, Fitness::NotFit, value, cure, &[])
+    }
+
     /// Something that the data do not hold.
     pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
         Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
@@ -97,8 +101,10 @@ impl Measure {
         self.verdict <= Fitness::Uncertain && self.motion.is_some()
     }
 
-    /// The figure of this name.
-    pub fn figure(&self, name: &str) -> Option<f64> {
-        self.figures.get(name).copied()
+    /// Name for a sentence; of what only a flight or the whole recording shows, with it.
+    pub fn title(&self) -> String {
+        let words =
+            self.value.split(" (health bit").next().filter(|_| [FLIGHT, TOO_SHORT].contains(&self.name));
+        words.map_or_else(|| self.name.to_owned(), |words| format!("{}: {words}", self.name))
     }
 }

@@ -28,6 +28,8 @@ pub struct Event {
     pub severity: Severity,
     /// Description.
     pub text: heapless::String<MAX_EVENT_BYTES>,
+    /// Cure of what failed, for who listens in this process.
+    pub cure: &'static str,
 }
 
 impl Event {
@@ -36,7 +38,7 @@ impl Event {
         let mut kept = CutOff(heapless::String::new());
         // Never fails: what has no room is cut off.
         let _ = kept.write_fmt(text);
-        Self { stamp, severity, text: kept.0 }
+        Self { stamp, severity, text: kept.0, cure: "" }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Verdicts of a fit: each part of the calibration as measured against the configured one, the causes first.
 
 use super::causes::{Cause, Causes, SIGMAS};
-use super::parts::{Course, Part, parts};
+use super::parts::{Course, Part, TURN, parts};
 use super::rig::{ACCEL, GYRO};
 use super::{FirstLook, Fitted, fit, orientation};
 use crate::NAMED_ABOVE;
@@ -19,19 +19,40 @@ const MOVING: (f64, f64) = (0.01, 10.0);
 const FOCAL: usize = 0;
 const OF_GYRO: usize = 10;
 
+/// Scale of the gyroscope that one camera makes up, twice what data sheets have at most (MEMS: 1 to 3 %).
+const TRADED: f64 = 0.06;
+
 const AXES: [&str; 3] = ["x", "y", "z"];
 
+/// Name of the measure of the noise.
+pub(crate) const NOISE: &str = "noise of the IMU";
 /// Noise against the configured one from which it is minded: that of a vehicle in flight against a data sheet.
 const NOISY: f64 = 3.0;
 
+/// Name of the measure of a recording that is too short, and the shortest that holds enough pieces for their scatter to show, s.
+pub(crate) const TOO_SHORT: &str = "calibration";
+const LEAST_S: f64 = 10.0;
 /// Instructions for a recording that can be fitted.
-const HOLD: &str = "fly or move it by hand for ten seconds and more, with texture in view";
+const HOLD: &str = "turn it by hand about all three axes and move it to and fro for ten seconds and more, with texture in view";
 
 /// Cure of a part that is off, and explains nothing.
 const CONSEQUENCE: &str = "it explains nothing by itself: look at what is named above, and measure again";
 
-/// Measures of the calibration by one fit of everything: what explains most first.
+/// Measures of the calibration by one fit of everything: what explains most first. Of a recording that is too short for it, what it shows.
 pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
+    let measures = fitted(config, tracks, samples);
+    let span_s = tracks.span_s();
+    let is_whole = span_s >= LEAST_S || !measures.iter().any(Measure::is_missing);
+    if is_whole || measures.iter().any(|measure| measure.verdict > Fitness::Good) {
+        return measures;
+    }
+    let value = format!("too short: {LEAST_S:.0} s of motion are needed, and these are {span_s:.1} s");
+    let short = Measure::new(TOO_SHORT, Fitness::NotMeasured, value, HOLD, &[("span_s", span_s)]);
+    let shown = measures.into_iter().filter(|measure| measure.verdict == Fitness::Good);
+    std::iter::once(short.shown_by(Some(HOLD))).chain(shown).collect()
+}
+
+fn fitted(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
     let parts = parts(config);
     let first = FirstLook::at(config, tracks, samples);
     let otherwise = first.as_ref().and_then(|first| {
@@ -54,17 +75,17 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     let found = causes.found();
     let mut measures: Vec<Measure> = carrier(&fitted, config).into_iter().collect();
     let mut told = Vec::new();
-    if let Some(measure) = trade(config, &causes, &parts, &found) {
-        told.extend([FOCAL, OF_GYRO]);
-        measures.push(measure);
-    } else if measures.is_empty() {
-        for cause in &found {
-            let mut measure = of_cause(&causes, &parts, cause, &found, &fitted);
-            measure.figures.insert("explains_share", cause.share);
-            if measure.verdict > Fitness::Good && !told.contains(&parts[cause.part].subject) {
-                told.push(parts[cause.part].subject);
-                measures.push(measure);
-            }
+    let both = trade(config, &causes, &parts, &found);
+    let is_carried = !measures.is_empty();
+    for cause in found.iter().filter(|_| !is_carried) {
+        let subject = parts[cause.part].subject;
+        let is_traded = both.is_some() && [FOCAL, OF_GYRO].contains(&subject);
+        let measure = both.clone().filter(|_| is_traded);
+        let mut measure = measure.unwrap_or_else(|| of_cause(&causes, &parts, cause, &found, &fitted));
+        measure.figures.insert("explains_share", cause.share);
+        if measure.verdict != Fitness::Good && !told.contains(&subject) {
+            told.extend(if is_traded { vec![FOCAL, OF_GYRO] } else { vec![subject] });
+            measures.push(measure);
         }
     }
     for (k, part) in
@@ -81,25 +102,34 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     measures
 }
 
-/// Focal length and scale of the gyroscope of one camera that are off by the same factor to opposite sides: what a turn moves in the image, their
-/// product, is right, and what tells them apart, the rim of the image against gravity, is weak.
+/// Focal length and scale of the gyroscope of one camera. What a turn moves in the image is their product; what tells them apart, the rim of the
+/// image against gravity, is weak. So one of them is off, by the product: the lens, which changes with focus and image size, unless the data want
+/// the gyroscope off by more than both errors explain.
 fn trade(config: &Config, causes: &Causes<'_>, parts: &[Part], found: &[Cause]) -> Option<Measure> {
-    let of = |subject: usize| {
-        let is_it = |cause: &&Cause| parts[cause.part].subject == subject && cause.course == Course::Constant;
-        let part = found.iter().find(is_it).filter(|_| config.camera.len() == 1)?.part;
-        Some((causes.values(part, Course::Constant, found)[0].0[0], &parts[part]))
-    };
-    let ((focal, of_focal), (scale, of_scale)) = (of(FOCAL)?, of(OF_GYRO)?);
-    let product = focal.exp() * (1.0 + scale) - 1.0;
-    (product.abs() < SIGMAS * of_focal.worth.hypot(of_scale.worth)).then(|| {
-        let value = format!(
-            "{:.1} %, and the scale of the gyroscope {:.1} %: one camera tells these apart badly, and their product is right within {:.1} %",
-            1e2 * focal, 1e2 * scale, 1e2 * product.abs()
-        );
-        let figures = [("step", focal), ("gyroscope_scale", scale)];
-        Measure::new(of_focal.name, Fitness::Uncertain, value, of_focal.motion.unwrap_or(HOLD), &figures)
-            .shown_by(of_focal.motion)
-    })
+    let is_either = |cause: &&Cause| [FOCAL, OF_GYRO].contains(&parts[cause.part].subject);
+    let is_one = config.camera.len() == 1 && found.iter().find(is_either)?.course == Course::Constant;
+    let at = [FOCAL, OF_GYRO].map(|subject| parts.iter().position(|part| part.subject == subject));
+    let [of_lens, of_gyro] = [at[0]?, at[1]?];
+    let others = found.iter().filter(|cause| !is_either(cause)).map(|cause| (cause.part, cause.course));
+    let free = [of_lens, of_gyro].map(|part| (part, Course::Constant)).into_iter().chain(others);
+    let (_, step, _) = causes.freed(&free.collect::<Vec<_>>());
+    let (focal, scale, product) = (step[0], step[1], step[0].exp() * (1.0 + step[1]) - 1.0);
+    // Columns that are swapped are no scale.
+    let is_scale = focal.abs() < 0.5 && scale.abs() < 0.5;
+    let is_gyro = scale * scale - focal * focal > TRADED * TRADED;
+    let (part, other) = if is_gyro { (of_gyro, of_lens) } else { (of_lens, of_gyro) };
+    let (part, other) = (&parts[part], &parts[other]);
+    let is_right = product.abs() < SIGMAS * part.worth.hypot(other.worth);
+    let (verdict, cure) = if is_right { (Fitness::Uncertain, TURN) } else { (Fitness::NotFit, part.cure) };
+    let [both, focal_percent, scale_percent] = [product, focal, scale].map(|value| 1e2 * value);
+    let value = format!(
+        "off by {both:.1} %, or the {} instead: one camera tells these apart badly (both free: {focal_percent:.1} and {scale_percent:.1} %)",
+        other.name
+    );
+    let measure = Measure::new(part.name, verdict, value, cure, &[("step", product)]);
+    // One of them that is off by less is a change within the worth of a calibration.
+    let is_trade = is_one && is_scale && (!is_right || found.iter().filter(is_either).count() > 1);
+    is_trade.then(|| measure.shown_by(Some(TURN)))
 }
 
 /// Noise that motions and samples show, against the configured one.
@@ -108,7 +138,7 @@ fn noise(fitted: &Fitted, config: &Config) -> Measure {
     let [gyro, accel] =
         [fitted.noise.gyro / imu.gyro_noise_density, fitted.noise.accel / imu.accel_noise_density];
     Measure::new(
-        "noise of the IMU",
+        NOISE,
         Fitness::within(gyro.max(accel), NOISY, f64::INFINITY),
         format!("gyroscope {gyro:.1}, accelerometer {accel:.1} times the configured density"),
         "damp the mounting of the IMU, and give the noise in flight as `imu.gyro_noise_density` and `imu.accel_noise_density`; a vibration \
@@ -129,15 +159,14 @@ fn missing(parts: &[Part], why: &str, cure: &str) -> Vec<Measure> {
 
 /// Axis of the gyroscope that does not measure.
 fn silent(axis: usize) -> Measure {
-    Measure::new(
+    let value = format!(
+        "{} as delivered agrees with no turning that the images show: it is dead, or noise",
+        AXES[axis]
+    );
+    Measure::not_fit(
         "gyroscope axes",
-        Fitness::NotFit,
-        format!(
-            "{} as delivered agrees with no turning that the images show: it is dead, or noise",
-            AXES[axis]
-        ),
+        value,
         "look at the driver and the range of the gyroscope, and replace the sensor if it stays so",
-        &[],
     )
 }
 
@@ -146,14 +175,10 @@ fn carrier(fitted: &Fitted, config: &Config) -> Option<Measure> {
     let sigma = fitted.noise.biases[0];
     let usual = config.imu.gyro_bias_walk * fitted.span_s.sqrt() + config.imu.gyro_error_sigma_rad_s;
     (sigma > MOVING.0 && sigma > MOVING.1 * usual).then(|| {
-        Measure::new(
-            "gyroscope against the scene",
-            Fitness::NotFit,
-            format!("the scene turns by {sigma:.3} rad/s that the gyroscope does not agree with, otherwise in each piece of two seconds"),
-            "probably a cabin, deck or other carrier that moves and fills the view, or a gyroscope that fails; fly where the ground is seen, \
-             or replace the sensor",
-            &[("rate_rad_s", sigma)],
-        )
+        let value = format!("the scene turns by {sigma:.3} rad/s that the gyroscope does not agree with, otherwise in each piece of two seconds");
+        let cure = "probably a cabin, deck or other carrier that moves and fills the view, or a gyroscope that fails; fly where the ground is seen, \
+                    or replace the sensor";
+        Measure::not_fit("gyroscope against the scene", value, cure)
     })
 }
 

@@ -116,9 +116,8 @@ impl Pieces {
         most: usize,
     ) -> Option<Self> {
         let rig = Rig::new(config)?.plus(from);
-        let (first, last) = (tracks.keys.first()?.0, tracks.keys.last()?.0);
-        let span_s = last.seconds_since(first);
-        let middle = first.plus_seconds(0.5 * span_s);
+        let span_s = tracks.span_s();
+        let middle = tracks.keys.first()?.0.plus_seconds(0.5 * span_s);
         let reading =
             |s: &ImuSample| Reading { t_s: s.stamp.seconds_since(middle), gyro: s.gyro, accel: s.accel };
         let readings: Vec<Reading> = samples.iter().map(reading).collect();

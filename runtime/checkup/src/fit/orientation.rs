@@ -2,7 +2,7 @@
 
 use super::{FirstLook, Pieces};
 use crate::tracks::{Sighting, Tracks};
-use crate::verdict::{Fitness, Measure};
+use crate::verdict::Measure;
 use nalgebra::Vector2;
 use plumbline_config::{Config, ImuSample};
 
@@ -37,13 +37,9 @@ pub(super) fn judge(
     let (both, all) = (sightings().filter(|sighting| sighting.px[1].is_some()).count(), sightings().count());
     // By chance 1 in 2000.
     if 100 * both < all {
-        return Some(Measure::new(
-            NAME,
-            Fitness::NotFit,
-            format!("{both} of {all} sightings of the left image are found in the right one"),
-            "one of both is turned on its side or upside down, covered, out of focus, or of another camera: put it right",
-            &[],
-        ));
+        let value = format!("{both} of {all} sightings of the left image are found in the right one");
+        let cure = "one of both is turned on its side or upside down, covered, out of focus, or of another camera: put it right";
+        return Some(Measure::not_fit(NAME, value, cure));
     }
     let pieces = |tracks: &Tracks| Pieces::of(config, tracks, samples, &first.step, TRIED);
     let disagreement = |tracks: &Tracks| pieces(tracks).map_or(1.0, |pieces| pieces.disagreement());
@@ -66,13 +62,9 @@ pub(super) fn judge(
     let all = ways.chain([("left and right image are exchanged".to_owned(), exchanged)]);
     let (words, left) = all.min_by(|a, b| a.1.total_cmp(&b.1))?;
     (left < DISAGREES && left < 0.5 * as_is).then(|| {
-        Measure::new(
-            NAME,
-            Fitness::NotFit,
-            format!("{words}: {left:.2} of the motion disagrees then, {as_is:.2} as it is"),
-            "put it right in the driver (mirror, flip, rotation, order of the cameras), or calibrate with the images as they are",
-            &[("disagreement", as_is)],
-        )
+        let value = format!("{words}: {left:.2} of the motion disagrees then, {as_is:.2} as it is");
+        let cure = "put it right in the driver (mirror, flip, rotation, order of the cameras), or calibrate with the images as they are";
+        Measure::not_fit(NAME, value, cure)
     })
 }
 

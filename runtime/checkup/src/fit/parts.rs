@@ -47,7 +47,7 @@ pub(crate) const READOUT_TIME: &str = "readout";
 pub(crate) const CLOCK_RATE: &str = "clock rate";
 
 const COURSES: [Course; 3] = [Course::Constant, Course::Thirds, Course::Pieces];
-const TURN: &str = "turn it by hand about all three axes for ten seconds, with texture in view";
+pub(crate) const TURN: &str = "turn it by hand about all three axes for ten seconds, with texture in view";
 const SHAKE: &str = "move it to and fro along all three axes by half a metre, once a second, for ten seconds";
 const CAMERAS: &str = "calibrate the camera again (`plumbline calibrate camera`), with the lens, focus and image size of this recording";
 const LENS: &str = "use the lens model and the coefficients of this camera";

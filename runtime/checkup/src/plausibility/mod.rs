@@ -8,9 +8,11 @@ pub mod inertial;
 
 pub use crate::finding::{Finding, UNITS_AND_COLUMNS};
 
-use crate::health::HealthTally;
+use crate::FLIGHT;
+use crate::health::{CONTRADICTED, HealthTally};
 use crate::mounting;
 use crate::timing::{self, Arrivals, Sensor};
+use crate::verdict::{Fitness, Measure};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 
@@ -24,6 +26,10 @@ const MIN_JUDGED: usize = 100;
 /// Bits of gaps, which stamps that cannot be right seem to have.
 pub(crate) const GAPS: HealthBits = HealthBits(HealthBits::IMU_GAP.0 | HealthBits::FRAME_GAP.0);
 
+/// Cure of a contradiction that no calibration explains.
+const APART: &str = "look at the mounts of cameras and IMU, and at what fills the view; to tell these apart, turn it by hand about all three \
+                     axes and move it to and fro for ten seconds each, with texture in view";
+
 /// Finding about a reset.
 pub const GIVEN_UP: &str = "the estimate was discarded";
 
@@ -34,7 +40,7 @@ pub struct Plausibility {
     pub(crate) samples: Vec<ImuSample>,
     pub(crate) arrivals: [Arrivals; 2],
     room: usize,
-    health: HealthTally,
+    pub(crate) health: HealthTally,
     is_live: bool,
     resets: Vec<Finding>,
 }
@@ -78,16 +84,10 @@ impl Plausibility {
         self.health.add(health);
     }
 
-    /// Takes the reason of a reset.
-    pub fn add_reset(&mut self, reason: &str) {
+    /// Takes the reason of a reset, and its cure.
+    pub fn add_reset(&mut self, reason: &str, cure: &str) {
         if self.resets.len() < MAX_RESETS {
-            let reset = Finding::new(
-                GIVEN_UP,
-                reason,
-                "a sensor or images that fail, or a motion that they do not support; soon after the start, wrong units or a wrong calibration",
-                "look at the other warnings, and run `plumbline doctor` on the data",
-            );
-            self.resets.push(reset.mild());
+            self.resets.push(Finding::new(GIVEN_UP, reason, "", cure).mild());
         }
     }
 
@@ -128,15 +128,26 @@ impl Plausibility {
             );
         }
         findings.extend(self.of_flight(is_over, known));
+        findings.extend(self.resets.iter().cloned());
         findings
     }
 
     /// Findings by the flight, beside these bits, which are explained elsewhere.
     pub(crate) fn of_flight(&self, is_over: bool, known: HealthBits) -> Vec<Finding> {
-        let mut findings: Vec<Finding> = inertial::repeats(&self.samples).into_iter().collect();
-        findings.extend(self.health.findings(is_over, known));
-        findings.extend(self.resets.iter().cloned());
-        findings
+        let repeats = inertial::repeats(&self.samples).into_iter();
+        repeats.chain(self.health.findings(is_over, known)).collect()
+    }
+
+    /// What the flight found to contradict each other, and why it was started anew.
+    pub(crate) fn contradicted(&self) -> Vec<Measure> {
+        let bits = self.health.findings(true, HealthBits(!CONTRADICTED.0));
+        let measure = |finding: Finding| {
+            let cure =
+                if finding.cure.contains("plumbline doctor") { APART.to_owned() } else { finding.cure };
+            let finding = Finding { cure, fitness: Fitness::NotFit, ..finding };
+            finding.into_measure_of(FLIGHT)
+        };
+        self.resets.iter().cloned().chain(bits).map(measure).collect()
     }
 }
 

@@ -6,6 +6,7 @@ use crate::plausibility::{Plausibility, UNITS_AND_COLUMNS};
 use crate::timing::Sensor;
 use plumbline_config::Timestamp;
 use plumbline_config::options::VehicleConfig;
+use plumbline_estimator::HealthBits;
 
 #[test]
 fn a_stuck_axis_is_named() {
@@ -111,7 +112,7 @@ fn a_gyroscope_in_degrees_is_named_though_the_driver_drops_its_fastest_samples()
     let report = checkup.report();
     assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "degrees a second; multiply it by pi/180");
     let timing = measure(&report, "IMU timing");
-    assert_eq!(timing.figure("missing"), Some(0.0), "{}", told(&report));
+    assert_eq!(timing.figures["missing"], 0.0, "{}", told(&report));
     assert!(timing.value.contains(&format!("{refused} refused")), "{}", told(&report));
     assert_eq!(measure(&report, "mounting").verdict, Fitness::NotMeasured, "{}", told(&report));
     // Without images the unit is one of two causes.
@@ -164,5 +165,23 @@ fn a_negated_accelerometer_is_named_at_rest_and_in_motion() {
     assert!(
         findings.iter().any(|finding| finding.cause.contains("the accelerometer is negated")),
         "{findings:#?}"
+    );
+}
+
+#[test]
+fn what_a_flight_contradicts_is_not_fit_and_its_cure_is_no_circle() {
+    let mut flown = Plausibility::new(&flight(0).config, false);
+    (0..100).for_each(|k| flown.add_estimate(HealthBits(HealthBits::ROTATION_DISPUTED.0 * (k % 2))));
+    flown.add_reset("frame 60: no frame for 2.0 s", "look at cables");
+    let measures = flown.contradicted();
+    assert!(measures.iter().all(|measure| measure.verdict == Fitness::NotFit), "{}", told(&measures));
+    assert!(!told(&measures).contains("plumbline doctor"), "{}", told(&measures));
+    let titles: Vec<String> = measures.iter().map(|measure| measure.title()).collect();
+    assert_eq!(
+        titles,
+        [
+            "flight: the estimate was discarded (frame 60: no frame for 2.0 s)",
+            "flight: gyroscope and images disagree on how the vehicle turns"
+        ]
     );
 }

@@ -35,7 +35,7 @@ fn focal_lengths_of_either_sign_and_size() {
             })
             .report();
         assert_first(&report, "focal length");
-        let step = measure(&report, "focal length").figure("step").unwrap();
+        let step = measure(&report, "focal length").figures["step"];
         assert!((step + factor.ln()).abs() < 0.003, "{step}: {}", told(&report));
     }
 }
@@ -48,7 +48,7 @@ fn a_delay_and_a_clock_that_runs_fast() {
         });
         let report = late.report();
         assert_first(&report, "time offset");
-        let step = measure(&report, "time offset").figure("step").unwrap();
+        let step = measure(&report, "time offset").figures["step"];
         assert!((step + late_s).abs() < 0.001, "{step}: {}", told(&report));
     }
     // Of one camera too; a pace that is not the configured one is no wrong rate of the sensor.
@@ -113,4 +113,33 @@ fn images_that_are_mirrored_or_exchanged_or_black_in_turn() {
         odd.for_each(|(_, _, images)| images.iter_mut().for_each(|image| image.pixels_mut().fill(2)));
     });
     assert_found(&black.report(), "black images", Fitness::NotFit, "every second frame");
+}
+
+/// One camera tells a focal length and the scale of the gyroscope apart badly, and a lens is off more often.
+#[test]
+fn one_camera_names_the_likelier_of_two_first() {
+    let report = by_hand()
+        .with(|data| {
+            data.config.camera.truncate(1);
+            data.config.camera[0].focal_px = data.config.camera[0].focal_px.map(|f| 1.04 * f);
+        })
+        .report();
+    assert_first(&report, "focal length");
+    assert!(report[0].value.contains("or the gyroscope scale instead"), "{}", told(&report));
+}
+
+#[test]
+fn cameras_that_are_knocked_are_the_cause_and_no_cabin() {
+    let report = by_hand()
+        .with(|data| {
+            for image in data.frames[130..].iter_mut().flat_map(|(_, _, images)| images) {
+                let width = image.view().width();
+                image.pixels_mut().chunks_mut(width).for_each(|row| row.copy_within(..width - 12, 12));
+            }
+        })
+        .report();
+    assert_first(&report, crate::FLIGHT);
+    let title = report[0].title();
+    assert!(title.starts_with("flight: cameras may have been moved"), "{title}");
+    assert!(report[0].cure.contains("calibrate rig"), "{}", told(&report));
 }

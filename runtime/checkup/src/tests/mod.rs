@@ -7,7 +7,7 @@ mod faults;
 mod fitted;
 mod recorded;
 
-use crate::{Checkup, Fitness, Frame, Measure};
+use crate::{Checkup, Fitness, FrameInput, Measure};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
 use plumbline_simulator::{FlightPath, Scenario, Simulator};
@@ -40,7 +40,7 @@ impl Data {
             }
             checkup.note_frame(*sequence, *stamp);
             let images = [0, 1].map(|k| (k < self.config.camera.len()).then(|| images[k].view()));
-            checkup.look_at(&Frame { sequence: *sequence, stamp: *stamp, images });
+            checkup.look_at(&FrameInput { sequence: Some(*sequence), stamp: *stamp, images });
         }
         samples.for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
         checkup

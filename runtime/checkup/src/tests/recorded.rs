@@ -1,5 +1,5 @@
 use super::{is_fit, measure, missing, told};
-use crate::{Checkup, Fitness, Frame, Measure};
+use crate::{Checkup, Fitness, FrameInput, Measure};
 use plumbline_config::{Config, import};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoSource as _};
 use std::path::Path;
@@ -18,7 +18,7 @@ fn checked(clip: &Path) -> Vec<Measure> {
         }
         checkup.note_frame(frame.sequence, frame.stamp);
         let images = [frame.image(0), frame.image(1)];
-        checkup.look_at(&Frame { sequence: frame.sequence, stamp: frame.stamp, images });
+        checkup.look_at(&FrameInput { sequence: Some(frame.sequence), stamp: frame.stamp, images });
     }
     checkup.report()
 }
@@ -28,7 +28,7 @@ fn real_images_of_one_piece_show_no_fault() {
     let Some(clip) = plumbline_test_support::shared("euroc/MH_01_motion") else { return };
     let report = checked(&clip);
     assert!(is_fit(&report), "{}", told(&report));
-    assert!(missing(&report).contains(&"focal length"), "{}", told(&report));
+    assert_eq!(missing(&report), ["calibration"], "{}", told(&report));
 }
 
 #[test]
@@ -41,6 +41,6 @@ fn the_real_clip_of_a_drone_that_stands_is_fit() {
     for name in ["IMU timing", "camera timing"] {
         assert_eq!(measure(&report, name).verdict, Fitness::Good, "{}", told(&report));
     }
-    // It does not move, so it is not shown either.
-    assert!(missing(&report).contains(&"time offset"), "{}", told(&report));
+    let short = measure(&report, "calibration");
+    assert!(short.is_missing() && short.value.starts_with("too short: 10 s of motion"), "{}", told(&report));
 }

@@ -2,9 +2,8 @@
 
 use super::super::simulated::simulated;
 use anyhow::{Result, anyhow};
-use plumbline_checkup::plausibility::Finding;
 use plumbline_checkup::timing::Sensor;
-use plumbline_checkup::{Checkup, Fitness, Frame, Measure};
+use plumbline_checkup::{Checkup, Fitness, FrameInput, Measure};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::euroc::FileDefects;
@@ -46,20 +45,8 @@ pub(super) fn open(
     Ok(open_recording(Path::new(source), config, topics, cut, false)?)
 }
 
-/// Streams to be examined.
-pub(super) struct Streams {
-    config: ValidConfig,
-    imu: Box<dyn ImuSource>,
-    stereo: Box<dyn StereoSource>,
-    live: Option<Live>,
-    /// Defects of the recording as a whole.
-    findings: Vec<Finding>,
-    /// Rows and images that cannot be read.
-    file_defects: FileDefects,
-}
-
 /// Parts of live sensors only.
-struct Live {
+pub(super) struct Live {
     /// For how long they are read.
     length: Duration,
     /// Flag that stops them.
@@ -69,23 +56,17 @@ struct Live {
     watch: Option<SensorWatch>,
 }
 
-impl From<Flight> for Streams {
-    fn from(Flight { config, imu, stereo, findings, file_defects, .. }: Flight) -> Self {
-        Self { config, imu, stereo, live: None, findings, file_defects }
-    }
-}
-
 /// The sensors that a configuration names, to be read for so many seconds.
 ///
 /// # Errors
 /// When it names none, or one that is there cannot do what is asked of it.
-pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
+pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<(Flight, Live)> {
     let stop = StopFlag::new();
     let (flight, sensors) = open_sensors(config, &stop)?;
     let watch = SensorWatch::start(&sensors, None)?;
     tracing::info!("listening to the sensors for {seconds} s");
     let live = Live { length: Duration::from_secs_f64(seconds), stop, sensors, watch: Some(watch) };
-    Ok(Streams { live: Some(live), ..Streams::from(flight) })
+    Ok((flight, live))
 }
 
 /// A frame whose images are to be looked at.
@@ -105,8 +86,8 @@ type Sample = (u64, ImuSample);
 ///
 /// # Errors
 /// When a stream breaks off.
-pub(super) fn examine(streams: Streams) -> Result<Vec<Measure>> {
-    let Streams { config, imu, stereo, mut live, findings, file_defects } = streams;
+pub(super) fn examine(flight: Flight, mut live: Option<Live>) -> Result<Vec<Measure>> {
+    let Flight { config, imu, stereo, findings, file_defects, .. } = flight;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
@@ -177,7 +158,7 @@ fn look(
             }
             let [left, right] = &seen.images;
             let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
-            checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
+            checkup.look_at(&FrameInput { sequence: Some(seen.sequence), stamp: seen.stamp, images });
         }
         let is_over = matches!(seen, Err(RecvTimeoutError::Disconnected));
         if let Some(ended) = live.take_if(|live| is_over || begin.elapsed() >= live.length) {

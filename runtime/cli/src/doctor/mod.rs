@@ -92,7 +92,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     if let Some(source) = &args.source {
         let mut flight = data::open(source, config, &args.topics.names()?, seconds)?;
         flight.config = with_overrides(&flight.config, &args.overrides)?;
-        let sensors = Some((flight.name.clone(), data::examine(flight.into())?));
+        let sensors = Some((flight.name.clone(), data::examine(flight, None)?));
         return Report { host: None, sensors }.tell(args.json);
     }
     if args.seconds.is_some() && !args.live {
@@ -102,7 +102,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     let config = with_overrides(&config, &args.overrides)?;
     // Opened first: what is wrong with the configuration of the sensors is told at once.
     let streams = args.live.then(|| data::open_live(&config, seconds)).transpose()?;
-    let sensors = streams.map(data::examine).transpose()?;
+    let sensors = streams.map(|(flight, live)| data::examine(flight, Some(live))).transpose()?;
     let table = TaskTable::new(&config, 1.0);
     let mut checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
     checks.push(("certificates", certificates::check(&config.network.tls, SystemTime::now())));
@@ -123,7 +123,7 @@ struct Report {
 }
 
 fn names(measures: &[&Measure]) -> String {
-    measures.iter().map(|measure| measure.name).collect::<Vec<_>>().join(", ")
+    measures.iter().map(|measure| measure.title()).collect::<Vec<_>>().join(", ")
 }
 
 impl Report {

@@ -289,7 +289,8 @@ impl WindowStage {
         let severity = if reason.is_asked_for() { Severity::Warning } else { Severity::Error };
         let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
         let text = format_args!("frame {frame}: reset {count}: {reason}");
-        self.listener.said(&Said::Event(Event::new(estimate.stamp, severity, text)));
+        let event = Event { cure: reason.cure(), ..Event::new(estimate.stamp, severity, text) };
+        self.listener.said(&Said::Event(event));
     }
 
     /// Reports every second what a start with one camera still lacks, and at once which delay it has found.

@@ -150,7 +150,7 @@ fn look(
                     }
                 }
                 Item::Event(event) if event.severity == Severity::Error => {
-                    plausibility.add_reset(&event.text)
+                    plausibility.add_reset(&event.text, event.cure)
                 }
                 Item::Event(event) => tracing::info!("{}", event.text),
                 Item::Frame(sequence, stamp) => plausibility.add_frame(sequence, stamp),
@@ -175,10 +175,10 @@ impl Told {
     fn tell(&mut self, findings: Vec<Finding>) {
         let mut has_news = false;
         for finding in findings {
+            // Resets are told one by one: each has a reason of its own.
             let is_known = |other: &Finding| {
-                other.what == finding.what
-                    && other.cause == finding.cause
-                    && !is_reset_of_its_own(other, &finding)
+                (&other.what, &other.cause) == (&finding.what, &finding.cause)
+                    && (finding.what != GIVEN_UP || other.evidence == finding.evidence)
             };
             match self.findings.iter().position(is_known) {
                 Some(place) => self.findings[place] = finding,
@@ -193,9 +193,4 @@ impl Told {
             board.post_findings(self.findings.iter().rev().map(ToString::to_string).collect());
         }
     }
-}
-
-/// Resets are told one by one: each has a reason of its own.
-fn is_reset_of_its_own(a: &Finding, b: &Finding) -> bool {
-    a.what == GIVEN_UP && a.evidence != b.evidence
 }
