@@ -3,6 +3,7 @@
 //! Each is a share of the frames, by camera; where only even or only odd frames have it, that is reported. A row of one half-frame
 //! differs more from its neighbours than from the rows two away; a mark keeps its gradient while the scene changes below it.
 
+use crate::statistics::quantile;
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::{ImageView, Timestamp};
 use plumbline_estimator::HealthBits;
@@ -17,6 +18,8 @@ const BURNT: (u8, f64) = (250, 0.5);
 const STRIDE: usize = 3;
 /// Rows differ from their neighbours by so much more than from those two away where half-frames are of two times.
 const COMB: f64 = 1.1;
+/// An image stands still where it changes by this share of what it usually does, and frames in a row that it takes.
+const STILL: (f64, usize) = (0.3, 5);
 /// Images are compared for marks where they have changed by this share of their contrast, and so many of them at least: by chance
 /// 1 in 2000 pixels then keeps its gradient.
 const CHANGED: f64 = 0.5;
@@ -35,6 +38,7 @@ struct Look {
     is_there: bool,
     brightest: f64,
     burnt: f64,
+    change: f64,
     is_frozen: bool,
     is_combed: bool,
 }
@@ -43,6 +47,7 @@ struct Look {
 #[derive(Default)]
 struct Eye {
     looks: Vec<Look>,
+    last: Vec<u8>,
     /// Image that was compared last, with the sums of the gradients of all, and of their squares.
     compared: Vec<u8>,
     sums: Vec<(f32, f32)>,
@@ -101,6 +106,7 @@ impl Eye {
             is_there: true,
             brightest: level(0.95),
             burnt: f64::from(burnt) / all,
+            change: change(&self.last, &pixels),
             is_frozen,
             is_combed: comb as f64 > COMB * smooth as f64,
         });
@@ -109,6 +115,7 @@ impl Eye {
             self.compare(image);
             self.compared.clone_from(&pixels);
         }
+        self.last = pixels;
     }
 
     /// Adds the gradients along the rows.
@@ -169,25 +176,26 @@ impl ImageTests {
         let mut measures = Vec::new();
         for (k, side) in sides.iter().enumerate() {
             let eye = &self.eyes[k];
-            let of = |has: fn(&Look) -> bool| -> Vec<usize> {
+            let of = |has: &dyn Fn(usize, &Look) -> bool| -> Vec<usize> {
                 let looks = eye.looks.iter().enumerate();
-                looks.filter(|(_, look)| look.is_there && has(look)).map(|(k, _)| k).collect()
+                looks.filter(|(k, look)| look.is_there && has(*k, look)).map(|(k, _)| k).collect()
             };
+            let still = self.still(k);
             let kinds = [
                 (
                     "black images",
-                    of(|look| look.brightest < DARK),
+                    of(&|_, look| look.brightest < DARK),
                     "look at light, exposure, strobe, lens cap and cable",
                 ),
-                ("burnt-out images", of(|look| look.burnt > BURNT.1), "shorten the exposure"),
+                ("burnt-out images", of(&|_, look| look.burnt > BURNT.1), "shorten the exposure"),
                 (
                     "frozen images",
-                    of(|look| look.is_frozen),
+                    of(&|k, look| look.is_frozen || still[k]),
                     "look at cable, driver and load of the camera, and restart it",
                 ),
                 (
                     "interlaced images",
-                    of(|look| look.is_combed),
+                    of(&|_, look| look.is_combed),
                     "odd and even lines are half-frames of two times: use a progressive mode, or every second line alone",
                 ),
             ];
@@ -226,5 +234,17 @@ impl ImageTests {
             self.stamps.len()
         );
         Measure::new(name, verdict, value, cure, &[("share", share), ("from_s", from), ("to_s", to)])
+    }
+
+    /// Frames in which an image stands still while the other one changes.
+    fn still(&self, camera: usize) -> Vec<bool> {
+        let [own, other] = [camera, 1 - camera].map(|k| &self.eyes[k].looks);
+        let [least, most] = [own, other]
+            .map(|looks| quantile(&looks.iter().map(|look| look.change).collect::<Vec<_>>(), 0.5));
+        let stands = own.iter().zip(other);
+        let stands = stands.map(|(own, other)| own.change < STILL.0 * least && other.change > 0.5 * most);
+        let stands: Vec<bool> = stands.collect();
+        let runs = stands.chunk_by(|a, b| a == b);
+        runs.flat_map(|run| run.iter().map(|stands| *stands && run.len() >= STILL.1)).collect()
     }
 }

@@ -37,7 +37,7 @@ pub use plumbline_estimator::FrameInput;
 pub use verdict::{Fitness, Measure};
 
 use finding::UNITS_AND_COLUMNS;
-use fit::judge::NOISE;
+use fit::judge::{NOISE, TOO_SHORT};
 use fit::parts::CLOCK_RATE;
 use health::CONTRADICTED;
 use images::{FROZEN, ImageTests};
@@ -143,9 +143,7 @@ impl Checkup {
             }
             self.data.add_reset(&format!("frame {sequence}: {reason}"), reason.cure());
         }
-        if flown.has_pose() {
-            self.data.health.add_quality(flown.quality);
-        }
+        flown.has_pose().then(|| self.data.health.add_quality(flown.quality));
     }
 
     /// Frames that came.
@@ -201,7 +199,8 @@ impl Checkup {
         measures.extend(mounting);
         measures.extend(fitted);
         // The images as they lie explain more than any calibration.
-        measures.sort_by_key(|measure| Reverse(measure.verdict.max(Fitness::Good)));
+        let is_late = |measure: &Measure| measure.verdict <= Fitness::Good && measure.name != TOO_SHORT;
+        measures.sort_by_key(|measure| (is_late(measure), Reverse(measure.verdict.max(Fitness::Good))));
         measures
     }
 

@@ -38,7 +38,7 @@ const HOLD: &str = "turn it by hand about all three axes and move it to and fro 
 /// Cure of a part that is off, and explains nothing.
 const CONSEQUENCE: &str = "it explains nothing by itself: look at what is named above, and measure again";
 
-/// Measures of the calibration by one fit of everything: what explains most first. Of a recording that is too short for it, what it shows.
+/// Measures of the calibration by one fit of everything: what explains most first. Of a recording that is too short for it, that alone.
 pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
     let measures = fitted(config, tracks, samples);
     let span_s = tracks.span_s();
@@ -48,8 +48,7 @@ pub(crate) fn judge(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> 
     }
     let value = format!("too short: {LEAST_S:.0} s of motion are needed, and these are {span_s:.1} s");
     let short = Measure::new(TOO_SHORT, Fitness::NotMeasured, value, HOLD, &[("span_s", span_s)]);
-    let shown = measures.into_iter().filter(|measure| measure.verdict == Fitness::Good);
-    std::iter::once(short.shown_by(Some(HOLD))).chain(shown).collect()
+    vec![short.shown_by(Some(HOLD))]
 }
 
 fn fitted(config: &Config, tracks: &Tracks, samples: &[ImuSample]) -> Vec<Measure> {
@@ -117,8 +116,7 @@ fn trade(config: &Config, causes: &Causes<'_>, parts: &[Part], found: &[Cause]) 
     // Columns that are swapped are no scale.
     let is_scale = focal.abs() < 0.5 && scale.abs() < 0.5;
     let is_gyro = scale * scale - focal * focal > TRADED * TRADED;
-    let (part, other) = if is_gyro { (of_gyro, of_lens) } else { (of_lens, of_gyro) };
-    let (part, other) = (&parts[part], &parts[other]);
+    let [part, other] = (if is_gyro { [of_gyro, of_lens] } else { [of_lens, of_gyro] }).map(|k| &parts[k]);
     let is_right = product.abs() < SIGMAS * part.worth.hypot(other.worth);
     let (verdict, cure) = if is_right { (Fitness::Uncertain, TURN) } else { (Fitness::NotFit, part.cure) };
     let [both, focal_percent, scale_percent] = [product, focal, scale].map(|value| 1e2 * value);

@@ -76,11 +76,6 @@ struct Seen {
     images: [Option<GrayImage>; 2],
 }
 
-/// Note of a frame that came.
-type Note = (u64, Timestamp);
-/// Inertial sample with its number.
-type Sample = (u64, ImuSample);
-
 /// Reads streams to their end, and says how fit their sensors are. Live ones are read at their pace: a frame that comes while
 /// others wait to be looked at is taken note of alone.
 ///
@@ -140,7 +135,7 @@ fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble;
 fn look(
     checkup: &mut Checkup,
     receive: &Receiver<Seen>,
-    samples: &Receiver<Sample>,
+    samples: &Receiver<(u64, ImuSample)>,
     mut live: Option<&mut Live>,
 ) -> [SensorTrouble; 2] {
     let patience = if live.is_some() { PATIENCE } else { Duration::MAX };
@@ -180,7 +175,7 @@ fn ended<T>(thread: ScopedJoinHandle<'_, Result<T, DriverError>>) -> Result<T> {
 /// Hands samples on; returns how many came, and what the source survived.
 fn read_samples(
     mut source: Box<dyn ImuSource>,
-    send: &Sender<Sample>,
+    send: &Sender<(u64, ImuSample)>,
 ) -> Result<(usize, Faults), DriverError> {
     let mut count = 0;
     while let Some(reading) = source.next_reading()? {
@@ -199,7 +194,7 @@ fn read_frames(
     mut frame: StereoFrame,
     send: &SyncSender<Seen>,
     is_live: bool,
-) -> Result<(Vec<Note>, Faults), DriverError> {
+) -> Result<(Vec<(u64, Timestamp)>, Faults), DriverError> {
     let mut notes = Vec::new();
     while notes.len() < MAX_FRAMES && source.next_frame(&mut frame)? {
         notes.push((frame.sequence, frame.stamp));

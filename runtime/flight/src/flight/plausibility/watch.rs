@@ -39,19 +39,13 @@ struct Shared {
 }
 
 impl Shared {
-    /// Hands over; what finds no room in a live run is left out.
+    /// Hands over. What finds no room waits in a run that may wait, else it is left out.
     fn offer(&self, item: Item) {
-        if let Some(place) = self.await_room(|| self.items.place()) {
-            place.fill(item);
-        }
-    }
-
-    /// Result of `get`; a run that may wait calls it until there is one.
-    fn await_room<R>(&self, mut get: impl FnMut() -> Option<R>) -> Option<R> {
         loop {
-            match get() {
+            match self.items.place() {
+                Some(place) => return place.fill(item),
                 None if self.may_wait && !self.is_over.load(Ordering::Relaxed) => std::thread::sleep(WAIT),
-                room => return room,
+                None => return,
             }
         }
     }
