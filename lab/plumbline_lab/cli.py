@@ -28,6 +28,7 @@ CAMPAIGN = """examples:
   plumbline-lab campaign --fault accel-dead:x@10,gyro-sign:y@8 --duration 20     with a table of honesty
   plumbline-lab campaign --with 'blackout=6..7.5' --with 'fault=imu-gap@5+0.2&condition=night:20:4:8'
   plumbline-lab campaign --drawn 1000 --duration 12 --path yaws,hover            drawn failures: which health bits named them
+  plumbline-lab campaign --sound 200 --duration 30 --scale 0.5                   sound flights: false alarms
 
 """ + FLIGHTS
 
@@ -139,6 +140,7 @@ def parser() -> argparse.ArgumentParser:
     add(one, f"--with OPTION&OPTION: {words}", dest="variations", action="append", default=[])
     add(one, "--only: leave out the flights without a variation", action="store_true")
     add(one, "--drawn COUNT: fly so many flights with drawn failures instead", type=int)
+    add(one, "--sound COUNT: fly so many sound flights along drawn paths instead, to count false alarms", type=int)
     add(one, "--draw-seed N: seed of the draws", type=int, default=1)
     add(one, "--against TABLE: compare with the table of another build or configuration", type=Path)
     add_cluster(one, "campaign.parquet")
@@ -217,7 +219,7 @@ def parser() -> argparse.ArgumentParser:
 
 def campaign(args):
     """Flies the campaign; returns the tables to print, and the table of the flights."""
-    from . import compare, draws, flights, run, summaries
+    from . import compare, draws, flights, paths, run, summaries
 
     chosen = [replace(flight, settings=tuple(args.set)) for flight in flights.campaign(args)]
     kinds = [("fault", args.fault), ("condition", args.condition), ("imu-error", args.imu_error)]
@@ -225,6 +227,8 @@ def campaign(args):
     varied = [replace(flight, variation=variation) for variation in variations + args.variations for flight in chosen]
     if args.drawn:
         chosen = draws.drawn(chosen, args.drawn, args.draw_seed)
+    elif args.sound:
+        chosen = paths.sound(args.sound, args.draw_seed, args, args.out.with_suffix(".paths"))
     else:
         chosen = varied if args.only else chosen + varied
     table = run.fly_all(chosen, args, args.out)

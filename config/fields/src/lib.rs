@@ -221,8 +221,8 @@ pub trait Record: Default + 'static {
 
 /// Record whose type is not known to the reader.
 pub trait Parts {
-    /// Number of its fields.
-    fn count(&self) -> usize;
+    /// Largest number of its fields.
+    fn last_tag(&self) -> u32;
     /// Field of this number with its value.
     fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)>;
     /// Calls `sink` with every field, in the order of the schema.
@@ -254,8 +254,8 @@ fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
 }
 
 impl<T: Record> Parts for T {
-    fn count(&self) -> usize {
-        T::FIELDS.len()
+    fn last_tag(&self) -> u32 {
+        T::FIELDS.iter().map(|field| field.about.tag).max().unwrap_or(0)
     }
 
     fn field(&self, tag: u32) -> Option<(&'static About, Value<'_>)> {

@@ -25,6 +25,7 @@ pub(crate) mod seeds;
 pub(crate) mod segment;
 pub(crate) mod tracker;
 pub(crate) mod validation;
+mod view;
 
 pub use extractor::{ExtractionFigures, LineExtractor};
 pub use measurement::ImageLine;

@@ -310,14 +310,16 @@ fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_
     flight.frames(160);
     let spoilt = (Rig::P_B_C0, Rig::ROT_B_C0);
     flight.odometer.estimation.window.prior.equations.add(spoilt.0, spoilt.1, 1e30);
-    let (mut last, mut velocities) = (flight.frame(None).covariance, Vec::new());
+    flight.frame(None);
+    // Without what a gyroscope in doubt adds for a frame.
+    let (mut last, mut velocities) = (flight.odometer.estimation.covariance, Vec::new());
     for k in 1..100 {
         let estimate = flight.frame(None).clone();
         if estimate.reset_counter > 0 {
             break;
         }
         assert!(estimate.health.contains(HealthBits::NOT_POSITIVE_DEFINITE), "{k}: {estimate:?}");
-        let now = estimate.covariance;
+        let now = flight.odometer.estimation.covariance;
         for part in [0, 3, 6] {
             let [now, then] = [&now, &last].map(|c| c.fixed_view::<3, 3>(part, part).trace());
             assert!(now > then, "frame {k}, part {part}: {now} after {then}");

@@ -23,8 +23,7 @@ pub(super) const ERROR_MEMORY_S: f64 = 0.4;
 /// Independence of the errors of observations that are `dt_s` apart, `(1 - rho) / (1 + rho)` for a correlation `rho`.
 #[inline]
 fn independence(dt_s: f64) -> f64 {
-    let rho = ERROR_MEMORY_S / (ERROR_MEMORY_S + dt_s);
-    (1.0 - rho) / (1.0 + rho)
+    dt_s / (2.0 * ERROR_MEMORY_S + dt_s)
 }
 
 /// One measured place of a landmark.

@@ -121,6 +121,8 @@ pub struct Window {
     configured_rig: Rig,
     /// Knowledge of the rig at the present start.
     known_rig: calibration::KnownRig,
+    /// Rig about which the configured standard deviations hold: the configured one, or where nothing was kept through a reset, that of then.
+    assumed_rig: Rig,
     /// Knowledge of the rig for the next start.
     kept_rig: Option<calibration::KnownRig>,
     /// When things were last seen to move.
@@ -202,6 +204,7 @@ impl Window {
             first_damping: solve::FIRST_DAMPING,
             rig_walk: RigWalk::new(config.rig.memory_s),
             configured_rig: rig.clone(),
+            assumed_rig: rig.clone(),
             known_rig: calibration::KnownRig::within(&options.rig_sigmas),
             kept_rig: None,
             imu_noise: ImuNoise::of(&config.imu),
@@ -218,6 +221,7 @@ impl Window {
             self.restore_rig();
             kept = None;
         }
+        self.assumed_rig.clone_from(if kept.is_some() { &self.configured_rig } else { &self.rig });
         self.known_rig = kept.unwrap_or_else(|| calibration::KnownRig::within(&self.options.rig_sigmas));
         self.frames.clear();
         self.points.clear();

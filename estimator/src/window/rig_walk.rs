@@ -151,7 +151,7 @@ impl Window {
 
     /// Takes from the prior what the configured intrinsics and the configured pair say of parameters that are far from it.
     fn doubt_configured_rig(&mut self) {
-        let offsets = self.rig.minus(&self.configured_rig);
+        let offsets = self.rig.minus(&self.assumed_rig);
         let pair = Rig::P_C0_C1..Rig::TIME_OFFSET;
         let sigmas = self.options.rig_sigmas;
         for k in pair.chain(Rig::INTRINSICS..RIG_DIM).filter(|k| sigmas[*k] > 0.0) {
@@ -179,9 +179,8 @@ impl Window {
         let p_c0_c1 = self.configured_rig.pose_c0_c1.translation.vector;
         baseline.fixed_rows_mut::<3>(Rig::P_C0_C1).copy_from(&p_c0_c1.try_normalize(0.0).unwrap_or_default());
         // Forces have errors of scale themselves.
-        for (which, (along, least)) in
-            [(focal, 0.0), (baseline, LEAST_OFF * p_c0_c1.norm())].into_iter().enumerate()
-        {
+        let tested = [(focal, 0.0), (baseline, LEAST_OFF * p_c0_c1.norm())];
+        for (which, (along, least)) in tested.into_iter().enumerate() {
             let off = self
                 .refuted_by(&along)
                 .filter(|off| off.abs() > least && !self.is_of_accelerometer(off * along.dot(&baseline)));
@@ -207,7 +206,7 @@ impl Window {
         solution[..RIG_DIM].copy_from_slice(along.as_slice());
         factor.solve(&mut solution[..factor.dim]);
         let explained = prior - along.dot(&SVector::from_column_slice(&solution[..RIG_DIM]));
-        let offset = along.dot(&self.rig.minus(&self.configured_rig));
+        let offset = along.dot(&self.rig.minus(&self.assumed_rig));
         let is_refuted =
             explained > LEAST_EXPLAINED * prior && offset.abs() > INNOVATION_SIGMAS * explained.sqrt();
         is_refuted.then(|| offset * prior / explained)
@@ -227,7 +226,7 @@ impl Window {
         let lost = (self.rig_walk.weights[k] - weight) / self.options.rig_sigmas[k].squared();
         if lost > 0.0 {
             self.rig_walk.weights[k] = weight;
-            let by = lost * self.prior.rig.minus(&self.configured_rig)[k];
+            let by = lost * self.prior.rig.minus(&self.assumed_rig)[k];
             self.prior.equations.add(k, k, -lost);
             self.prior.equations.gradient_mut()[k] -= by;
             // Until a keyframe leaves, the prior is made anew of what was known at the start.
@@ -321,6 +320,7 @@ mod tests {
         let (sigma, floor) = (3e-4, 1e-4);
         window.options.rig_sigmas.fill(sigma);
         window.configured_rig = window.prior.rig.clone();
+        window.assumed_rig = window.prior.rig.clone();
         window.rig = window.configured_rig.clone();
         let offset = 4e-4;
         window.prior.rig =
@@ -369,6 +369,7 @@ mod tests {
         window.rig_walk = RigWalk::new(1e9);
         let (k, sigma) = (Rig::INTRINSICS, window.options.rig_sigmas[Rig::INTRINSICS]);
         window.configured_rig = window.rig.clone();
+        window.assumed_rig = window.rig.clone();
         window.prior.start(&window.configured_rig.clone(), &window.known_rig.clone());
         // Measured ten standard deviations off, three times as well as configured.
         let (off, information) = (10.0 * sigma, 9.0 / (sigma * sigma));
@@ -405,6 +406,7 @@ mod tests {
             let mut window = Room::default().window();
             window.options.rig_sigmas.fill(2e-4);
             window.configured_rig = window.rig.clone();
+            window.assumed_rig = window.rig.clone();
             window.known_rig = KnownRig::within(&window.options.rig_sigmas);
             window.prior.start(&window.rig.clone(), &window.known_rig.clone());
             // The focal length is measured to ten sigmas, that both lenses have the same to a tenth of one.
@@ -437,6 +439,7 @@ mod tests {
             let mut window = Room::default().window();
             window.options.rig_sigmas.fill(2e-5);
             window.configured_rig = window.rig.clone();
+            window.assumed_rig = window.rig.clone();
             window.known_rig = KnownRig::within(&window.options.rig_sigmas);
             window.prior.start(&window.rig.clone(), &window.known_rig.clone());
             let p_c0_c1 = window.rig.pose_c0_c1.translation.vector;

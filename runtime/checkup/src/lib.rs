@@ -37,7 +37,7 @@ pub use plumbline_estimator::FrameInput;
 pub use verdict::{Fitness, Measure};
 
 use finding::UNITS_AND_COLUMNS;
-use fit::judge::{NOISE, TOO_SHORT};
+use fit::judge::NOISE;
 use fit::parts::CLOCK_RATE;
 use health::CONTRADICTED;
 use images::{FROZEN, ImageTests};
@@ -48,6 +48,7 @@ use plumbline_estimator::{Estimator, HealthBits};
 use std::cmp::Reverse;
 use timing::Sensor;
 use tracks::Tracker;
+use verdict::TOO_SHORT;
 
 /// Inertial samples that are kept, and stamps of frames: five minutes at 1 kHz. Later ones are left out.
 const MAX_SAMPLES: usize = 300_000;

@@ -1,10 +1,12 @@
 //! Measurement, its verdict, and the cure.
 
 use crate::FLIGHT;
-use crate::fit::judge::TOO_SHORT;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
+
+/// Name of the measure of a recording that is too short.
+pub(crate) const TOO_SHORT: &str = "calibration";
 
 /// Verdict on a measurement, the mildest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]

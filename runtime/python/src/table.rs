@@ -76,7 +76,7 @@ impl<'py> Columns<'py> {
     fn put_part<R: Record>(&self, field: &Field<R>, rows: &[R]) -> PyResult<()> {
         let (columns, blank) = (Columns::new(self.0.py()), R::default());
         let Value::Part(part) = (field.get)(&blank) else { return Ok(()) };
-        for tag in 1..=part.count() as u32 {
+        for tag in 1..=part.last_tag() {
             let Some((about, _)) = part.field(tag) else { continue };
             let value = |row: &R| match (field.get)(row) {
                 Value::Part(part) => part.field(tag).map_or(0, |(_, value)| value.whole() as u32),

@@ -42,7 +42,7 @@ pub fn encode_brief(record: &dyn Parts) -> Vec<u8> {
 
 /// Fields of a record in the order of their numbers.
 fn numbered(record: &dyn Parts) -> impl Iterator<Item = (u32, (&'static About, Value<'_>))> {
-    (1..=record.count() as u32).filter_map(|tag| Some((tag, record.field(tag)?)))
+    (1..=record.last_tag()).filter_map(|tag| Some((tag, record.field(tag)?)))
 }
 
 fn append_value(tag: u32, shape: Shape, value: Value<'_>, to: &mut Vec<u8>) {
@@ -129,7 +129,7 @@ fn fill(record: &mut dyn Parts, mut bytes: &[u8]) -> Result<(), &'static str> {
             skip_field(wire, tag, &mut bytes, DecodeContext::default()).map_err(|_| NO_MESSAGE)?;
         }
     }
-    for tag in (1..=record.count() as u32).filter(|tag| seen & (1 << tag) == 0) {
+    for tag in (1..=record.last_tag()).filter(|tag| seen & (1 << tag) == 0) {
         let is_double = record.field(tag).is_some_and(|(about, _)| about.shape == Shape::Double);
         record.put(tag, if is_double { Value::floats(&[0.0]) } else { Value::Missing })?;
     }

@@ -17,7 +17,7 @@
 //! 8. Focal length or baseline are not those configured ([`crate::window::rig_walk`]): the window follows the data. `SCALE_CONTRADICTED` (10).
 //! 9. Once the window is solved, the motion contradicts most of what is seen (`window/doubt.rs`): solved anew with a loosened factor.
 //!    `IMU_CONTRADICTED`.
-//! 10. Forces are noisier than stated ([`noise`]): so are the factors to come. `ACCEL_NOISY`.
+//! 10. Forces are noisier than stated, or frames correct more than is explained ([`noise`]): so are the factors to come, and the published state. `ACCEL_NOISY`.
 //! 11. Frames are corrected to one side, whoever is wrong ([`leaning`]): the published state is uncertain.
 //! 12. Nothing holds the estimate, or no vehicle is like that ([`tracking`]): a start anew. `VELOCITY_UNCERTAIN`.
 //!

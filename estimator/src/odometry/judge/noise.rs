@@ -2,10 +2,10 @@
 //!
 //! With consistent noise the correction `d` that a frame makes to the predicted velocity has the covariance by which the frame
 //! lowers that of the prediction, `P_predicted - P_updated` (Mohamed and Schwarz 1999, "Adaptive Kalman filtering for INS/GPS").
-//! Running means of `|d|²` and of that trace therefore have the ratio 1; about 0.25 with the cautious noise that presets state
-//! for images. Forces that the stated noise does not explain raise it. The noise of new inertial factors then grows, until
-//! the ratio is back, and shrinks more slowly; never below what is stated. It begins large: a tilt that was taken for certain
-//! before the first second had told what the forces are worth would stay in the prior.
+//! Running means of `|d|²` and of that trace therefore have the ratio 1, and less with the cautious noise that presets state. Forces that the
+//! stated noise does not explain raise it. The noise of new inertial factors then grows, until the ratio is back, and shrinks more slowly;
+//! never below what is stated. It begins large: a tilt that was taken for certain before the first second had told what the forces are
+//! worth would stay in the prior.
 
 use super::leaning::{Corrected, Leaning};
 use crate::estimate::HealthBits;
@@ -20,8 +20,6 @@ use plumbline_config::Portable;
 const MEMORY_S: f64 = 1.0;
 /// Speed of the scale's growth relative to its decay.
 const GROWTH: f64 = 4.0;
-/// Ratio up to which the noise is believed: half as much again as in clean flights.
-const BELIEVED_RATIO: f64 = 0.35;
 /// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
 const MOST_IN_A_FRAME: f64 = 25.0;
 /// Largest change of the logarithm of the variance in a time constant.
@@ -137,7 +135,7 @@ impl NoiseScale {
         self.position.add(share, d[0].norm_squared(), gained(NavState::P));
         self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
         // Images that contradict each other raise the ratio of the position as well.
-        let believed = BELIEVED_RATIO.at_least(self.position.ratio());
+        let believed = self.position.ratio().at_least(1.0);
         let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
         let gain = if excess > 0.0 { GROWTH } else { 1.0 };
         let change = gain * share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);

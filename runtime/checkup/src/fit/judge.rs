@@ -6,7 +6,7 @@ use super::rig::{ACCEL, GYRO};
 use super::{FirstLook, Fitted, fit, orientation};
 use crate::NAMED_ABOVE;
 use crate::tracks::Tracks;
-use crate::verdict::{Fitness, Measure};
+use crate::verdict::{Fitness, Measure, TOO_SHORT};
 use nalgebra::DVector;
 use plumbline_config::{Config, ImuSample};
 
@@ -29,8 +29,7 @@ pub(crate) const NOISE: &str = "noise of the IMU";
 /// Noise against the configured one from which it is minded: that of a vehicle in flight against a data sheet.
 const NOISY: f64 = 3.0;
 
-/// Name of the measure of a recording that is too short, and the shortest that holds enough pieces for their scatter to show, s.
-pub(crate) const TOO_SHORT: &str = "calibration";
+/// Shortest recording that holds enough pieces for their scatter to show, s.
 const LEAST_S: f64 = 10.0;
 /// Instructions for a recording that can be fitted.
 const HOLD: &str = "turn it by hand about all three axes and move it to and fro for ten seconds and more, with texture in view";

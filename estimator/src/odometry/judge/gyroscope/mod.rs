@@ -133,10 +133,8 @@ impl RotationWatch {
     pub(super) fn forget_turns(&mut self) {
         self.turns.clear();
         self.differences.clear();
-        (self.contradiction, self.suspicious) = (None, None);
-        (self.left_m, self.left_rad, self.carried_rad) = (0.0, 0.0, 0.0);
-        (self.probation, self.jumped) = (None, None);
-        self.doubtful = Vector3::zeros();
+        (self.contradiction, self.suspicious, self.probation, self.jumped) = (None, None, None, None);
+        (self.left_m, self.left_rad, self.carried_rad, self.doubtful) = (0.0, 0.0, 0.0, Vector3::zeros());
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -190,8 +188,6 @@ impl RotationWatch {
         }
         let sigmas = Sigmas { bias_rad_s: frame.bias_sigma_rad_s, stamp_s: self.stamps.sigma_s() };
         let excess = self.differences.newest_excess(&sigmas);
-        let is_doubtful = excess > DOUBTFUL_SIGMAS / CONTRADICTS_SIGMAS;
-        self.doubtful = if is_doubtful { self.doubtful + rad } else { Vector3::zeros() };
         self.probation = self.probation.and_then(|probation| probation.after(&self.turns, &rad, excess));
         let mut newest = NewestTurn { turn, difference: rad, excess, sum_excess: 0.0, adds_up: false };
         let contradicted = if self.contradiction.is_some() {
@@ -202,9 +198,8 @@ impl RotationWatch {
         } else {
             self.begin_contradiction(&newest, frame, &sigmas)
         };
-        if self.contradiction.is_some() {
-            self.doubtful = Vector3::zeros();
-        }
+        let is_doubtful = self.contradiction.is_none() && excess > DOUBTFUL_SIGMAS / CONTRADICTS_SIGMAS;
+        self.doubtful = if is_doubtful { self.doubtful + rad } else { Vector3::zeros() };
         contradicted.or(begun)
     }
 
@@ -324,8 +319,7 @@ impl RotationWatch {
             Some(Culprit::Images(late_s)) => late_s,
             _ => 0.0,
         };
-        let is_doubtful = self.doubtful != Vector3::zeros();
-        if late_s == 0.0 && self.left_m == 0.0 && self.left_rad == 0.0 && !is_doubtful {
+        if late_s == 0.0 && self.left_m == 0.0 && self.left_rad == 0.0 && self.doubtful == Vector3::zeros() {
             return None;
         }
         let mut added = NavCovariance::zeros();
