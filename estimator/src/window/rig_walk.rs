@@ -184,8 +184,7 @@ impl Window {
             let off = self
                 .refuted_by(&along)
                 .filter(|off| off.abs() > least && !self.is_of_accelerometer(off * along.dot(&baseline)));
-            let before = &mut self.rig_walk.refuted_before[which];
-            let before = std::mem::replace(before, off.unwrap_or_default());
+            let before = std::mem::replace(&mut self.rig_walk.refuted_before[which], off.unwrap_or_default());
             if let Some(off) = off.filter(|off| off * before > 0.0) {
                 for k in (0..RIG_DIM).filter(|k| along[*k] != 0.0) {
                     self.weigh_configured(k, (self.options.rig_sigmas[k] / off).squared());

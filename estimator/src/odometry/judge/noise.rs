@@ -135,8 +135,7 @@ impl NoiseScale {
         self.position.add(share, d[0].norm_squared(), gained(NavState::P));
         self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
         // Images that contradict each other raise the ratio of the position as well.
-        let believed = self.position.ratio().at_least(1.0);
-        let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
+        let excess = libm::log((self.velocity.ratio() / self.position.ratio().at_least(1.0)).at_least(1e-3));
         let gain = if excess > 0.0 { GROWTH } else { 1.0 };
         let change = gain * share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
         self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
