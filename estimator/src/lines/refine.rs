@@ -167,7 +167,7 @@ impl Curve {
         Some(Self { centre, coefficients: coefficients.cast::<f32>().into() })
     }
 
-    /// The same, moved along the minor axis.
+    /// The curve moved by `offset` along the minor axis, px.
     fn moved(&self, offset: f32) -> Self {
         let [c0, c1, c2] = self.coefficients;
         Self { coefficients: [c0 + offset, c1, c2], ..*self }
