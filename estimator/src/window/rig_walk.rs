@@ -433,6 +433,21 @@ mod tests {
     }
 
     #[test]
+    fn a_start_anew_with_the_rig_that_was_found_tells_nothing_against_the_configured_one() {
+        let mut window = Room::default().window();
+        window.configured_rig = window.rig.clone();
+        window.options.rig_sigmas.fill(2e-4);
+        // Four standard deviations, by data that are gone.
+        let found = SVector::from_fn(|k, _| if k >= Rig::INTRINSICS { 8e-4 } else { 0.0 });
+        window.rig = window.configured_rig.plus(&found);
+        window.clear();
+        let k = Rig::of_lens(0);
+        let before = window.prior.equations.get(k, k);
+        window.doubt_configured_rig();
+        assert_eq!(window.prior.equations.get(k, k).to_bits(), before.to_bits());
+    }
+
+    #[test]
     fn a_baseline_that_is_off_by_no_more_than_forces_are_does_not_give_way() {
         for (share, is_refuted) in [(0.02, false), (-0.02, false), (0.05, true), (-0.05, true)] {
             let mut window = Room::default().window();

@@ -19,6 +19,8 @@ pub(super) struct Difference {
     pub(super) dt_s: f64,
     pub(super) rad: Vector3<f64>,
     pub(super) seen: Vector3<f64>,
+    /// Difference by the turn from the sighting of the frame before, rad, where both frames were sighted: what landmarks are off by is in neither.
+    pub(super) between: Option<Vector3<f64>>,
     /// Covariance of the sighting, rad².
     pub(super) covariance: Matrix3<f64>,
     /// True if landmarks vote for it.
@@ -101,7 +103,8 @@ impl Differences {
 
     /// Sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard deviation of at
     /// least `stamp_sigma_s`; `None` where there are fewer. Sightings that no landmark votes for err alike if `are_errors_shared`: by what the same
-    /// landmarks are off by, so that standard deviations add up and not variances.
+    /// landmarks are off by, so that standard deviations add up and not variances. And what they are off by is no turn: the sum from sighting to
+    /// sighting, whose ends alone err, has to exceed as well.
     fn excess(
         &self,
         (count, stamp_sigma_s): (usize, f64),
@@ -124,13 +127,21 @@ impl Differences {
         let ends = [newest().next()?, newest().last()?];
         let stamp = |d: &Difference| d.time_sigma_s.unwrap_or(sigmas.stamp_s).at_least(stamp_sigma_s);
         let of_stamps: f64 = ends.map(|d| (d.rate_b().norm() * stamp(d)).squared()).iter().sum();
-        let variance = own
-            + shared.squared()
-            + of_stamps
-            + self.gyro_density.squared() * span_s
-            + (sigmas.bias_rad_s * span_s).squared();
-        let admitted = (SAME_TURN_RAD * (count as f64).sqrt()).at_least(CONTRADICTS_SIGMAS * variance.sqrt())
-            + SCALE_SHARE * turned;
-        Some(sum.norm() / admitted)
+        let admitted = |count: usize, of_sightings: f64| {
+            let variance = of_sightings
+                + of_stamps
+                + self.gyro_density.squared() * span_s
+                + (sigmas.bias_rad_s * span_s).squared();
+            (SAME_TURN_RAD * (count as f64).sqrt()).at_least(CONTRADICTS_SIGMAS * variance.sqrt())
+                + SCALE_SHARE * turned
+        };
+        let excess = sum.norm() / admitted(count, own + shared.squared());
+        let sighted = newest().filter(|d| d.between.is_some()).count();
+        if !are_errors_shared || sighted == 0 {
+            return Some(excess);
+        }
+        let between: Vector3<f64> = newest().filter_map(|d| d.between).sum();
+        let of_ends = ends.map(|d| variance_along(&d.covariance, &between)).iter().sum();
+        Some(excess.at_most(between.norm() / admitted(sighted, of_ends)))
     }
 }

@@ -176,8 +176,10 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
+        let between = between.and_then(|seen| self.angles.difference(&Turn { seen, ..turn }, 0, &bias_gyro));
         let by_stamps = self.angles.difference(&stamped, 0, &bias_gyro).unwrap_or(rad);
-        let difference = Difference { from, dt_s, rad, seen, covariance, is_voted, by_stamps, time_sigma_s };
+        let difference =
+            Difference { from, dt_s, rad, seen, between, covariance, is_voted, by_stamps, time_sigma_s };
         let before = self.differences.push(difference).filter(|_| self.contradiction.is_none());
         if let Some(before) = &before {
             self.stamps.add(

@@ -219,6 +219,34 @@ fn errors_of_landmarks_add_up_over_frames_where_none_votes_for_the_images() {
 }
 
 #[test]
+fn landmarks_that_are_off_more_and_more_are_told_from_a_gyroscope_that_is() {
+    // Sightings that are off by 1.5 mrad more in each of five frames, or a gyroscope that turns 10 mrad too far in each.
+    let is_contradicted = |is_sighting_off: bool| {
+        let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
+        let mut watch = RotationWatch::new(&imu);
+        let extra = Vector3::y() * if is_sighting_off { 0.0 } else { 0.2 };
+        (0..400).for_each(|k| {
+            let t = 0.005 * f64::from(k);
+            let gyro = rate(t) + if (1.0..1.5).contains(&t) { extra } else { Vector3::zeros() };
+            watch.add(&ImuSample { stamp: at(t), gyro, accel: Vector3::zeros() });
+        });
+        let mut rot_o_b = UnitQuaternion::identity();
+        (1..40).map(f64::from).any(|k| {
+            let [from, to] = [k - 1.0, k].map(|k| 0.05 * k);
+            let off = Vector3::y() * if is_sighting_off { 1.5e-3 * (k - 20.0).clamp(0.0, 5.0) } else { 0.0 };
+            let turned = angle(to) - angle(from);
+            rot_o_b *= crate::geometry::exp_so3(&turned);
+            let sighted = Some(rot_o_b * crate::geometry::exp_so3(&off));
+            let covariance = Matrix3::identity() * 1.2e-3f64.squared();
+            let frame =
+                SeenTurn { covariance, rot_o_b: sighted, is_voted: false, ..turn([from, to], turned + off) };
+            watch.update(&frame).is_some()
+        })
+    };
+    assert!(!is_contradicted(true) && is_contradicted(false));
+}
+
+#[test]
 fn a_dispute_that_is_over_leaves_the_yaw_alone_uncertain() {
     let imu = ImuConfig::with_noise(200.0, (1e-4, 1e-5), (1e-3, 1e-4));
     let mut watch = RotationWatch::new(&imu);
