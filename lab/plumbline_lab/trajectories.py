@@ -59,6 +59,8 @@ def load(path: Path) -> Estimate:
             return Estimate(path.parent.parent.parent.name, poses(rows[:, 0] * 1e-9, rows[:, 1:4], rows[:, [5, 6, 7, 4]]))
         rows = numbers(pd.read_csv(path, header=None, comment="#", sep=r"\s+"))
         return Estimate(path.name.split(".")[0], poses(rows[:, 0], rows[:, 1:4], rows[:, 4:8]))
+    except UnicodeDecodeError as error:
+        raise LabError(f"{path}: is not text; `plumbline replay LOG --states OUT.csv` writes the states of a flight log") from error
     except (KeyError, IndexError, ValueError, pd.errors.EmptyDataError) as error:
         raise LabError(f"{path}: is no table of states, TUM trajectory or EuRoC table: {error}") from error
 

@@ -206,3 +206,9 @@ def test_a_shuttle_tells_the_drift_of_a_simulated_flight(plumbline, capsys):
     assert cli.main(["shuttle", "sim:room?start=5&duration=6&scale=0.3", "--program", plumbline, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["resets"] == [0, 0] and told["poses"] > 100 and 0.2 < told["found_over_true"] < 5
+
+
+def test_a_flight_log_in_place_of_a_table_is_told_how_to_become_one(tmp_path):
+    (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(LabError, match="replay LOG --states"):
+        trajectories.load(tmp_path / "log.mcap")
