@@ -15,6 +15,9 @@ const MAX_DELAY_US: u64 = 60_000_000;
 const MIN_TURNS: u64 = 4;
 const MIN_TURNED_SHARE: f64 = 0.25;
 
+/// Keys have at most so many messages a second: a number that is further ahead is that of another sender, and none are lost.
+const MOST_HZ: f64 = 2000.0;
+
 /// A message that took another route can have been published this much before the newest, ns.
 const LATEST_NS: i64 = 10_000_000_000;
 
@@ -87,7 +90,9 @@ impl Channel {
         } else {
             let was_away = std::mem::take(&mut self.was_away);
             if let Some(newest) = self.newest.filter(|_| !was_away) {
-                self.lost += sequence.saturating_sub(newest.sequence.saturating_add(1));
+                let missing = sequence.saturating_sub(newest.sequence.saturating_add(1));
+                let silent_s = self.age(now).unwrap_or_default().as_secs_f64();
+                self.lost += if missing as f64 > MOST_HZ * (1.0 + silent_s) { 0 } else { missing };
             }
             self.newest = Some(Newest { sequence, published_ns });
         }
@@ -183,6 +188,16 @@ mod tests {
         assert_eq!(channel.receive(1_000, 5, 10, start), SequencePlace::Next);
         assert_eq!(channel.receive(0, 6, 10, start), SequencePlace::Restarted);
         assert_eq!(channel.lost, 2);
+    }
+
+    #[test]
+    fn a_number_that_no_sender_can_have_reached_is_no_loss() {
+        let (mut channel, start) = (Channel::default(), Instant::now());
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        channel.receive(0, 0, 10, at(0));
+        channel.receive(1 << 63, 9_900_000_000, 10, at(5));
+        channel.receive(2, 10_000_000, 10, at(10));
+        assert_eq!((channel.received, channel.lost), (3, 0));
     }
 
     #[test]
