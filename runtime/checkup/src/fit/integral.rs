@@ -104,18 +104,6 @@ impl Sensors {
         }
         Some(delta)
     }
-
-    /// This correction with one of its numbers changed: those of the matrices row by row, then of the biases.
-    fn changed(&self, k: usize) -> Self {
-        let mut next = *self;
-        match k {
-            0..9 => next.gyro.0[(k / 3, k % 3)] += STEPS.0,
-            9..18 => next.accel.0[((k - 9) / 3, k % 3)] += STEPS.0,
-            18..21 => next.gyro.1[k - 18] += STEPS.0,
-            _ => next.accel.1[k - 21] += STEPS.0,
-        }
-        next
-    }
 }
 
 impl Delta {
@@ -132,8 +120,14 @@ impl Delta {
 
 impl Link {
     /// Link between two keyframes; `None` where samples are missing.
-    pub(super) fn new(rig: &Rig, sensors: &Sensors, readings: &[Reading], keys: [&Key; 2]) -> Option<Self> {
+    pub(super) fn new(
+        rig: &Rig,
+        biases: &SVector<f64, OF_BIASES>,
+        readings: &[Reading],
+        keys: [&Key; 2],
+    ) -> Option<Self> {
         let [from_s, to_s] = keys.map(|key| rig.imu_time_s(key));
+        let sensors = Sensors::of(rig, biases);
         let delta = sensors.integrate(readings, from_s, to_s)?;
         let residual = delta.residual(keys, &rig.gravity_w);
         let slope = |other: Delta, step: f64| (other.residual(keys, &rig.gravity_w) - residual) / step;
@@ -146,16 +140,17 @@ impl Link {
         }
         let by_from = slope(sensors.integrate(readings, from_s + STEPS.1, to_s)?, STEPS.1);
         let by_to = slope(sensors.integrate(readings, from_s, to_s + STEPS.1)?, STEPS.1);
-        let faster = Sensors { fast: sensors.fast + STEPS.0, ..*sensors };
-        let by_pace = slope(faster.integrate(readings, from_s, to_s)?, STEPS.0);
+        let by_sensors = |k: usize| {
+            let changed = Sensors::of(&rig.plus(&SVector::ith(k, STEPS.0)), biases);
+            Some(slope(changed.integrate(readings, from_s, to_s)?, STEPS.0))
+        };
         let [a, b] = keys;
         let place = |k: usize| OF_SAMPLES + k - OF_VIEWS;
         by.set_column(place(DELAY), &(by_from + by_to));
-        by.set_column(place(CLOCK_RATE), &(by_from * a.t_s + by_to * b.t_s + by_pace));
+        by.set_column(place(CLOCK_RATE), &(by_from * a.t_s + by_to * b.t_s + by_sensors(CLOCK_RATE)?));
         by.set_column(place(ALTERNATING), &(by_from * a.parity + by_to * b.parity));
         for k in GYRO..BIASES + OF_BIASES {
-            let changed = sensors.changed(k - GYRO).integrate(readings, from_s, to_s)?;
-            by.set_column(place(k), &slope(changed, STEPS.0));
+            by.set_column(place(k), &by_sensors(k)?);
         }
         // Those of the recording are those of a piece too.
         let biases = by.fixed_columns::<OF_BIASES>(place(BIASES)).into_owned();

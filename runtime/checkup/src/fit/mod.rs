@@ -343,9 +343,6 @@ pub(crate) fn fit(
     let mut noise = LOOSE;
     let mut damping = DAMPING;
     for round in 0..STEPS {
-        for piece in &mut pieces {
-            turn(piece, &rig, &readings);
-        }
         let normals = normals(&mut pieces, &rig, &readings, &noise, damping);
         let step = if round < HELD_STEPS {
             Vector::zeros()
@@ -373,15 +370,6 @@ pub(crate) fn fit(
     (!quadratics.is_empty()).then(|| Fitted { pieces: quadratics, steps: rig.steps(), rig, noise, span_s })
 }
 
-/// Rates of the body at the keyframes of a piece.
-fn turn(piece: &mut Piece, rig: &Rig, readings: &[Reading]) {
-    let sensors = Sensors::of(rig, &piece.biases);
-    for key in &mut piece.keys {
-        let reading = reading_at(readings, rig.imu_time_s(key));
-        key.rate_b = reading.map_or_else(Vector3::zeros, |reading| sensors.rate(&reading));
-    }
-}
-
 /// Normal equations of the pieces; those without are dropped.
 fn normals(
     pieces: &mut Vec<Piece>,
@@ -391,7 +379,12 @@ fn normals(
     damping: f64,
 ) -> Vec<Normal> {
     let mut normals = Vec::with_capacity(pieces.len());
-    pieces.retain(|piece| {
+    pieces.retain_mut(|piece| {
+        let sensors = Sensors::of(rig, &piece.biases);
+        for key in &mut piece.keys {
+            let reading = reading_at(readings, rig.imu_time_s(key));
+            key.rate_b = reading.map_or_else(Vector3::zeros, |reading| sensors.rate(&reading));
+        }
         let normal = piece.normal(rig, readings, noise, damping);
         let normal = normal.filter(|normal| normal.gradient.iter().all(|x| x.is_finite()));
         let is_there = normal.is_some();

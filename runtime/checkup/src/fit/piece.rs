@@ -216,11 +216,10 @@ impl Piece {
         h: &mut DMatrix<f64>,
         residuals: &mut Residuals,
     ) {
-        let sensors = Sensors::of(rig, &self.biases);
         let states = self.states();
         for (k, keys) in self.keys.windows(2).enumerate() {
             let pair = [&keys[0], &keys[1]];
-            let Some(link) = Link::new(rig, &sensors, readings, pair) else { continue };
+            let Some(link) = Link::new(rig, &self.biases, readings, pair) else { continue };
             let root_s = link.dt_s.sqrt();
             let residual = |i: usize| link.residual[i].abs() / root_s;
             residuals[1].extend((0..3).map(residual));
