@@ -32,15 +32,25 @@ const BARS: (f64, u8) = (0.03, 6);
 /// Bits of a flight of images that repeat, left and right.
 pub(crate) const FROZEN: [HealthBits; 2] = [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
 
-/// What is found of a frame of one camera.
-#[derive(Clone, Copy, Debug, Default)]
+/// Faults of an image, with their cures.
+const FAULTS: [(&str, &str); 4] = [
+    ("black images", "look at light, exposure, strobe, lens cap and cable"),
+    ("burnt-out images", "shorten the exposure"),
+    ("frozen images", "look at cable, driver and load of the camera, and restart it"),
+    (
+        "interlaced images",
+        "odd and even lines are half-frames of two times: use a progressive mode, or every second line alone",
+    ),
+];
+
+/// Place of the fault that a camera shows too which stands still while the other one changes.
+const REPEATED: usize = 2;
+
+/// What is found of a frame of one camera: difference from the frame before, not a number without an image, and faults.
+#[derive(Clone, Copy, Debug)]
 struct Look {
-    is_there: bool,
-    brightest: f64,
-    burnt: f64,
     change: f64,
-    is_frozen: bool,
-    is_combed: bool,
+    has: [bool; FAULTS.len()],
 }
 
 /// One camera's images.
@@ -67,7 +77,7 @@ pub(crate) struct ImageTests {
 impl Eye {
     fn add(&mut self, image: Option<&ImageView<'_>>, is_frozen: bool) {
         let Some(image) = image else {
-            self.looks.push(Look::default());
+            self.looks.push(Look { change: f64::NAN, has: Default::default() });
             return;
         };
         let (width, height) = (image.width(), image.height());
@@ -102,14 +112,9 @@ impl Eye {
             at.unwrap_or(0) as f64
         };
         let burnt: u32 = counts[usize::from(BURNT.0)..].iter().sum();
-        self.looks.push(Look {
-            is_there: true,
-            brightest: level(0.95),
-            burnt: f64::from(burnt) / all,
-            change: change(&self.last, &pixels),
-            is_frozen,
-            is_combed: comb as f64 > COMB * smooth as f64,
-        });
+        let (is_burnt, is_combed) = (f64::from(burnt) > BURNT.1 * all, comb as f64 > COMB * smooth as f64);
+        let has = [level(0.95) < DARK, is_burnt, is_frozen, is_combed];
+        self.looks.push(Look { change: change(&self.last, &pixels), has });
         let contrast = level(0.9) - level(0.1);
         if self.compared.is_empty() || change(&self.compared, &pixels) > CHANGED * 0.5 * contrast {
             self.compare(image);
@@ -176,31 +181,14 @@ impl ImageTests {
         let mut measures = Vec::new();
         for (k, side) in sides.iter().enumerate() {
             let eye = &self.eyes[k];
-            let of = |has: &dyn Fn(usize, &Look) -> bool| -> Vec<usize> {
-                let looks = eye.looks.iter().enumerate();
-                looks.filter(|(k, look)| look.is_there && has(*k, look)).map(|(k, _)| k).collect()
-            };
             let still = self.still(k);
-            let kinds = [
-                (
-                    "black images",
-                    of(&|_, look| look.brightest < DARK),
-                    "look at light, exposure, strobe, lens cap and cable",
-                ),
-                ("burnt-out images", of(&|_, look| look.burnt > BURNT.1), "shorten the exposure"),
-                (
-                    "frozen images",
-                    of(&|k, look| look.is_frozen || still[k]),
-                    "look at cable, driver and load of the camera, and restart it",
-                ),
-                (
-                    "interlaced images",
-                    of(&|_, look| look.is_combed),
-                    "odd and even lines are half-frames of two times: use a progressive mode, or every second line alone",
-                ),
-            ];
-            let found = kinds.into_iter().filter(|(_, frames, _)| !frames.is_empty());
-            measures.extend(found.map(|(name, frames, cure)| self.measure(name, side, &frames, cure)));
+            for (fault, (name, cure)) in FAULTS.into_iter().enumerate() {
+                let is_bad = |at: &usize| eye.looks[*at].has[fault] || fault == REPEATED && still[*at];
+                let frames: Vec<usize> = (0..eye.looks.len()).filter(is_bad).collect();
+                if !frames.is_empty() {
+                    measures.push(self.measure(name, side, &frames, cure));
+                }
+            }
             let marks = eye.marks();
             if marks > MARK.2 {
                 let value = format!(

@@ -46,7 +46,7 @@ use plumbline_config::{ImuSample, Timestamp, ValidConfig};
 use plumbline_estimator::odometry::ResetReason;
 use plumbline_estimator::{Estimator, HealthBits};
 use std::cmp::Reverse;
-use timing::Sensor;
+use timing::{Arrivals, Sensor};
 use tracks::Tracker;
 use verdict::TOO_SHORT;
 
@@ -68,8 +68,6 @@ pub struct Checkup {
     knocked: Option<Measure>,
     images: ImageTests,
     tracker: Option<Tracker>,
-    /// Troubles reported by the drivers of IMU and cameras.
-    troubles: [Option<String>; 2],
 }
 
 impl Checkup {
@@ -84,24 +82,12 @@ impl Checkup {
             knocked: None,
             images: ImageTests::default(),
             tracker: Tracker::new(config),
-            troubles: [None, None],
         }
     }
 
-    /// Takes what the driver of a live sensor reports: why it is missing, or what is wrong with its stamps. Of several reports
-    /// the first is kept.
-    pub fn tell_trouble(&mut self, sensor: Sensor, words: &str) {
-        self.troubles[sensor as usize].get_or_insert_with(|| words.to_owned());
-    }
-
-    /// Takes the number of inertial samples that the driver of a live sensor dropped as impossible.
-    pub fn tell_refused(&mut self, samples: u64) {
-        self.data.arrivals[0].refused = samples;
-    }
-
-    /// Takes the number of samples or frames that a driver put right or refused, since their stamps ran backwards or repeated.
-    pub fn tell_disordered(&mut self, sensor: Sensor, count: u64) {
-        self.data.arrivals[sensor as usize].disordered = count;
+    /// Stamps of a sensor, for what its driver reports of them.
+    pub fn arrivals(&mut self, sensor: Sensor) -> &mut Arrivals {
+        &mut self.data.arrivals[sensor as usize]
     }
 
     /// True if a frame of this stamp needs further samples before it is looked at.
@@ -160,7 +146,9 @@ impl Checkup {
             wrong.map(|finding| finding.into_measure_of(UNITS_AND_COLUMNS)).collect();
         let has_nonsense = !measures.is_empty();
         measures.extend(self.knocked.clone().filter(|_| !has_nonsense));
-        let timing = self.timing();
+        let timing = [Sensor::Imu, Sensor::Cameras].map(|sensor| {
+            timing::judge(sensor, &data.arrivals[sensor as usize], data.nominal_hz()[sensor as usize])
+        });
         // Samples at another rate are fitted as they are stamped: the fit says whether their clock or the configuration is wrong.
         let is_of_rate = timing[0].cure.contains(timing::IMU_RATE);
         measures.extend(timing);
@@ -171,14 +159,8 @@ impl Checkup {
         let (failing, poor): (Vec<_>, Vec<_>) = flown.partition(is_wrong);
         measures.extend(failing);
         let mut mounting = mounting::judge(samples, config);
-        let upside_down = inertial::upside_down(samples, config.vehicle.rot_v_b());
-        let upside_down =
-            upside_down.filter(|_| !has_nonsense && mounting[0].verdict == Fitness::NotMeasured);
         let is_of_rate = |measure: &Measure| is_of_rate && measure.name == timing::IMU_TIMING;
-        let is_spoilt = measures.iter().any(|m| is_wrong(m) && !is_of_rate(m)) || upside_down.is_some();
-        if let Some(finding) = upside_down {
-            mounting[0] = finding.into_measure_of(mounting::NAME);
-        }
+        let is_spoilt = measures.iter().any(|m| is_wrong(m) && !is_of_rate(m));
         if has_nonsense || samples.is_empty() {
             mounting = mounting.map(|measure| Measure::missing(measure.name, NAMED_ABOVE.0, NAMED_ABOVE.1));
         }
@@ -203,19 +185,6 @@ impl Checkup {
         let is_late = |measure: &Measure| measure.verdict <= Fitness::Good && measure.name != TOO_SHORT;
         measures.sort_by_key(|measure| (is_late(measure), Reverse(measure.verdict.max(Fitness::Good))));
         measures
-    }
-
-    /// Measures of the stamps.
-    fn timing(&self) -> [Measure; 2] {
-        let nominal_hz = self.data.nominal_hz();
-        [Sensor::Imu, Sensor::Cameras].map(|sensor| {
-            let at = sensor as usize;
-            let mut measure = timing::judge(sensor, &self.data.arrivals[at], nominal_hz[at]);
-            if let Some(words) = &self.troubles[at] {
-                (measure.verdict, measure.cure) = (Fitness::NotFit, words.clone());
-            }
-            measure
-        })
     }
 }
 

@@ -20,7 +20,9 @@ const TILT: (f64, f64) = (5.0, 20.0);
 /// A vehicle that is tilted by more, degrees, has no roll and pitch to be told.
 const STEEP_DEG: f64 = 45.0;
 /// Causes of gravity that points upwards.
-pub const UPSIDE_DOWN_CAUSE: &str = "that the IMU is mounted upside down, or that the accelerometer is negated (at rest it reads +9.81 along the axis that points up)";
+const UPSIDE_DOWN_CAUSE: &str = "that the IMU is mounted upside down, or that the accelerometer is negated (at rest it reads +9.81 along the axis that points up)";
+/// Cosine of the angle between the mean force and the vehicle's vertical beyond which it is upside down, and samples that it takes.
+const DOWN: (f64, usize) = (-0.8, 1000);
 /// Tilt of a vehicle that is upside down, degrees.
 const UPSIDE_DOWN_DEG: f64 = 150.0;
 /// Heading against the configured mounting, degrees: a hand does not nod about one axis alone.
@@ -126,7 +128,8 @@ pub fn judge(samples: &[ImuSample], config: &Config) -> [Measure; 2] {
     let tilt = match (&rest, &mounting) {
         (None, _) => {
             let cure = "let the vehicle stand for three seconds, motors off";
-            Measure::missing(NAME, "the vehicle never stood still", cure)
+            let missing = Measure::missing(NAME, "the vehicle never stood still", cure);
+            upside_down(samples, mounting.as_ref()).map_or(missing, |finding| finding.into_measure_of(NAME))
         }
         (Some(rest), None) => unknown(rest, nod, config),
         (Some(rest), Some(rot_v_b)) => level(rest, nod, rot_v_b),
@@ -138,9 +141,27 @@ pub fn judge(samples: &[ImuSample], config: &Config) -> [Measure; 2] {
     [tilt, heading]
 }
 
-/// Warning of a mounting that gravity contradicts while the vehicle rests.
+/// Gravity that points upwards in the vehicle for five seconds.
+fn upside_down(samples: &[ImuSample], rot_v_b: Option<&UnitQuaternion<f64>>) -> Option<Finding> {
+    let force: Vector3<f64> = samples.iter().map(|sample| sample.accel).sum();
+    let up_v = (rot_v_b? * force).try_normalize(1e-6)?;
+    (samples.len() >= DOWN.1 && up_v.z < DOWN.0).then(|| {
+        Finding::new(
+            "gravity points upwards in the vehicle",
+            format!("mean force at {:.0} degrees from upwards", up_v.z.acos().to_degrees()),
+            UPSIDE_DOWN_CAUSE,
+            "correct `vehicle.imu_to_vehicle_deg`, or the signs of the accelerometer",
+        )
+    })
+}
+
+/// Warning of a mounting that gravity contradicts.
 pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
-    let measure = level(&standing(samples, config, MIN_REST_S.1)?, None, &config.vehicle.rot_v_b()?);
+    let rot_v_b = config.vehicle.rot_v_b()?;
+    let Some(rest) = standing(samples, config, MIN_REST_S.1) else {
+        return upside_down(samples, Some(&rot_v_b));
+    };
+    let measure = level(&rest, None, &rot_v_b);
     (measure.verdict == Fitness::NotFit).then(|| Finding::new(measure.name, measure.value, "", measure.cure))
 }
 

@@ -54,6 +54,8 @@ pub struct Arrivals {
     pub refused: u64,
     /// Samples out of order, or of a stamp that was there already, that the driver put right or refused.
     pub disordered: u64,
+    /// Report of the driver of a live sensor: why it is missing, or what is wrong with its stamps.
+    pub trouble: Option<String>,
 }
 
 impl Arrivals {
@@ -81,16 +83,21 @@ struct Stream {
 pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     let (name, device, _) = sensor.names();
     let samples = arrivals.stamps.len();
-    if samples < MIN_STAMPS {
+    let mut measure = if samples < MIN_STAMPS {
         let cure = format!("check that `plumbline devices` lists {device}, and that data arrive");
         let value = format!("{samples} samples arrived");
-        return Measure::new(name, Fitness::NotFit, value, cure, &[("samples", samples as f64)]);
+        Measure::new(name, Fitness::NotFit, value, cure, &[("samples", samples as f64)])
+    } else {
+        let Stream { value, figures, worst } = Stream::of(sensor, arrivals, nominal_hz);
+        let (verdict, cure) = worst.map_or((Fitness::Good, String::new()), |(_, finding)| {
+            (finding.fitness, format!("{}: {}", finding.what, finding.advice()))
+        });
+        Measure::new(name, verdict, value, cure, &figures)
+    };
+    if let Some(words) = &arrivals.trouble {
+        (measure.verdict, measure.cure) = (Fitness::NotFit, words.clone());
     }
-    let stream = Stream::of(sensor, arrivals, nominal_hz);
-    let worst = stream.worst.map(|(_, finding)| finding);
-    let verdict = worst.as_ref().map_or(Fitness::Good, |finding| finding.fitness);
-    let cure = worst.map_or_else(String::new, |finding| format!("{}: {}", finding.what, finding.advice()));
-    Measure::new(name, verdict, stream.value, cure, &stream.figures)
+    measure
 }
 
 /// Finding about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts

@@ -28,13 +28,7 @@ pub enum Fitness {
 
 impl fmt::Display for Fitness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::NotMeasured => "not measured",
-            Self::Uncertain => "uncertain",
-            Self::Good => "good",
-            Self::Mind => "mind",
-            Self::NotFit => "not fit",
-        })
+        f.pad(["not measured", "uncertain", "good", "mind", "not fit"][*self as usize])
     }
 }
 

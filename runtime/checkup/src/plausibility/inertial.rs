@@ -1,9 +1,8 @@
 //! The magnitudes of inertial samples: gravity is always there, and nobody turns at twenty radians a second for long.
 
 use super::Finding;
-use crate::mounting::UPSIDE_DOWN_CAUSE;
 use crate::statistics::quantile;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use plumbline_config::{ImuSample, median};
 
 /// Median of the specific force in any flight, m/s^2; gravity alone is 9.8.
@@ -27,9 +26,6 @@ const MAX_MEDIAN_RATE_RAD_S: f64 = std::f64::consts::TAU;
 
 /// Samples of a mean, in which vibration averages out, half a second at 200 Hz; fewer are not judged.
 const MEAN_OF: usize = 100;
-/// Cosine of the angle between the mean force and the vehicle's vertical beyond which it is upside down, and samples that it takes.
-const DOWN: (f64, usize) = (-0.8, 1000);
-
 /// Columns and units that cannot be right.
 pub fn nonsense(samples: &[ImuSample]) -> Vec<Finding> {
     let sum = |samples: &[ImuSample]| samples.iter().map(|sample| sample.accel).sum::<Vector3<f64>>();
@@ -65,20 +61,6 @@ pub fn nonsense(samples: &[ImuSample]) -> Vec<Finding> {
     }
     findings.iter_mut().for_each(|finding| finding.explains_all = true);
     findings
-}
-
-/// Gravity that points upwards in the vehicle for five seconds.
-pub(crate) fn upside_down(samples: &[ImuSample], rot_v_b: Option<UnitQuaternion<f64>>) -> Option<Finding> {
-    let force: Vector3<f64> = samples.iter().map(|sample| sample.accel).sum();
-    let up_v = (rot_v_b? * force).try_normalize(1e-6)?;
-    (samples.len() >= DOWN.1 && up_v.z < DOWN.0).then(|| {
-        Finding::new(
-            "gravity points upwards in the vehicle",
-            format!("mean force at {:.0} degrees from upwards", up_v.z.acos().to_degrees()),
-            UPSIDE_DOWN_CAUSE,
-            "correct `vehicle.imu_to_vehicle_deg`, or the signs of the accelerometer",
-        )
-    })
 }
 
 /// Rows in which one of the two sensors is zero, and measures in others: zeros and measurements alternate.

@@ -122,10 +122,7 @@ impl Plausibility {
             if !findings.is_empty() {
                 return findings;
             }
-            let at_rest = mounting::finding(&self.samples, &self.config);
-            findings.extend(
-                at_rest.or_else(|| inertial::upside_down(&self.samples, self.config.vehicle.rot_v_b())),
-            );
+            findings.extend(mounting::finding(&self.samples, &self.config));
         }
         findings.extend(self.of_flight(is_over, known));
         findings.extend(self.resets.iter().cloned());

@@ -108,7 +108,7 @@ fn a_gyroscope_in_degrees_is_named_though_the_driver_drops_its_fastest_samples()
     });
     assert!(refused > 100, "{refused}");
     let mut checkup = degrees.checkup();
-    checkup.tell_refused(refused);
+    checkup.arrivals(Sensor::Imu).refused = refused;
     let report = checkup.report();
     assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "degrees a second; multiply it by pi/180");
     let timing = measure(&report, "IMU timing");
@@ -117,7 +117,7 @@ fn a_gyroscope_in_degrees_is_named_though_the_driver_drops_its_fastest_samples()
     assert_eq!(measure(&report, "mounting").verdict, Fitness::NotMeasured, "{}", told(&report));
     // Without images the unit is one of two causes.
     let mut blind = degrees.with(|data| data.frames.clear()).checkup();
-    blind.tell_refused(refused);
+    blind.arrivals(Sensor::Imu).refused = refused;
     assert_found(&blind.report(), UNITS_AND_COLUMNS, Fitness::NotFit, "degrees a second");
 }
 
@@ -125,13 +125,15 @@ fn a_gyroscope_in_degrees_is_named_though_the_driver_drops_its_fastest_samples()
 fn what_drivers_report_of_sensors_is_the_verdict_and_its_consequences_are_not_judged() {
     let data = flight(FEW);
     let mut checkup = data.checkup();
-    checkup.tell_trouble(Sensor::Cameras, "/run/frames: stamps such as 7 are in milliseconds");
+    checkup.arrivals(Sensor::Cameras).trouble =
+        Some("/run/frames: stamps such as 7 are in milliseconds".into());
     let report = checkup.report();
     assert_found(&report, "camera timing", Fitness::NotFit, "stamps such as 7 are in milliseconds");
     assert_eq!(measure(&report, "time offset").cure, crate::NAMED_ABOVE.1, "{}", told(&report));
 
     let mut without = data.with(|data| data.samples.clear()).checkup();
-    without.tell_trouble(Sensor::Imu, "the IMU is missing (No such file or directory); waiting for it");
+    without.arrivals(Sensor::Imu).trouble =
+        Some("the IMU is missing (No such file or directory); waiting for it".into());
     let report = without.report();
     assert_found(&report, "IMU timing", Fitness::NotFit, "No such file");
     for name in ["time offset", "focal length"] {

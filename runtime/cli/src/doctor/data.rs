@@ -95,8 +95,8 @@ pub(super) fn examine(flight: Flight, mut live: Option<Live>) -> Result<Vec<Meas
         let ((notes, frame_faults), (count, sample_faults)) = (ended(notes)?, ended(imu)?);
         let came = [count, notes.len()];
         notes.into_iter().for_each(|(sequence, stamp)| checkup.note_frame(sequence, stamp));
-        checkup.tell_disordered(Sensor::Imu, sample_faults.disordered);
-        checkup.tell_disordered(Sensor::Cameras, frame_faults.disordered);
+        checkup.arrivals(Sensor::Imu).disordered = sample_faults.disordered;
+        checkup.arrivals(Sensor::Cameras).disordered = frame_faults.disordered;
         if let Some(live) = &live {
             tell_of_drivers(&mut checkup, live, troubles, came);
         }
@@ -123,11 +123,10 @@ fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble;
     for ((sensor, trouble), came) in [Sensor::Imu, Sensor::Cameras].into_iter().zip(troubles).zip(came) {
         // A program that has sent enough may go.
         let missing = trouble.missing.filter(|_| came == 0);
-        if let Some(words) = trouble.stamps.or(missing) {
-            checkup.tell_trouble(sensor, &words.replace("; waiting for it", ""));
-        }
+        let words = trouble.stamps.or(missing).map(|words| words.replace("; waiting for it", ""));
+        checkup.arrivals(sensor).trouble = words;
     }
-    checkup.tell_refused(live.sensors.imu.monitor.read().watch.impossible);
+    checkup.arrivals(Sensor::Imu).refused = live.sensors.imu.monitor.read().watch.impossible;
 }
 
 /// Looks at what comes until no frame comes any more. Live streams are ended when their time is over; returns what was wrong with
