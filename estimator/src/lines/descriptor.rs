@@ -8,7 +8,7 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients, halved_px, of_word};
+use super::gradient::{BORDER, Gradients, REDUCTION, halved_px, of_word};
 use super::segment::Segment;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
@@ -61,7 +61,7 @@ impl Default for Describer {
 }
 
 impl Describer {
-    /// The descriptor of a segment in the image of `gradients`.
+    /// The descriptor of a segment in the rows that `gradients` have of the image.
     #[must_use]
     pub fn describe(&self, gradients: &Gradients, segment: &Segment) -> LineDescriptor {
         let rows = self.row_sums(gradients, segment);
@@ -78,7 +78,8 @@ impl Describer {
     fn row_sums(&self, gradients: &Gradients, segment: &Segment) -> [[f32; SUMS]; ROWS] {
         let along = segment.direction();
         let across = Vector2::new(-along.y, along.x);
-        let [start, end] = [&segment.start, &segment.end].map(halved_px);
+        let [from, to] = [gradients.rows.start, gradients.rows.end].map(|row| (REDUCTION * row) as f32);
+        let [start, end] = segment.ends_within(from, to).each_ref().map(halved_px);
         let first = start - across * (0.5 * (ROWS as f32 - 1.0));
         let grid = Grid::new(gradients, &first, &((end - start) / (STATIONS - 1) as f32), &across);
         let mut rows = [[0.0; SUMS]; ROWS];
@@ -237,7 +238,7 @@ mod tests {
     fn a_segment_is_known_again_and_told_from_others() {
         let image = Texture::new(5).render(200, 160);
         let mut gradients = Gradients::new(200, 160);
-        gradients.compute(&image.view(), i16::MAX, |_, _, _| {});
+        gradients.compute(&image.view(), 0..80, i16::MAX, |_, _, _| {});
         let describer = Describer::default();
         let describe = |s: &Segment| describer.describe(&gradients, s);
         let one = describe(&segment((60.0, 60.0), (120.0, 80.0)));

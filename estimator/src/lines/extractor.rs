@@ -8,7 +8,7 @@
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
 use super::filter;
-use super::gradient::{Gradients, REDUCTION, SCALE};
+use super::gradient::{Gradients, REDUCTION, SCALE, halved_px};
 use super::growth::Growth;
 use super::refine::Refiner;
 use super::seeds::Seeds;
@@ -16,9 +16,13 @@ use super::segment::Segment;
 use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
 use crate::image::mask::ImageMask;
 use crate::work_budget::WorkBudget;
+use nalgebra::Vector2;
 use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{ImageView, Portable};
+use std::ops::Range;
 
+/// An image is searched in so many parts, from top to bottom.
+pub(super) const PARTS: usize = 3;
 /// Visits of the budget for each ridge that may be a seed.
 const VISITS_PER_SEED: usize = 2;
 /// A segment has at least this share of edge pixels between its ends.
@@ -59,6 +63,8 @@ pub struct LineExtractor {
     raw: Vec<Segment>,
     candidates: Vec<Segment>,
     kept: Vec<Segment>,
+    /// Segments of each part of the image when it was searched last.
+    counts: [usize; PARTS],
     figures: ExtractionFigures,
     max_visits: usize,
     max_segments: usize,
@@ -92,10 +98,11 @@ impl LineExtractor {
             validation_at_half: Validation::new(halved_width, halved_height, ALIGNED_BY_CHANCE_AT_HALF),
             validation: Validation::new(width, height, ALIGNED_BY_CHANCE),
             refiner: Refiner::new(width, height),
-            seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_SEED),
+            seeds: Seeds::new(width, height),
             raw: Vec::with_capacity(options.max_raw),
             candidates: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
+            counts: [0; PARTS],
             figures: ExtractionFigures::default(),
             max_visits: options.max_visits,
             max_segments: options.max_segments,
@@ -136,13 +143,57 @@ impl LineExtractor {
         if !self.is_for(image) {
             return None;
         }
+        self.counts = [0; PARTS];
+        self.search(image, 0..self.gradients.height, &[], (0, 1));
+        Some(&self.kept)
+    }
+
+    /// The segments of part `part` of an image beside those `known`, as [`Self::extract`].
+    pub(super) fn extract_part(
+        &mut self,
+        image: &ImageView<'_>,
+        part: usize,
+        known: &[Segment],
+    ) -> &[Segment] {
+        self.search(image, self.rows_of(part), known, (part, PARTS));
+        &self.kept
+    }
+
+    /// Rows of a part of the halved image.
+    pub(super) fn rows_of(&self, part: usize) -> Range<usize> {
+        let [start, end] = [part, part + 1].map(|part| part * self.gradients.height / PARTS);
+        start..end
+    }
+
+    /// True if a pixel lies where gradients are those of the last image.
+    pub(super) fn is_searched(&self, px: &Vector2<f32>) -> bool {
+        self.gradients.rows.contains(&(halved_px(px).y as usize))
+    }
+
+    /// Searches `rows` of the halved image, which are part `part` of so many, each with its share of the budget.
+    fn search(
+        &mut self,
+        image: &ImageView<'_>,
+        rows: Range<usize>,
+        known: &[Segment],
+        (part, parts): (usize, usize),
+    ) {
+        let [max_visits, max_segments] =
+            [self.max_visits, self.max_segments].map(|most| most.div_ceil(parts));
         let threshold = self.threshold();
-        self.seeds.find(&mut self.gradients, image, threshold, self.mask.as_ref().map(|mask| &mask.halved));
-        self.find();
-        self.keep(image);
+        let Self { seeds, gradients, counts, .. } = self;
+        let mask = self.mask.as_ref().map(|mask| &mask.halved);
+        let seeding = (rows.clone(), max_visits / VISITS_PER_SEED);
+        seeds.find(gradients, image, seeding, threshold, mask);
+        counts[part] = 0;
+        for segment in known {
+            gradients.take(segment);
+            counts[part] += usize::from(rows.contains(&(halved_px(&segment.middle()).y as usize)));
+        }
+        self.find(max_visits, part);
+        self.keep(image, max_segments);
         self.figures.raw = self.raw.len() as u32;
         self.figures.kept = self.kept.len() as u32;
-        Some(&self.kept)
     }
 
     /// True if an image has the size of the extractor.
@@ -152,7 +203,7 @@ impl LineExtractor {
 
     /// The edge near `guide` as the image confirms it, if it is long enough among those of the last search.
     pub(super) fn find_near(&mut self, image: &ImageView<'_>, guide: &Segment) -> Option<Segment> {
-        let least = self.least_length_px(self.raw.len());
+        let least = self.least_length_px();
         let refined = self.refiner.refine(image, guide, self.mask.as_ref().map(|mask| &mask.whole))?;
         let is_sound =
             refined.segment.length() >= least && self.validation.is_meaningful(refined.tried, refined.found);
@@ -160,12 +211,12 @@ impl LineExtractor {
     }
 
     /// Finds the clearest of those that are long enough in the whole image.
-    fn keep(&mut self, image: &ImageView<'_>) {
-        let least = self.least_length_px(self.raw.len());
+    fn keep(&mut self, image: &ImageView<'_>, max_segments: usize) {
+        let least = self.least_length_px();
         self.candidates.clear();
         self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
         filter::clearest_first(&mut self.candidates);
-        self.candidates.truncate(self.max_segments);
+        self.candidates.truncate(max_segments);
         self.kept.clear();
         for k in 0..self.candidates.len() {
             let coarse = self.candidates[k];
@@ -175,10 +226,10 @@ impl LineExtractor {
         filter::clearest_first(&mut self.kept);
     }
 
-    /// Least length of a segment among `raw` of them, which is the greater the more there are.
-    fn least_length_px(&self, raw: usize) -> f32 {
+    /// Least length of a segment, which is the greater the more there are in the image.
+    fn least_length_px(&self) -> f32 {
         let filtered = match self.options.length_filter {
-            true => filter::min_length_px(raw, self.width, self.height),
+            true => filter::min_length_px(self.counts.iter().sum(), self.width, self.height),
             false => 0.0,
         };
         filtered.at_least(self.options.min_raw_length_px as f32)
@@ -188,8 +239,8 @@ impl LineExtractor {
         (SHARE_AT_HALF * self.options.min_gradient as f32 * SCALE).at_most(f32::from(i16::MAX)) as i16
     }
 
-    /// Grows segments until the seeds or the budget are spent.
-    fn find(&mut self) {
+    /// Grows segments of part `part` until the seeds or `max_visits` are spent.
+    fn find(&mut self, max_visits: usize, part: usize) {
         let threshold = self.threshold();
         self.growth.visits = 0;
         self.raw.clear();
@@ -202,12 +253,15 @@ impl LineExtractor {
             if pixel.is_taken() || pixel.is_tried() || !seed.is_promising(&self.gradients, threshold) {
                 continue;
             }
-            if self.growth.visits >= self.max_visits || self.raw.len() == self.options.max_raw {
+            if self.growth.visits >= max_visits || self.raw.len() == self.options.max_raw {
                 self.figures.is_cut_short = true;
                 break;
             }
             match self.segment_at((x, y), threshold) {
-                Some(segment) => self.raw.push(segment),
+                Some(segment) => {
+                    self.raw.push(segment);
+                    self.counts[part] += 1;
+                }
                 None => self.growth.cut(&mut self.gradients, 0),
             }
         }
@@ -221,7 +275,7 @@ impl LineExtractor {
             return None;
         }
         // What will be left out needs no nodes; with a hair for the rounding.
-        let least = self.least_length_px(self.raw.len() + 1) - MAY_GAIN_PX;
+        let least = self.least_length_px() - MAY_GAIN_PX;
         let nodes_from_px = least / REDUCTION as f32 - 0.01;
         Some(Segment::through(self.growth.places(), &grown.direction, nodes_from_px)?.whole())
     }

@@ -12,9 +12,11 @@
 //! cache. What growth reads of a pixel, its gradient and its marks, is one word: following an edge is bound
 //! by memory.
 
+use super::segment::Segment;
 use crate::image::mask::ImageMask;
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
+use std::ops::Range;
 
 /// Steps of a stored gradient per grey level and pixel: 16 of smoothing times 8 of Sobel's weights.
 pub const SCALE: f32 = 128.0;
@@ -22,6 +24,8 @@ pub const SCALE: f32 = 128.0;
 pub const BORDER: usize = 2;
 /// Pixels of the image to one of the halved image, in either direction.
 pub const REDUCTION: usize = 2;
+/// Gradients are computed so many rows beyond those of the seeds: a descriptor looks so far.
+const MARGIN: usize = 14;
 /// One in this many ridges of an edge is a seed: a segment is much longer than that.
 const SEED_STEP: usize = 8;
 /// First column that is looked at for seeds of flat edges.
@@ -103,6 +107,8 @@ pub struct Gradients {
     pub(super) height: usize,
     /// All pixels, row by row.
     pub(super) pixels: Vec<Pixel>,
+    /// Rows whose gradients are those of the last image.
+    pub(super) rows: Range<usize>,
     /// One row of the halved image: sums of four pixels.
     halved: Vec<u16>,
     /// The last three rows, smoothed horizontally.
@@ -125,6 +131,7 @@ impl Gradients {
             width,
             height,
             pixels: vec![Pixel::default(); width * height],
+            rows: 0..height,
             halved: vec![0; width],
             blurred: std::array::from_fn(|_| vec![0; width]),
             smooth: std::array::from_fn(|_| vec![0; width]),
@@ -142,20 +149,47 @@ impl Gradients {
         }
     }
 
-    /// Computes the gradients of an image, with no pixel marked, and hands column, row and magnitude of the ridges
-    /// above `threshold` steps to `found`, row by row; of the ridges of one edge only one in `SEED_STEP`.
+    /// Marks the pixels along a segment of the image as taken.
+    pub fn take(&mut self, segment: &Segment) {
+        let nodes = segment.nodes.iter().filter(|node| node.weight > 0.0).map(|node| node.px);
+        let mut from = halved_px(&segment.start);
+        for to in nodes.chain([segment.end]).map(|px| halved_px(&px)) {
+            let step = to - from;
+            let steps = step.amax().ceil();
+            let across = if step.y.abs() > step.x.abs() { 1 } else { self.width };
+            for k in 0..steps as usize {
+                let px = from + step * (k as f32 / steps);
+                let (x, y) = ((px.x + 0.5) as usize, (px.y + 0.5) as usize);
+                if self.rows.contains(&y)
+                    && (1..self.width - 1).contains(&x)
+                    && (1..self.height - 1).contains(&y)
+                {
+                    let index = y * self.width + x;
+                    for k in [index - across, index, index + across] {
+                        self.pixels[k] = self.pixels[k].taken();
+                    }
+                }
+            }
+            from = to;
+        }
+    }
+
+    /// Computes the gradients of an image around `rows`, with no pixel marked, and hands column, row and magnitude of the ridges
+    /// in these rows above `threshold` steps to `found`, row by row; of the ridges of one edge only one in `SEED_STEP`.
     ///
     /// # Panics
     /// When the image has less rows or columns than the gradients were made for.
     pub fn compute(
         &mut self,
         image: &ImageView<'_>,
+        rows: Range<usize>,
         threshold: i16,
         mut found: impl FnMut(usize, usize, i16),
     ) {
         let (width, height) = (self.width, self.height);
         let last = height - 1;
-        for y in 0..height + 3 {
+        self.rows = rows.start.saturating_sub(MARGIN)..(rows.end + MARGIN).min(height);
+        for y in self.rows.start.saturating_sub(2)..self.rows.end + 3 {
             if y < height {
                 let pair = [image.row(REDUCTION * y), image.row(REDUCTION * y + 1)];
                 halve_rows(pair, &mut self.halved);
@@ -167,7 +201,7 @@ impl Gradients {
                 blur_columns(rows.map(|k| self.blurred[k % 3].as_slice()), &mut self.smooth[centre % 3]);
             }
             // Gradients of row `y - 2` need the smoothed rows up to `y - 1`.
-            if let Some(centre) = y.checked_sub(2).filter(|&c| c > 0 && c < last) {
+            if let Some(centre) = y.checked_sub(2).filter(|c| *c > 0 && *c < last && self.rows.contains(c)) {
                 let rows = [centre - 1, centre, centre + 1].map(|k| self.smooth[k % 3].as_slice());
                 let [sum, difference] = &mut self.sums;
                 combine_rows(rows, sum, difference);
@@ -176,7 +210,9 @@ impl Gradients {
                 differentiate(sum, difference, pixels, magnitudes);
             }
             // Ridges of row `y - 3` need the magnitudes up to `y - 2`.
-            if let Some(centre) = y.checked_sub(3).filter(|&c| c >= BORDER && c + BORDER < height) {
+            if let Some(centre) =
+                y.checked_sub(3).filter(|c| *c >= BORDER && c + BORDER < height && rows.contains(c))
+            {
                 self.find_ridges(centre, threshold, &mut found);
             }
         }
@@ -296,7 +332,7 @@ mod tests {
         let image = GrayImage::from_pixels(width, height, pixels).expect("size");
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
-        gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
+        gradients.compute(&image.view(), 0..height / 2, 1000, |x, _, _| ridges.push(x));
         let at_edge = gradients.magnitudes[10 * width / 2 + 15];
         assert!(f32::from(at_edge) / SCALE > 60.0);
         assert!(gradients.magnitudes.iter().all(|&m| m >= 0));

@@ -11,6 +11,7 @@ use super::segment::Place;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
+use std::ops::Range;
 
 /// Largest distance of an edge pixel from the line so far, px.
 const TOLERANCE_PX: f32 = 0.6;
@@ -110,6 +111,9 @@ struct Following<'a, const STEEP: bool> {
     threshold: i16,
     /// Distance in memory of the rows of the image, apart from its width: places then are sums, and not products each.
     row: usize,
+    /// Columns and rows in which it is followed.
+    x: Range<isize>,
+    y: Range<isize>,
 }
 
 impl Growth {
@@ -144,18 +148,14 @@ impl Growth {
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         self.across = if is_steep { 1 } else { width };
+        let inner = |range: Range<usize>| (range.start + BORDER) as isize..(range.end - BORDER) as isize;
+        let (x, y, row) = (inner(0..width), inner(gradients.rows.clone()), width);
         if is_steep {
-            self.follow_both_ways(
-                &mut Following::<true> { gradients, threshold, row: width },
-                &point,
-                direction,
-            )
+            let mut course = Following::<true> { gradients, threshold, row, x, y };
+            self.follow_both_ways(&mut course, &point, direction)
         } else {
-            self.follow_both_ways(
-                &mut Following::<false> { gradients, threshold, row: width },
-                &point,
-                direction,
-            )
+            let mut course = Following::<false> { gradients, threshold, row, x, y };
+            self.follow_both_ways(&mut course, &point, direction)
         }
     }
 
@@ -189,8 +189,8 @@ impl Growth {
         let (mut gap, mut steps, mut refit_at) = (0, 0, FIT_FROM.max(from + 1));
         // The first pixel behind the last gap.
         let mut last_run = from;
-        let [limit, _] = course.limits();
-        while major >= BORDER as isize && major < limit {
+        let within = if STEEP { course.y.clone() } else { course.x.clone() };
+        while within.contains(&major) {
             steps += 1;
             if let Some(ridge) = course.look(&line, major) {
                 if gap > 0 {
@@ -257,12 +257,6 @@ impl Growth {
 }
 
 impl<const STEEP: bool> Following<'_, STEEP> {
-    /// First coordinates beyond the image, along the major and the minor axis.
-    fn limits(&self) -> [isize; 2] {
-        let [x, y] = [self.gradients.width, self.gradients.height].map(|side| (side - BORDER) as isize);
-        if STEEP { [y, x] } else { [x, y] }
-    }
-
     /// Distance in memory of neighbours across the segment at hand.
     fn across(&self) -> usize {
         if STEEP { 1 } else { self.row }
@@ -276,9 +270,9 @@ impl<const STEEP: bool> Following<'_, STEEP> {
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
     fn look(&self, line: &Line, major: isize) -> Option<Ridge> {
-        let (predicted, [_, limit]) = (line.at(major), self.limits());
-        let nearest = whole((predicted + 0.5).at_least(0.0).at_most(limit as f32)) as isize;
-        if nearest < BORDER as isize || nearest >= limit {
+        let (predicted, within) = (line.at(major), if STEEP { &self.x } else { &self.y });
+        let nearest = whole((predicted + 0.5).at_least(0.0).at_most(within.end as f32)) as isize;
+        if !within.contains(&nearest) {
             return None;
         }
         let across = self.across();

@@ -9,6 +9,7 @@ use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::{ImageView, Portable};
+use std::ops::Range;
 
 /// Seeds are ordered by their gradient in whole grey levels per pixel, as far as this.
 const BUCKETS: usize = 256;
@@ -65,36 +66,31 @@ pub struct Seeds {
     found: Vec<Seed>,
     /// The seeds, strongest first.
     pub(super) ordered: Vec<Seed>,
-    max_seeds: usize,
     /// True if the last image had more ridges than seeds.
     pub(super) is_cut_short: bool,
 }
 
 impl Seeds {
-    /// For images of `width` x `height`, at most `max_seeds` of each.
-    pub fn new(width: usize, height: usize, max_seeds: usize) -> Self {
+    /// For images of `width` x `height`.
+    pub fn new(width: usize, height: usize) -> Self {
         // Of two neighbours across the gradient at most one is a ridge of the halved image.
         let room = width * height / (2 * REDUCTION * REDUCTION) + 1;
-        Self {
-            found: Vec::with_capacity(room),
-            ordered: Vec::with_capacity(room),
-            max_seeds,
-            is_cut_short: false,
-        }
+        Self { found: Vec::with_capacity(room), ordered: Vec::with_capacity(room), is_cut_short: false }
     }
 
-    /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps. What `mask` hides, at half the
-    /// resolution, has none.
+    /// Computes the gradients of an image and finds its seeds in `rows`, with gradients above `threshold` steps, at most `max_seeds`. What
+    /// `mask` hides, at half the resolution, has none.
     pub fn find(
         &mut self,
         gradients: &mut Gradients,
         image: &ImageView<'_>,
+        (rows, max_seeds): (Range<usize>, usize),
         threshold: i16,
         mask: Option<&ImageMask>,
     ) {
         let mut counts = [0; BUCKETS];
         self.found.clear();
-        gradients.compute(image, threshold, |x, y, magnitude| {
+        gradients.compute(image, rows, threshold, |x, y, magnitude| {
             if mask.is_some_and(|mask| mask.hides(x, y)) {
                 return;
             }
@@ -103,18 +99,18 @@ impl Seeds {
             self.found.push(seed);
         });
         mask.iter().for_each(|mask| gradients.hide(mask));
-        self.order(&counts);
+        self.order(&counts, max_seeds);
     }
 
     /// Counting sort, strongest first, of as many as there may be; in a bucket the first count.
-    fn order(&mut self, counts: &[usize; BUCKETS]) {
+    fn order(&mut self, counts: &[usize; BUCKETS], max_seeds: usize) {
         let (mut next, mut ends, mut sum) = ([0; BUCKETS], [0; BUCKETS], 0);
         for k in (0..BUCKETS).rev() {
             next[k] = sum;
-            sum = (sum + counts[k]).min(self.max_seeds);
+            sum = (sum + counts[k]).min(max_seeds);
             ends[k] = sum;
         }
-        self.is_cut_short = self.found.len() > self.max_seeds;
+        self.is_cut_short = self.found.len() > max_seeds;
         self.ordered.resize(sum, Seed::default());
         for seed in &self.found {
             let (next, end) = (&mut next[seed.bucket()], ends[seed.bucket()]);

@@ -50,6 +50,15 @@ impl Segment {
         self
     }
 
+    /// Ends, moved along the segment into the rows `from` to `to`, px.
+    pub fn ends_within(&self, from: f32, to: f32) -> [Vector2<f32>; 2] {
+        let step = self.end - self.start;
+        [&self.start, &self.end].map(|end| {
+            let off = end.y.at_least(from).at_most(to) - end.y;
+            if off == 0.0 { *end } else { end + step * (off / step.y) }
+        })
+    }
+
     /// Salience of the segment: long and of high contrast. Of two segments of one length the stronger is more
     /// often an edge of a building, and is found again.
     pub fn salience(&self) -> f32 {

@@ -1,18 +1,18 @@
 //! The line front-end: images in, tracked segments out.
 //!
 //! Tracks are looked for in every image where they must be: by depth and predicted motion where both cameras saw a line aslant to its
-//! epipolar lines, else by the turn and their motion of the last frame. All other segments are sought in one frame of [`SEARCH_EVERY`],
-//! and where most tracks are not found; they continue tracks that were missed, by their looks, or begin new ones. The edge is found anew
-//! in every image, so that nothing drifts. A track that finds no segment is expected a few frames longer. The left camera leads; without
+//! epipolar lines, else by the turn and their motion of the last frame. Other segments are sought in one of [`PARTS`] parts of the
+//! images, in turns; they continue tracks that were missed, by their looks, or begin new ones. The edge is found anew in every image, so
+//! that nothing drifts. A track that finds no segment is expected until its part has been searched again. The left camera leads; without
 //! its image no line is seen.
 
 use super::descriptor::{Describer, LineDescriptor};
-use super::extractor::ExtractionFigures;
+use super::extractor::{ExtractionFigures, PARTS};
 use super::gates::{Expected, StereoCandidate, StereoGate};
 use super::matching::LineMatcher;
 use super::measurement::ImageLine;
 use super::segment::Segment;
-use super::view::{SEARCH_EVERY, View};
+use super::view::View;
 use crate::estimate::{Stage, StageProbe};
 use crate::points::rig::Baseline;
 use crate::shutter::RowTurns;
@@ -94,8 +94,8 @@ pub struct LineTracker {
     figures: LineFigures,
     max_tracks: usize,
     next_id: u32,
-    /// Frames since lines were sought.
-    since_search: u32,
+    /// Part of the images that is searched next.
+    part: usize,
 }
 
 impl LineTracker {
@@ -103,7 +103,7 @@ impl LineTracker {
     #[must_use]
     pub fn new(options: &LinesConfig, cameras: &[CameraModel]) -> Self {
         // Each segment of the frames in which a track may be missed may have begun one.
-        let room = (1 + SEARCH_EVERY as usize) * options.max_segments;
+        let room = (1 + PARTS) * options.max_segments;
         Self {
             views: cameras.iter().take(2).map(|c| View::new(*c, options)).collect(),
             describer: Describer::default(),
@@ -118,7 +118,7 @@ impl LineTracker {
             figures: LineFigures::default(),
             max_tracks: room,
             next_id: 0,
-            since_search: 0,
+            part: 0,
         }
     }
 
@@ -176,29 +176,25 @@ impl LineTracker {
     ) -> &[LineObservation] {
         probe.begin(Stage::LinesExtract);
         self.expect(rot_prev_cur, motion);
-        each_view(fork, &mut self.views, &|k, view| view.follow(images[k].as_ref()));
-        let is_search = self.since_search >= SEARCH_EVERY - 1 || !self.are_followed();
-        self.since_search = if is_search { 0 } else { self.since_search + 1 };
-        if is_search {
-            each_view(fork, &mut self.views, &|k, view| view.extract(images[k].as_ref()));
-        }
+        let part = self.part;
+        self.part = (part + 1) % PARTS;
+        each_view(fork, &mut self.views, &|k, view| {
+            view.follow(images[k].as_ref());
+            view.extract(images[k].as_ref(), part);
+        });
         probe.end(Stage::LinesExtract);
         probe.begin(Stage::LinesDescribe);
-        if is_search {
-            each_view(fork, &mut self.views, &|_, view| view.describe(&self.describer));
-            let figures = |view: &View| view.extractor.figures();
-            self.figures.left = self.views.first().map(figures).unwrap_or_default();
-            let cut_short = self.views.iter().filter(|v| v.is_new && figures(v).is_cut_short);
-            self.figures.cut_short = cut_short.count() as u32;
-        }
+        each_view(fork, &mut self.views, &|_, view| view.describe(&self.describer));
+        let figures = |view: &View| view.extractor.figures();
+        self.figures.left = self.views.first().map(figures).unwrap_or_default();
+        let cut_short = self.views.iter().filter(|v| v.is_new && figures(v).is_cut_short);
+        self.figures.cut_short = cut_short.count() as u32;
         probe.end(Stage::LinesDescribe);
         probe.begin(Stage::LinesMatch);
-        self.continue_followed(is_search);
-        if is_search {
-            self.continue_tracks();
-            self.begin_tracks();
-        }
-        self.pair(is_search);
+        self.continue_followed();
+        self.continue_tracks();
+        self.begin_tracks();
+        self.pair();
         self.observe();
         self.end_tracks();
         probe.end(Stage::LinesMatch);
@@ -222,7 +218,7 @@ impl LineTracker {
         let turn = Isometry3::from_parts(Translation3::identity(), *rot_prev_cur);
         self.expected.clear();
         self.views.iter_mut().for_each(|view| view.guides.clear());
-        for (i, track) in self.tracks.iter_mut().enumerate() {
+        for (i, (track, descriptor)) in self.tracks.iter_mut().zip(&self.descriptors).enumerate() {
             track.seen = None;
             let motion = motion.filter(|_| track.rho != [0.0; 2]);
             let drift = if motion.is_some() { Some(0.0) } else { track.drift };
@@ -230,7 +226,7 @@ impl LineTracker {
                 let pose_cur_prev = (motion.unwrap_or(&turn) * view.camera.pose_b_c).inverse() * pose_b_left;
                 let ends_xy = carried(&pose_cur_prev, &track.ends_xy, &track.rho);
                 if let (Some(ends_xy), Some(drift), Some(strength)) = (ends_xy, drift, strength) {
-                    view.guide(i, drifted(&ends_xy, drift), strength);
+                    view.guide((i, *descriptor), drifted(&ends_xy, drift), strength);
                 }
             }
             let turned = (turn * pose_b_left).inverse() * pose_b_left;
@@ -242,22 +238,15 @@ impl LineTracker {
         }
     }
 
-    /// True if most tracks are where they must be.
-    fn are_followed(&self) -> bool {
-        self.views.first().is_some_and(|left| 2 * left.followed.len() > left.guides.len())
-    }
-
     /// Tracks go on where they were followed to.
-    fn continue_followed(&mut self, is_search: bool) {
+    fn continue_followed(&mut self) {
         let Self { views, tracks, descriptors, is_taken, figures, .. } = self;
         let Some(left) = views.first() else { return };
         is_taken.clear();
         for (j, &i) in left.followed.iter().enumerate() {
             let i = usize::from(i);
             tracks[i].see(j, left);
-            if is_search {
-                descriptors[i] = left.descriptors[j];
-            }
+            descriptors[i] = left.descriptors[j];
         }
         is_taken.resize(left.followed.len(), true);
         figures.matched = left.followed.len() as u32;
@@ -290,7 +279,7 @@ impl LineTracker {
         for i in 0..tracks.len() {
             let mut track = tracks[i];
             track.missed = if track.seen.is_some() { 0 } else { track.missed + 1 };
-            if track.seen.is_some() || track.missed <= SEARCH_EVERY && expected[i].is_some() {
+            if track.seen.is_some() || track.missed as usize <= PARTS && expected[i].is_some() {
                 (tracks[kept], descriptors[kept]) = (track, descriptors[i]);
                 kept += 1;
             }
@@ -320,10 +309,9 @@ impl LineTracker {
         }
     }
 
-    /// Finds the left segments in the right image: by the tracks that were followed there, and in a search by their looks. Notes their
-    /// depth.
+    /// Finds the left segments in the right image: by the tracks that were followed there, and by their looks. Notes their depth.
     #[inline(never)]
-    fn pair(&mut self, is_search: bool) {
+    fn pair(&mut self) {
         let Self { views, tracks, matcher, candidates, partner, .. } = self;
         let Some(left) = views.first() else { return };
         partner.clear();
@@ -339,18 +327,15 @@ impl LineTracker {
             let Some(j) = tracks[usize::from(i)].seen.map(usize::from) else { continue };
             partner[j] = Some(k as u16);
         }
-        if is_search {
-            let mut expected = (usize::MAX, None);
-            let admits = |i: usize, j: usize| {
-                if expected.0 != i {
-                    expected = (i, gate.expect(&left.lines[i]).filter(|_| partner[i].is_none()));
-                }
-                j >= right.followed.len()
-                    && expected.1.is_some_and(|e| gate.meet(&e, &candidates[j]).is_some())
-            };
-            for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
-                partner[usize::from(i)] = Some(j);
+        let mut expected = (usize::MAX, None);
+        let admits = |i: usize, j: usize| {
+            if expected.0 != i {
+                expected = (i, gate.expect(&left.lines[i]).filter(|_| partner[i].is_none()));
             }
+            j >= right.followed.len() && expected.1.is_some_and(|e| gate.meet(&e, &candidates[j]).is_some())
+        };
+        for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
+            partner[usize::from(i)] = Some(j);
         }
         for track in tracks {
             let Some(j) = track.seen.map(usize::from) else { continue };
@@ -420,28 +405,22 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_moves_on_is_followed_between_searches() {
+    fn a_line_that_moves_on_is_followed_once_its_motion_is_known() {
         let model = Config::preset("sim").expect("is good").camera[0].model();
         let mut tracker = LineTracker::new(&LinesConfig::default(), &[model]);
         let mut ids = Vec::new();
         // With a speed that changes by a pixel a frame.
         for (k, at) in [300, 303, 307, 312, 318, 325].into_iter().enumerate() {
-            let image = bar(at);
-            let seen = tracker.track(
-                &[Some(image.view()), None],
-                &UnitQuaternion::identity(),
-                None,
-                &InTurn,
-                &mut (),
-            );
+            let (image, still) = (bar(at), UnitQuaternion::identity());
+            let seen = tracker.track(&[Some(image.view()), None], &still, None, &InTurn, &mut ());
             ids.push(seen.iter().map(|line| line.track_id).collect::<Vec<_>>());
             let columns = seen.iter().filter_map(|line| line.segments[0]).map(|segment| segment.middle().x);
             for (column, edge) in columns.zip([at as f32 - 0.5, at as f32 + 19.5]) {
                 assert!((column - edge).abs() < 0.1, "frame {k}: {column} px, not {edge}");
             }
-            // It has no motion before it was seen twice.
-            assert_eq!(tracker.since_search == 0, [0, 1, 4].contains(&k), "frame {k}");
         }
-        assert!(ids.iter().all(|seen| *seen == ids[0] && seen.len() == 2), "{ids:?}");
+        // It lies in the second of the parts, and has no motion before it was seen twice.
+        assert_eq!(ids.iter().map(Vec::len).collect::<Vec<_>>(), [0, 2, 0, 0, 2, 2], "{ids:?}");
+        assert!(ids.iter().all(|seen| seen.is_empty() || *seen == ids[1]), "{ids:?}");
     }
 }
