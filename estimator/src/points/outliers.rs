@@ -113,10 +113,14 @@ impl OutlierFilter {
         self.pairs.iter().filter(|p| motion.residual(p).abs() <= gate).count()
     }
 
-    /// Sum of squared residuals of a motion without another rotation, each cut off at the gate (MSAC, Torr and Zisserman 2000).
-    fn cost(&self, direction: &Vector3<f64>, gate: f64) -> f64 {
+    /// Sum of squared residuals of a motion without another rotation, each cut off at the gate (MSAC, Torr and Zisserman 2000), as far as
+    /// it is less than `most`.
+    fn cost(&self, direction: &Vector3<f64>, gate: f64, most: f64) -> Option<f64> {
         let residual = |p: &Pair| direction.dot(&p.normal) / plane_norm(direction, &p.previous);
-        self.pairs.iter().map(|p| residual(p).squared().at_most(gate * gate)).sum()
+        self.pairs.chunks(8).try_fold(0.0, |sum, pairs| {
+            let sum = pairs.iter().fold(sum, |sum, p| sum + residual(p).squared().at_most(gate * gate));
+            (sum < most).then_some(sum)
+        })
     }
 
     /// The best of many pairs of points, refined.
@@ -126,8 +130,7 @@ impl OutlierFilter {
         for _ in 0..HYPOTHESES {
             let [i, j] = [draw(random, self.pairs.len()), draw(random, self.pairs.len())];
             let Some(direction) = self.direction_of(i, j) else { continue };
-            let cost = self.cost(&direction, LOOSE_PX / focal_px);
-            if cost < best.1 {
+            if let Some(cost) = self.cost(&direction, LOOSE_PX / focal_px, best.1) {
                 best = (Motion { direction, ..best.0 }, cost);
             }
         }
