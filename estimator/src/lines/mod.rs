@@ -9,7 +9,7 @@
 //! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
 //! 5. [`measurement`]: its line without the distortion of the lens.
 //!
-//! [`LineTracker`] does all of this in one frame of three, for one or two cameras; in the others it refines what it follows alone.
+//! [`LineTracker`] does all of this for one or two cameras, in one of three parts of the images each frame; what it follows it refines in all.
 
 pub mod descriptor;
 pub mod extractor;
