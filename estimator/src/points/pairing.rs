@@ -50,13 +50,13 @@ fn known_reach_px(track: &Track) -> f32 {
 
 impl Pairing<'_> {
     /// Finds a track where its depth is expected; else, unless it has rivals, anywhere along its epipolar line. `true` when found.
-    pub fn search(&self, track: &mut Track, reference: &mut ReferencePatch, expected: Option<Depth>) -> bool {
+    pub fn search(&self, track: &mut Track, reference: &ReferencePatch, expected: Option<Depth>) -> bool {
         expected.is_some_and(|depth| self.try_near(track, reference, &depth).is_some())
             || track.rival_px.is_none() && self.try_search(track, reference).is_some()
     }
 
     /// Looks where the depth is expected.
-    fn try_near(&self, track: &mut Track, reference: &mut ReferencePatch, depth: &Depth) -> Option<()> {
+    fn try_near(&self, track: &mut Track, reference: &ReferencePatch, depth: &Depth) -> Option<()> {
         let xy = track.xy[self.from]?;
         let [low, high] = [-1.0, 1.0].map(|side: f64| depth.rho + side * NEAR_SIGMAS * depth.sigma);
         let [a, b] = [low, high].map(|rho| self.pair.transfer(&xy, rho.at_least(0.0)));
@@ -94,7 +94,7 @@ impl Pairing<'_> {
     }
 
     /// Finds a track near where its depth predicts it.
-    pub fn continue_match(&self, track: &mut Track, reference: &mut ReferencePatch) -> Option<()> {
+    pub fn continue_match(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let (xy, memory) = (track.xy[self.from]?, track.stereo?);
         let inverse_depth = memory.inverse_depth + memory.change;
         let guess = self.pair.transfer(&xy, inverse_depth)? + memory.offset_px;
@@ -109,7 +109,7 @@ impl Pairing<'_> {
         self.accept(track, &xy, (found.px, found.warp, found.covariance_px2))
     }
 
-    fn try_search(&self, track: &mut Track, reference: &mut ReferencePatch) -> Option<()> {
+    fn try_search(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let (px, xy) = (track.px[self.from]?, track.xy[self.from]?);
         let found = self.pair.find(&px.cast(), &xy)?;
         let warp = found.warp * track.warp[self.from];
@@ -124,7 +124,7 @@ impl Pairing<'_> {
     /// The reference seen again near `start`.
     fn refine(
         &self,
-        reference: &mut ReferencePatch,
+        reference: &ReferencePatch,
         start: &Vector2<f32>,
         warp: &Matrix2<f32>,
         (max_move_px, max_warp_change): (f32, f32),

@@ -68,21 +68,19 @@ pub struct RefineLimits {
     pub max_warp_change: f32,
 }
 
-/// The patch of a track as it was first seen, and the template that was last made of it.
+/// The patch of a track as it was first seen.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferencePatch {
     pixels: [u8; STORED_SIDE * STORED_SIDE],
     /// Place of the point between the stored pixels, from [`STORED_CENTRE`], px.
     fraction: Vector2<f32>,
-    template: AffineTemplate,
 }
 
 impl ReferencePatch {
     /// A patch without content, to be filled by [`Self::store`].
     #[must_use]
-    pub fn empty() -> Self {
-        let pixels = [0; STORED_SIDE * STORED_SIDE];
-        Self { pixels, fraction: Vector2::new(0.0, 0.0), template: AffineTemplate::empty() }
+    pub const fn empty() -> Self {
+        Self { pixels: [0; STORED_SIDE * STORED_SIDE], fraction: Vector2::new(0.0, 0.0) }
     }
 
     /// Stores the surroundings of `px`; `false` when the point lies too far outside the image.
@@ -100,7 +98,6 @@ impl ReferencePatch {
             return false;
         }
         self.fraction = px.map(|v| v - v.floor());
-        self.template.warp.fill(f32::NAN);
         let clamp = |v: isize, size: usize| v.clamp(0, size as isize - 1) as usize;
         for (r, stored) in self.pixels.chunks_exact_mut(STORED_SIDE).enumerate() {
             let row = clamp(corner.y as isize + r as isize, plane.rows);
@@ -118,12 +115,16 @@ impl ReferencePatch {
         true
     }
 
+    fn plane(&self) -> Plane<'_> {
+        Plane { pixels: &self.pixels, columns: STORED_SIDE, rows: STORED_SIDE, origin: STORED_CENTRE }
+    }
+
     /// Refines the position `start` and the warp `warp` (reference to current offsets) in the full-size
     /// image of `pyramid`; `None` when the patch is lost. Whether the agreement is good enough is for the
     /// caller to judge.
     #[must_use]
     pub fn refine(
-        &mut self,
+        &self,
         pyramid: &Pyramid,
         start: &Vector2<f32>,
         warp: &Matrix2<f32>,
@@ -138,15 +139,9 @@ impl ReferencePatch {
             last_step_px: f32::MAX,
             covariance_px2: Matrix2::zeros(),
         };
-        let Self { pixels, fraction, template } = self;
-        let reference =
-            Plane { pixels: &*pixels, columns: STORED_SIDE, rows: STORED_SIDE, origin: STORED_CENTRE };
+        let mut template = AffineTemplate::empty();
         for _ in 0..limits.max_linearizations {
-            // Written so that a NaN fails.
-            let is_near = (out.warp - template.warp).amax() * HALF < RELINEARIZE_PX;
-            if !is_near {
-                template.prepare(&reference, fraction, &out.warp)?;
-            }
+            template.prepare(&self.plane(), &self.fraction, &out.warp)?;
             let change = template.align(&plane, start, &mut out, limits)?;
             if change.amax() * HALF < RELINEARIZE_PX {
                 break;
@@ -166,10 +161,7 @@ fn is_sound(warp: &Matrix2<f32>) -> bool {
 }
 
 /// The reference under a warp, prepared for alignment.
-#[derive(Clone, Copy, Debug)]
 struct AffineTemplate {
-    /// Not a number before the first.
-    warp: Matrix2<f32>,
     intensity: Patch,
     gradient: [Patch; 2],
     /// `J^T 1`.
@@ -184,7 +176,6 @@ struct AffineTemplate {
 impl AffineTemplate {
     fn empty() -> Self {
         Self {
-            warp: Matrix2::repeat(f32::NAN),
             intensity: Patch::ZERO,
             gradient: [Patch::ZERO; 2],
             column_sums: AffineVector::zeros(),
@@ -200,7 +191,6 @@ impl AffineTemplate {
     fn prepare(&mut self, reference: &Plane<'_>, fraction: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<()> {
         /// For sums of gradients without a factor.
         const ONE: Patch = Patch([1.0; AREA]);
-        self.warp.fill(f32::NAN);
         is_sound(warp).then_some(())?;
         let mut framed = [[0.0; FRAMED]; FRAMED];
         sample_warped(reference, fraction, &warp.try_inverse()?, &mut framed).then_some(())?;
@@ -220,7 +210,6 @@ impl AffineTemplate {
             hessian[(i, i)] += WARP_PRIOR;
         }
         self.inverse_hessian = hessian.cholesky()?.inverse();
-        self.warp = *warp;
         Some(())
     }
 
@@ -251,7 +240,7 @@ impl AffineTemplate {
             }
         }
         out.rms = (2.0 * self.energy * (1.0 - out.zncc).at_least(0.0) / AREA as f32).sqrt();
-        out.warp = to_template.try_inverse()? * self.warp;
+        out.warp = to_template.try_inverse()? * out.warp;
         out.covariance_px2 = self.inverse_hessian.fixed_view::<2, 2>(0, 0)
             * (out.rms * out.rms).at_least(MIN_NOISE * MIN_NOISE);
         Some(to_template - Matrix2::identity())

@@ -103,12 +103,7 @@ impl Expected {
 impl Transition<'_> {
     /// Moves the track to the current image, or marks it unseen there; what `mask` hides is unseen. `true` if it goes on: it
     /// was found, and is still the point it was.
-    pub fn follow(
-        &self,
-        track: &mut Track,
-        reference: &mut ReferencePatch,
-        mask: Option<&ImageMask>,
-    ) -> bool {
+    pub fn follow(&self, track: &mut Track, reference: &ReferencePatch, mask: Option<&ImageMask>) -> bool {
         let is_hidden = |px: Vector2<f64>| mask.is_some_and(|mask| mask.hides_px(&px));
         let found = self.try_follow(track, reference);
         if found.is_none() || track.px[self.index].is_some_and(is_hidden) {
@@ -127,7 +122,7 @@ impl Transition<'_> {
         Some(Witness { expected: p.xy() / p.z, found: track.xy[self.index]?, rho: rho / p.z })
     }
 
-    fn try_follow(&self, track: &mut Track, reference: &mut ReferencePatch) -> Option<()> {
+    fn try_follow(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let c = self.index;
         let (px, xy) = (track.px[c]?, track.xy[c]?);
         let turned = predict(self.camera, self.camera, &xy, &self.rot_cur_prev, &Vector3::zeros())?;
@@ -182,7 +177,7 @@ impl Transition<'_> {
     fn recognise(
         &self,
         track: &mut Track,
-        reference: &mut ReferencePatch,
+        reference: &ReferencePatch,
         guess: &Vector2<f64>,
         turned: &Prediction,
     ) -> Option<()> {
@@ -202,7 +197,7 @@ impl Transition<'_> {
     fn recognise_near(
         &self,
         track: &mut Track,
-        reference: &mut ReferencePatch,
+        reference: &ReferencePatch,
         px: &Vector2<f64>,
         expected: &Expected,
         turned: &Prediction,
@@ -255,7 +250,7 @@ impl Transition<'_> {
     fn settle(
         &self,
         track: &mut Track,
-        reference: &mut ReferencePatch,
+        reference: &ReferencePatch,
         px: &Vector2<f64>,
         flowed: &Vector2<f32>,
         turned: &Prediction,

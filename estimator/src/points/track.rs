@@ -67,9 +67,13 @@ impl TrackStore {
         self.sweep();
     }
 
-    /// Hands the tracks from number `first` on to `f`, each with its reference patch.
-    pub fn each_from(&mut self, first: usize, mut f: impl FnMut(&mut Track, &mut ReferencePatch)) {
-        self.tracks[first..].iter_mut().for_each(|track| f(track, &mut self.references[track.slot]));
+    /// Every track with its reference patch.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = (&mut Track, &ReferencePatch)> {
+        let references = &self.references;
+        self.tracks.iter_mut().map(|t| {
+            let slot = t.slot;
+            (t, &references[slot])
+        })
     }
 }
 

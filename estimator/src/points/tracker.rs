@@ -322,11 +322,11 @@ impl PointTracker {
             else {
                 continue;
             };
-            self.store.each_from(0, |track, reference| {
+            for (track, reference) in self.store.iter_mut() {
                 if track.came_by.is_none_or(|(by, _)| by != from)
                     || pairing.continue_match(track, reference).is_some()
                 {
-                    return;
+                    continue;
                 }
                 let was_seen = track.px[to].is_some();
                 track.unsee(to);
@@ -335,7 +335,7 @@ impl PointTracker {
                     searches += 1;
                     pairing.search(track, reference, track.depth.filter(|_| self.motion.is_some()));
                 }
-            });
+            }
         }
     }
 

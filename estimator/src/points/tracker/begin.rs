@@ -32,7 +32,7 @@ impl PointTracker {
         let pairing = pairing(&self.rig, &self.views, &self.options, is_strict, [c, 1 - c])
             .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
         let Some(pairing) = pairing else { return };
-        self.store.each_from(before, |track, reference| {
+        self.store.iter_mut().skip(before).for_each(|(track, reference)| {
             let expected = track.px[c].filter(|_| is_predicted).and_then(|px| self.depths.around(&px));
             pairing.search(track, reference, expected);
         });

@@ -73,7 +73,6 @@ impl PointTracker {
     /// Follows the tracks that have rivals, or those that have none.
     fn follow_those(&mut self, have_rivals: bool) -> usize {
         let (mut tracks, mut found) = (std::mem::take(&mut self.store.tracks), 0);
-        let mut references = std::mem::take(&mut self.store.references);
         let transitions = self.transitions();
         for track in tracks.iter_mut().filter(|track| track.rival_px.is_some() == have_rivals) {
             track.came_by = None;
@@ -81,12 +80,12 @@ impl PointTracker {
             let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
             let is_found = usable.min_by_key(|t| t.frames).is_some_and(|t| {
                 let mask = self.masks[t.index].as_ref();
-                t.follow(track, &mut references[track.slot], mask)
+                t.follow(track, &self.store.references[track.slot], mask)
             });
             track.lost = !is_found;
             found += usize::from(is_found);
         }
-        (self.store.tracks, self.store.references) = (tracks, references);
+        self.store.tracks = tracks;
         found
     }
 

@@ -49,8 +49,8 @@ impl PointTracker {
             let found = |track: &Track| {
                 let (mut track, mask) =
                     (Track { came_by: None, ..*track }, self.masks[transition.index].as_ref());
-                let mut reference = self.store.references[track.slot];
-                let _ = transition.follow(&mut track, &mut reference, mask);
+                let reference = &self.store.references[track.slot];
+                let _ = transition.follow(&mut track, reference, mask);
                 transition.witness(&track)
             };
             self.before.iter().filter(is_far).filter_map(found).take(MAX_WITNESSES).collect()
